@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, face_area
 from ddgcli.mesh.require import refuse_flat_faces
+from ddgcli.mesh.tet_mesh import TET_EDGES
 
-# local edges of the cells: a triangle's sides in order, a tetrahedron's pairs in order
+# local edges of a triangle: its sides in order
 TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
-TET_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 FLAT_VOLUME_TOLERANCE = 1e-14  # of the longest edge cubed
 
 

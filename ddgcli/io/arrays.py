@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, ParameterError, excerpt
 from ddgcli.io.readers.numpy_file import npy_array, npz_arrays, text_array
+from ddgcli.mesh.tet_mesh import parity
 
 ELEMENTS = ("vertex", "face", "edge")
 
@@ -76,6 +77,41 @@ READERS: dict[str, Any] = {
 }
 
 
+def input_form(source: Any, name: str) -> NDArray:
+    """Array of the input in the numbering and orientation of the mesh, or array of a file by its path.
+
+    Values on the faces of tetrahedra belong to the array `triangles` of the input, (f, 3) vertex numbers,
+    each in the order of its orientation. The array of a file is in the numbering of `mesh.triangles`.
+    """
+    if name in source.whole and "triangles" in source.whole and source.kind == "tetrahedra":
+        values, triangles = (np.asarray(source.whole[key]) for key in (name, "triangles"))
+        if len(values) == len(triangles):
+            return aligned_triangle_values(source.mesh.triangles, triangles, values)
+    return _aligned_array(source, name)[0]
+
+
+def aligned_triangle_values(
+    triangles: NDArray, file_triangles: NDArray, values: NDArray
+) -> NDArray[np.float64]:
+    """Values on the faces of tetrahedra in the order and orientation of `triangles`; see aligned_edge_values.
+
+    Parameters
+    ----------
+    triangles : (f, 3) ndarray of int64
+        Faces of the mesh, vertex numbers ascending, in sorted order.
+    file_triangles : (f, 3) ndarray of int
+        In any order; an odd permutation of the ascending order changes the sign.
+    values : (f,) ndarray
+    """
+    corners = np.asarray(file_triangles)
+    order = np.lexsort(np.sort(corners, axis=1).T[::-1])
+    if corners.shape != triangles.shape or (np.sort(corners, axis=1)[order] != triangles).any():
+        raise ParameterError(
+            "the array `triangles` of the input does not list the faces of its tetrahedra; drop it"
+        )
+    return parity(corners[order]) * np.asarray(values)[order]
+
+
 def aligned_edge_values(edges: NDArray, file_edges: NDArray, values: NDArray) -> NDArray[np.float64]:
     """Edge values of a file in the order and orientation of `edges`.
 
@@ -108,7 +144,13 @@ def input_field(source: Any, name: str | None, path: str | None) -> tuple[NDArra
         return None
     if path is not None:
         return read_array(path), ""
-    array, place = input_array(source, str(name))
+    return _aligned_array(source, str(name))
+
+
+def _aligned_array(source: Any, name: str) -> tuple[NDArray, str]:
+    """`input_array`, with edge values in the order and orientation of the mesh's edges."""
+    array, place = input_array(source, name)
     if place == "edge" and "edges" in source.edge:
-        array = aligned_edge_values(source.mesh.topology.edges, source.edge["edges"], array)
+        mesh_edges = source.mesh.edges if source.kind == "tetrahedra" else source.mesh.topology.edges
+        array = aligned_edge_values(mesh_edges, source.edge["edges"], array)
     return array, place

@@ -15,6 +15,8 @@ from ddgcli.mesh.vectors import cone_volume
 
 # faces of a positively oriented tetrahedron, outward; face i is opposite corner i
 TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+# local edges of a tetrahedron, in order
+TET_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +90,34 @@ class TetMesh:
         a, b, c = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0], p[:, 3] - p[:, 0]
         return frozen(cone_volume(a.T, b.T, c.T))
 
+    @property
+    def edges(self) -> NDArray[np.int64]:
+        """(e, 2) edges, lower vertex number first, in sorted order."""
+        return self._edges[0]
+
+    @property
+    def cell_edge(self) -> NDArray[np.int64]:
+        """(k, 6) number of each edge of `TET_EDGES`."""
+        return self._edges[1]
+
+    @property
+    def triangles(self) -> NDArray[np.int64]:
+        """(f, 3) faces of the tetrahedra, vertex numbers ascending, in sorted order."""
+        return self._triangles[0]
+
+    @property
+    def cell_triangle(self) -> NDArray[np.int64]:
+        """(k, 4) number of the triangle opposite each corner."""
+        return self._triangles[1]
+
+    @cached_property
+    def _edges(self) -> tuple[NDArray, NDArray]:
+        return _numbered(self.tetrahedra[:, TET_EDGES])
+
+    @cached_property
+    def _triangles(self) -> tuple[NDArray, NDArray]:
+        return _numbered(self.tetrahedra[:, TET_FACES])
+
     @cached_property
     def boundary(self) -> TriangleMesh:
         """The boundary surface over the same points, oriented outward; unused vertices stay unreferenced."""
@@ -96,3 +126,16 @@ class TetMesh:
         faces = tets[:, TET_FACES].reshape(-1, 3)
         _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
         return TriangleMesh.from_arrays(self.points, faces[np.sort(first[count == 1])])
+
+
+def _numbered(corners: NDArray) -> tuple[NDArray, NDArray]:
+    """Distinct simplices, sorted, of the (k, s, c) simplices of the cells, and the (k, s) number of each."""
+    k, s, c = corners.shape
+    rows, number = np.unique(np.sort(corners.reshape(-1, c), axis=1), axis=0, return_inverse=True)
+    return frozen(rows), frozen(number.reshape(k, s))
+
+
+def parity(corners: NDArray) -> NDArray[np.int64]:
+    """(k,) +1 where sorting three vertex numbers is an even permutation, -1 where it is odd."""
+    a, b, c = corners.T
+    return np.where((a < b) ^ (b < c) ^ (a < c), 1, -1)

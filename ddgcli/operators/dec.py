@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 
 from ddgcli.geometry.cells import TET_EDGES, CellMetric, tetrahedron_metric, triangle_metric
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
+from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh, parity
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
@@ -65,6 +65,8 @@ class Complex:
         Vertices of each triangle in the order of its orientation; of tetrahedra ascending.
     cell_edge, cell_edge_sign : (m, 3 or 6) ndarray
         Edge of each local edge and +1 where the cell runs along it.
+    face_edge, face_edge_sign : (f, 3) ndarray
+        Edges around each face from its first corner on, and +1 where the face runs along them.
     cell_face, cell_face_sign : (m, 4) ndarray
         Tetrahedra only: face opposite corner i, +1 where its orientation is outward.
     metric : CellMetric
@@ -80,6 +82,8 @@ class Complex:
     faces: NDArray[np.int64]
     cell_edge: NDArray[np.int64]
     cell_edge_sign: NDArray
+    face_edge: NDArray[np.int64]
+    face_edge_sign: NDArray
     cell_face: NDArray[np.int64]
     cell_face_sign: NDArray
     metric: CellMetric
@@ -121,6 +125,8 @@ def _surface_complex(mesh: TriangleMesh | IntrinsicMesh) -> Complex:
         faces=topology.faces,
         cell_edge=topology.side_edge,
         cell_edge_sign=topology.side_sign.astype(float),
+        face_edge=topology.side_edge,
+        face_edge_sign=topology.side_sign.astype(float),
         cell_face=np.zeros((n_faces, 0), dtype=np.int64),
         cell_face_sign=np.zeros((n_faces, 0)),
         metric=triangle_metric(mesh.side_length),
@@ -131,39 +137,34 @@ def _surface_complex(mesh: TriangleMesh | IntrinsicMesh) -> Complex:
 def _tet_complex(mesh: TetMesh) -> Complex:
     tets = mesh.tetrahedra
     local = tets[:, TET_EDGES]
-    edges, cell_edge = np.unique(np.sort(local.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    edges, faces = mesh.edges, mesh.triangles
     edge_sign = np.where(local[..., 0] < local[..., 1], 1, -1)
     corners = tets[:, TET_FACES].reshape(-1, 3)
-    faces, cell_face = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)
     orientation = np.where(mesh.signed_volume < 0, -1, 1)
-    face_sign = _parity(corners).reshape(-1, 4) * orientation[:, None]
-    cell_face = cell_face.reshape(-1, 4)
+    face_sign = parity(corners).reshape(-1, 4) * orientation[:, None]
     face_edge = _edge_numbers(faces[:, [[0, 1], [1, 2], [0, 2]]], edges, mesh.n_vertices)
+    face_edge_sign = np.array([1, 1, -1])
     length = vector_length(mesh.points[local[..., 1]] - mesh.points[local[..., 0]])
     return Complex(
         dimension=3,
         counts=(mesh.n_vertices, len(edges), len(faces), len(tets)),
         derivatives=(
             _incidence(edges, np.array([-1, 1]), mesh.n_vertices),
-            _incidence(face_edge, np.array([1, 1, -1]), len(edges)),
-            _incidence(cell_face, face_sign, len(faces)),
+            _incidence(face_edge, face_edge_sign, len(edges)),
+            _incidence(mesh.cell_triangle, face_sign, len(faces)),
         ),
         corners=tets,
         edges=edges,
         faces=faces,
-        cell_edge=cell_edge.reshape(-1, 6),
+        cell_edge=mesh.cell_edge,
         cell_edge_sign=edge_sign.astype(float),
-        cell_face=cell_face,
+        face_edge=face_edge,
+        face_edge_sign=np.broadcast_to(face_edge_sign.astype(float), face_edge.shape),
+        cell_face=mesh.cell_triangle,
         cell_face_sign=face_sign.astype(float),
         metric=tetrahedron_metric(length),
-        boundary_faces=np.flatnonzero(np.bincount(cell_face.ravel(), minlength=len(faces)) == 1),
+        boundary_faces=np.flatnonzero(np.bincount(mesh.cell_triangle.ravel(), minlength=len(faces)) == 1),
     )
-
-
-def _parity(corners: NDArray) -> NDArray[np.int64]:
-    """(k,) +1 where sorting three vertex numbers is an even permutation, -1 where it is odd."""
-    a, b, c = corners.T
-    return np.where((a < b) ^ (b < c) ^ (a < c), 1, -1)
 
 
 def _edge_numbers(pairs: NDArray, edges: NDArray, n_vertices: int) -> NDArray[np.int64]:

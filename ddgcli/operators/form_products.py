@@ -1,19 +1,20 @@
-"""Wedge, interior product and Lie derivative of forms on a surface, with the identities that they keep."""
+"""Wedge, interior product and Lie derivative of forms, with the identities that they keep."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
-from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.dec import complex_of
-from ddgcli.operators.whitney import degree_of, interior_product, lie_derivative, wedge
+from ddgcli.operators.dec import Complex, complex_of
+from ddgcli.operators.whitney import SpaceMesh, degree_of, interior_product, lie_derivative, wedge
 
-PLACES = ("vertex", "edge", "face")  # of the simplices that carry forms of degree 0, 1, 2
+# places of the forms of degree 0, 1, ... by dimension; the cells of tetrahedra are their `face`, as in files
+PLACES = {2: ("vertex", "edge", "face"), 3: ("vertex", "edge", "triangle", "face")}
+ELEMENTS = {2: ("vertices", "edges", "faces"), 3: ("vertices", "edges", "triangles", "tetrahedra")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,34 +24,36 @@ class FormProducts:
     Parameters
     ----------
     degree : dict of str to int
-    vertex, edge, face : dict of str to ndarray
+    vertex, edge, triangle, face : dict of str to ndarray
+        `face` holds forms on the cells of the mesh, `triangle` those on the faces of tetrahedra.
     accuracy : dict of str to float
-        `leibniz_residual`: d (a ^ b) - da ^ b -+ a ^ db, of two functions or a function and a 1-form.
+        `leibniz_residual`: d (a ^ b) - da ^ b -+ a ^ db, where a ^ b is no form of the highest degree.
         `lie_commutation_residual`: d L_X a - L_X d a.
     """
 
     degree: dict[str, int] = field(default_factory=dict)
     vertex: dict[str, NDArray] = field(default_factory=dict)
     edge: dict[str, NDArray] = field(default_factory=dict)
+    triangle: dict[str, NDArray] = field(default_factory=dict)
     face: dict[str, NDArray] = field(default_factory=dict)
     accuracy: dict[str, float] = field(default_factory=dict)
 
-    def add(self, name: str, degree: int, form: NDArray) -> None:
+    def add(self, name: str, degree: int, form: NDArray, dimension: int) -> None:
         """Put a form on the simplices of its degree."""
         self.degree[name] = degree
-        getattr(self, PLACES[degree])[name] = form
+        getattr(self, PLACES[dimension][degree])[name] = form
 
 
-def form_products(mesh: TriangleMesh, pairs: Mapping[str, tuple[NDArray, NDArray] | None]) -> FormProducts:
+def form_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray] | None]) -> FormProducts:
     """Products of forms and vector fields.
 
     Parameters
     ----------
-    mesh : TriangleMesh
-        An oriented manifold.
+    mesh : TriangleMesh or TetMesh
+        A surface is an oriented manifold.
     pairs : mapping of {'wedge', 'interior_product', 'lie_derivative'} to two arrays, or None
-        Two forms; or a field, (n, 3) or (m, 3), and a form. The length of a form is that of the vertices,
-        edges or faces. Absent and None products are left out.
+        Two forms; or a field, (n, 3) or (m, 3), and a form. The length of a form is that of the simplices
+        of its degree. Absent and None products are left out.
 
     Raises
     ------
@@ -58,37 +61,37 @@ def form_products(mesh: TriangleMesh, pairs: Mapping[str, tuple[NDArray, NDArray
         For arrays that are no forms or fields of the mesh, or products that are zero by their degrees.
     """
     complex_ = complex_of(mesh)
-    d = [*complex_.derivatives, None]
+    d, n = [*complex_.derivatives, None], complex_.dimension
     out = FormProducts()
     for name, pair in pairs.items():
         if pair is None:
             continue
         try:
-            form = _form(mesh, pair[1])
+            form = _form(complex_, pair[1])
             degree = degree_of(complex_, form)
             if name == "wedge":
-                first = _form(mesh, pair[0])
+                first = _form(complex_, pair[0])
                 p = degree_of(complex_, first)
-                if p + degree > 2:
-                    raise ParameterError(f"a {p}-form and a {degree}-form have no wedge on a surface")
                 product = wedge(complex_, first, form)
-                out.add(name, p + degree, product)
-                if p + degree < 2:
+                out.add(name, p + degree, product, n)
+                if p + degree < n:
                     terms = [
                         wedge(complex_, d[p] @ first, form),
                         (-1.0) ** p * wedge(complex_, first, d[degree] @ form),
                     ]
                     out.accuracy["leibniz_residual"] = _relative(d[p + degree] @ product - sum(terms), *terms)
                 continue
-            vectors = _cell_vectors(mesh, pair[0])
+            vectors = _cell_vectors(complex_, pair[0])
             if name == "interior_product":
                 if degree == 0:
-                    raise ParameterError("a 0-form has no interior product; name values on edges or faces")
-                out.add(name, degree - 1, interior_product(mesh, vectors, form))
+                    raise ParameterError(
+                        f"a 0-form has no interior product; name values on {_listed(ELEMENTS[n][1:])}"
+                    )
+                out.add(name, degree - 1, interior_product(mesh, vectors, form), n)
                 continue
             derivative = lie_derivative(mesh, vectors, form)
-            out.add(name, degree, derivative)
-            if degree < 2:
+            out.add(name, degree, derivative, n)
+            if degree < n:
                 after, before = d[degree] @ derivative, lie_derivative(mesh, vectors, d[degree] @ form)
                 out.accuracy["lie_commutation_residual"] = _relative(
                     after - before, after, before, derivative
@@ -98,27 +101,32 @@ def form_products(mesh: TriangleMesh, pairs: Mapping[str, tuple[NDArray, NDArray
     return out
 
 
-def _form(mesh: TriangleMesh, array: NDArray) -> NDArray[np.float64]:
+def _listed(names: Sequence[str]) -> str:
+    return " or ".join((", ".join(names[:-1]), names[-1]))
+
+
+def _form(complex_: Complex, array: NDArray) -> NDArray[np.float64]:
     values = np.asarray(array, dtype=np.float64)
     if values.ndim != 1:
         raise ParameterError(
-            f"an array of shape {values.shape} is no form; name numbers on vertices, edges or faces"
+            f"an array of shape {values.shape} is no form; name numbers on "
+            f"{_listed(ELEMENTS[complex_.dimension])}"
         )
     if not np.isfinite(values).all():
         raise ParameterError(f"the form is not finite at element {int(np.argmin(np.isfinite(values)))}")
     return values
 
 
-def _cell_vectors(mesh: TriangleMesh, array: NDArray) -> NDArray[np.float64]:
-    """(m, 3) vectors on faces; those on vertices are averaged over the corners."""
+def _cell_vectors(complex_: Complex, array: NDArray) -> NDArray[np.float64]:
+    """(m, 3) vectors on cells; those on vertices are averaged over the corners."""
     vectors = np.asarray(array, dtype=np.float64)
-    if vectors.shape == (mesh.n_faces, 3):
+    if vectors.shape == (len(complex_.corners), 3):
         return vectors
-    if vectors.shape == (mesh.n_vertices, 3):
-        return vectors[mesh.faces].mean(axis=1)
+    if vectors.shape == (complex_.counts[0], 3):
+        return vectors[complex_.corners].mean(axis=1)
     raise ParameterError(
-        f"an array of shape {vectors.shape} is no field; name vectors on the {mesh.n_vertices} vertices or "
-        f"{mesh.n_faces} faces"
+        f"an array of shape {vectors.shape} is no field; name vectors on the {complex_.counts[0]} vertices "
+        f"or {len(complex_.corners)} {ELEMENTS[complex_.dimension][-1]}"
     )
 
 

@@ -76,7 +76,7 @@ def flat(mesh: SpaceMesh, vectors: NDArray) -> NDArray[np.float64]:
     if len(vectors) == complex_.counts[0]:
         mean = 0.5 * (vectors[complex_.edges[:, 0]] + vectors[complex_.edges[:, 1]])
     elif len(vectors) == len(complex_.corners):
-        mean = _mean_over_cells(complex_, vectors)
+        mean = _mean_over_cells(complex_.cell_edge, vectors, complex_.counts[1])
     else:
         raise ParameterError(
             f"{len(vectors)} vectors fit neither the {complex_.counts[0]} vertices nor the "
@@ -85,12 +85,11 @@ def flat(mesh: SpaceMesh, vectors: NDArray) -> NDArray[np.float64]:
     return row_dot(mean, along)
 
 
-def _mean_over_cells(complex_: Complex, vectors: NDArray) -> NDArray[np.float64]:
-    per_cell = complex_.cell_edge.shape[1]
-    index = complex_.cell_edge.ravel()
-    count = np.bincount(index, minlength=complex_.counts[1])
-    total = sum_by_index(index, np.repeat(vectors, per_cell, axis=0), complex_.counts[1])
-    return total / np.maximum(count, 1)[:, None]
+def _mean_over_cells(index: NDArray, vectors: NDArray, count: int) -> NDArray[np.float64]:
+    """(count, 3) mean of cell vectors over the cells around each simplex of `index`, (m, s)."""
+    cells = np.bincount(index.ravel(), minlength=count)
+    total = sum_by_index(index.ravel(), np.repeat(vectors, index.shape[1], axis=0), count)
+    return total / np.maximum(cells, 1)[:, None]
 
 
 def whitney_load(mesh: SpaceMesh, vectors: NDArray) -> NDArray:
@@ -109,39 +108,59 @@ def local_edges(complex_: Complex) -> NDArray:
 
 
 def wedge(complex_: Complex, a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    """Wedge of forms on a triangle complex, after averaging over corners; antisymmetric, exact Leibniz rule.
+    """Wedge of forms: the cup product of cochains, averaged over the orders of the corners of each simplex.
 
     Parameters
     ----------
     a, b : ndarray
-        Their lengths determine the degrees: (n,) vertex, (e,) edge or (m,) face values.
+        Their lengths determine the degrees: values on vertices, edges, faces (or tetrahedra).
 
     Returns
     -------
     ndarray
-        Form of the summed degree; d (f w) = df ^ w + f dw and d (f g) = f dg + g df hold to round-off.
+        Form of the summed degree. a ^ b = (-1)^(pq) b ^ a and d (a ^ b) = da ^ b + (-1)^p a ^ db hold to
+        round-off; the wedge of Whitney forms of constant fields is exact. It is not associative.
+
+    References
+    ----------
+    A. Hirani, "Discrete exterior calculus", 2003, section 7.1; S. Wilson, "Cochain algebra on manifolds and
+    convergence under refinement", 2007.
     """
     p, q = degree_of(complex_, a), degree_of(complex_, b)
+    if p + q > complex_.dimension:
+        raise ParameterError(
+            f"a {p}-form and a {q}-form have no wedge in dimension {complex_.dimension}: it is zero"
+        )
     if p > q:
         return (-1.0) ** (p * q) * wedge(complex_, b, a)
-    if p == 0 and q == 0:
-        return a * b
-    if p == 0 and q == 1:
-        return a[complex_.edges].mean(axis=1) * b
-    if p == 0 and q == 2:
-        return a[complex_.corners].mean(axis=1) * b
-    if p == 1 and q == 1 and complex_.dimension == 2:
-        return _wedge_of_one_forms(complex_, a, b)
-    raise ParameterError(f"the wedge of a {p}-form and a {q}-form is not available in dimension "
-                         f"{complex_.dimension}")  # fmt: skip
+    if p == 0:
+        return a * b if q == 0 else a[_simplices(complex_, q)].mean(axis=1) * b
+    return _wedge_of_one_forms(complex_, a, b) if q == 1 else _wedge_with_two_form(complex_, a, b)
+
+
+def _simplices(complex_: Complex, degree: int) -> NDArray[np.int64]:
+    """(n_k, k+1) corners of the simplices of degree 1 or more."""
+    if degree == complex_.dimension:
+        return complex_.corners
+    return complex_.edges if degree == 1 else complex_.faces
 
 
 def _wedge_of_one_forms(complex_: Complex, a: NDArray, b: NDArray) -> NDArray[np.float64]:
     """(1/6) sum over pairs of sides of a_i b_j - a_j b_i, for sides i before j around the face."""
-    u = complex_.cell_edge_sign * a[complex_.cell_edge]
-    v = complex_.cell_edge_sign * b[complex_.cell_edge]
+    u = complex_.face_edge_sign * a[complex_.face_edge]
+    v = complex_.face_edge_sign * b[complex_.face_edge]
     following = [1, 2, 0]
     return (u * v[:, following] - u[:, following] * v).sum(axis=1) / 6.0
+
+
+def _wedge_with_two_form(complex_: Complex, a: NDArray, b: NDArray) -> NDArray[np.float64]:
+    """(k,) 1-form and 2-form: (1/12) sum over corners of a on their edges times the outward opposite face."""
+    along = complex_.cell_edge_sign * a[complex_.cell_edge]
+    leaving = np.zeros(complex_.corners.shape)  # sum of the edges that leave each corner
+    for j, (tail, head) in enumerate(TET_EDGES):
+        leaving[:, tail] += along[:, j]
+        leaving[:, head] -= along[:, j]
+    return (leaving * complex_.cell_face_sign * b[complex_.cell_face]).sum(axis=1) / 12.0
 
 
 def degree_of(complex_: Complex, form: NDArray) -> int:
@@ -160,44 +179,62 @@ def degree_of(complex_: Complex, form: NDArray) -> int:
     return fits[0]
 
 
-def interior_product(mesh: TriangleMesh, vectors: NDArray, form: NDArray) -> NDArray[np.float64]:
-    """Interior product of cell vectors with a 1-form (to vertices) or a 2-form (to edges) on a surface.
+def interior_product(mesh: SpaceMesh, vectors: NDArray, form: NDArray) -> NDArray[np.float64]:
+    """Interior product of cell vectors with a form of degree k >= 1, a form of degree k - 1.
 
-    The pairing of Whitney forms is exact in each face; the mean over the faces around a lower simplex,
-    weighted with area for vertices, gives its value there.
+    The pairing of Whitney forms is exact at the barycentre of each cell; the mean over the cells around a
+    lower simplex, weighted with their measures for vertices, gives its value there.
 
     Parameters
     ----------
     vectors : (m, 3) ndarray
-        Tangent vectors on faces.
-    form : (e,) or (m,) ndarray
+        On cells; on faces of a surface tangent.
+    form : ndarray
+        Values on edges, faces or tetrahedra.
     """
     complex_ = complex_of(mesh)
-    if degree_of(complex_, form) == 1:
-        pairing = row_dot(sharp(mesh, form), vectors) * complex_.metric.measure
-        weights = np.repeat(complex_.metric.measure, 3)
-        corner = complex_.corners.ravel()
-        total = sum_by_index(corner, np.repeat(pairing, 3), complex_.counts[0])
-        area = sum_by_index(corner, weights, complex_.counts[0])
-        return ratio(total, area)
+    degree, measure = degree_of(complex_, form), complex_.metric.measure
+    if degree == 1:
+        corner, size = complex_.corners.ravel(), complex_.corners.shape[1]
+        pairing = row_dot(sharp(mesh, form), vectors) * measure
+        total, weight = (
+            sum_by_index(corner, np.repeat(values, size), mesh.n_vertices) for values in (pairing, measure)
+        )
+        return ratio(total, weight)
+    if isinstance(mesh, TetMesh):
+        if degree == 2:
+            return flat_of_cells(complex_, mesh, np.cross(flux_vectors(mesh, form), vectors))
+        density = _mean_over_cells(
+            complex_.cell_face, vectors * (form / measure)[:, None], complex_.counts[2]
+        )
+        a, b, c = np.moveaxis(mesh.points[complex_.faces], 1, 0)
+        return row_dot(density, 0.5 * np.cross(b - a, c - a))
     normal = np.cross(mesh.side_vector[:, 0], mesh.side_vector[:, 1])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    density = form / complex_.metric.measure
-    return flat_of_cells(complex_, mesh, np.cross(normal, vectors) * density[:, None])
+    return flat_of_cells(complex_, mesh, np.cross(normal, vectors) * (form / measure)[:, None])
+
+
+def flux_vectors(mesh: TetMesh, form: NDArray) -> NDArray[np.float64]:
+    """(k, 3) vector proxy of a 2-form at the barycentres of tetrahedra, by Whitney interpolation."""
+    complex_ = complex_of(mesh)
+    corners = mesh.points[mesh.tetrahedra]
+    from_corner = corners.mean(axis=1, keepdims=True) - corners
+    outward = complex_.cell_face_sign * np.asarray(form)[complex_.cell_face]
+    return np.einsum("mi,mid->md", outward, from_corner) / (3.0 * complex_.metric.measure[:, None])
 
 
 def flat_of_cells(complex_: Complex, mesh: SpaceMesh, vectors: NDArray) -> NDArray[np.float64]:
     """(e,) 1-form from cell vectors, also where cells and vertices have the same number; see `flat`."""
     along = mesh.points[complex_.edges[:, 1]] - mesh.points[complex_.edges[:, 0]]
-    return row_dot(_mean_over_cells(complex_, vectors), along)
+    return row_dot(_mean_over_cells(complex_.cell_edge, vectors, complex_.counts[1]), along)
 
 
-def lie_derivative(mesh: TriangleMesh, vectors: NDArray, form: NDArray) -> NDArray[np.float64]:
+def lie_derivative(mesh: SpaceMesh, vectors: NDArray, form: NDArray) -> NDArray[np.float64]:
     """Lie derivative of a form along cell vectors, Cartan's i_X d + d i_X; commutes with d exactly."""
     complex_ = complex_of(mesh)
     degree = degree_of(complex_, form)
     result = np.zeros(len(form))
-    if degree < 2:
+    if degree < complex_.dimension:
         result = result + interior_product(mesh, vectors, complex_.derivatives[degree] @ form)
     if degree > 0:
         result = result + complex_.derivatives[degree - 1] @ interior_product(mesh, vectors, form)

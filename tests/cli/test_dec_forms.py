@@ -8,7 +8,6 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.operators.dec import complex_of
 from ddgcli.operators.form_products import form_products
-from tests.conftest import ROOT
 
 
 def smooth(mesh):
@@ -76,7 +75,7 @@ def test_products_of_the_input_are_written_on_the_simplices_of_their_degree(summ
     "words, message",
     [
         (("--forms", "x.npz"), "--forms: holds --wedge"),
-        (("--wedge", "area", "df"), "--wedge: a 2-form and a 1-form have no wedge"),
+        (("--wedge", "area", "df"), "--wedge: a 2-form and a 1-form have no wedge in dimension 2"),
         (("--wedge", "wind", "df"), "is no form"),
         (("--interior-product", "wind", "f"), "--interior-product: a 0-form has no interior product"),
         (("--lie-derivative", "f", "df"), "is no field"),
@@ -94,6 +93,69 @@ def test_products_without_meaning_are_refused_in_one_line(run, tmp_path, words, 
     assert result.exit_code == 2 and message in result.stderr and result.stderr.count("\n") == 1
 
 
-def test_products_on_tetrahedra_are_refused(run):
-    result = run("dec", ROOT / "sample_meshes" / "ball.vtu", "--wedge", "a", "b")
-    assert result.exit_code == 2 and "--wedge: needs a surface" in result.stderr
+@pytest.fixture
+def solid_input(tmp_path):
+    """A box of tetrahedra whose 2-form is on triangles in another order and orientation."""
+    mesh = shapes.box_tetrahedra(2, 2, 1)
+    c = complex_of(mesh)
+    x, y, z = mesh.points.T
+    flux = c.derivatives[1] @ (c.derivatives[0] @ (x * y) * mesh.points[c.edges].mean(axis=1)[:, 2])
+    order = np.random.default_rng(0).permutation(len(flux))
+    triangles = mesh.triangles[order].copy()
+    triangles[::2] = triangles[::2, [1, 0, 2]]
+    whole = {"triangles": triangles, "flux": flux[order] * np.where(np.arange(len(flux)) % 2, 1, -1)}
+    edge = {"dz": c.derivatives[0] @ z, "edges": mesh.edges}
+    cell = {"wind": np.tile([1.0, 2.0, 0.0], (len(mesh.tetrahedra), 1)), "density": c.metric.measure}
+    path = tmp_path / "solid.npz"
+    write_mesh(str(path), AnnotatedMesh(mesh, vertex={"x": x}, face=cell, edge=edge, whole=whole))
+    return path, mesh, flux
+
+
+def test_products_on_tetrahedra_have_a_place_in_every_degree(summary, solid_input, tmp_path):
+    path, mesh, flux = solid_input
+    out = tmp_path / "out.npz"
+    result = summary(
+        "dec", path, "--wedge", "dz", "flux", "--interior-product", "wind", "density",
+        "--lie-derivative", "wind", "flux", "--forms", out,
+    )  # fmt: skip
+    assert result["results"]["forms"] == {"wedge": 3, "interior_product": 2, "lie_derivative": 2}
+    assert result["accuracy"]["lie_commutation_residual"] < 1e-12
+    direct = form_products(
+        mesh,
+        {
+            "wedge": (complex_of(mesh).derivatives[0] @ mesh.points[:, 2], flux),
+            "lie_derivative": (np.tile([1.0, 2.0, 0.0], (len(mesh.tetrahedra), 1)), flux),
+        },
+    )
+    with np.load(out) as file:
+        assert np.array_equal(file["triangles"], mesh.triangles)
+        assert file["wedge"] == pytest.approx(direct.face["wedge"], abs=1e-14)
+        assert file["lie_derivative"] == pytest.approx(direct.triangle["lie_derivative"], abs=1e-13)
+        a, b, c = np.moveaxis(mesh.points[mesh.triangles], 1, 0)
+        assert file["interior_product"] == pytest.approx(np.cross(b - a, c - a) @ [0.5, 1.0, 0.0], abs=1e-14)
+    # what is written is read again
+    np.save(tmp_path / "ones.npy", np.ones(mesh.n_vertices))
+    again = summary(
+        "dec", out, "--wedge", tmp_path / "ones.npy", "lie_derivative", "--forms", tmp_path / "2.npz"
+    )
+    assert again["accuracy"]["leibniz_residual"] < 1e-13
+    with np.load(tmp_path / "2.npz") as file:
+        assert file["wedge"] == pytest.approx(direct.triangle["lie_derivative"], abs=1e-13)
+
+
+def test_forms_on_triangles_that_a_format_cannot_hold_are_reported(summary, solid_input, tmp_path):
+    path, _, _ = solid_input
+    result = summary("dec", path, "--interior-product", "wind", "density", "--forms", tmp_path / "out.vtu")
+    assert any("no arrays on triangles (interior_product); write .npz" in w for w in result["warnings"])
+    result = summary("dec", path, "--lie-derivative", "wind", "x", "--forms", tmp_path / "f.vtu")
+    assert not any("holds no arrays" in w for w in result["warnings"])
+    assert read_mesh(str(tmp_path / "f.vtu")).vertex["lie_derivative"] == pytest.approx(1.0)
+
+
+def test_triangles_that_are_not_those_of_the_tetrahedra_are_refused(run, solid_input, tmp_path):
+    _, mesh, flux = solid_input
+    path = tmp_path / "wrong.npz"
+    whole = {"triangles": mesh.triangles[:, [0, 1, 1]], "flux": flux}
+    write_mesh(str(path), AnnotatedMesh(mesh, vertex={"x": mesh.points[:, 0]}, whole=whole))
+    result = run("dec", path, "--wedge", "x", "flux")
+    assert result.exit_code == 2 and "`triangles`" in result.stderr and result.stderr.count("\n") == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
     from ddgcli.operators.form_products import FormProducts
 
 
-FORM_FORMATS = (".npz", ".vtu", ".vtp", ".ply", ".vtk", ".xdmf")
+FORM_FORMATS = (".npz", ".vtkhdf", ".vtu", ".vtp", ".ply", ".vtk", ".xdmf")
+ALL_DEGREES = (".npz", ".vtkhdf")  # the formats with arrays on edges and on faces of tetrahedra
+log = logging.getLogger("ddgcli")
 
 
 @click.command("dec", short_help="Operators of discrete exterior calculus as sparse matrices.")
@@ -103,24 +106,32 @@ def command(
 
 def products_of(run: Run, source: MeshInput, products: dict[str, Any], path: str | None) -> FormProducts:
     """Products of arrays of the input, written to a mesh."""
-    if source.kind == "tetrahedra":
-        name = next(name for name, pair in products.items() if pair)
-        raise ParameterError("needs a surface; MESH holds tetrahedra", parameter=name)
-    from ddgcli.io.arrays import input_field
+    from ddgcli.io.arrays import input_form
     from ddgcli.mesh.fields import AnnotatedMesh
+    from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.operators.form_products import form_products
 
-    arrays: dict[str, Any] = {
-        name: tuple(field[0] for field in (input_field(source, array, None) for array in pair) if field)
+    arrays = {
+        name: (input_form(source, pair[0]), input_form(source, pair[1]))
         for name, pair in products.items()
         if pair
     }
-    computed = form_products(source.surface, arrays)
-    if path is not None:
-        edge = computed.edge | ({"edges": source.surface.topology.edges} if computed.edge else {})
-        run.write_file(
-            path, AnnotatedMesh(source.surface, vertex=computed.vertex, edge=edge, face=computed.face)
-        )
+    mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
+    computed = form_products(mesh, arrays)
+    if path is None:
+        return computed
+    edge, whole = dict(computed.edge), dict(computed.triangle)
+    if edge:
+        edge["edges"] = mesh.edges if isinstance(mesh, TetMesh) else mesh.topology.edges
+    if whole and isinstance(mesh, TetMesh):
+        whole["triangles"] = mesh.triangles
+    lost = [*computed.edge, *computed.triangle]
+    if lost and Path(path).suffix.lower() not in ALL_DEGREES:
+        log.warning(f"{path}: the format holds no arrays on {'triangles' if computed.triangle else 'edges'} "
+                    f"({', '.join(lost)}); write .npz or .vtkhdf to keep them")  # fmt: skip
+    run.write_file(
+        path, AnnotatedMesh(mesh, vertex=computed.vertex, edge=edge, face=computed.face, whole=whole)
+    )
     return computed
 
 
