@@ -31,7 +31,7 @@ def _energy_trial(make: Callable[[int], TriangleMesh], truth: float, level: int)
         Candidate(
             name,
             {},
-            partial(kind.build, mesh.topology),
+            partial(kind.of, mesh),
             lambda energy: np.array([energy.value(mesh.points)]),
             {"energy": name},
             1e-6 * mesh.n_faces,

@@ -48,7 +48,7 @@ def ellipsoid(level: int) -> TriangleMesh:
 
 def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
     free, none = np.arange(mesh.n_vertices), Constraints()
-    energies = {name: kind.build(mesh.topology) for name, kind in ENERGIES.items()}
+    energies = {name: kind.of(mesh) for name, kind in ENERGIES.items()}
     best = energies[DEFAULT_ENERGY]
     at = energy_gradient(mesh, best, free, none)
     constrained = Constraints(area(mesh), enclosed_volume(mesh))

@@ -85,4 +85,9 @@ def hinge_bending(
     """
     moment = squared_length * angle**2
     terms = np.divide(moment, 4.0 * area, out=np.zeros_like(moment), where=area > 0)
-    return terms, 4.0 * np.pi * euler_characteristic / 3.0 if closed else 0.0
+    return terms, hinge_constant(euler_characteristic, closed)
+
+
+def hinge_constant(euler_characteristic: int, closed: bool) -> float:
+    """(2/3) int K of a closed surface, 4 pi chi / 3, which sums over hinges lack; 0 of an open one."""
+    return 4.0 * np.pi * euler_characteristic / 3.0 if closed else 0.0

@@ -304,7 +304,7 @@ def test_hinge_means_the_same_in_curvature_and_in_flows():
         energies = measure_curvature(mesh).results["willmore_energies"]
         for name in ("hinge", "cotan", "sullivan"):
             if name == "hinge" or mesh.topology.is_closed:
-                flow = ENERGIES[name].build(mesh.topology).value(mesh.points)
+                flow = ENERGIES[name].of(mesh).value(mesh.points)
                 assert energies[name] == pytest.approx(flow, rel=1e-11), name
 
 

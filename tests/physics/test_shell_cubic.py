@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from ddgcli.geometry.hinges import hinge_cotans, hinges
 from ddgcli.mesh.shapes import icosphere
 from ddgcli.models.shell import hinge
-from ddgcli.models.shell.bending import QuadraticBending, hinge_cotans, hinge_measure
+from ddgcli.models.shell.bending import QuadraticBending, hinge_measure
 from ddgcli.models.shell.cubic import CubicBending
 
 HINGE = np.array([[0.0, 0, 0], [0.2, 1, 0], [-0.7, 0.3, 0], [0.9, 0.6, 0]])
@@ -32,7 +33,7 @@ def test_energy_of_a_folding_hinge_is_the_sine_of_half_the_change(rest):
 
 def sphere():
     mesh = icosphere(2)
-    stencil = hinge.hinges(mesh.topology)
+    stencil = hinges(mesh.topology)
     side = np.asarray(mesh.side_vector)
     area = 0.5 * np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1)
     return mesh, stencil, hinge_measure(mesh, stencil, area)

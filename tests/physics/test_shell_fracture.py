@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from ddgcli.errors import SceneError
+from ddgcli.geometry.hinges import hinges
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh.shapes import grid, icosphere
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.shell import hinge
 from ddgcli.models.shell.cracks import split_surface
 from ddgcli.models.shell.observations import strain
 from tests.cli.test_shell_resume import resumed_as_whole
@@ -43,7 +43,7 @@ fracture = {{ strain = {strain}, angle = 0.05 }}
 
 def interior(mesh):
     """(h, 2) interior edges in the order of the open ones."""
-    return np.sort(hinge.hinges(mesh.topology)[:, :2], axis=1)
+    return np.sort(hinges(mesh.topology)[:, :2], axis=1)
 
 
 def test_one_open_edge_in_the_interior_splits_no_vertex_and_two_in_a_row_split_one():

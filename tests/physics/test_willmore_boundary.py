@@ -39,6 +39,8 @@ def test_at_rest_nothing_fails(mesh, energy, boundary):
         return  # the diagonals' circles coincide: the energy has a kink there and no gradient
     for time_options in ({"step": 1e-3, "steps": 1}, {"step": 1e-3, "duration": 3e-3}, {"steps": 1}):
         timed = "step" in time_options
+        if energy == "quadratic" and mesh.topology.is_closed and not timed:
+            continue  # nowhere at rest
         options = FlowOptions(energy, boundary=boundary, timed=timed, stop=Stop() if timed else DEFAULT_STOP)
         seen, _, shots = run_flow(wobble, options, **time_options)
         assert seen[-1].scalar["energy_increases"] == 0 and np.isfinite(energies(seen)).all()

@@ -135,7 +135,7 @@ def test_resume_has_the_same_bits(run, ellipsoid_file, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "words, message",
     [
-        (("--energy", "quadratic"), "sullivan"),
+        (("--energy", "helfrich"), "sullivan"),
         (("--flow", "ricci"), "mean-curvature"),
         (("--boundary", "loose"), "clamped"),
         (("--region", "x"), "no array"),

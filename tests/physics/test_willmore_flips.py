@@ -15,6 +15,7 @@ from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import edge_flips, setup
 from ddgcli.models.willmore.descent import folded_faces
+from ddgcli.models.willmore.gauss_map_energy import GaussMapEnergy
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.models.willmore.state import DEFAULT_STOP
 from tests.physics.willmore_runs import assert_falls, energies, run_flow
@@ -61,7 +62,7 @@ def test_no_flip_turns_a_sharp_edge_or_touches_fixed_vertices():
 def test_energies_agree_on_a_torus_with_bad_triangles(energy):
     """`gauss-map` fell to 19.4 in one step, where `cotan` said 23.6."""
     seen, end, shots = run_flow(slanted_torus(), FlowOptions(energy=energy, stop=DEFAULT_STOP))
-    values = [setup.ENERGIES[name].build(end.topology).value(end.points) for name in ("gauss-map", "cotan")]
+    values = [setup.ENERGIES[name].of(end).value(end.points) for name in ("gauss-map", "cotan")]
     assert values == pytest.approx([2 * np.pi**2] * 2, rel=0.012)
     assert "mesh's own error" in shots[-1].stopped and seen[-1].scalar["flips"] > 0
     assert_falls(seen)
@@ -73,7 +74,7 @@ def test_two_joined_tori_become_lawsons_surface():
     """It fell to 17.8; Lawson's surface, the least of genus 2 that is known, has 21.89."""
     mesh = read_mesh(f"{REGRESSIONS}/two_tori.obj").mesh
     seen, end, shots = run_flow(mesh, FlowOptions(stop=DEFAULT_STOP), steps=100)
-    cotan = setup.ENERGIES["cotan"].build(end.topology).value(end.points)
+    cotan = setup.ENERGIES["cotan"].of(end).value(end.points)
     assert [energies(seen)[-1], cotan] == pytest.approx([21.89] * 2, rel=0.01)
     assert "mesh's own error" in shots[-1].stopped
     assert_falls(seen)
@@ -89,7 +90,7 @@ def test_every_frame_of_a_trajectory_has_its_own_faces(run, tmp_path):
         energy = trajectory.scalars["energy"]
     assert (meshes[0].faces == slanted_torus().faces).all() and (meshes[1].faces != meshes[0].faces).any()
     for mesh, value in zip(meshes, energy):
-        built = setup.ENERGIES["gauss-map"].build(Topology(mesh.faces, mesh.n_vertices))
+        built = GaussMapEnergy(Topology(mesh.faces, mesh.n_vertices))
         assert built.value(mesh.points) == pytest.approx(value, rel=1e-9)
     assert (read_mesh(str(tmp_path / "end.ply")).mesh.faces == meshes[-1].faces).all()
     assert run("frames", out, "--at", 0, "-o", tmp_path / "first.ply").exit_code == 0

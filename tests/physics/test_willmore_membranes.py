@@ -76,7 +76,7 @@ def test_a_red_blood_cell_is_a_biconcave_disc():
 def test_helfrich_gradient_matches_differences(name, is_open):
     mesh = shapes.grid(5, 4) if is_open else shapes.icosphere(1)
     mesh = mesh.moved(mesh.points + 0.05 * np.random.default_rng(0).normal(size=mesh.points.shape))
-    energy = HelfrichEnergy(mesh.topology, ENERGIES[name].build(mesh.topology), 0.7)
+    energy = HelfrichEnergy(mesh.topology, ENERGIES[name].of(mesh), 0.7)
     d, h = np.random.default_rng(1).normal(size=mesh.points.shape), 1e-5
     steps = [energy.value(mesh.points + k * h * d) for k in (-2, -1, 1, 2)]
     slope = (steps[0] - 8 * steps[1] + 8 * steps[2] - steps[3]) / (12 * h)
@@ -90,7 +90,7 @@ def test_the_helfrich_energy_of_a_sphere():
     error = []
     for level in (2, 3):
         ball = shapes.icosphere(level, 2.0)
-        energy = HelfrichEnergy(ball.topology, ENERGIES["gauss-map"].build(ball.topology), -0.4)
+        energy = HelfrichEnergy(ball.topology, ENERGIES["gauss-map"].of(ball), -0.4)
         error.append(energy.value(ball.points) / (4 * np.pi * (1 + 0.8) ** 2) - 1)
     assert abs(error[1]) < 5e-3 and error[0] / error[1] == pytest.approx(4, rel=0.1)
 

@@ -92,7 +92,7 @@ def test_triangles_do_not_crumple_under_constraints():
     mesh = prolate(3)
     options = FlowOptions(fix_area=True, fix_volume=True, stop=DEFAULT_STOP)
     seen, end, shots = run_flow(mesh, options, steps=150)
-    ratio = setup.ENERGIES["cotan"].build(end.topology).value(end.points) / energies(seen)[-1]
+    ratio = setup.ENERGIES["cotan"].of(end).value(end.points) / energies(seen)[-1]
     assert 0.95 < ratio < 1.05
     assert shots[-1].stopped == step_rules.MESH_ERROR_REASON and len(seen) < 40
     assert seen[-1].scalar["flips"] > 0
@@ -103,7 +103,7 @@ def test_triangles_do_not_crumple_under_constraints():
 def test_a_rise_of_the_second_energy_ends_the_flow(run, tmp_path):
     mesh = shapes.torus(20, 8, pattern="alternating")
     seen, end, shots = run_flow(mesh, FlowOptions(timed=True), tolerance=1e-3, duration=0.5)
-    second = [setup.ENERGIES["cotan"].build(mesh.topology).value(o.points) for o in seen]
+    second = [setup.ENERGIES["cotan"].of(mesh).value(o.points) for o in seen]
     assert shots[-1].stopped == step_rules.CRUMPLING_REASON and 1.005 < second[-1] / min(second) < 1.1
     ball = setup.build(shapes.icosphere(2), FlowOptions())[0]  # never below 4 pi: nothing to look at
     assert ball.second_kind is None

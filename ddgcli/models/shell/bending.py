@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.sparse import coo_array, csr_array
 
-from ddgcli.geometry.intrinsic import corner_cotan
+from ddgcli.geometry.hinges import hinge_cotans, hinges
 from ddgcli.mechanics.terms import Mode, Potential, at_last_point, row_blocks
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -131,25 +131,10 @@ def hinge_measure(mesh: TriangleMesh, stencil: NDArray, area: NDArray) -> tuple[
     return 3 * mesh.side_length.ravel()[side] ** 2 / both, 3 / both
 
 
-def hinge_cotans(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(h, 4) coefficients c with |sum c_i x_i| = 2 |e| sin(angle / 2) on isometric bending."""
-    topology, cotan = mesh.topology, corner_cotan(mesh.side_length).ravel()
-    twin, side = topology.side_twin.ravel(), topology.interior_sides
-    side = side[topology.side_tail[side] == topology.side_head[twin[side]]]
-    other = twin[side]
-
-    def at(flat: NDArray, step: int) -> NDArray:
-        return cotan[3 * (flat // 3) + (flat % 3 + step) % 3]
-
-    tail, head = at(side, 0), at(side, 1)
-    head_t, tail_t = at(other, 0), at(other, 1)
-    return np.stack([head + head_t, tail + tail_t, -tail - head, -tail_t - head_t], axis=1)
-
-
 def build(parameters: Bending, context: ShellContext) -> list[Potential]:
     shell, mesh = context.shell, context.mesh
     rigidity = parameters.stiffness or plate_rigidity(shell.young, shell.thickness, shell.poisson)
-    stencil = hinge.hinges(mesh.topology)
+    stencil = hinges(mesh.topology)
     without = mesh.topology.n_edges - len(mesh.topology.boundary_edges) - len(stencil)
     if without:
         logging.getLogger("ddgcli").warning(

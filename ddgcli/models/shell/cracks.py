@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ddgcli.geometry.hinges import hinge_sides
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
@@ -52,10 +53,10 @@ def split_surface(topology: Topology, opened: NDArray[np.bool_]) -> SplitSurface
     topology : Topology
         Of a surface whose interior edges have two faces of the same orientation.
     opened : (h,) ndarray of bool
-        Over the interior edges, in the order of `hinge.hinge_sides`.
+        Over the interior edges, in the order of `hinge_sides`.
     """
     vertex = topology.faces.ravel()
-    side, other = hinge.hinge_sides(topology)
+    side, other = hinge_sides(topology)
     a = np.concatenate([side, _following(side)])
     b = np.concatenate([_following(other), other])
     closed = np.tile(~opened, 2)
@@ -101,7 +102,7 @@ class Strength:
     """
 
     def __init__(self, mesh: TriangleMesh, strain: float | None, angle: float | None, flat: bool) -> None:
-        side, other = hinge.hinge_sides(mesh.topology)
+        side, other = hinge_sides(mesh.topology)
         apex, far = _following(_following(side)), _following(_following(other))
         self._corners = np.stack([side, _following(side), apex, far], axis=1)
         self._length = mesh.side_length.ravel()[side]

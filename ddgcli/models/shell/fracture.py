@@ -8,8 +8,8 @@ from typing import Any
 
 from pydantic import Field, model_validator
 
+from ddgcli.geometry.hinges import hinges
 from ddgcli.mechanics.integrators import INTEGRATORS
-from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
@@ -47,7 +47,7 @@ def build(parameters: Fracture, context: ShellContext) -> list[Any]:
     if time.tolerance is not None:
         raise ValueError("the adaptive steps of `tolerance` compare unbroken states; write step = ...")
     interior = topology.n_edges - len(topology.boundary_edges)
-    if interior != len(hinge.hinges(topology)):
+    if interior != len(hinges(topology)):
         raise ValueError(
             "an edge has more than two faces, or faces of opposite orientation; run repair first"
         )

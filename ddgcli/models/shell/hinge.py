@@ -1,6 +1,6 @@
 """Hinges of a surface: the angle at every interior edge, its gradient and its Hessian in closed form.
 
-A hinge is (x0, x1, x2, x3): x0 x1 the edge, x2 the apex of the face (x0, x1, x2), x3 that of (x1, x0, x3).
+A hinge is a row (x0, x1, x2, x3) of `geometry.hinges.hinges`.
 The angle is 0 where the faces are coplanar and positive where their normals diverge (convex). Formulas after
 Tamstorf and Grinspun 2013, checked by finite differences.
 """
@@ -12,25 +12,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.vectors import cross, dot
-
-
-def hinges(topology: Topology) -> NDArray[np.int64]:
-    """(h, 4) vertices x0, x1, x2, x3 of every edge with two faces that agree in orientation."""
-    faces, tail, head = topology.faces, topology.side_tail, topology.side_head
-    side, other = hinge_sides(topology)
-    apex = faces[side // 3, (side % 3 + 2) % 3]
-    apex_other = faces[other // 3, (other % 3 + 2) % 3]
-    return np.stack([tail[side], head[side], apex, apex_other], axis=1)
-
-
-def hinge_sides(topology: Topology) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(h,) flat numbers of the sides in the first and in the second face of every hinge."""
-    side = topology.interior_sides
-    other = topology.side_twin.ravel()[side]
-    agree = topology.side_tail[side] == topology.side_head[other]
-    return side[agree], other[agree]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from ddgcli.geometry.hinges import hinges
 from ddgcli.mechanics.terms import DeadLoad, Mode, Potential
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import vector_length
@@ -134,7 +135,7 @@ def boundary_share(context: ShellContext, vertices: NDArray) -> NDArray[np.float
 
 
 def _moment(parameters: Load, context: ShellContext) -> HingeMoment:
-    stencil = hinge.hinges(context.mesh.topology)
+    stencil = hinges(context.mesh.topology)
     ends = np.sort(np.array(parameters.edge))
     edge = np.flatnonzero((np.sort(stencil[:, :2], axis=1) == ends).all(axis=1))
     if len(edge) == 0:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
+from ddgcli.geometry.hinges import hinge_sides, hinges
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.terms import Mode, Potential, at_last_point
 from ddgcli.mesh.scatter import sum_by_index
@@ -87,7 +88,7 @@ class MidedgeBending:
         self.clamps = clamps
         clamped = np.zeros(faces.size, dtype=bool)
         clamped[clamps.side] = True
-        every, first, second = hinge.hinges(topology), *hinge.hinge_sides(topology)
+        every, first, second = hinges(topology), *hinge_sides(topology)
         bent = ~clamped[first]
         self.hinges, self._first, self._second = every[bent], first[bent], second[bent]
         self._clamp_corner = side_corners(topology)[clamps.side]

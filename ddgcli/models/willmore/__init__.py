@@ -19,6 +19,7 @@ __all__ = [
     "hinge_energy",
     "hinges",
     "observation",
+    "quadratic_energy",
     "report",
     "scaled",
     "setup",

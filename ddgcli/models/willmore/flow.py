@@ -104,6 +104,8 @@ class Flow:
         Of the length unit in the energy.
     kind : str
         `descent`; `newton`: steps by a trust region; `conformal`: steps change the curvature, by a share.
+    of_surface : bool
+        The energy approximates one of smooth surfaces, whose gradient has no part along the surface.
     """
 
     topology: Topology
@@ -126,6 +128,7 @@ class Flow:
     of_area: bool = False
     energy_power: int = 0
     kind: str = "descent"
+    of_surface: bool = True
     _last_terms: TopologyTerms | None = None
     _last_gradient: EnergyGradient | None = None
     _last_preconditioner: tuple[Preconditioner, float] | None = None
@@ -170,7 +173,7 @@ class Flow:
         newton = self.kind == "newton" and self.second_kind is not None
         dt = longest_step(self) if newton else state.dt
         near_rest = dt >= rules.NEAR_REST_STEP_FRACTION * longest_step(self)
-        if self.stop.mesh_error and near_rest and (newton or self.kind == "descent"):
+        if self.stop.mesh_error and self.of_surface and near_rest and (newton or self.kind == "descent"):
             metric = self._preconditioner(at, dt)
             least = rules.NEAR_REST_ENERGY_FRACTION * abs(at.energy) / dt
             if metric.descent_power() <= 2.0 * least:  # what the two parts release is half of it or more

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.geometry.hinges import hinge_sides, hinges
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.vectors import row_dot
@@ -30,12 +31,8 @@ class Hinges:
     @classmethod
     def of(cls, topology: Topology) -> Hinges:
         """All inner edges."""
-        side = topology.interior_sides
-        other = topology.side_twin.ravel()[side]
-        flat = topology.faces.ravel()
-        apex = (flat[s - s % 3 + (s + 2) % 3] for s in (side, other))
-        vertex = np.stack([topology.side_tail[side], topology.side_head[side], *apex], axis=1)
-        return cls(np.stack([side // 3, other // 3], axis=1), vertex)
+        side, other = hinge_sides(topology)
+        return cls(np.stack([side // 3, other // 3], axis=1), hinges(topology))
 
     def bent(self, points: NDArray, faces: FaceSides) -> BentHinges:
         """Lengths and angles at given positions; `faces` are those of the same positions."""

@@ -111,8 +111,8 @@ def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, energy: str) -
     """A warning where a second energy has grown over the first: the mesh does not resolve its surface."""
     if energy != DEFAULT_ENERGY:
         return
-    kinds = [ENERGIES[name].build for name in (DEFAULT_ENERGY, SECOND_ENERGY)]
-    values = [[build(mesh.topology).value(mesh.points) for build in kinds] for mesh in (first, last)]
+    kinds = [ENERGIES[name].of for name in (DEFAULT_ENERGY, SECOND_ENERGY)]
+    values = [[kind(mesh).value(mesh.points) for kind in kinds] for mesh in (first, last)]
     before, after = (second / value for value, second in values)
     if after > ENERGY_RATIO_WARNING * max(1.0, before):
         logging.getLogger("ddgcli").warning(

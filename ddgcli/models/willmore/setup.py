@@ -140,16 +140,26 @@ def _is_spheres(topology: Topology) -> bool:
     return topology.is_closed and topology.euler_characteristic == 2 * topology.n_components
 
 
-def second_energy(chosen: str, topology: Topology, constraints: Constraints) -> EnergyBuilder | None:
+def second_energy(chosen: str, mesh: TriangleMesh, constraints: Constraints) -> EnergyBuilder | None:
     """A second energy to look at where `gauss-map` may fall by crumpling.
 
     Where nothing is kept on closed parts of genus 0 it cannot: there it is never below 4 pi, and at 4 pi only
     on round spheres.
     """
-    round_only = _is_spheres(topology) and not constraints.active
-    if chosen != DEFAULT_ENERGY or round_only or not topology.is_closed:
+    round_only = _is_spheres(mesh.topology) and not constraints.active
+    if chosen != DEFAULT_ENERGY or round_only or not mesh.topology.is_closed:
         return None
-    return ENERGIES[SECOND_ENERGY].build
+    return ENERGIES[SECOND_ENERGY].builder(mesh)
+
+
+def _require_rest(topology: Topology, chosen: str, options: FlowOptions) -> None:
+    """Raise ParameterError where steps to rest would shrink a closed surface to a point."""
+    kept = options.fix_area or options.fix_volume or options.timed
+    if chosen == "quadratic" and options.flow != "mean-curvature" and topology.is_closed and not kept:
+        raise ParameterError(
+            "energy 'quadratic' grows with the square of the size: a closed surface would shrink to a point; "
+            "use `fix_area`, `dt` or another `energy`"
+        )
 
 
 def _require_conformal(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None) -> None:
@@ -214,6 +224,7 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     _require_known(chosen, WILLMORE_ENERGIES, "energy")
     boundary = chosen_boundary(options)
     _require_known(boundary, WILLMORE_BOUNDARIES, "boundary")
+    _require_rest(mesh.topology, chosen, options)
     scheme = chosen_scheme(options)
     unit, centre, scale = centred_at_unit_size(mesh)
     topology = mesh.topology
@@ -230,30 +241,31 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         )
     constraints = film_constraints(unit, options, film)
     curvature = _unit_curvature(unit, options, scale)
-    energy_kind = film_energy(unit, options) if film else _with_curvature(ENERGIES[chosen].build, curvature)
+    definition = ENERGIES[chosen]
+    energy_kind = film_energy(unit, options) if film else _with_curvature(definition.builder(unit), curvature)
     started = energy_kind(topology).value(unit.points)
     if not math.isfinite(started):
         raise MeshError(
             f"the {chosen} energy is not finite here: at some vertex the faces' normals cancel; "
             "unfold it or use `energy=cotan`"
         )
-    convention = ENERGIES[chosen].convention
+    convention = definition.convention
     if film:
         convention = FILM_CONVENTIONS[options.fix_area]
     if curvature:
         convention = f"int (H - H0)^2 dA, H0 = {options.spontaneous_curvature:g}; int H^2 dA: {convention}"
-    unbounded = chosen in ("hinge", "circle-angle") or curvature != 0.0 or film
+    unbounded = chosen in ("hinge", "quadratic", "circle-angle") or curvature != 0.0 or film
     unwatched = options.flow in ("conformal", "mean-curvature")
-    second = None if unwatched else second_energy(chosen, topology, constraints)
+    second = None if unwatched else second_energy(chosen, unit, constraints)
     reported = ENERGIES.items() if options.report_energies else ()
     flow = Flow(
         topology, energy_kind, convention, free, constraints, mean_curvature, scheme,
         options.timed, options.stop, centre, scale, area(unit), mesh.points,
         0.0 if unbounded else least_energy(topology),
-        keeps_triangles=not options.timed and kind != "conformal" and (film or chosen != "hinge"),
-        of_area=film, kind=kind,
+        keeps_triangles=not options.timed and kind != "conformal" and (film or definition.keeps_triangles),
+        of_area=film, kind=kind, of_surface=definition.of_surface,
         energy_power=(3 if options.fix_area else 2) if film else 0,
-        reported={name: kind.build for name, kind in reported},
+        reported={name: kind.builder(unit) for name, kind in reported},
         second_kind=None if second is None else _with_curvature(second, curvature),
     )  # fmt: skip
     start = FlowState(
