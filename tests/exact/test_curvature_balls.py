@@ -5,6 +5,7 @@ import pytest
 
 from ddgcli.algorithms.curvature.clip import FacePlanes
 from ddgcli.algorithms.curvature.face_balls import FaceBalls
+from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -164,3 +165,43 @@ def test_areas_inside_balls_against_quadrature():
     assert area == pytest.approx(expected, abs=1e-9)
     sides = [[chord_of(c[j], c[(j + 1) % 3], 1.0) for c in corner] for j in range(3)]
     assert chord == pytest.approx(np.array(sides), abs=1e-12)
+
+
+def connected_within(mesh, vertex, radius):
+    """Vertices that edges inside the ball connect to its centre, by a search from vertex to vertex."""
+    inside = np.linalg.norm(mesh.points - mesh.points[vertex], axis=1) <= radius
+    reached, new = {vertex}, [vertex]
+    while new:
+        ends = mesh.topology.edges[(mesh.topology.edges == new.pop()).any(axis=1)].ravel()
+        new += sorted(fresh := {int(v) for v in ends if inside[v]} - reached)
+        reached |= fresh
+    return sorted(reached)
+
+
+def two_sheets():
+    """Grids nearer to each other than their cells are wide, with a vertex that no face uses between them."""
+    lower = shapes.grid(20, 20)
+    points = np.concatenate([lower.points, lower.points + [0, 0, 0.03], [[0.5, 0.5, 0.01]]])
+    return TriangleMesh.from_arrays(
+        points, np.concatenate([lower.faces, lower.faces[:, ::-1] + lower.n_vertices])
+    )
+
+
+@pytest.mark.parametrize("reach", [0.45, 1.3, 2.3, 6.1])
+@pytest.mark.parametrize("build", [*MESHES.values(), two_sheets], ids=[*MESHES, "two sheets"])
+def test_vertices_of_balls_are_those_of_a_direct_search(build, reach):
+    mesh = build()
+    radius = reach * float(np.median(mesh.side_length))
+    balls = vertex_balls(mesh, radius)
+    for vertex in range(0, mesh.n_vertices, max(1, mesh.n_vertices // 60)):
+        members = balls.member[balls.start[vertex] : balls.start[vertex + 1]]
+        assert members.tolist() == connected_within(mesh, vertex, radius)
+
+
+def test_balls_do_not_depend_on_their_blocks(monkeypatch):
+    mesh = crumpled()
+    balls = vertex_balls(mesh, 0.7)
+    monkeypatch.setattr("ddgcli.algorithms.curvature.vertex_balls.BALLS_PER_BLOCK", 7)
+    monkeypatch.setattr("ddgcli.algorithms.curvature.vertex_balls.MAX_BLOCK_CELLS", 100)
+    small = vertex_balls(mesh, 0.7)
+    assert np.array_equal(balls.start, small.start) and np.array_equal(balls.member, small.member)

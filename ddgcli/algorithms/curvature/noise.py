@@ -86,10 +86,11 @@ class Noise:
         return gains and not self.creased and not self.detailed
 
 
-def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Noise:
+def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: str) -> Noise:
     """Estimate the noise of the vertices from residuals of cubic fits over two rings.
 
-    Takes the median over a sample of vertices, which ignores creases.
+    Takes the median over a sample of vertices, which ignores creases. The radius is one that the scheme can
+    measure in.
     """
     normal = area_normals(faces)
     regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS)
@@ -105,7 +106,7 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Noise
     flat = float((np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean())
     area = float(faces.area.sum())
     vertex_area = area / int(mesh.topology.referenced_vertex.sum())
-    bend, most = float(np.sqrt(4 * np.pi / area)), 0.99 * largest_radius(mesh, area)
+    bend, most = float(np.sqrt(4 * np.pi / area)), 0.99 * largest_radius(mesh, area, scheme)
     for _ in range(2):
         radius = min(best_radius(deviation, vertex_area, bend, edge), most)
         bend = max(_bending(mesh, normal, sample, radius), 0.1 * bend)

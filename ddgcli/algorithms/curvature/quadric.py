@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, eigen_2x2, tangent_frame
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
-from ddgcli.algorithms.curvature.regions import Regions, chunks, larger, listed, vertex_balls
+from ddgcli.algorithms.curvature.regions import Regions, chunks, larger, listed
+from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -122,7 +123,8 @@ def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple
 
     A vertex left with fewer than three, as the corners of a tetrahedron are, keeps those up to 120 degrees.
     """
-    member = regions.member[regions.start[begin] : regions.start[end]]
+    # whole indices once, as each np.take would convert them
+    member = regions.member[regions.start[begin] : regions.start[end]].astype(np.intp, copy=False)
     start = regions.start[begin : end + 1] - regions.start[begin]
     count = np.diff(start)
     cosine = np.take(normal[0], member) * np.repeat(normal[0, begin:end], count)
@@ -291,11 +293,14 @@ def _inverse(matrix: NDArray) -> NDArray[np.float64]:
 def _spread(columns: NDArray, regions: Regions) -> NDArray[np.float64]:
     """(n,) squared distance from each vertex to the mean of its neighbours: a size that needs no frame."""
     total = np.zeros(len(regions.start) - 1)
-    nonempty = regions.count > 0
-    for c in columns:
-        mean = np.zeros_like(total)
-        mean[nonempty] = np.add.reduceat(np.take(c, regions.member), regions.start[:-1][nonempty])
-        total += (mean / np.maximum(regions.count, 1) - c) ** 2
+    for begin, end in chunks(regions, _MAX_PAIRS):
+        member = regions.member[regions.start[begin] : regions.start[end]].astype(np.intp, copy=False)
+        start = regions.start[begin : end + 1] - regions.start[begin]
+        count = np.diff(start)
+        for c in columns:
+            mean = np.zeros(end - begin)
+            mean[count > 0] = np.add.reduceat(np.take(c, member), start[:-1][count > 0])
+            total[begin:end] += (mean / np.maximum(count, 1) - c[begin:end]) ** 2
     return total
 
 

@@ -14,7 +14,6 @@ from ddgcli.mesh.ragged import expand_lists, list_starts
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-_BALLS_PER_BLOCK = 1024  # vertices whose balls grow together
 HUB_VALENCE = 24  # rings do not grow through vertices with more neighbours: their fans would join everything
 
 
@@ -26,12 +25,12 @@ class Regions:
     ----------
     start : (n + 1,) ndarray of int64
         The members of vertex v are `member[start[v]:start[v + 1]]`.
-    member : (p,) ndarray of int64
-        Vertices (rings) or faces (balls).
+    member : (p,) ndarray of int
+        Vertices.
     """
 
     start: NDArray[np.int64]
-    member: NDArray[np.int64]
+    member: NDArray[np.integer]
 
     @property
     def count(self) -> NDArray[np.int64]:
@@ -97,15 +96,16 @@ def chunks(regions: Regions, members: int) -> Iterator[tuple[int, int]]:
         first = last
 
 
-MAX_BALL_PAIRS = 2e8  # pairs of a vertex and a member of its ball; more would take many minutes
+# pairs of a vertex and a face of its ball; more would take more than about three minutes
+MAX_BALL_PAIRS = {"quadric": 5e8, "normal-voting": 1e9, "corrected": 2e8, "normal-cycle": 2e8, "cotan": 2e8}
 
 
-def largest_radius(mesh: TriangleMesh, area: float) -> float:
-    """Radius up to which balls around all vertices of a surface of this area are measured."""
-    return float(np.sqrt(MAX_BALL_PAIRS * area / np.pi / (float(mesh.n_vertices) * mesh.n_faces)))
+def largest_radius(mesh: TriangleMesh, area: float, scheme: str) -> float:
+    """Radius up to which a scheme measures in balls around all vertices of a surface of this area."""
+    return float(np.sqrt(MAX_BALL_PAIRS[scheme] * area / np.pi / (float(mesh.n_vertices) * mesh.n_faces)))
 
 
-def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float) -> None:
+def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float, scheme: str) -> None:
     """Refuse a radius whose balls hold so many faces that the measurement would take many minutes.
 
     Parameters
@@ -115,6 +115,7 @@ def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float) ->
     radius : float
     unit : float
         The length unit of `mesh` in units of the input, for the message.
+    scheme : str
 
     Raises
     ------
@@ -122,44 +123,13 @@ def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float) ->
     """
     share = min(1.0, np.pi * radius * radius / area)
     pairs = float(mesh.n_vertices) * mesh.n_faces * share
-    if pairs > MAX_BALL_PAIRS:
-        largest = radius * unit * np.sqrt(MAX_BALL_PAIRS / pairs)
+    if pairs > MAX_BALL_PAIRS[scheme]:
+        largest = radius * unit * np.sqrt(MAX_BALL_PAIRS[scheme] / pairs)
         raise ParameterError(
             f"balls of radius {radius * unit:g} would hold {pairs / mesh.n_vertices:.0f} faces each, too "
             f"many for {mesh.n_vertices} vertices; use a radius below {largest:.3g}, or a coarser mesh",
             parameter="radius",
         )
-
-
-def vertex_balls(mesh: TriangleMesh, radius: float) -> Regions:
-    """Vertices within a distance in space of each vertex, connected to it by edges inside that ball."""
-    near = adjacency(mesh.topology)
-    lists = near.indptr.astype(np.int64), near.indices.astype(np.int64)
-    n, counts, members = np.int64(mesh.n_vertices), [], []
-    for begin in range(0, mesh.n_vertices, _BALLS_PER_BLOCK):
-        end = min(begin + _BALLS_PER_BLOCK, mesh.n_vertices)
-        frontier = members_key = np.arange(end - begin) * n + np.arange(begin, end)
-        while len(frontier):
-            owner, reached = expand_lists(*np.divmod(frontier, n), lists)
-            offset = mesh.points[reached] - mesh.points[begin + owner]
-            inside = np.einsum("ij,ij->i", offset, offset) <= radius * radius
-            frontier, members_key = _new((owner * n + reached)[inside], members_key)
-        owner, vertex = np.divmod(members_key, n)
-        counts.append(np.bincount(owner, minlength=end - begin))
-        members.append(vertex)
-    return Regions(list_starts(np.concatenate(counts)), np.concatenate(members))
-
-
-def _new(keys: NDArray, existing: NDArray) -> tuple[NDArray, NDArray]:
-    """Unique keys that are not in `existing`, and the union of both; sorted."""
-    keys = np.unique(keys)
-    new = keys[~_member(keys, existing)]
-    return new, np.sort(np.concatenate([existing, new]), kind="stable")
-
-
-def _member(keys: NDArray, sorted_keys: NDArray) -> NDArray[np.bool_]:
-    place = np.minimum(np.searchsorted(sorted_keys, keys), len(sorted_keys) - 1)
-    return sorted_keys[place] == keys
 
 
 def listed(regions: Regions, vertices: NDArray) -> Regions:
@@ -175,6 +145,8 @@ def larger(one: Regions, other: Regions) -> Regions:
 
 def chosen(one: Regions, other: Regions, takes_other: NDArray[np.bool_]) -> Regions:
     """The region of each vertex from `other` where `takes_other` is True, else from `one`."""
+    if takes_other.all():
+        return other
     n = len(one.start) - 1
     both = Regions(
         np.concatenate([one.start, one.start[-1] + other.start[1:]]),

@@ -121,13 +121,14 @@ def measure_curvature(
         raise ParameterError(f"the radius must be a positive length, not {radius}")
     require(mesh, "curvature")
     surface = _prepared(mesh, scheme)
-    noise = estimate_noise(surface.mesh, surface.faces, surface.dihedral)
+    noise = estimate_noise(surface.mesh, surface.faces, surface.dihedral, scheme)
     if radius == "auto":
         radius = noise.radius * surface.scale if noise.dominates_curvature else None
     elif radius is None and noise.dominates_curvature:
         _warn_of_noise(noise, scheme, noise.radius * surface.scale)
     if radius is not None:
-        check_radius(mesh, float(surface.faces.area.sum()), radius / surface.scale, surface.scale)
+        area = float(surface.faces.area.sum())
+        check_radius(mesh, area, radius / surface.scale, surface.scale, scheme)
     principal = _pointwise(surface, scheme, None if radius is None else radius / surface.scale)
     vertex = _vertex_arrays(surface, principal)
     length = totals.edge_length(surface.faces, mesh.topology)

@@ -10,7 +10,8 @@ from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, tangent_frame
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.quadric import principal_of_forms
-from ddgcli.algorithms.curvature.regions import Regions, chunks, larger, vertex_balls
+from ddgcli.algorithms.curvature.regions import Regions, chunks, larger
+from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot, ratio
 
@@ -63,7 +64,8 @@ def region_sums(regions: Regions, columns: NDArray) -> NDArray[np.float64]:
     for first, last in chunks(regions, MEMBERS_PER_BLOCK):
         start = regions.start[first : last + 1]
         member = regions.member[start[0] : start[-1]]
-        block = csr_array((np.ones(len(member)), member, start - start[0]), shape=(last - first, n))
+        start = (start - start[0]).astype(member.dtype)
+        block = csr_array((np.ones(len(member)), member, start), shape=(last - first, n))
         total[first:last] = block @ rows
     return np.ascontiguousarray(total.T)
 
