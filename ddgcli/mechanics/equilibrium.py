@@ -17,6 +17,7 @@ from ddgcli.mechanics.terms import Mode
 from ddgcli.simulation.model import StepRejected
 
 MAX_EQUILIBRIUM_ITERATIONS = 2000
+MAX_SHIFT = 1e12  # of the first shift
 INERTIA_ROUNDING = 16 * float(np.finfo(float).eps)  # of the Hessian's norm
 
 
@@ -43,11 +44,18 @@ class Equilibrium:
             g = newton.slope(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
                 raise StepRejected("not finite", worst(g))
-            move, exact_used = self._direction(increment, point.y, g, exact_allowed, shift)
+            try:
+                move, exact_used = self._direction(increment, point.y, g, exact_allowed, shift)
+            except SolveError as error:
+                # what nothing holds moves freely: where the shift is lost in rounding, the matrix is singular
+                if shift >= MAX_SHIFT * unit:
+                    raise StepRejected("singular", worst(g)) from error
+                shift, exact_allowed = max(10 * shift, unit), False
+                continue
             size = float(np.abs(move).max())
             t, point = newton.search(increment, point, move, float(np.vdot(g, move)))
             if t == 0.0 and size > enough:
-                if shift >= 1e12 * unit:
+                if shift >= MAX_SHIFT * unit:
                     raise StepRejected("line search", worst(g), float(np.abs(g).max()))
                 shift, exact_allowed = max(10 * shift, unit), False
                 continue
@@ -78,10 +86,10 @@ class Equilibrium:
                         self._factor = Factor(matrix, pivot=False)
                     else:
                         self._factor.refactor(matrix)
-                except SolveError as error:
+                except SolveError:
                     if mode == "exact":
                         continue
-                    raise StepRejected("singular", worst(g)) from error
+                    raise
                 solve = low_rank.solver(partial(self._factor.solve, refine=False), self.newton.columns(y))
                 move = self.newton.spread(solve(self.newton.entries(-g)))
             downhill = float(np.vdot(g, move))

@@ -30,7 +30,8 @@ class StepRejected(Exception):
     """
 
     def __init__(self, cause: str, place: str = "", value: float = math.nan, solved: bool = False) -> None:
-        super().__init__(f"{cause}{' at ' + place if place else ''} ({value:.3g})")
+        place_text = f" at {place}" if place else ""
+        super().__init__(cause + place_text + ("" if math.isnan(value) else f" ({value:.3g})"))
         self.cause, self.place, self.value, self.solved = cause, place, value, solved
 
 
