@@ -1,8 +1,13 @@
-"""The linear obstacle course of shells: Scordelis-Lo roof, pinched cylinder, pinched hemisphere.
+"""The linear obstacle course of shells: Scordelis-Lo roof, pinched cylinder, pinched hemisphere, hyperboloid.
 
 T. Belytschko, H. Stolarski, W. K. Liu, N. Carpenter, J. S.-J. Ong, "Stress projection for membrane and shear
 locking in shell finite elements", 1985. An eighth of the cylinder, a quarter of the roof and the hemisphere
 are computed; the hemisphere is the one with a hole of 18 degrees.
+
+The hyperboloid x^2 + y^2 = 1 + z^2, |z| <= 1, with free ends bends without stretching, which elements that
+lock in their membranes forbid: P.-S. Lee, K.-J. Bathe, "Development of MITC isotropic triangular shell finite
+elements", 2004; references by M. Neunteufel and J. Schoeberl, "Avoiding membrane locking with Regge
+interpolation", 2021. An eighth is computed.
 """
 
 from __future__ import annotations
@@ -18,6 +23,8 @@ from benchmarks.common.shell_problems import SCENE, at, flat_mesh, numbers, open
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.newton import Increment, newton_of
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell import model
 from ddgcli.models.shell.scene import KIND
 from ddgcli.scenes.scene import resolve
@@ -37,6 +44,8 @@ class LinearProblem:
     place, direction : tuple of float
         Of the deflection.
     reference : float
+    pressure : callable (faces, 3) -> (faces,), or None
+        Force per area along the outward normal at the middles of the faces, beside the loads of `effects`.
     """
 
     size: tuple[float, float]
@@ -48,6 +57,7 @@ class LinearProblem:
     place: tuple[float, float]
     direction: tuple[float, float, float]
     reference: float
+    pressure: Callable[[NDArray], NDArray] | None = None
 
 
 def pin(vertices: NDArray, axes: str, clamp: bool = False) -> str:
@@ -96,6 +106,25 @@ def _hemisphere_effects(q: NDArray) -> str:
     )  # fmt: skip
 
 
+def _hyperboloid(q: NDArray) -> NDArray:
+    """Angle about the axis (a quarter) and height (a half)."""
+    radius = np.sqrt(1 + q[:, 1] ** 2)
+    return np.column_stack([radius * np.cos(q[:, 0]), radius * np.sin(q[:, 0]), q[:, 1]])
+
+
+def _hyperboloid_effects(q: NDArray) -> str:
+    first, second, waist = at(q, 0, 0), at(q, 0, np.pi / 2), at(q, 1, 0)
+    return pin(first, "y", clamp=True) + pin(second, "x", clamp=True) + pin(waist, "z", clamp=True)
+
+
+def hyperboloid(thickness: float, reference: float) -> LinearProblem:
+    """The free hyperboloid under 1e4 t^3 cos(2 angle); reference: the waist's motion towards x."""
+    return LinearProblem(
+        (np.pi / 2, 1.0), _hyperboloid, 2.85e4, 0.3, thickness, _hyperboloid_effects, (0, 0), (1, 0, 0),
+        reference, lambda middle: 1e4 * thickness**3 * np.cos(2 * np.arctan2(middle[:, 1], middle[:, 0])),
+    )  # fmt: skip
+
+
 LINEAR_PROBLEMS = {
     "Scordelis-Lo roof": LinearProblem(
         (25 * np.radians(40), 25), _roof, 4.32e8, 0.0, 0.25, _roof_effects,
@@ -108,6 +137,9 @@ LINEAR_PROBLEMS = {
         (5 * np.pi, 4 * np.pi), open_hemisphere, 6.825e7, 0.3, 0.04, _hemisphere_effects,
         (0, 0), (1, 0, 0), 0.093,
     ),
+    "free hyperboloid, thickness 0.1": hyperboloid(0.1, 0.1856305),
+    "free hyperboloid, thickness 0.01": hyperboloid(0.01, 0.1502913),
+    "free hyperboloid, thickness 0.001": hyperboloid(0.001, 0.1498749),
 }  # fmt: skip
 
 
@@ -128,6 +160,17 @@ def deflection(
     system = model.make_system(scene, context, Account())
     x, newton = np.asarray(mesh.points), newton_of(system)
     matrix = newton.matrix(Increment(0.0, x), x, "exact")
-    move = newton.spread(Factor(matrix).solve(newton.entries(-system.gradient(x))))
+    forces = -system.gradient(x)
+    if problem.pressure is not None:
+        forces += _pressed(mesh, problem.pressure)
+    move = newton.spread(Factor(matrix).solve(newton.entries(forces)))
     vertex = int(np.argmin(np.sum((q - np.array(problem.place)) ** 2, axis=1)))
     return mesh.n_faces, float(move[vertex] @ np.array(problem.direction)) / problem.reference
+
+
+def _pressed(mesh: TriangleMesh, pressure: Callable[[NDArray], NDArray]) -> NDArray:
+    """(n, 3) forces of a pressure, a third of each face's at its vertices; faces turn outward."""
+    corners = np.asarray(mesh.points)[mesh.faces]
+    area_vector = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+    share = pressure(corners.mean(axis=1))[:, None] * area_vector / 3
+    return sum_by_index(mesh.faces, np.repeat(share[:, None], 3, axis=1), mesh.n_vertices)
