@@ -13,7 +13,7 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.boundary import boundary_vertex_loops
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import unit_vectors
+from ddgcli.mesh.vectors import row_dot, unit_vectors
 from ddgcli.models.willmore.area_energy import AreaEnergy, signed_volume, volume_gradient
 
 PreconditionerSolve = Callable[[NDArray], NDArray]
@@ -83,7 +83,7 @@ class Constraints:
             residuals["volume"] = volume_inside(mesh, self.caps) / self.volume - 1.0
         return residuals
 
-    def _gradients(self, mesh: TriangleMesh, free: NDArray) -> list[NDArray]:
+    def gradients(self, mesh: TriangleMesh, free: NDArray) -> list[NDArray]:
         """Gradients (k, 3) of the relative residuals."""
         rows = []
         if self.area is not None:
@@ -96,6 +96,19 @@ class Constraints:
         """The gradient without its part along the constraints' gradients (in the mass inner product)."""
         return self._project(mesh, free, lambda c: c / mass[:, None], g, dual=True)
 
+    def multipliers(
+        self, mesh: TriangleMesh, free: NDArray, mass: NDArray, g: NDArray, normal: NDArray
+    ) -> NDArray[np.float64]:
+        """Multipliers of the constraints' gradients nearest to g (k, 3), seen along unit normals (k, 3)."""
+        rows = self.gradients(mesh, free)
+        if not rows:
+            return np.zeros(0)
+        columns = np.stack([row_dot(c, normal) for c in rows], axis=1)
+        weight = np.sqrt(1.0 / mass)
+        right = weight * row_dot(g, normal)
+        share = np.linalg.lstsq(weight[:, None] * columns, right, rcond=PARALLEL_GRADIENT_TOLERANCE)[0]
+        return np.asarray(share, dtype=np.float64)
+
     def tangent_motion(
         self, mesh: TriangleMesh, free: NDArray, solve: PreconditionerSolve, motion: NDArray
     ) -> NDArray:
@@ -107,7 +120,7 @@ class Constraints:
     ) -> NDArray:
         if not (self.active or self.in_place):
             return v
-        rows = self._gradients(mesh, free) + (_translations(mesh, free) if self.in_place else [])
+        rows = self.gradients(mesh, free) + (_translations(mesh, free) if self.in_place else [])
         lifted = [solve(c) for c in rows]
         gram = np.array([[np.sum(c * s) for s in lifted] for c in rows])
         right = np.array([np.sum(v * (s if dual else c)) for c, s in zip(rows, lifted)])
@@ -128,7 +141,7 @@ class Constraints:
             residual = np.array(list(self.residuals(mesh).values()))
             if np.abs(residual).max() <= CONSTRAINT_TOLERANCE:
                 return mesh
-            rows = self._gradients(mesh, free)
+            rows = self.gradients(mesh, free)
             lifted = [solve(c) for c in rows]
             gram = np.array([[np.sum(c * s) for s in lifted] for c in rows])
             share = np.linalg.lstsq(gram, residual, rcond=PARALLEL_GRADIENT_TOLERANCE)[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -35,6 +35,8 @@ class EnergyGradient:
     gradient : (k, 3) ndarray
         Exact gradient on the free vertices, without its part along the constraints' gradients.
     mass : (k,) ndarray
+    multipliers : (c,) ndarray
+        Of the constraints' gradients in the part left out; empty where it was left out otherwise.
     """
 
     mesh: TriangleMesh
@@ -42,6 +44,7 @@ class EnergyGradient:
     energy: float
     gradient: NDArray[np.float64]
     mass: NDArray[np.float64]
+    multipliers: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     @property
     def size(self) -> float:
@@ -72,11 +75,17 @@ def folded_faces(mesh: TriangleMesh) -> int:
 
 
 def energy_gradient(
-    mesh: TriangleMesh, energy: Energy, free: NDArray, constraints: Constraints
+    mesh: TriangleMesh, energy: Energy, free: NDArray, constraints: Constraints, along_normals: bool = False
 ) -> EnergyGradient:
-    """Energy and admissible gradient at `mesh`."""
+    """Energy and admissible gradient at `mesh`; `along_normals`: for motions along the vertex normals."""
     value, gradient = energy.value_and_gradient(mesh.points)
     mass = lumped_vertex_area(mesh)[free]
+    if along_normals:
+        normal = vertex_normals(mesh)[free]
+        share = constraints.multipliers(mesh, free, mass, gradient[free], normal)
+        rows = constraints.gradients(mesh, free)
+        left = gradient[free] - sum((w * c for w, c in zip(share, rows)), np.zeros((len(free), 3)))
+        return EnergyGradient(mesh, free, value, left, mass, share)
     gradient = constraints.admissible_gradient(mesh, free, mass, gradient[free])
     return EnergyGradient(mesh, free, value, gradient, mass)
 

@@ -205,7 +205,9 @@ class Flow:
         """Gradient at the state; the last one is kept, since a rejected step starts there again."""
         if self._last_gradient is None or self._last_gradient.mesh.points is not state.points:
             energy = self._terms(state.topology).energy
-            self._last_gradient = energy_gradient(self.mesh(state), energy, self.free, self.constraints)
+            self._last_gradient = energy_gradient(
+                self.mesh(state), energy, self.free, self.constraints, self.kind == "newton"
+            )
         return self._last_gradient
 
     def _preconditioner(self, at: EnergyGradient, dt: float) -> Preconditioner:
@@ -268,10 +270,12 @@ class Flow:
         else:
             metric, energy = self._preconditioner(at, longest_step(self)), self._terms(state.topology).energy
             step = trust_region.descending_newton_step(
-                energy, metric, state.dt, trust_region.LEAST_RADIUS * self.area
+                energy, metric, self.constraints, state.dt, trust_region.LEAST_RADIUS * self.area
             )
         if step is None:
             return replace(state, stopped="no step lowers the energy")
+        if step.mesh is at.mesh:
+            return replace(state, stopped=rules.ROUNDING_REASON)
         if self._below_lower_bound(step.energy):
             return replace(state, stopped=rules.LOWER_BOUND_REASON)
         return replace(self._accepted(state, at, step.mesh, step.energy, 0.0), dt=step.next_length)

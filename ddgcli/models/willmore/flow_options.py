@@ -8,7 +8,14 @@ from typing import Any
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.topology import Topology
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY
-from ddgcli.models.willmore.state import CONFORMAL_STOP, DEFAULT_STOP, FILM_STOP, NEWTON_STOP, Stop
+from ddgcli.models.willmore.state import (
+    CONFORMAL_STOP,
+    CONSTRAINED_NEWTON_STOP,
+    DEFAULT_STOP,
+    FILM_STOP,
+    NEWTON_STOP,
+    Stop,
+)
 
 # time schemes of each flow, the default first; `semi-implicit` is of first order
 SCHEMES = {
@@ -116,7 +123,7 @@ def with_stop(options: FlowOptions, topology: Topology, bounded: bool) -> FlowOp
     elif options.flow == "conformal":
         default = CONFORMAL_STOP
     elif options.flow == "newton":
-        default = NEWTON_STOP
+        default = CONSTRAINED_NEWTON_STOP if options.fix_area or options.fix_volume else NEWTON_STOP
     else:
         default = Stop(DEFAULT_STOP.gradient, DEFAULT_STOP.fall, not timed)
     stop = Stop(

@@ -234,10 +234,9 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     kind = options.flow if options.flow in ("conformal", "newton") else "descent"
     if kind == "conformal":
         _require_conformal(mesh, options, region)
-    if kind == "newton" and (options.fix_area or options.fix_volume or options.timed):
+    if kind == "newton" and options.timed:
         raise ParameterError(
-            "`flow=newton` keeps neither area nor volume and goes to rest: leave `fix_area`, `fix_volume`, "
-            "`dt` and `duration` out, or use `flow=quadratic`"
+            "`flow=newton` goes to rest: leave `dt` and `duration` out, or use `flow=quadratic`"
         )
     constraints = film_constraints(unit, options, film)
     curvature = _unit_curvature(unit, options, scale)

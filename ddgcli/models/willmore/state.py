@@ -39,6 +39,7 @@ class Stop:
 DEFAULT_STOP = Stop(1e-6, 1e-8, True)
 CONFORMAL_STOP = Stop(1e-6, 1e-4)  # curvature and energy are discretised apart: the end is no closer
 NEWTON_STOP = Stop(1e-9, None, True)
+CONSTRAINED_NEWTON_STOP = Stop(1e-9)  # along the normals a membrane has a minimum on most meshes
 FILM_STOP = Stop(6e-7, 1e-17)  # of 2 H times the radius: its largest deviation from a constant
 
 

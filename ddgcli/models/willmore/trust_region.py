@@ -9,11 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import SolveError
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_dot
-from ddgcli.models.willmore.constraints import Constraints
+from ddgcli.models.willmore.constraints import PARALLEL_GRADIENT_TOLERANCE, Constraints
 from ddgcli.models.willmore.descent import Preconditioner, moved_along, vertex_normals
 from ddgcli.models.willmore.energies import Energy
+from ddgcli.models.willmore.state import rounding_scale
+from ddgcli.models.willmore.step_rules import PREDICTED_FALL_TOLERANCE
 
 DIFFERENCE = 1e-5  # of the points, relative to their extent, for a Hessian's product with a motion
 MAX_CG_ITERATIONS = 200
@@ -125,41 +129,119 @@ class TrustRegionStep:
     next_length: float
 
 
+@dataclass(frozen=True, eq=False)
+class Lagrangian:
+    """An energy less the constraints' relative residuals times multipliers.
+
+    Parameters
+    ----------
+    topology : Topology
+    energy : Energy
+    constraints : Constraints
+    multipliers : (c,) ndarray
+    """
+
+    topology: Topology
+    energy: Energy
+    constraints: Constraints
+    multipliers: NDArray[np.float64]
+
+    def value(self, points: NDArray) -> float:
+        """Energy less multipliers times residuals."""
+        residuals = self.constraints.residuals(TriangleMesh(points, self.topology)).values()
+        return self.energy.value(points) - float(np.dot(self.multipliers, list(residuals)))
+
+    def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]:
+        """The same and its exact gradient (n, 3)."""
+        gradient = np.array(self.energy.value_and_gradient(points)[1])
+        rows = self.constraints.gradients(TriangleMesh(points, self.topology), np.arange(len(points)))
+        for share, row in zip(self.multipliers, rows):
+            gradient -= share * row
+        return self.value(points), gradient
+
+
+def tangent_solve(
+    metric: Preconditioner, constraints: Constraints, normal: NDArray
+) -> Callable[[NDArray], NDArray]:
+    """Preconditioner among motions along unit normals (k, 3) that keep the constraints to first order.
+
+    Parameters
+    ----------
+    metric : Preconditioner
+    constraints : Constraints
+    normal : (k, 3) ndarray
+
+    Notes
+    -----
+    B - B C (C' B C)^-1 C' B, with B the metric's solve along the normals and C the constraints' gradients:
+    conjugate gradients with it solve the equations of sequential quadratic programming.
+    """
+
+    def solve(covector: NDArray) -> NDArray:
+        return _along(metric.solve(_along(covector, normal)), normal)
+
+    rows = constraints.gradients(metric.at.mesh, metric.at.free)
+    if not rows:
+        return solve
+    lifted = [solve(c) for c in rows]
+    gram = np.array([[np.sum(c * s) for s in lifted] for c in rows])
+    inverse = np.linalg.pinv(gram, rcond=PARALLEL_GRADIENT_TOLERANCE)
+
+    def solve_tangent(covector: NDArray) -> NDArray:
+        share = inverse @ np.array([np.sum(covector * s) for s in lifted])
+        return solve(covector) - sum(w * s for w, s in zip(share, lifted))
+
+    return solve_tangent
+
+
+def _along(vector: NDArray, normal: NDArray) -> NDArray:
+    return row_dot(vector, normal)[:, None] * normal
+
+
 def descending_newton_step(
-    energy: Energy, metric: Preconditioner, radius: float, least_radius: float
+    energy: Energy, metric: Preconditioner, constraints: Constraints, radius: float, least_radius: float
 ) -> TrustRegionStep | None:
     """A Newton step, in ever smaller trust regions until the energy falls as the quadratic model says.
 
     Vertices move along their normals: along the surface minima are those of the mesh, of ever worse faces.
+    Where area or volume is kept, the model is that of the Lagrangian among motions tangent to the
+    constraints, and the surface then returns to them.
 
     Parameters
     ----------
     energy : Energy
     metric : Preconditioner
-        At the surface, with the gradient there.
+        At the surface, with the gradient of the Lagrangian there.
+    constraints : Constraints
     radius, least_radius : float
 
     Returns
     -------
     TrustRegionStep or None
-        None where no step does.
+        None where no step does; the same surface where rounding hides the fall of the model.
     """
     at = metric.at
     normal = vertex_normals(at.mesh)[at.free]
-
-    def across(covector: NDArray) -> NDArray:
-        return row_dot(covector, normal)[:, None] * normal
-
+    solve = tangent_solve(metric, constraints, normal)
+    lagrangian = energy
+    if constraints.active:
+        lagrangian = Lagrangian(at.mesh.topology, energy, constraints, at.multipliers)
     while radius >= least_radius:
         newton = newton_motion(
-            across(at.gradient),
-            lambda v: across(hessian_product(energy, at.mesh.points, at.free, v)),
-            lambda covector: across(metric.solve(covector)),
+            _along(at.gradient, normal),
+            lambda v: _along(hessian_product(lagrangian, at.mesh.points, at.free, v), normal),
+            solve,
             radius,
         )
-        moved = moved_along(metric, newton.motion, 1.0, Constraints())
+        try:
+            moved = moved_along(metric, newton.motion, 1.0, constraints)
+        except SolveError:  # too far to return to the constraints
+            radius *= 0.25
+            continue
         after = energy.value(moved.points)
         agreement = (at.energy - after) / newton.promised if newton.promised > 0.0 else 0.0
+        if newton.promised <= PREDICTED_FALL_TOLERANCE * rounding_scale(at.energy) and not after < at.energy:
+            return TrustRegionStep(at.mesh, at.energy, radius)
         if agreement >= POOR_AGREEMENT:
             grows = newton.at_boundary and agreement > GOOD_AGREEMENT
             return TrustRegionStep(moved, after, radius * (2.0 if grows else 1.0))
