@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay
+from ddgcli.algorithms.delaunay.point_location import PointMap
 from ddgcli.algorithms.delaunay.triangulation import (
     flip_to_delaunay,
     glue,
@@ -12,7 +14,8 @@ from ddgcli.algorithms.delaunay.triangulation import (
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area
-from ddgcli.io.mesh_file import write_mesh
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
@@ -116,6 +119,64 @@ def test_the_command_writes_the_twisted_sides(summary, run, tmp_path):
     write_mesh(torus, AnnotatedMesh(shapes.torus(8, 6)))
     summary("delaunay", torus, "-o", out)
     assert "twisted" not in np.load(out)
-    for option in (("--refine", "20"), ("--overlay", str(tmp_path / "cut.ply"))):
-        refused = run("delaunay", path, *option)
-        assert refused.exit_code == 2 and "one-sided" in refused.stderr
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_the_common_subdivision_is_the_surface_cut_along_straight_intrinsic_edges(name):
+    mesh = SURFACES[name]
+    result = intrinsic_delaunay(mesh, subdivide=True)
+    cut = result.subdivision
+    area = face_area(cut.mesh.side_length)
+    for face, metric in ((cut.input_face, mesh), (cut.intrinsic_face, cut.intrinsic)):
+        whole = face_area(metric.side_length)
+        assert np.bincount(face, area, len(whole)) == pytest.approx(whole, rel=1e-11)
+    topology, before = cut.mesh.topology, mesh.topology
+    assert topology.euler_characteristic == before.euler_characteristic and topology.is_manifold
+    assert topology.boundary_loops == before.boundary_loops and not topology.is_orientable
+    drawn = [np.linalg.norm(np.diff(curve, axis=0), axis=1).sum() for curve in cut.curves()]
+    length = np.empty(cut.intrinsic.topology.n_edges)
+    length[cut.intrinsic.topology.side_edge] = cut.intrinsic.side_length
+    assert drawn == pytest.approx(length, rel=1e-11)
+    crossings = np.maximum(flip_to_delaunay(mesh, track=True).crossings, 0).sum() // 2
+    assert crossings > 10 and (cut.vertex_kind == 2).sum() == crossings
+    for matrix in (cut.from_input, cut.from_intrinsic):
+        assert matrix.sum(axis=1) == pytest.approx(1.0)
+    assert np.abs(cut.from_input @ mesh.points - cut.mesh.points).max() < 1e-14
+
+
+@pytest.mark.parametrize("name", ["moebius", "projective plane"])
+def test_points_go_to_the_intrinsic_triangulation_of_a_one_sided_surface_and_back(name):
+    mesh = SURFACES[name]
+    cut = intrinsic_delaunay(mesh, subdivide=True).subdivision
+    rng = np.random.default_rng(4)
+    points = SurfacePoints(rng.integers(0, mesh.n_faces, 200), rng.dirichlet(np.ones(3), 200))
+    carry = PointMap(cut)
+    there = carry.to_intrinsic(points)
+    assert there.face.max() < mesh.n_faces
+    assert carry.to_input(there).positions(mesh) == pytest.approx(points.positions(mesh), abs=1e-12)
+
+
+def test_functions_and_the_dual_go_over_a_moebius_band(summary, run, tmp_path):
+    path, out, cut = (str(tmp_path / name) for name in ("band.npz", "idt.npz", "cut.npz"))
+    mesh = SURFACES["moebius"]
+    write_mesh(path, AnnotatedMesh(mesh, vertex={"warm": mesh.points[:, 2] + 1.0}))
+    result = summary("delaunay", path, "-o", out, "--overlay", cut, "--transfer", "warm", "--dual",
+                     tmp_path / "dual.vtp", "--plot", tmp_path / "edges.png")  # fmt: skip
+    assert result["accuracy"]["transfer_integral_residual"] < 1e-13
+    assert result["results"]["overlay"]["crossings"] > 10
+    with np.load(out) as intrinsic, np.load(cut) as overlay:
+        assert len(intrinsic["warm"]) == mesh.n_vertices
+        assert overlay["warm"] == pytest.approx(overlay["points"][:, 2] + 1.0, abs=1e-13)
+    lines = read_mesh(str(tmp_path / "dual.vtp")).mesh
+    assert len(lines.lines) > mesh.n_faces and np.isfinite(lines.points).all()
+
+
+def test_refinement_of_a_one_sided_surface_is_refused_with_a_cure_that_works(summary, run, tmp_path):
+    path, opened = str(tmp_path / "band.ply"), str(tmp_path / "open.ply")
+    write_mesh(path, AnnotatedMesh(SURFACES["moebius"]))
+    refused = run("delaunay", path, "--refine", "20")
+    assert refused.exit_code == 2 and refused.stderr.splitlines()[-1].count("one-sided") == 1
+    assert f"ddgcli repair {path} --cut-to-disk --orient" in refused.stderr
+    summary("repair", path, "--cut-to-disk", "--orient", "-o", opened)
+    after = summary("delaunay", opened, "--refine", "20")["results"]
+    assert after["steiner_points"] > 0 and after["refinement"]["unreached_faces"] == 0

@@ -92,6 +92,8 @@ class CommonSubdivision:
         faces, relative to the length.
     crossings : CrossingPositions
         Positions of the crossings; properties are computed from them on demand.
+    lifted : CommonSubdivision, optional
+        Of a one-sided surface: that of its double cover, for which alone `corner` and `half_side` are right.
     """
 
     input: TriangleMesh
@@ -102,6 +104,7 @@ class CommonSubdivision:
     vertex_kind: NDArray[np.int64]
     length_residual: float
     crossings: CrossingPositions
+    lifted: CommonSubdivision | None = None
 
     @cached_property
     def from_input(self) -> csr_array:
@@ -246,12 +249,14 @@ def common_subdivision(
     Raises
     ------
     MeshError
-        When the flips were not tracked.
+        When the flips were not tracked, or the surface is one-sided (see `one_sided_subdivision`).
     SolveError
         When chains of crossings do not fit the base triangulation (a bug, independent of the geometry).
     """
     if flipped.crossings is None:
         raise MeshError("the flips were not tracked; call flip_to_delaunay(..., track=True)")
+    if flipped.cover is not None:
+        raise MeshError("the surface is one-sided; call one_sided_subdivision")
     mesh = flipped.mesh
     positions, residual = _crossing_positions(flipped, base, place_lines)
     names = Names(mesh.faces.ravel(), positions.n_before, 1)

@@ -135,8 +135,14 @@ def dual_lines(dual: CircumcentricDual, cut: CommonSubdivision) -> CurveSet:
         Array `edge`: the edge whose dual a point belongs to. The lines bend where they cross intrinsic edges.
         Dual edges of negative length, and what lies beyond the boundary, are left out.
     """
+    topology = cut.intrinsic.topology
+    if cut.lifted is not None:  # lines over the double cover, from the sides of its first half
+        cut = cut.lifted
+        dual = circumcentric_dual(cut.intrinsic)
     mesh = cut.intrinsic
     side, start, length = _half_edges(dual, mesh)
+    own = side < len(topology.side_tail)
+    side, start, length = side[own], start[own], length[own]
     face, k = np.divmod(side, 3)
     middle = np.zeros((len(side), 3))
     rows = np.arange(len(side))
@@ -147,7 +153,7 @@ def dual_lines(dual: CircumcentricDual, cut: CommonSubdivision) -> CurveSet:
     where = PointMap(cut).to_input(SurfacePoints(lines.path_face, lines.path_barycentric))
     n_points = np.diff(lines.path_start)
     tail = np.delete(np.arange(len(where)), lines.path_start[1:] - 1)
-    edge = np.repeat(mesh.topology.side_edge.ravel()[side], n_points)
+    edge = np.repeat(topology.side_edge.ravel()[side], n_points)
     return CurveSet(where.positions(cut.input), np.stack([tail, tail + 1], axis=1), {"edge": edge})
 
 

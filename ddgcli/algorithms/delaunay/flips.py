@@ -34,12 +34,15 @@ class SideArrays(Gluing):
         its two faces (Musin 1997); that no flip may raise it rules out cycles by rounding.
     crossings : (3m,) ndarray of int64, optional
         Normal coordinate of the side: number of its crossings with input edges; -1 for an input edge.
+    mirror : (c,) ndarray of int64, optional
+        With `twisted`: `tail` has the vertices of the orientation double cover, and these are their copies on
+        the other sheet, which a reversed face has in their place.
     input_side : (3m,) ndarray of int64, optional
         Number of the input side in this place; -1 for a new edge.
     direction : (3m,) ndarray of float64, optional
         Angle of the side at its tail, counter-clockwise from the vertex's reference.
     twisted : (3m,) ndarray of bool, optional
-        True at sides that run along their edge as their twin does; without `crossings` and `direction`.
+        True at sides that run along their edge as their twin does; without `direction`.
     """
 
     length: NDArray[np.float64]
@@ -49,6 +52,7 @@ class SideArrays(Gluing):
     input_side: NDArray[np.int64] | None = None
     direction: NDArray[np.float64] | None = None
     twisted: NDArray[np.bool_] | None = None
+    mirror: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -89,10 +93,12 @@ class SideArrays(Gluing):
         first = reversed_side - reversed_side % 3
         second, third = first + 1, first + 2
         self._move(np.concatenate([second, third]), np.concatenate([third, second]))
-        for array in (self.length, self.tangent, self.input_side, self.twisted):
+        for array in (self.length, self.tangent, self.crossings, self.input_side, self.twisted):
             if array is not None:
                 array[second], array[third] = array.take(third), array.take(second)
         a, b, c = (self.tail.take(k) for k in (first, second, third))
+        if self.mirror is not None:
+            a, b, c = self.mirror[a], self.mirror[b], self.mirror[c]
         self.tail[first], self.tail[second], self.tail[third] = b, a, c
         sides = np.concatenate([first, second, third])
         partner = self.twin.take(sides)

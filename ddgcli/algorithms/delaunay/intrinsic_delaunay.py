@@ -14,6 +14,7 @@ from ddgcli.algorithms.delaunay.common_subdivision import (
     common_subdivision,
 )
 from ddgcli.algorithms.delaunay.dual import CircumcentricDual, circumcentric_dual
+from ddgcli.algorithms.delaunay.one_sided import one_sided_subdivision
 from ddgcli.algorithms.delaunay.refine import RefinementResult, refine
 from ddgcli.algorithms.delaunay.transfer import TransferResult, check_transferable, transfer_to_intrinsic
 from ddgcli.algorithms.delaunay.triangulation import (
@@ -23,7 +24,6 @@ from ddgcli.algorithms.delaunay.triangulation import (
     length_scale,
     negative_cotan_edges,
     non_delaunay_edges,
-    require_oriented,
     working_lengths,
 )
 from ddgcli.geometry.extrinsic import face_area_vector
@@ -147,8 +147,6 @@ def intrinsic_delaunay(
     """
     check_transferable(transferred or {}, OWN_ARRAYS)
     subdivide = subdivide or bool(transferred)
-    if subdivide and degrees is None:
-        require_oriented(mesh, "the common subdivision")
     if degrees is None:
         flipped, base, refined = flip_to_delaunay(mesh, track=subdivide), BaseTriangulation.itself(mesh), None
     else:
@@ -166,7 +164,7 @@ def intrinsic_delaunay(
         where = refined.steiner.behind_vertices(mesh)
         vertex = {"input_face": where.face, "input_barycentric": where.barycentric}
     accuracy: dict[str, Any] = metric_residuals(mesh, flipped.mesh)
-    cut = common_subdivision(flipped, base) if subdivide else None
+    cut = _subdivision(flipped, base) if subdivide else None
     transfers: dict[str, TransferResult] = {}
     if cut is not None:
         results["overlay"] = subdivision_counts(cut)
@@ -184,6 +182,12 @@ def intrinsic_delaunay(
     converged = (refined is None or refined.converged) and flipped.remaining_edges == 0
     converged &= within_residuals(accuracy, RESIDUALS, "rounding on degenerate faces; repair the mesh")
     return DelaunayResult(flipped.mesh, results, accuracy, vertex, transfers, cut, cells, converged)
+
+
+def _subdivision(flipped: IntrinsicDelaunay, base: BaseTriangulation) -> CommonSubdivision:
+    if flipped.cover is not None:
+        return one_sided_subdivision(flipped, base.mesh)
+    return common_subdivision(flipped, base)
 
 
 def _metric(mesh: TriangleMesh, flipped: IntrinsicDelaunay) -> SurfaceMesh:

@@ -49,7 +49,8 @@ class PointMap:
     """
 
     def __init__(self, cut: CommonSubdivision) -> None:
-        self.cut = cut
+        self._n_faces = cut.input.n_faces if cut.lifted else np.inf  # of the first half of a double cover
+        self.cut = cut = cut.lifted or cut
         self._input = _chart(cut.input_face, cut.input.n_faces, _in_input_faces(cut))
         self._intrinsic = _chart(cut.intrinsic_face, cut.intrinsic.n_faces, _in_intrinsic_faces(cut))
 
@@ -66,11 +67,19 @@ class PointMap:
         ParameterError
             For faces out of range, or coordinates that are negative or do not sum to 1.
         """
-        return _mapped_points(points, self._input, self._intrinsic, self.cut.intrinsic_face)
+        return self._below(_mapped_points(points, self._input, self._intrinsic, self.cut.intrinsic_face))
 
     def to_input(self, points: SurfacePoints) -> SurfacePoints:
         """The same points of the surface by faces of the input; the inverse of `to_intrinsic`."""
-        return _mapped_points(points, self._intrinsic, self._input, self.cut.input_face)
+        return self._below(_mapped_points(points, self._intrinsic, self._input, self.cut.input_face))
+
+    def _below(self, points: SurfacePoints) -> SurfacePoints:
+        """Points of the surface under those of its double cover, whose second half has reversed faces."""
+        back = points.face >= self._n_faces
+        if not back.any():
+            return points
+        barycentric = np.where(back[:, None], points.barycentric[:, ::-1], points.barycentric)
+        return SurfacePoints(np.where(back, points.face - int(self._n_faces), points.face), barycentric)
 
 
 def _chart(face: NDArray, n_faces: int, barycentric: NDArray) -> _Chart:

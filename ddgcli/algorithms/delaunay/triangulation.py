@@ -7,7 +7,7 @@ et al., "An algorithm for the construction of intrinsic Delaunay triangulations"
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from ddgcli.algorithms.delaunay.flips import SideArrays, flip_until_delaunay
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, half_angle_tangent
 from ddgcli.mesh.cures import cure
+from ddgcli.mesh.double_cover import CoverVertices, cover_vertices
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
@@ -50,6 +51,9 @@ class IntrinsicDelaunay:
         Sides of the input whose edge was flipped; empty unless `list_flipped`.
     notes : tuple of str
         Changes of the input, and decisions by a tolerance.
+    cover : CoverVertices, optional
+        Vertices of the orientation double cover at the corners of the faces, if flips of a one-sided surface
+        were tracked.
     """
 
     mesh: IntrinsicMesh
@@ -60,6 +64,7 @@ class IntrinsicDelaunay:
     crossings: NDArray[np.int64] | None = None
     flipped_sides: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     notes: tuple[str, ...] = ()
+    cover: CoverVertices | None = None
 
 
 def flip_to_delaunay(
@@ -78,7 +83,7 @@ def flip_to_delaunay(
         An IntrinsicMesh with gluing may be any Delta-complex (self-edges, several edges between two
         vertices).
     track : bool
-        Track normal coordinates, which `common_subdivision` needs; of oriented surfaces only.
+        Track normal coordinates, which `common_subdivision` and `one_sided_subdivision` need.
     list_flipped : bool
         List the sides whose edges were flipped.
     max_rounds : int, optional
@@ -91,8 +96,8 @@ def flip_to_delaunay(
     Raises
     ------
     MeshError
-        For a non-manifold edge, faces of opposite orientation where the surface has two sides (with `track`
-        or `list_flipped`, also a one-sided surface), or side lengths that are no lengths.
+        For a non-manifold edge, faces of opposite orientation where the surface has two sides (with
+        `list_flipped`, also a one-sided surface), or side lengths that are no lengths.
 
     Notes
     -----
@@ -103,18 +108,24 @@ def flip_to_delaunay(
     """
     glued = glue(mesh)
     twisted = glued.topology.twisted
-    if twisted is not None and (track or list_flipped):
+    if twisted is not None and list_flipped:
         require_oriented(glued, "this record of the flips")
     start = working_lengths(mesh, glued)
     notes = [str(start)] if len(start.faces) else []
     scale = length_scale(start.length)
     state = SideArrays.of(glued.faces, glued.topology.side_twin, start.length / scale)
     state.twisted = None if twisted is None else twisted.ravel().copy()
+    cover = cover_vertices(glued.topology) if track and twisted is not None else None
+    if cover is not None:
+        state.tail, state.mirror = cover.corner.ravel().copy(), cover.mirror
     if track:
         state.crossings = np.full(3 * glued.n_faces, -1, dtype=np.int64)
     if list_flipped:
         state.input_side = np.arange(3 * glued.n_faces)
     flips, rounds, ended = flip_until_delaunay(state, max_rounds=max_rounds)
+    if cover is not None:
+        cover = replace(cover, corner=state.tail.reshape(-1, 3).copy())
+        state.tail = cover.below[state.tail]
     result = unglue(state, glued, scale)
     remaining = 0 if ended and not state.refused else int(non_delaunay_edges(result).sum())
     if remaining:
@@ -125,7 +136,7 @@ def flip_to_delaunay(
         log.warning(note)
     crossings = None if state.crossings is None else state.crossings.reshape(-1, 3)
     flipped = np.zeros(0, dtype=np.int64) if state.input_side is None else _missing(state.input_side)
-    return IntrinsicDelaunay(result, flips, rounds, start, remaining, crossings, flipped, tuple(notes))
+    return IntrinsicDelaunay(result, flips, rounds, start, remaining, crossings, flipped, tuple(notes), cover)
 
 
 def _missing(numbers: NDArray) -> NDArray[np.int64]:

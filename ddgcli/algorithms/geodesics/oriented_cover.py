@@ -21,8 +21,8 @@ from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.errors import MeshError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.cures import cure
+from ddgcli.mesh.double_cover import double_cover
 from ddgcli.mesh.repair import oriented
-from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 _log = logging.getLogger("ddgcli")
@@ -179,16 +179,5 @@ def oriented_cover(mesh: TriangleMesh) -> OrientedCover:
 
 
 def _double_cover(mesh: TriangleMesh) -> OrientedCover:
-    """Double cover: every face twice; sides are glued if they have opposite directions."""
-    topology, m = mesh.topology, mesh.n_faces
-    side = np.arange(3 * m)
-    over = 3 * (m + side // 3) + (1 - side % 3) % 3  # the same side in the reversed face
-    twin, sign = topology.side_twin.ravel(), topology.side_sign.ravel()
-    clash = sign == sign[twin]
-    beyond = over[twin]
-    gluing = np.full(6 * m, -1, dtype=np.int64)
-    gluing[side] = np.where(twin < 0, -1, np.where(clash, beyond, twin))
-    gluing[over] = np.where(twin < 0, -1, np.where(clash, twin, beyond))
-    faces = np.concatenate([mesh.faces, mesh.faces[:, ::-1]])
-    cover = Topology(faces, mesh.n_vertices, gluing.reshape(-1, 3))
-    return OrientedCover(mesh, TriangleMesh(mesh.points, cover), np.arange(2 * m) >= m)
+    cover = TriangleMesh(mesh.points, double_cover(mesh.topology))
+    return OrientedCover(mesh, cover, np.arange(2 * mesh.n_faces) >= mesh.n_faces)
