@@ -10,6 +10,7 @@ __all__ = [
     "components",
     "cures",
     "curve",
+    "double_cover",
     "fields",
     "intrinsic_mesh",
     "ragged",
