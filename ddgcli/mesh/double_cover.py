@@ -19,9 +19,9 @@ def reversed_sides(side: NDArray, n_faces: int) -> NDArray[np.int64]:
     return 3 * ((face + n_faces) % (2 * n_faces)) + (1 - j) % 3
 
 
-def covering_faces(front: NDArray, back: NDArray | None = None) -> NDArray:
-    """(2m, 3) corners of the cover, from those of the faces and of their reversed copies before reversal."""
-    return np.concatenate([front, (front if back is None else back)[:, ::-1]])
+def covering_faces(corner: NDArray, mirrored: NDArray | None = None) -> NDArray:
+    """(2m, 3) corners of the cover, from those of the faces and of their copies before the reversal."""
+    return np.concatenate([corner, (corner if mirrored is None else mirrored)[:, ::-1]])
 
 
 def covering_sides(values: NDArray) -> NDArray:
@@ -77,8 +77,8 @@ def cover_vertices(topology: Topology) -> CoverVertices:
     """Number the vertices of the double cover, two for each fan of faces around a vertex."""
     m = topology.n_faces
     fan = double_cover(topology).corner_fans
-    front, back = fan[:m], fan[m:, ::-1]
+    corner, mirrored = fan[:m], fan[m:, ::-1]
     below, mirror = (np.empty(fan.max(initial=-1) + 1, dtype=np.int64) for _ in range(2))
-    for here, there in ((front, back), (back, front)):
+    for here, there in ((corner, mirrored), (mirrored, corner)):
         below[here], mirror[here] = topology.faces, there
-    return CoverVertices(front, below, mirror)
+    return CoverVertices(corner, below, mirror)

@@ -74,14 +74,14 @@ def _projected(
     m, intrinsic = mesh.n_faces, flipped.mesh
     positions, number = _projected_crossings(lifted, flipped, mesh)
     vertex = np.concatenate([sheets.below, mesh.n_vertices + number])
-    front = np.flatnonzero(lifted.input_face < m)
+    half = np.flatnonzero(lifted.input_face < m)
     points = positions.points()
     return CommonSubdivision(
         input=mesh,
         intrinsic=intrinsic,
-        mesh=TriangleMesh(points, Topology(vertex[lifted.mesh.faces[front]], len(points))),
-        input_face=lifted.input_face[front],
-        intrinsic_face=lifted.intrinsic_face[front] % m,
+        mesh=TriangleMesh(points, Topology(vertex[lifted.mesh.faces[half]], len(points))),
+        input_face=lifted.input_face[half],
+        intrinsic_face=lifted.intrinsic_face[half] % m,
         vertex_kind=positions.kind(),
         length_residual=lifted.length_residual,
         crossings=positions,
