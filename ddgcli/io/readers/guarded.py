@@ -226,12 +226,14 @@ def _check_hdf5(allow: Callable[[Any], None]) -> None:
     from ddgcli.io.readers.hdf5_links import refuse_outside
 
     begin = h5py.File.__init__
+    identifiers = (h5py.h5f.FileID, h5py.h5g.GroupID, h5py.h5d.DatasetID)  # of objects in an open file
 
     def checked(self: Any, name: Any, *args: Any, **kwargs: Any) -> None:
         if isinstance(name, (str, bytes, os.PathLike)):
             allow(os.fspath(name))
         begin(self, name, *args, **kwargs)
-        refuse_outside(self)
+        if not isinstance(name, identifiers):  # `Group.get` wraps its open file anew at every call
+            refuse_outside(self)
 
     h5py.File.__init__ = checked
 
