@@ -87,15 +87,23 @@ class VolumeDiffusion(FlowPhase):
         self.diffusion = ImplicitDiffusion(space.mass, nu * vertex_stiffness(space), fixed)
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        space = self.space
-        at_vertices = space.vertex_means(space.cell_velocity(state))
+        at_vertices = self._vertex_velocity(state)
         change = self.diffusion.step(at_vertices, self.wall, step.dt) - at_vertices
-        return space.accelerated(state, change[space.cells].mean(axis=1))
+        return self.space.accelerated(state, change[self.space.cells].mean(axis=1))
+
+    def _vertex_velocity(self, state: FluidState) -> NDArray[np.float64]:
+        """(n, 3) means at the vertices, with what the means over cells and vertices take from the flow added.
+
+        The decay of a wave then errs by half as much.
+        """
+        space, velocity = self.space, self.space.cell_velocity(state)
+        back = space.vertex_means(velocity)[space.cells].mean(axis=1)
+        return space.vertex_means(2.0 * velocity - back)
 
     def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:
         """(k, 3) what it adds to the velocity of the cells a second."""
         space, diffusion = self.space, self.diffusion
-        change = diffusion.stiffness @ space.vertex_means(space.cell_velocity(state))
+        change = diffusion.stiffness @ self._vertex_velocity(state)
         change *= -space.inverse_mass[:, None]
         change[diffusion.fixed] = 0.0
         return change[space.cells].mean(axis=1)
