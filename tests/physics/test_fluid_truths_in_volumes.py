@@ -120,7 +120,7 @@ def hill_jet(x):
 )
 def test_a_ring_and_a_spherical_vortex_travel_at_their_speed(jet, vorticity, reach, tmp_path):
     """Coarse cells are as wide as the core: 20 to 30 % of the speed is missing; with half of their width a
-    third of that, and what both tell for a mesh without end (second order) is within 5 %."""
+    third of that, and their limit (second order) is within 5 %."""
     vortex, cell = rings(vorticity, *reach, 16)
     exact = drift_in_the_box(vortex, 1.0 if jet is hill_jet else drift(vortex, vortex, cell=cell))
     coarse, fine = (speed_of(jet, cells, tmp_path) for cells in (6, 12))
