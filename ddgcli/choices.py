@@ -37,4 +37,5 @@ CONSERVED_QUANTITIES = ("energy", "momentum", "angular-momentum")
 MECHANICAL_EXAMPLES = ("pendulum", "oscillator")  # systems of the comparison of integrators
 ERROR_NORMS = ("max", "mean")
 ERROR_PARTS = ("both", "time", "mesh")  # of simulators and flows; the default first
+VELOCITY_GLYPHS = ("arrows", "streamlines", "none")  # of fluids in pictures; the default first
 NO_VERDICT = "no verdict possible"

@@ -18,7 +18,7 @@ GROUPS = {
     "Output": (
         "--output", "--json", "--full", "--colors", "--output-format", "--input-format", "--units-note",
     ),
-    "Pictures": ("--plot", "--view", "--show", "--size"),
+    "Pictures": ("--plot", "--view", "--show", "--size", "--glyphs"),
     "Run": ("--progress", "--verbose", "--quiet", "--seed", "--threads", "--help", "--help-all"),
 }  # fmt: skip
 SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow", "curve-flow")

@@ -1,4 +1,4 @@
-"""Vector fields in pictures: arrows, or stripes where a direction has no sign, thinned to be readable."""
+"""Vector fields in pictures: arrows, stripes where a direction has no sign, or streamlines."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.plots.raster import Camera, PixelFaces
+from ddgcli.plots.streamlines import streamlines
 
 SPACING = 1 / 42  # of the picture's larger side: at most one glyph in a square of this size
 HEAD = 0.34  # of an arrow's length
@@ -23,11 +24,14 @@ class Glyphs:
     places, vectors : (k, 3) ndarray of float64
     stripes : bool
         Lines without heads, through their places: v and -v are the same direction.
+    faces : (m, 3) ndarray of int64, optional
+        Of the surface in the picture, the places its vertices: streamlines are drawn instead.
     """
 
     places: NDArray[np.float64]
     vectors: NDArray[np.float64]
     stripes: bool = False
+    faces: NDArray[np.int64] | None = None
 
 
 def thin_glyphs(camera: Camera, visible: PixelFaces, glyphs: Glyphs) -> NDArray[np.int64]:
@@ -50,9 +54,10 @@ def thin_glyphs(camera: Camera, visible: PixelFaces, glyphs: Glyphs) -> NDArray[
 
 
 def draw_glyphs(axes: Any, camera: Camera, visible: PixelFaces, glyphs: Glyphs) -> None:
-    """Draw the thinned vectors; all but the longest two per cent are no longer than a square."""
-    from matplotlib.collections import LineCollection
-
+    """Draw streamlines, or the thinned vectors: all but the longest two per cent fit into a square."""
+    if glyphs.faces is not None:
+        _draw_streamlines(axes, camera, streamlines(camera, visible, glyphs.faces, glyphs.vectors))
+        return
     chosen = thin_glyphs(camera, visible, glyphs)
     if len(chosen) == 0:
         return
@@ -68,6 +73,24 @@ def draw_glyphs(axes: Any, camera: Camera, visible: PixelFaces, glyphs: Glyphs) 
         side = np.stack([-flat[:, 1], flat[:, 0]], axis=1)
         for sign in (1, -1):
             lines.append(np.stack([tip - HEAD * flat + sign * 0.5 * HEAD * side, tip], axis=1))
-    segments = np.concatenate(lines)
+    _draw_lines(axes, list(np.concatenate(lines)))
+
+
+def _draw_streamlines(axes: Any, camera: Camera, lines: list[NDArray]) -> None:
+    """Each with one head in its middle."""
+    head = HEAD * SPACING * max(camera.width, camera.height)
+    heads = []
+    for line in lines:
+        middle = len(line) // 2
+        along = line[middle] - line[middle - 1]
+        along *= head / np.hypot(*along)
+        side = np.array([-along[1], along[0]])
+        heads += [np.stack([line[middle] - along + sign * 0.5 * side, line[middle]]) for sign in (1, -1)]
+    _draw_lines(axes, lines + heads)
+
+
+def _draw_lines(axes: Any, segments: list[NDArray]) -> None:
+    from matplotlib.collections import LineCollection
+
     for width, colour in ((1.6, "white"), (0.8, "black")):
         axes.add_collection(LineCollection(segments, linewidths=width, colors=colour, capstyle="round"))

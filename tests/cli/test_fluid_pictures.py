@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
-from ddgcli.cli.simulation.plot import arrows_of, particle_lines
+from ddgcli.choices import VELOCITY_GLYPHS
+from ddgcli.cli.simulation.plot import glyphs_of_velocity, particle_lines
 from ddgcli.mesh import shapes
+from ddgcli.plots.raster import fitted_camera, rasterise, view_axes
+from ddgcli.plots.streamlines import SPACING, streamlines
 
 TIMES = np.array([0.0, 1.0, 2.0, 3.0])
 # one particle that walks along x, one that leaves a periodic square on the right and comes in on the left
@@ -30,20 +33,23 @@ def test_paths_on_a_periodic_grid_do_not_cross_the_picture():
 def test_arrows_stand_at_the_vertices_of_the_cut_of_a_volume():
     box = shapes.box_tetrahedra(4, 4, 4)
     vectors = np.tile([1.0, 0.0, 0.0], (box.n_vertices, 1))
-    arrows = arrows_of(box, vectors)
+    arrows = glyphs_of_velocity(box, vectors, "arrows", None)
     assert arrows.places[:, 1].min() > 0.2 and len(arrows.vectors) == len(arrows.places)
-    assert arrows_of(box, None) is None
+    assert glyphs_of_velocity(box, None, "arrows", None) is None
+    assert glyphs_of_velocity(box, vectors, "none", None) is None
 
 
-@pytest.mark.parametrize("what", ["arrows", "paths"])
+@pytest.mark.parametrize("what", ["arrows", "streamlines", "paths"])
 def test_arrows_and_paths_are_seen(tmp_path, what):
     from matplotlib.image import imread
 
     from ddgcli.plots.motion import PlotFrame, draw_frame, sequence_style
 
     square = shapes.grid(8, 8)
+    wind = np.tile([1.0, 0.5, 0.0], (square.n_vertices, 1))
     options = {
-        "arrows": {"arrows": arrows_of(square, np.tile([1.0, 0.5, 0.0], (square.n_vertices, 1)))},
+        "arrows": {"arrows": glyphs_of_velocity(square, wind, "arrows", None)},
+        "streamlines": {"arrows": glyphs_of_velocity(square, wind, "streamlines", None)},
         "paths": {"paths": [np.array([[0.2, 0.2, 0.0], [0.8, 0.6, 0.0]])]},
     }
     line_pixels = []
@@ -53,3 +59,47 @@ def test_arrows_and_paths_are_seen(tmp_path, what):
         draw_frame(path, plot_frame, sequence_style([plot_frame]), 3.0, 2.25, 100)
         line_pixels.append(int((imread(path)[..., :3].max(axis=2) < 0.3).sum()))
     assert line_pixels[1] > line_pixels[0] + 50
+
+
+def turning_streamlines(size=400):
+    """Streamlines of a turn about the middle of a square, as columns and rows from the middle."""
+    square = shapes.grid(16, 16)
+    x, y, _ = square.points.T - 0.5
+    camera = fitted_camera(square.points, view_axes(square.points, "z"), size, size)
+    visible = rasterise(camera, square.points, square.faces)
+    lines = streamlines(camera, visible, square.faces, np.stack([-y, x, 0 * x], axis=1))
+    return [line - size / 2 for line in lines]
+
+
+def test_streamlines_of_a_turn_are_circles_about_its_centre():
+    lines = turning_streamlines()
+    radii = [np.hypot(*line.T) for line in lines]
+    assert len(lines) > 8 and max(len(line) for line in lines) > 100
+    # a step is a fifth of the spacing, the direction that of a pixel
+    assert all(np.ptp(radius) < 0.04 * 400 for radius in radii)
+    # counter-clockwise as the flow: rows grow downwards
+    turns = [line[:-1, 0] * line[1:, 1] - line[:-1, 1] * line[1:, 0] for line in lines]
+    assert all((turn < 0).all() for turn in turns)
+
+
+def test_streamlines_keep_their_distance():
+    lines = turning_streamlines()
+    spacing = SPACING * 400
+    for k, line in enumerate(lines):
+        for other in lines[:k]:
+            gap = np.hypot(*(line[:, None] - other[None]).transpose(2, 0, 1)).min()
+            assert gap > 0.4 * spacing
+
+
+def test_the_option_of_glyphs_changes_the_picture(run, tmp_path):
+    pictures = []
+    scene = '[[object]]\nrole = "fluid"\ngrid = { size = [1, 1], cells = [8, 8] }\n[effects]\n'
+    (tmp_path / "s.toml").write_text(scene + 'initial = { vorticity = "x*y" }\n')
+    for style in VELOCITY_GLYPHS:
+        target = tmp_path / f"{style}.png"
+        words = ["--steps", "1", "--dt", "0.1", "--glyphs", style, "--plot", target, "--size", "400x480"]
+        assert run("fluid-sim", tmp_path / "s.toml", *words).exit_code == 0
+        pictures.append(target.read_bytes())
+    assert len(set(pictures)) == len(VELOCITY_GLYPHS)
+    refused = run("fluid-sim", tmp_path / "s.toml", "--steps", "1", "--glyphs", "streamlines")
+    assert refused.exit_code == 2 and "--plot" in refused.stderr

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from ddgcli.choices import VELOCITY_GLYPHS
 from ddgcli.cli.simulation.options import SceneCall, scene_options
+from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
     from ddgcli.cli.simulation.plot import Picture
@@ -28,8 +30,12 @@ if TYPE_CHECKING:
 @scene_options
 @click.option("--vorticity", metavar="ARRAY", help="Quick form: vertex array, .npy or expression in x, y, z.")
 @click.option("--flow", metavar="NAME", help="Quick form: an initial flow by name.")
+@click.option(
+    "--glyphs", type=click.Choice(VELOCITY_GLYPHS), default=VELOCITY_GLYPHS[0], show_default=True,
+    help="Velocity in the picture.",
+)  # fmt: skip
 @click.option("--viscosity", metavar="NU", help="Quick form: kinematic viscosity [m^2/s].")
-def command(call: SceneCall, **quick: Any) -> None:
+def command(call: SceneCall, glyphs: str, **quick: Any) -> None:
     """Move an incompressible fluid on a surface: SCENE (.toml, or a mesh for the quick form) in.
 
     \b
@@ -41,7 +47,11 @@ def command(call: SceneCall, **quick: Any) -> None:
     from ddgcli.cli.simulation.scene_run import run_scene
     from ddgcli.models.fluid.scene import KIND
 
-    run_scene(call, KIND, Fluids, *quick_lines({"effect_lines": call.effect_lines, **quick}))
+    if glyphs != VELOCITY_GLYPHS[0] and call.common.plot is None:
+        raise ParameterError("--glyphs is for pictures; draw one with --plot")
+    run_scene(
+        call, KIND, partial(Fluids, glyphs=glyphs), *quick_lines({"effect_lines": call.effect_lines, **quick})
+    )
 
 
 def quick_lines(options: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, Any]]:
@@ -67,7 +77,10 @@ class Fluids:
     moving = False
     splits = False
 
-    def __init__(self, scene: Scene, account: Account, read_mesh: ReadMesh, read_array: ReadArray) -> None:
+    def __init__(
+        self, scene: Scene, account: Account, read_mesh: ReadMesh, read_array: ReadArray,
+        glyphs: str = VELOCITY_GLYPHS[0],
+    ) -> None:  # fmt: skip
         from ddgcli.models.fluid import model
 
         contexts = model.contexts(scene, read_mesh, read_array)
@@ -75,7 +88,7 @@ class Fluids:
         self.contexts = {name: context for name, (context, _) in contexts.items()}
         self.meshes = {name: context.mesh for name, context in self.contexts.items()}
         self.sha256 = {name: sha for name, (_, sha) in contexts.items()}
-        self.largest = 0.0
+        self.largest, self.glyphs = 0.0, glyphs
 
     @cached_property
     def built(self) -> dict[str, Any]:
@@ -115,7 +128,7 @@ class Fluids:
         limits = None if robust else (-reach, reach)
         return Picture(
             "vorticity", "vorticity [1/s]", limits, shown=~wraps(list(self.meshes.values())),
-            arrows="velocity",
+            arrows="velocity", glyphs=self.glyphs,
             energy="kinetic energy over density [m^4/s^2]",
         )  # fmt: skip
 

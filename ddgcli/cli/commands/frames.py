@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ddgcli.choices import VELOCITY_GLYPHS
 from ddgcli.cli import options
 from ddgcli.cli.input_facts import input_facts
 from ddgcli.cli.options import CommonOptions
@@ -43,6 +44,9 @@ FRAME_NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # where an output's name has th
 )
 @click.option("--array", metavar="NAME", help="The same as --show; 'none' for none.")
 @click.option("--paths", is_flag=True, help="Write the paths of particles as polylines instead of the mesh.")
+@click.option(
+    "--glyphs", type=click.Choice(VELOCITY_GLYPHS), help="Velocity of a fluid in pictures.  [default: arrows]"
+)
 @click.option("--fps", type=options.POSITIVE_NUMBER, help="Frames a second of an animation.  [default: 25]")
 def command(path: str, common: CommonOptions, **settings: Any) -> None:
     """Export frames of a trajectory (complete, or a .part that still grows).
@@ -107,6 +111,7 @@ def _check_picture_options(common: CommonOptions, settings: dict[str, Any]) -> N
         ("view", {*ANIMATIONS, *FORMATS}),
         ("size", {*ANIMATIONS, *FORMATS}),
         ("array", {*ANIMATIONS, *FORMATS}),
+        ("glyphs", {*ANIMATIONS, *FORMATS}),
     ):
         if settings[name] is not None and not outputs & suffixes:
             raise ParameterError(f"--{name} is for {' '.join(sorted(suffixes))}; write one with -o")
@@ -256,7 +261,7 @@ def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> Non
 
 
 def _plot_frames(source: Trajectory, chosen: list[int], settings: dict[str, Any]) -> Iterator[PlotFrame]:
-    from ddgcli.cli.simulation.plot import arrows_of, magnitude, particle_lines, visible_part
+    from ddgcli.cli.simulation.plot import glyphs_of_velocity, magnitude, particle_lines, visible_part
     from ddgcli.plots.motion import PlotFrame
 
     name = _array_name(source, settings)
@@ -269,7 +274,8 @@ def _plot_frames(source: Trajectory, chosen: list[int], settings: dict[str, Any]
         vectors = source.vertex(k).get("velocity") if "vorticity" in source.vertex(k) else None
         yield PlotFrame(
             time, visible_part(whole, shown), values, list(source.obstacles(k).values()),
-            arrows_of(whole, vectors), particle_lines(source.times, source.scalars, time, shown, whole),
+            glyphs_of_velocity(whole, vectors, settings["glyphs"] or VELOCITY_GLYPHS[0], shown),
+            particle_lines(source.times, source.scalars, time, shown, whole),
         )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from ddgcli.choices import VELOCITY_GLYPHS
 from ddgcli.cli.options import CommonOptions, named_array, page_size
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -32,7 +33,9 @@ class Picture:
     shown : (m,) ndarray of bool, optional
         Faces to draw.
     arrows : str, optional
-        Vertex array of vectors, drawn as arrows over the colours.
+        Vertex array of vectors, drawn over the colours.
+    glyphs : str
+        How, of `VELOCITY_GLYPHS`.
     energy, time_unit : str
         Labels of the chart.
     """
@@ -43,6 +46,7 @@ class Picture:
     edges: bool = False
     shown: NDArray | None = None
     arrows: str | None = None
+    glyphs: str = VELOCITY_GLYPHS[0]
     energy: str = "energy [J]"
     time_unit: str = "s"
 
@@ -71,7 +75,9 @@ def draw_run(
                 visible_part(mesh, picture.shown),
                 values,
                 obstacles(trajectory_frame.time),
-                arrows_of(mesh, trajectory_frame.vertex.get(picture.arrows or "")),
+                glyphs_of_velocity(
+                    mesh, trajectory_frame.vertex.get(picture.arrows or ""), picture.glyphs, picture.shown
+                ),
                 particle_lines(outcome.times, outcome.series, trajectory_frame.time, picture.shown, mesh),
             )
         )
@@ -90,16 +96,19 @@ def draw_run(
                 **page_size(common.size, 9.0))  # fmt: skip
 
 
-def arrows_of(mesh: Any, vectors: NDArray | None) -> Any:
-    """Arrows at the vertices that pictures show; None without vectors."""
+def glyphs_of_velocity(mesh: Any, vectors: NDArray | None, style: str, shown: NDArray | None) -> Any:
+    """Arrows at the vertices that pictures show, or streamlines; None without vectors."""
     import numpy as np
 
     from ddgcli.plots.glyphs import Glyphs
 
-    if vectors is None:
+    if vectors is None or style == "none":
         return None
-    shown = np.unique(visible_part(mesh, None).faces)
-    return Glyphs(np.asarray(mesh.points)[shown], np.asarray(vectors, dtype=np.float64)[shown])
+    faces = visible_part(mesh, shown).faces
+    if style == "streamlines":
+        return Glyphs(mesh.points, np.asarray(vectors, dtype=np.float64), faces=faces)
+    seen = np.unique(faces)
+    return Glyphs(np.asarray(mesh.points)[seen], np.asarray(vectors, dtype=np.float64)[seen])
 
 
 LONGEST_STEP = 0.5  # of the size of a periodic grid: a longer step of a particle crosses its sides
