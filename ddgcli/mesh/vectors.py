@@ -49,3 +49,11 @@ def cone_volume(a: NDArray, b: NDArray, c: NDArray) -> NDArray[np.float64]:
 def moved_rigidly(points: NDArray, row: NDArray) -> NDArray[np.float64]:
     """(n, 3) points after a rigid motion, given as (12,) rotation by rows, then translation."""
     return points @ row[:9].reshape(3, 3).T + row[9:12]
+
+
+def tangents(normal: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two unit vectors that make a right-handed frame with a unit normal (3,); axes where it is one."""
+    axis = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    second = np.cross(normal, axis)
+    second /= np.linalg.norm(second)
+    return np.cross(second, normal), second

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.mesh.shapes import box, grid, icosphere
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import tangents
 from ddgcli.scenes.shapes import rotation_matrix
 
 BALL_SUBDIVISIONS = 4
@@ -71,24 +72,16 @@ def _square(point: NDArray, normal: NDArray, bodies: NDArray) -> TriangleMesh:
     middle = 0.5 * (low + high)
     middle = middle - ((middle - point) @ normal) * normal
     reach = PLANE_SHARE * (float(np.linalg.norm(high - low)) or 1.0)
-    across, along = _tangents(normal)
+    across, along = tangents(normal)
     flat = grid(PLANE_CELLS, PLANE_CELLS)
     share = flat.points[:, :2] / flat.points[:, :2].max() * 2.0 - 1.0
     return flat.moved(middle + reach * (share[:, :1] * across + share[:, 1:] * along))
 
 
-def _tangents(normal: NDArray) -> tuple[NDArray, NDArray]:
-    """Two unit vectors that make a right-handed frame with the normal; along the axes where it is one."""
-    axis = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    along = np.cross(normal, axis)
-    along /= np.linalg.norm(along)
-    return np.cross(along, normal), along
-
-
 def _cylinder(start: NDArray, end: NDArray, radius: float) -> TriangleMesh:
     """Closed cylinder with flat ends."""
     axis = (end - start) / np.linalg.norm(end - start)
-    across, along = _tangents(axis)
+    across, along = tangents(axis)
     angle = 2 * np.pi * np.arange(CYLINDER_SIDES) / CYLINDER_SIDES
     ring = radius * (np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * along)
     points = np.concatenate([start + ring, end + ring, [start, end]])

@@ -1,4 +1,4 @@
-"""Objects of a scene and their shapes: a mesh file, or a grid, sphere or box made here; planes."""
+"""Objects of a scene and their shapes: a mesh file, or a grid, sphere, box or cylinder; planes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ddgcli.mesh.shapes import box, box_tetrahedra, icosphere, wrapped_grid
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import vector_length
+from ddgcli.mesh.vectors import tangents, unit_vectors, vector_length
 from ddgcli.scenes.scene import ObjectSection
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity, vector
@@ -26,7 +26,6 @@ from ddgcli.scenes.units import quantity, vector
 # mypy: disable-error-code="valid-type"
 
 HEIGHT_TOLERANCE = 1e-3  # relative: heights as they are written, with some digits
-SHAPES = ("mesh", "grid", "plane", "sphere", "box")
 
 
 class Grid(Section):
@@ -108,6 +107,22 @@ class Cylinder(Section):
         return self
 
 
+class CylinderSide(Cylinder):
+    """The side of a cylinder, open at both ends, normal outward."""
+
+    cells: list[int] = Field(default=[32, 16], min_length=2, max_length=2, description="around and along")
+
+    @model_validator(mode="after")
+    def _checked_cells(self) -> CylinderSide:
+        if self.cells[0] < 4 or self.cells[0] % 2 or self.cells[1] < 1:
+            raise ValueError(
+                "the cells of a cylinder must be an even number around, 4 or more, and 1 or more along"
+            )
+        if max(self.cells) > 20000:
+            raise ValueError("the cells of a cylinder must be at most 20000")
+        return self
+
+
 class Rotation(Section):
     """A turn about an axis through the object's origin."""
 
@@ -128,13 +143,14 @@ class SurfaceObject(ObjectSection):
     grid: Grid | None = None
     sphere: Sphere | None = None
     box: Box | None = None
+    cylinder: CylinderSide | None = None
     position: vector("m", "where the object's origin goes") = (0.0, 0.0, 0.0)
     rotation: Rotation | None = None
     scale: quantity("", "factor on the mesh, before rotation", gt=0) = 1.0
 
     @model_validator(mode="after")
     def _one_shape(self) -> SurfaceObject:
-        require_one_shape(self, ("mesh", "grid", "sphere", "box"))
+        require_one_shape(self, ("mesh", "grid", "sphere", "box", "cylinder"))
         return self
 
 
@@ -207,15 +223,34 @@ def place(section: SurfaceObject, read: Callable[[str], Any], volumes: bool = Fa
 
 
 def shape_mesh(section: Any) -> TriangleMesh:
-    """Mesh of a grid, sphere or box."""
+    """Mesh of a grid, sphere, box or cylinder."""
     if section.grid is not None:
         return grid_mesh(section.grid)
+    if section.cylinder is not None:
+        return cylinder_mesh(section.cylinder)
     if section.sphere is not None:
         ball = icosphere(section.sphere.subdivisions, section.sphere.radius)
         return ball.moved(ball.points + np.array(section.sphere.center))
     nx, ny, nz = section.box.cells
     solid = box(nx, ny, nz, section.box.size)
     return solid.moved(solid.points + np.array(section.box.corner))
+
+
+def cylinder_mesh(side: CylinderSide) -> TriangleMesh:
+    """Side of a cylinder; vertex i (cells along + 1) + j is on ring j from the start, diagonals alternate."""
+    around, height, faces = wrapped_grid(*side.cells, wrap_u=True, pattern="alternating")
+    start, end, angle = np.array(side.start), np.array(side.end), 2 * np.pi * around
+    first, second = tangents((end - start) / np.linalg.norm(end - start))
+    ring = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+    return TriangleMesh.from_arrays(start + height[:, None] * (end - start) + side.radius * ring, faces)
+
+
+def on_cylinder(side: Cylinder, points: NDArray) -> NDArray[np.float64]:
+    """Points (n, 3) moved away from the axis, or towards it, to the radius."""
+    start, end = np.array(side.start), np.array(side.end)
+    axis = (end - start) / np.linalg.norm(end - start)
+    foot = start + ((points - start) @ axis)[:, None] * axis
+    return foot + side.radius * unit_vectors(points - foot)
 
 
 def grid_mesh(grid: Grid) -> TriangleMesh:

@@ -1,7 +1,8 @@
 """Scenes on finer meshes: every face of an object split in four, the vertices of the input kept.
 
-New vertices lie on the shape that the mesh samples: on the sphere of a scene's `sphere`, in the flat faces of
-grids and boxes, and on a smooth surface through the vertices of a mesh file, except at its creases.
+New vertices lie on the shape that the mesh samples: on the sphere of a scene's `sphere` and the side of its
+`cylinder`, in the flat faces of grids and boxes, and on a smooth surface through the vertices of a mesh file,
+except at its creases.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_dot
 from ddgcli.scenes.scene import SceneKind, resolve
 from ddgcli.scenes.sections import Document
-from ddgcli.scenes.shapes import periodic_grid, shape_mesh
+from ddgcli.scenes.shapes import on_cylinder, periodic_grid, shape_mesh
 
 CREASE_ANGLE = np.pi / 4  # dihedral angle above which an edge stays a crease
 PREFIX = "refined:"  # of the names of refined meshes
@@ -117,7 +118,7 @@ def refined_scene(
             vertex={k: prolonged(v, meshes) for k, v in source.vertex.items()},
             face={k: np.concatenate([v] * 4**times) for k, v in source.face.items()},
         )  # fmt: skip
-        for shape in ("mesh", "grid", "sphere", "box"):
+        for shape in ("mesh", "grid", "sphere", "box", "cylinder"):
             table.pop(shape, None)
         table["mesh"] = name
         kept[section.name] = np.arange(source.mesh.n_vertices)
@@ -147,6 +148,9 @@ def _split(mesh: TriangleMesh, section: Any) -> TriangleMesh:
         centre, radius = np.array(section.sphere.center), section.sphere.radius
         unit = mesh_on_sphere(midpoint_subdivided(mesh.moved((mesh.points - centre) / radius)))
         return unit.moved(centre + radius * unit.points)
+    if section.cylinder is not None:
+        finer = midpoint_subdivided(mesh)
+        return finer.moved(on_cylinder(section.cylinder, np.asarray(finer.points)))
     return smoothly_subdivided(mesh) if section.mesh is not None else midpoint_subdivided(mesh)
 
 

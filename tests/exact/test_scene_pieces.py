@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.scenes.expressions import evaluate, parse
 from ddgcli.scenes.materials import MATERIALS, filled
-from ddgcli.scenes.shapes import Grid, grid_mesh, periodic_grid, rotation_matrix
+from ddgcli.scenes.shapes import CylinderSide, Grid, cylinder_mesh, grid_mesh, periodic_grid, rotation_matrix
 from ddgcli.scenes.units import parse_quantity
 
 
@@ -202,6 +202,21 @@ def test_periodic_grids_are_flat(pattern, periodic, euler):
     assert face_area(flat.side_length).sum() == pytest.approx(6.0)
     total = np.bincount(flat.faces.ravel(), weights=corner_angle(flat.side_length).ravel())
     assert np.allclose(total[~flat.topology.boundary_vertex], 2 * np.pi)
+
+
+def test_cylinder_is_the_side_of_a_prism_with_outward_normals_however_it_lies():
+    side = CylinderSide(start=[1, 2, 3], end=[1, 4, 3], radius=0.5, cells=[12, 3])
+    mesh = cylinder_mesh(side)
+    points = np.asarray(mesh.points)
+    assert mesh.topology.boundary_loops == 2
+    assert np.linalg.norm(points[:, [0, 2]] - [1, 3], axis=1) == pytest.approx(0.5)
+    assert points.reshape(12, 4, 3)[..., 1] == pytest.approx(np.tile([2, 8 / 3, 10 / 3, 4], (12, 1)))
+    corner = points[mesh.faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]) / 2
+    assert (np.einsum("fi,fi->f", normal, corner.mean(axis=1) - [1, 3, 3]) > 0).all()
+    assert np.linalg.norm(normal, axis=1).sum() == pytest.approx(2 * 12 * np.sin(np.pi / 12))
+    with pytest.raises(ValueError, match="even number around"):
+        CylinderSide(start=[0, 0, 0], end=[0, 0, 1], radius=1, cells=[5, 3])
 
 
 def test_the_integrator_of_the_command_line_leaves_the_parameters_of_the_scene_s_behind():

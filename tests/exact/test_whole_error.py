@@ -107,6 +107,20 @@ def frames_of(finer, steps):
         yield snapshot.observations
 
 
+def test_vertices_of_a_finer_cylinder_lie_on_it():
+    scene = PLATE.replace(
+        "grid = { size = [1, 1], cells = [3, 3] }",
+        "cylinder = { start = [0, 0, 1], end = [0, 2, 2], radius = 0.5, cells = [8, 2] }",
+    )
+    finer = refined_scene(parse_scene(scene), SHELL, None, None, 2)
+    section = resolve(finer.document, SHELL, {}).objects[0]
+    points = np.asarray(finer.read(section.mesh).mesh.points)
+    axis = np.array([0, 2, 1]) / np.sqrt(5)
+    assert len(points) == 32 * 9
+    assert np.linalg.norm(np.cross(points - [0, 0, 1], axis), axis=1) == pytest.approx(0.5)
+    assert np.isclose((points - [0, 0, 1]) @ axis, 0).sum() == 32
+
+
 def test_pins_of_a_finer_plate_hold_the_vertices_between_them():
     finer = refined_scene(parse_scene(PLATE), SHELL, None, None, 2)
     mesh = finer.read(finer.document.data["object"][0]["mesh"]).mesh

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.vectors import tangents
 from ddgcli.models.fluid.context import FluidContext
 
 
@@ -138,10 +139,9 @@ def vortex_ring(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     axis = axis / np.linalg.norm(axis)
     radius = 0.5 * parameters.separation if parameters.separation else 0.2 * float((high - low).min())
     core = parameters.core or 0.3 * radius
-    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    first /= np.linalg.norm(first)
+    first, second = tangents(axis)
     angle = 2.0 * np.pi * (np.arange(RING_SEGMENTS) + 0.5) / RING_SEGMENTS
-    out = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * np.cross(axis, first)
+    out = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
     piece = 2.0 * np.pi * radius / RING_SEGMENTS * np.cross(axis, out)
     x, velocity = context.face_points(), np.zeros((len(context.cells), 3))
     for place, along in zip(centre + radius * out, piece):
