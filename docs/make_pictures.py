@@ -34,6 +34,9 @@ COMMANDS: dict[str, list[str]] = {
     ],
     "laplacian": ["laplacian", "sample_meshes/frame.off", "--hks", "0.1"],
     "hodge": ["hodge", "sample_meshes/frame.off"],
+    "tradeoff-maps": [
+        *("tradeoff", "laplacian", "sample_meshes/saddle.obj", "--maps", "--norm", "mean", "--repeat", "3"),
+    ],
     "tradeoff-pendulum": [
         *("tradeoff", "shell-sim", "pendulum", "--conserved", "energy", "--repeat", "1"),
         *("--budget", "100", "--duration", "20"),

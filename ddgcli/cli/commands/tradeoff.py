@@ -11,7 +11,13 @@ import click
 
 from ddgcli.choices import CONSERVED_QUANTITIES, ERROR_NORMS, ERROR_PARTS, MECHANICAL_EXAMPLES
 from ddgcli.cli import options
-from ddgcli.cli.commands.tradeoff_options import COMPARABLE_OPTIONS, SOURCE_OPTIONS, CommandCall, parse
+from ddgcli.cli.commands.tradeoff_options import (
+    COMPARABLE_OPTIONS,
+    MAP_OPTIONS,
+    SOURCE_OPTIONS,
+    CommandCall,
+    parse,
+)
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
@@ -60,6 +66,11 @@ SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
     "oscillator.",
 )
 @click.option(
+    "--maps",
+    is_flag=True,
+    help="laplacian: compare the maps to the plane of --parameterize by their conformal distortion.",
+)
+@click.option(
     "--budget",
     type=options.POSITIVE_NUMBER,
     metavar="SECONDS",
@@ -84,6 +95,7 @@ def command(
     error_part: str | None,
     truth: str | None,
     conserved: str | None,
+    maps: bool,
     budget: float,
     repeat: int,
     common: CommonOptions,
@@ -102,6 +114,7 @@ def command(
     Examples:
       ddgcli tradeoff geodesic bunny.ply --source 5 --within 1e-3
       ddgcli tradeoff laplacian bunny.ply --eigen 20 --mass lumped -o rows.csv
+      ddgcli tradeoff laplacian face.obj --maps --norm mean
       ddgcli tradeoff curvature sphere.ply --truth sphere:1 --plot tradeoff.png
       ddgcli tradeoff shell-sim hat.toml --dt 1e-3 --integrator newmark --budget 120
     """
@@ -122,10 +135,13 @@ def command(
         repeat=repeat,
         **({"error": error_part or ERROR_PARTS[0]} if compared in SIMULATORS and not conserved else {}),
         **({"conserved": conserved} if conserved else {}),
+        **({"maps": maps} if maps else {}),
         **call.options,
     )
     if conserved is not None:
         problem = _conservation_problem(run, compared, call, conserved)
+    elif maps:
+        problem = _map_problem(run, compared, call, truth)
     else:
         problem = _problem(run, compared, call, truth, error_part or ERROR_PARTS[0])
 
@@ -172,6 +188,22 @@ def _problem(run: Run, compared: str, call: CommandCall, truth: str | None, erro
         named = {name: call.options[name] for name in SOURCE_OPTIONS if name in call.options}
         keywords["sources"] = query_sources(mesh, DistanceQuery(**named))
     return mesh_problem(compared, mesh, truth=known, options=call.options, **keywords)
+
+
+def _map_problem(run: Run, compared: str, call: CommandCall, truth: str | None) -> Problem:
+    """Problem of the distortion of maps to the plane."""
+    if compared != "laplacian":
+        raise ParameterError("compares maps of laplacian; leave it out", parameter="maps")
+    if truth is not None:
+        raise ParameterError("maps are compared with conformal ones; leave it out", parameter="truth")
+    other = next((name for name in call.options if name not in MAP_OPTIONS), None)
+    if other is not None:
+        raise ParameterError(
+            f"--{other} changes nothing that --maps compares; it takes --operator, --subdivide"
+        )
+    from ddgcli.tradeoff.problems.table import mesh_problem
+
+    return mesh_problem("maps", run.read(call.path).surface, options=call.options)
 
 
 def _conservation_problem(run: Run, compared: str, call: CommandCall, quantity: str) -> Problem:

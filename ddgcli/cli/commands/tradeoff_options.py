@@ -15,6 +15,7 @@ TIME_OPTIONS = ("steps", "duration", "step", "tolerance")
 SHELL_OPTIONS = ("effect_lines", "pinned", "material", "settings")
 FLUID_OPTIONS = ("effect_lines", "vorticity", "flow", "viscosity")
 FLOW_OPTIONS = ("flow", "energy", "boundary", "fix_area", "fix_volume")
+MAP_OPTIONS = ("operator", "subdivide")  # of laplacian, with `maps`
 SOURCE_OPTIONS = ("source", "source_point", "source_face")
 
 # command -> (options of the problem, the same in every row; options that choose methods and parameters)
