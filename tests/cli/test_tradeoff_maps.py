@@ -13,10 +13,10 @@ from ddgcli.mesh.fields import AnnotatedMesh
 
 @pytest.fixture
 def saddle(tmp_path):
-    sheet = shapes.grid(7, 7, pattern="alternating")
-    x, y, _ = sheet.points.T
+    square = shapes.grid(7, 7, pattern="alternating")
+    x, y, _ = square.points.T
     path = str(tmp_path / "saddle.ply")
-    write_mesh(path, AnnotatedMesh(sheet.moved(np.stack([x, y, 0.8 * x * y * (1 - x)], axis=1))))
+    write_mesh(path, AnnotatedMesh(square.moved(np.stack([x, y, 0.8 * x * y * (1 - x)], axis=1))))
     return path
 
 
