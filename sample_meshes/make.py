@@ -1,7 +1,7 @@
 """Write the sample meshes: `make samples`, or `python sample_meshes/make.py [FOLDER]`.
 
 Every coordinate is rounded to nine decimals, so that machines whose sines differ in the last bit write the
-same bytes. The truths beside the shapes stand in README.md and are held by tests/exact/test_sample_meshes.py.
+same bytes. The truths beside the shapes are in README.md and are held by tests/exact/test_sample_meshes.py.
 """
 
 from __future__ import annotations

@@ -25,8 +25,13 @@ PROSE = re.compile(
 )
 PROSE_FILES = sorted(
     path
-    for path in (*(ROOT / "ddgcli").rglob("*.py"), *(ROOT / "docs").rglob("*.md"), ROOT / "README.md")
-    if path.parent.name != "accuracy"
+    for path in (
+        *FILES,
+        *(ROOT / "docs").rglob("*.md"),
+        ROOT / "README.md",
+        ROOT / "benchmarks" / "README.md",
+    )
+    if path.parent.name != "accuracy" and path != Path(__file__)
 )
 
 

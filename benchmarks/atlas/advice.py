@@ -33,7 +33,7 @@ weights positive, which Poisson problems and flows need.
 """,
     "delaunay": """
 Choosing a method:
-flips. On stretched triangles they more than halve the error of a Poisson solve for the price of a
+flips. On stretched triangles they more than halve the error of a Poisson solve at the cost of a
 quarter of a solve; on good ones they change nothing. Refinement to 25 degrees takes longer than the solve
 and, on irregular, stretched and noisy triangles, does not lower this error (the surface, not the
 triangles, makes it): take it where angles must be bounded.
@@ -216,7 +216,7 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda t: t.error("flips", "stretched") < 0.5 * t.error("input as it is", "stretched"),
         ),
         (
-            "for the price of a quarter of a solve",
+            "at the cost of a quarter of a solve",
             lambda t: t.row("flips", "stretched")["setup_seconds"] < 0.35 * t.query("flips", "stretched"),
         ),
         (

@@ -1,6 +1,6 @@
 """A standard semi-Lagrangian solver: velocities carried as vectors, then projected (J. Stam, 1999).
 
-A peer for the integrators: it stands on the same operators, so that only the schemes differ.
+A peer for the integrators: it uses the same operators, so that only the schemes differ.
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ class Case:
     calls : dict of str to calls
         The commands of the row.
     expected : dict
-        Truths that only the catalogue knows: `betti_numbers`, `known_distance`; of a file: `load`.
+        Truths that only the catalogue states: `betti_numbers`, `known_distance`; of a file: `load`.
     checks : tuple of str
         Names of further checks (see `judge`).
     quick : tuple of str

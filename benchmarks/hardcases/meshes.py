@@ -49,7 +49,7 @@ def truths_of(
     betti_numbers: tuple[int, ...] | None = None,
     known_distance: tuple[int, float] | None = None,
 ) -> Truths:
-    """Truths of a mesh by direct counting, and the closed forms that the generator knows."""
+    """Truths of a mesh by direct counting, and the closed forms of the generator."""
     corners = points.astype(np.longdouble)[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = float(np.sqrt((normal**2).sum(1)).sum() / 2)

@@ -38,8 +38,8 @@ def igl_exact(points: NDArray, faces: NDArray) -> Answer:
     import igl
 
     everywhere = np.arange(len(points), dtype=np.int64)
-    nobody = np.zeros(0, dtype=np.int64)
-    return {"distance": igl.exact_geodesic(points, faces, np.array([0]), nobody, everywhere, nobody)}
+    no_faces = np.zeros(0, dtype=np.int64)
+    return {"distance": igl.exact_geodesic(points, faces, np.array([0]), no_faces, everywhere, no_faces)}
 
 
 def igl_curvature(points: NDArray, faces: NDArray) -> Answer:

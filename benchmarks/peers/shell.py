@@ -111,7 +111,7 @@ def kernels(n: int) -> dict[str, float]:
 def steps(
     n: int, integrator: str, membrane: str, bending: str, dt: float = 0.01, count: int = 3
 ) -> list[float]:
-    """Milliseconds a step, by part, after one step that pays for patterns."""
+    """Milliseconds a step, by part, after one step that builds the patterns."""
     s, _, parameters, account = system(n, integrator, membrane, bending)
     scheme = INTEGRATORS[integrator]
     dt = 1e-5 if np.isfinite(scheme.reach(parameters)) else dt

@@ -115,9 +115,9 @@ def test_every_link_leads_somewhere(page):
         if target.startswith("http"):
             continue
         path, _, anchor = target.partition("#")
-        there = (page.parent / path) if path else page
-        assert there.exists(), target
-        headings = re.findall(r"^#+ (.*)$", there.read_text(encoding="utf-8"), re.M) if anchor else []
+        linked_page = (page.parent / path) if path else page
+        assert linked_page.exists(), target
+        headings = re.findall(r"^#+ (.*)$", linked_page.read_text(encoding="utf-8"), re.M) if anchor else []
         assert not anchor or anchor in [
             re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings
         ], target

@@ -10,7 +10,7 @@ from ddgcli.plots.raster import fitted_camera, rasterise, view_axes
 from ddgcli.plots.streamlines import SPACING, streamlines
 
 TIMES = np.array([0.0, 1.0, 2.0, 3.0])
-# one particle that walks along x, one that leaves a periodic square on the right and comes in on the left
+# one particle that moves along x, one that leaves a periodic square on the right and comes in on the left
 WALK = np.array([[0.1, 0.2, 0.3, 0.4], [0.8, 0.95, 0.1, 0.25]])
 PLACES = np.stack([WALK, 0.5 + 0 * WALK, 0 * WALK], axis=2).transpose(1, 0, 2).reshape(4, -1)
 

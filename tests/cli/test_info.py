@@ -1,4 +1,4 @@
-"""`info` tells the truth about meshes whose truth is known."""
+"""`info` reports known facts of meshes correctly."""
 
 from pathlib import Path
 

@@ -84,7 +84,7 @@ def test_sizes_that_are_none_are_refused(run, torus, tmp_path, value):
     assert result.exit_code == 2 and result.stderr.count("\n") == 1
 
 
-def test_pictures_have_1280_pixels_by_default(summary, torus, tmp_path):
+def test_pictures_have_1280_pixels_by_default(default_pictures, summary, torus, tmp_path):
     summary("info", torus, "--plot", tmp_path / "a.png")
     assert pixels(tmp_path / "a.png")[0] >= 1280
 

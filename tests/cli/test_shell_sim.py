@@ -163,7 +163,7 @@ def test_effects_and_schema_are_listed(run):
 
 
 def test_schema_says_what_the_scene_reader_says(run):
-    """Bounds and presets stand in the words of JSON Schema; what the reader fills in is not required."""
+    """Bounds and presets are in the words of JSON Schema; what the reader fills in is not required."""
     schema = json.loads(run("shell-sim", "--schema").stdout)
     time = next(t for t in schema["properties"]["time"]["anyOf"] if "beta" in t["properties"])
     number = time["properties"]["duration"]["anyOf"][0]

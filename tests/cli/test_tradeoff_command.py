@@ -1,4 +1,4 @@
-"""`ddgcli tradeoff`: errors re-derived independently, references that know their own error."""
+"""`ddgcli tradeoff`: errors re-derived independently, references whose uncertainty covers their error."""
 
 import json
 import os

@@ -36,8 +36,8 @@ def voxel_sphere(radius):
     for axis in range(3):
         u, v = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
         step = np.roll(inside, -1, axis=axis)
-        for here, turned in ((inside & ~step, False), (~inside & step, True)):
-            corner = np.argwhere(here)
+        for crossing, turned in ((inside & ~step, False), (~inside & step, True)):
+            corner = np.argwhere(crossing)
             corner[:, axis] += 1
             quad = np.stack([corner, corner + u, corner + u + v, corner + v], axis=1)
             quads.append(quad[:, ::-1] if turned else quad)

@@ -80,7 +80,10 @@ def test_runge_kutta_orders_are_1_2_and_4(case, order):
         errors.append(np.abs(ends(mesh, curves) - truth).max())
         assert 0.9 < curves.error_estimate.max() / errors[-1] < 1.2 * 2**order  # against steps twice as long
     rates = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert np.abs(rates - order).max() < 0.1, (errors, rates)  # a higher order than asked is wrong as well
+    assert np.abs(rates - order).max() < 0.1, (
+        errors,
+        rates,
+    )  # nor a higher order
 
 
 @pytest.mark.parametrize("mesh", [shapes.random_sphere(300), shapes.torus(24, 12)])

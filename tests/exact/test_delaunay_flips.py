@@ -71,9 +71,9 @@ def test_unflipped_edges_are_edges_of_the_triangulation(mesh):
         return set(zip(low.tolist(), high.tolist(), length.ravel()[rows].tolist()))
 
     begun = flipped.mollification.length.astype(float)  # what the flips began with
-    there = described(after, flipped.mesh.side_length, np.arange(3 * mesh.n_faces))
-    assert described(before, begun, np.flatnonzero(stays)) <= there
-    assert not described(before, begun, flipped.flipped_sides) & there
+    flipped_edges = described(after, flipped.mesh.side_length, np.arange(3 * mesh.n_faces))
+    assert described(before, begun, np.flatnonzero(stays)) <= flipped_edges
+    assert not described(before, begun, flipped.flipped_sides) & flipped_edges
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if name != "fan"])
@@ -173,7 +173,7 @@ def test_condition_is_that_of_the_whole_matrix(make):
 
 
 def test_condition_of_many_parts_is_that_of_one():
-    """The dense null space of 20,000 components asked for 24 GiB."""
+    """The dense null space of 20,000 components would need 24 GiB."""
     one = shapes.random_sphere(30, seed=1)
     copies = 5000
     points = np.tile(one.points, (copies, 1))

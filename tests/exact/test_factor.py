@@ -271,7 +271,7 @@ def test_separators_separate_and_are_short():
     x, y = np.divmod(np.arange(64 * 64), 64)
     path = 2 * (x // 32) + y // 32  # a torus in quarters
     level = separator_level(path, 2, A)
-    assert [(level == here).sum() for here in range(2)] == [2 * 64, 4 * 31]  # circles, then lines
+    assert [(level == k).sum() for k in range(2)] == [2 * 64, 4 * 31]  # circles, then lines
     rest = np.flatnonzero(level == 2)
     tail, head = A[rest][:, rest].tocoo().coords
     assert (path[rest][tail] == path[rest][head]).all()

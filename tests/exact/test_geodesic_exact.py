@@ -338,9 +338,9 @@ def test_bad_sources_are_refused(sources):
 
 def test_source_on_an_unused_vertex_is_refused():
     mesh = shapes.grid(3, 3)
-    lonely = TriangleMesh.from_arrays(np.concatenate([mesh.points, [[9, 9, 9]]]), mesh.faces)
+    with_loose_vertex = TriangleMesh.from_arrays(np.concatenate([mesh.points, [[9, 9, 9]]]), mesh.faces)
     with pytest.raises(ParameterError, match="vertex 16 belongs to no face"):
-        exact_distance(lonely, 16)
+        exact_distance(with_loose_vertex, 16)
 
 
 def test_progress_increases_to_the_total():

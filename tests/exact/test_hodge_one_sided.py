@@ -77,7 +77,7 @@ def test_cochains_without_an_orientation_span_the_rational_cohomology(name, boun
 @pytest.mark.parametrize("boundary", ["tangential", "normal"])
 @pytest.mark.parametrize("name", SURFACES)
 def test_parts_are_the_dense_projections(name, boundary):
-    """Closed forms are the kernel of d1, whatever the faces' orientation: a dense null space knows them."""
+    """Closed forms are the kernel of d1, whatever the faces' orientation: the reference is dense."""
     mesh = SURFACES[name][0]
     c, free = complex_of(mesh), free_edges(mesh, boundary)
     kernel = np.zeros((c.counts[1], 0))

@@ -44,8 +44,8 @@ def test_departure_angles_equal_the_first_segments_of_shortest_paths(weights):
         own = np.ones(len(face), dtype=np.complex128)
         if 0.0 in weights:  # side 1, opposite corner 0
             twin = mesh.topology.side_twin[101, 1]
-            here, there = unfolding.direction.reshape(-1, 2)[[3 * 101 + 1, twin]] @ [1, 1j]
-            own[face != 101] = -here / there
+            along_side, along_twin = unfolding.direction.reshape(-1, 2)[[3 * 101 + 1, twin]] @ [1, 1j]
+            own[face != 101] = -along_side / along_twin
         off = np.angle(step * own * np.exp(-1j * exact.departure[targets]))
     assert np.abs(off).max() < 1e-9
 

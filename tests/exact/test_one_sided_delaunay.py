@@ -151,9 +151,9 @@ def test_points_go_to_the_intrinsic_triangulation_of_a_one_sided_surface_and_bac
     rng = np.random.default_rng(4)
     points = SurfacePoints(rng.integers(0, mesh.n_faces, 200), rng.dirichlet(np.ones(3), 200))
     carry = PointMap(cut)
-    there = carry.to_intrinsic(points)
-    assert there.face.max() < mesh.n_faces
-    assert carry.to_input(there).positions(mesh) == pytest.approx(points.positions(mesh), abs=1e-12)
+    mapped = carry.to_intrinsic(points)
+    assert mapped.face.max() < mesh.n_faces
+    assert carry.to_input(mapped).positions(mesh) == pytest.approx(points.positions(mesh), abs=1e-12)
 
 
 def test_functions_and_the_dual_go_over_a_moebius_band(summary, run, tmp_path):

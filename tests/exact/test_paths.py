@@ -99,8 +99,8 @@ def _cosine(mesh, face, vertex):
 def test_reversed_paths_swap_left_and_right():
     mesh = shapes.torus(16, 8)
     paths = SurfacePaths.of_points(mesh, [vertex_path(mesh, [0, 1, 10, 18, 26])])
-    there, back = joints(mesh, paths), joints(mesh, reversed_paths(mesh, paths))
-    np.testing.assert_allclose(back.left[::-1], there.right, atol=1e-12)
+    forth, back = joints(mesh, paths), joints(mesh, reversed_paths(mesh, paths))
+    np.testing.assert_allclose(back.left[::-1], forth.right, atol=1e-12)
     np.testing.assert_allclose(path_lengths(mesh, reversed_paths(mesh, paths)), path_lengths(mesh, paths))
 
 

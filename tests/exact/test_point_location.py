@@ -48,34 +48,34 @@ def positions_of(mesh, points):
 def test_points_come_back_from_the_intrinsic_triangulation(cut):
     carry, size = PointMap(cut), np.ptp(cut.input.points, axis=0).max()
     points = random_points(cut.input.n_faces, 2000)
-    there = carry.to_intrinsic(points)
-    assert (there.barycentric >= 0).all() and len(np.unique(there.face)) > 6
-    back = carry.to_input(there)
+    mapped = carry.to_intrinsic(points)
+    assert (mapped.barycentric >= 0).all() and len(np.unique(mapped.face)) > 6
+    back = carry.to_input(mapped)
     assert np.abs(positions_of(cut.input, back) - positions_of(cut.input, points)).max() < 1e-11 * size
-    from_there = random_points(cut.intrinsic.n_faces, 2000, seed=1)
-    here = carry.to_input(from_there)
-    again = carry.to_intrinsic(here)
-    inside = (from_there.barycentric > 1e-6).all(axis=1)
-    assert np.array_equal(again.face[inside], from_there.face[inside])
-    assert np.abs(again.barycentric - from_there.barycentric)[inside].max() < 1e-8
+    on_intrinsic = random_points(cut.intrinsic.n_faces, 2000, seed=1)
+    mapped_back = carry.to_input(on_intrinsic)
+    again = carry.to_intrinsic(mapped_back)
+    inside = (on_intrinsic.barycentric > 1e-6).all(axis=1)
+    assert np.array_equal(again.face[inside], on_intrinsic.face[inside])
+    assert np.abs(again.barycentric - on_intrinsic.barycentric)[inside].max() < 1e-8
 
 
 def test_vertices_and_edges_go_where_they_belong(cut):
     carry = PointMap(cut)
     m = cut.input.n_faces
     corners = SurfacePoints(np.repeat(np.arange(m), 3), np.tile(np.eye(3), (m, 1)))
-    there = carry.to_intrinsic(corners)
-    vertex = cut.intrinsic.faces[there.face, there.barycentric.argmax(axis=1)]
-    assert np.abs(there.barycentric.max(axis=1) - 1).max() < 1e-12
+    mapped = carry.to_intrinsic(corners)
+    vertex = cut.intrinsic.faces[mapped.face, mapped.barycentric.argmax(axis=1)]
+    assert np.abs(mapped.barycentric.max(axis=1) - 1).max() < 1e-12
     assert np.array_equal(vertex, cut.input.faces.ravel())
 
 
 def test_the_plane_stays_where_it_is():
     cut = cut_of(planar(), 25)
     points = random_points(cut.input.n_faces, 5000)
-    there = PointMap(cut).to_intrinsic(points)
-    flat = cut.intrinsic.points[cut.intrinsic.faces[there.face]]
-    moved = np.einsum("kc,kcd->kd", there.barycentric, flat)
+    mapped = PointMap(cut).to_intrinsic(points)
+    flat = cut.intrinsic.points[cut.intrinsic.faces[mapped.face]]
+    moved = np.einsum("kc,kcd->kd", mapped.barycentric, flat)
     assert np.abs(moved - positions_of(cut.input, points)).max() < 1e-12
 
 
@@ -94,17 +94,17 @@ def test_straight_lines_end_at_the_same_points(name, degrees):
     length = 0.5 * cut.input.side_length.mean()
     on_input, corner_angle = Tracer(cut.input), vertex_fans(cut.input).corner_angle
     turn *= corner_angle[sides[:, 0]]
-    here = line_ends(on_input, sides[:, 0], turn, length)
-    there = line_ends(Tracer(cut.intrinsic), sides[:, 1], turn, length)
-    whole = (here.status == 0) & (there.status == 0)
+    of_input = line_ends(on_input, sides[:, 0], turn, length)
+    of_intrinsic = line_ends(Tracer(cut.intrinsic), sides[:, 1], turn, length)
+    whole = (of_input.status == 0) & (of_intrinsic.status == 0)
     assert whole.sum() > 40
-    expected = positions_of(cut.input, SurfacePoints(here.face[whole], here.barycentric[whole]))
-    located = PointMap(cut).to_input(SurfacePoints(there.face[whole], there.barycentric[whole]))
+    expected = positions_of(cut.input, SurfacePoints(of_input.face[whole], of_input.barycentric[whole]))
+    located = PointMap(cut).to_input(SurfacePoints(of_intrinsic.face[whole], of_intrinsic.barycentric[whole]))
     error = np.linalg.norm(positions_of(cut.input, located) - expected, axis=1) / length
     assert np.quantile(error, 0.97) < 1e-9  # the rest pass a vertex too closely
-    back = PointMap(cut).to_intrinsic(SurfacePoints(here.face[whole], here.barycentric[whole]))
-    same = (back.face == there.face[whole]) & (error < 1e-9)
-    assert same.mean() > 0.9 and np.abs(back.barycentric - there.barycentric[whole])[same].max() < 1e-7
+    back = PointMap(cut).to_intrinsic(SurfacePoints(of_input.face[whole], of_input.barycentric[whole]))
+    same = (back.face == of_intrinsic.face[whole]) & (error < 1e-9)
+    assert same.mean() > 0.9 and np.abs(back.barycentric - of_intrinsic.barycentric[whole])[same].max() < 1e-7
 
 
 def keyed_sides(mesh):
@@ -128,7 +128,7 @@ def line_ends(tracer, side, turn, length):
     return tracer.trace(face, np.eye(3)[k], heading, np.full(len(side), length))
 
 
-def test_no_points_are_mapped_and_wrong_ones_are_refused():
+def test_no_points_are_of_intrinsic_and_wrong_ones_are_refused():
     cut = cut_of(stretched(100), None)
     carry = PointMap(cut)
     assert len(carry.to_intrinsic(SurfacePoints.none())) == 0

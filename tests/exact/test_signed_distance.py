@@ -158,7 +158,9 @@ def test_circles_around_the_corner_of_a_cube_have_three_quarters_of_the_length()
     corner = int(np.argmin(mesh.points.sum(axis=1)))
     side = float(np.ptp(mesh.points[:, 0]))
     fan = geodesic_fan(mesh, Sources(np.array([corner])), 300, 0.9 * side, 3)
-    for entry in describe_fan(fan)["circles"]:
+    circles = describe_fan(fan)["circles"]
+    assert len(circles) == 3
+    for entry in circles:
         assert entry["length"] == pytest.approx(1.5 * np.pi * entry["level"], rel=1e-4)
 
 

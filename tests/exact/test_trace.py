@@ -102,8 +102,8 @@ def test_cube_corner_turns_equally_on_both_sides():
 @pytest.mark.parametrize("mesh", [shapes.random_sphere(400), shapes.torus(24, 12), shapes.box(3, 2, 4)])
 def test_lines_are_reversible_and_intrinsic(mesh):
     face, barycentric, direction = random_starts(mesh, 200)
-    there = trace(mesh, face, barycentric, direction, np.full(200, 1.3))
-    back = trace(mesh, there.face, there.barycentric, -there.direction, there.length)
+    forth = trace(mesh, face, barycentric, direction, np.full(200, 1.3))
+    back = trace(mesh, forth.face, forth.barycentric, -forth.direction, forth.length)
     gap = surface_position(mesh, back.face, back.barycentric) - surface_position(mesh, face, barycentric)
     assert np.median(np.linalg.norm(gap, axis=1)) < 1e-13
     assert np.linalg.norm(gap, axis=1).max() < 1e-8
@@ -111,7 +111,7 @@ def test_lines_are_reversible_and_intrinsic(mesh):
     planar = to_face_frame(mesh, face, direction)
     same = trace(intrinsic, face, barycentric, planar, np.full(200, 1.3))
     far = np.einsum("ij,ijk->ik", same.barycentric, mesh.points[mesh.faces[same.face]])
-    gap = far - surface_position(mesh, there.face, there.barycentric)
+    gap = far - surface_position(mesh, forth.face, forth.barycentric)
     assert np.linalg.norm(gap, axis=1).max() < 1e-8
 
 
@@ -247,13 +247,15 @@ def test_lines_do_not_depend_on_the_batch_size(monkeypatch):
     starts = (*random_starts(mesh, 50), np.random.default_rng(1).uniform(0, 4, 50))
     once = trace(mesh, *starts, record=True)
     monkeypatch.setattr("ddgcli.algorithms.tracing.trace.BATCH_SIZE", 7)
-    heard = []
-    parted = Tracer(mesh).trace(*starts, record=True, progress=lambda done, total: heard.append(done / total))
+    shares = []
+    in_batches = Tracer(mesh).trace(
+        *starts, record=True, progress=lambda done, total: shares.append(done / total)
+    )
     for name in ("face", "status", "crossings", "path_start", "path_face"):
-        np.testing.assert_array_equal(getattr(parted, name), getattr(once, name))
+        np.testing.assert_array_equal(getattr(in_batches, name), getattr(once, name))
     for name in ("barycentric", "direction", "length", "path_barycentric"):  # few lines: other last bits
-        np.testing.assert_allclose(getattr(parted, name), getattr(once, name), rtol=0, atol=1e-12)
-    assert len(heard) >= 8 and heard == sorted(heard) and heard[0] >= 0 and heard[-1] <= 1
+        np.testing.assert_allclose(getattr(in_batches, name), getattr(once, name), rtol=0, atol=1e-12)
+    assert len(shares) >= 8 and shares == sorted(shares) and shares[0] >= 0 and shares[-1] <= 1
 
 
 def test_lines_of_very_different_lengths_keep_their_own_points():

@@ -165,7 +165,7 @@ def run_with_references(*references, budget):
 
 
 def never():
-    raise AssertionError("begun, though the budget cannot pay for it")
+    raise AssertionError("begun, though it exceeds the budget")
 
 
 def test_the_best_affordable_reference_is_chosen():

@@ -175,11 +175,11 @@ def test_the_guard_without_fork_gives_the_same(tmp_path, monkeypatch):
     """As on Windows and macOS: a new interpreter reads, refuses and is confined."""
     path = tmp_path / "a.vtkhdf"
     write_mesh(str(path), AnnotatedMesh(shapes.icosphere(1), {"f": np.arange(42.0)}))
-    here = read_mesh(str(path))
+    forked = read_mesh(str(path))
     monkeypatch.setattr(guarded.sys, "platform", "darwin")
-    there = read_mesh(str(path))
-    np.testing.assert_array_equal(there.mesh.points, here.mesh.points)
-    np.testing.assert_array_equal(there.vertex["f"], here.vertex["f"])
+    spawned = read_mesh(str(path))
+    np.testing.assert_array_equal(spawned.mesh.points, forked.mesh.points)
+    np.testing.assert_array_equal(spawned.vertex["f"], forked.vertex["f"])
 
 
 def test_a_reader_that_crashes_is_a_refusal(tmp_path, monkeypatch):

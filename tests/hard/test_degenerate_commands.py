@@ -11,7 +11,7 @@ from tests.degenerate_meshes import degenerate_mesh
 
 # seeds that escaped (NaN, infinite, internal error), and some that did not
 SEEDS = (5, 25, 49, 78, 99, 144, 206, 1011)
-EXCESS, RESIDUAL = 0.05, 1e-6  # beyond which a warning must stand in the summary
+EXCESS, RESIDUAL = 0.05, 1e-6  # beyond which the summary must have a warning
 
 
 def calls(mesh):

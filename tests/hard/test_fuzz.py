@@ -1,4 +1,4 @@
-"""A fixed budget of mutated inputs of every kind; `make fuzz` goes on by hand."""
+"""A fixed budget of mutated inputs of every kind; `make fuzz` runs longer."""
 
 import pytest
 

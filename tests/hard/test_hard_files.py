@@ -70,7 +70,7 @@ def assert_honest(result, path: Path, output: Path) -> None:
 
 
 def words_of(command: str, path: Path) -> list[str]:
-    """Words of a command, with a vertex of the surface where one is asked for."""
+    """Words of a command, with a vertex of the surface where one is required."""
     vertex = "0"
     if "VERTEX" in COMMANDS[command]:
         with contextlib.suppress(InputError, IndexError, AttributeError):  # the command itself will say so
@@ -173,7 +173,7 @@ def test_accepts_is_what_the_commands_do(run, path):
     accepts = summary["results"]["accepts"]
     assert accepts.keys() == PROGRAM_COMMANDS.keys()
     if summary["input"].get("faces") == 0:
-        return  # nothing to measure: an empty answer is as honest as a refusal
+        return  # nothing to measure: an empty result is as correct as an error
     for command in COMMANDS.keys() - {"info"}:
         if (command, path.name) in TOO_LARGE:
             continue

@@ -101,14 +101,15 @@ def test_skinny_triangles_keep_the_sign_and_boundaries_have_no_spurious_curvatur
     tall = shapes.cylinder(48, 3)
     inside = ~tall.topology.boundary_vertex
     assert (ddg.curvature(tall).vertex["mean_curvature"][inside] > 0).all()
-    lonely = ddg.curvature(ddg.as_mesh(meshes.one_triangle()))
-    assert all(np.isfinite(values).all() for values in lonely.vertex.values())
+    one_face = ddg.curvature(ddg.as_mesh(meshes.one_triangle()))
+    assert all(np.isfinite(values).all() for values in one_face.vertex.values())
 
 
 def test_paths_to_the_boundary_and_from_it_are_traced_back():
     """geometry-central 133: tracing back from boundaries raises."""
     surface = shapes.catenoid(8, 4)
     rim = np.flatnonzero(surface.topology.boundary_vertex)
+    assert len(rim) == 16
     for source in rim[::5].tolist():
         paths = ddg.shortest_paths(surface, source, rim.tolist())
         distance = ddg.geodesic_distance(surface, source)[rim]

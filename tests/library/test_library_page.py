@@ -1,4 +1,4 @@
-"""The recipes of docs/library.md run, and print what stands behind their lines."""
+"""The recipes of docs/library.md run, and print what the comments at their lines state."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class Profile:
     """Mirror-symmetric closed profiles with area 4 pi, by coefficients a of the tangent angle.
 
     psi(s) = pi s + sum a_k sin(2 k pi s) over the arc length s in [0, 1], r and z its integrals, times the
-    length that the area asks for.
+    length that the area requires.
     """
 
     def __init__(self):

@@ -153,9 +153,9 @@ def test_shells_that_nothing_couples_have_the_bits_of_their_own_run():
         assert all(
             np.array_equal(p, q) for p, q in zip(points_by_frame(alone, name), points_by_frame(beside, name))
         )
-    lonely, _, _ = shell_run(scene(time, free, effects=""))
+    alone, _, _ = shell_run(scene(time, free, effects=""))
     assert all(
-        np.array_equal(p, q) for p, q in zip(points_by_frame(lonely, "free"), points_by_frame(beside, "free"))
+        np.array_equal(p, q) for p, q in zip(points_by_frame(alone, "free"), points_by_frame(beside, "free"))
     )
 
 

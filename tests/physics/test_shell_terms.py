@@ -34,7 +34,7 @@ velocity = [1, 2, 3]
 """
 CURVED = "sphere = { radius = 1, subdivisions = 1 }\nposition = [0, 0, 3]"
 FLAT_GRID = 'grid = { size = [1, 1.2], cells = [3, 4], pattern = "alternating" }'
-# effect line -> shape; every effect of the table stands in at least one (test_table_is_covered)
+# effect line -> shape; every effect of the table is in at least one (test_table_is_covered)
 TERMS = {
     "stretching-edges": ('stretching = { model = "edges" }', CURVED),
     "stretching-edges-area": ('stretching = { model = "edges-area" }', CURVED),

@@ -21,7 +21,7 @@ from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, prola
 )
 def test_ellipsoid_becomes_a_sphere(family, exact):
     seen, end, shots = run_flow(ellipsoids((1.0, 1.0, 2.0))[family](1))
-    assert energies(seen)[-1] == pytest.approx(4 * np.pi, rel=exact)  # asked for: 0.5 %
+    assert energies(seen)[-1] == pytest.approx(4 * np.pi, rel=exact)  # required: 0.5 %
     assert (energies(seen) > 4 * np.pi).all()
     assert len(seen) < 120 and "energy fell" in shots[-1].stopped
     assert_falls(seen)
@@ -69,7 +69,7 @@ def test_torus_becomes_clifford(energy, cells):
 def test_an_impossible_energy_is_not_followed():
     """A coarse torus can be pinched, unseen by its few normals; no torus has less than 2 pi^2."""
     coarse = shapes.torus(40, 5, pattern="alternating")
-    options = FlowOptions(stop=Stop(1e-6, 1e-8))  # left alone, it goes on
+    options = FlowOptions(stop=Stop(1e-6, 1e-8))  # without the perturbation it does not stop
     seen, _, shots = run_flow(coarse, options, steps=400)
     assert "least energy" in shots[-1].stopped
     assert 0.9 * 2 * np.pi**2 <= energies(seen)[-1] < energies(seen)[0]

@@ -16,7 +16,7 @@ def test_sphere_stays_for_a_unit_of_time(family):
     """At every vertex, on every triangulation; the linear implicit step would have shrunk it to a point."""
     mesh = SPHERES[family](1)
     seen, end, _ = run_flow(mesh, duration=1.0, step=0.02)
-    assert np.abs(end.points - mesh.points).max() < 1e-8  # asked for: 1e-4 off the radius
+    assert np.abs(end.points - mesh.points).max() < 1e-8  # required: 1e-4 off the radius
     assert_falls(seen)
 
 
