@@ -24,6 +24,10 @@ COMMANDS: dict[str, list[str]] = {
         *("geodesic", "sample_meshes/bad_torus.ply", "--source", "0"),
         *("--path-to", "800", "--isolines", "12"),
     ],
+    "geodesic-darboux": [
+        *("geodesic", "sample_meshes/torus.ply", "--source", "0", "--path-to", "2300", "--darboux"),
+        *("--trace", "10:0.3,0.3,0.4:1,0.6,0.4:9"),
+    ],
     "geodesic-waves": [
         *("geodesic", "sample_meshes/ellipsoid.ply", "--source", "0", "--fan", "180"),
         *("--fan-length", "5.2", "--view", "10,320"),

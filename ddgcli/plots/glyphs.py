@@ -1,7 +1,8 @@
-"""Vector fields in pictures: arrows, stripes where a direction has no sign, or streamlines."""
+"""Vectors in pictures: fields as arrows, stripes or streamlines, and frames along curves."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,8 @@ from ddgcli.plots.streamlines import streamlines
 
 SPACING = 1 / 42  # of the picture's larger side: at most one glyph in a square of this size
 HEAD = 0.34  # of an arrow's length
+ARROW_LENGTH = 0.075  # of a unit vector of a frame, in sizes of the picture
+FRAME_SPACING = 0.12  # of frames along a curve, in sizes of the surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +35,54 @@ class Glyphs:
     vectors: NDArray[np.float64]
     stripes: bool = False
     faces: NDArray[np.int64] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Arrows:
+    """Unit vectors of one colour, drawn from their places (k, 3) on; foreshortened."""
+
+    places: NDArray[np.float64]
+    vectors: NDArray[np.float64]
+    colour: str
+
+
+def frame_arrows(
+    points: NDArray, start: NDArray, extent: float, vectors: Mapping[str, NDArray]
+) -> list[Arrows]:
+    """Frames along curves, at about equal distances.
+
+    Parameters
+    ----------
+    points : (p, 3) ndarray
+    start : (k + 1,) ndarray of int
+        First point of each curve.
+    extent : float
+        Size of the surface.
+    vectors : mapping of str to (p, 3) ndarray
+        Unit vectors by colour.
+    """
+    chosen = [np.zeros(0, dtype=np.int64)]
+    for first, last in zip(start[:-1], start[1:]):
+        steps = np.linalg.norm(np.diff(points[first:last], axis=0), axis=1)
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        count = max(2, int(along[-1] / (FRAME_SPACING * (extent or 1.0))) + 1)
+        at = np.searchsorted(along, np.linspace(0.0, along[-1], count)).clip(max=len(along) - 1)
+        chosen.append(first + np.unique(at))
+    places = np.concatenate(chosen)
+    return [Arrows(points[places], values[places], colour) for colour, values in vectors.items()]
+
+
+def draw_arrows(axes: Any, camera: Camera, visible: PixelFaces, arrows: Sequence[Arrows]) -> None:
+    """Draw the arrows whose feet are visible."""
+    size = max(camera.width, camera.height)
+    for one in arrows:
+        foot = camera.project(one.places)
+        column, row = (np.clip(foot[:, i], 0, limit - 1).astype(np.int64) for i, limit in (
+            (0, camera.width), (1, camera.height)))  # fmt: skip
+        shown = np.flatnonzero(foot[:, 2] <= visible.depth[row, column] + 0.01 * size)
+        flat = ARROW_LENGTH * size * (one.vectors[shown] @ camera.axes.T)[:, :2] * [1.0, -1.0]
+        tail, tip = foot[shown, :2], foot[shown, :2] + flat
+        _draw_lines(axes, _with_heads(tail, tip), one.colour)
 
 
 def thin_glyphs(camera: Camera, visible: PixelFaces, glyphs: Glyphs) -> NDArray[np.int64]:
@@ -68,12 +119,15 @@ def draw_glyphs(axes: Any, camera: Camera, visible: PixelFaces, glyphs: Glyphs) 
     flat = (vectors @ camera.axes.T)[:, :2] * [1.0, -1.0]
     middle = camera.project(glyphs.places[chosen])[:, :2]
     tail, tip = middle - flat / 2, middle + flat / 2
-    lines = [np.stack([tail, tip], axis=1)]
-    if not glyphs.stripes:
-        side = np.stack([-flat[:, 1], flat[:, 0]], axis=1)
-        for sign in (1, -1):
-            lines.append(np.stack([tip - HEAD * flat + sign * 0.5 * HEAD * side, tip], axis=1))
-    _draw_lines(axes, list(np.concatenate(lines)))
+    _draw_lines(axes, np.stack([tail, tip], axis=1) if glyphs.stripes else _with_heads(tail, tip))
+
+
+def _with_heads(tail: NDArray, tip: NDArray) -> NDArray[np.float64]:
+    """(3k, 2, 2) segments of arrows: their shafts, and both sides of their heads."""
+    flat = tip - tail
+    side = np.stack([-flat[:, 1], flat[:, 0]], axis=1)
+    heads = [np.stack([tip - HEAD * flat + sign * 0.5 * HEAD * side, tip], axis=1) for sign in (1, -1)]
+    return np.concatenate([np.stack([tail, tip], axis=1), *heads])
 
 
 def _draw_streamlines(axes: Any, camera: Camera, lines: list[NDArray]) -> None:
@@ -89,8 +143,10 @@ def _draw_streamlines(axes: Any, camera: Camera, lines: list[NDArray]) -> None:
     _draw_lines(axes, lines + heads)
 
 
-def _draw_lines(axes: Any, segments: list[NDArray]) -> None:
+def _draw_lines(axes: Any, segments: Sequence[NDArray] | NDArray, colour: str = "black") -> None:
     from matplotlib.collections import LineCollection
 
-    for width, colour in ((1.6, "white"), (0.8, "black")):
-        axes.add_collection(LineCollection(segments, linewidths=width, colors=colour, capstyle="round"))
+    for width, tint in ((1.6, "white"), (0.8, colour)):
+        lines = LineCollection(list(segments), linewidths=width, colors=tint, capstyle="round")
+        axes.add_collection(lines)
+        lines.set_clip_on(colour == "black")  # arrows of frames may reach beyond the surface's box

@@ -16,7 +16,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import colour_bar, colours, extremes, robust_limits
-from ddgcli.plots.glyphs import Glyphs, draw_glyphs
+from ddgcli.plots.glyphs import Arrows, Glyphs, draw_arrows, draw_glyphs
 from ddgcli.plots.page import draw_texts, page, picture_axes
 from ddgcli.plots.raster import (
     OUTLINE_DEPTH_STEP,
@@ -81,6 +81,8 @@ def draw_surface(
         Points marked with a dot, where visible.
     glyphs : Glyphs, optional
         Vectors drawn where visible.
+    arrows : sequence of Arrows
+        Frames along curves, drawn over them where their feet are visible.
     interest : (n,) or (m,) ndarray, optional
         Weights for the choice of a view with `view` None; default the size of the values.
     edges : bool
@@ -135,6 +137,7 @@ def _paint(
     curve_halo: float = 1.2,
     points: NDArray | None = None,
     glyphs: Glyphs | None = None,
+    arrows: Sequence[Arrows] = (),
     interest: NDArray | None = None,
     edges: bool = False,
     context: Sequence[TriangleMesh] = (),
@@ -178,6 +181,7 @@ def _paint(
     _overlay(axes, camera, visible, [placed(c) for c in curves], dots, "black", curve_width, curve_halo)
     if glyphs is not None:
         draw_glyphs(axes, camera, visible, replace(glyphs, places=placed(glyphs.places)))
+    draw_arrows(axes, camera, visible, [replace(one, places=placed(one.places)) for one in arrows])
     axes.set(xlim=(0, size[0]), ylim=(size[1], 0))
     if known is not None and limits is not None:
         colour_bar(figure, mappable, label, _beyond(known, *limits))

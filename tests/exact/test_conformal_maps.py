@@ -1,5 +1,7 @@
 """Discrete conformal maps: angle sums, invariance under flips, Moebius maps as truth, overlays."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
@@ -257,3 +259,23 @@ def test_the_command_writes_scale_factors_uv_and_overlay(summary, run, tmp_path)
     for extra in (("--cone", "3=90"), ("--boundary", "angles"), ("--overlay", flat)):
         refused = run("laplacian", path, "--parameterize", "conformal", *extra)
         assert refused.exit_code == 2 and "--parameterize discrete-conformal" in refused.stderr
+
+
+def with_a_short_side(length):
+    """A bumpy grid where one vertex lies near its neighbour."""
+    mesh = shapes.grid(6, 6)
+    points = mesh.points.copy()
+    points[:, 2] = 0.3 * np.sin(3 * points[:, 0]) * points[:, 1]
+    points[25] = points[24] + [length, 0, 0]
+    return mesh.moved(points)
+
+
+def test_short_sides_are_mapped_down_to_the_length_where_rounding_exceeds_the_tolerance(run, tmp_path):
+    assert conformal_map(with_a_short_side(1e-4)).converged
+    path, repaired = str(tmp_path / "grid.ply"), str(tmp_path / "grid-repaired.ply")
+    write_mesh(path, AnnotatedMesh(with_a_short_side(1e-8)))
+    refused = run("laplacian", path, "--parameterize", "discrete-conformal")
+    assert refused.exit_code == 2 and "rounding changes their angles" in refused.stderr
+    words = re.search(r"ddgcli (repair .*) -o", refused.stderr).group(1).split()
+    assert run(*words, "-o", repaired).exit_code == 0
+    assert run("laplacian", repaired, "--parameterize", "discrete-conformal").exit_code == 0

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from ddgcli.algorithms.geodesics.darboux import add_darboux_frames
 from ddgcli.algorithms.geodesics.edge_curves import edge_curves
@@ -9,6 +10,7 @@ from ddgcli.algorithms.geodesics.surface_curves import trace_curves
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.plots.glyphs import FRAME_SPACING, frame_arrows
 
 
 def traced(mesh, face, direction, length):
@@ -68,3 +70,26 @@ def test_the_command_writes_darboux_frames(tmp_path, summary, run):
     assert np.abs(arrays["normal_curvature"] - 1).max() < 0.1 and arrays["darboux_normal"].shape[1] == 3
     result = run("geodesic", path, "--source", 0, "--darboux")
     assert result.exit_code == 2 and "--darboux: has no curves" in result.stderr
+
+
+def test_the_picture_has_the_frames_of_the_curves(tmp_path, summary):
+    path = tmp_path / "sphere.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(2)))
+    words = ("geodesic", path, "--source", 0, "--path-to", 50, "--size", "600x500", "--plot")
+    painted = []
+    for name, more in (("with.png", ["--darboux"]), ("without.png", [])):
+        summary(*words, tmp_path / name, *more)
+        colours = imread(tmp_path / name)[..., :3].reshape(-1, 3).astype(float)
+        other = np.stack([np.delete(colours, k, axis=1).max(axis=1) for k in range(3)], axis=1)
+        pure = (colours - other > 0.4).T
+        painted.append([int(mask.sum()) for mask in pure])
+    assert (np.subtract(*painted) > 50).all()
+
+
+def test_frames_stand_at_equal_distances_and_at_both_ends():
+    points = np.stack([np.linspace(0, 1, 101), np.zeros(101), np.zeros(101)], axis=1)
+    normal = np.tile([0.0, 0.0, 1.0], (101, 1))
+    (arrows,) = frame_arrows(points, np.array([0, 101]), 1.0, {"blue": normal})
+    places = arrows.places[:, 0]
+    assert places[0] == 0 and places[-1] == 1 and np.ptp(np.diff(places)) < 0.011
+    assert np.diff(places).min() >= FRAME_SPACING and arrows.vectors.shape == arrows.places.shape

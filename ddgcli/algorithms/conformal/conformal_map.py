@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.conformal.cone_metric import ConeMetric, cone_metric
+from ddgcli.algorithms.conformal.cone_metric import ANGLE_TOLERANCE, ConeMetric, cone_metric
 from ddgcli.algorithms.conformal.distortion import distortion_arrays, mean_and_largest
 from ddgcli.algorithms.conformal.layout import Layout, flat_layout
 from ddgcli.algorithms.conformal.overlay import flat_overlay, flat_overlay_mesh
@@ -23,7 +23,7 @@ from ddgcli.algorithms.delaunay.triangulation import (
     glue,
     working_lengths,
 )
-from ddgcli.errors import ParameterError
+from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
@@ -135,7 +135,8 @@ def conformal_map(
     Raises
     ------
     MeshError, ParameterError
-        See `conformal_targets`.
+        See `conformal_targets`; also for sides so short beside others of their face that the rounding of a
+        scale factor changes angles by more than the tolerance of the angle sums.
 
     Notes
     -----
@@ -149,6 +150,7 @@ def conformal_map(
     glued = glue(mesh)
     start = working_lengths(mesh, glued)
     plain = IntrinsicMesh(glued.topology, start.length, mesh.points)
+    _require_attainable_angles(start.length)
     if operator == "cotan":
         flipped = IntrinsicDelaunay(plain, 0, 0, start, crossings=np.full((mesh.n_faces, 3), -1))
     else:
@@ -165,3 +167,21 @@ def conformal_map(
         scale = scale + 0.5 * np.log(before / after)
     flat = state.mesh(state.scaled_length(scale), mesh.n_vertices)
     return ConformalMap(mesh, flat, scale, metric, flat_layout(flat, targets.cone), flipped, plain)
+
+
+def _require_attainable_angles(length: NDArray) -> None:
+    """Raise MeshError for faces whose angles rounding changes by more than the tolerance of angle sums.
+
+    A change d of the scale factor at one end of a short side s beside long sides l turns them against it by
+    about d l / s.
+    """
+    shortest, longest = length.min(axis=1), length.max(axis=1)
+    bad = np.flatnonzero(np.finfo(np.float64).eps * longest > ANGLE_TOLERANCE * shortest)
+    if len(bad):
+        face, distance = bad[0], float(2.0 * shortest[bad].max())
+        raise MeshError(
+            f"{len(bad)} faces (first: face {face}) have sides of {shortest[face]:.2g} beside "
+            f"{longest[face]:.2g}: rounding changes their angles by more than {ANGLE_TOLERANCE:g} radians; "
+            "move their vertices apart, or merge them with "
+            f"`repair=weld={distance:.1g} drop_degenerate split_fans`"
+        )

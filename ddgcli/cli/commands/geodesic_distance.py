@@ -14,12 +14,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ddgcli.algorithms.geodesics.paths import SurfacePaths
+    from ddgcli.algorithms.geodesics.surface_curves import Curves
     from ddgcli.algorithms.tangent_fields.geodesic_query import GeodesicResult
     from ddgcli.cli.run import Run
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 THIN_CURVES = ("isoline", "fan ray", "geodesic circle")  # kinds that a picture draws as thin lines
+DARBOUX_COLOURS = {"darboux_tangent": "red", "darboux_conormal": "green", "darboux_normal": "blue"}
 PICTURE_ARRAYS = ("geodesic_distance", "signed_distance", "vertex_type")  # the first one is drawn
 
 _OPTIONS = (
@@ -97,11 +99,30 @@ def draw_distance(
         default = "region"
     name, values = run.picture_array(arrays, default)
     picture: dict[str, Any] = {"points": points, "curves": heavy, "level_lines": thin, **run.picture_options}
+    if result.curves is not None and "darboux_normal" in result.curves.arrays:
+        picture |= darboux_arrows(mesh, result.curves)
     if distance is not None:
         picture["interest"] = np.where(np.isfinite(distance), (1 - distance / (largest or 1.0)) ** 2, 0.0)
     if run.common.show is None and distance is not None and default != "region":
         picture |= {"label": "geodesic distance", "limits": (0.0, largest or 1.0)}
     run.plot(lambda path: draw_array(path, mesh, name, values, **picture))
+
+
+def darboux_arrows(mesh: TriangleMesh, curves: Curves) -> dict[str, Any]:
+    """Options of a picture with the Darboux frames of curves."""
+    import numpy as np
+
+    from ddgcli.geometry.face_frames import surface_position
+    from ddgcli.plots.glyphs import frame_arrows
+
+    points = surface_position(mesh, curves.paths.face, curves.paths.barycentric)
+    vectors = {colour: curves.arrays[name] for name, colour in DARBOUX_COLOURS.items()}
+    extent = float(np.ptp(mesh.points[mesh.topology.referenced_vertex], axis=0).max())
+    words = ", ".join(f"{name.removeprefix('darboux_')} {colour}" for name, colour in DARBOUX_COLOURS.items())
+    return {
+        "arrows": frame_arrows(points, curves.paths.start, extent, vectors),
+        "caption": f"frames: {words}",
+    }
 
 
 def _polylines(mesh: TriangleMesh, paths: SurfacePaths) -> list[NDArray]:
