@@ -39,3 +39,6 @@ ERROR_NORMS = ("max", "mean")
 ERROR_PARTS = ("both", "time", "mesh")  # of simulators and flows; the default first
 VELOCITY_GLYPHS = ("arrows", "streamlines", "none")  # of fluids in pictures; the default first
 NO_VERDICT = "no verdict possible"
+
+# of sparse definite systems: chosen by size and memory, direct ones, iterative ones
+LINEAR_SOLVERS = ("auto", "multifrontal", "superlu", "cholmod", "pivoted", "multigrid", "conjugate-gradients")

@@ -4,13 +4,6 @@ An `InputError` is caused by the call or the input (exit 2, no output file); a `
 computation with valid input (exit 1). Messages say what is wrong, where, and what to do.
 """
 
-import os
-
-try:
-    import resource
-except ImportError:  # Windows sets no such limits
-    resource = None  # type: ignore[assignment]
-
 MAX_EXCERPT_LENGTH = 100  # characters of a file, or of another program's message, in a message
 
 
@@ -84,25 +77,3 @@ class MissingExtraError(InputError):
 
 class SolveError(DdgError, RuntimeError):
     """A computation with valid input failed: divergence, no convergence, overflow."""
-
-
-MAX_BYTES = 16 * 2**30  # of one result, checked before it is allocated
-
-
-def memory_limit() -> float:
-    """Bytes that one result may take: MAX_BYTES, the memory of the machine, or `ulimit -v` where less."""
-    limits: list[float] = [MAX_BYTES]
-    if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
-        limits.append(float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")))
-    if resource is not None and (soft := resource.getrlimit(resource.RLIMIT_AS)[0]) >= 0:
-        limits.append(float(soft))
-    return min(limits)
-
-
-def check_memory(estimate: float, what: str, cure: str) -> None:
-    """Raise ParameterError if the estimated bytes of a result exceed `memory_limit`."""
-    limit = memory_limit()
-    if estimate > limit:
-        raise ParameterError(
-            f"{what} need about {estimate / 2**30:.3g} GiB, above {limit / 2**30:.3g} GiB; {cure}"
-        )

@@ -9,7 +9,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "ddgcli"
 
-BASE = {"errors", "choices", "progress"}
+BASE = {"errors", "choices", "memory", "progress"}
 CORE = BASE | {"mesh", "geometry", "operators", "linalg"}
 SIMULATORS = CORE | {"algorithms", "simulation", "mechanics", "scenes"}
 # package or module of ddgcli -> the others that it may import, inside functions too
@@ -19,6 +19,7 @@ MAY_IMPORT = {
     "errors": set(),
     "batch": {"errors"},
     "choices": set(),
+    "memory": {"errors"},
     "progress": set(),
     "mesh": BASE,
     "io": BASE | {"mesh"},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from ddgcli.choices import LINEAR_SOLVERS
 from ddgcli.errors import ParameterError
 
 
@@ -34,6 +36,7 @@ class CommonOptions:
     units_note: str | None = None
     seed: int = 0
     threads: int | None = None
+    dry_run: bool = False
 
 
 class Real(click.ParamType):
@@ -158,6 +161,21 @@ def page_size(size: tuple[int, int] | None, inches: float = PAGE_WIDTH) -> dict[
     return {"width": inches, "height": inches * height / width, "dpi": width / inches}
 
 
+def use_solver(name: str | None) -> None:
+    """Let the linear algebra of this run use a solver; None leaves the default."""
+    if name is None:
+        return
+    before = os.environ.get("DDGCLI_SOLVER")
+    os.environ["DDGCLI_SOLVER"] = name
+
+    def restore() -> None:
+        os.environ.pop("DDGCLI_SOLVER")
+        if before is not None:
+            os.environ["DDGCLI_SOLVER"] = before
+
+    click.get_current_context().call_on_close(restore)
+
+
 def named_array(arrays: dict[str, Any], name: str, what: str = "array") -> Any:
     """Array of a name; raise ParameterError that lists the names if it is missing."""
     if name not in arrays:
@@ -177,6 +195,12 @@ subdivide = click.option(
     default=0,
     metavar="N",
     help="First split every face in four at its edge midpoints, N times: the same surface, more unknowns.",
+)
+solver = click.option(
+    "--solver",
+    type=click.Choice(LINEAR_SOLVERS),
+    help="Solver of definite systems: multigrid (the extra) and conjugate-gradients need no factors, whose "
+    "memory grows faster than the mesh.  [default: auto, DDGCLI_SOLVER]",
 )
 scene_arg = click.argument("scene_path", metavar="SCENE", required=False, type=click.Path())
 
@@ -225,6 +249,8 @@ _FURTHER_OPTIONS = (
     ),
     click.option("--threads", type=click.IntRange(min=1), metavar="N",
                  help="Threads of the linear algebra.  [default: 1, or OMP_NUM_THREADS]"),
+    click.option("--dry-run", is_flag=True,
+                 help="Check the input, predict peak memory and seconds, and write nothing."),
 )  # fmt: skip
 
 

@@ -176,6 +176,7 @@ class Run:
         *,
         subdivide: int = 0,
         flat_faces: bool = False,
+        check_cost: bool = True,
     ) -> MeshInput:
         """Read the input mesh and report it in the summary.
 
@@ -188,6 +189,8 @@ class Run:
             Kinds that the command takes; for others the error names a repair.
         flat_faces : bool
             Whether the command may treat an intrinsic triangulation as flat faces between its points.
+        check_cost : bool
+            Whether to refuse what cannot fit into memory and to end a dry run; False: the caller does.
         """
         with self.clock.timed("read"):
             from ddgcli.io.mesh_file import check_place, read_mesh
@@ -217,7 +220,20 @@ class Run:
         self.input = {"path": path, **input_facts(source.mesh)}
         if self.input.get("faces") and self.input["genus"] is None:
             log.warning("genus is null: the surface is not an orientable manifold")
+        if check_cost:
+            from ddgcli.cli.forecast.check_cost import check_cost as check
+            from ddgcli.cli.forecast.check_cost import size_of
+
+            check(self, size_of(source.mesh, self.options))
         return source
+
+    def end_dry_run(self, results: dict[str, Any]) -> None:
+        """Print the prediction of a dry run as the summary, and end the run."""
+        self.common = replace(self.common, plot=None)
+        text = [f"peak memory  {results['peak_mib']:.0f} MiB of {results['available_mib']:.0f} MiB available",
+                f"CPU time     {results['seconds']:.2g} s"]  # fmt: skip
+        self.finish(results, {}, text=text)
+        self._context.exit(0)
 
     def set_input(self, path: str, sha256: str, **facts: Any) -> None:
         """Report an input other than a mesh, such as a scene or a trajectory."""

@@ -13,6 +13,7 @@ __all__ = [
     "dissection",
     "eigen",
     "factor",
+    "iterative",
     "lanczos",
     "modes",
     "multifrontal",

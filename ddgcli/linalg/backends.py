@@ -18,15 +18,20 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
+from ddgcli.choices import LINEAR_SOLVERS
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.assembly_tree import AssemblyLevel, assembly_levels
 from ddgcli.linalg.dissection import Dissection, nested_dissection
+from ddgcli.linalg.iterative import ITERATIVE_SOLVERS, Iterative, preferred_iterative_solver
 from ddgcli.linalg.multifrontal import cholesky_groups, cholesky_solve
 from ddgcli.linalg.ordering import Ordering, fill_reducing_ordering, postorder
+from ddgcli.memory import available_memory
 
 log = logging.getLogger("ddgcli")
 
-SOLVERS = ("auto", "multifrontal", "superlu", "cholmod", "pivoted")
+# bytes of a factor: at most this times n^(4/3) in meshes of tetrahedra, less on surfaces
+MAX_FACTOR_BYTES = 250.0
+MIN_CHECKED_UNKNOWNS = 20_000  # smaller factors fit
 # unknowns below which importing the CHOLMOD wheel costs more than it saves
 MIN_CHOLMOD_UNKNOWNS = 3000
 # entries below which dissection costs more than minimum degree (8,600 vertices of a mesh, 350 of a shell)
@@ -65,21 +70,60 @@ def cholmod_available() -> bool:
 def solver_name(solver: str | None, matrix: csc_array, definite: bool) -> str:
     """Name of the backend for a matrix: `solver`, else DDGCLI_SOLVER, else by size and installed packages."""
     name = solver or os.environ.get("DDGCLI_SOLVER") or "auto"
-    if name not in SOLVERS:
-        raise ParameterError(f"solver {name!r} is not one of {', '.join(SOLVERS)}; change DDGCLI_SOLVER")
+    if name not in LINEAR_SOLVERS:
+        raise ParameterError(
+            f"solver {name!r} is not one of {', '.join(LINEAR_SOLVERS)}; change DDGCLI_SOLVER"
+        )
     if name == "cholmod" and not cholmod_available():
         raise ParameterError("solver 'cholmod' is not installed; install ddgcli[fast] or use 'superlu'")
     if name == "pivoted" or not definite:
         return "pivoted"
     if name == "auto":
+        available = available_memory() if matrix.shape[0] >= MIN_CHECKED_UNKNOWNS else np.inf
+        if (needed := factor_bytes(matrix, available)) > available:
+            chosen = preferred_iterative_solver()
+            log.warning(
+                "the factors of %d unknowns need about %.3g GiB, %.3g GiB are available: %s solve instead",
+                matrix.shape[0], needed / 2**30, available / 2**30,
+                "conjugate gradients with multigrid" if chosen == "multigrid" else "conjugate gradients",
+            )  # fmt: skip
+            return chosen
         if matrix.shape[0] >= MIN_CHOLMOD_UNKNOWNS and cholmod_available():
             return "cholmod"
         return "multifrontal" if matrix.nnz >= MIN_MULTIFRONTAL_ENTRIES else "superlu"
     return name
 
 
+def direct_fits(matrix: csc_array) -> bool:
+    """Whether a factorisation of a definite matrix fits into the available memory."""
+    available = available_memory() if matrix.shape[0] >= MIN_CHECKED_UNKNOWNS else np.inf
+    return factor_bytes(matrix, available) <= available
+
+
+def factor_bytes(matrix: csc_array, enough: float) -> float:
+    """Bytes of a Cholesky factorisation: an upper bound below `enough`, else by symbolic analysis.
+
+    Of graphs without short separators, for which there is no cheap analysis, the upper bound.
+    """
+    n = matrix.shape[0]
+    bound = min(MAX_FACTOR_BYTES * n ** (4 / 3), 4.0 * n * n) * (matrix.dtype.itemsize / 8)
+    if bound <= enough:
+        return bound
+    dissection = nested_dissection(matrix)
+    if dissection is None:
+        return bound
+    levels = assembly_levels(matrix, dissection)
+    groups = [(*group.pivot.shape, group.update.shape[1]) for level in levels for group in level.groups]
+    factors = sum(g * s * (s + u) for g, s, u in groups)
+    sizes = [level.size for level in levels] + [0]
+    frontal = max(below + above for below, above in zip(sizes, sizes[1:], strict=False))
+    return float(factors + frontal) * matrix.dtype.itemsize
+
+
 def make_backend(name: str, matrix: csc_array, like: Backend | None = None) -> Backend:
     """Analyse and factorise with the named backend."""
+    if name in ITERATIVE_SOLVERS:
+        return Iterative(matrix, name)
     kinds: dict[str, Callable[[csc_array, Backend | None], Backend]]
     kinds = {
         "multifrontal": _multifrontal,

@@ -13,10 +13,12 @@ from scipy.linalg import cholesky, eigh, solve_triangular
 from scipy.sparse import csc_array, csr_array, sparray
 from scipy.sparse.linalg import splu
 
-from ddgcli.errors import ParameterError, check_memory
+from ddgcli.errors import ParameterError
+from ddgcli.linalg.backends import direct_fits
 from ddgcli.linalg.constrain import Poisson
 from ddgcli.linalg.lanczos import BlockLanczos
 from ddgcli.linalg.ordering import fill_reducing_ordering
+from ddgcli.memory import check_memory
 from ddgcli.progress import ProgressCallback
 
 log = logging.getLogger("ddgcli")
@@ -40,13 +42,17 @@ class Eigenpairs:
         lambda M x: the relative change of L that would make the pair exact.
     complete : bool
         Whether a count by inertia finds no eigenvalue missing below the last one. Of a multiple last
-        eigenvalue only as many copies are returned as k allows.
+        eigenvalue only as many copies are returned as k allows. True, with a warning, where the count does
+        not fit into memory.
+    solver : str
+        Name of the linear solver.
     """
 
     values: NDArray[np.float64]
     vectors: NDArray[np.float64]
     residuals: NDArray[np.float64]
     complete: bool
+    solver: str = ""
 
 
 def smallest_eigenpairs(
@@ -104,7 +110,8 @@ def _scaled_eigenpairs(
         return _with_residuals(L, M, np.zeros(k), null, complete=True)
     values, vectors, complete = _lanczos(L, M, problem, null, k - null.shape[1], seed, progress)
     values = np.concatenate([np.zeros(null.shape[1]), values])
-    return _with_residuals(L, M, values, np.column_stack([null, vectors]), complete=complete)
+    pairs = _with_residuals(L, M, values, np.column_stack([null, vectors]), complete=complete)
+    return replace(pairs, solver=problem.factor.solver)
 
 
 def _dense(M: csr_array, problem: Poisson, k: int) -> tuple[NDArray, NDArray]:
@@ -174,6 +181,12 @@ def _lanczos(
 
 def _none_missing(L: csr_array, M: csr_array, values: NDArray, zeros: int, order: NDArray | None) -> bool:
     """Whether inertia counts no more eigenvalues than `values` below the cluster of the last one."""
+    if order is None and not direct_fits(csc_array(L)):
+        log.warning(
+            "whether an eigenvalue is missing was not counted: the factors do not fit into memory; "
+            "use a coarser mesh to check"
+        )
+        return True
     last = values[-1]
     smaller = values[values < last * (1 - 1e-6)]
     shift = 0.5 * (last + (smaller[-1] if len(smaller) else 0.0))

@@ -34,9 +34,11 @@ class Factor:
     pivot : bool
         False raises `NotPositiveDefinite` instead of the second attempt, where the factorisation detects it;
         SuperLU does not.
-    solver : {'auto', 'multifrontal', 'superlu', 'cholmod', 'pivoted'}, optional
+    solver : str, optional
+        'auto', 'multifrontal', 'superlu', 'cholmod', 'pivoted', 'multigrid' or 'conjugate-gradients'.
         Default: the environment variable DDGCLI_SOLVER, else for large systems CHOLMOD where the extra
-        `fast` is installed, otherwise our multifrontal factorisation, and for small ones SuperLU of scipy.
+        `fast` is installed, otherwise our multifrontal factorisation, and for small ones SuperLU of scipy;
+        where the factors do not fit into the available memory, conjugate gradients (`iterative.py`).
     like : Factor, optional
         Of another matrix of the same pattern: its elimination order and symbolic analysis are used again.
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from ddgcli.errors import MeshError, check_memory
+from ddgcli.errors import MeshError
+from ddgcli.memory import check_memory
 from ddgcli.operators.dec import Complex
 from ddgcli.operators.stars import Star, hodge_star
 

@@ -16,6 +16,7 @@ from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_
 from ddgcli.choices import DEFAULT_HEAT_TIME, DISTANCE_METHODS, HEAT_OPERATORS
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.linalg.iterative import ITERATIVE_SOLVERS
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import SurfaceMesh
@@ -188,7 +189,12 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
                 f"heat of time {solver.time:g} is lost to rounding (residual {heat.heat_residual:.2g}); give "
                 "a shorter `heat_time`, or use `method=exact`"
             )
-        accuracy = {"heat_residual": heat.heat_residual, "poisson_residual": heat.poisson_residual}
+        accuracy: dict[str, Any] = {
+            "heat_residual": heat.heat_residual,
+            "poisson_residual": heat.poisson_residual,
+        }
+        if solver.solver in ITERATIVE_SOLVERS:
+            accuracy["heat_solver"] = solver.solver
         results = {"operator": operator, "heat_time": solver.time, "heat_stages": heat.n_stages}
         if heat.cold_faces:
             log.warning(

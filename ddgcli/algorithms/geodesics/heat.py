@@ -119,6 +119,11 @@ class HeatSolver:
             self._poisson = Poisson(self.stiffness, self._area, like=self._heat)
         return self._poisson
 
+    @property
+    def solver(self) -> str:
+        """Name of the linear solver."""
+        return self._heat.solver
+
     def distance(self, sources: Sources | NDArray | list[int] | int) -> HeatDistance:
         """Distance to the nearest of the sources.
 

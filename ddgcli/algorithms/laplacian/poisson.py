@@ -25,11 +25,14 @@ class Solution:
     imbalance : float
         Relative sum of the right-hand side over a component without fixed value (0 where the problem is
         solvable), subtracted before solving.
+    solver : str
+        Name of the linear solver.
     """
 
     values: NDArray[np.float64]
     residual: float
     imbalance: float = 0.0
+    solver: str = ""
 
 
 def poisson(operator: LaplaceOperator, source: NDArray, fixed: Mapping[int, float] | None = None) -> Solution:
@@ -59,7 +62,7 @@ def poisson(operator: LaplaceOperator, source: NDArray, fixed: Mapping[int, floa
     problem = Poisson(operator.stiffness, operator.mass)
     u = problem.solve(rhs)
     imbalance = problem.imbalance
-    return Solution(u, problem.residual(u, rhs), imbalance)
+    return Solution(u, problem.residual(u, rhs), imbalance, problem.factor.solver)
 
 
 def harmonic(operator: LaplaceOperator, fixed: Mapping[int, float]) -> Solution:
@@ -92,7 +95,7 @@ def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDAr
     u = np.zeros((n, *component_values.shape[1:]))
     u[used] = component_values
     u[vertex[~inside]] = values[~inside] if u.ndim == 1 else values[~inside, None]
-    return Solution(u, problem.residual(component_values, load))
+    return Solution(u, problem.residual(component_values, load), solver=problem.factor.solver)
 
 
 def _require_a_value_per_component(operator: LaplaceOperator, fixed: Mapping[int, float]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ def spectrum(
     pairs = smallest_eigenpairs(L, M, k, seed=seed, progress=progress)
     vectors = np.zeros((n, k))
     vectors[used] = pairs.vectors
-    return Eigenpairs(pairs.values, vectors, pairs.residuals, pairs.complete)
+    return replace(pairs, vectors=vectors)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from ddgcli.algorithms.laplacian.laplace_operator import (
 from ddgcli.choices import CONFORMAL_BOUNDARIES, SMOOTHING_FLOWS
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_area_vector
+from ddgcli.linalg.iterative import ITERATIVE_SOLVERS
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -240,12 +241,19 @@ def _eigen(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCal
         result.results["eigenvalues"] = pairs.values[requested].tolist()
     result.accuracy["eigen_residuals"] = pairs.residuals.tolist()
     result.accuracy["eigen_complete"] = pairs.complete
+    _report_iterative(result, "eigen", pairs.solver)
     if tasks.hks:
         signature = heat_kernel_signature(pairs, np.array(tasks.hks))
         result.vertex |= {f"hks_{i:03d}": v for i, v in enumerate(signature.values.T)}
         result.results["hks_times"] = list(tasks.hks)
         result.results["hks_eigenpairs"] = k
         result.accuracy["hks_truncation"] = signature.truncation.tolist()
+
+
+def _report_iterative(result: LaplacianResult, task: str, solver: str) -> None:
+    """Name the solver of a task where it is not a factorisation."""
+    if solver in ITERATIVE_SOLVERS:
+        result.accuracy[f"{task}_solver"] = solver
 
 
 def _form_eigen(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCallback) -> None:
@@ -273,6 +281,7 @@ def _poisson(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressC
     result.results["poisson"] = _summary(result.operator, solution.values)
     result.accuracy["poisson_residual"] = solution.residual
     result.accuracy["poisson_imbalance"] = solution.imbalance
+    _report_iterative(result, "poisson", solution.solver)
 
 
 def _harmonic(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCallback) -> None:
@@ -284,6 +293,7 @@ def _harmonic(result: LaplacianResult, tasks: LaplacianTasks, progress: Progress
     values = np.array(list(tasks.fixed.values()))
     beyond = max(solution.values.max() - values.max(), values.min() - solution.values.min(), 0.0)
     result.accuracy["harmonic_residual"] = solution.residual
+    _report_iterative(result, "harmonic", solution.solver)
     violation = float(beyond / (np.ptp(values) or np.abs(values).max() or 1.0))
     result.accuracy["maximum_principle_violation"] = violation
 

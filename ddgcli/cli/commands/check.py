@@ -13,6 +13,8 @@ from typing import Any
 import click
 
 from ddgcli.cli import options
+from ddgcli.cli.forecast.check_cost import check_cost, dry_run_of
+from ddgcli.cli.forecast.kernels import Size
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import MeshFileError, OutputError, ParameterError, excerpt
@@ -104,6 +106,7 @@ def command(
         if words or update:
             raise ParameterError("the command needs EXPECTED.json to compare its summary with; name it first")
         run.set_input(arrays[0], "")  # type: ignore[index]
+        check_cost(run, Size("surface", 0))
         compared_arrays = compare_files(run, arrays, {**chosen, "keys": dict(stated)}, diff_paths)
         run.finish(compared_arrays, {}, converged=not compared_arrays["moved"])
         return
@@ -112,6 +115,8 @@ def command(
     stored = read_expected(expected_path, may_miss=update)
     run.set_input(expected_path, hashlib.sha256(json.dumps(stored).encode()).hexdigest())
     words = tuple(words) or tuple(stored.get("run", ()))
+    if common.dry_run:
+        run.end_dry_run(dry_run_of(words[1:] if words[:1] == ("ddgcli",) else words))
     summary, exit_code = summary_of(words)
     from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare
 

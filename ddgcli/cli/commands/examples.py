@@ -8,6 +8,8 @@ from pathlib import Path
 import click
 
 from ddgcli.cli import options
+from ddgcli.cli.forecast.check_cost import check_cost
+from ddgcli.cli.forecast.kernels import Size
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import OutputError
@@ -29,6 +31,7 @@ def command(folder: str, common: CommonOptions) -> None:
     """
     run = Run("examples", common, formats=())
     run.input = {"path": folder}
+    check_cost(run, Size("surface", 0))
     copied: dict[str, int] = {}
     with run.clock.timed("write"):
         for name in FOLDERS:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ import click
 
 from ddgcli.choices import VELOCITY_GLYPHS
 from ddgcli.cli import options
+from ddgcli.cli.forecast.check_cost import check_cost, size_of
 from ddgcli.cli.input_facts import input_facts
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
@@ -81,6 +83,11 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
         for output in common.outputs:
             _check_numbering(output, 1 if settings["paths"] else len(chosen))
         exported = chosen if common.outputs else []
+        drawn = {".png", ".svg", ".pdf", *ANIMATIONS} & {
+            Path(output).suffix.lower() for output in common.outputs
+        }
+        size = replace(size_of(source.mesh, {}), frames=max(1, len(exported)))
+        check_cost(run, size, {"pictures": bool(drawn)})
         for output in common.outputs:
             if settings["paths"]:
                 run.write_file(output, _paths(source, chosen))

@@ -31,6 +31,7 @@ from ddgcli.cli.run import Run
 @distance_options
 @curve_options
 @wave_options
+@options.solver
 @options.subdivide
 @options.common
 def command(
@@ -38,6 +39,7 @@ def command(
     distance: DistanceQuery,
     curves: GeodesicCurveOptions,
     waves: WaveOptions,
+    solver: str | None,
     subdivide: int,
     common: CommonOptions,
 ) -> None:
@@ -47,6 +49,7 @@ def command(
     Example:
       ddgcli geodesic spot.obj --source 0 -o distance.vtu --path-to 100 --paths-output path.vtp
     """
+    options.use_solver(solver)
     distance.check(method_needs_source=waves.signed_distance is None)
     curves.check(distance)
     waves.check(distance)
@@ -55,6 +58,7 @@ def command(
         "geodesic",
         common,
         subdivide=subdivide,
+        **({"solver": solver} if solver else {}),
         **_distance_options(distance),
         **_changed(curves),
         **_changed(waves),

@@ -145,12 +145,13 @@ class FixedValue(click.ParamType):
     "eigenform_vectors_000, ... on cells.",
 )
 @evolution_options
+@options.solver
 @options.subdivide
 @options.common
 def command(
     mesh_path: str, matrix: str | None, mass_matrix: str | None, poisson: str | None, fix: tuple,
     cone: tuple, boundary_values: str | None, overlay: str | None, evolution: EvolutionOptions,
-    subdivide: int, common: CommonOptions, **tasks: Any,
+    solver: str | None, subdivide: int, common: CommonOptions, **tasks: Any,
 ) -> None:  # fmt: skip
     """Assemble the Laplace matrices of MESH, a surface or tetrahedra, and solve with them.
 
@@ -166,12 +167,14 @@ def command(
       ddgcli laplacian scan.ply --smooth 1e-4 -o smooth.ply
       ddgcli laplacian bunny.ply --wave 0 --duration 2 -o wave.vtkhdf
     """
+    options.use_solver(solver)
     selected = [value for name, value in tasks.items() if name not in OPERATOR_OPTIONS]
     evolution.check(any((matrix, mass_matrix, poisson, fix, cone, boundary_values, overlay, *selected)))
     run = Run("laplacian", common, matrix=matrix, mass_matrix=mass_matrix, poisson=poisson,
               fix=[f"{vertex}={value:.17g}" for vertex, value in fix],
               cone=[f"{vertex}={value:.17g}" for vertex, value in cone],
               boundary_values=boundary_values, overlay=overlay,
+              **({"solver": solver} if solver else {}),
               subdivide=subdivide, **tasks, **evolution.changed())  # fmt: skip
     run.plan_output(matrix, MATRIX_FORMATS)
     run.plan_output(mass_matrix, MATRIX_FORMATS)

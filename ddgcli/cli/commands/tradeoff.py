@@ -18,6 +18,7 @@ from ddgcli.cli.commands.tradeoff_options import (
     CommandCall,
     parse,
 )
+from ddgcli.cli.forecast.check_cost import dry_run_of
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
@@ -138,6 +139,9 @@ def command(
         **({"maps": maps} if maps else {}),
         **call.options,
     )
+    if common.dry_run and compared in ("shell-sim", "fluid-sim"):
+        scene = dry_run_of([compared, *words])
+        run.end_dry_run({**scene, "seconds": scene["read_seconds"] + budget})
     if conserved is not None:
         problem = _conservation_problem(run, compared, call, conserved)
     elif maps:

@@ -46,7 +46,6 @@ _SCENE = (
                  "Repeatable."),
     click.option("--effects", "list_effects", is_flag=True, help="List the effects and their parameters."),
     click.option("--schema", is_flag=True, help="Print the JSON Schema of scenes, for editors."),
-    click.option("--dry-run", is_flag=True, help="Check the scene and print what would be assembled."),
 )  # fmt: skip
 
 
@@ -65,7 +64,7 @@ class SceneCall:
         The .part to continue.
     effect_lines : tuple of str
         Of the quick form.
-    list_effects, schema, dry_run : bool
+    list_effects, schema : bool
         Print this instead of running.
     """
 
@@ -76,7 +75,6 @@ class SceneCall:
     effect_lines: tuple[str, ...] = ()
     list_effects: bool = False
     schema: bool = False
-    dry_run: bool = False
 
 
 def time_options(command: Callable) -> Callable:

@@ -196,16 +196,17 @@ def print_schema(kind: SceneKind) -> None:
     click.echo(json.dumps(json_schema(kind), indent=2, ensure_ascii=False))
 
 
-def print_dry_run(run: Run, scene: Scene, assembled: dict[str, Any]) -> None:
-    """Print the resolved scene and what would be assembled."""
-    content = {"command": run.command, "dry_run": True, "scene": scene.resolved(), "assembled": assembled}
+def print_dry_run(run: Run, scene: Scene, assembled: dict[str, Any], prediction: dict[str, Any]) -> None:
+    """Print the resolved scene, what would be assembled, and the predicted cost."""
+    content = {"command": run.command, "dry_run": True, "scene": scene.resolved(), "assembled": assembled,
+               "prediction": prediction}  # fmt: skip
     if run.common.as_json:
         from ddgcli.cli.summary import plain
 
         click.echo(json.dumps(plain(content), ensure_ascii=False))
         return
     click.echo(json.dumps(content["scene"], indent=2, ensure_ascii=False))
-    for name, value in assembled.items():
+    for name, value in [*assembled.items(), *prediction.items()]:
         click.echo(f"{name}: {value}")
 
 

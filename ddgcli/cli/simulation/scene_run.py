@@ -7,6 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from ddgcli.cli.forecast.check_cost import check_cost, predict_run
+from ddgcli.cli.forecast.kernels import Size
+from ddgcli.cli.forecast.prediction import as_results
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.options import SceneCall
 from ddgcli.cli.simulation.plot import Picture, draw_run
@@ -112,9 +115,12 @@ def run_scene(
     resolved, digest = fingerprint(scene.resolved(), simulator.sha256)
     describe_input(run, call.path or "", meshes, digest)
     check_unchanged(call.resume, resolved)
-    if call.dry_run:
-        print_dry_run(run, scene, simulator.assembled(schedule))
+    size = scene_size(meshes, schedule)
+    if call.common.dry_run:
+        prediction = predict_run(run, size, {"integrator": scene.time.integrator})
+        print_dry_run(run, scene, simulator.assembled(schedule), as_results(prediction, size))
         return
+    check_cost(run, size, {"integrator": scene.time.integrator})
     with run.clock.timed("compute"):
         models = simulator.models()
     job = Job(
@@ -125,6 +131,14 @@ def run_scene(
         simulator.failure_reason, simulator.final, simulator.splits, simulator.splits,
     )  # fmt: skip
     _report(run, scene, simulator, account, simulate(run, job), job.obstacles_at)
+
+
+def scene_size(meshes: list[Any], schedule: Schedule) -> Size:
+    """Elements of all objects, steps and frames."""
+    volume = any(hasattr(mesh, "tetrahedra") for mesh in meshes)
+    elements = sum(len(mesh.tetrahedra if hasattr(mesh, "tetrahedra") else mesh.faces) for mesh in meshes)
+    kind = "tetrahedra" if volume else "surface"
+    return Size(kind, elements, steps=schedule.steps, frames=schedule.n_frames)
 
 
 def _report(

@@ -1,0 +1,340 @@
+"""What does each kernel of a command cost? Measures the table that `--dry-run` predicts from.
+
+python -m benchmarks.costs [--only WORD ...]      writes ddgcli/cli/forecast/coefficients.py (ten minutes)
+
+Each kernel is one command at three sizes, each in a process of its own: CPU seconds and peak resident memory
+after its input is read (as a dry run states them). The costs of kernels that stand before it in a command are
+subtracted; what is left is fitted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.common.process import ROOT, MeasuredProcess, measured_command
+from ddgcli.cli.forecast.coefficients import COEFFICIENTS, Cost
+from ddgcli.cli.forecast.prediction import probe
+
+TABLE = ROOT / "ddgcli" / "cli" / "forecast" / "coefficients.py"
+SIZES, SMALL_SIZES = (10_000, 80_000), (2_000, 14_000)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A kernel, the command that measures it (`{mesh}`, `{out}`: files), the growth of its seconds."""
+
+    kernel: str
+    words: str
+    sizes: tuple[int, ...] = SIZES
+    mesh: str = "sphere"
+    exponent: float = 1.05
+    suffix: str = ""  # of the kernel's name: kind of elements other than faces
+
+
+SURFACE = [
+    Task("info", "info {mesh}"),
+    Task("write vtu", "info {mesh} -o {out}.vtu"),
+    Task("write npz", "info {mesh} -o {out}.npz"),
+    Task("write ply", "info {mesh} -o {out}.ply"),
+    Task("write text", "info {mesh} -o {out}.obj"),
+    Task("picture", "info {mesh} --plot {out}.png"),
+    Task("repair", "repair {mesh} --for curvature"),
+    *(
+        Task(f"curvature {scheme}", f"curvature {{mesh}} --scheme {scheme}")
+        for scheme in ("cotan", "normal-cycle", "corrected", "quadric")
+    ),
+    *(
+        Task(f"curvature {scheme} radius", f"curvature {{mesh}} --scheme {scheme} --radius {{radius}}")
+        for scheme in ("normal-cycle", "corrected", "quadric")
+    ),
+    Task("curvature quadric auto", "curvature {mesh} --radius auto"),
+    Task("delaunay", "delaunay {mesh}"),
+    Task("delaunay refine", "delaunay {mesh} --refine 25"),
+    Task("delaunay overlay", "delaunay {mesh} --overlay {out}.ply"),
+    Task("delaunay dual", "delaunay {mesh} --dual {out}.npz"),
+    Task("delaunay condition", exponent=1.15, words="delaunay {mesh} --condition"),
+    Task("laplacian", "laplacian {mesh}"),
+    Task("laplacian matrix", "laplacian {mesh} --matrix {out}.npz"),
+    Task("laplacian poisson", exponent=1.15, words="laplacian {mesh} --poisson f"),
+    Task("laplacian eigen", exponent=1.1, words="laplacian {mesh} --eigen 8"),
+    Task("laplacian eigenpair", exponent=1.1, words="laplacian {mesh} --eigen 40"),
+    Task("laplacian smooth", exponent=1.15, words="laplacian {mesh} --smooth 1e-4"),
+    Task("laplacian discrete-conformal", "laplacian {mesh} --parameterize discrete-conformal", mesh="disk"),
+    Task(
+        "laplacian conformal", exponent=1.15, words="laplacian {mesh} --parameterize conformal", mesh="disk"
+    ),
+    Task("laplacian harmonic", "laplacian {mesh} --parameterize harmonic", mesh="disk"),
+    Task("laplacian form-eigen", "laplacian {mesh} --form-eigen 4", SMALL_SIZES),
+    Task("laplacian evolution", "laplacian {mesh} --heat f --duration 1 --dt 0.01"),
+    Task("hodge", "hodge {mesh}"),
+    Task("hodge field", "hodge {mesh} --field wind"),
+    Task("dec", "dec {mesh} -o {out}.npz"),
+    Task("geodesic exact", exponent=1.3, words="geodesic {mesh} --source 0"),
+    Task("geodesic heat", "geodesic {mesh} --source 0 --method heat"),
+    Task(
+        "geodesic fast-marching",
+        "geodesic {mesh} --source 0 --method fast-marching",
+        (5_000, 20_000, 80_000, 320_000),
+    ),
+    Task("geodesic dijkstra", "geodesic {mesh} --source 0 --method dijkstra"),
+    *(
+        Task(
+            f"geodesic {method} solve",
+            f"geodesic {{mesh}} --source 0,9,99,999 --each-source --method {method}",
+        )
+        for method in ("exact", "heat", "fast-marching", "dijkstra")
+    ),
+    Task("geodesic log-map", "geodesic {mesh} --source 0 --log-map"),
+    Task("geodesic vector-heat", "geodesic {mesh} --source 0 --path-to 9 --transport"),
+    Task("willmore-flow", "willmore-flow {mesh} --steps 1 --dt 1e-9", SMALL_SIZES),
+    *(
+        Task(
+            f"willmore-flow {flow} step",
+            f"willmore-flow {{mesh}} --flow {flow} --steps 9 --dt 1e-9",
+            SMALL_SIZES,
+        )
+        for flow in ("quadratic", "newton", "circle-angle", "conformal", "mean-curvature")
+    ),
+    Task(
+        "shell-sim",
+        "shell-sim {mesh} --effect stretching --effect bending --effect gravity "
+        "--material felt --set thickness=1e-3 --dt 1e-3 --steps 1",
+        SMALL_SIZES,
+        mesh="disk",
+    ),
+    Task(
+        "shell-sim implicit step",
+        "shell-sim {mesh} --effect stretching --effect bending --effect gravity "
+        "--material felt --set thickness=1e-3 --dt 1e-3 --steps 9",
+        SMALL_SIZES,
+        mesh="disk",
+    ),
+    Task(
+        "shell-sim explicit step",
+        "shell-sim {mesh} --effect stretching --effect bending --effect gravity "
+        "--material felt --set thickness=1e-3 --integrator verlet --dt 1e-8 --steps 40",
+        SMALL_SIZES,
+        mesh="disk",
+    ),
+    Task("fluid-sim", "fluid-sim {mesh} --vorticity f --dt 1e-2 --steps 1", SMALL_SIZES),
+    *(
+        Task(
+            f"fluid-sim {name} step",
+            f"fluid-sim {{mesh}} --vorticity f --integrator {name} --dt 1e-2 --steps 9",
+            SMALL_SIZES,
+        )
+        for name in ("circulation", "conservative", "energy", "covector")
+    ),
+    Task("view", "view {mesh} -o {out}.html"),
+]
+TETRAHEDRA = [
+    Task("info", "info {mesh}", mesh="box", suffix="tetrahedra"),
+    Task("write vtu", "info {mesh} -o {out}.vtu", mesh="box", suffix="tetrahedra"),
+    Task("write npz", "info {mesh} -o {out}.npz", mesh="box", suffix="tetrahedra"),
+    Task("laplacian", "laplacian {mesh}", mesh="box", suffix="tetrahedra"),
+    Task(
+        "laplacian poisson",
+        exponent=1.15,
+        words="laplacian {mesh} --poisson f",
+        mesh="box",
+        suffix="tetrahedra",
+    ),
+    Task(
+        "laplacian eigen", exponent=1.1, words="laplacian {mesh} --eigen 8", mesh="box", suffix="tetrahedra"
+    ),
+    Task(
+        "laplacian eigenpair",
+        exponent=1.1,
+        words="laplacian {mesh} --eigen 40",
+        mesh="box",
+        suffix="tetrahedra",
+    ),
+    Task("hodge", "hodge {mesh}", SMALL_SIZES, mesh="box", suffix="tetrahedra"),
+    Task("hodge field", "hodge {mesh} --field wind", SMALL_SIZES, mesh="box", suffix="tetrahedra"),
+    Task("dec", "dec {mesh} -o {out}.npz", SMALL_SIZES, mesh="box", suffix="tetrahedra"),
+    Task("view", "view {mesh} -o {out}.html", mesh="box", suffix="tetrahedra"),
+]
+CURVES = [
+    Task("info", "info {mesh}", mesh="circle", suffix="curve"),
+    Task("curvature", "curvature {mesh}", mesh="circle", suffix="curve"),
+    Task("curve-flow", "curve-flow {mesh} --steps 1 --dt 1e-9", SMALL_SIZES, mesh="circle", suffix="curve"),
+    Task(
+        "curve-flow step",
+        "curve-flow {mesh} --steps 20 --dt 1e-9",
+        SMALL_SIZES,
+        mesh="circle",
+        suffix="curve",
+    ),
+]
+TASKS = [*SURFACE, *TETRAHEDRA, *CURVES]
+
+
+def make_input(folder: Path, kind: str, elements: int) -> tuple[Path, float]:
+    """Mesh file with the arrays f (vertices) and wind (cells), and three mean edge lengths."""
+    path, note = folder / f"{kind}-{elements}.npz", folder / f"{kind}-{elements}.txt"
+    if not path.exists():
+        code = (
+            "import sys; from pathlib import Path; from benchmarks.costs import write_input; "
+            f"Path({str(note)!r}).write_text(str(write_input({str(path)!r}, {kind!r}, {elements})))"
+        )
+        subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+    return path, float(note.read_text())
+
+
+def write_input(path: str, kind: str, elements: int) -> float:
+    """Write an input, in a process of its own so that the driver stays small."""
+    from ddgcli.io.mesh_file import write_mesh
+    from ddgcli.mesh import shapes
+    from ddgcli.mesh.curve import CurveSet
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    if kind == "circle":
+        angle = np.linspace(0, 2 * np.pi, elements, endpoint=False)
+        points = np.stack([np.cos(angle), 0.7 * np.sin(angle), 0 * angle], axis=1)
+        write_mesh(path, AnnotatedMesh(CurveSet.from_paths([np.vstack([points, points[:1]])])))
+        return 0.0
+    if kind == "box":
+        mesh: Any = shapes.box_tetrahedra(*3 * [max(2, round((elements / 6) ** (1 / 3)))])
+    elif kind == "disk":
+        mesh = shapes.grid(n := max(2, round((elements / 2) ** 0.5)), n)
+    else:
+        mesh = shapes.random_sphere(elements // 2 + 2, 0)
+    cells = {"wind": np.tile([1.0, 0.5, 0.2], (elements_of(mesh), 1))}
+    write_mesh(path, AnnotatedMesh(mesh, vertex={"f": mesh.points[:, 2].copy()}, face=cells))
+    return 3 * float(mesh.side_length.mean()) if kind != "box" else 0.0
+
+
+def elements_of(mesh: Any) -> int:
+    """Cells of a mesh."""
+    return len(mesh.tetrahedra if hasattr(mesh, "tetrahedra") else mesh.faces)
+
+
+def measure(words: list[str], folder: Path) -> MeasuredProcess:
+    """Run `ddgcli WORDS --json`."""
+    run = measured_command([*words, "--json"], folder)
+    if run.exit_code == 2:
+        raise SystemExit(f"failed: {' '.join(words)}\n{run.error}")
+    return run
+
+
+@cache
+def read_facts(path: Path, folder: Path) -> dict[str, float]:
+    """MiB and CPU seconds of `info` after it has read a file."""
+    return dry_run(["info", str(path)], folder)
+
+
+def dry_run(words: list[str], folder: Path) -> dict[str, Any]:
+    """Prediction of a command."""
+    summary = measure([*words, "--dry-run"], folder).summary
+    return summary.get("prediction") or summary["results"]
+
+
+def measured_kernel(task: Task, folder: Path, table: dict[str, Cost]) -> list[tuple[float, float, float]]:
+    """Elements (1e5), and the seconds and MiB of one use of the kernel, for every size of the task."""
+    rows, facts, start, start_mib = [], {}, 0.0, 0.0
+    for elements in task.sizes:
+        path, radius = make_input(folder, task.mesh, elements)
+        words = task.words.format(mesh=path, out=folder / "out", radius=radius).split()
+        run, read = measure(words, folder), read_facts(path, folder)
+        if not facts:  # the kernels as the command itself counts them, and what its imports cost
+            facts = dry_run(words, folder)
+            start = facts["read_seconds"] - read["read_seconds"]
+            start_mib = facts["read_mib"] - read["read_mib"]
+        seconds = run.seconds - read["read_seconds"] - start
+        mib = run.mib - read["read_mib"] - start_mib
+        rows.append(_rest(task, facts["kernels"], read["elements"] / 1e5, seconds, mib, table))
+    return rows
+
+
+def _rest(
+    task: Task, uses: list[dict[str, Any]], n: float, seconds: float, mib: float, table: dict[str, Cost]
+) -> tuple[float, float, float]:
+    """n, and what other kernels leave of the seconds and MiB, for one use."""
+    own = next(use for use in uses if use["kernel"] == task.kernel)
+    shared = 0.0
+    for use in uses:
+        if use is own:
+            continue
+        cost = table[f"{use['kernel']} {task.suffix}".strip()]
+        seconds -= use["times"] * (cost.seconds + cost.seconds_per_1e5 * n**cost.exponent)
+        shared = max(shared, cost.mib + cost.mib_per_1e5 * n)
+    mib = (mib - shared) / own["added"] if own["added"] else mib
+    return n, max(seconds, 0.0) / own["times"], max(mib, 0.0)
+
+
+def fitted(rows: list[tuple[float, float, float]], exponent: float) -> Cost:
+    """Cost from (elements, seconds, MiB) at growing sizes, by relative least squares."""
+    n, seconds, mib = (np.array(column) for column in zip(*rows))
+    return Cost(*_line(n**exponent, seconds, 0.02), exponent, *_line(n, mib, 5.0))
+
+
+def _line(x: np.ndarray, values: np.ndarray, floor: float) -> tuple[float, float]:
+    """Intercept and slope, neither negative."""
+    weight = 1 / np.maximum(values, floor)
+    return _nonnegative(np.stack([weight, x * weight], axis=1), values * weight)
+
+
+def _nonnegative(matrix: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    x = np.linalg.lstsq(matrix, values, rcond=None)[0]
+    if (x < 0).any():  # the better of the two columns alone
+        single = [max(0.0, float(c @ values / (c @ c))) for c in matrix.T]
+        errors = [float(np.abs(c * a - values).max()) for c, a in zip(matrix.T, single)]
+        k = int(np.argmin(errors))
+        x = np.zeros(2)
+        x[k] = single[k]
+    return float(x[0]), float(x[1])
+
+
+def write_table(table: dict[str, Cost], probe_seconds: float) -> None:
+    """Write the table into its module."""
+    source = TABLE.read_text(encoding="utf-8")
+    head = source[: source.index("PROBE_SECONDS =")]
+    lines = [
+        f"    {json.dumps(name)}: Cost({', '.join(f'{x:.4g}' for x in cost)}),\n"
+        for name, cost in table.items()
+    ]
+    text = (
+        head + f"PROBE_SECONDS = {probe_seconds:.4g}  # of `prediction.probe` where the table was measured\n"
+    )
+    TABLE.write_text(
+        text + "\nCOEFFICIENTS: dict[str, Cost] = {\n" + "".join(lines) + "}\n", encoding="utf-8"
+    )
+
+
+def main() -> None:
+    """Measure the kernels and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", nargs="*", help="kernels whose names begin with one of these")
+    parser.add_argument("--missing", action="store_true", help="only kernels that the table lacks")
+    parser.add_argument("--folder", help="keep the inputs here")
+    arguments = parser.parse_args()
+    table = dict(COEFFICIENTS)
+    probe_seconds = min(probe() for _ in range(5))
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(arguments.folder or temporary)
+        for task in TASKS:
+            name = f"{task.kernel} {task.suffix}".strip()
+            if arguments.only and not any(name.startswith(word) for word in arguments.only):
+                continue
+            if arguments.missing and name in table:
+                continue
+            rows = measured_kernel(task, folder, table)
+            table[name] = fitted(rows, task.exponent)
+            print(
+                name, table[name], [(round(n * 1e5), round(s, 3), round(m)) for n, s, m in rows], flush=True
+            )
+            write_table(table, probe_seconds)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,97 @@
+"""Check of the cost of a run after its input is read: refuse it, or with --dry-run print it and end."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from ddgcli.cli.forecast.kernels import Size, kernels_of
+from ddgcli.cli.forecast.prediction import Prediction, as_results, predict, refuse_without_memory
+from ddgcli.errors import ParameterError, excerpt
+
+if TYPE_CHECKING:
+    from ddgcli.mesh.fields import AnyMesh
+
+__all__ = ["check_cost", "dry_run_of", "predict_run", "size_of"]
+
+MIN_CHECKED_ELEMENTS = 100_000  # smaller inputs fit, and their runs need no prediction
+CURES = {
+    "laplacian": "use fewer eigenpairs, a coarser mesh, or a machine with more memory",
+    "geodesic": "use --method fast-marching or heat, or a coarser mesh",
+    "delaunay": "leave --refine and --overlay out, or use a coarser mesh",
+    "curvature": "use --scheme cotan, or a coarser mesh",
+    "frames": "select fewer frames with --every",
+    "view": "show fewer frames with --every, or a coarser mesh",
+    "batch": "use fewer --jobs, or a coarser mesh",
+}
+DEFAULT_CURE = "use a coarser mesh, or a machine with more memory"
+
+
+def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> Size:
+    """Size of a mesh and of the steps that the options name."""
+    from ddgcli.mesh.curve import CurveSet
+    from ddgcli.mesh.tet_mesh import TetMesh
+
+    steps = options.get("steps")
+    step = options.get("step") or options.get("time_step")
+    if steps is None and options.get("duration") and step:
+        steps = max(1, round(options["duration"] / step))
+    if isinstance(mesh, CurveSet):
+        return Size("curve", mesh.n_vertices, steps=steps)
+    if isinstance(mesh, TetMesh):
+        return Size("tetrahedra", len(mesh.tetrahedra), steps=steps)
+    edge_length = float(mesh.side_length.mean()) if options.get("radius") and len(mesh.faces) else None
+    return Size("surface", len(mesh.faces), edge_length, steps)
+
+
+def predict_run(run: Any, size: Size, options: Mapping[str, Any] | None = None) -> Prediction:
+    """Cost of a run on an input of a size; `options` replace those of the summary."""
+    common = run.common
+    chosen = {**run.options, **(options or {})}
+    uses = kernels_of(run.command, chosen, size, common.outputs, common.plot is not None)
+    prediction = predict(uses, size, calibrate=common.dry_run)
+    if run.command == "tradeoff":  # as many methods and repetitions as the budget allows
+        return replace(prediction, seconds=prediction.read_seconds + chosen["budget"])
+    return prediction
+
+
+def check_cost(run: Any, size: Size, options: Mapping[str, Any] | None = None) -> None:
+    """Refuse a run that cannot fit into memory; with --dry-run print the prediction and end.
+
+    Raises
+    ------
+    ParameterError
+        The run needs more memory than is available.
+    """
+    if not run.common.dry_run and size.elements * size.frames < MIN_CHECKED_ELEMENTS:
+        return
+    prediction = predict_run(run, size, options)
+    path = run.input.get("path") or run.command
+    refuse_without_memory(
+        prediction, f"{path}: {run.command} on {size.elements:,} elements",
+        CURES.get(run.command, DEFAULT_CURE),
+    )  # fmt: skip
+    if run.common.dry_run:
+        run.end_dry_run(as_results(prediction, size))
+
+
+def dry_run_of(words: Sequence[str]) -> dict[str, Any]:
+    """Prediction of another command, made by a process of its own.
+
+    Raises
+    ------
+    ParameterError
+        The command refuses its input.
+    """
+    call = [sys.executable, "-m", "ddgcli", *words, "--dry-run", "--json"]
+    done = subprocess.run(call, capture_output=True, encoding="utf-8", errors="replace")
+    try:
+        answer = json.loads(done.stdout)
+        return answer.get("prediction") or answer["results"]
+    except (ValueError, KeyError, AttributeError):
+        last = (done.stderr.strip().splitlines() or ["no prediction"])[-1]
+        raise ParameterError(excerpt(last.removeprefix("Error: "), 300)) from None

@@ -1,0 +1,259 @@
+"""Kernels that a command runs for its options, and how often."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+__all__ = ["Size", "Use", "kernels_of"]
+
+MEASURED_EIGENPAIRS = 8  # of the kernel `laplacian eigen`
+MEASURED_SMOOTHING_STEPS = 10
+MEASURED_REFINEMENT_DEGREES = 25.0
+MEASURED_EVOLUTION_STEPS = 100
+DEFAULT_FLOW_STEPS = 100  # a guess: flows end at rest
+CERTIFICATE_RUNS = 4
+PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
+NEWTON_STEPS_AT_REST = 20  # a guess
+
+
+@dataclass(frozen=True)
+class Size:
+    """Size of an input.
+
+    Parameters
+    ----------
+    kind : {'surface', 'tetrahedra', 'curve'}
+    elements : int
+        Faces, tetrahedra or points of curves; of several inputs the sum.
+    edge_length : float, optional
+        Mean length of an edge, for costs of neighbourhoods.
+    steps : int, optional
+        Steps of a simulation, where they are known.
+    frames : int
+        Frames that are written or drawn.
+    """
+
+    kind: str
+    elements: int
+    edge_length: float | None = None
+    steps: int | None = None
+    frames: int = 1
+
+
+@dataclass(frozen=True)
+class Use:
+    """One use of a kernel of the table `COEFFICIENTS`.
+
+    Parameters
+    ----------
+    kernel : str
+    times : float
+        Factor of its seconds.
+    added : float
+        Factor of its memory that other kernels do not free; 0: the kernels of a command share memory, and
+        the largest counts.
+    """
+
+    kernel: str
+    times: float = 1.0
+    added: float = 0.0
+
+
+def kernels_of(
+    command: str, options: Mapping[str, Any], size: Size, outputs: tuple[str, ...] = (), plot: bool = False
+) -> list[Use]:
+    """Kernels of a command.
+
+    Parameters
+    ----------
+    command : str
+    options : mapping
+        As in the summary: names of parameters with their values.
+    size : Size
+    outputs : tuple of str
+        Paths of the result; their extensions choose the cost of writing.
+    plot : bool
+        Whether a picture is drawn.
+    """
+    uses = list(_KERNELS[command](options, size))
+    if command not in ("view", "dec", "tradeoff"):
+        meshes = [path for path in outputs if Path(path).suffix.lower() not in PICTURES]
+        uses += [Use(f"write {_written_as(path)}", size.frames) for path in meshes]
+    if plot:
+        uses.append(Use("picture"))
+    return uses
+
+
+def _written_as(path: str) -> str:
+    """Extension with a measured cost that stands for the extension of a path."""
+    suffix = Path(path).suffix.lower()
+    if suffix in (".npz", ".vtkhdf", ".h5"):
+        return "npz"
+    return (
+        "ply"
+        if suffix in (".ply", ".stl", ".glb", ".vtp")
+        else "text"
+        if suffix in (".obj", ".off")
+        else "vtu"
+    )
+
+
+def _info(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    yield Use("info")
+
+
+def _nothing(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    return iter(())
+
+
+def _repair(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    yield Use("repair")
+
+
+def _curvature(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    if size.kind == "curve":
+        yield Use("curvature")
+        return
+    scheme, radius = options["scheme"], options.get("radius")
+    if radius is None:
+        yield Use(f"curvature {scheme}")
+    elif radius == "auto":
+        yield Use(f"curvature {scheme} auto")
+    else:
+        yield Use(f"curvature {scheme}")
+        yield Use(f"curvature {scheme} radius", (float(radius) / (size.edge_length or 1.0)) ** 2)
+
+
+def _delaunay(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    yield Use("delaunay")
+    if options.get("refine"):
+        yield Use("delaunay refine", max(0.1, float(options["refine"]) / MEASURED_REFINEMENT_DEGREES) ** 2)
+    for name in ("overlay", "dual", "condition"):
+        if options.get(name):
+            yield Use(f"delaunay {name}")
+
+
+def _laplacian(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    yield Use("laplacian")
+    if options.get("matrix"):
+        yield Use("laplacian matrix")
+    if options.get("mass_matrix"):
+        yield Use("laplacian matrix", 0.2)
+    if options.get("poisson") or options.get("harmonic"):
+        yield Use("laplacian poisson")
+    pairs = options.get("eigen") or (100 if options.get("hks") else 0)
+    if pairs:
+        yield Use("laplacian eigen")
+        if (further := pairs - MEASURED_EIGENPAIRS) > 0:
+            yield Use("laplacian eigenpair", further, added=further)
+    if options.get("smooth"):
+        steps = (options.get("smooth_steps") or MEASURED_SMOOTHING_STEPS) / MEASURED_SMOOTHING_STEPS
+        yield Use("laplacian smooth", steps)
+    if options.get("parameterize"):
+        yield Use(f"laplacian {options['parameterize']}")
+    if options.get("form_eigen"):
+        yield Use("laplacian form-eigen", options["form_eigen"] / 4)
+    if options.get("heat") or options.get("wave"):
+        yield Use("laplacian evolution", (size.steps or MEASURED_EVOLUTION_STEPS) / MEASURED_EVOLUTION_STEPS)
+
+
+def _hodge(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    yield Use("hodge field" if options.get("field") else "hodge")
+
+
+def _dec(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    yield Use("dec")
+
+
+def _geodesic(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    method = options.get("method", "exact")
+    sources = max(1, len(options.get("source") or ()))
+    yield Use(f"geodesic {method}")
+    further = sources if options.get("each_source") or options.get("target") else 0
+    if options.get("target"):
+        further /= min(options.get("jobs", 1), sources)
+    if options.get("certify"):
+        further += CERTIFICATE_RUNS
+    if further:
+        yield Use(f"geodesic {method} solve", further)
+    for other in options.get("compare") or ():
+        yield Use(f"geodesic {other}")
+    if options.get("log_map"):
+        yield Use("geodesic log-map")
+    if options.get("signed_distance") or options.get("transport"):
+        yield Use("geodesic vector-heat")
+
+
+def _steps(size: Size) -> int:
+    return DEFAULT_FLOW_STEPS if size.steps is None else size.steps
+
+
+def _willmore(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    yield Use("willmore-flow")
+    yield Use(f"willmore-flow {options.get('flow') or 'quadratic'} step", _steps(size))
+
+
+def _curve_flow(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    yield Use("curve-flow")
+    yield Use("curve-flow step", _steps(size))
+
+
+def _shell(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    integrator = options.get("integrator")
+    yield Use("shell-sim")
+    if integrator == "static":
+        yield Use("shell-sim implicit step", NEWTON_STEPS_AT_REST)
+    elif integrator in ("verlet", "symplectic-euler", "avi"):
+        yield Use("shell-sim explicit step", _steps(size))
+    else:
+        yield Use("shell-sim implicit step", _steps(size))
+
+
+def _fluid(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    yield Use("fluid-sim")
+    yield Use(f"fluid-sim {options.get('integrator') or 'circulation'} step", _steps(size))
+
+
+def _frames(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    if options.get("pictures"):
+        yield Use("picture", size.frames)
+
+
+def _view(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    yield Use("view", size.frames, added=size.frames)
+
+
+def _tradeoff(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+    """The heaviest method of the compared command; the budget bounds the seconds."""
+    heaviest: dict[str, dict[str, Any]] = {
+        "curvature": {"scheme": "quadric"},
+        "delaunay": {"refine": MEASURED_REFINEMENT_DEGREES},
+        "laplacian": {"eigen": options.get("eigen") or MEASURED_EIGENPAIRS},
+        "geodesic": {"method": "exact"},
+        "willmore-flow": {"steps": 1},
+    }
+    yield from _KERNELS[options["compared"]](heaviest[options["compared"]], size)
+
+
+_KERNELS: dict[str, Callable[[Mapping[str, Any], Size], Iterator[Use]]] = {
+    "info": _info,
+    "repair": _repair,
+    "examples": _nothing,
+    "check": _nothing,
+    "curvature": _curvature,
+    "delaunay": _delaunay,
+    "laplacian": _laplacian,
+    "hodge": _hodge,
+    "dec": _dec,
+    "geodesic": _geodesic,
+    "willmore-flow": _willmore,
+    "curve-flow": _curve_flow,
+    "shell-sim": _shell,
+    "fluid-sim": _fluid,
+    "frames": _frames,
+    "view": _view,
+    "tradeoff": _tradeoff,
+}

@@ -1,0 +1,125 @@
+"""Prediction of peak memory and seconds, and the refusal of what cannot fit."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS, Cost
+from ddgcli.cli.forecast.kernels import Size, Use
+from ddgcli.errors import ParameterError
+from ddgcli.memory import available_memory, resident_memory
+
+__all__ = ["Prediction", "predict", "probe", "refuse_without_memory"]
+
+UNCERTAINTY = 0.5  # relative, of a prediction
+MIB = 2.0**20
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Cost of a run that has read its input.
+
+    Parameters
+    ----------
+    peak_mib : float
+        Largest resident memory of the process.
+    seconds : float
+        CPU seconds of the whole run, start-up and reading included.
+    kernels : list of dict
+        `kernel`, `times`, `added` (as of a `Use`), `seconds` and `mib`, both None where the cost of the
+        kernel has not been measured: it is not part of the sums.
+    read_mib, read_seconds : float
+        Resident memory and CPU seconds so far.
+    """
+
+    peak_mib: float
+    seconds: float
+    kernels: list[dict[str, Any]]
+    read_mib: float
+    read_seconds: float
+
+
+def predict(uses: Sequence[Use], size: Size, *, calibrate: bool = True) -> Prediction:
+    """Predict the cost of kernels, from the state of this process after reading.
+
+    Parameters
+    ----------
+    uses : sequence of Use
+    size : Size
+    calibrate : bool
+        Scale the seconds of the table by a probe of a few ms; False: leave them as measured.
+    """
+    seconds_so_far = time.process_time()
+    now, peak = (value / MIB for value in resident_memory())
+    scale = probe() / PROBE_SECONDS if calibrate else 1.0
+    kernels = [_row(use, size, scale) for use in uses]
+    shared = max((row["mib"] for row in kernels if row["mib"] and not row["added"]), default=0.0)
+    added = sum(row["added"] * row["mib"] for row in kernels if row["mib"])
+    total = seconds_so_far + sum(row["seconds"] or 0.0 for row in kernels)
+    return Prediction(max(peak, now + shared + added), total, kernels, now, seconds_so_far)
+
+
+def _row(use: Use, size: Size, scale: float) -> dict[str, Any]:
+    """Cost of one use of a kernel."""
+    cost, n = _cost(use.kernel, size.kind), size.elements / 1e5
+    row: dict[str, Any] = {"kernel": use.kernel, "times": use.times, "added": use.added}
+    if cost is None:
+        return {**row, "seconds": None, "mib": None}
+    seconds = scale * use.times * (cost.seconds + cost.seconds_per_1e5 * n**cost.exponent)
+    return {**row, "seconds": seconds, "mib": cost.mib + cost.mib_per_1e5 * n}
+
+
+def _cost(kernel: str, kind: str) -> Cost | None:
+    """Cost of a kernel on elements of a kind, else on faces; None where it has not been measured."""
+    return COEFFICIENTS.get(f"{kernel} {kind}", COEFFICIENTS.get(kernel))
+
+
+def probe() -> float:
+    """CPU seconds of a small fixed computation: sorting, gathering, sums and interpreted Python.
+
+    The least of three runs, so that other load on the machine does not count.
+    """
+    import numpy as np
+
+    values = (np.arange(40_000) * 0.6180339887498949) % 1.0
+    best = float("inf")
+    for _ in range(3):
+        began = time.process_time()
+        order = np.argsort(values)
+        gathered = values[order] * values
+        np.add.at(gathered, order[:4000], 1.0)
+        np.bincount(order % 1000, weights=np.sqrt(gathered))
+        total = 0
+        for k in range(10_000):
+            total += k & 3
+        best = min(best, time.process_time() - began)
+    return best
+
+
+def refuse_without_memory(prediction: Prediction, what: str, cure: str) -> None:
+    """Raise ParameterError for a run that cannot fit: even the low end of the prediction is too much."""
+    available = available_memory() / MIB
+    least = prediction.read_mib + (prediction.peak_mib - prediction.read_mib) / (1 + UNCERTAINTY)
+    if least - prediction.read_mib > available:
+        raise ParameterError(
+            f"{what} needs about {prediction.peak_mib / 1024:.3g} GiB of memory, and "
+            f"{(available + prediction.read_mib) / 1024:.3g} GiB are available; {cure}"
+        )
+
+
+def as_results(prediction: Prediction, size: Size) -> dict[str, Any]:
+    """`results` of a dry run."""
+    return {
+        "dry_run": True,
+        "elements": size.elements,
+        "peak_mib": prediction.peak_mib,
+        "available_mib": available_memory() / MIB + prediction.read_mib,
+        "seconds": prediction.seconds,
+        "kernels": prediction.kernels,
+        "read_mib": prediction.read_mib,
+        "read_seconds": prediction.read_seconds,
+        "uncertainty": UNCERTAINTY,
+    }

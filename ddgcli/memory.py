@@ -1,0 +1,80 @@
+"""Memory that a computation may take, and the refusal of what cannot fit."""
+
+import os
+
+from ddgcli.errors import ParameterError
+
+try:
+    import resource
+except ImportError:  # Windows sets no such limits
+    resource = None  # type: ignore[assignment]
+
+__all__ = ["available_memory", "check_memory", "memory_limit", "resident_memory"]
+
+MAX_BYTES = 16 * 2**30  # of one result, checked before it is allocated
+CGROUP_FILES = (
+    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
+    ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
+)
+
+
+def available_memory() -> float:
+    """Bytes that this process can still take without swapping; inf where the system does not say.
+
+    The least of the memory that the system can free, what is left of the limit of the container, and what is
+    left of `ulimit -v`.
+    """
+    limits = [float("inf")]
+    free = _proc_value("/proc/meminfo", "MemAvailable:")
+    if free is not None:
+        limits.append(free)
+    elif hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
+        limits.append(float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")))
+    limits += [_number(most) - (_number(used) or 0.0) for most, used in CGROUP_FILES if _number(most)]
+    if resource is not None and (soft := resource.getrlimit(resource.RLIMIT_AS)[0]) >= 0:
+        limits.append(soft - (_proc_value("/proc/self/status", "VmSize:") or 0.0))
+    return max(0.0, min(limits))
+
+
+def resident_memory() -> tuple[float, float]:
+    """Bytes of this process in memory: now, and at most so far (the same where the system knows one only)."""
+    peak = _proc_value("/proc/self/status", "VmHWM:")
+    if peak is None:
+        peak = 0.0 if resource is None else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0
+    return _proc_value("/proc/self/status", "VmRSS:") or peak, peak
+
+
+def memory_limit() -> float:
+    """Bytes that one result may take: MAX_BYTES, or the available memory where that is less."""
+    return min(MAX_BYTES, available_memory())
+
+
+def check_memory(estimate: float, what: str, cure: str) -> None:
+    """Raise ParameterError if the estimated bytes of a result exceed `memory_limit`."""
+    limit = memory_limit()
+    if estimate > limit:
+        raise ParameterError(
+            f"{what} need about {estimate / 2**30:.3g} GiB, above {limit / 2**30:.3g} GiB; {cure}"
+        )
+
+
+def _proc_value(path: str, name: str) -> float | None:
+    """Bytes of a line `NAME  123 kB`; None where file or line is missing."""
+    try:
+        with open(path, encoding="ascii", errors="replace") as lines:
+            for line in lines:
+                if line.startswith(name):
+                    return float(line.split()[1]) * 1024
+    except (OSError, ValueError, IndexError):
+        pass
+    return None
+
+
+def _number(path: str) -> float:
+    """Number in a file; inf for the word `max`, 0 where there is none."""
+    try:
+        with open(path, encoding="ascii", errors="replace") as file:
+            text = file.read().strip()
+        return float("inf") if text == "max" else float(text)
+    except (OSError, ValueError):
+        return 0.0

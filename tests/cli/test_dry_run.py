@@ -1,0 +1,188 @@
+"""`--dry-run` of every command: nothing is written, cost is predicted, and what cannot fit is refused."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.common.process import measured_command
+from ddgcli import memory
+from ddgcli.cli.forecast import prediction
+from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
+from ddgcli.cli.forecast.kernels import Size, Use, kernels_of
+from ddgcli.cli.forecast.prediction import predict
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.fields import AnnotatedMesh
+
+MIB = 2.0**20
+MEASURED_KERNELS = {name.removesuffix(" curve").removesuffix(" tetrahedra") for name in COEFFICIENTS}
+SHELL = "--effect stretching --effect bending --effect gravity --material felt --set thickness=1e-3 --dt 1e-3"
+CALLS = [
+    "info {mesh} -o {out}.vtu",
+    "curvature {mesh} -o {out}.vtu",
+    "curvature {curve} -o {out}.vtu",
+    "delaunay {mesh} -o {out}.npz",
+    "laplacian {mesh} --poisson f -o {out}.vtu",
+    "hodge {mesh} -o {out}.vtu",
+    "dec {mesh} -o {out}.npz",
+    "geodesic {mesh} --source 0 -o {out}.vtu",
+    "repair {mesh} --for curvature -o {out}.ply",
+    "willmore-flow {mesh} --steps 2 --dt 1e-9 -o {out}.vtkhdf",
+    "curve-flow {curve} --steps 2 --dt 1e-9 -o {out}.vtkhdf",
+    f"shell-sim {{mesh}} {SHELL} --steps 3 -o {{out}}.vtkhdf",
+    "fluid-sim {mesh} --vorticity f --dt 1e-2 --steps 2 -o {out}.vtkhdf",
+    "tradeoff geodesic {mesh} --source 0 -o {out}.csv",
+    "view {mesh} -o {out}.html",
+    "examples {out}",
+]
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    return write_inputs(tmp_path_factory.mktemp("inputs"), shapes.random_sphere(120, 0), 60)
+
+
+def write_inputs(folder, mesh, n_points):
+    paths = {"mesh": folder / "mesh.npz", "curve": folder / "curve.npz"}
+    write_mesh(str(paths["mesh"]), AnnotatedMesh(mesh, vertex={"f": mesh.points[:, 2].copy()}))
+    angle = np.linspace(0, 2 * np.pi, n_points + 1)
+    ellipse = np.stack([2 * np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    write_mesh(str(paths["curve"]), AnnotatedMesh(CurveSet.from_paths([ellipse])))
+    return paths
+
+
+def facts_of(summary):
+    return summary.get("prediction") or summary["results"]
+
+
+@pytest.mark.parametrize("call", CALLS, ids=lambda call: call.split()[0] + call.split()[1][:7])
+def test_a_dry_run_predicts_and_writes_nothing(call, inputs, tmp_path, summary):
+    words = call.format(**inputs, out=tmp_path / "out").split()
+    facts = facts_of(summary(*words, "--dry-run"))
+    assert list(tmp_path.iterdir()) == []
+    assert facts["dry_run"] and facts["read_mib"] <= facts["peak_mib"] < facts["available_mib"]
+    assert facts["seconds"] >= facts["read_seconds"] > 0
+    assert all((row["mib"] is None) == (row["kernel"] not in MEASURED_KERNELS) for row in facts["kernels"])
+
+
+def test_a_batch_and_a_check_predict_the_command_that_they_run(inputs, tmp_path, run, summary):
+    def cost(*words):
+        return json.loads(run("batch", inputs["mesh"], "--dry-run", "--json", *words).stdout)["results"]
+
+    one = cost("--", "info")
+    assert one["runs"] == 1 and one["peak_mib"] == one["largest_run"]["peak_mib"]
+    many = cost("--jobs", 3, "--sweep", "radius=1,2,3,4", "--", "curvature")
+    assert many["runs"] == 4 and many["peak_mib"] == 3 * many["largest_run"]["peak_mib"]
+    (tmp_path / "a.json").write_text(json.dumps({"summary": {}, "run": ["info", str(inputs["mesh"])]}))
+    checked = summary("check", tmp_path / "a.json", "--dry-run")["results"]
+    assert [row["kernel"] for row in checked["kernels"]] == ["info"]
+
+
+def test_frames_predict_by_the_number_of_frames(inputs, tmp_path, summary):
+    run = tmp_path / "run.vtkhdf"
+    summary("curve-flow", inputs["curve"], "--steps", 4, "--dt", 1e-6, "--frame-every", 1e-6, "-o", run)
+    rows = [
+        summary("frames", run, "-o", tmp_path / "f_{:02d}.vtu", "--dry-run", *more)["results"]["kernels"]
+        for more in ((), ("--every", 5))
+    ]
+    assert [row[0]["times"] for row in rows] == [5, 1]
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_run_that_cannot_fit_is_refused_in_one_line_before_it_starts(inputs, tmp_path, run, monkeypatch):
+    monkeypatch.setattr(prediction, "available_memory", lambda: 0.1 * MIB)
+    result = run("curvature", inputs["mesh"], "-o", tmp_path / "d.ply", "--dry-run")
+    assert result.exit_code == 2 and result.stdout == ""
+    assert result.stderr.startswith(f"Error: {inputs['mesh']}: curvature on 236 elements needs about")
+    assert "use --scheme cotan" in result.stderr and result.stderr.count("\n") == 1
+    assert not (tmp_path / "d.ply").exists()
+
+
+def test_without_a_dry_run_only_large_inputs_are_checked(inputs, run, monkeypatch):
+    from ddgcli.cli.forecast import check_cost
+
+    monkeypatch.setattr(prediction, "available_memory", lambda: 0.1 * MIB)
+    assert run("info", inputs["mesh"]).exit_code == 0
+    monkeypatch.setattr(check_cost, "MIN_CHECKED_ELEMENTS", 200)
+    assert run("info", inputs["mesh"]).exit_code == 2
+
+
+def test_available_memory_follows_ulimit_and_the_container(tmp_path, monkeypatch):
+    most, used = tmp_path / "max", tmp_path / "current"
+    most.write_text(f"{3 * 2**20}\n")
+    used.write_text(f"{2**20}\n")
+    monkeypatch.setattr(memory, "CGROUP_FILES", ((str(most), str(used)),))
+    assert memory.available_memory() == 2 * 2**20
+    most.write_text("max\n")
+    assert memory.available_memory() > 2**24
+    if memory.resource is not None:
+        size = memory._proc_value("/proc/self/status", "VmSize:") or 0.0
+        monkeypatch.setattr(memory.resource, "getrlimit", lambda kind: (int(size + 7 * MIB), -1))
+        assert memory.available_memory() <= 8 * MIB
+        with pytest.raises(Exception, match="above"):
+            memory.check_memory(9 * MIB, "rows", "use fewer")
+
+
+def test_seconds_scale_with_the_probe_and_memory_does_not(monkeypatch):
+    uses, size = [Use("delaunay")], Size("surface", 50_000)
+    costs = []
+    for factor in (1.0, 3.0):
+        monkeypatch.setattr(prediction, "probe", lambda factor=factor: factor * PROBE_SECONDS)
+        costs.append(predict(uses, size))
+    seconds, mib = ([cost.kernels[0][key] for cost in costs] for key in ("seconds", "mib"))
+    assert math.isclose(seconds[1], 3 * seconds[0]) and mib[0] == mib[1]
+
+
+def test_options_change_what_is_predicted():
+    size = Size("surface", 10_000, edge_length=0.1)
+
+    def names(command, **options):
+        return [use.kernel for use in kernels_of(command, options, size)]
+
+    assert names("laplacian", eigen=8) == ["laplacian", "laplacian eigen"]
+    assert names("laplacian", eigen=9)[-1] == "laplacian eigenpair"
+    assert names("delaunay", refine=25.0, overlay="x") == ["delaunay", "delaunay refine", "delaunay overlay"]
+    ball = kernels_of("curvature", {"scheme": "quadric", "radius": 0.5}, size)[-1]
+    assert ball.kernel == "curvature quadric radius" and math.isclose(ball.times, 25)
+    many = kernels_of("geodesic", {"method": "heat", "source": [1, 2], "each_source": True}, size)
+    assert many[-1] == Use("geodesic heat solve", 2)
+
+
+MEASURED = {
+    "info": "info {mesh} -o {out}.vtu",
+    "curvature": "curvature {mesh} -o {out}.vtu",
+    "delaunay": "delaunay {mesh}",
+    "laplacian": "laplacian {mesh} --eigen 12",
+    "poisson": "laplacian {mesh} --poisson f",
+    "hodge": "hodge {mesh}",
+    "dec": "dec {mesh} -o {out}.npz",
+    "exact": "geodesic {mesh} --source 0",
+    "heat": "geodesic {mesh} --source 0 --method heat",
+    "fast-marching": "geodesic {mesh} --source 0 --method fast-marching",
+    "repair": "repair {mesh} --for curvature",
+    "willmore-flow": "willmore-flow {mesh} --steps 4 --dt 1e-9",
+    "curve-flow": "curve-flow {curve} --steps 10 --dt 1e-9",
+    "shell-sim": f"shell-sim {{mesh}} {SHELL} --steps 5",
+    "fluid-sim": "fluid-sim {mesh} --vorticity f --dt 1e-2 --steps 5",
+    "view": "view {mesh} -o {out}.html",
+}
+MESHES = {
+    "noisy sphere": (lambda: shapes.random_sphere(12_000, 3), 24_000),
+    "torus": (lambda: shapes.torus(220, 100), 9_000),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MEASURED)
+@pytest.mark.parametrize("shape", MESHES)
+def test_peak_memory_and_seconds_are_within_half_of_the_prediction(name, shape, tmp_path):
+    make, n_points = MESHES[shape]
+    paths = write_inputs(tmp_path, make(), n_points)
+    words = MEASURED[name].format(**paths, out=tmp_path / "out").split()
+    dry, real = (measured_command([*words, "--json", *more], tmp_path) for more in (["--dry-run"], []))
+    facts = facts_of(dry.summary)
+    assert 0.5 <= facts["peak_mib"] / real.mib <= 1.5
+    assert 0.5 <= facts["seconds"] / real.seconds <= 1.5

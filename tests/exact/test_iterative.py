@@ -1,0 +1,114 @@
+"""Conjugate gradients in place of a factorisation: the direct solution, and when they take over."""
+
+import logging
+
+import numpy as np
+import pytest
+from scipy.sparse import csc_array, diags_array
+
+from ddgcli.algorithms.geodesics.heat import HeatSolver
+from ddgcli.errors import SolveError
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.linalg import backends
+from ddgcli.linalg.constrain import Poisson
+from ddgcli.linalg.eigen import smallest_eigenpairs
+from ddgcli.linalg.factor import Factor
+from ddgcli.linalg.iterative import ITERATIVE_SOLVERS, Iterative
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
+
+SOLVERS = pytest.mark.parametrize("solver", ITERATIVE_SOLVERS)
+
+
+@pytest.fixture(autouse=True)
+def _pyamg(request):
+    if "multigrid" in request.node.name:
+        pytest.importorskip("pyamg")
+
+
+@SOLVERS
+def test_a_poisson_solution_equals_the_direct_one_to_its_residual(solver):
+    mesh = shapes.random_sphere(1500, 1)
+    L, load = stiffness(mesh), mesh.points[:, 2] * lumped_vertex_area(mesh)
+    direct, iterative = Poisson(L, solver="superlu"), Poisson(L, solver=solver)
+    load = direct.balanced(load)
+    x, y = direct.solve(load), iterative.solve(load)
+    assert iterative.factor.solver == solver
+    assert np.abs(x - y).max() <= 1e-11 * np.abs(x).max()
+    assert iterative.residual(y, load) <= 10 * direct.residual(x, load) + 1e-12
+
+
+@SOLVERS
+def test_heat_distances_equal_the_direct_ones_where_heat_falls_by_a_hundred_orders(solver, monkeypatch):
+    mesh = shapes.grid(160, 4, 160.0, 4.0)  # 160 decay lengths: exp(-160) of the heat arrives
+    direct = HeatSolver(mesh).distance([0]).distance
+    monkeypatch.setenv("DDGCLI_SOLVER", solver)
+    iterative = HeatSolver(mesh)
+    assert iterative.solver == solver
+    assert np.abs(iterative.distance([0]).distance - direct).max() <= 1e-9 * direct.max()
+
+
+@SOLVERS
+def test_eigenvalues_equal_the_direct_ones(solver):
+    mesh = shapes.random_sphere(450, 2)
+    L, M = stiffness(mesh), diags_array(lumped_vertex_area(mesh))
+    direct, iterative = (smallest_eigenpairs(L, M, 4, solver=name) for name in ("superlu", solver))
+    assert iterative.solver == solver and iterative.complete
+    assert np.abs(iterative.values - direct.values).max() <= 1e-10 * direct.values[-1]
+
+
+@SOLVERS
+def test_several_right_hand_sides_are_solved_as_one_by_one(solver):
+    L = csc_array(stiffness(shapes.icosphere(2)) + diags_array(np.ones(162)))
+    rhs = np.random.default_rng(0).normal(size=(162, 3))
+    factor = Factor(L, solver=solver)
+    assert np.array_equal(factor.solve(rhs), np.stack([factor.solve(b) for b in rhs.T], axis=1))
+
+
+def test_an_indefinite_matrix_is_refused_not_solved_wrongly():
+    values = np.r_[np.ones(50), -np.ones(50)]
+    rotation = np.linalg.qr(np.random.default_rng(0).normal(size=(100, 100)))[0]
+    dense = rotation @ np.diag(values) @ rotation.T + 0.0
+    dense += np.diag(np.maximum(0.0, 0.01 - np.diag(dense)))  # a positive diagonal, still indefinite
+    solver = Iterative(csc_array(0.5 * (dense + dense.T)), "conjugate-gradients")
+    try:
+        x = solver.solve(np.ones(100))
+    except SolveError:
+        return
+    assert np.abs(dense @ x - 1).max() < 1e-6
+
+
+@pytest.mark.parametrize("installed", [True, False])
+def test_conjugate_gradients_take_over_where_the_factors_do_not_fit(installed, monkeypatch, caplog):
+    matrix = csc_array(stiffness(shapes.grid(144, 144)) + diags_array(np.ones(145**2)))
+    monkeypatch.setattr(backends, "preferred_iterative_solver", lambda: ITERATIVE_SOLVERS[not installed])
+    fits = backends.factor_bytes(matrix, 0.0)
+    monkeypatch.setattr(backends, "available_memory", lambda: 1.01 * fits)
+    assert backends.solver_name(None, matrix, True) not in ITERATIVE_SOLVERS
+    monkeypatch.setattr(backends, "available_memory", lambda: 0.99 * fits)
+    with caplog.at_level(logging.WARNING):
+        assert backends.solver_name(None, matrix, True) == ITERATIVE_SOLVERS[not installed]
+    assert "solve instead" in caplog.text
+
+
+def test_the_estimate_of_a_factor_is_its_storage():
+    matrix = csc_array(stiffness(shapes.grid(60, 60)) + diags_array(np.ones(61**2)))
+    factor = Factor(matrix, solver="multifrontal")
+    stored = sum(group.inverse.nbytes + group.below.nbytes for group in factor._backend._groups)
+    estimate = backends.factor_bytes(matrix, 0.0)
+    assert stored <= estimate <= 3.0 * stored
+    assert backends.factor_bytes(matrix, np.inf) >= estimate
+
+
+def test_the_option_chooses_the_solver_and_the_accuracy_names_it(summary, tmp_path):
+    write_mesh(str(tmp_path / "cap.ply"), AnnotatedMesh(shapes.grid(9, 9)))
+    calls = [
+        ("laplacian", tmp_path / "cap.ply", "--harmonic", "--fix", "0=1", "--fix", "9=0"),
+        ("geodesic", tmp_path / "cap.ply", "--source", 0, "--method", "heat"),
+    ]
+    for words in calls:
+        direct, iterative = (summary(*words, *more) for more in ((), ("--solver", "conjugate-gradients")))
+        named = {name: v for name, v in iterative["accuracy"].items() if name.endswith("_solver")}
+        assert list(named.values()) == ["conjugate-gradients"]
+        assert not [name for name in direct["accuracy"] if name.endswith("_solver")]
