@@ -1,7 +1,7 @@
 """Peak memory and time of a command before it computes: `--dry-run`, and the refusal of what cannot fit.
 
 `kernels` says what a command computes for its options, `coefficients` (generated) what a kernel costs,
-`prediction` adds both up and scales seconds by a probe of this machine.
+`prediction` adds both up and scales seconds by a probe of this machine, `check_cost` stands in the commands.
 """
 
-__all__ = ["coefficients", "kernels", "prediction"]
+__all__ = ["check_cost", "coefficients", "kernels", "prediction"]
