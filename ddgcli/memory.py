@@ -37,7 +37,7 @@ def available_memory() -> float:
 
 
 def resident_memory() -> tuple[float, float]:
-    """Bytes of this process in memory: now, and at most so far (the same where the system knows one only)."""
+    """Bytes of this process in memory: now, and at most so far (the same if the system states one only)."""
     peak = _proc_value("/proc/self/status", "VmHWM:")
     if peak is None:
         peak = 0.0 if resource is None else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0

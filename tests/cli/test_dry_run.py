@@ -10,7 +10,7 @@ from benchmarks.common.process import measured_command
 from ddgcli import memory
 from ddgcli.cli.forecast import prediction
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
-from ddgcli.cli.forecast.kernels import Size, Use, kernels_of
+from ddgcli.cli.forecast.kernels import InputSize, Use, kernels_of
 from ddgcli.cli.forecast.prediction import predict
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
@@ -127,7 +127,7 @@ def test_available_memory_follows_ulimit_and_the_container(tmp_path, monkeypatch
 
 
 def test_seconds_scale_with_the_probe_and_memory_does_not(monkeypatch):
-    uses, size = [Use("delaunay")], Size("surface", 50_000)
+    uses, size = [Use("delaunay")], InputSize("surface", 50_000)
     costs = []
     for factor in (1.0, 3.0):
         monkeypatch.setattr(prediction, "probe", lambda factor=factor: factor * PROBE_SECONDS)
@@ -137,7 +137,7 @@ def test_seconds_scale_with_the_probe_and_memory_does_not(monkeypatch):
 
 
 def test_options_change_what_is_predicted():
-    size = Size("surface", 10_000, edge_length=0.1)
+    size = InputSize("surface", 10_000, edge_length=0.1)
 
     def names(command, **options):
         return [use.kernel for use in kernels_of(command, options, size)]

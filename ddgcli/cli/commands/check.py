@@ -14,7 +14,7 @@ import click
 
 from ddgcli.cli import options
 from ddgcli.cli.forecast.check_cost import check_cost, dry_run_of
-from ddgcli.cli.forecast.kernels import Size
+from ddgcli.cli.forecast.kernels import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import MeshFileError, OutputError, ParameterError, excerpt
@@ -106,7 +106,7 @@ def command(
         if words or update:
             raise ParameterError("the command needs EXPECTED.json to compare its summary with; name it first")
         run.set_input(arrays[0], "")  # type: ignore[index]
-        check_cost(run, Size("surface", 0))
+        check_cost(run, InputSize("surface", 0))
         compared_arrays = compare_files(run, arrays, {**chosen, "keys": dict(stated)}, diff_paths)
         run.finish(compared_arrays, {}, converged=not compared_arrays["moved"])
         return

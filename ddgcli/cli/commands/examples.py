@@ -9,7 +9,7 @@ import click
 
 from ddgcli.cli import options
 from ddgcli.cli.forecast.check_cost import check_cost
-from ddgcli.cli.forecast.kernels import Size
+from ddgcli.cli.forecast.kernels import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import OutputError
@@ -31,7 +31,7 @@ def command(folder: str, common: CommonOptions) -> None:
     """
     run = Run("examples", common, formats=())
     run.input = {"path": folder}
-    check_cost(run, Size("surface", 0))
+    check_cost(run, InputSize("surface", 0))
     copied: dict[str, int] = {}
     with run.clock.timed("write"):
         for name in FOLDERS:

@@ -86,7 +86,7 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
         drawn = {".png", ".svg", ".pdf", *ANIMATIONS} & {
             Path(output).suffix.lower() for output in common.outputs
         }
-        size = replace(size_of(source.mesh, {}), frames=max(1, len(exported)))
+        size = replace(size_of(source.mesh, {}), frame_count=max(1, len(exported)))
         check_cost(run, size, {"pictures": bool(drawn)})
         for output in common.outputs:
             if settings["paths"]:

@@ -10,7 +10,7 @@ import click
 from ddgcli.choices import UP_AXES
 from ddgcli.cli import options
 from ddgcli.cli.forecast.check_cost import check_cost
-from ddgcli.cli.forecast.kernels import Size
+from ddgcli.cli.forecast.kernels import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import MeshFileError, ParameterError
@@ -69,7 +69,7 @@ def command(
     if array is not None:
         options.named_array(dict.fromkeys(names), array)
     cells = sum(len(viewed.cells[0]) for viewed in objects)
-    check_cost(run, Size("surface", cells, frames=max(1, len(times))))
+    check_cost(run, InputSize("surface", cells, frame_count=max(1, len(times))))
     content = page_bytes(", ".join(Path(path).name for path in paths), objects, times, show=array, up=up)
     if len(content) > MAX_PAGE_MIB << 20:
         raise ParameterError(

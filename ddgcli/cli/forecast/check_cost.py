@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ddgcli.cli.forecast.kernels import Size, kernels_of
+from ddgcli.cli.forecast.kernels import InputSize, kernels_of
 from ddgcli.cli.forecast.prediction import Prediction, as_results, predict, refuse_without_memory
 from ddgcli.errors import ParameterError, excerpt
 
@@ -31,7 +31,7 @@ CURES = {
 DEFAULT_CURE = "use a coarser mesh, or a machine with more memory"
 
 
-def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> Size:
+def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     """Size of a mesh and of the steps that the options name."""
     from ddgcli.mesh.curve import CurveSet
     from ddgcli.mesh.tet_mesh import TetMesh
@@ -41,14 +41,14 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> Size:
     if steps is None and options.get("duration") and step:
         steps = max(1, round(options["duration"] / step))
     if isinstance(mesh, CurveSet):
-        return Size("curve", mesh.n_vertices, steps=steps)
+        return InputSize("curve", mesh.n_vertices, steps=steps)
     if isinstance(mesh, TetMesh):
-        return Size("tetrahedra", len(mesh.tetrahedra), steps=steps)
+        return InputSize("tetrahedra", len(mesh.tetrahedra), steps=steps)
     edge_length = float(mesh.side_length.mean()) if options.get("radius") and len(mesh.faces) else None
-    return Size("surface", len(mesh.faces), edge_length, steps)
+    return InputSize("surface", len(mesh.faces), edge_length, steps)
 
 
-def predict_run(run: Any, size: Size, options: Mapping[str, Any] | None = None) -> Prediction:
+def predict_run(run: Any, size: InputSize, options: Mapping[str, Any] | None = None) -> Prediction:
     """Cost of a run on an input of a size; `options` replace those of the summary."""
     common = run.common
     chosen = {**run.options, **(options or {})}
@@ -59,7 +59,7 @@ def predict_run(run: Any, size: Size, options: Mapping[str, Any] | None = None) 
     return prediction
 
 
-def check_cost(run: Any, size: Size, options: Mapping[str, Any] | None = None) -> None:
+def check_cost(run: Any, size: InputSize, options: Mapping[str, Any] | None = None) -> None:
     """Refuse a run that cannot fit into memory; with --dry-run print the prediction and end.
 
     Raises
@@ -67,7 +67,7 @@ def check_cost(run: Any, size: Size, options: Mapping[str, Any] | None = None) -
     ParameterError
         The run needs more memory than is available.
     """
-    if not run.common.dry_run and size.elements * size.frames < MIN_CHECKED_ELEMENTS:
+    if not run.common.dry_run and size.elements * size.frame_count < MIN_CHECKED_ELEMENTS:
         return
     prediction = predict_run(run, size, options)
     path = run.input.get("path") or run.command

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Size", "Use", "kernels_of"]
+__all__ = ["InputSize", "Use", "kernels_of"]
 
 MEASURED_EIGENPAIRS = 8  # of the kernel `laplacian eigen`
 MEASURED_SMOOTHING_STEPS = 10
@@ -20,7 +20,7 @@ NEWTON_STEPS_AT_REST = 20  # a guess
 
 
 @dataclass(frozen=True)
-class Size:
+class InputSize:
     """Size of an input.
 
     Parameters
@@ -32,7 +32,7 @@ class Size:
         Mean length of an edge, for costs of neighbourhoods.
     steps : int, optional
         Steps of a simulation, where they are known.
-    frames : int
+    frame_count : int
         Frames that are written or drawn.
     """
 
@@ -40,7 +40,7 @@ class Size:
     elements: int
     edge_length: float | None = None
     steps: int | None = None
-    frames: int = 1
+    frame_count: int = 1
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,11 @@ class Use:
 
 
 def kernels_of(
-    command: str, options: Mapping[str, Any], size: Size, outputs: tuple[str, ...] = (), plot: bool = False
+    command: str,
+    options: Mapping[str, Any],
+    size: InputSize,
+    outputs: tuple[str, ...] = (),
+    plot: bool = False,
 ) -> list[Use]:
     """Kernels of a command.
 
@@ -72,7 +76,7 @@ def kernels_of(
     command : str
     options : mapping
         As in the summary: names of parameters with their values.
-    size : Size
+    size : InputSize
     outputs : tuple of str
         Paths of the result; their extensions choose the cost of writing.
     plot : bool
@@ -81,7 +85,7 @@ def kernels_of(
     uses = list(_KERNELS[command](options, size))
     if command not in ("view", "dec", "tradeoff"):
         meshes = [path for path in outputs if Path(path).suffix.lower() not in PICTURES]
-        uses += [Use(f"write {_written_as(path)}", size.frames) for path in meshes]
+        uses += [Use(f"write {_written_as(path)}", size.frame_count) for path in meshes]
     if plot:
         uses.append(Use("picture"))
     return uses
@@ -101,19 +105,19 @@ def _written_as(path: str) -> str:
     )
 
 
-def _info(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _info(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("info")
 
 
-def _nothing(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _nothing(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     return iter(())
 
 
-def _repair(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _repair(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("repair")
 
 
-def _curvature(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _curvature(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if size.kind == "curve":
         yield Use("curvature")
         return
@@ -127,7 +131,7 @@ def _curvature(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
         yield Use(f"curvature {scheme} radius", (float(radius) / (size.edge_length or 1.0)) ** 2)
 
 
-def _delaunay(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _delaunay(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("delaunay")
     if options.get("refine"):
         yield Use("delaunay refine", max(0.1, float(options["refine"]) / MEASURED_REFINEMENT_DEGREES) ** 2)
@@ -136,7 +140,7 @@ def _delaunay(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
             yield Use(f"delaunay {name}")
 
 
-def _laplacian(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("laplacian")
     if options.get("matrix"):
         yield Use("laplacian matrix")
@@ -160,15 +164,15 @@ def _laplacian(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
         yield Use("laplacian evolution", (size.steps or MEASURED_EVOLUTION_STEPS) / MEASURED_EVOLUTION_STEPS)
 
 
-def _hodge(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _hodge(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("hodge field" if options.get("field") else "hodge")
 
 
-def _dec(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _dec(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("dec")
 
 
-def _geodesic(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     method = options.get("method", "exact")
     sources = max(1, len(options.get("source") or ()))
     yield Use(f"geodesic {method}")
@@ -187,21 +191,21 @@ def _geodesic(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
         yield Use("geodesic vector-heat")
 
 
-def _steps(size: Size) -> int:
+def _steps(size: InputSize) -> int:
     return DEFAULT_FLOW_STEPS if size.steps is None else size.steps
 
 
-def _willmore(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _willmore(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("willmore-flow")
     yield Use(f"willmore-flow {options.get('flow') or 'quadratic'} step", _steps(size))
 
 
-def _curve_flow(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _curve_flow(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("curve-flow")
     yield Use("curve-flow step", _steps(size))
 
 
-def _shell(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _shell(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     integrator = options.get("integrator")
     yield Use("shell-sim")
     if integrator == "static":
@@ -212,21 +216,21 @@ def _shell(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
         yield Use("shell-sim implicit step", _steps(size))
 
 
-def _fluid(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _fluid(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("fluid-sim")
     yield Use(f"fluid-sim {options.get('integrator') or 'circulation'} step", _steps(size))
 
 
-def _frames(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _frame_export(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if options.get("pictures"):
-        yield Use("picture", size.frames)
+        yield Use("picture", size.frame_count)
 
 
-def _view(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
-    yield Use("view", size.frames, added=size.frames)
+def _view(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
+    yield Use("view", size.frame_count, added=size.frame_count)
 
 
-def _tradeoff(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
+def _tradeoff(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     """The heaviest method of the compared command; the budget bounds the seconds."""
     heaviest: dict[str, dict[str, Any]] = {
         "curvature": {"scheme": "quadric"},
@@ -238,7 +242,7 @@ def _tradeoff(options: Mapping[str, Any], size: Size) -> Iterator[Use]:
     yield from _KERNELS[options["compared"]](heaviest[options["compared"]], size)
 
 
-_KERNELS: dict[str, Callable[[Mapping[str, Any], Size], Iterator[Use]]] = {
+_KERNELS: dict[str, Callable[[Mapping[str, Any], InputSize], Iterator[Use]]] = {
     "info": _info,
     "repair": _repair,
     "examples": _nothing,
@@ -253,7 +257,7 @@ _KERNELS: dict[str, Callable[[Mapping[str, Any], Size], Iterator[Use]]] = {
     "curve-flow": _curve_flow,
     "shell-sim": _shell,
     "fluid-sim": _fluid,
-    "frames": _frames,
+    "frames": _frame_export,
     "view": _view,
     "tradeoff": _tradeoff,
 }

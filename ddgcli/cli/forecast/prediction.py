@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS, Cost
-from ddgcli.cli.forecast.kernels import Size, Use
+from ddgcli.cli.forecast.kernels import InputSize, Use
 from ddgcli.errors import ParameterError
 from ddgcli.memory import available_memory, resident_memory
 
@@ -42,13 +42,13 @@ class Prediction:
     read_seconds: float
 
 
-def predict(uses: Sequence[Use], size: Size, *, calibrate: bool = True) -> Prediction:
+def predict(uses: Sequence[Use], size: InputSize, *, calibrate: bool = True) -> Prediction:
     """Predict the cost of kernels, from the state of this process after reading.
 
     Parameters
     ----------
     uses : sequence of Use
-    size : Size
+    size : InputSize
     calibrate : bool
         Scale the seconds of the table by a probe of a few ms; False: leave them as measured.
     """
@@ -62,7 +62,7 @@ def predict(uses: Sequence[Use], size: Size, *, calibrate: bool = True) -> Predi
     return Prediction(max(peak, now + shared + added), total, kernels, now, seconds_so_far)
 
 
-def _row(use: Use, size: Size, scale: float) -> dict[str, Any]:
+def _row(use: Use, size: InputSize, scale: float) -> dict[str, Any]:
     """Cost of one use of a kernel."""
     cost, n = _cost(use.kernel, size.kind), size.elements / 1e5
     row: dict[str, Any] = {"kernel": use.kernel, "times": use.times, "added": use.added}
@@ -110,7 +110,7 @@ def refuse_without_memory(prediction: Prediction, what: str, cure: str) -> None:
         )
 
 
-def as_results(prediction: Prediction, size: Size) -> dict[str, Any]:
+def as_results(prediction: Prediction, size: InputSize) -> dict[str, Any]:
     """`results` of a dry run."""
     return {
         "dry_run": True,

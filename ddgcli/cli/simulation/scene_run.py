@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ddgcli.cli.forecast.check_cost import check_cost, predict_run
-from ddgcli.cli.forecast.kernels import Size
+from ddgcli.cli.forecast.kernels import InputSize
 from ddgcli.cli.forecast.prediction import as_results
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.options import SceneCall
@@ -133,12 +133,12 @@ def run_scene(
     _report(run, scene, simulator, account, simulate(run, job), job.obstacles_at)
 
 
-def scene_size(meshes: list[Any], schedule: Schedule) -> Size:
+def scene_size(meshes: list[Any], schedule: Schedule) -> InputSize:
     """Elements of all objects, steps and frames."""
     volume = any(hasattr(mesh, "tetrahedra") for mesh in meshes)
     elements = sum(len(mesh.tetrahedra if hasattr(mesh, "tetrahedra") else mesh.faces) for mesh in meshes)
     kind = "tetrahedra" if volume else "surface"
-    return Size(kind, elements, steps=schedule.steps, frames=schedule.n_frames)
+    return InputSize(kind, elements, steps=schedule.steps, frame_count=schedule.n_frames)
 
 
 def _report(
