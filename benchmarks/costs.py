@@ -176,6 +176,7 @@ CURVES = [
         suffix="curve",
     ),
 ]
+NOTHING = Cost(0.0, 0.0, 1.0, 0.0, 0.0)  # of a kernel that is measured later
 TASKS = [*SURFACE, *TETRAHEDRA, *CURVES]
 
 
@@ -265,7 +266,7 @@ def _rest(
     for use in uses:
         if use is own:
             continue
-        cost = table[f"{use['kernel']} {task.suffix}".strip()]
+        cost = table.get(f"{use['kernel']} {task.suffix}".strip(), NOTHING)
         seconds -= use["times"] * (cost.seconds + cost.seconds_per_1e5 * n**cost.exponent)
         shared = max(shared, cost.mib + cost.mib_per_1e5 * n)
     mib = (mib - shared) / own["added"] if own["added"] else mib

@@ -158,3 +158,17 @@ def test_the_same_call_gives_the_same_bytes(run, torus, tmp_path):
     a = json.loads(run("curvature", torus, "--json").stdout)
     b = json.loads(run("curvature", torus, "--json").stdout)
     assert a["results"] == b["results"] and a["accuracy"] == b["accuracy"]
+
+
+def test_fits_in_blocks_are_the_same_bits_for_any_number_of_jobs(run, torus, tmp_path, monkeypatch):
+    from ddgcli.algorithms.curvature import quadric
+
+    monkeypatch.setattr(quadric, "_MAX_PAIRS", 900)  # several blocks
+    arrays = []
+    for jobs in (1, 3):
+        result = run("curvature", torus, "--jobs", jobs, "-o", tmp_path / f"{jobs}.npz")
+        assert result.exit_code == 0, result.stderr
+        arrays.append(np.load(tmp_path / f"{jobs}.npz"))
+    assert all(np.array_equal(arrays[0][name], arrays[1][name]) for name in VERTEX)
+    refusal = run("curvature", torus, "--jobs", 2, "--scheme", "cotan")
+    assert refusal.exit_code == 2 and "--jobs: is for --scheme quadric" in refusal.stderr

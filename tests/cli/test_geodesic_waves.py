@@ -139,3 +139,16 @@ def test_wrong_calls_end_in_one_line(square, run, words, text, tmp_path, monkeyp
     result = run("geodesic", square, *words)
     assert result.exit_code == 2 and text in result.stderr and len(result.stderr.strip().split("\n")) == 1
     assert not (tmp_path / "m.npz").exists()
+
+
+@pytest.mark.parametrize("method", ["exact", "heat"])
+def test_distances_of_each_source_are_the_same_bits_for_any_number_of_jobs(square, summary, tmp_path, method):
+    arrays = []
+    for jobs in (1, 2):
+        path = tmp_path / f"{jobs}.npz"
+        words = ("--source", "0,9,40", "--each-source", "--method", method, "--jobs", jobs, "-o", path)
+        summary("geodesic", square, *words)
+        arrays.append(np.load(path))
+    names = [name for name in arrays[0] if name.startswith("geodesic_distance_")]
+    assert len(names) == 3
+    assert all(np.array_equal(arrays[0][name], arrays[1][name]) for name in names)

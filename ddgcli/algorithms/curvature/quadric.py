@@ -37,7 +37,7 @@ _MAX_PAIRS = 40_000  # neighbours handled at once: the working arrays stay in th
 
 
 def quadric(
-    mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | None = None
+    mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | None = None, *, jobs: int = 1
 ) -> PrincipalCurvatures:
     """Principal curvatures of polynomial fits over rings of neighbours (`neighbourhoods`) or a ball.
 
@@ -48,6 +48,8 @@ def quadric(
         Approximate unit normals.
     radius : float, optional
         Of the ball; a vertex whose ball holds fewer neighbours than its two rings keeps the rings.
+    jobs : int
+        Threads that fit blocks of vertices; the result does not depend on it.
     """
     regions = neighbourhoods(mesh, faces, normal, _MIN_NEIGHBOURS)
     if radius is not None:
@@ -55,12 +57,12 @@ def quadric(
     columns = faces.points
     penalty = _chosen_penalty(columns, normal, regions)
     logging.getLogger("ddgcli").info("quadric: penalty %g on the terms of degree three and four", penalty)
-    gradient, hessian = fit_forms(columns, normal, regions, penalty)
+    gradient, hessian = fit_forms(columns, normal, regions, penalty, jobs=jobs)
     return principal_of_forms(gradient, hessian, normal)
 
 
 def fit_forms(
-    columns: NDArray, normal: NDArray, regions: Regions, penalty: float
+    columns: NDArray, normal: NDArray, regions: Regions, penalty: float, *, jobs: int = 1
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """First and second derivatives of the surface as heights over approximate tangent planes.
 
@@ -74,6 +76,8 @@ def fit_forms(
         Neighbour vertices of each vertex, itself included.
     penalty : float
         Weight of the squared coefficients of degree three and four, a share of the number of neighbours.
+    jobs : int
+        Threads; each fits a block of vertices, and the blocks do not depend on their number.
 
     Returns
     -------
@@ -89,7 +93,9 @@ def fit_forms(
         np.array([1.0] * len(_HIGH_TERMS) + [0.0] * len(_LOW_TERMS)),
         np.full(len(_TERMS), _LOW_TERM_PENALTY),
     )
-    for begin, end in chunks(regions, _MAX_PAIRS):
+
+    def fit(block: tuple[int, int]) -> None:
+        begin, end = block
         start, member = _same_side(vertex_frame[6:9], begin, end, regions)
         x, y, z = _local(columns, columns[:, begin:end], vertex_frame[:, begin:end], start, member)
         x, y, axes = _scaled(x, y, start)
@@ -100,6 +106,16 @@ def fit_forms(
         share = np.where(count > len(_TERMS), penalty, np.maximum(penalty, 1.0))
         matrix[diagonal, diagonal] += (high[:, None] * share + low[:, None]) * count
         gradient[:, begin:end], hessian[:, begin:end] = _unscaled(_solve_low(matrix, right), axes)
+
+    blocks = chunks(regions, _MAX_PAIRS)
+    if jobs == 1:
+        for block in blocks:
+            fit(block)
+        return gradient, hessian
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(jobs) as pool:  # numpy computes outside the interpreter's lock
+        list(pool.map(fit, blocks))
     return gradient, hessian
 
 

@@ -83,6 +83,7 @@ def measure_curvature(
     radius: float | Literal["auto"] | None = None,
     *,
     image: NDArray | None = None,
+    jobs: int = 1,
 ) -> CurvatureResult:
     """Measure the curvature of a surface by one scheme.
 
@@ -96,6 +97,8 @@ def measure_curvature(
         takes the radius of `estimate_noise` where noise dominates at the default, and the default elsewhere.
     image : (n, 2) or (n, 3) ndarray, optional
         A map whose non-conformality is to be measured.
+    jobs : int
+        Threads of the fits of 'quadric'; the result does not depend on it.
 
     Returns
     -------
@@ -129,7 +132,7 @@ def measure_curvature(
     if radius is not None:
         area = float(surface.faces.area.sum())
         check_radius(mesh, area, radius / surface.scale, surface.scale, scheme)
-    principal = _pointwise(surface, scheme, None if radius is None else radius / surface.scale)
+    principal = _pointwise(surface, scheme, None if radius is None else radius / surface.scale, jobs)
     vertex = _vertex_arrays(surface, principal)
     length = totals.edge_length(surface.faces, mesh.topology)
     edge = {
@@ -237,7 +240,7 @@ def _warn_of_defects(mesh: TriangleMesh, faces: Faces, orientable: bool, scheme:
         )
 
 
-def _pointwise(surface: _Surface, scheme: str, radius: float | None) -> PrincipalCurvatures:
+def _pointwise(surface: _Surface, scheme: str, radius: float | None, jobs: int) -> PrincipalCurvatures:
     """Principal curvatures by the scheme, at unit size."""
     mesh, faces, area, defect = surface.mesh, surface.faces, surface.area, surface.defect
     normals = area_normals if scheme == "quadric" else unit_normals
@@ -255,7 +258,7 @@ def _pointwise(surface: _Surface, scheme: str, radius: float | None) -> Principa
     elif scheme == "normal-voting":
         principal = normal_voting(mesh, faces, normal, radius)
     else:
-        principal = quadric(mesh, faces, normal, radius)
+        principal = quadric(mesh, faces, normal, radius, jobs=jobs)
     undefined = (area <= 0) | ~mesh.topology.referenced_vertex
     gaussian = np.where(undefined | mesh.topology.boundary_vertex, 0.0, principal.gaussian)
     low, high = (np.where(undefined, 0.0, k) for k in (principal.low, principal.high))

@@ -48,12 +48,13 @@ def measure_surface(
     vertex_vectors: bool = False,
     offset: float | None = None,
     offset_angle: float = 6.0,
+    jobs: int = 1,
 ) -> SurfaceMeasurement:
     """Measure the curvature of a surface, and what else a query names.
 
     Parameters
     ----------
-    mesh, scheme, radius, image
+    mesh, scheme, radius, image, jobs
         Of `measure_curvature`.
     regions : sequence of (array, place)
         Labels on faces or vertices; an empty place is inferred from the length, faces first.
@@ -65,7 +66,7 @@ def measure_surface(
     offset_angle : float
         Largest step of its arcs, in degrees.
     """
-    measured = measure_curvature(mesh, scheme, radius, image=image)
+    measured = measure_curvature(mesh, scheme, radius, image=image, jobs=jobs)
     vertex, results, accuracy = dict(measured.vertex), dict(measured.results), dict(measured.accuracy)
     if regions or balls:
         results["regions"], accuracy["region_residual"] = _regions(mesh, regions, balls)

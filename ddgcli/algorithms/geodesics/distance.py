@@ -336,19 +336,6 @@ def compare(
     return table
 
 
-def each_source(
-    sources: Sources, solver: Solver, progress: Callable[[float, float], None] | None = None
-) -> dict[str, NDArray[np.float64]]:
-    """One distance array for each source, named geodesic_distance_000 and so on."""
-    digits = max(3, len(str(len(sources) - 1)))
-    arrays = {}
-    for i, one in enumerate(sources.each()):
-        if progress is not None:
-            progress(i, len(sources))
-        arrays[f"geodesic_distance_{i:0{digits}d}"] = solver(one).distance
-    return arrays
-
-
 def distance_gradient(mesh: TriangleMesh, distance: NDArray) -> NDArray[np.float64]:
     """(m, 3) gradient of the distance on faces; zero where a corner is unreached or a face has no area."""
     from ddgcli.operators.gradient import gradient

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,39 +54,58 @@ def distance_matrix(
         return distance_matrix(mesh, last, first, method, options, jobs=jobs, progress=progress).T.copy()
     options = options or DistanceOptions()
     vertex, row = np.unique(first, return_inverse=True)
-    jobs = min(jobs, len(vertex))
     rows = np.empty((len(vertex), len(last)))
-    for i, values in enumerate(_rows(mesh, vertex, last, method, options, jobs)):
+    starts = [Sources(np.array([v])) for v in vertex]
+    for i, values in enumerate(distance_rows(mesh, starts, method, options, targets=last, jobs=jobs)):
         rows[i] = values
         if progress is not None:
             progress(i + 1, len(vertex))
     return rows[row]
 
 
-def _rows(
-    mesh: SurfaceMesh, vertex: NDArray, targets: NDArray, method: str, options: DistanceOptions, jobs: int
-) -> Any:
-    """Rows of the matrix in order."""
-    if jobs == 1:
-        solver = prepare_solver(mesh, method, options)
-        for v in vertex:
-            yield _row(solver, targets, int(v))
+def distance_rows(
+    mesh: SurfaceMesh,
+    starts: Sequence[Sources],
+    method: str,
+    options: DistanceOptions,
+    *,
+    targets: NDArray | None = None,
+    jobs: int = 1,
+    solver: Solver | None = None,
+) -> Iterator[NDArray[np.float64]]:
+    """Distances from each of several independent sets of sources, in order; the same bits for any `jobs`.
+
+    Parameters
+    ----------
+    targets : (t,) ndarray of int, optional
+        Vertices; default all.
+    jobs : int
+        Number of processes. Each prepares its own solver.
+    solver : callable, optional
+        `prepare_solver(mesh, method, options)`, if there is one already; used with one job.
+    """
+    jobs = min(jobs, len(starts))
+    if jobs <= 1:
+        solver = solver or prepare_solver(mesh, method, options)
+        for sources in starts:
+            yield _row(solver, targets, sources)
         return
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
     arguments = mesh, method, options, targets
     with ProcessPoolExecutor(jobs, get_context("spawn"), _start_worker, arguments) as pool:
-        yield from pool.map(_worker_row, vertex.tolist(), chunksize=max(1, len(vertex) // (4 * jobs)))
+        yield from pool.map(_worker_row, starts, chunksize=max(1, len(starts) // (4 * jobs)))
 
 
-def _row(solver: Solver, targets: NDArray, vertex: int) -> NDArray[np.float64]:
-    return solver(Sources(np.array([vertex]))).distance[targets]
+def _row(solver: Solver, targets: NDArray | None, sources: Sources) -> NDArray[np.float64]:
+    distance = solver(sources).distance
+    return distance if targets is None else distance[targets]
 
 
-def _start_worker(mesh: SurfaceMesh, method: str, options: DistanceOptions, targets: NDArray) -> None:
+def _start_worker(mesh: SurfaceMesh, method: str, options: DistanceOptions, targets: NDArray | None) -> None:
     _worker["solver"], _worker["targets"] = prepare_solver(mesh, method, options), targets
 
 
-def _worker_row(vertex: int) -> NDArray[np.float64]:
-    return _row(_worker["solver"], _worker["targets"], vertex)
+def _worker_row(sources: Sources) -> NDArray[np.float64]:
+    return _row(_worker["solver"], _worker["targets"], sources)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics import distance as solvers
+from ddgcli.algorithms.geodesics.distance_matrix import distance_rows
 from ddgcli.algorithms.geodesics.edge_sets import EdgeSet, boundary_set
 from ddgcli.algorithms.geodesics.query import DistanceQuery
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
@@ -16,7 +17,7 @@ from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.choices import DEFAULT_HEAT_TIME
 from ddgcli.geometry.surface_points import SurfacePoints, nearest_points
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.progress import StageProgress, no_stage_progress
+from ddgcli.progress import ProgressCallback, StageProgress, no_stage_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +91,7 @@ def query_distance(
     *,
     directions: bool = False,
     seed: int = 0,
+    jobs: int = 1,
     stage_progress: StageProgress = no_stage_progress,
 ) -> DistanceQueryResult:
     """Compute the distances and further results of a query.
@@ -104,6 +106,8 @@ def query_distance(
         Also compute the directions in which paths leave the source, for a logarithmic map.
     seed : int
         Of the vertices that `query.certify` samples.
+    jobs : int
+        Processes for `query.each_source`; the result does not depend on it.
     stage_progress : callable, optional
         Called with the name of each stage; returns its progress callback.
     """
@@ -119,7 +123,8 @@ def query_distance(
     stage_progress("geodesic")
     vertex, face, accuracy = dict(result.arrays), {}, dict(result.accuracy)
     if query.each_source:
-        vertex |= solvers.each_source(sources, solver, stage_progress("each source"))
+        rows = distance_rows(mesh, list(sources.each()), query.method, options, jobs=jobs, solver=solver)
+        vertex |= _each_source(rows, len(sources), stage_progress("each source"))
     if query.gradient:
         face["distance_gradient"] = solvers.distance_gradient(mesh, result.distance)
     isolines = [_isolines(mesh, result.distance, query.isolines)] if query.isolines else []
@@ -143,3 +148,15 @@ def _isolines(mesh: TriangleMesh, distance: NDArray, count: int) -> Curves:
     if cover.is_one_sided:
         return isoline_curves(mesh, distance, count)
     return cover.project(isoline_curves(cover.mesh, distance, count))
+
+
+def _each_source(
+    rows: Iterable[NDArray], count: int, progress: ProgressCallback
+) -> dict[str, NDArray[np.float64]]:
+    """One distance array for each source, named geodesic_distance_000 and so on."""
+    digits = max(3, len(str(count - 1)))
+    arrays = {}
+    for i, distance in enumerate(rows):
+        arrays[f"geodesic_distance_{i:0{digits}d}"] = distance
+        progress(i + 1, count)
+    return arrays

@@ -209,7 +209,7 @@ class WaveQuery:
     target : sequence of sequence of int
         Target vertices: columns of the distance matrix, whose rows are the source vertices.
     jobs : int
-        Processes for the rows of the matrix.
+        Processes for the rows of the matrix and for the distances of each source.
     voronoi : bool
         Compute the nearest source of each face.
     signed_distance : str, optional
@@ -262,5 +262,7 @@ class WaveQuery:
             raise ParameterError(f"needs `{other}`; give both", parameter=name)
         if self.fan_circles != WaveQuery.fan_circles and self.fan is None:
             raise ParameterError("belongs to `fan`; give that too", parameter="fan_circles")
-        if self.jobs > 1 and not self.target:
-            raise ParameterError("is for the rows of a `distance_matrix`; add one", parameter="jobs")
+        if self.jobs > 1 and not (self.target or distance.each_source):
+            raise ParameterError(
+                "is for the rows of a `distance_matrix` and for `each_source`; add one", parameter="jobs"
+            )

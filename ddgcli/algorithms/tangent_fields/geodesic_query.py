@@ -101,7 +101,7 @@ def geodesic_query(
         sources = query_sources(mesh, distance_query, source_edges)
         measured = query_distance(
             mesh, distance_query, sources,
-            directions=curve_query.log_map, seed=seed, stage_progress=stage_progress,
+            directions=curve_query.log_map, seed=seed, jobs=wave_query.jobs, stage_progress=stage_progress,
         )  # fmt: skip
         distance, isolines = measured.distance, measured.isolines
         vertex, face, converged = measured.vertex, measured.face, distance.converged

@@ -19,6 +19,7 @@ from ddgcli.cli.commands.curvature_measures import (
 )
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
+from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -82,6 +83,12 @@ FRAME_COLOURS = {"frenet_normal": "#c03030", "frenet_binormal": "#3060c0"}
     metavar="N",
     help="Curves: first take N points at even arc lengths on each curve; -o writes these.",
 )
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="quadric: threads that fit blocks of vertices; the result does not depend on N.  [default: 1]",
+)
 @measure_options
 @options.common
 def command(
@@ -91,6 +98,7 @@ def command(
     map_name: str | None,
     with_frames: bool,
     resample: int | None,
+    jobs: int | None,
     measures: MeasureOptions,
     common: CommonOptions,
 ) -> None:
@@ -108,6 +116,8 @@ def command(
     measures.check()
     extra: dict[str, Any] = {"frames": with_frames, "resample": resample} if with_frames or resample else {}
     extra |= measures.changed()
+    if jobs is not None and scheme != "quadric":
+        raise ParameterError("is for `scheme=quadric`; leave it out", parameter="jobs")
     run = Run("curvature", common, scheme=scheme, radius=radius, map=map_name, **extra)
     run.plan_output(measures.offset_output, OFFSET_FORMATS)
     for name in measures.region:
@@ -118,14 +128,14 @@ def command(
     if isinstance(source.mesh, CurveSet):
         options.refuse_options(
             "is for surfaces, and this is a curve; leave it out",
-            *("scheme", "radius", "map_name", *MEASURE_NAMES),
+            *("scheme", "radius", "map_name", "jobs", *MEASURE_NAMES),
         )
         _curves(run, source.mesh, with_frames, resample)
     else:
         options.refuse_options(
             "is for curves, and this is a surface; leave it out", "with_frames", "resample"
         )
-        _surface(run, source, scheme, radius, map_name, measures)
+        _surface(run, source, scheme, radius, map_name, jobs or 1, measures)
 
 
 def _surface(
@@ -134,6 +144,7 @@ def _surface(
     scheme: str,
     radius: Any,
     map_name: str | None,
+    jobs: int,
     measures: MeasureOptions,
 ) -> None:
     from ddgcli.algorithms.curvature.surface_query import measure_surface
@@ -141,7 +152,9 @@ def _surface(
 
     mesh = source.surface
     image = None if map_name is None else options.named_array(source.vertex, map_name, "vertex array")
-    measured = measure_surface(mesh, scheme, radius, image=image, **surface_arguments(source, measures))
+    measured = measure_surface(
+        mesh, scheme, radius, image=image, jobs=jobs, **surface_arguments(source, measures)
+    )
     name, values = run.picture_array(measured.vertex, "mean_curvature")
     annotated = AnnotatedMesh(mesh, vertex=measured.vertex, edge=measured.edge)
     run.write(annotated, converged=measured.converged)

@@ -39,7 +39,7 @@ _OPTIONS = (
     click.option("--target", multiple=True, type=Ids(), metavar="ID...",
                  help="Target vertex of --distance-matrix; several as for --source."),
     click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
-                 help="Processes for the rows of --distance-matrix."),
+                 help="Processes for the rows of --distance-matrix and for --each-source."),
     click.option("--voronoi", is_flag=True, help="exact: face array region, the source nearest to each "
                                                  "face."),
     click.option("--signed-distance", metavar="CURVES",

@@ -1,0 +1,120 @@
+"""How do seconds and memory of whole commands grow up to 10 million faces, and are they predicted?
+
+python -m benchmarks.peers.size [faces ...] [--seconds S] [--only WORD ...]    default 20000 100000
+
+Every row is one process on an irregular sphere (a grid for shells), read from a binary .ply: CPU seconds,
+peak resident memory, what `--dry-run` predicts, and the exponent of growth from the next smaller mesh. A row
+whose prediction exceeds S (180) CPU seconds or the available memory is not run; the table says so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from benchmarks.common.process import ROOT, measured_command
+
+SHELL = "--effect stretching --effect bending --effect gravity --material felt --set thickness=1e-3 --dt 1e-3"
+ROWS = {
+    "info": "info {sphere}",
+    "curvature": "curvature {sphere}",
+    "intrinsic Delaunay": "delaunay {sphere}",
+    "refinement": "delaunay {sphere} --refine 25",
+    "Poisson": "laplacian {sphere} --poisson {values}",
+    "Poisson, multigrid": "laplacian {sphere} --poisson {values} --solver multigrid",
+    "heat distance": "geodesic {sphere} --source 0 --method heat",
+    "fast-marching distance": "geodesic {sphere} --source 0 --method fast-marching",
+    "exact distance": "geodesic {sphere} --source 0",
+    "fluid step": "fluid-sim {sphere} --vorticity 5*z --dt 1e-2 --steps 1",
+    "shell step": f"shell-sim {{sheet}} {SHELL} --steps 1",
+}
+MAKE = """
+import sys
+import numpy as np
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+folder, faces = sys.argv[1], int(sys.argv[2])
+sphere = shapes.random_sphere(faces // 2 + 2, 0)
+write_mesh(folder + "/sphere.ply", AnnotatedMesh(sphere))
+np.save(folder + "/values.npy", sphere.points[:, 2])
+n = round((faces / 2) ** 0.5)
+write_mesh(folder + "/sheet.ply", AnnotatedMesh(shapes.grid(n, n)))
+"""
+
+
+def make_inputs(folder: Path, faces: int) -> dict[str, Path]:
+    """Inputs of one size, made by a process of its own."""
+    folder.mkdir(exist_ok=True)
+    paths = {
+        name: folder / f"{name}.{'npy' if name == 'values' else 'ply'}"
+        for name in ("sphere", "sheet", "values")
+    }
+    if not paths["sheet"].exists():
+        subprocess.run([sys.executable, "-c", MAKE, str(folder), str(faces)], check=True, cwd=ROOT)
+    return paths
+
+
+def measured_row(call: str, paths: dict[str, Path], folder: Path, seconds: float) -> dict[str, Any]:
+    """Prediction and, if it is within the limits, measurement of one command."""
+    words = [*call.format(**paths).split(), "--json"]
+    dry = measured_command([*words, "--dry-run"], folder)
+    if dry.exit_code:
+        return {"note": "refused: " + dry.error.strip().splitlines()[-1][-70:]}
+    facts = dry.summary.get("prediction") or dry.summary["results"]
+    row = {"predicted s": facts["seconds"], "predicted MiB": facts["peak_mib"]}
+    if facts["seconds"] > seconds or facts["peak_mib"] > facts["available_mib"]:
+        return row | {"note": "not run"}
+    run = measured_command(words, folder)
+    note = "" if run.exit_code == 0 else f"exit code {run.exit_code}"
+    return row | {"s": run.seconds, "MiB": run.mib, "note": note}
+
+
+def exponent(row: dict[str, Any], before: dict[str, Any], key: str, ratio: float) -> float | str:
+    """Growth of a column from the next smaller mesh."""
+    return math.log(row[key] / before[key]) / math.log(ratio) if key in row and key in before else "-"
+
+
+def print_rows(name: str, sizes: list[int], rows: list[dict[str, Any]]) -> None:
+    """Print the rows of one command."""
+    for k, (faces, row) in enumerate(zip(sizes, rows, strict=True)):
+        growth: list[float | str] = ["-", "-"]
+        if k:
+            growth = [exponent(row, rows[k - 1], key, faces / sizes[k - 1]) for key in ("s", "MiB")]
+        columns = ("s", "MiB", "predicted s", "predicted MiB")
+        cells = [row.get(key, "-") for key in columns] + growth
+        texts = [f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in cells]
+        print(f"| {name} | {faces:,} | {' | '.join(texts)} | {row['note']} |", flush=True)
+
+
+def main() -> None:
+    """Measure the rows and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("faces", nargs="*", type=int, default=[20_000, 100_000])
+    parser.add_argument("--seconds", type=float, default=180.0)
+    parser.add_argument("--only", nargs="*", default=[""])
+    parser.add_argument("--folder", help="keep the inputs here")
+    arguments = parser.parse_args()
+    from ddgcli.tradeoff.report import machine
+
+    print(machine())
+    header = ["command", "faces", "CPU s", "peak MiB", "predicted s", "predicted MiB", "growth of s",
+              "growth of MiB", "note"]  # fmt: skip
+    print("\n### Whole commands, reading and start-up included\n\n| " + " | ".join(header) + " |")
+    print("|" + " --- |" * len(header))
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(arguments.folder or temporary)
+        inputs = {faces: make_inputs(folder / str(faces), faces) for faces in arguments.faces}
+        for name, call in ROWS.items():
+            if any(name.startswith(word) for word in arguments.only):
+                rows = [measured_row(call, inputs[n], folder, arguments.seconds) for n in arguments.faces]
+                print_rows(name, arguments.faces, rows)
+
+
+if __name__ == "__main__":
+    main()
