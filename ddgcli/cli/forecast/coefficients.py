@@ -17,7 +17,7 @@ class Cost(NamedTuple):
     mib_per_1e5: float
 
 
-PROBE_SECONDS = 0.003797  # of `prediction.probe` where the table was measured
+PROBE_SECONDS = 0.004614  # of `prediction.probe` where the table was measured
 
 COEFFICIENTS: dict[str, Cost] = {
     "info": Cost(0.06544, 0.7115, 1.05, 0.6724, 20.93),
@@ -50,4 +50,20 @@ COEFFICIENTS: dict[str, Cost] = {
     "laplacian discrete-conformal": Cost(0.3052, 0.3973, 1.05, 21.19, 66.27),
     "laplacian conformal": Cost(0.3382, 0.3253, 1.15, 26.49, 88.06),
     "laplacian harmonic": Cost(0.2678, 0.3234, 1.05, 25.72, 63.96),
+    "laplacian form-eigen": Cost(0.3049, 22.62, 1.05, 19.05, 1881),
+    "laplacian evolution": Cost(0.2644, 4.425, 1.05, 25.34, 54.61),
+    "hodge": Cost(0.5669, 0.2736, 1.05, 20.66, 5.156),
+    "hodge field": Cost(0.417, 5.909, 1.05, 26.97, 278.4),
+    "dec": Cost(0.4743, 1.837, 1.05, 20.33, 285.1),
+    "geodesic exact": Cost(0.6164, 2.647, 1.3, 20.81, 40.76),
+    "geodesic heat": Cost(0.6772, 0.9259, 1.05, 27.02, 90.32),
+    "geodesic fast-marching": Cost(0.6119, 0.533, 1.05, 21.08, 31.92),
+    "geodesic dijkstra": Cost(0.5501, 0.3473, 1.05, 20.24, 7.902),
+    "geodesic exact solve": Cost(0, 2.344, 1.05, 21.28, 37.91),
+    "geodesic heat solve": Cost(0.0009379, 0.1396, 1.05, 27.24, 117.8),
+    "geodesic fast-marching solve": Cost(0.01204, 0.1556, 1.05, 20.91, 31.48),
+    "geodesic dijkstra solve": Cost(0.02044, 0.005749, 1.05, 20.02, 8.443),
+    "geodesic log-map": Cost(0.0436, 0.8586, 1.05, 21.4, 63.26),
+    "geodesic vector-heat": Cost(0.0808, 0.3847, 1.05, 21.57, 52.88),
+    "willmore-flow": Cost(0.8735, 2.132, 1.05, 22.66, 267.9),
 }
