@@ -48,6 +48,27 @@ def sheared_torus(faces: int) -> TriangleMesh:
 
 
 @cache
+def voxel_sphere(radius: int) -> TriangleMesh:
+    """Boundary of the unit cubes whose centres lie within the radius, about the origin."""
+    grid = np.indices((2 * radius + 3,) * 3, dtype=np.int32) - radius - 1
+    inside = (grid**2).sum(axis=0) <= radius**2
+    quads = []
+    for axis in range(3):
+        u, v = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
+        step = np.roll(inside, -1, axis=axis)
+        for crossing, turned in ((inside & ~step, False), (~inside & step, True)):
+            corner = np.argwhere(crossing)
+            corner[:, axis] += 1
+            quad = np.stack([corner, corner + u, corner + u + v, corner + v], axis=1)
+            quads.append(quad[:, ::-1] if turned else quad)
+    corners = np.concatenate(quads)
+    points, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    quad = index.reshape(-1, 4)
+    points = points - points.min(axis=0) / 2 - points.max(axis=0) / 2
+    return TriangleMesh.from_arrays(points, np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]]))
+
+
+@cache
 def real(name: str) -> TriangleMesh:
     """A shared real mesh by file name."""
     from ddgcli.io.mesh_file import read_mesh

@@ -17,6 +17,9 @@ from ddgcli.mesh.components import connected_labels
 
 NEXT = np.array([1, 2, 0])
 PREVIOUS = np.array([2, 0, 1])
+# from the flat number of a corner to those of the next and the previous corner of its face
+NEXT_OFFSET, PREVIOUS_OFFSET = NEXT - np.arange(3), PREVIOUS - np.arange(3)
+MAX_ROTATION_STEPS = 500  # corners of a vertex up to which rotation about all vertices at once is cheap
 
 
 def frozen(array: NDArray) -> NDArray:
@@ -126,14 +129,10 @@ class Topology:
         """(m, 3) flat number of the side glued to side j; -1 on the boundary and on edges with 3+ faces."""
         if self.gluing is not None:
             return self.gluing
-        tail, head = self.side_tail, self.side_head
-        key, order = sorted_sides(np.minimum(tail, head), np.maximum(tail, head), self.n_vertices)
-        last = np.ones(len(key) + 1, dtype=bool)  # of the sides of an edge; and the place before them all
-        np.not_equal(key[1:], key[:-1], out=last[1:-1])
-        pair = np.flatnonzero(last[:-2] & ~last[1:-1] & last[2:])
-        twin = np.full(len(key), -1, dtype=np.int64)
-        first, second = order[pair], order[pair + 1]
-        twin[first], twin[second] = second, first
+        # both sides of an edge sum to the same number: each is that sum less the other
+        edge, side = self.side_edge.ravel(), np.arange(self.side_edge.size)
+        total = np.bincount(edge, weights=side, minlength=self.n_edges).astype(np.int64)
+        twin = np.where((self.edge_face_count == 2)[edge], total[edge] - side, -1)
         return frozen(twin.reshape(-1, 3))
 
     @cached_property
@@ -169,6 +168,8 @@ class Topology:
     @cached_property
     def nonmanifold_vertices(self) -> NDArray[np.int64]:
         """Vertices whose faces form more than one fan around them (edges with 3+ faces join their fans)."""
+        if self._one_fan_each:
+            return frozen(np.zeros(0, dtype=np.int64))
         fans = self.corner_fans
         vertex_of_fan = np.full(int(fans.max(initial=-1)) + 1, -1, dtype=np.int64)
         vertex_of_fan[fans.ravel()] = self.faces.ravel()
@@ -178,6 +179,11 @@ class Topology:
     @cached_property
     def corner_fans(self) -> NDArray[np.int64]:
         """(m, 3) number of the fan (corners joined across shared edges) that holds corner k."""
+        if self._one_fan_each:
+            corner, lowest = np.arange(3 * self.n_faces), np.zeros(self.n_vertices, dtype=np.int64)
+            lowest[self.side_tail[::-1]] = corner[::-1]
+            first = lowest[self.side_tail]
+            return frozen((np.cumsum(first == corner) - 1)[first].reshape(-1, 3))
         side_edge = self.side_edge.ravel()
         n_corners = len(side_edge)
         tail_corner = np.arange(n_corners)
@@ -193,8 +199,38 @@ class Topology:
         return frozen(connected_labels(tail, head, n_corners)[1].reshape(-1, 3))
 
     @cached_property
+    def _one_fan_each(self) -> bool:
+        """Whether one rotation about each vertex visits all of its corners.
+
+        False also where rotation is not tried: on edges of three faces, surfaces without consistent
+        orientation, gluings, and vertices of very many faces.
+        """
+        if self.gluing is not None or len(self.nonmanifold_edges) or not self.is_oriented:
+            return False
+        vertex, twin = self.side_tail, self.side_twin.ravel()
+        n_corners = np.bincount(vertex, minlength=self.n_vertices)
+        if n_corners.max(initial=0) > MAX_ROTATION_STEPS:
+            return False
+        start = np.zeros(self.n_vertices, dtype=np.int64)
+        start[vertex] = np.arange(len(vertex))
+        # at a boundary the first corner is the one that no rotation leads to
+        outer = np.flatnonzero(twin < 0)
+        first = outer + NEXT_OFFSET[outer % 3]
+        start[vertex[first]] = first
+        after = np.where(twin >= 0, twin + NEXT_OFFSET[twin % 3], -1)
+        start = start[n_corners > 0]
+        place, remaining = start, n_corners[n_corners > 0]
+        while len(place):
+            place, remaining = after[place], remaining - 1
+            stops = (place < 0) | (place == start)
+            if np.any(remaining[stops]):
+                return False
+            place, remaining, start = place[~stops], remaining[~stops], start[~stops]
+        return True
+
+    @cached_property
     def _vertex_components(self) -> tuple[int, NDArray[np.int64]]:
-        _, label = connected_labels(self.side_tail, self.side_head, self.n_vertices)
+        _, label = connected_labels(self.edges[:, 0], self.edges[:, 1], self.n_vertices)
         used = np.unique(label[self.referenced_vertex])
         rank = np.full(label.max(initial=-1) + 1, -1, dtype=np.int64)
         rank[used] = np.arange(len(used))

@@ -23,7 +23,9 @@ _MAX_TURNING_RATIO = 0.7  # of the normal's turning over Delaunay rings, below w
 _MAX_PAIRS = 200_000  # neighbours handled at once
 
 
-def neighbourhoods(mesh: TriangleMesh, faces: Faces, normal: NDArray, at_least: int) -> Regions:
+def neighbourhoods(
+    mesh: TriangleMesh, faces: Faces, normal: NDArray, at_least: int, vertices: NDArray | None = None
+) -> Regions:
     """Neighbours of every vertex, itself included, for fits of heights.
 
     Parameters
@@ -33,14 +35,17 @@ def neighbourhoods(mesh: TriangleMesh, faces: Faces, normal: NDArray, at_least: 
         Approximate unit normals.
     at_least : int
         Neighbours below which a third ring is added.
+    vertices : (k,) ndarray of int, optional
+        Whose neighbours; default all.
     """
-    rings = two_rings(mesh.topology, at_least)
+    rings = two_rings(mesh.topology, at_least, vertices)
     if not _sheared(mesh, faces):
         return rings
     from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 
-    rounder = two_rings(flip_to_delaunay(mesh).mesh.topology, at_least)
-    turns_less = _turning(normal, rounder) < _MAX_TURNING_RATIO * _turning(normal, rings)
+    rounder = two_rings(flip_to_delaunay(mesh).mesh.topology, at_least, vertices)
+    centre = normal if vertices is None else normal[:, vertices]
+    turns_less = _turning(centre, normal, rounder) < _MAX_TURNING_RATIO * _turning(centre, normal, rings)
     return chosen(rings, rounder, turns_less)
 
 
@@ -56,13 +61,13 @@ def _sheared(mesh: TriangleMesh, faces: Faces) -> bool:
     return topology.is_oriented and not len(topology.nonmanifold_edges) and not faces.flat.any()
 
 
-def _turning(normal: NDArray, regions: Regions) -> NDArray[np.float64]:
-    """(n,) mean of 1 - cos of the angle between normals at the vertex and at its neighbours."""
-    turning = np.zeros(normal.shape[1])
+def _turning(centre: NDArray, normal: NDArray, regions: Regions) -> NDArray[np.float64]:
+    """(k,) mean of 1 - cos of the angle between normals (3, k) at vertices and at their neighbours."""
+    turning = np.zeros(centre.shape[1])
     for begin, end in chunks(regions, _MAX_PAIRS):
         count = regions.count[begin:end]
         member = regions.member[regions.start[begin] : regions.start[end]]
-        apart = np.repeat(normal[:, begin:end], count, axis=1) - np.take(normal, member, axis=1)
+        apart = np.repeat(centre[:, begin:end], count, axis=1) - np.take(normal, member, axis=1)
         total = np.add.reduceat(0.5 * dot(apart, apart), regions.start[begin:end] - regions.start[begin])
         turning[begin:end] = total / count
     return turning

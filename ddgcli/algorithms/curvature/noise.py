@@ -8,7 +8,9 @@ sphere of curvature k and less on surfaces that bend in one direction; half of i
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +22,21 @@ from ddgcli.algorithms.curvature.quadric import (
     fit_forms,
     polynomial_residuals,
     principal_of_forms,
-    sampled_vertices,
+    sampled_regions,
 )
-from ddgcli.algorithms.curvature.regions import Regions, largest_radius
+from ddgcli.algorithms.curvature.regions import Regions, largest_radius, listed
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import unit_vectors as unit_rows
 
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
 SAMPLE_SIZE, BENDING_SAMPLE_SIZE = 400, 100  # vertices sampled for residuals, and for curvature
+MAX_UNSAMPLED_VERTICES = 6400  # up to which all vertices may be in the sample
+CANDIDATES_PER_SAMPLE = (
+    4  # vertices, by the areas of their stars, among which the sample is chosen on larger meshes
+)
 MIN_NEIGHBOURS = 15
 QUADRATIC_PENALTY = 1e4  # penalty of the terms of degree three and four that leaves a quadratic fit
 STEP_ANGLE = np.pi / 6  # dihedral angle from which an edge is a crease
@@ -93,9 +102,13 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
     measure in.
     """
     normal = area_normals(faces)
-    regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS)
-    sample = sampled_vertices(faces.points, regions, SAMPLE_SIZE)
-    sample = sample[~mesh.topology.boundary_vertex[sample]]
+    vertices = _candidates(mesh, faces)
+    regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS, vertices)
+    if vertices is None:
+        vertices = np.arange(mesh.n_vertices)
+    chosen = sampled_regions(faces.points, faces.points[:, vertices], regions, SAMPLE_SIZE)
+    chosen = chosen[~mesh.topology.boundary_vertex[vertices[chosen]]]
+    sample, regions = vertices[chosen], listed(regions, chosen)
     if len(sample) < MIN_NEIGHBOURS:
         return Noise(None)
     cubic, quartic = polynomial_residuals(faces.points, normal, regions, sample, (3, 4))
@@ -104,24 +117,68 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
     detailed = bool(both.any() and np.median(cubic[both]) > MIN_DETAIL_RATIO * np.median(quartic[both]))
     stepped = is_staircase(mesh, dihedral)
     flat = float((np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean())
+    creased, detailed = flat > MIN_CREASED_FLAT_SHARE and not stepped, detailed and not stepped
+    if creased or detailed:
+        return Noise(deviation / edge, stepped, creased, detailed=detailed)
     area = float(faces.area.sum())
     vertex_area = area / int(mesh.topology.referenced_vertex.sum())
-    bend, most = float(np.sqrt(4 * np.pi / area)), 0.99 * largest_radius(mesh, area, scheme)
-    for _ in range(2):
-        radius = min(best_radius(deviation, vertex_area, bend, edge), most)
-        bend = max(_bending(mesh, normal, sample, radius), 0.1 * bend)
-    spread = float(np.sqrt(vertex_area * np.median(regions.count[sample]) / np.pi))
+    radius, bend = _radius_and_bending(mesh, normal, sample, (deviation, vertex_area, edge), area, scheme)
+    spread = float(np.sqrt(vertex_area * np.median(regions.count) / np.pi))
     return Noise(
         deviation / edge,
         stepped,
-        flat > MIN_CREASED_FLAT_SHARE and not stepped,
-        noise_error(deviation, vertex_area, bend, spread),
-        float(
+        error=noise_error(deviation, vertex_area, bend, spread),
+        error_at_radius=float(
             np.hypot(noise_error(deviation, vertex_area, bend, radius), BIAS_FACTOR * (bend * radius) ** 2)
         ),
-        radius,
-        detailed and not stepped,
+        radius=radius,
     )
+
+
+def warn_of_noise(noise: Noise, scheme: str, radius: float) -> None:
+    """Report the expected error at the default region, and the radius to use, in units of the input."""
+    kind = "is a staircase of voxels" if noise.stepped else f"has noise of {noise.relative:.2g} of an edge"
+    cure = "use `scheme=quadric` with" if scheme == "cotan" else "use"
+    if noise.stepped and scheme != "normal-voting":
+        cure = "use `scheme=normal-voting` with"
+    logging.getLogger("ddgcli").warning(
+        "the surface %s: at the default region the error of the curvature is about %.0f %%; "
+        "%s `radius=%.3g` (or `radius=auto`), where it is about %.0f %%",
+        kind,
+        100 * noise.error,
+        cure,
+        radius,
+        100 * noise.error_at_radius,
+    )
+
+
+def _candidates(mesh: TriangleMesh, faces: Faces) -> NDArray[np.int64] | None:
+    """Vertices to choose the sample from, in the order of the areas of their stars; None for all."""
+    if mesh.n_vertices <= MAX_UNSAMPLED_VERTICES:
+        return None
+    used = np.flatnonzero(mesh.topology.referenced_vertex)
+    order = np.argsort(faces.stars(faces.area[None])[0][used], kind="stable")
+    return used[order[:: max(1, len(used) // (CANDIDATES_PER_SAMPLE * SAMPLE_SIZE))]]
+
+
+def _radius_and_bending(
+    mesh: TriangleMesh,
+    normal: NDArray,
+    sample: NDArray,
+    lengths: tuple[float, float, float],
+    area: float,
+    scheme: str,
+) -> tuple[float, float]:
+    """Radius of the least predicted error and the curvature there, each from the other, twice."""
+    from scipy.spatial import cKDTree  # a sixth of a small run's time
+
+    deviation, vertex_area, edge = lengths
+    tree = cKDTree(mesh.points, balanced_tree=False, compact_nodes=False)
+    bend, most = float(np.sqrt(4 * np.pi / area)), 0.99 * largest_radius(mesh, area, scheme)
+    for _ in range(2):
+        radius = min(best_radius(deviation, vertex_area, bend, edge), most)
+        bend = max(_bending(mesh, normal, sample, tree, radius), 0.1 * bend)
+    return radius, bend
 
 
 def noise_error(deviation: float, vertex_area: float, bend: float, radius: float) -> float:
@@ -148,21 +205,20 @@ def is_staircase(mesh: TriangleMesh, dihedral: NDArray) -> bool:
     return bool(flat > MIN_FLAT_SHARE and share > MIN_STEPPED_SHARE)
 
 
-def _bending(mesh: TriangleMesh, normal: NDArray, sample: NDArray, radius: float) -> float:
+def _bending(mesh: TriangleMesh, normal: NDArray, sample: NDArray, tree: cKDTree, radius: float) -> float:
     """Median of the larger principal curvature of quadratic fits in balls around a part of the sample."""
-    from scipy.spatial import cKDTree  # a sixth of a small run's time, needed by noisy meshes only
-
     few = sample[:: max(1, len(sample) // BENDING_SAMPLE_SIZE)]
-    lists = cKDTree(mesh.points).query_ball_point(mesh.points[few], radius)
+    lists = tree.query_ball_point(mesh.points[few], radius)
     start = list_starts([len(members) for members in lists])
     member = np.concatenate([np.sort(members) for members in lists]).astype(np.int64)
     # the mean normal of the ball: single normals of noise and of voxels are far off
     around = np.take(normal, member, axis=1)
     same = np.einsum("ij,ij->j", around, np.repeat(normal[:, few], np.diff(start), axis=1)) > 0
     mean = unit_rows(np.add.reduceat(np.where(same, around, 0.0), start[:-1], axis=1).T).T
-    columns = np.concatenate([mesh.points[few].T, mesh.points.T], axis=1)
-    normals = np.concatenate([mean, normal], axis=1)
-    gradient, hessian = fit_forms(columns, normals, Regions(start, member + len(few)), QUADRATIC_PENALTY)
+    columns = np.concatenate([mesh.points[few].T, mesh.points[member].T], axis=1)
+    normals = np.concatenate([mean, around], axis=1)
+    regions = Regions(start, len(few) + np.arange(len(member)))
+    gradient, hessian = fit_forms(columns, normals, regions, QUADRATIC_PENALTY)
     k = slice(0, len(few))
     principal = principal_of_forms(gradient[:, k], hessian[:, k], normals[:, k])
     return float(np.median(np.maximum(np.abs(principal.low), np.abs(principal.high))))

@@ -233,30 +233,29 @@ def _chosen_penalty(columns: NDArray, normal: NDArray, regions: Regions) -> floa
     Generalised cross-validation: the least of residual / (data - degrees of freedom)^2, in the mean of the
     logarithms, so that a few creases do not decide for all.
     """
-    able = sampled_vertices(columns, regions, _PENALTY_SAMPLE_SIZE)
+    able = sampled_regions(columns, columns, regions, _PENALTY_SAMPLE_SIZE)
     if len(able) == 0:
         return _PENALTIES[-1]
-    return _best_penalty(*_systems(columns, normal, regions, able))
+    return _best_penalty(*_systems(columns, normal, listed(regions, able), able))
 
 
-def sampled_vertices(columns: NDArray, regions: Regions, most: int) -> NDArray[np.int64]:
-    """About `most` vertices with enough neighbours to test a fit, with small and large neighbourhoods.
+def sampled_regions(columns: NDArray, centre: NDArray, regions: Regions, most: int) -> NDArray[np.int64]:
+    """About `most` regions with enough vertices to test a fit, small and large ones, around centres (3, k).
 
-    Ordered by the size of the neighbourhood, so that the choice does not depend on the numbering.
+    Ordered by their size, so that the choice does not depend on the numbering.
     """
     count = regions.count
     able = np.flatnonzero((count > len(_TERMS) + 3) & (count <= 400))
     if len(able) > most:
-        size = _spread(columns, regions)[able]
+        size = _spread(columns, centre, regions)[able]
         able = able[np.argsort(size, kind="stable")][:: len(able) // most]
     return able
 
 
 def _systems(
-    columns: NDArray, normal: NDArray, regions: Regions, vertices: NDArray
+    columns: NDArray, normal: NDArray, some: Regions, vertices: NDArray
 ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Normal equations (k, p, p), right-hand sides (k, p, 1), squared heights and counts of some vertices."""
-    some = listed(regions, vertices)
     vertex_frame = np.concatenate([*tangent_frame(normal[:, vertices]), normal[:, vertices]])
     x, y, z = _local(columns, columns[:, vertices], vertex_frame, some.start, some.member)
     x, y, _ = _scaled(x, y, some.start)
@@ -265,14 +264,14 @@ def _systems(
 
 
 def polynomial_residuals(
-    columns: NDArray, normal: NDArray, regions: Regions, vertices: NDArray, degrees: tuple[int, ...]
+    columns: NDArray, normal: NDArray, some: Regions, vertices: NDArray, degrees: tuple[int, ...]
 ) -> NDArray[np.float64]:
     """(d, k) standard deviation of the heights around each vertex from their fits of some degrees, up to 4.
 
     An unbiased estimate of the noise of vertices along the normal, where the surface itself is a polynomial
     of that degree; NaN where a region has too few vertices for a fit.
     """
-    matrix, right, squared, count = _systems(columns, normal, regions, vertices)
+    matrix, right, squared, count = _systems(columns, normal, some, vertices)
     deviation = []
     for degree in degrees:
         low = np.array([k for k, (a, b) in enumerate(_TERMS) if a + b <= degree])
@@ -306,17 +305,17 @@ def _inverse(matrix: NDArray) -> NDArray[np.float64]:
         return np.linalg.pinv(matrix, hermitian=True)
 
 
-def _spread(columns: NDArray, regions: Regions) -> NDArray[np.float64]:
-    """(n,) squared distance from each vertex to the mean of its neighbours: a size that needs no frame."""
+def _spread(columns: NDArray, centre: NDArray, regions: Regions) -> NDArray[np.float64]:
+    """(k,) squared distance from each centre to the mean of its region: a size that needs no frame."""
     total = np.zeros(len(regions.start) - 1)
     for begin, end in chunks(regions, _MAX_PAIRS):
         member = regions.member[regions.start[begin] : regions.start[end]].astype(np.intp, copy=False)
         start = regions.start[begin : end + 1] - regions.start[begin]
         count = np.diff(start)
-        for c in columns:
+        for c, o in zip(columns, centre):
             mean = np.zeros(end - begin)
             mean[count > 0] = np.add.reduceat(np.take(c, member), start[:-1][count > 0])
-            total[begin:end] += (mean / np.maximum(count, 1) - c[begin:end]) ** 2
+            total[begin:end] += (mean / np.maximum(count, 1) - o[begin:end]) ** 2
     return total
 
 

@@ -15,7 +15,7 @@ from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.ball import corrected_in_balls, normal_cycle_in_balls
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals, unit_normals
-from ddgcli.algorithms.curvature.noise import Noise, estimate_noise
+from ddgcli.algorithms.curvature.noise import estimate_noise, warn_of_noise
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.regions import check_radius
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
@@ -64,12 +64,16 @@ class CurvatureResult:
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """The mesh at unit size, consistently oriented where it is orientable, with its exact quantities."""
+    """The mesh at unit size, consistently oriented where it is orientable, with its exact quantities.
+
+    `volume` is None unless the surface is closed and two-sided.
+    """
 
     mesh: TriangleMesh
     faces: Faces
     scale: float
     orientable: bool
+    volume: float | None
     area: NDArray
     defect: NDArray
     normal: NDArray
@@ -128,7 +132,7 @@ def measure_curvature(
     if radius == "auto":
         radius = noise.radius * surface.scale if noise.dominates_curvature else None
     elif radius is None and noise.dominates_curvature:
-        _warn_of_noise(noise, scheme, noise.radius * surface.scale)
+        warn_of_noise(noise, scheme, noise.radius * surface.scale)
     if radius is not None:
         area = float(surface.faces.area.sum())
         check_radius(mesh, area, radius / surface.scale, surface.scale, scheme)
@@ -153,22 +157,6 @@ def measure_curvature(
     return CurvatureResult(vertex, edge, results, accuracy, converged)
 
 
-def _warn_of_noise(noise: Noise, scheme: str, radius: float) -> None:
-    kind = "is a staircase of voxels" if noise.stepped else f"has noise of {noise.relative:.2g} of an edge"
-    cure = "use `scheme=quadric` with" if scheme == "cotan" else "use"
-    if noise.stepped and scheme != "normal-voting":
-        cure = "use `scheme=normal-voting` with"
-    _log.warning(
-        "the surface %s: at the default region the error of the curvature is about %.0f %%; "
-        "%s `radius=%.3g` (or `radius=auto`), where it is about %.0f %%",
-        kind,
-        100 * noise.error,
-        cure,
-        radius,
-        100 * noise.error_at_radius,
-    )
-
-
 def _prepared(mesh: TriangleMesh, scheme: str) -> _Surface:
     """Scale the surface to unit size (by a power of two, which is exact), and warn of its defects."""
     used = mesh.points[mesh.topology.referenced_vertex]
@@ -181,13 +169,15 @@ def _prepared(mesh: TriangleMesh, scheme: str) -> _Surface:
     if not mesh.topology.is_oriented:
         unit = _oriented(unit, mesh.topology.faces_to_turn)
     faces = Faces.of(unit)
-    _warn_of_defects(unit, faces, orientable, scheme)
+    volume = enclosed_volume(unit) if unit.topology.is_closed and orientable else None
+    _warn_of_defects(unit, faces, orientable, scheme, volume)
     normal = totals.filled_normals(faces, unit.topology)
     return _Surface(
         unit,
         faces,
         scale,
         orientable,
+        volume,
         exact.area_of(faces),
         exact.defect_of(faces, unit.topology),
         normal,
@@ -207,7 +197,9 @@ def _oriented(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
     return reverse_faces(mesh, turn)
 
 
-def _warn_of_defects(mesh: TriangleMesh, faces: Faces, orientable: bool, scheme: str) -> None:
+def _warn_of_defects(
+    mesh: TriangleMesh, faces: Faces, orientable: bool, scheme: str, volume: float | None
+) -> None:
     topology = mesh.topology
     flat = np.flatnonzero(faces.flat)
     if len(flat) == mesh.n_faces:
@@ -234,7 +226,7 @@ def _warn_of_defects(mesh: TriangleMesh, faces: Faces, orientable: bool, scheme:
     spare = int((~topology.referenced_vertex).sum())
     if spare:
         _log.warning("%d vertices belong to no face: all their values are 0", spare)
-    if orientable and topology.is_closed and enclosed_volume(mesh) < 0:
+    if volume is not None and volume < 0:
         _log.warning(
             "the faces point inward (negative volume): mean and principal curvatures change their sign"
         )
@@ -300,8 +292,8 @@ def _integrals(surface: _Surface, principal: PrincipalCurvatures) -> dict[str, A
     topology = mesh.topology
     boundary = topology.boundary_vertex
     area = float(faces.area.sum())
-    two_sided_closed = topology.is_closed and surface.orientable
-    volume = enclosed_volume(mesh) * s * s * s if two_sided_closed else None  # or inf
+    two_sided_closed = surface.volume is not None
+    volume = None if surface.volume is None else surface.volume * s * s * s  # or inf
     lengths = totals.edge_length(faces, topology)
     mean = float((0.5 * lengths * surface.dihedral).sum()) * s if surface.orientable else None
     energies = totals.willmore_energies(

@@ -9,8 +9,10 @@ from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.measures import link_integral
 from ddgcli.geometry.extrinsic import hinge_bending
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+from ddgcli.mesh.topology import NEXT, PREVIOUS, PREVIOUS_OFFSET, Topology
 from ddgcli.mesh.vectors import cross, dot, ratio
+
+EDGES_PER_BLOCK = 16_384  # edges handled at once: the working arrays stay in the cache
 
 
 def edge_length(faces: Faces, topology: Topology) -> NDArray[np.float64]:
@@ -107,15 +109,20 @@ def _hinge(faces: Faces, topology: Topology, dihedral: NDArray) -> float:
 
 def _circle_angle(faces: Faces, topology: Topology, inside: NDArray) -> float | None:
     """Sum over interior vertices of (sum of circle angles - 2 pi) / 2; None where points coincide."""
-    side, corner = topology.interior_sides, topology.side_tail
-    other = topology.side_twin.ravel()[side]
-    i, j = corner[side], topology.side_head[side]
-    k, l = (corner[s // 3 * 3 + PREVIOUS[s % 3]] for s in (side, other))
-    a, b, c, d = (_between(faces.points, *ends) for ends in ((i, k), (k, j), (j, l), (l, i)))
-    if len(side) and min(dot(v, v).min() for v in (a, b, c, d)) <= 0:
-        return None
-    angle = _angle_between_circles(*(v / np.sqrt(dot(v, v)) for v in (a, b, c, d)))
-    total = sum_by_index(i, angle, faces.n_vertices) + sum_by_index(j, angle, faces.n_vertices)
+    interior, corner = topology.interior_sides, topology.side_tail
+    twin, n = topology.side_twin.ravel(), faces.n_vertices
+    i, j = corner[interior], topology.side_head[interior]
+    angle = np.zeros(len(interior))
+    for begin in range(0, len(interior), EDGES_PER_BLOCK):
+        block = slice(begin, begin + EDGES_PER_BLOCK)
+        k, l = (corner[s + PREVIOUS_OFFSET[s % 3]] for s in (interior[block], twin[interior[block]]))
+        pairs = (i[block], k), (k, j[block]), (j[block], l), (l, i[block])
+        quad = [_between(faces.points, *ends) for ends in pairs]
+        squared = [dot(v, v) for v in quad]
+        if min(size.min() for size in squared) <= 0:
+            return None
+        angle[block] = _angle_between_circles(*(v / np.sqrt(size) for v, size in zip(quad, squared)))
+    total = sum_by_index(i, angle, n) + sum_by_index(j, angle, n)
     return float(0.5 * (total[inside] - 2 * np.pi).sum())
 
 
