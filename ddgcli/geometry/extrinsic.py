@@ -6,15 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import cone_volume, unit_vectors
+from ddgcli.mesh.vectors import cone_volume, cross, unit_vectors
 
 EDGES_PER_BLOCK = 16_384  # edges handled at once: the working arrays stay in the cache
 
 
 def face_area_vector(mesh: TriangleMesh) -> NDArray[np.float64]:
     """(m, 3) normal times area, in length units squared."""
-    side = mesh.side_vector
-    return 0.5 * np.cross(side[:, 0], -side[:, 2])
+    # column by column: rows of three cost several times as much
+    columns = np.ascontiguousarray(mesh.points.T)
+    a, b, c = (columns.take(corner, axis=1) for corner in np.ascontiguousarray(mesh.faces.T))
+    return np.ascontiguousarray(0.5 * cross(b - a, c - a).T)
 
 
 def face_normal(mesh: TriangleMesh) -> NDArray[np.float64]:

@@ -304,6 +304,8 @@ class Topology:
     @cached_property
     def one_sided_face(self) -> NDArray[np.bool_]:
         """(m,) True at faces of pieces (faces joined through two-sided edges) that have no orientation."""
+        if self.is_oriented:
+            return frozen(np.zeros(self.n_faces, dtype=bool))
         return frozen(self._cover_component[:, 0] == self._cover_component[:, 1])
 
     @cached_property

@@ -10,6 +10,7 @@ from scipy.sparse import coo_array, csr_array
 
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, corner_distance
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,16 +32,25 @@ def edge_graph(mesh: SurfaceMesh) -> csr_array:
     Edges of length zero are stored explicitly, as scipy.sparse.csgraph requires.
     """
     topology = mesh.topology
+    n = max(mesh.n_vertices, 1)
+    if topology.gluing is None and isinstance(mesh, TriangleMesh):  # one edge at most joins two vertices
+        low, high = topology.edges.T
+        length = np.zeros(len(low))
+        length[topology.side_edge] = mesh.side_length
+        use = low != high
+        return _graph(low[use], high[use], length[use], n)
     tail, head = topology.side_tail, topology.side_head
     low, high, length = np.minimum(tail, head), np.maximum(tail, head), mesh.side_length.ravel()
-    n = np.int64(max(mesh.n_vertices, 1))
     order = np.lexsort((length, low * n + high))
     key = (low * n + high)[order]
     first = order[np.concatenate([[True], key[1:] != key[:-1]])] if len(order) else order
     first = first[low[first] != high[first]]
-    i, j, value = low[first], high[first], length[first]
-    graph = coo_array((np.tile(value, 2), (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n))
-    return graph.tocsr()
+    return _graph(low[first], high[first], length[first], n)
+
+
+def _graph(i: NDArray, j: NDArray, length: NDArray, n: int) -> csr_array:
+    ends = np.concatenate([i, j]).astype(np.int32), np.concatenate([j, i]).astype(np.int32)
+    return coo_array((np.tile(length, 2), ends), shape=(n, n)).tocsr()
 
 
 def edge_distance(
