@@ -1,0 +1,153 @@
+"""Whole commands on scans beside their kernel and a peer's library call: CPU seconds and ratios.
+
+python -m benchmarks.peers.commands [NAME OF A CASE ...]
+
+The kernel is the library function that computes the arrays of the command, from arrays of points and faces;
+the command reads a file besides, reports facts of the input, and certifies. Aim: at most 1.5 times the
+kernel. Each row is measured in turn in one run, one thread; the least of the repetitions.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import igl
+import numpy as np
+import potpourri3d
+from scipy.sparse.linalg import eigsh
+
+from benchmarks.common import measure
+from benchmarks.common.mesh_sequences import SHARED_MESHES, real
+from ddgcli.algorithms.curvature import measures
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.frames import area_normals, unit_normals
+from ddgcli.algorithms.curvature.quadric import quadric
+from ddgcli.algorithms.curvature.star import cotan
+from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance, fast_marching_stencils
+from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
+from ddgcli.algorithms.laplacian.spectrum import spectrum
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+SCANS = ("koala_loop1.ply", "st_helens_terrain.ply")
+N_PAIRS = 8
+REPEAT = 2
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command, the library function of its kernel, and a peer's call with the peer's name."""
+
+    words: str
+    kernel: Callable[[TriangleMesh], Any]
+    peer_name: str
+    peer: Callable[[np.ndarray, np.ndarray], Any]
+
+
+def cotan_kernel(mesh: TriangleMesh) -> Any:
+    """Curvatures and directions of the scheme `cotan`."""
+    faces = Faces.of(mesh)
+    area, defect = measures.area_of(faces), measures.defect_of(faces, mesh.topology)
+    vector = measures.vector_of(faces, mesh.topology)
+    return cotan(faces, unit_normals(faces), area, defect, vector)
+
+
+def quadric_kernel(mesh: TriangleMesh) -> Any:
+    """Curvatures and directions of the scheme `quadric`."""
+    faces = Faces.of(mesh)
+    return quadric(mesh, faces, area_normals(faces))
+
+
+def fast_marching_kernel(mesh: TriangleMesh) -> Any:
+    """Distances by fast marching."""
+    return fast_marching_distance(mesh, 0, stencils=fast_marching_stencils(mesh))
+
+
+def igl_cotan(points: np.ndarray, faces: np.ndarray) -> Any:
+    """Mean curvature vectors and angle defects."""
+    mass = igl.massmatrix(points, faces, igl.MASSMATRIX_TYPE_VORONOI)
+    return (igl.cotmatrix(points, faces) @ points) / mass.diagonal()[:, None], igl.gaussian_curvature(
+        points, faces
+    )
+
+
+def scipy_eigen(points: np.ndarray, faces: np.ndarray) -> Any:
+    """Eigenpairs of libigl's matrices by ARPACK with scipy's default factorisation."""
+    stiffness = -igl.cotmatrix(points, faces).tocsc()
+    mass = igl.massmatrix(points, faces, igl.MASSMATRIX_TYPE_BARYCENTRIC).tocsc()
+    return eigsh(stiffness, N_PAIRS, mass, sigma=-1e-8)
+
+
+def pp3d_fast_marching(points: np.ndarray, faces: np.ndarray) -> Any:
+    """Distances by potpourri3d's fast marching."""
+    solver = potpourri3d.MeshFastMarchingDistanceSolver(points, faces)
+    return solver.compute_distance([[(0, [])]])
+
+
+CASES = {
+    "cotan": Case("curvature MESH --scheme cotan", cotan_kernel, "libigl", igl_cotan),
+    "quadric": Case(
+        "curvature MESH", quadric_kernel, "libigl", lambda p, f: igl.principal_curvature(p, f, radius=2)
+    ),
+    "delaunay": Case(
+        "laplacian MESH --operator intrinsic-delaunay",
+        lambda mesh: laplace_operator(mesh, "intrinsic-delaunay"),
+        "libigl",
+        igl.intrinsic_delaunay_cotmatrix,
+    ),
+    "fast-marching": Case(
+        "geodesic MESH --source 0 --method fast-marching",
+        fast_marching_kernel,
+        "potpourri3d",
+        pp3d_fast_marching,
+    ),
+    "eigen": Case(
+        f"laplacian MESH --eigen {N_PAIRS}",
+        lambda mesh: spectrum(laplace_operator(mesh, "cotan"), N_PAIRS),
+        "eigsh",
+        scipy_eigen,
+    ),
+}  # fmt: skip
+
+
+def on_new_mesh(kernel: Callable[[TriangleMesh], Any], points: np.ndarray, faces: np.ndarray) -> Any:
+    """Result of a kernel on a mesh with nothing cached."""
+    return kernel(TriangleMesh.from_arrays(points, faces))
+
+
+def seconds(call: Callable[..., Any], *arguments: Any) -> float:
+    """CPU seconds of a call."""
+    began = measure.cpu_seconds()
+    call(*arguments)
+    return measure.cpu_seconds() - began
+
+
+def bench(names: list[str]) -> None:
+    """Print CPU seconds of each command, of its kernel and of the peer's call."""
+    rows: list[list[Any]] = []
+    for scan in SCANS:
+        path, mesh = str(SHARED_MESHES / scan), real(scan)
+        points, faces = np.array(mesh.points), np.array(mesh.faces)
+        for name in names:
+            case = CASES[name]
+            whole, kernel, peer = [], [], []
+            for _ in range(REPEAT):
+                whole.append(measure.command_seconds(*case.words.replace("MESH", path).split()).cpu)
+                kernel.append(seconds(on_new_mesh, case.kernel, points, faces))
+                peer.append(seconds(case.peer, points, faces))
+            a, b, c = min(whole), min(kernel), min(peer)
+            words = case.words.replace("MESH", scan)
+            rows.append([f"`{words}`", len(faces), a, b, a / b, 1.5, case.peer_name, c, a / c])
+    header = ["command", "faces", "command s", "kernel s", "command / kernel", "aim", "peer", "peer s"]
+    measure.print_table("Commands on scans", [*header, "command / peer"], rows)
+
+
+# whole commands, timed as a user starts them
+COMMANDS = ("curvature sphere.ply --scheme cotan", "geodesic sphere.ply --source 0 --method fast-marching")
+
+
+if __name__ == "__main__":
+    bench(sys.argv[1:] or list(CASES))
+    measure.print_commands(*COMMANDS)
