@@ -32,6 +32,8 @@ class FluidRun:
     account : Account
     solves_of_start : int
         Solves before the first step.
+    steps : int
+        Steps taken, more than those of the scene where these are divided.
     """
 
     fluid: FluidModel
@@ -39,6 +41,7 @@ class FluidRun:
     seconds: float
     account: Account
     solves_of_start: int
+    steps: int
 
     def series(self, name: str) -> NDArray[np.float64]:
         """A scalar of every frame."""
@@ -72,7 +75,8 @@ def run_fluid(
     fluids = {name: context for name, (context, _) in contexts(scene, lambda _: source, np.load).items()}
     fluid = build(scene, fluids, account)["f"]
     snapshots = evolve({"f": fluid.model()}, scene.schedule(), account)
-    observations = [next(snapshots).observations["f"]]
+    frames = [next(snapshots)]
     solves, began = account.calls.get("solver", 0), cpu_seconds()
-    observations += [snapshot.observations["f"] for snapshot in snapshots]
-    return FluidRun(fluid, observations, cpu_seconds() - began, account, solves)
+    frames += list(snapshots)
+    seconds, observations = cpu_seconds() - began, [snapshot.observations["f"] for snapshot in frames]
+    return FluidRun(fluid, observations, seconds, account, solves, frames[-1].steps)

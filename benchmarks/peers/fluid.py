@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.common.measure import interleaved, machine, print_commands, print_table
-from benchmarks.fluids.steps import HEADER
+from benchmarks.fluids.steps import CELLS, FACES, HEADER
 from benchmarks.fluids.steps import rows as steps
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes
@@ -96,5 +96,5 @@ if __name__ == "__main__":
         ["faces", "part", "seconds", "survey, scaled", "ours / survey"],
         table,
     )
-    print_table("fluid-sim: steps at CFL 1", HEADER, steps([10_000, 50_000], [10, 17]))
+    print_table("fluid-sim: steps at CFL 1", HEADER, steps([*FACES], [*CELLS]))
     print_commands(*COMMANDS)

@@ -109,11 +109,12 @@ def test_divided_steps_cause_a_warning(summary, tmp_path):
     assert out["results"]["rejected_steps"] > 0 and out["results"]["smallest_step"] < 0.02
 
 
-def test_circulation_is_bounded_far_beyond_the_courant_limit(summary, tmp_path):
+@pytest.mark.parametrize("integrator", ["circulation", "covector"])
+def test_transport_is_bounded_far_beyond_the_courant_limit(summary, tmp_path, integrator):
     """Steps of 50 edge lengths: they are divided where loops would fold, and the energy never rises."""
     edge = shapes.icosphere(3).side_length.mean()
     effects = 'initial = { vorticity = "6*(5*z^3-3*z) + 12*x*y*z + 5*x" }'
-    time = f'duration = {60 * edge}\nstep = {50 * edge / 3.3}\nintegrator = "circulation"'
+    time = f'duration = {60 * edge}\nstep = {50 * edge / 3.3}\nintegrator = "{integrator}"'
     out = summary("fluid-sim", scene(tmp_path / "s.toml", BALL, effects, time))
     results = out["results"]
     assert results["kinetic_energy"] < 1.001 * results["kinetic_energy_start"]

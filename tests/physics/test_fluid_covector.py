@@ -32,8 +32,11 @@ def test_covector_raises_neither_energy_nor_enstrophy_and_keeps_the_total(name):
     assert out.series("divergence").max() < 1e-13
 
 
+COLUMNS = ["problem", "faces", "integrator", "step", "error", "velocity", "energy", "enstrophy", "s"]
+
+
 def column(name):
-    return ["problem", "faces", "integrator", "step", "error", "energy", "enstrophy", "s"].index(name)
+    return COLUMNS.index(name)
 
 
 def test_covector_has_half_the_error_of_circulation_and_a_semi_lagrangian_solver_ten_times_it():
@@ -48,6 +51,14 @@ def test_the_error_of_covector_and_the_energy_that_it_loses_fall_with_mesh_and_s
     rows = [row("wave, icosphere", level, "covector", step) for level, step in ((2, 0.2), (3, 0.1))]
     coarse, fine = ([values[column(what)] for what in ("error", "energy")] for values in rows)
     assert coarse[0] / fine[0] > 2 and coarse[1] / fine[1] > 3
+
+
+@pytest.mark.parametrize("problem", ["wave, icosphere", "wave, irregular sphere"])
+def test_the_velocity_by_covector_converges_at_second_order(problem):
+    """Its curl on the sphere at an order of 1.2; the covector that is carried is the velocity."""
+    coarse, fine = (row(problem, level, "covector", step) for level, step in ((2, 0.2), (3, 0.1)))
+    assert coarse[column("velocity")] / fine[column("velocity")] > 3.4
+    assert fine[column("velocity")] < 0.4 * fine[column("error")]
 
 
 def test_steady_cells_on_a_flat_torus_stay_with_second_order():
