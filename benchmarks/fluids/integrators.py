@@ -105,8 +105,8 @@ def main(words: list[str]) -> None:
             for name in (*INTEGRATORS, PEER)
         ]
         header = [
-            "problem", "faces", "integrator", "step", "error of the vorticity", "of the velocity", "energy lost",
-            "enstrophy lost", "s",
+            "problem", "faces", "integrator", "step", "error of the vorticity", "of the velocity",
+            "energy lost", "enstrophy lost", "s",
         ]  # fmt: skip
         print_table(f"inviscid flow after time {SPAN:g}", header, rows)
 
