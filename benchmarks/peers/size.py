@@ -33,6 +33,7 @@ ROWS = {
     "fluid step": "fluid-sim {sphere} --vorticity 5*z --dt 1e-2 --steps 1",
     "shell step": f"shell-sim {{sheet}} {SHELL} --steps 1",
 }
+COMMANDS = ("info torus.ply", "info torus.ply --dry-run")
 MAKE = """
 import sys
 import numpy as np
@@ -118,3 +119,6 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
+    from benchmarks.common.measure import print_commands  # late: the driver of the table stays small
+
+    print_commands(*COMMANDS)
