@@ -103,7 +103,7 @@ SURFACE = [
             f"willmore-flow {{mesh}} --flow {flow} --steps 9 --dt 1e-9",
             SMALL_SIZES,
         )
-        for flow in ("quadratic", "newton", "circle-angle", "conformal", "mean-curvature")
+        for flow in ("quadratic", "mean-curvature")
     ),
     Task(
         "shell-sim",

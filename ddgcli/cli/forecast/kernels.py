@@ -197,7 +197,8 @@ def _steps(size: InputSize) -> int:
 
 def _willmore(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("willmore-flow")
-    yield Use(f"willmore-flow {options.get('flow') or 'quadratic'} step", _steps(size))
+    flow = "mean-curvature" if options.get("flow") == "mean-curvature" else "quadratic"
+    yield Use(f"willmore-flow {flow} step", _steps(size))
 
 
 def _curve_flow(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
