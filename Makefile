@@ -79,7 +79,8 @@ fmt: $(STAMP_TEST)  ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-test: $(STAMP_TEST) lint accuracy-check  ## install what tests need; run lint, the accuracy check and the suite
+test: $(STAMP_TEST)  ## install what tests need; run lint, the accuracy check and the suite
+	$(MAKE) --no-print-directory -j2 lint accuracy-check  # each keeps one core busy
 	$(BIN)/python -m pytest -n 2 -m 'not slow'
 
 test-all: $(STAMP_TEST) lint  ## the slow tests too

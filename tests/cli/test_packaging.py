@@ -36,15 +36,15 @@ def test_the_conda_recipe_needs_what_pip_needs():
     assert needed - {"python>=3.11"} == set(PROJECT["project"]["dependencies"])
 
 
-def test_every_extra_that_a_message_names_exists_and_readme_lists_it():
+def test_every_extra_that_a_message_names_exists_and_the_page_on_installing_lists_it():
     named = set()
     for path in (ROOT / "ddgcli").rglob("*.py"):
         named |= set(re.findall(r"ddgcli\[(\w+)\]", path.read_text("utf-8")))
     extras = PROJECT["project"]["optional-dependencies"]
     assert named and named <= set(extras)
-    readme = (ROOT / "README.md").read_text("utf-8")
+    page = (ROOT / "docs" / "install.md").read_text("utf-8")
     users = set(extras) - {"test", "docs"}
-    assert [name for name in sorted(users) if f"ddgcli[{name}]" not in readme] == []
+    assert [name for name in sorted(users) if f"ddgcli[{name}]" not in page] == []
 
 
 def test_the_python_of_the_package_is_supported():

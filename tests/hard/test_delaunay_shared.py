@@ -79,7 +79,7 @@ def can_be_glued(mesh):
     return not len(mesh.topology.nonmanifold_edges) and mesh.topology.is_oriented
 
 
-@pytest.mark.parametrize("degrees", [25, 30])
+@pytest.mark.parametrize("degrees", [pytest.param(25, marks=pytest.mark.slow), 30])
 def test_refinement_ends_on_every_shared_mesh(shared_meshes, degrees):
     small = [(n, m) for n, m in surfaces(shared_meshes) if m.n_vertices <= SMALL and can_be_glued(m)]
     assert len(small) >= 3

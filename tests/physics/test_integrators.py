@@ -162,7 +162,7 @@ pin = { vertices = [0, 14, 210], axes = "xyz" }
 
 def booked_share(integrator="newmark", adaptive=False):
     """(share of the loop's time that the account covers, account, seconds) of a run of 400 faces."""
-    duration = 0.005 if integrator in EXPLICIT_INTEGRATORS else 0.05  # their steps are much shorter
+    duration = 0.01 if integrator in EXPLICIT_INTEGRATORS else 0.1  # their steps are much shorter
     text = FREE_SCENE.format(integrator=integrator, step=1e-2, duration=duration).replace(
         "[3, 3]", "[14, 14]"
     )
