@@ -17,11 +17,11 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart
+from ddgcli.models.fluid.flux_balance import flux_imbalance
 from ddgcli.scenes.expressions import evaluate
 
 log = logging.getLogger("ddgcli")
 
-FLUX_TOLERANCE = 1e-9  # net flux through a loop over its absolute flux that counts as quadrature error
 GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
@@ -217,10 +217,9 @@ def _refuse_imbalance(loop: NDArray, flux: NDArray, natural: NDArray) -> None:
         )
     if natural.all():
         raise ValueError("the whole boundary loop is a natural outflow; prescribe its flux or velocity")
-    excess, whole = float(flux.sum()), float(np.abs(flux).sum())
-    if not natural.any() and abs(excess) > FLUX_TOLERANCE * whole:
-        more, less = ("out", "in") if excess > 0 else ("in", "out")
+    imbalance = flux_imbalance(flux, natural)
+    if imbalance:
         raise ValueError(
-            f"{abs(excess):.6g} m^2/s more flow {more} than {less} through the boundary loop of "
+            f"{imbalance.format(unit='m^2/s')} through the boundary loop of "
             f"vertex {loop[0]}; balance the fluxes, or leave velocity and flux out of an outflow there"
         )

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.tet_mesh import TET_FACES
 from ddgcli.models.fluid.effect_parts import BoundaryPart
+from ddgcli.models.fluid.flux_balance import flux_imbalance
 from ddgcli.scenes.expressions import evaluate
-
-FLUX_TOLERANCE = 1e-9  # net flux over the absolute flux that counts as rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +94,9 @@ def volume_conditions(context: Any, sections: Sequence[BoundaryPart], space: Any
 def _refuse_imbalance(flux: NDArray, natural: NDArray, kinds: set[str]) -> None:
     if "inflow" in kinds and "outflow" not in kinds:
         raise ValueError('inflow without outflow: add [[effects.boundary]] with kind = "outflow"')
-    excess, whole = float(flux.sum()), float(np.abs(flux).sum())
-    if not natural.any() and abs(excess) > FLUX_TOLERANCE * whole:
-        more, less = ("out", "in") if excess > 0 else ("in", "out")
+    imbalance = flux_imbalance(flux, natural)
+    if imbalance:
         raise ValueError(
-            f"{abs(excess):.6g} m^3/s more flow {more} than {less}; balance the fluxes, or leave "
+            f"{imbalance.format(unit='m^3/s')}; balance the fluxes, or leave "
             "velocity and flux out of an outflow"
         )
