@@ -129,6 +129,19 @@ def test_a_cylinder_is_cut_out_with_its_boundary_on_the_circle():
     assert observed[-1].scalar["divergence"] < 1e-12
 
 
+def test_a_start_without_an_initial_flow_has_the_least_energy_and_an_initial_one_its_own():
+    """Inflow without circulation round the cylinder; face velocities of a discrete flow give that flow."""
+    model, _ = channel(INFLOW + OUTFLOW + "[effects.harmonic]\n", 12, objects=CYLINDER)
+    space, start = model.space, model.start
+    least = space.energy(start)
+    for change in (-0.1, 0.1):
+        other = start.replaced(coefficients=start["coefficients"] + change)
+        assert space.energy(other) == pytest.approx(least + 0.5 * 0.1**2, rel=1e-9)
+        velocity = space.face_velocity(space.flow(other).side_flux)
+        own = space.rest()["coefficients"] + space.of_face_velocity(velocity)[1]
+        assert np.abs(own - other["coefficients"]).max() < 1e-10
+
+
 @pytest.mark.parametrize(
     "shape",
     [

@@ -260,10 +260,7 @@ class SurfaceSpace:
     def kinetic_energy(self, phi: NDArray, vorticity: NDArray, coefficients: NDArray) -> float:
         """Half the integral of |u|^2."""
         energy = 0.5 * float(phi @ (self.stiffness @ phi) + coefficients @ coefficients)
-        if self.lift is not None and len(coefficients):  # walls alone are orthogonal to harmonic flows
-            flux = self.edge_flux(self.lift, np.zeros(0))
-            energy += float(coefficients @ (self.harmonic @ (self.edge_inner * flux)))
-        return energy
+        return energy + float(coefficients @ self.lifted_part) if len(coefficients) else energy
 
     def enstrophy(self, vorticity: NDArray) -> float:
         """Half the integral of the squared vorticity."""
@@ -272,8 +269,18 @@ class SurfaceSpace:
     # ------------------------------------------------------------------ states
 
     def rest(self) -> dict[str, NDArray]:
-        """Integrated vorticity (n,) and harmonic coefficients (b,) of a fluid at rest."""
-        return {"vorticity": np.zeros(self.n), "coefficients": np.zeros(len(self.harmonic))}
+        """Integrated vorticity (n,) and harmonic coefficients (b,) of the flow of least energy.
+
+        Between walls it is at rest; with inflow it has no circulation round obstacles.
+        """
+        return {"vorticity": np.zeros(self.n), "coefficients": -self.lifted_part}
+
+    @cached_property
+    def lifted_part(self) -> NDArray[np.float64]:
+        """(b,) inner products of the flow through the boundary with the harmonic flows."""
+        if self.lift is None or not len(self.harmonic):  # walls alone are orthogonal to harmonic flows
+            return np.zeros(len(self.harmonic))
+        return np.asarray(self.harmonic @ (self.edge_inner * self.edge_flux(self.lift, np.zeros(0))))
 
     def flow(self, state: FluidState) -> SurfaceFlow:
         """Stream function and side fluxes of a state, computed once."""
