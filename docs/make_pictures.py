@@ -19,6 +19,7 @@ SIZE = ["--size", "900x700"]
 # picture -> words after `ddgcli`; files of sample_meshes/ and sample_scenes/ by their paths
 COMMANDS: dict[str, list[str]] = {
     "curvature": ["curvature", "sample_meshes/frame.off"],
+    "curve-flow": ["curve-flow", "sample_meshes/trefoil.obj", "--flow", "elastic", "--steps", "40"],
     "curvature-offset": ["curvature", "sample_meshes/cube.obj", "--offset", "0.4"],
     "geodesic": [
         *("geodesic", "sample_meshes/bad_torus.ply", "--source", "0"),
