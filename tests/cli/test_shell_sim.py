@@ -31,12 +31,9 @@ def test_summary_holds_the_contract(summary, tmp_path):
     assert sum(v for k, v in seconds_by_part.items() if k != "total") == pytest.approx(
         seconds_by_part["total"]
     )
-    assert (
-        0
-        <= seconds_by_part["unaccounted"]
-        <= 0.05 * seconds_by_part["total"]
-        <= 0.05 * out["seconds"]["compute"]
-    )
+    assert 0 <= seconds_by_part["unaccounted"] <= 0.05 * seconds_by_part["total"]
+    seconds = out["seconds"]
+    assert seconds_by_part["total"] <= seconds["compute"] + seconds["write"]  # of the frames, too
     assert out["outputs"] == [str(tmp_path / "run.vtkhdf"), str(tmp_path / "last.ply")]
     assert out["input"]["vertices"] == 36
     assert not (tmp_path / "run.vtkhdf.part").exists()
@@ -289,7 +286,9 @@ def test_steps_that_gain_energy_are_rejected_with_a_warning(summary, run, tmp_pa
     assert any("energy grew" in warning for warning in results["warnings"])
 
 
-def test_picture_shows_chosen_frames_and_the_energies_of_all_three(run, tmp_path, monkeypatch):
+def test_picture_shows_chosen_frames_and_the_energies_of_all_three(
+    default_pictures, run, tmp_path, monkeypatch
+):
     from ddgcli.plots import motion
 
     drawn = []
