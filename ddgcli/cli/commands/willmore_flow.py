@@ -57,6 +57,12 @@ from ddgcli.errors import ParameterError
     type=options.POSITIVE_NUMBER,
     help="Stop when a step lowers the energy by less than this part of it.  [default: 1e-8]",
 )
+@click.option(
+    "--remesh",
+    metavar="LENGTH",
+    help="Split, collapse and flip edges to this length during the flow; mean: that of the input.",
+)
+@click.option("--remesh-adaptive", is_flag=True, help="With --remesh: shorter where the surface is curved.")
 @click.option("--report-energy", help="all: every energy at every frame.")
 @click.option(
     "--region",
@@ -119,6 +125,7 @@ def command(
         attributes={"input_sha256": digest, "time_unit": unit},
         texts={"scene_source": "", "scene_resolved": resolved},
         changing_faces=flow.keeps_triangles,
+        changing_vertices=flow.remesh is not None,
         failure_reason=lambda outcome: report.failure_reason(outcome.stopped, mesh, energy),
     )  # fmt: skip
     outcome = simulate(run, job)
@@ -163,6 +170,16 @@ def _region(source: Any, name: str | None) -> Any:
     return region_mask(values, source.surface.topology)
 
 
+def _length(text: str | None) -> str | float | None:
+    """What `--remesh` names."""
+    if text in (None, "mean"):
+        return text
+    try:
+        return float(str(text))
+    except ValueError:
+        raise ParameterError(f"{text!r} is no length; write a number, or mean", parameter="remesh") from None
+
+
 def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
     from ddgcli.models.willmore.flow_options import FlowOptions
     from ddgcli.models.willmore.state import Stop
@@ -173,6 +190,8 @@ def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
         **{name: parameters[name] for name in ("energy", "flow", "boundary", "fix_area", "fix_volume")},
         spontaneous_curvature=parameters["spontaneous_curvature"] or 0.0,
         timed=any(overrides.get(name) for name in ("step", "duration")),
+        remesh=_length(parameters["remesh"]),
+        remesh_adaptive=parameters["remesh_adaptive"],
         report_energies=parameters["report_energy"] is not None,
         integrator=overrides.get("integrator"),
         stop=Stop(parameters["stop_gradient"], parameters["stop_energy"]),

@@ -53,9 +53,10 @@ class Header:
     obstacles : dict of str to TriangleMesh
         Bodies around the moving ones, at the start; `OBSTACLE_POSE` of the frames moves them.
     changing_faces : bool
-        Whether every frame has its own faces, always as many.
+        Whether every frame has its own faces; always as many, unless `changing_vertices`.
     changing_vertices : bool
-        Whether every frame also has its own number of vertices; each is then a part of the file.
+        Whether every frame also has its own number of vertices, and of faces; each is then a part of the
+        file. There are then no arrays on faces.
     """
 
     mesh: TriangleMesh | TetMesh | CurveSet
@@ -70,11 +71,47 @@ class Header:
 
 CONNECTIVITY = "VTKHDF/Polygons/Connectivity"
 FACE_ENDS = "VTKHDF/Polygons/Offsets"
+BY_FACE = (CONNECTIVITY, FACE_ENDS)
 
 
 def by_vertex(name: str) -> bool:
     """Whether a growing dataset has a row for each vertex of each frame."""
     return name.startswith(("VTKHDF/PointData/", "VTKHDF/Points"))
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Vertices and faces of frames, all together.
+
+    Parameters
+    ----------
+    frames, vertices, faces : int
+    """
+
+    frames: int = 0
+    vertices: int = 0
+    faces: int = 0
+
+    def plus(self, trajectory_frame: TrajectoryFrame, header: Header, frames: int = 1) -> Rows:
+        """With so many frames more like one; a negative number takes them away."""
+        return Rows(
+            self.frames + frames,
+            self.vertices + frames * vertices_of(trajectory_frame, header),
+            self.faces + frames * len(faces_of(trajectory_frame, header)),
+        )
+
+    def of(self, name: str, header: Header) -> int:
+        """How many rows of a growing dataset they have."""
+        if by_vertex(name):
+            return self.vertices
+        if header.changing_vertices and name in BY_FACE:
+            return 3 * self.faces if name == CONNECTIVITY else self.faces + self.frames
+        return self.frames * rows_per_frame(name, header)
+
+
+def faces_of(trajectory_frame: TrajectoryFrame, header: Header) -> NDArray[np.int64]:
+    """(m, 3) faces of a frame, or the cells of the mesh."""
+    return cells_of(header.mesh) if trajectory_frame.faces is None else trajectory_frame.faces
 
 
 def rows_per_frame(name: str, header: Header) -> int:
@@ -100,9 +137,9 @@ def shapes_of(trajectory_frame: TrajectoryFrame, checkpoint: dict[str, NDArray],
     )
 
 
-def frame_rows(trajectory_frame: TrajectoryFrame, header: Header, k: int, first: int) -> dict[str, NDArray]:
-    """Values of every growing dataset for frame k, whose vertices begin at row `first`."""
-    one = np.array
+def frame_rows(trajectory_frame: TrajectoryFrame, header: Header, before: Rows) -> dict[str, NDArray]:
+    """Values of every growing dataset for the frame after those of `before`."""
+    one, k, first = np.array, before.frames, before.vertices
     topologies = 1 if isinstance(header.mesh, TetMesh) else len(TOPOLOGIES)
     rows: dict[str, NDArray] = {
         "VTKHDF/Steps/Values": one([trajectory_frame.time]),
@@ -117,12 +154,11 @@ def frame_rows(trajectory_frame: TrajectoryFrame, header: Header, k: int, first:
     if header.moving:
         rows["VTKHDF/Points"] = trajectory_frame.points  # type: ignore[assignment]
     if header.changing_faces:
-        offset = np.where(np.array(TOPOLOGIES) == "Polygons", k * cells_of(header.mesh).size, 0)
+        offset = np.where(np.array(TOPOLOGIES) == "Polygons", 3 * before.faces, 0)
         rows["VTKHDF/Steps/ConnectivityIdOffsets"] = offset[None]
-        faces = cells_of(header.mesh) if trajectory_frame.faces is None else trajectory_frame.faces
-        rows[CONNECTIVITY] = faces.ravel()
+        rows[CONNECTIVITY] = faces_of(trajectory_frame, header).ravel()
     if header.changing_vertices:
-        rows |= _part_rows(trajectory_frame, header, k)
+        rows |= _part_rows(trajectory_frame, header, before.faces)
     for name, values in trajectory_frame.vertex.items():
         rows[f"VTKHDF/PointData/{name}"] = values
         rows[f"VTKHDF/Steps/PointDataOffsets/{name}"] = one([first])
@@ -136,13 +172,13 @@ def frame_rows(trajectory_frame: TrajectoryFrame, header: Header, k: int, first:
     return rows
 
 
-def _part_rows(trajectory_frame: TrajectoryFrame, header: Header, k: int) -> dict[str, NDArray]:
-    """Counts and cell ends of the part that frame k is; a reader counts the cells of earlier parts."""
-    n_faces, one = len(cells_of(header.mesh)), np.array
+def _part_rows(trajectory_frame: TrajectoryFrame, header: Header, earlier: int) -> dict[str, NDArray]:
+    """Counts and cell ends of the part that a frame is; a reader counts the cells of `earlier` parts."""
+    n_faces, one = len(faces_of(trajectory_frame, header)), np.array
     faces = np.array(TOPOLOGIES) == "Polygons"
     rows = {
         "VTKHDF/NumberOfPoints": one([vertices_of(trajectory_frame, header)]),
-        "VTKHDF/Steps/CellOffsets": np.where(faces, k * n_faces, 0)[None],
+        "VTKHDF/Steps/CellOffsets": np.where(faces, earlier, 0)[None],
     }
     for kind in TOPOLOGIES:
         count = n_faces if kind == "Polygons" else 0
@@ -159,13 +195,13 @@ def room_for(
     n_frames: int,
     log: int,
     header: Header,
-    vertex_rows: int | None = None,
+    whole: Rows | None = None,
 ) -> dict[str, RowLayout]:
     """Growing datasets with room for `n_frames` frames (fewer where that would be more than a disk).
 
-    `vertex_rows` are the rows of datasets by vertex, where the number of vertices changes.
+    `whole` are the frames to expect, where the number of vertices changes.
     """
-    sample = frame_rows(trajectory_frame, header, 0, 0)
+    sample = frame_rows(trajectory_frame, header, Rows())
     bytes_each = sum(np.asarray(v).size * 8 for v in sample.values())
     n_frames = max(1, min(n_frames, LARGEST_ROOM // max(bytes_each, 1)))
     rows = {}
@@ -173,8 +209,8 @@ def room_for(
         values = np.asarray(values)
         dtype = np.dtype(np.int64) if values.dtype.kind in "iub" else np.dtype(np.float64)
         count = n_frames * rows_per_frame(name, header)
-        if vertex_rows is not None and header.changing_vertices and by_vertex(name):
-            count = vertex_rows
+        if whole is not None and header.changing_vertices and (by_vertex(name) or name in BY_FACE):
+            count = whole.of(name, header)
         rows[name] = RowLayout(dtype, values.shape[1:], count)
     for slot in ("slot_0", "slot_1"):
         for name, array in checkpoint.items():

@@ -54,7 +54,7 @@ def _check(file: Any) -> None:
         raise MeshFileError(f"it holds {count} frames")
     for name in ("time", "step"):
         _rows(ours, name, count, "fi")
-    counts = np.array(vertex_counts(_rows(root, "NumberOfPoints", 1, "iu"), count))
+    counts = np.array(part_counts(_rows(root, "NumberOfPoints", 1, "iu"), count))
     n = int(counts[0])
     offsets = _rows(steps, "PointOffsets", count, "iu")[:count]
     points = _rows(root, "Points", n, "f", (3,))
@@ -64,12 +64,14 @@ def _check(file: Any) -> None:
     width = 4 if solid else 3
     corners = _rows(root, "Connectivity" if solid else "Polygons/Connectivity", 0, "iu")
     cells = root if solid else _group(root, "Polygons")
-    n_corners = int(_rows(cells, "NumberOfConnectivityIds", 1, "iu")[0])
+    sizes = np.array(part_counts(_rows(cells, "NumberOfConnectivityIds", 1, "iu"), count))
+    n_corners = int(sizes[0])
     if len(corners) > n_corners:
         starts = _rows(steps, "ConnectivityIdOffsets", count, "iu", (len(TOPOLOGIES),))[:count]
-        if n_corners < 1 or (starts < 0).any() or (starts > len(corners) - n_corners).any():
+        beyond = (starts > len(corners) - sizes[:, None]).any()
+        if (sizes < 1).any() or (starts < 0).any() or beyond:
             raise MeshFileError("a frame's faces are outside the file's")
-    if n_corners % width or len(corners) < n_corners:
+    if (sizes % width).any() or len(corners) < n_corners:
         raise MeshFileError(f"its cells are no {'tetrahedra' if solid else 'triangles'}")
     ends = np.zeros(0) if solid else _rows(root, "Lines/Connectivity", 0, "iu")
     if len(ends) % 2 or (len(ends) and len(corners)):
@@ -96,8 +98,8 @@ def _check(file: Any) -> None:
             text.decode()
 
 
-def vertex_counts(stored: Any, n_frames: int) -> list[int]:
-    """Number of vertices of every frame; a file whose number does not change has it once.
+def part_counts(stored: Any, n_frames: int) -> list[int]:
+    """Number of vertices or corners of every frame; a file whose number does not change has it once.
 
     Raises
     ------
@@ -107,7 +109,7 @@ def vertex_counts(stored: Any, n_frames: int) -> list[int]:
     if len(stored) == 1:
         return [int(stored[0])] * n_frames
     if len(stored) < n_frames:
-        raise MeshFileError(f"it has {len(stored)} numbers of points for {n_frames} frames")
+        raise MeshFileError(f"it has {len(stored)} counts for {n_frames} frames")
     return [int(count) for count in stored[:n_frames]]
 
 

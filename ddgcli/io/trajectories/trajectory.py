@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.trajectories.layout import EFFECT_DTYPE, OBSTACLE_POSE, TOPOLOGIES
-from ddgcli.io.trajectories.layout_check import check_trajectory, vertex_counts
+from ddgcli.io.trajectories.layout_check import check_trajectory, part_counts
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -52,11 +52,11 @@ class Trajectory:
             self.steps: NDArray = self._ours["step"][: self.n_frames]
             solid = "Types" in self._root
             cells = self._root if solid else self._root["Polygons"]
-            self._corners = int(cells["NumberOfConnectivityIds"][0])
-            corners = cells["Connectivity"][: self._corners]
-            self.changing_faces = len(cells["Connectivity"]) > self._corners
+            self._corners = part_counts(cells["NumberOfConnectivityIds"], self.n_frames)
+            corners = cells["Connectivity"][: self._corners[0]]
+            self.changing_faces = len(cells["Connectivity"]) > self._corners[0]
             ends = np.zeros(0, np.int64) if solid else self._root["Lines/Connectivity"][...]
-            self.n_vertices = vertex_counts(self._root["NumberOfPoints"], self.n_frames)
+            self.n_vertices = part_counts(self._root["NumberOfPoints"], self.n_frames)
         except (OSError, KeyError, ValueError) as error:
             raise MeshFileError(
                 f"{path}: not a ddgcli trajectory ({excerpt(error)}); give a .vtkhdf of a simulator"
@@ -93,12 +93,17 @@ class Trajectory:
         start = int(self._root["Steps/PointOffsets"][k])
         return self._root["Points"][start : start + self.n_vertices[k]]
 
+    @property
+    def n_faces(self) -> list[int]:
+        """Number of triangles of every frame."""
+        return [count // 3 for count in self._corners]
+
     def faces(self, k: int) -> NDArray[np.int64] | None:
         """(m, 3) faces of frame k where they change during the run, else None."""
         if not self.changing_faces:
             return None
         start = int(self._root["Steps/ConnectivityIdOffsets"][k, TOPOLOGIES.index("Polygons")])
-        return self._root["Polygons/Connectivity"][start : start + self._corners].reshape(-1, 3)
+        return self._root["Polygons/Connectivity"][start : start + self._corners[k]].reshape(-1, 3)
 
     def mesh_at(self, k: int) -> TriangleMesh | TetMesh | CurveSet:
         """The mesh of frame k."""

@@ -18,19 +18,18 @@ from numpy.typing import NDArray
 from ddgcli.errors import OutputError, excerpt
 from ddgcli.io.temporary import temporary_beside
 from ddgcli.io.trajectories.layout import (
+    BY_FACE,
     EFFECT_DTYPE,
     LOG_DTYPE,
     NSTEPS_MARK,
     STATUS_MARK,
     Header,
-    by_vertex,
+    Rows,
     frame_rows,
     room_for,
-    rows_per_frame,
     shapes_of,
     static,
     static_bytes,
-    vertices_of,
 )
 from ddgcli.io.trajectories.row_file import RowFile, RowLayout
 from ddgcli.io.trajectories.trajectory import Trajectory
@@ -61,7 +60,7 @@ class TrajectoryWriter:
         self.path, self.partial_path = path, part_path(path)
         self.header, self.expected = header, max(n_frames, 1)
         self.n_frames = 0
-        self._vertex_rows = 0  # rows that the frames have of datasets by vertex
+        self._rows = Rows()  # of the frames so far
         self._file: RowFile | None = None
         self._log: list[tuple] = [(0, 0.0, b"start", b"", math.nan, b"")]
         self._logged = 0  # rows of it that the present file holds
@@ -95,9 +94,7 @@ class TrajectoryWriter:
             self._put(trajectory_frame, checkpoint, effect_rows)
             return
         n_frames = self.expected if self._file is None else max(self.expected, 2 * self.n_frames + 16)
-        vertex_rows = self._vertex_rows + (n_frames - self.n_frames) * vertices_of(
-            trajectory_frame, self.header
-        )
+        whole = self._rows.plus(trajectory_frame, self.header, n_frames - self.n_frames)
         rows = room_for(
             trajectory_frame,
             checkpoint,
@@ -105,17 +102,16 @@ class TrajectoryWriter:
             n_frames,
             2 * len(self._log) + 64,
             self.header,
-            vertex_rows,
+            whole,
         )
         self._lay_out(rows, lambda: self._put(trajectory_frame, checkpoint, effect_rows))
         self._shapes = shapes
 
     def _has_capacity(self, trajectory_frame: TrajectoryFrame) -> bool:
         rows = self._file.rows  # type: ignore[union-attr]
-        whole = self.n_frames < rows["ddgcli/time"].capacity
-        if whole and "VTKHDF/Points" in rows:
-            after = self._vertex_rows + vertices_of(trajectory_frame, self.header)
-            whole = after <= rows["VTKHDF/Points"].capacity
+        after = self._rows.plus(trajectory_frame, self.header)
+        names = {"ddgcli/time", "VTKHDF/Points", *BY_FACE} & set(rows)
+        whole = all(after.of(name, self.header) <= rows[name].capacity for name in names)
         return whole and len(self._log) <= rows["ddgcli/log"].capacity
 
     def _put(
@@ -124,11 +120,9 @@ class TrajectoryWriter:
         file, k = self._file, self.n_frames
         if file is None:
             raise OutputError("the trajectory is closed")
-        per_frame = frame_rows(trajectory_frame, self.header, k, self._vertex_rows)
-        for name, values in per_frame.items():
-            first = self._vertex_rows if by_vertex(name) else k * rows_per_frame(name, self.header)
-            file.write(name, first, values)
-        self._vertex_rows += vertices_of(trajectory_frame, self.header)
+        for name, values in frame_rows(trajectory_frame, self.header, self._rows).items():
+            file.write(name, self._rows.of(name, self.header), values)
+        self._rows = self._rows.plus(trajectory_frame, self.header)
         self._put_log()
         slot = f"ddgcli/checkpoint/slot_{k % 2}"
         for name, values in checkpoint.items():
@@ -154,10 +148,8 @@ class TrajectoryWriter:
                 file.show(name, len(self._log))
             elif name.startswith("ddgcli/checkpoint/") or name == "ddgcli/effects":
                 file.show(name, row.capacity)
-            elif by_vertex(name):
-                file.show(name, self._vertex_rows)
             else:
-                file.show(name, count * rows_per_frame(name, self.header))
+                file.show(name, self._rows.of(name, self.header))
         file.set_mark("NSteps", np.int64(count).tobytes())
         self.n_frames = count
 
@@ -237,12 +229,12 @@ class TrajectoryWriter:
             self.n_frames,
             len(self._log),
             self.header,
-            self._vertex_rows,
+            self._rows,
         )
 
         def put() -> None:
             self.n_frames -= 1
-            self._vertex_rows -= vertices_of(trajectory_frame, self.header)
+            self._rows = self._rows.plus(trajectory_frame, self.header, -1)
             self._put(trajectory_frame, checkpoint, effects)
 
         self._lay_out(rows, put)
@@ -257,9 +249,10 @@ class TrajectoryWriter:
             writer._log = [tuple(row) for row in old.log[: old.log_rows]]
             writer._whole = len(writer._log)
             writer._shapes = shapes_of(first, checkpoint, effects)
-            vertex_rows = sum(old.n_vertices) + (capacity - old.n_frames) * old.n_vertices[last]
+            whole = Rows(old.n_frames, sum(old.n_vertices), sum(old.n_faces))
+            whole = whole.plus(old.read_frame(last), header, capacity - old.n_frames)
             rows = room_for(
-                first, checkpoint, len(effects), capacity, 2 * len(writer._log) + 64, header, vertex_rows
+                first, checkpoint, len(effects), capacity, 2 * len(writer._log) + 64, header, whole
             )
 
             def put() -> None:

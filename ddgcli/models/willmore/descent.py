@@ -122,7 +122,6 @@ class TopologyTerms:
     topology : Topology
     energy : Energy
     second : Energy or None
-    free : (k,) ndarray of int
     of_area : bool
         The energy is an area or a volume, of second order.
     """
@@ -130,16 +129,19 @@ class TopologyTerms:
     topology: Topology
     energy: Energy
     second: Energy | None
-    free: NDArray[np.int64]
     of_area: bool = False
+    _factors: list[Factor] = field(default_factory=list)
 
-    @cached_property
-    def factor(self) -> Factor:
-        """Its order and analysis serve every preconditioner; of unit lengths, so that a resumed run has the
-        same."""
-        unit = IntrinsicMesh(self.topology, np.ones((self.topology.n_faces, 3)))
-        matrix = second_order_matrix if self.of_area else fourth_order_matrix
-        return Factor(matrix(unit, self.free, 1.0))
+    def factor(self, free: NDArray) -> Factor:
+        """Its order and analysis serve every preconditioner on the free vertices (k,), always the same ones.
+
+        Of unit lengths, so that a resumed run has the same.
+        """
+        if not self._factors:
+            unit = IntrinsicMesh(self.topology, np.ones((self.topology.n_faces, 3)))
+            matrix = second_order_matrix if self.of_area else fourth_order_matrix
+            self._factors.append(Factor(matrix(unit, free, 1.0)))
+        return self._factors[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,35 +29,15 @@ from ddgcli.models.willmore.descent import (
     preconditioner_at,
     rosenbrock_step,
     size_across,
-    vertex_normals,
 )
-from ddgcli.models.willmore.edge_flips import improved
 from ddgcli.models.willmore.energies import EnergyBuilder
 from ddgcli.models.willmore.films import film_reason
-from ddgcli.models.willmore.observation import measured
-from ddgcli.models.willmore.state import (
-    FlowState,
-    Stop,
-    after_curvature_step,
-    rounding_scale,
-)
+from ddgcli.models.willmore.observation import counters, frame_of, measured
+from ddgcli.models.willmore.remesh_step import RemeshTarget, improved_state, remeshed_state
+from ddgcli.models.willmore.state import FlowState, Stop, after_curvature_step, rounding_scale
+from ddgcli.models.willmore.step_lengths import longest_step
 from ddgcli.models.willmore.triangle_quality import better_triangles
 from ddgcli.simulation.model import Observation, StepRejected
-
-
-def first_step(flow: Flow) -> float:
-    """First step of the descent, at unit size; of films short: not to leap over one at rest."""
-    if flow.kind != "descent":
-        return 1.0 if flow.kind == "conformal" else trust_region.FIRST_RADIUS * flow.area
-    return rules.FIRST_AREA_STEP_SHARE * longest_step(flow) if flow.of_area else longest_step(flow)
-
-
-def longest_step(flow: Flow) -> float:
-    """Longest step of the descent, at unit size."""
-    squared_radius = flow.area / (4.0 * math.pi)
-    return (
-        rules.MAX_AREA_STEP * squared_radius if flow.of_area else rules.MAX_DESCENT_STEP * squared_radius**2
-    )
 
 
 @dataclass(eq=False)
@@ -106,6 +86,8 @@ class Flow:
         `descent`; `newton`: steps by a trust region; `conformal`: steps change the curvature, by a share.
     of_surface : bool
         The energy approximates one of smooth surfaces, whose gradient has no part along the surface.
+    remesh : RemeshTarget, optional
+        Edges are split, collapse and flip before steps.
     """
 
     topology: Topology
@@ -129,9 +111,15 @@ class Flow:
     energy_power: int = 0
     kind: str = "descent"
     of_surface: bool = True
+    remesh: RemeshTarget | None = None
     _last_terms: TopologyTerms | None = None
     _last_gradient: EnergyGradient | None = None
     _last_preconditioner: tuple[Preconditioner, float] | None = None
+
+    @cached_property
+    def longest(self) -> float:
+        """Longest step of the descent, at unit size."""
+        return longest_step(self.area, self.of_area)
 
     @property
     def time_unit(self) -> float:
@@ -142,6 +130,8 @@ class Flow:
         """One step; StepRejected where a timed step would raise the energy."""
         if state.stopped:
             return state
+        if (changed := self._remeshed(state)) is not None:
+            return self._after_remeshing(state, changed)
         if state.steps == 0 and (rest := self.reason(state)):
             return replace(state, stopped=rest)
         if self.mean_curvature:
@@ -151,12 +141,28 @@ class Flow:
             return self._timed_step(state, at, dt)
         if self.kind != "descent":
             return self._other_step(state, at)
-        improved = self._improved_start(state) if state.steps == 0 and self.keeps_triangles else None
+        improved = None
+        if state.steps == 0 and self.keeps_triangles:
+            improved = improved_state(state, self.movable(state), self.energy_of, self.restored)
         if improved is not None:
             stepped = self._longest_step(improved, self._gradient(improved))
             if stepped.steps and stepped.energy <= state.energy:
                 return stepped
         return self._longest_step(state, at)
+
+    def _remeshed(self, state: FlowState) -> FlowState | None:
+        """The state with other edges; None where they stay."""
+        if self.remesh is None:
+            return None
+        return remeshed_state(state, self.remesh, self.movable(state), self.energy_of, self.restored)
+
+    def _after_remeshing(self, state: FlowState, changed: FlowState) -> FlowState:
+        """A step from a remeshed state; the remeshed state alone where none lowers the energy."""
+        stopped = self.reason(changed)
+        stepped = changed if stopped else self._longest_step(changed, self._gradient(changed))
+        if stepped.steps == state.steps:
+            return replace(changed, steps=state.steps + 1, stopped=stopped or stepped.stopped)
+        return stepped
 
     def reason(self, state: FlowState) -> str:
         """Why the flow ends at a state, or ""."""
@@ -171,8 +177,8 @@ class Flow:
         if self.stop.gradient is not None and size <= self.stop.gradient:
             return f"gradient below {self.stop.gradient:g}"
         newton = self.kind == "newton" and self.second_kind is not None
-        dt = longest_step(self) if newton else state.dt
-        near_rest = dt >= rules.NEAR_REST_STEP_FRACTION * longest_step(self)
+        dt = self.longest if newton else state.dt
+        near_rest = dt >= rules.NEAR_REST_STEP_FRACTION * self.longest
         if self.stop.mesh_error and self.of_surface and near_rest and (newton or self.kind == "descent"):
             metric = self._preconditioner(at, dt)
             least = rules.NEAR_REST_ENERGY_FRACTION * abs(at.energy) / dt
@@ -193,12 +199,11 @@ class Flow:
         """What depends on the faces alone; that of the last topology is kept."""
         if self._last_terms is None or self._last_terms.topology is not topology:
             second = None if self.second_kind is None else self.second_kind(topology)
-            self._last_terms = TopologyTerms(
-                topology, self.energy_kind(topology), second, self.free, self.of_area
-            )
+            self._last_terms = TopologyTerms(topology, self.energy_kind(topology), second, self.of_area)
         return self._last_terms
 
-    def _energy(self, mesh: TriangleMesh) -> float:
+    def energy_of(self, mesh: TriangleMesh) -> float:
+        """Energy of a surface at unit size."""
         return self._terms(mesh.topology).energy.value(mesh.points)
 
     def _gradient(self, state: FlowState) -> EnergyGradient:
@@ -206,7 +211,7 @@ class Flow:
         if self._last_gradient is None or self._last_gradient.mesh.points is not state.points:
             energy = self._terms(state.topology).energy
             self._last_gradient = energy_gradient(
-                self.mesh(state), energy, self.free, self.constraints, self.kind == "newton"
+                self.mesh(state), energy, self.free_of(state), self.constraints, self.kind == "newton"
             )
         return self._last_gradient
 
@@ -214,13 +219,13 @@ class Flow:
         """Preconditioner for a step of length dt; the last one is kept, for `reason` and the step after."""
         last = self._last_preconditioner
         if last is None or last[0].at is not at or last[1] != dt:
-            factor = self._terms(at.mesh.topology).factor
+            factor = self._terms(at.mesh.topology).factor(at.free)
             last = self._last_preconditioner = preconditioner_at(at, dt, factor, self.of_area), dt
         return last[0]
 
     def _timed_step(self, state: FlowState, at: EnergyGradient, dt: float) -> FlowState:
         for moved in self._attempts(at, dt / self.time_unit):
-            energy = self._energy(moved)
+            energy = self.energy_of(moved)
             if self._below_lower_bound(energy):
                 return replace(state, stopped=rules.LOWER_BOUND_REASON)
             if energy <= at.energy:
@@ -248,7 +253,7 @@ class Flow:
         did, whole or by its first share. A share of the same motion costs no factorisation, so that is tried
         first. To the first motion of a step a part of the last step's is added where that goes downhill."""
         dt, shrink = state.dt, 0.25
-        last = state.motion[self.free] if state.motion is not None else None
+        last = state.motion[at.free] if state.motion is not None else None
         if last is not None and float(np.sum(at.gradient * last)) >= 0.0:
             last = None
         while dt >= rules.MIN_DESCENT_STEP:
@@ -266,9 +271,12 @@ class Flow:
     def _other_step(self, state: FlowState, at: EnergyGradient) -> FlowState:
         step: ConformalStep | trust_region.TrustRegionStep | None
         if self.kind == "conformal":
-            step = descending_step(at.mesh, state.dt, self._energy, at.energy)
+            step = descending_step(at.mesh, state.dt, self.energy_of, at.energy)
         else:
-            metric, energy = self._preconditioner(at, longest_step(self)), self._terms(state.topology).energy
+            metric, energy = (
+                self._preconditioner(at, self.longest),
+                self._terms(state.topology).energy,
+            )
             step = trust_region.descending_newton_step(
                 energy, metric, self.constraints, state.dt, trust_region.LEAST_RADIUS * self.area
             )
@@ -287,19 +295,19 @@ class Flow:
         predicted = -float(np.sum(at.gradient * motion))
         for share in rules.MOTION_FRACTIONS:
             moved = moved_along(preconditioner, motion, share, self.constraints)
-            energy = self._energy(moved)
+            energy = self.energy_of(moved)
             fall = rules.least_share(predicted, at.energy, self.of_area) * share * predicted
             if energy <= at.energy - fall:
                 if self._below_lower_bound(energy):
                     return replace(state, stopped=rules.LOWER_BOUND_REASON)
                 at_once = dt == state.dt and share >= rules.MOTION_FRACTIONS[1]
                 carried = np.zeros_like(state.points)
-                carried[self.free] = share * motion
+                carried[at.free] = share * motion
                 if self.keeps_triangles and not (self.of_area and rules.is_near_rest(at.energy, energy)):
                     highest = at.energy - rules.KEPT_FALL_SHARE * (at.energy - energy)
                     better = better_triangles(
-                        moved, energy, highest, self._movable, self._energy,
-                        lambda mesh: self.constraints.restore(mesh, self.free, preconditioner.solve),
+                        moved, energy, highest, self.movable(state), self.energy_of,
+                        lambda mesh: self.constraints.restore(mesh, at.free, preconditioner.solve),
                     )  # fmt: skip
                     moved, energy = better.mesh, better.energy
                     state = replace(
@@ -308,7 +316,9 @@ class Flow:
                     )  # fmt: skip
                 stepped = self._accepted(state, at, moved, energy, share * dt * self.time_unit)
                 return replace(
-                    stepped, dt=min(longest_step(self), 2.0 * dt if at_once else dt), motion=carried
+                    stepped,
+                    dt=min(self.longest, 2.0 * dt if at_once else dt),
+                    motion=carried,
                 )
         return None
 
@@ -316,26 +326,22 @@ class Flow:
     def _unit_start(self) -> TriangleMesh:
         return TriangleMesh((self.original - self.centre) / self.scale, self.topology)
 
-    @cached_property
-    def _movable(self) -> NDArray[np.bool_]:
-        movable = np.zeros(self.topology.n_vertices, dtype=bool)
-        movable[self.free] = True
-        return movable
+    def movable(self, state: FlowState) -> NDArray[np.bool_]:
+        """(n,) whether each vertex of a state moves: those of the start that do, and all new ones."""
+        origin = state.remeshing.origin
+        start = np.bincount(self.free, minlength=self.topology.n_vertices) > 0
+        return start if origin is None else (origin < 0) | start[origin]
 
-    def _improved_start(self, state: FlowState) -> FlowState | None:
-        """The surface with flips and slides before the first step; None where there are none."""
-        mesh = improved(self.mesh(state), vertex_normals, self._movable)
-        if mesh is None:
-            return None
-        changed = replace(state, points=mesh.points, topology=mesh.topology)
-        if self.constraints.active:
-            preconditioner = self._preconditioner(self._gradient(changed), state.dt)
-            mesh = self.constraints.restore(mesh, self.free, preconditioner.solve)
-        slides = int(not np.array_equal(mesh.points, state.points))
-        return replace(
-            changed, points=mesh.points, energy=self._energy(mesh), redistributions=slides,
-            flips=int(mesh.topology is not state.topology),
-        )  # fmt: skip
+    def free_of(self, state: FlowState) -> NDArray[np.int64]:
+        """(k,) vertices of a state that move."""
+        return self.free if state.remeshing.origin is None else np.flatnonzero(self.movable(state))
+
+    def restored(self, state: FlowState) -> TriangleMesh:
+        """The surface of a state, back on the constraints."""
+        if not self.constraints.active:
+            return self.mesh(state)
+        preconditioner = self._preconditioner(self._gradient(state), state.dt)
+        return self.constraints.restore(self.mesh(state), self.free_of(state), preconditioner.solve)
 
     def _accepted(
         self, state: FlowState, at: EnergyGradient, moved: TriangleMesh, energy: float, dt: float
@@ -347,9 +353,7 @@ class Flow:
         if (second_energy := self._terms(moved.topology).second) is not None:
             second = second_energy.value(moved.points)
             if second - lowest > max(rules.SECOND_ENERGY_RISE * lowest, then - energy):
-                agree = (
-                    1.0 / rules.AGREEMENT_RATIO < self._second(state) / state.energy < rules.AGREEMENT_RATIO
-                )
+                agree = rules.agree(self._second(state), state.energy)
                 return replace(state, stopped=rules.MESH_ERROR_REASON if agree else rules.CRUMPLING_REASON)
             lowest, then = (second, energy) if second < lowest else (lowest, then)
         rose = energy - at.energy > rules.ENERGY_ROUNDING * rounding_scale(at.energy)
@@ -363,38 +367,25 @@ class Flow:
         mesh = self.mesh(state)
         try:
             moved = mean_curvature_step(mesh, self.free, dt / self.time_unit)
-            energy = self._energy(moved)
+            energy = self.energy_of(moved)
         except SolveError:
             energy = math.inf
         if not math.isfinite(energy):
             return replace(state, stopped=f"the surface became singular at time {state.time:.6g}")
         return after_curvature_step(state, moved, energy, dt, area(mesh), self.area, self.stop)
 
-    def distance(self, a: FlowState, b: FlowState) -> float:
-        """Largest distance between two states' vertices, relative to the surface's radius."""
-        apart = np.sqrt(np.max(np.sum((a.points - b.points) ** 2, axis=1), initial=0.0))
-        return float(apart / math.sqrt(self.area / (4.0 * math.pi)))
-
     def observe(self, state: FlowState) -> Observation:
         """The surface in the input's frame, its energy, area, volume and smallest angle."""
         mesh = self.mesh(state)
-        scalar = {
-            "energy": state.energy * self.scale**self.energy_power,
-            "steps": float(state.steps),
-            "energy_increases": float(state.increases),
-            "area_increases": float(state.area_increases),
-            "redistributions": float(state.redistributions),
-            "flips": float(state.flips),
-            **measured(mesh, self.constraints, self.scale),
-        }
+        scalar = counters(state, self.scale**self.energy_power)
+        scalar |= measured(mesh, self.constraints, self.scale)
         if self.kind == "conformal":
             scalar |= log_ratio_change(self._unit_start, mesh)
         for name, kind in self.reported.items():
             scalar[f"energy_{name}"] = kind(state.topology).value(mesh.points)
-        points = np.array(self.original)
-        if state.steps:
-            points[self.free] = state.points[self.free] * self.scale + self.centre
-        return Observation(points, {}, scalar, faces=mesh.faces if self.keeps_triangles else None)
+        movable = self.movable(state)
+        own_faces = self.keeps_triangles
+        return frame_of(state, scalar, self.original, movable, self.scale, self.centre, own_faces)
 
     def pack(self, state: FlowState) -> dict[str, NDArray]:
         """The state as arrays of fixed shape (without the reason of the stop)."""

@@ -48,6 +48,10 @@ class FlowOptions:
         Steps of a time_options length, by a time scheme; else the longest that descend.
     integrator : str or None
         Of SCHEMES of the flow; None for the default.
+    remesh : float or 'mean', optional
+        Length of edges, in the unit of the input, that flows to rest keep; mean: that of the input.
+    remesh_adaptive : bool
+        Edges are shorter where the surface is curved.
     stop : Stop
     """
 
@@ -60,6 +64,8 @@ class FlowOptions:
     report_energies: bool = False
     timed: bool = False
     integrator: str | None = None
+    remesh: str | float | None = None
+    remesh_adaptive: bool = False
     stop: Stop = Stop()
 
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area, volume_inside
+from ddgcli.models.willmore.state import FlowState
+from ddgcli.simulation.model import Observation
 
 
 def measured(mesh: TriangleMesh, constraints: Constraints, scale: float) -> dict[str, float]:
@@ -29,4 +32,53 @@ def measured(mesh: TriangleMesh, constraints: Constraints, scale: float) -> dict
             scalar["reduced_volume"] = 6.0 * math.sqrt(math.pi) * abs(volume) / total**1.5
     for name, residual in constraints.residuals(mesh).items():
         scalar[f"{name}_residual"] = residual
+    return scalar
+
+
+def relative_distance(a: FlowState, b: FlowState, area: float) -> float:
+    """Largest distance between two states' vertices, relative to the radius of the sphere of this area."""
+    apart = np.sqrt(np.max(np.sum((a.points - b.points) ** 2, axis=1), initial=0.0))
+    return float(apart / math.sqrt(area / (4.0 * math.pi)))
+
+
+def frame_of(
+    state: FlowState, scalar: dict[str, float], original: NDArray, movable: NDArray, scale: float,
+    centre: NDArray, own_faces: bool,
+) -> Observation:  # fmt: skip
+    """A state's surface in the input's frame.
+
+    Parameters
+    ----------
+    state : FlowState
+    scalar : dict of str to float
+    original : (m, 3) ndarray
+        Positions of the input, which vertices that stay have to the last bit.
+    movable : (n,) ndarray of bool
+        Of the state's vertices.
+    scale : float
+    centre : (3,) ndarray
+    own_faces : bool
+        Faces change.
+    """
+    origin = state.remeshing.origin
+    at_start = original if origin is None else original[origin]
+    moved = movable if state.steps else np.zeros_like(movable)
+    points = np.where(moved[:, None], state.points * scale + centre, at_start)
+    vertex = {} if origin is None else {"input_vertex": origin}
+    return Observation(points, vertex, scalar, faces=state.topology.faces if own_faces else None)
+
+
+def counters(state: FlowState, energy_unit: float) -> dict[str, float]:
+    """Energy and counts of a state; of its remeshings where there may be some."""
+    scalar = {
+        "energy": state.energy * energy_unit,
+        "steps": float(state.steps),
+        "energy_increases": float(state.increases),
+        "area_increases": float(state.area_increases),
+        "redistributions": float(state.redistributions),
+        "flips": float(state.flips),
+    }
+    if state.remeshing.origin is not None:
+        scalar["remeshes"] = float(state.remeshing.count)
+        scalar["remesh_energy_change"] = state.remeshing.change * energy_unit
     return scalar

@@ -52,6 +52,10 @@ def summary(
         "flips": int(last["flips"]),
         "stopped_because": failure or stopped or f"{limit} steps were taken",
     }
+    if "remeshes" in last:
+        results |= {
+            "remeshes": int(last["remeshes"]), "remesh_energy_change": last["remesh_energy_change"]
+        }  # fmt: skip
     accuracy = {
         "energy_increases": int(last["energy_increases"]),
         "area_increases": int(last["area_increases"]),
@@ -67,13 +71,18 @@ def summary(
     return results, accuracy
 
 
+def _finite(value: float) -> float | None:
+    """The number; None where an energy is not defined, as `quadratic` of other vertices."""
+    return float(value) if np.isfinite(value) else None
+
+
 def every_energy(series: Mapping[str, NDArray]) -> dict[str, dict[str, Any]]:
     """All energies, one value a frame, with their conventions (`report_energy=all`)."""
     return {
         name: {
-            "start": float(series[f"energy_{name}"][0]),
-            "end": float(series[f"energy_{name}"][-1]),
-            "values": series[f"energy_{name}"].tolist(),
+            "start": _finite(series[f"energy_{name}"][0]),
+            "end": _finite(series[f"energy_{name}"][-1]),
+            "values": [_finite(value) for value in series[f"energy_{name}"]],
             "energy_convention": kind.convention,
         }
         for name, kind in ENERGIES.items()

@@ -18,15 +18,19 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, ENERGIES, SECOND_ENERGY, EnergyBuilder
 from ddgcli.models.willmore.films import FILM_CONVENTIONS, film_constraints, film_energy
-from ddgcli.models.willmore.flow import Flow, first_step
+from ddgcli.models.willmore.flow import Flow
 from ddgcli.models.willmore.flow_options import SCHEMES, FlowOptions, chosen_boundary, chosen_energy, is_film
 from ddgcli.models.willmore.helfrich_energy import HelfrichEnergy
+from ddgcli.models.willmore.observation import relative_distance
+from ddgcli.models.willmore.remesh_step import RemeshTarget
 from ddgcli.models.willmore.scaled import centred_at_unit_size
-from ddgcli.models.willmore.state import FlowState
+from ddgcli.models.willmore.state import FlowState, Remeshing
+from ddgcli.models.willmore.step_lengths import first_step
 from ddgcli.simulation.model import Model, Schedule, flow_schedule
 
 NO_FREE_VERTEX = "no vertex can move: all lie on the boundary or, if that is clamped, beside it"
 MAX_STEPS = 1000
+MAX_REMESHED_FACES, MIN_REMESHED_FACES = 5e6, 40  # about twice as many result
 DEFAULT_FRAME_COUNT = 50
 # default length of timed steps, in radius^4 (mean curvature flow: radius^2) of the sphere of the same area
 DEFAULT_STEP, DEFAULT_CURVATURE_FLOW_STEP = 5e-3, 2e-3
@@ -205,6 +209,38 @@ def _with_curvature(kind: EnergyBuilder, curvature: float) -> EnergyBuilder:
     return lambda topology: HelfrichEnergy(topology, kind(topology), curvature)
 
 
+def _remesh_target(
+    unit: TriangleMesh, options: FlowOptions, scale: float, kind: str, energy: str
+) -> RemeshTarget | None:
+    """Lengths of edges at unit size; None where faces stay.
+
+    Raises
+    ------
+    ParameterError
+        Where faces cannot change, or the length would make far too many.
+    """
+    if options.remesh is None:
+        if options.remesh_adaptive:
+            raise ParameterError("`remesh_adaptive` needs `remesh`, a length or mean")
+        return None
+    if kind != "descent" or options.timed:
+        raise ParameterError(
+            "`remesh` changes the faces of flows to rest: leave `dt` and `duration` out, and use "
+            "`flow=quadratic`, `circle-angle` or `mean-curvature`"
+        )
+    if not ENERGIES[energy].keeps_triangles:
+        raise ParameterError(f"`remesh` changes what energy {energy!r} depends on; use `energy=cotan`")
+    mean = float(unit.side_length.mean())
+    length = mean if options.remesh == "mean" else float(options.remesh) / scale
+    size = area(unit)
+    if not math.sqrt(size / MAX_REMESHED_FACES) <= length <= math.sqrt(size / MIN_REMESHED_FACES):
+        low, high = (scale * math.sqrt(size / n) for n in (MAX_REMESHED_FACES, MIN_REMESHED_FACES))
+        raise ParameterError(
+            f"must be from {low:.3g} to {high:.3g} on a surface of this size", parameter="remesh"
+        )
+    return RemeshTarget(length, options.remesh_adaptive)
+
+
 def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = None) -> tuple[Flow, Model]:
     """The flow of a mesh, and the model that the time loop drives.
 
@@ -263,16 +299,19 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         0.0 if unbounded else least_energy(topology),
         keeps_triangles=not options.timed and kind != "conformal" and (film or definition.keeps_triangles),
         of_area=film, kind=kind, of_surface=definition.of_surface,
+        remesh=_remesh_target(unit, options, scale, kind, chosen),
         energy_power=(3 if options.fix_area else 2) if film else 0,
         reported={name: kind.builder(unit) for name, kind in reported},
         second_kind=None if second is None else _with_curvature(second, curvature),
     )  # fmt: skip
     start = FlowState(
-        unit.points, topology, started, 0.0, first_step(flow), stopped="" if len(free) else NO_FREE_VERTEX
-    )
+        unit.points, topology, started, 0.0, first_step(kind, flow.area, film),
+        stopped="" if len(free) else NO_FREE_VERTEX,
+        remeshing=Remeshing(None if flow.remesh is None else np.arange(mesh.n_vertices)),
+    )  # fmt: skip
     model = Model(
         start, flow.advance, flow.observe, flow.pack, flow.unpack,
-        distance=flow.distance, order=1 if scheme == "semi-implicit" else 2,
+        distance=lambda a, b: relative_distance(a, b, flow.area), order=1 if scheme == "semi-implicit" else 2,
         stop=flow.reason, clock=lambda state: state.time,
     )  # fmt: skip
     return flow, model

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,30 @@ FILM_STOP = Stop(6e-7, 1e-17)  # of 2 H times the radius: its largest deviation 
 
 
 @dataclass(frozen=True, eq=False)
+class Remeshing:
+    """What remeshing has done so far.
+
+    Parameters
+    ----------
+    origin : (n,) ndarray of int64, optional
+        Vertex of the input, -1 where new; None where all are those of the input.
+    count : int
+    change : float
+        Of the energy by all of them.
+    step : int
+        Before which the last one was.
+    energy : float
+        After the last one.
+    """
+
+    origin: NDArray[np.int64] | None = None
+    count: int = 0
+    change: float = 0.0
+    step: int = 0
+    energy: float = math.inf
+
+
+@dataclass(frozen=True, eq=False)
 class FlowState:
     """A surface on its way, at unit size.
 
@@ -70,6 +94,7 @@ class FlowState:
         Steps so far after which vertices slid along the surface, and edges flipped.
     motion : (n, 3) ndarray, optional
         Of the last step of the descent.
+    remeshing : Remeshing
     """
 
     points: NDArray[np.float64]
@@ -86,30 +111,35 @@ class FlowState:
     redistributions: int = 0
     flips: int = 0
     motion: NDArray[np.float64] | None = None
+    remeshing: Remeshing = field(default_factory=lambda: Remeshing())
 
     def arrays(self, descent: bool) -> dict[str, NDArray]:
         """The state as arrays of fixed shape, of the descent also the faces and the last motion."""
         numbers = [
             self.energy, self.time, self.dt, self.steps, self.increases, self.area_increases,
             self.lowest_second, self.energy_then, self.redistributions, self.flips,
+            self.remeshing.count, self.remeshing.change, self.remeshing.step, self.remeshing.energy,
         ]  # fmt: skip
         arrays: dict[str, NDArray] = {"points": self.points, "numbers": np.array(numbers, dtype=np.float64)}
         if descent:
             arrays["motion"] = np.zeros_like(self.points) if self.motion is None else self.motion
             arrays["faces"] = self.topology.faces
+        if self.remeshing.origin is not None:
+            arrays["origin"] = self.remeshing.origin
         return arrays
 
     @classmethod
     def of_arrays(cls, arrays: dict[str, NDArray], topology: Topology) -> FlowState:
         """The state of arrays; `topology` where they hold no faces."""
         numbers = map(float, arrays["numbers"])
-        energy, time, dt, steps, rises, area_rises, lowest, then, slides, flips = numbers
+        energy, time, dt, steps, rises, area_rises, lowest, then, slides, flips, *last = numbers
         if "faces" in arrays:
-            topology = Topology(arrays["faces"], topology.n_vertices)
+            topology = Topology(arrays["faces"], len(arrays["points"]))
+        remeshing = Remeshing(arrays.get("origin"), int(last[0]), last[1], int(last[2]), last[3])
         return cls(
             arrays["points"], topology, energy, time, dt, int(steps), int(rises), int(area_rises),
             lowest_second=lowest, energy_then=then, redistributions=int(slides), flips=int(flips),
-            motion=arrays.get("motion"),
+            motion=arrays.get("motion"), remeshing=remeshing,
         )  # fmt: skip
 
 

@@ -41,3 +41,8 @@ def least_share(promised: float, energy: float, of_area: bool) -> float:
 def is_near_rest(before: float, after: float) -> bool:
     """Whether a film's energy fell by so little that slides would disturb its rest."""
     return before - after <= SLIDING_FALL * abs(after)
+
+
+def agree(one: float, other: float) -> bool:
+    """Whether two energies are nearly equal."""
+    return 1.0 / AGREEMENT_RATIO < one / other < AGREEMENT_RATIO
