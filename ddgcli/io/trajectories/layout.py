@@ -80,24 +80,24 @@ def by_vertex(name: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Rows:
+class RowCount:
     """Vertices and faces of frames, all together.
 
     Parameters
     ----------
-    frames, vertices, faces : int
+    n_frames, vertices, faces : int
     """
 
-    frames: int = 0
+    n_frames: int = 0
     vertices: int = 0
     faces: int = 0
 
-    def plus(self, trajectory_frame: TrajectoryFrame, header: Header, frames: int = 1) -> Rows:
+    def plus(self, trajectory_frame: TrajectoryFrame, header: Header, count: int = 1) -> RowCount:
         """With so many frames more like one; a negative number takes them away."""
-        return Rows(
-            self.frames + frames,
-            self.vertices + frames * vertices_of(trajectory_frame, header),
-            self.faces + frames * len(faces_of(trajectory_frame, header)),
+        return RowCount(
+            self.n_frames + count,
+            self.vertices + count * vertices_of(trajectory_frame, header),
+            self.faces + count * len(faces_of(trajectory_frame, header)),
         )
 
     def of(self, name: str, header: Header) -> int:
@@ -105,8 +105,8 @@ class Rows:
         if by_vertex(name):
             return self.vertices
         if header.changing_vertices and name in BY_FACE:
-            return 3 * self.faces if name == CONNECTIVITY else self.faces + self.frames
-        return self.frames * rows_per_frame(name, header)
+            return 3 * self.faces if name == CONNECTIVITY else self.faces + self.n_frames
+        return self.n_frames * rows_per_frame(name, header)
 
 
 def faces_of(trajectory_frame: TrajectoryFrame, header: Header) -> NDArray[np.int64]:
@@ -137,9 +137,9 @@ def shapes_of(trajectory_frame: TrajectoryFrame, checkpoint: dict[str, NDArray],
     )
 
 
-def frame_rows(trajectory_frame: TrajectoryFrame, header: Header, before: Rows) -> dict[str, NDArray]:
+def frame_rows(trajectory_frame: TrajectoryFrame, header: Header, before: RowCount) -> dict[str, NDArray]:
     """Values of every growing dataset for the frame after those of `before`."""
-    one, k, first = np.array, before.frames, before.vertices
+    one, k, first = np.array, before.n_frames, before.vertices
     topologies = 1 if isinstance(header.mesh, TetMesh) else len(TOPOLOGIES)
     rows: dict[str, NDArray] = {
         "VTKHDF/Steps/Values": one([trajectory_frame.time]),
@@ -195,13 +195,13 @@ def room_for(
     n_frames: int,
     log: int,
     header: Header,
-    whole: Rows | None = None,
+    whole: RowCount | None = None,
 ) -> dict[str, RowLayout]:
     """Growing datasets with room for `n_frames` frames (fewer where that would be more than a disk).
 
     `whole` are the frames to expect, where the number of vertices changes.
     """
-    sample = frame_rows(trajectory_frame, header, Rows())
+    sample = frame_rows(trajectory_frame, header, RowCount())
     bytes_each = sum(np.asarray(v).size * 8 for v in sample.values())
     n_frames = max(1, min(n_frames, LARGEST_ROOM // max(bytes_each, 1)))
     rows = {}

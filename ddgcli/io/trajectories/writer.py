@@ -24,7 +24,7 @@ from ddgcli.io.trajectories.layout import (
     NSTEPS_MARK,
     STATUS_MARK,
     Header,
-    Rows,
+    RowCount,
     frame_rows,
     room_for,
     shapes_of,
@@ -60,7 +60,7 @@ class TrajectoryWriter:
         self.path, self.partial_path = path, part_path(path)
         self.header, self.expected = header, max(n_frames, 1)
         self.n_frames = 0
-        self._rows = Rows()  # of the frames so far
+        self._rows = RowCount()  # of the frames so far
         self._file: RowFile | None = None
         self._log: list[tuple] = [(0, 0.0, b"start", b"", math.nan, b"")]
         self._logged = 0  # rows of it that the present file holds
@@ -249,7 +249,7 @@ class TrajectoryWriter:
             writer._log = [tuple(row) for row in old.log[: old.log_rows]]
             writer._whole = len(writer._log)
             writer._shapes = shapes_of(first, checkpoint, effects)
-            whole = Rows(old.n_frames, sum(old.n_vertices), sum(old.n_faces))
+            whole = RowCount(old.n_frames, sum(old.n_vertices), sum(old.n_faces))
             whole = whole.plus(old.read_frame(last), header, capacity - old.n_frames)
             rows = room_for(
                 first, checkpoint, len(effects), capacity, 2 * len(writer._log) + 64, header, whole
