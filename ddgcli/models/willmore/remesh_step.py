@@ -66,7 +66,7 @@ def remeshed_state(
     Notes
     -----
     A remeshing is kept where no face folds, area and volume change by O(h^2) only, and the energy after it is
-    below that after the one before: flow and remeshing cannot undo each other for ever.
+    below that after the one before, so that flow and remeshing come to an end.
     """
     past = state.remeshing
     waiting = state.steps > 0 and state.steps < past.step + INTERVAL
