@@ -66,6 +66,11 @@ SURFACE = [
     Task("laplacian", "laplacian {mesh}"),
     Task("laplacian matrix", "laplacian {mesh} --matrix {out}.npz"),
     Task("laplacian poisson", exponent=1.15, words="laplacian {mesh} --poisson f"),
+    Task(
+        "laplacian poisson multigrid",
+        exponent=1.15,
+        words="laplacian {mesh} --poisson f --solver multigrid",
+    ),
     Task("laplacian eigen", exponent=1.1, words="laplacian {mesh} --eigen 8"),
     Task("laplacian eigenpair", exponent=1.1, words="laplacian {mesh} --eigen 40"),
     Task("laplacian smooth", exponent=1.15, words="laplacian {mesh} --smooth 1e-4"),

@@ -17,7 +17,7 @@ class Cost(NamedTuple):
     mib_per_1e5: float
 
 
-PROBE_SECONDS = 0.004614  # of `prediction.probe` where the table was measured
+PROBE_SECONDS = 0.003931  # of `prediction.probe` where the table was measured
 
 COEFFICIENTS: dict[str, Cost] = {
     "info": Cost(0.06544, 0.7115, 1.05, 0.6724, 20.93),
@@ -66,4 +66,16 @@ COEFFICIENTS: dict[str, Cost] = {
     "geodesic log-map": Cost(0.0436, 0.8586, 1.05, 21.4, 63.26),
     "geodesic vector-heat": Cost(0.0808, 0.3847, 1.05, 21.57, 52.88),
     "willmore-flow": Cost(0.8735, 2.132, 1.05, 22.66, 267.9),
+    "willmore-flow quadratic step": Cost(0, 1.216, 1.05, 24.17, 270.1),
+    "shell-sim": Cost(0.4704, 6.593, 1.05, 13.18, 377.3),
+    "shell-sim implicit step": Cost(0.02265, 0.1894, 1.05, 13.16, 395.5),
+    "shell-sim explicit step": Cost(0, 0.3969, 1.05, 1.643, 391.1),
+    "fluid-sim": Cost(0.1805, 1.118, 1.05, 1.094, 138.2),
+    "fluid-sim circulation step": Cost(0.02001, 0.9814, 1.05, 3.73, 293.2),
+    "fluid-sim conservative step": Cost(0, 0.4877, 1.05, 1.204, 139),
+    "fluid-sim energy step": Cost(0, 0.392, 1.05, 2.049, 145.2),
+    "fluid-sim covector step": Cost(0.04136, 1.65, 1.05, 3.462, 281.6),
+    "view": Cost(0.1661, 0, 1.05, 0.1582, 0),
+    "write vtu tetrahedra": Cost(0.004086, 0, 1.05, 0.1378, 63.74),
+    "write npz tetrahedra": Cost(0.108, 0, 1.05, 0, 64.06),
 }

@@ -147,7 +147,8 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if options.get("mass_matrix"):
         yield Use("laplacian matrix", 0.2)
     if options.get("poisson") or options.get("harmonic"):
-        yield Use("laplacian poisson")
+        way = " multigrid" if options.get("solver") in ("multigrid", "conjugate-gradients") else ""
+        yield Use(f"laplacian poisson{way}")
     pairs = options.get("eigen") or (100 if options.get("hks") else 0)
     if pairs:
         yield Use("laplacian eigen")
