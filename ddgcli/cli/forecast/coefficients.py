@@ -78,4 +78,13 @@ COEFFICIENTS: dict[str, Cost] = {
     "view": Cost(0.1661, 0, 1.05, 0.1582, 0),
     "write vtu tetrahedra": Cost(0.004086, 0, 1.05, 0.1378, 63.74),
     "write npz tetrahedra": Cost(0.108, 0, 1.05, 0, 64.06),
+    "laplacian tetrahedra": Cost(0.3643, 3.499, 1.05, 21.1, 277.5),
+    "laplacian poisson tetrahedra": Cost(0, 0.5751, 1.15, 21.11, 277.9),
+    "laplacian eigen tetrahedra": Cost(0, 5.582, 1.1, 0, 526.2),
+    "laplacian eigenpair tetrahedra": Cost(0, 0.09694, 1.1, 0, 2.037),
+    "view tetrahedra": Cost(0.0299, 0.3045, 1.05, 0, 41.85),
+    "info curve": Cost(0.0686, 0.4636, 1.05, 0.449, 21.6),
+    "curvature curve": Cost(0.08483, 0.1225, 1.05, 0.2747, 36.23),
+    "curve-flow curve": Cost(0.5031, 2.448, 1.05, 28.21, 333.8),
+    "curve-flow step curve": Cost(0.01107, 1.213, 1.05, 28.59, 369),
 }
