@@ -181,3 +181,43 @@ def test_films_as_a_command(run, tmp_path):
         assert results["energy"][-1] == pytest.approx(results["area"], rel=1e-12)
         assert ("pinches off" in results["stopped_because"]) == (code == 1)
     assert "bring the parts of the boundary closer" in result.stderr
+
+
+def uneven_ball(mesh):
+    """A bumpy ovoid on the faces of a sphere's mesh."""
+    x = mesh.points * [1.0, 1.15, 1.3]
+    return mesh.moved(x * (1 + 0.1 * np.sin(3 * x[:, :1])))
+
+
+@pytest.mark.parametrize(
+    "mesh, options",
+    [
+        (shapes.random_sphere(200), {"fix_volume": True}),
+        (shapes.icosphere(2), {"fix_area": True}),
+        (shapes.icosphere(2), {"fix_volume": True}),
+    ],
+    ids=["random points", "largest volume", "subdivided"],
+)
+def test_mean_curvature_is_equal_at_all_vertices_of_uneven_closed_meshes(mesh, options):
+    """|dArea| / (2 |dVolume|) at each vertex, and the area's gradient is parallel to the volume's."""
+    mesh = uneven_ball(mesh)
+    seen, end, shots = run_flow(mesh, film(**options))
+    assert shots[-1].stopped.startswith("curvature equal at all vertices")
+    g, v = AreaEnergy(end.topology).value_and_gradient(end.points)[1], volume_gradient(end)
+    h = 0.5 * np.linalg.norm(g, axis=1) / np.linalg.norm(v, axis=1)
+    assert np.ptp(h) < 1e-6 * h.mean()
+    assert np.linalg.norm(g - 2 * h.mean() * v, axis=1).max() < 2e-6 * np.linalg.norm(g, axis=1).max()
+    assert seen[-1].scalar["mean_curvature_spread"] < 1e-6 and seen[-1].scalar["energy_increases"] == 0
+    assert (np.diff(energies(seen)) <= 1e-12).all()
+    name = "area" if "fix_area" in options else "volume"
+    assert abs(seen[-1].scalar[f"{name}_residual"]) < 1e-12
+
+
+def test_a_mesh_without_an_even_film_says_so_and_stays_as_it_was(monkeypatch):
+    from ddgcli.models.willmore import flow
+    from ddgcli.models.willmore.step_rules import UNEVEN_FILM_REASON
+
+    monkeypatch.setattr(flow, "polished_film", lambda *a: None)
+    seen, end, shots = run_flow(uneven_ball(shapes.icosphere(2)), film(fix_volume=True))
+    assert shots[-1].stopped == UNEVEN_FILM_REASON
+    assert seen[-1].scalar["mean_curvature_spread"] > 1e-6

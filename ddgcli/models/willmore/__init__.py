@@ -11,6 +11,7 @@ __all__ = [
     "constraints",
     "descent",
     "energies",
+    "film_polish",
     "films",
     "flow",
     "flow_options",

@@ -31,6 +31,7 @@ from ddgcli.models.willmore.descent import (
     size_across,
 )
 from ddgcli.models.willmore.energies import EnergyBuilder
+from ddgcli.models.willmore.film_polish import polished_film, uneven_rest
 from ddgcli.models.willmore.films import film_reason
 from ddgcli.models.willmore.observation import counters, frame_of, measured
 from ddgcli.models.willmore.remesh_step import RemeshTarget, improved_state, remeshed_state
@@ -130,8 +131,10 @@ class Flow:
         """One step; StepRejected where a timed step would raise the energy."""
         if state.stopped:
             return state
-        if (changed := self._remeshed(state)) is not None:
-            return self._after_remeshing(state, changed)
+        if self.remesh is not None:
+            own = (self.movable(state), self.energy_of, self.restored)
+            if (changed := remeshed_state(state, self.remesh, *own)) is not None:
+                return self._after_remeshing(state, changed)
         if state.steps == 0 and (rest := self.reason(state)):
             return replace(state, stopped=rest)
         if self.mean_curvature:
@@ -139,22 +142,18 @@ class Flow:
         at = self._gradient(state)
         if self.timed:
             return self._timed_step(state, at, dt)
+        if self.of_area and uneven_rest(at, self.constraints, self.stop.gradient):
+            return self._polished(state, at)
         if self.kind != "descent":
             return self._other_step(state, at)
-        improved = None
-        if state.steps == 0 and self.keeps_triangles:
-            improved = improved_state(state, self.movable(state), self.energy_of, self.restored)
+        first = state.steps == 0 and self.keeps_triangles
+        own = (self.movable(state), self.energy_of, self.restored)
+        improved = improved_state(state, *own) if first else None
         if improved is not None:
             stepped = self._longest_step(improved, self._gradient(improved))
             if stepped.steps and stepped.energy <= state.energy:
                 return stepped
         return self._longest_step(state, at)
-
-    def _remeshed(self, state: FlowState) -> FlowState | None:
-        """The state with other edges; None where they stay."""
-        if self.remesh is None:
-            return None
-        return remeshed_state(state, self.remesh, self.movable(state), self.energy_of, self.restored)
 
     def _after_remeshing(self, state: FlowState, changed: FlowState) -> FlowState:
         """A step from a remeshed state; the remeshed state alone where none lowers the energy."""
@@ -172,7 +171,8 @@ class Flow:
         if self.stop.mesh_error and abs(at.energy) <= rules.ZERO_ENERGY:
             return "the energy has vanished"
         if self.of_area:
-            return film_reason(at, self.stop.gradient, self.constraints)
+            uneven = uneven_rest(at, self.constraints, self.stop.gradient)
+            return "" if uneven else film_reason(at, self.stop.gradient, self.constraints)
         size = size_across(at) if self.kind == "newton" else at.size
         if self.stop.gradient is not None and size <= self.stop.gradient:
             return f"gradient below {self.stop.gradient:g}"
@@ -187,6 +187,14 @@ class Flow:
                 if across + along <= least and along >= across:
                     return rules.MESH_ERROR_REASON
         return ""
+
+    def _polished(self, state: FlowState, at: EnergyGradient) -> FlowState:
+        energy, tolerance = self._terms(state.topology).energy, self.stop.gradient or 0.0
+        moved = polished_film(at.mesh, energy, at.free, self.constraints, tolerance)
+        if moved is None:
+            return replace(state, stopped=rules.UNEVEN_FILM_REASON)
+        stepped = self._accepted(state, at, moved, energy.value(moved.points), 0.0)
+        return replace(stepped, stopped=f"curvature equal at all vertices to {tolerance:g}")
 
     def _second(self, state: FlowState) -> float:
         second = self._terms(state.topology).second
@@ -364,14 +372,13 @@ class Flow:
         )  # fmt: skip
 
     def _curvature_step(self, state: FlowState, dt: float) -> FlowState:
-        mesh = self.mesh(state)
+        mesh, singular = self.mesh(state), f"the surface became singular at time {state.time:.6g}"
         try:
             moved = mean_curvature_step(mesh, self.free, dt / self.time_unit)
-            energy = self.energy_of(moved)
         except SolveError:
-            energy = math.inf
-        if not math.isfinite(energy):
-            return replace(state, stopped=f"the surface became singular at time {state.time:.6g}")
+            return replace(state, stopped=singular)
+        if not math.isfinite(energy := self.energy_of(moved)):
+            return replace(state, stopped=singular)
         return after_curvature_step(state, moved, energy, dt, area(mesh), self.area, self.stop)
 
     def observe(self, state: FlowState) -> Observation:
@@ -383,9 +390,8 @@ class Flow:
             scalar |= log_ratio_change(self._unit_start, mesh)
         for name, kind in self.reported.items():
             scalar[f"energy_{name}"] = kind(state.topology).value(mesh.points)
-        movable = self.movable(state)
-        own_faces = self.keeps_triangles
-        return frame_of(state, scalar, self.original, movable, self.scale, self.centre, own_faces)
+        where = (self.original, self.movable(state), self.scale, self.centre)
+        return frame_of(state, scalar, *where, self.keeps_triangles)
 
     def pack(self, state: FlowState) -> dict[str, NDArray]:
         """The state as arrays of fixed shape (without the reason of the stop)."""

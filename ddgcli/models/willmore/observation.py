@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area, volume_inside
+from ddgcli.models.willmore.film_polish import mean_curvature_spread
 from ddgcli.models.willmore.state import FlowState
 from ddgcli.simulation.model import Observation
 
@@ -30,6 +31,8 @@ def measured(mesh: TriangleMesh, constraints: Constraints, scale: float) -> dict
         scalar["volume"] = volume * scale**3
         if closed:
             scalar["reduced_volume"] = 6.0 * math.sqrt(math.pi) * abs(volume) / total**1.5
+            if constraints.in_place:
+                scalar["mean_curvature_spread"] = mean_curvature_spread(mesh)
     for name, residual in constraints.residuals(mesh).items():
         scalar[f"{name}_residual"] = residual
     return scalar

@@ -52,6 +52,8 @@ def summary(
         "flips": int(last["flips"]),
         "stopped_because": failure or stopped or f"{limit} steps were taken",
     }
+    if "mean_curvature_spread" in last:
+        results["mean_curvature_spread"] = last["mean_curvature_spread"]
     if "remeshes" in last:
         results |= {
             "remeshes": int(last["remeshes"]), "remesh_energy_change": last["remesh_energy_change"]

@@ -28,6 +28,7 @@ LOWER_BOUND_REASON = (
     "the next step would go below the least energy of such surfaces: the mesh is too coarse or uneven"
 )
 MESH_ERROR_REASON = "what is left of the gradient is the mesh's own error"
+UNEVEN_FILM_REASON = "curvature equal but for the mesh's own error: it has no film of equal curvature nearby"
 ROUNDING_REASON = "rounding hides what the energy could still fall by"
 CRUMPLING_REASON = "a second energy rises faster than this one falls: the faces crumple"
 

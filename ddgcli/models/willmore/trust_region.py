@@ -17,7 +17,7 @@ from ddgcli.models.willmore.constraints import PARALLEL_GRADIENT_TOLERANCE, Cons
 from ddgcli.models.willmore.descent import Preconditioner, moved_along, vertex_normals
 from ddgcli.models.willmore.energies import Energy
 from ddgcli.models.willmore.state import rounding_scale
-from ddgcli.models.willmore.step_rules import PREDICTED_FALL_TOLERANCE
+from ddgcli.models.willmore.step_rules import ENERGY_ROUNDING, PREDICTED_FALL_TOLERANCE
 
 DIFFERENCE = 1e-5  # of the points, relative to their extent, for a Hessian's product with a motion
 MAX_CG_ITERATIONS = 200
@@ -161,7 +161,7 @@ class Lagrangian:
 
 
 def tangent_solve(
-    metric: Preconditioner, constraints: Constraints, normal: NDArray
+    metric: Preconditioner, constraints: Constraints, normal: NDArray | None
 ) -> Callable[[NDArray], NDArray]:
     """Preconditioner among motions along unit normals (k, 3) that keep the constraints to first order.
 
@@ -169,7 +169,8 @@ def tangent_solve(
     ----------
     metric : Preconditioner
     constraints : Constraints
-    normal : (k, 3) ndarray
+    normal : (k, 3) ndarray, optional
+        Without, among all motions.
 
     Notes
     -----
@@ -194,12 +195,19 @@ def tangent_solve(
     return solve_tangent
 
 
-def _along(vector: NDArray, normal: NDArray) -> NDArray:
+def _along(vector: NDArray, normal: NDArray | None) -> NDArray:
+    if normal is None:
+        return vector
     return row_dot(vector, normal)[:, None] * normal
 
 
 def descending_newton_step(
-    energy: Energy, metric: Preconditioner, constraints: Constraints, radius: float, least_radius: float
+    energy: Energy,
+    metric: Preconditioner,
+    constraints: Constraints,
+    radius: float,
+    least_radius: float,
+    along_normals: bool = True,
 ) -> TrustRegionStep | None:
     """A Newton step, in ever smaller trust regions until the energy falls as the quadratic model says.
 
@@ -214,6 +222,9 @@ def descending_newton_step(
         At the surface, with the gradient of the Lagrangian there.
     constraints : Constraints
     radius, least_radius : float
+    along_normals : bool
+        Else vertices also slide; and where rounding hides the fall, a step that changes the energy by
+        rounding only is taken.
 
     Returns
     -------
@@ -221,7 +232,7 @@ def descending_newton_step(
         None where no step does; the same surface where rounding hides the fall of the model.
     """
     at = metric.at
-    normal = vertex_normals(at.mesh)[at.free]
+    normal = vertex_normals(at.mesh)[at.free] if along_normals else None
     solve = tangent_solve(metric, constraints, normal)
     lagrangian = energy
     if constraints.active:
@@ -241,7 +252,8 @@ def descending_newton_step(
         after = energy.value(moved.points)
         agreement = (at.energy - after) / newton.promised if newton.promised > 0.0 else 0.0
         if newton.promised <= PREDICTED_FALL_TOLERANCE * rounding_scale(at.energy) and not after < at.energy:
-            return TrustRegionStep(at.mesh, at.energy, radius)
+            near = not along_normals and after - at.energy <= ENERGY_ROUNDING * rounding_scale(at.energy)
+            return TrustRegionStep(moved if near else at.mesh, after if near else at.energy, radius)
         if agreement >= POOR_AGREEMENT:
             grows = newton.at_boundary and agreement > GOOD_AGREEMENT
             return TrustRegionStep(moved, after, radius * (2.0 if grows else 1.0))
