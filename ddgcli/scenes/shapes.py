@@ -238,7 +238,8 @@ def shape_mesh(section: Any) -> TriangleMesh:
 
 def cylinder_mesh(side: CylinderSide) -> TriangleMesh:
     """Side of a cylinder; vertex i (cells along + 1) + j is on ring j from the start, diagonals alternate."""
-    around, height, faces = wrapped_grid(*side.cells, wrap_u=True, pattern="alternating")
+    n_around, n_along = side.cells
+    around, height, faces = wrapped_grid(n_around, n_along, wrap_u=True, pattern="alternating")
     start, end, angle = np.array(side.start), np.array(side.end), 2 * np.pi * around
     first, second = tangents((end - start) / np.linalg.norm(end - start))
     ring = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
