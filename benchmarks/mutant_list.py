@@ -18,7 +18,7 @@ MUTANTS = (
     # geometry
     Mutant("ddgcli/geometry/intrinsic.py", "area[block] = 0.25 * np.sqrt(p", "area[block] = 0.5 * np.sqrt(p", "tests/exact/test_intrinsic.py::test_angles_and_cotangents_have_full_relative_precision"),
     Mutant("ddgcli/geometry/intrinsic.py", "(pu - uu) * factor", "(pu + uu) * factor", "tests/exact/test_laplacian.py::test_masses_sum_to_the_area"),
-    Mutant("ddgcli/geometry/extrinsic.py", "0.5 * np.cross(side[:, 0], -side[:, 2])", "0.5 * np.cross(side[:, 0], side[:, 2])", "tests/exact/test_curvature_identities.py::test_normals_of_faces_that_run_counter_clockwise_seen_from_outside_point_outward"),
+    Mutant("ddgcli/geometry/extrinsic.py", "0.5 * cross(b - a, c - a).T", "0.5 * cross(c - a, b - a).T", "tests/exact/test_curvature_identities.py::test_normals_of_faces_that_run_counter_clockwise_seen_from_outside_point_outward"),
     # mesh
     Mutant("ddgcli/mesh/vectors.py", "dot(cross(a, b), c) / 6.0", "dot(cross(a, b), c) / 3.0", "tests/exact/test_sample_meshes.py::test_sample_surfaces_have_their_topology_area_and_volume"),
     Mutant("ddgcli/mesh/topology.py", "sign = np.where(tail <= head, 1, -1)", "sign = np.where(tail <= head, 1, 1)", "tests/exact/test_dec.py::test_dd_is_exactly_zero"),

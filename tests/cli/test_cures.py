@@ -113,7 +113,7 @@ REFUSALS = [
     (turned, ("delaunay",), "opposite orientation"),
     (turned, ("hodge",), "opposite orientation"),
     (turned, ("willmore-flow", "--steps", "1"), "opposite orientation"),
-    (moebius, ("delaunay", "--overlay", "cut.ply"), "one-sided"),
+    (moebius, ("delaunay", "--refine", "20"), "one-sided"),
     (moebius, ("curvature", "--scheme", "corrected"), "one-sided"),
     (moebius, FLATTEN, "one-sided"),
     (holes, ("willmore-flow", "--fix-volume", "--steps", "1"), "needs a closed surface"),
