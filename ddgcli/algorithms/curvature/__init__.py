@@ -13,6 +13,7 @@ __all__ = [
     "frames",
     "measures",
     "neighbours",
+    "noise",
     "offset_body",
     "polyline",
     "quadric",

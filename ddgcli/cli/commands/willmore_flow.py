@@ -133,6 +133,10 @@ def command(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure
     )
     last = mesh if outcome.last is None else mesh_of_frame(mesh, outcome.last)
+    if parameters["flow"] != "mean-curvature":
+        from ddgcli.models.willmore.vertex_noise import warn_of_noise
+
+        warn_of_noise(mesh, results["energy"][0])
     report.warn_of_folds(mesh, last)
     report.warn_of_disagreement(mesh, last, energy)
     if parameters["fill"] is not None:

@@ -25,6 +25,7 @@ __all__ = [
     "remeshing",
     "report",
     "scaled",
+    "secant_pairs",
     "setup",
     "state",
     "step_lengths",
@@ -32,4 +33,5 @@ __all__ = [
     "triangle_quality",
     "trust_region",
     "vertex_energies",
+    "vertex_noise",
 ]

@@ -111,6 +111,11 @@ def descending_step(
     return None
 
 
+def distance_from_rest(mesh: TriangleMesh) -> float:
+    """int (admissible part of H)^2 dA: about the energy that the flow could still release."""
+    return float((lumped_vertex_area(mesh) * _curvature_change(mesh) ** 2).sum())
+
+
 def log_ratio_change(start: TriangleMesh, end: TriangleMesh) -> dict[str, float]:
     """Largest and mean, over the faces, change of the logarithm of the ratio of two sides; 0: conformal."""
     stretch = np.log(end.side_length / start.side_length)

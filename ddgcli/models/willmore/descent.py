@@ -18,6 +18,7 @@ from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.willmore.constraints import Constraints
 from ddgcli.models.willmore.energies import Energy
 from ddgcli.models.willmore.gauss_map_energy import Normals
+from ddgcli.models.willmore.secant_pairs import SecantPairs
 from ddgcli.models.willmore.vertex_energies import FaceSides
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
@@ -207,6 +208,17 @@ def descent_motion(
     """Motion (k, 3) of the first-order step (M + dt/2 Q) dx = -dt grad E, tangent to the constraints."""
     at = preconditioner.at
     return constraints.tangent_motion(at.mesh, at.free, preconditioner.solve, -dt * preconditioner.steepest)
+
+
+def secant_motion(
+    preconditioner: Preconditioner, dt: float, constraints: Constraints, pairs: SecantPairs
+) -> NDArray[np.float64] | None:
+    """The quasi-Newton motion of secant pairs, tangent to the constraints; None without pairs."""
+    if not pairs.motions:
+        return None
+    at = preconditioner.at
+    motion = pairs.motion(at.gradient, lambda covector: dt * preconditioner.solve(covector))
+    return constraints.tangent_motion(at.mesh, at.free, preconditioner.solve, motion)
 
 
 def moved_along(

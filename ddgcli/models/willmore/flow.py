@@ -15,7 +15,12 @@ from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import step_rules as rules
 from ddgcli.models.willmore import trust_region
-from ddgcli.models.willmore.conformal import ConformalStep, descending_step, log_ratio_change
+from ddgcli.models.willmore.conformal import (
+    ConformalStep,
+    descending_step,
+    distance_from_rest,
+    log_ratio_change,
+)
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.descent import (
     ROSENBROCK_GAMMAS,
@@ -28,6 +33,7 @@ from ddgcli.models.willmore.descent import (
     moved_along,
     preconditioner_at,
     rosenbrock_step,
+    secant_motion,
     size_across,
 )
 from ddgcli.models.willmore.energies import EnergyBuilder
@@ -89,6 +95,8 @@ class Flow:
         The energy approximates one of smooth surfaces, whose gradient has no part along the surface.
     remesh : RemeshTarget, optional
         Edges are split, collapse and flip before steps.
+    by_pairs : bool
+        Steps of the descent to rest are quasi-Newton motions by secant pairs (else with momentum).
     """
 
     topology: Topology
@@ -113,6 +121,7 @@ class Flow:
     kind: str = "descent"
     of_surface: bool = True
     remesh: RemeshTarget | None = None
+    by_pairs: bool = False
     _last_terms: TopologyTerms | None = None
     _last_gradient: EnergyGradient | None = None
     _last_preconditioner: tuple[Preconditioner, float] | None = None
@@ -259,22 +268,30 @@ class Flow:
     def _longest_step(self, state: FlowState, at: EnergyGradient) -> FlowState:
         """Descent step, shortened until the energy falls enough; the next one starts at twice a length that
         did, whole or by its first share. A share of the same motion costs no factorisation, so that is tried
-        first. To the first motion of a step a part of the last step's is added where that goes downhill."""
-        dt, shrink = state.dt, 0.25
-        last = state.motion[at.free] if state.motion is not None else None
-        if last is not None and float(np.sum(at.gradient * last)) >= 0.0:
-            last = None
+        first, and before it the motion that the last steps improve."""
+        dt, shrink, guided = state.dt, 0.25, True
         while dt >= rules.MIN_DESCENT_STEP:
             preconditioner = self._preconditioner(at, dt)
-            plain = descent_motion(preconditioner, dt, self.constraints)
-            motions = [plain] if last is None else [plain + rules.MOMENTUM_SHARE * last, plain]
+            motions = [descent_motion(preconditioner, dt, self.constraints)]
+            if guided:
+                motions[:0] = self._guided(state, preconditioner, motions[0], dt)
             for motion in motions:
                 stepped = self._shared_step(state, at, preconditioner, motion, dt)
                 if stepped is not None:
                     return stepped
-            last = None
+            guided = False
             dt, shrink = dt * shrink, 0.25 * shrink
         return replace(state, stopped="no step lowers the energy")
+
+    def _guided(self, state: FlowState, metric: Preconditioner, plain: NDArray, dt: float) -> list[NDArray]:
+        """The motion by secant pairs, or that with momentum, where it goes downhill."""
+        if self.by_pairs:
+            motion = secant_motion(metric, dt, self.constraints, state.pairs)
+        else:
+            last = state.motion
+            motion = None if last is None else plain + rules.MOMENTUM_SHARE * last[metric.at.free]
+        downhill = motion is not None and float(np.sum(metric.at.gradient * motion)) < 0.0
+        return [motion] if downhill and motion is not None else []
 
     def _other_step(self, state: FlowState, at: EnergyGradient) -> FlowState:
         step: ConformalStep | trust_region.TrustRegionStep | None
@@ -289,12 +306,21 @@ class Flow:
                 energy, metric, self.constraints, state.dt, trust_region.LEAST_RADIUS * self.area
             )
         if step is None:
-            return replace(state, stopped="no step lowers the energy")
+            return self._conformal_end(replace(state, stopped="no step lowers the energy"))
         if step.mesh is at.mesh:
             return replace(state, stopped=rules.ROUNDING_REASON)
         if self._below_lower_bound(step.energy):
             return replace(state, stopped=rules.LOWER_BOUND_REASON)
-        return replace(self._accepted(state, at, step.mesh, step.energy, 0.0), dt=step.next_length)
+        stepped = replace(self._accepted(state, at, step.mesh, step.energy, 0.0), dt=step.next_length)
+        return self._conformal_end(stepped)
+
+    def _conformal_end(self, state: FlowState) -> FlowState:
+        """The state, with another reason where a conformal flow has ended before it is at rest."""
+        if self.kind != "conformal" or not state.stopped:
+            return state
+        left = distance_from_rest(self.mesh(state))
+        at_rest = left <= rules.CONFORMAL_REST_SHARE * abs(state.energy)
+        return state if at_rest else replace(state, stopped=rules.CONFORMAL_REASON)
 
     def _shared_step(
         self, state: FlowState, at: EnergyGradient, preconditioner: Preconditioner, motion: NDArray, dt: float
@@ -309,8 +335,15 @@ class Flow:
                 if self._below_lower_bound(energy):
                     return replace(state, stopped=rules.LOWER_BOUND_REASON)
                 at_once = dt == state.dt and share >= rules.MOTION_FRACTIONS[1]
-                carried = np.zeros_like(state.points)
-                carried[at.free] = share * motion
+                carried, pairs = state.motion, state.pairs
+                if not self.by_pairs:
+                    carried = np.zeros_like(state.points)
+                    carried[at.free] = share * motion
+                else:
+                    terms = self._terms(moved.topology)
+                    ahead = energy_gradient(moved, terms.energy, at.free, self.constraints)
+                    travelled = (moved.points - at.mesh.points)[at.free]
+                    pairs = pairs.with_pair(travelled, ahead.gradient - at.gradient)
                 if self.keeps_triangles and not (self.of_area and rules.is_near_rest(at.energy, energy)):
                     highest = at.energy - rules.KEPT_FALL_SHARE * (at.energy - energy)
                     better = better_triangles(
@@ -323,11 +356,8 @@ class Flow:
                         flips=state.flips + better.flips,
                     )  # fmt: skip
                 stepped = self._accepted(state, at, moved, energy, share * dt * self.time_unit)
-                return replace(
-                    stepped,
-                    dt=min(self.longest, 2.0 * dt if at_once else dt),
-                    motion=carried,
-                )
+                length = min(self.longest, 2.0 * dt if at_once else dt)
+                return replace(stepped, dt=length, motion=carried, pairs=pairs)
         return None
 
     @cached_property
@@ -395,7 +425,7 @@ class Flow:
 
     def pack(self, state: FlowState) -> dict[str, NDArray]:
         """The state as arrays of fixed shape (without the reason of the stop)."""
-        return state.arrays(descent=not self.timed)
+        return state.arrays(descent=not self.timed, pairs=self.by_pairs)
 
     def unpack(self, arrays: dict[str, NDArray]) -> FlowState:
-        return FlowState.of_arrays(arrays, self.topology)
+        return FlowState.of_arrays(arrays, self.topology, len(self.free))

@@ -293,6 +293,7 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     unwatched = options.flow in ("conformal", "mean-curvature")
     second = None if unwatched else second_energy(chosen, unit, constraints)
     reported = ENERGIES.items() if options.report_energies else ()
+    to_rest = kind == "descent" and not (options.timed or film or options.remesh)
     flow = Flow(
         topology, energy_kind, convention, free, constraints, mean_curvature, scheme,
         options.timed, options.stop, centre, scale, area(unit), mesh.points,
@@ -300,6 +301,7 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         keeps_triangles=not options.timed and kind != "conformal" and (film or definition.keeps_triangles),
         of_area=film, kind=kind, of_surface=definition.of_surface,
         remesh=_remesh_target(unit, options, scale, kind, chosen),
+        by_pairs=to_rest and second is None and topology.is_closed and chosen == DEFAULT_ENERGY,
         energy_power=(3 if options.fix_area else 2) if film else 0,
         reported={name: kind.builder(unit) for name, kind in reported},
         second_kind=None if second is None else _with_curvature(second, curvature),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore.secant_pairs import SecantPairs
 from ddgcli.models.willmore.step_rules import COLLAPSED_AREA_FRACTION, ENERGY_ROUNDING
 
 ENERGY_UNIT = 1.0  # energies are free of units; rounding of smaller ones is compared with this
@@ -93,7 +94,9 @@ class FlowState:
     redistributions, flips : int
         Steps so far after which vertices slid along the surface, and edges flipped.
     motion : (n, 3) ndarray, optional
-        Of the last step of the descent.
+        Of the last step of the descent, for momentum.
+    pairs : SecantPairs
+        Of the last steps of the descent, for quasi-Newton motions.
     remeshing : Remeshing
     """
 
@@ -112,9 +115,10 @@ class FlowState:
     flips: int = 0
     motion: NDArray[np.float64] | None = None
     remeshing: Remeshing = field(default_factory=lambda: Remeshing())
+    pairs: SecantPairs = SecantPairs()
 
-    def arrays(self, descent: bool) -> dict[str, NDArray]:
-        """The state as arrays of fixed shape, of the descent also the faces and the last motion."""
+    def arrays(self, descent: bool, pairs: bool) -> dict[str, NDArray]:
+        """The state as arrays of fixed shape, of the descent also the faces and the last motion, or pairs."""
         numbers = [
             self.energy, self.time, self.dt, self.steps, self.increases, self.area_increases,
             self.lowest_second, self.energy_then, self.redistributions, self.flips,
@@ -122,15 +126,18 @@ class FlowState:
         ]  # fmt: skip
         arrays: dict[str, NDArray] = {"points": self.points, "numbers": np.array(numbers, dtype=np.float64)}
         if descent:
-            arrays["motion"] = np.zeros_like(self.points) if self.motion is None else self.motion
             arrays["faces"] = self.topology.faces
         if self.remeshing.origin is not None:
             arrays["origin"] = self.remeshing.origin
+        if pairs:
+            arrays |= self.pairs.arrays(len(self.points))
+        elif descent:
+            arrays["motion"] = np.zeros_like(self.points) if self.motion is None else self.motion
         return arrays
 
     @classmethod
-    def of_arrays(cls, arrays: dict[str, NDArray], topology: Topology) -> FlowState:
-        """The state of arrays; `topology` where they hold no faces."""
+    def of_arrays(cls, arrays: dict[str, NDArray], topology: Topology, free: int) -> FlowState:
+        """The state of arrays; `topology` where they hold no faces; `free` vertices move."""
         numbers = map(float, arrays["numbers"])
         energy, time, dt, steps, rises, area_rises, lowest, then, slides, flips, *last = numbers
         if "faces" in arrays:
@@ -139,7 +146,7 @@ class FlowState:
         return cls(
             arrays["points"], topology, energy, time, dt, int(steps), int(rises), int(area_rises),
             lowest_second=lowest, energy_then=then, redistributions=int(slides), flips=int(flips),
-            motion=arrays.get("motion"), remeshing=remeshing,
+            motion=arrays.get("motion"), remeshing=remeshing, pairs=SecantPairs.of_arrays(arrays, free),
         )  # fmt: skip
 
 

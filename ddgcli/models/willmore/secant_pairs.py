@@ -1,0 +1,81 @@
+"""Second derivatives of an energy from the last steps: quasi-Newton motions of limited memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAX_PAIRS = 5
+LEAST_PRODUCT = 1e-12  # of motion and change of the gradient over their norms: others show no convexity
+
+
+@dataclass(frozen=True, eq=False)
+class SecantPairs:
+    """Motions of the last steps and the changes of the gradient over them, the oldest first.
+
+    Parameters
+    ----------
+    motions, changes : tuple of (k, 3) ndarray
+
+    Notes
+    -----
+    J. Nocedal, "Updating quasi-Newton matrices with limited storage", 1980.
+    """
+
+    motions: tuple[NDArray[np.float64], ...] = ()
+    changes: tuple[NDArray[np.float64], ...] = ()
+
+    def with_pair(self, motion: NDArray, change: NDArray) -> SecantPairs:
+        """With the last step's pair, if the energy was convex over it, in place of the oldest."""
+        size = np.sqrt(_product(motion, motion) * _product(change, change))
+        if not _product(motion, change) > LEAST_PRODUCT * size:
+            return self
+        return SecantPairs((*self.motions, motion)[-MAX_PAIRS:], (*self.changes, change)[-MAX_PAIRS:])
+
+    def motion(self, gradient: NDArray, solve: Callable[[NDArray], NDArray]) -> NDArray[np.float64]:
+        """Minus the inverse Hessian of these pairs on the gradient (k, 3).
+
+        Parameters
+        ----------
+        gradient : (k, 3) ndarray
+        solve : callable
+            A preconditioner's inverse, (k, 3) to (k, 3): it stands for the inverse Hessian where no pair
+            does, and is only ever made smaller.
+        """
+        pairs = list(zip(self.motions, self.changes))
+        left, shares = np.array(gradient), []
+        for motion, change in reversed(pairs):
+            share = _product(motion, left) / _product(motion, change)
+            shares.append(share)
+            left -= share * change
+        result = solve(left)
+        if pairs:
+            motion, change = pairs[-1]
+            result *= min(1.0, _product(motion, change) / _product(change, solve(change)))
+        for (motion, change), share in zip(pairs, reversed(shares)):
+            result += (share - _product(change, result) / _product(motion, change)) * motion
+        return -result
+
+    def arrays(self, n: int) -> dict[str, NDArray]:
+        """As arrays of fixed shape (MAX_PAIRS, n, 3), zero where there is no pair."""
+        arrays = {name: np.zeros((MAX_PAIRS, n, 3)) for name in ("pair_motions", "pair_changes")}
+        for k, (motion, change) in enumerate(zip(self.motions, self.changes)):
+            arrays["pair_motions"][k, : len(motion)] = motion
+            arrays["pair_changes"][k, : len(motion)] = change
+        return arrays
+
+    @classmethod
+    def of_arrays(cls, arrays: dict[str, NDArray], count: int) -> SecantPairs:
+        """The pairs of `arrays`, for `count` vertices that move."""
+        if "pair_motions" not in arrays:
+            return cls()
+        motions, changes = (np.asarray(arrays[f"pair_{name}"])[:, :count] for name in ("motions", "changes"))
+        used = [k for k in range(len(motions)) if motions[k].any()]
+        return cls(tuple(motions[k] for k in used), tuple(changes[k] for k in used))
+
+
+def _product(a: NDArray, b: NDArray) -> float:
+    return float(np.sum(a * b))
