@@ -31,7 +31,7 @@ def noise_energy(mesh: TriangleMesh) -> tuple[float, float]:
     -----
     Independent heights of variance s^2 along the normals add s^2 trace(L M^-1 L) / 4 to the sum of
     |L x|^2 / (4 M): 4 n (s / edge)^2 on n vertices with equilateral triangles, and up to twenty times as much
-    on irregular ones. That is what they add to `cotan`; to the other energies, 0.7 to 1.5 times as much.
+    on irregular ones. That is what they add to `cotan`; to the other energies, 0.3 to 1.9 times as much.
     """
     noise = estimate_noise(mesh, Faces.of(mesh), dihedral_angle(mesh, face_normal(mesh)), "corrected")
     if noise.relative is None or noise.creased or noise.detailed or noise.stepped:
