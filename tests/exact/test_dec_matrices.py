@@ -41,7 +41,7 @@ def test_every_matrix_has_the_indices_of_4_bytes_that_its_memory_is_estimated_by
 
 def test_matrices_above_the_limit_of_memory_of_the_process_are_refused(monkeypatch):
     mesh = shapes.random_sphere(200)
-    monkeypatch.setattr("resource.getrlimit", lambda kind: (2**18, 2**18))
+    monkeypatch.setattr("ddgcli.memory.available_memory", lambda: 2.0**18)
     with pytest.raises(ParameterError, match="above 0.000244 GiB; remesh around vertex"):
         dec_matrices(complex_of(mesh))
 

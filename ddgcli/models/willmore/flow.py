@@ -284,14 +284,13 @@ class Flow:
         return replace(state, stopped="no step lowers the energy")
 
     def _guided(self, state: FlowState, metric: Preconditioner, plain: NDArray, dt: float) -> list[NDArray]:
-        """The motion by secant pairs, or that with momentum, where it goes downhill."""
+        """The motion by secant pairs, or that with momentum, where what it adds goes downhill."""
+        at, added = metric.at, None if state.motion is None else state.motion[metric.at.free]
         if self.by_pairs:
-            motion = secant_motion(metric, dt, self.constraints, state.pairs)
-        else:
-            last = state.motion
-            motion = None if last is None else plain + rules.MOMENTUM_SHARE * last[metric.at.free]
-        downhill = motion is not None and float(np.sum(metric.at.gradient * motion)) < 0.0
-        return [motion] if downhill and motion is not None else []
+            added = secant_motion(metric, dt, self.constraints, state.pairs)
+        if added is None or float(np.sum(at.gradient * added)) >= 0.0:
+            return []
+        return [added if self.by_pairs else plain + rules.MOMENTUM_SHARE * added]
 
     def _other_step(self, state: FlowState, at: EnergyGradient) -> FlowState:
         step: ConformalStep | trust_region.TrustRegionStep | None
