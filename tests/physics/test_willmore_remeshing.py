@@ -149,7 +149,8 @@ def test_what_a_remesh_changes_is_no_descent():
     steps = np.diff(energies(seen)) - np.diff(change)
     assert (steps <= 1e-12).all() and np.abs(change).max() > 0
     count = np.array([o.scalar["remeshes"] for o in seen])
-    assert ((np.diff(change) != 0) == (np.diff(count) == 1)).all()
+    # near rest a remeshing may change the energy by less than rounding
+    assert count[-1] > 0 and (np.diff(count)[np.diff(change) != 0] == 1).all()
 
 
 def test_area_and_volume_are_kept_across_a_remesh():
