@@ -3,8 +3,8 @@
 Scans are those of a folder of real meshes (its place in the variable MESHES); each runs by default options.
 Surface Evolver (the command `evolver`, conjugate gradients with its own `sq_mean_curvature` and
 `star_perp_sq_mean_curvature`) starts at the same ellipsoids; both stop at their own energy 1 % above 4 pi.
-Noise: heights of a tenth of an edge on the vertices of a scan, taken away by each tool's smoothing. The length
-of ours in time is the best of four on that mesh; every other tool has one setting.
+Noise: heights of a tenth of an edge on the vertices of a scan, taken away by the smoothing of each tool. The
+length of ours in time is the best of four on that mesh; every other tool has one setting.
 Run: python -m benchmarks.peers.willmore_scans [NAMES OF SCANS...]
 """
 
