@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Any
 
+from ddgcli.cli.interrupts import interrupted
+
 
 class ImportClock:
     """Seconds that import statements take while the clock runs as a context manager.
@@ -40,6 +42,10 @@ class ImportClock:
         self._depth = 1
         try:
             return self._import(*arguments, **options)
+        except ImportError as error:
+            if interrupted():
+                raise KeyboardInterrupt from error
+            raise
         finally:
             self._depth = 0
             self.seconds += time.perf_counter() - began

@@ -20,6 +20,7 @@ from ddgcli import __version__
 from ddgcli.cli.clock import ImportClock
 from ddgcli.cli.help_pages import with_help_pages
 from ddgcli.cli.imports import with_deferred_imports
+from ddgcli.cli.interrupts import interrupted, recorded_interrupts
 from ddgcli.cli.multi_value import repeat_options
 from ddgcli.cli.parameters import option_names
 from ddgcli.cli.threads import set_thread_variables
@@ -106,7 +107,7 @@ class CommandGroup(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            with _signals_as_exceptions(), ImportClock() as clock:
+            with recorded_interrupts(), _signals_as_exceptions(), ImportClock() as clock:
                 ctx.meta["ddgcli.imports"] = clock
                 return super().invoke(ctx)
         except DdgError as error:
@@ -117,8 +118,7 @@ class CommandGroup(click.Group):
             _discard_output()
             ctx.exit(0)
         except KeyboardInterrupt:
-            click.echo("Interrupted", err=True)
-            ctx.exit(130)
+            _end_interrupted(ctx)
         except _Terminated as error:
             click.echo(f"Ended by {error.args[0].name}", err=True)
             ctx.exit(128 + error.args[0])
@@ -134,7 +134,14 @@ class CommandGroup(click.Group):
                 f"the output cannot be written ({os.strerror(error.errno)}); free some disk space", 1
             ) from error
         except Exception as error:
+            if interrupted():
+                _end_interrupted(ctx)
             raise _internal(error, ctx) from error
+
+
+def _end_interrupted(ctx: click.Context) -> None:
+    click.echo("Interrupted", err=True)
+    ctx.exit(130)
 
 
 class _Terminated(BaseException):

@@ -26,7 +26,8 @@ def ball(tmp_path):
 
 
 def start(*words, **more) -> subprocess.Popen:
-    env = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    # where the size of files is limited, Python would keep truncated bytecode of modules
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     call = [sys.executable, "-m", "ddgcli", *map(str, words)]
     return subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env, **more)
 
@@ -169,3 +170,39 @@ def test_two_runs_on_one_output(tmp_path, ball):
         writers[0].close("complete")
     assert writers[1].close("complete") == path
     assert {p.name for p in tmp_path.iterdir()} == {ball.name, "o.vtkhdf"}
+
+
+INTERRUPTED = """
+import os, signal, sys
+from ddgcli.cli import main
+from ddgcli.io import mesh_file
+def read(*words, **more):
+    {body}
+mesh_file.read_mesh = read
+sys.exit(main.main(["info", sys.argv[1]]))
+"""
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "exec('os.kill(os.getpid(), signal.SIGINT)')",
+        "import interrupted_library",
+        "from interrupted_library import anything",
+    ],
+)
+def test_an_interrupt_that_python_or_a_library_changes_ends_with_130(tmp_path, ball, body):
+    """In the text of `exec` Python would end with the signal; an extension module makes it an ImportError."""
+    (tmp_path / "interrupted_library.py").write_text(
+        "import os, signal, sys\n"
+        "try:\n    os.kill(os.getpid(), signal.SIGINT)\n"
+        "except KeyboardInterrupt:\n"
+        "    sys.excepthook(*sys.exc_info())\n"
+        "    raise ImportError('failed to import') from None\n"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    program = INTERRUPTED.format(body=body)
+    child = subprocess.run(
+        [sys.executable, "-c", program, ball], capture_output=True, text=True, env=environment, timeout=60
+    )
+    assert (child.returncode, child.stderr) == (130, "Interrupted\n")
