@@ -7,6 +7,8 @@ import sys
 import threading
 import time
 
+from ddgcli.cli.interrupts import interrupted
+
 START_DELAY = 2.0  # seconds of a run before the bar appears without --progress
 REDRAW_INTERVAL = 0.1  # seconds between two drawings
 IDLE_INTERVAL = 1.0  # seconds without a report after which the bar is redrawn
@@ -46,7 +48,12 @@ class Progress:
             threading.Thread(target=self._redraw_when_idle, daemon=True).start()
 
     def __call__(self, done: float, total: float = 1.0) -> None:
-        """Report that `done` of `total` is done; cheap if no redraw is due."""
+        """Report that `done` of `total` is done; cheap if no redraw is due.
+
+        KeyboardInterrupt is raised here where a library dropped the one of Ctrl-C.
+        """
+        if interrupted():
+            raise KeyboardInterrupt
         if not self.active:
             return
         self._share = min(max(done / total, 0.0), 1.0) if total > 0 else 1.0

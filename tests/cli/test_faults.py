@@ -172,6 +172,34 @@ def test_two_runs_on_one_output(tmp_path, ball):
     assert {p.name for p in tmp_path.iterdir()} == {ball.name, "o.vtkhdf"}
 
 
+def test_a_run_ends_where_a_library_drops_the_interrupt(tmp_path):
+    """Exceptions in destructors are printed and dropped; the next step ends the run."""
+    (tmp_path / "scene.toml").write_text(
+        "[time]\nduration = 1000\nstep = 1e-3\n[[object]]\nname = 's'\nrole = 'shell'\n"
+        "grid = { size = [1, 1], cells = [2, 2] }\nmaterial = 'rubber'\n[effects]\nstretching = {}\n"
+    )
+    program = (
+        "import os, signal, sys\n"
+        "from ddgcli.cli import main\n"
+        "from ddgcli.simulation import recording\n"
+        "class Interrupted:\n"
+        "    def __del__(self):\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "joined = recording.joined_frame\n"
+        "def drop(snapshot):\n"
+        "    Interrupted()\n"
+        "    return joined(snapshot)\n"
+        "recording.joined_frame = drop\n"
+        "main.main(['shell-sim', 'scene.toml', '-o', 'run.vtkhdf'])\n"
+    )
+    child = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, timeout=100,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert child.returncode == 130 and "--resume run.vtkhdf.part" in child.stderr
+    assert "ignored" in child.stderr
+
+
 INTERRUPTED = """
 import os, signal, sys
 from ddgcli.cli import main
