@@ -19,6 +19,7 @@ from ddgcli.geometry.intrinsic import corner_cotan, face_area, half_angle_tangen
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
+from ddgcli.mesh.require import check_size
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS
 
@@ -80,6 +81,7 @@ def circumcentric_dual(mesh: SurfaceMesh) -> CircumcentricDual:
     -----
     With circumradius R = abc / (4 area), the circumcentre lies R cos(opposite angle) from a side.
     """
+    check_size(float(mesh.side_length.max()))  # areas are squares of lengths
     unit, topology = length_scale(mesh.side_length), mesh.topology
     length = mesh.side_length / unit  # squares of tiny and huge lengths leave the range of float64
     area, tangent = face_area(length), half_angle_tangent(length)
