@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.hodge.hodge_analysis import hodge_analysis
-from ddgcli.algorithms.laplacian.tasks import LaplacianTasks, solve_laplacian_tasks
+from ddgcli.algorithms.laplacian.solve_tasks import solve_laplacian_tasks
+from ddgcli.algorithms.laplacian.tasks import LaplacianTasks
 from ddgcli.linalg.constrain import Dirichlet, Poisson
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh import shapes

@@ -12,7 +12,8 @@ from ddgcli.algorithms.laplacian.smooth import (
     bounded_stiffness,
     smooth,
 )
-from ddgcli.algorithms.laplacian.tasks import LaplacianTasks, solve_laplacian_tasks
+from ddgcli.algorithms.laplacian.solve_tasks import solve_laplacian_tasks
+from ddgcli.algorithms.laplacian.tasks import LaplacianTasks
 from ddgcli.choices import SMOOTHING_FLOWS
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes

@@ -12,6 +12,7 @@ __all__ = [
     "parameterize",
     "poisson",
     "smooth",
+    "solve_tasks",
     "solid_operator",
     "spectrum",
     "tasks",

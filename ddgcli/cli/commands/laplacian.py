@@ -188,7 +188,8 @@ def command(
     if evolution.equation is not None:
         _evolve(run, source, evolution, tasks["operator"], tasks["mass"])
         return
-    from ddgcli.algorithms.laplacian.tasks import LaplacianTasks, solve_laplacian_tasks
+    from ddgcli.algorithms.laplacian.solve_tasks import solve_laplacian_tasks
+    from ddgcli.algorithms.laplacian.tasks import LaplacianTasks
 
     mesh = mesh_of(source)
     term, fixed = vertex_values(source, poisson, "poisson"), values_by_vertex(fix, "fix")
