@@ -1,17 +1,15 @@
-"""A flow as a model for the one time loop: what moves, how it steps, when it stops, what it shows."""
+"""The steps of a flow, and why it ends."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
-from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import step_rules as rules
 from ddgcli.models.willmore import trust_region
@@ -19,122 +17,34 @@ from ddgcli.models.willmore.conformal import (
     ConformalStep,
     descending_step,
     distance_from_rest,
-    log_ratio_change,
 )
-from ddgcli.models.willmore.constraints import Constraints, area
+from ddgcli.models.willmore.constraints import area
 from ddgcli.models.willmore.descent import (
     ROSENBROCK_GAMMAS,
     EnergyGradient,
     Preconditioner,
-    TopologyTerms,
     descent_motion,
     energy_gradient,
     mean_curvature_step,
     moved_along,
-    preconditioner_at,
     rosenbrock_step,
     secant_motion,
     size_across,
 )
-from ddgcli.models.willmore.energies import EnergyBuilder
 from ddgcli.models.willmore.film_polish import polished_film, uneven_rest
 from ddgcli.models.willmore.films import film_reason
-from ddgcli.models.willmore.observation import counters, frame_of, measured
-from ddgcli.models.willmore.remesh_step import RemeshTarget, improved_state, remeshed_state
-from ddgcli.models.willmore.state import FlowState, Stop, after_curvature_step, rounding_scale
-from ddgcli.models.willmore.step_lengths import longest_step
+from ddgcli.models.willmore.flow_terms import FlowTerms
+from ddgcli.models.willmore.remesh_step import improved_state, remeshed_state
+from ddgcli.models.willmore.state import FlowState, after_curvature_step, rounding_scale
 from ddgcli.models.willmore.triangle_quality import better_triangles
-from ddgcli.simulation.model import Observation, StepRejected
+from ddgcli.simulation.model import StepRejected
 
 
-@dataclass(eq=False)
-class Flow:
-    """Everything that a step needs besides the state.
+class Flow(FlowTerms):
+    """A flow as a model for the one time loop.
 
-    Parameters
-    ----------
-    topology : Topology
-        Of the start.
-    energy_kind : callable
-        Topology -> Energy.
-    convention : str
-        What its number approximates.
-    free : (k,) ndarray of int
-        Vertices that move.
-    constraints : Constraints
-        At unit size.
-    mean_curvature : bool
-    scheme : str
-        Of `flow_options.SCHEMES`, for timed steps.
-    timed : bool
-        Steps have the length that the loop prescribes (else each is as long as the descent allows).
-    stop : Stop
-    centre : (3,) ndarray
-    scale : float
-        Length unit of the states, in the input's unit.
-    area : float
-        At the start, at unit size.
-    original : (n, 3) ndarray
-        Positions at the start, of the input.
-    least : float
-        Lower bound of the smooth energy, 0 where none is known.
-    keeps_triangles : bool
-        Before and after steps to rest, vertices slide along the surface where angles are small, and edges
-        flip.
-    reported : mapping of str to callable
-        Energies besides the one that the flow lowers, in every frame: Topology -> Energy.
-    second_kind : callable, optional
-        It shows bending that the first does not see: the flow ends where it rises.
-    of_area : bool
-        The energy that steps to rest lower is an area, or a volume with the other sign.
-    energy_power : int
-        Of the length unit in the energy.
-    kind : str
-        `descent`; `newton`: steps by a trust region; `conformal`: steps change the curvature, by a share.
-    of_surface : bool
-        The energy approximates one of smooth surfaces, whose gradient has no part along the surface.
-    remesh : RemeshTarget, optional
-        Edges are split, collapse and flip before steps.
-    by_pairs : bool
-        Steps of the descent to rest are quasi-Newton motions by secant pairs (else with momentum).
+    Parameters are those of `FlowTerms`.
     """
-
-    topology: Topology
-    energy_kind: EnergyBuilder
-    convention: str
-    free: NDArray[np.int64]
-    constraints: Constraints
-    mean_curvature: bool
-    scheme: str
-    timed: bool
-    stop: Stop
-    centre: NDArray[np.float64]
-    scale: float
-    area: float
-    original: NDArray[np.float64]
-    least: float
-    keeps_triangles: bool = False
-    reported: Mapping[str, EnergyBuilder] = field(default_factory=dict)
-    second_kind: EnergyBuilder | None = None
-    of_area: bool = False
-    energy_power: int = 0
-    kind: str = "descent"
-    of_surface: bool = True
-    remesh: RemeshTarget | None = None
-    by_pairs: bool = False
-    _last_terms: TopologyTerms | None = None
-    _last_gradient: EnergyGradient | None = None
-    _last_preconditioner: tuple[Preconditioner, float] | None = None
-
-    @cached_property
-    def longest(self) -> float:
-        """Longest step of the descent, at unit size."""
-        return longest_step(self.area, self.of_area)
-
-    @property
-    def time_unit(self) -> float:
-        """Time unit of the states in the input's: length^4, for mean curvature flow length^2."""
-        return self.scale ** (2 if self.mean_curvature or self.of_area else 4)
 
     def advance(self, state: FlowState, time: float, dt: float) -> FlowState:
         """One step; StepRejected where a timed step would raise the energy."""
@@ -205,41 +115,6 @@ class Flow:
         stepped = self._accepted(state, at, moved, energy.value(moved.points), 0.0)
         return replace(stepped, stopped=f"curvature equal at all vertices to {tolerance:g}")
 
-    def _second(self, state: FlowState) -> float:
-        second = self._terms(state.topology).second
-        return math.inf if second is None else second.value(state.points)
-
-    def mesh(self, state: FlowState) -> TriangleMesh:
-        return TriangleMesh(state.points, state.topology)
-
-    def _terms(self, topology: Topology) -> TopologyTerms:
-        """What depends on the faces alone; that of the last topology is kept."""
-        if self._last_terms is None or self._last_terms.topology is not topology:
-            second = None if self.second_kind is None else self.second_kind(topology)
-            self._last_terms = TopologyTerms(topology, self.energy_kind(topology), second, self.of_area)
-        return self._last_terms
-
-    def energy_of(self, mesh: TriangleMesh) -> float:
-        """Energy of a surface at unit size."""
-        return self._terms(mesh.topology).energy.value(mesh.points)
-
-    def _gradient(self, state: FlowState) -> EnergyGradient:
-        """Gradient at the state; the last one is kept, since a rejected step starts there again."""
-        if self._last_gradient is None or self._last_gradient.mesh.points is not state.points:
-            energy = self._terms(state.topology).energy
-            self._last_gradient = energy_gradient(
-                self.mesh(state), energy, self.free_of(state), self.constraints, self.kind == "newton"
-            )
-        return self._last_gradient
-
-    def _preconditioner(self, at: EnergyGradient, dt: float) -> Preconditioner:
-        """Preconditioner for a step of length dt; the last one is kept, for `reason` and the step after."""
-        last = self._last_preconditioner
-        if last is None or last[0].at is not at or last[1] != dt:
-            factor = self._terms(at.mesh.topology).factor(at.free)
-            last = self._last_preconditioner = preconditioner_at(at, dt, factor, self.of_area), dt
-        return last[0]
-
     def _timed_step(self, state: FlowState, at: EnergyGradient, dt: float) -> FlowState:
         for moved in self._attempts(at, dt / self.time_unit):
             energy = self.energy_of(moved)
@@ -251,9 +126,6 @@ class Flow:
         if abs(predicted) <= rules.PREDICTED_FALL_TOLERANCE * rounding_scale(at.energy):
             return replace(state, time=state.time + dt, steps=state.steps + 1)
         raise StepRejected("energy rises", value=energy - at.energy)
-
-    def _below_lower_bound(self, energy: float) -> bool:
-        return self.least > 0.0 and energy < rules.LOWER_BOUND_FRACTION * self.least
 
     def _attempts(self, at: EnergyGradient, dt: float) -> Iterator[TriangleMesh]:
         """The surface after dt, by what is tried in turn."""
@@ -359,27 +231,6 @@ class Flow:
                 return replace(stepped, dt=length, motion=carried, pairs=pairs)
         return None
 
-    @cached_property
-    def _unit_start(self) -> TriangleMesh:
-        return TriangleMesh((self.original - self.centre) / self.scale, self.topology)
-
-    def movable(self, state: FlowState) -> NDArray[np.bool_]:
-        """(n,) whether each vertex of a state moves: those of the start that do, and all new ones."""
-        origin = state.remeshing.origin
-        start = np.bincount(self.free, minlength=self.topology.n_vertices) > 0
-        return start if origin is None else (origin < 0) | start[origin]
-
-    def free_of(self, state: FlowState) -> NDArray[np.int64]:
-        """(k,) vertices of a state that move."""
-        return self.free if state.remeshing.origin is None else np.flatnonzero(self.movable(state))
-
-    def restored(self, state: FlowState) -> TriangleMesh:
-        """The surface of a state, back on the constraints."""
-        if not self.constraints.active:
-            return self.mesh(state)
-        preconditioner = self._preconditioner(self._gradient(state), state.dt)
-        return self.constraints.restore(self.mesh(state), self.free_of(state), preconditioner.solve)
-
     def _accepted(
         self, state: FlowState, at: EnergyGradient, moved: TriangleMesh, energy: float, dt: float
     ) -> FlowState:
@@ -409,22 +260,3 @@ class Flow:
         if not math.isfinite(energy := self.energy_of(moved)):
             return replace(state, stopped=singular)
         return after_curvature_step(state, moved, energy, dt, area(mesh), self.area, self.stop)
-
-    def observe(self, state: FlowState) -> Observation:
-        """The surface in the input's frame, its energy, area, volume and smallest angle."""
-        mesh = self.mesh(state)
-        scalar = counters(state, self.scale**self.energy_power)
-        scalar |= measured(mesh, self.constraints, self.scale)
-        if self.kind == "conformal":
-            scalar |= log_ratio_change(self._unit_start, mesh)
-        for name, kind in self.reported.items():
-            scalar[f"energy_{name}"] = kind(state.topology).value(mesh.points)
-        where = (self.original, self.movable(state), self.scale, self.centre)
-        return frame_of(state, scalar, *where, self.keeps_triangles)
-
-    def pack(self, state: FlowState) -> dict[str, NDArray]:
-        """The state as arrays of fixed shape (without the reason of the stop)."""
-        return state.arrays(descent=not self.timed, pairs=self.by_pairs)
-
-    def unpack(self, arrays: dict[str, NDArray]) -> FlowState:
-        return FlowState.of_arrays(arrays, self.topology, len(self.free))
