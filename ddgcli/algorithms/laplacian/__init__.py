@@ -2,7 +2,7 @@
 
 `laplace_operator` (of tetrahedra `solid_operator`) assembles the operator and its mass; `form_spectrum`,
 `poisson`, `spectrum`, `parameterize`, `smooth` and `evolution` (heat and wave equation in time) solve with
-them; `tasks` runs the tasks of one call.
+them; `solve_tasks` solves the `tasks` of one call.
 """
 
 __all__ = [
@@ -12,8 +12,8 @@ __all__ = [
     "parameterize",
     "poisson",
     "smooth",
-    "solve_tasks",
     "solid_operator",
+    "solve_tasks",
     "spectrum",
     "tasks",
 ]
