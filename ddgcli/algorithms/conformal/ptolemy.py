@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.delaunay.flips import max_flip_rounds
 from ddgcli.algorithms.delaunay.gluing import Gluing, around
 from ddgcli.algorithms.delaunay.normal_coordinates import flipped_crossings
 from ddgcli.errors import SolveError
@@ -84,7 +85,7 @@ def flip_by_ptolemy(state: DecoratedTriangulation, u: NDArray, *, max_rounds: in
     """
     length = state.scaled_length(u)
     active = np.flatnonzero(state.twin[:-1] > np.arange(3 * state.n_faces))
-    for _ in range(max_rounds or 1000 + 10 * state.n_faces):
+    for _ in range(max_rounds or max_flip_rounds(state.n_faces)):
         active, value = _violating(state, length, active)
         if len(active) == 0:
             return

@@ -187,6 +187,11 @@ def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
     return here[0]
 
 
+def max_flip_rounds(n_faces: int) -> int:
+    """Bound on batches of independent flips, far above what any surface needs."""
+    return 1000 + 10 * n_faces
+
+
 def flip_until_delaunay(
     state: SideArrays, active: NDArray | None = None, *, max_rounds: int | None = None
 ) -> tuple[int, int, bool]:
@@ -198,7 +203,7 @@ def flip_until_delaunay(
     active : (k,) ndarray of int64, optional
         Sides whose edges may need a flip; all by default.
     max_rounds : int, optional
-        Bound on the batches; by default far above what any surface needs.
+        Bound on the batches; `max_flip_rounds` by default.
 
     Notes
     -----
@@ -207,7 +212,7 @@ def flip_until_delaunay(
     if active is None:
         active = np.flatnonzero(state.twin[:-1] > np.arange(3 * state.n_faces))
     if max_rounds is None:
-        max_rounds = 1000 + 10 * state.n_faces
+        max_rounds = max_flip_rounds(state.n_faces)
     flips = rounds = 0
     while rounds < max_rounds:
         active, violation = _violating(state, active)
