@@ -51,6 +51,16 @@ def test_poiseuille_flow_leaves_through_a_natural_outflow_as_it_entered():
     assert error[1] < 2.5e-3 and error[0] / error[1] > 3
 
 
+def test_a_uniform_stream_between_walls_of_free_slip_stays_uniform():
+    """Corners of an inflow or an outflow and such a wall add no vorticity."""
+    inflow = INFLOW.replace('["4*y*(1-y)", 0, 0]', "[1, 0, 0]")
+    walls = '[[effects.boundary]]\nkind = "free-slip"\n'
+    for outflow in (OUTFLOW, OUTFLOW.replace('"outflow"', '"outflow"\nvelocity = [1, 0, 0]')):
+        _, observed = channel(inflow + outflow + walls, duration=0.2)
+        assert observed[-1].vertex["velocity"][:, 0] == pytest.approx(1.0, abs=1e-12)
+        assert np.abs(observed[-1].vertex["vorticity"]).max() < 1e-11
+
+
 def test_a_prescribed_flux_leaves_where_it_is_prescribed():
     out = OUTFLOW.replace('kind = "outflow"', 'kind = "outflow"\nflux = 0.6666666666666666')
     model, observed = channel(INFLOW + out)

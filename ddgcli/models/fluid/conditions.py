@@ -42,7 +42,7 @@ class BoundaryConditions:
     wall_circulation : (n,) ndarray
         What boundary sides with a prescribed velocity add to the circulation around their vertices' cells.
     slip : (n,) ndarray of bool
-        Vertices of free-slip walls alone: the vorticity vanishes there.
+        Vertices of free-slip walls, but for those of a wall with friction: the vorticity vanishes there.
     """
 
     no_slip: bool
@@ -83,8 +83,12 @@ def boundary_conditions(context: FluidContext, sections: Sequence[BoundaryPart])
     if moving and not along[np.isin(owner, moving)].any():
         log.warning("no part of the wall moves along itself: velocity or where is 0 at every boundary side")
     circulation = sum_by_index(np.concatenate([tail, head]), np.tile(along, 2), n)
-    friction = np.zeros(n, dtype=bool)
-    friction[tail[kind != "free-slip"]] = friction[head[kind != "free-slip"]] = True
+    solid, crossed, free = (
+        _ends(n, tail, head, np.isin(kind, kinds))
+        for kinds in (("no-slip", "wall"), ("inflow", "outflow"), ("free-slip",))
+    )
+    # fluid that enters or leaves beside a wall of free slip has the wall's own speed there, which nothing sets
+    friction = solid | (crossed & ~free)
     slip = topology.boundary_vertex & ~friction
     values, open_vertices, natural = None, None, np.zeros(len(tail), dtype=bool)
     if np.isin(kind, ("inflow", "outflow")).any() or any(section.kind == "inflow" for section in sections):
@@ -98,6 +102,13 @@ def boundary_conditions(context: FluidContext, sections: Sequence[BoundaryPart])
 
 def _rest(sections: Sequence[BoundaryPart]) -> str:
     return "no-slip" if any(section.kind != "free-slip" for section in sections) else "free-slip"
+
+
+def _ends(n: int, tail: NDArray, head: NDArray, chosen: NDArray) -> NDArray[np.bool_]:
+    """(n,) ends of the chosen sides."""
+    marked = np.zeros(n, dtype=bool)
+    marked[tail[chosen]] = marked[head[chosen]] = True
+    return marked
 
 
 def _owners(

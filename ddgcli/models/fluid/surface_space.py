@@ -129,13 +129,14 @@ class SurfaceSpace:
         There the pressure is constant; where fluid enters, the total head is, so that no energy does
         (directional do-nothing condition: M. Braack and P. B. Mucha, 2014). None without natural outflows.
         """
-        if self.open_sides is None or not len(self.open_sides):
+        if self.open_sides is None or self.open_vertices is None or not len(self.open_sides):
             return None
         tail, head = self.open_sides.T
         edge, sign = self._open_edges
         pressure = 0.5 * np.maximum(self.open_speed(phi, coefficients), 0.0) ** 2
         vorticity = sum_by_index(tail, pressure, self.n) - sum_by_index(head, pressure, self.n)
-        return vorticity, -(self.harmonic[:, edge] @ (sign * pressure))
+        inner = np.where(self.open_vertices, vorticity, 0.0)  # at the ends the flux is prescribed
+        return inner, -(self.harmonic[:, edge] @ (sign * pressure))
 
     def open_speed(self, phi: NDArray, coefficients: NDArray) -> NDArray[np.float64]:
         """(s,) speed at which fluid leaves through every side of a natural outflow."""
