@@ -311,7 +311,8 @@ SAMPLES = Path(__file__).parents[2] / "sample_scenes"
 
 
 @pytest.mark.parametrize(
-    "name", ["taylor_vortices", "taylor_vortices_merge", "vortex_pair_torus", "flow_through_holes"]
+    "name",
+    ["taylor_vortices", "taylor_vortices_merge", "vortex_pair_torus", "flow_through_holes", "flow_on_spot"],
 )
 def test_sample_scenes_are_sound_and_start(run, tmp_path, name):
     result = run("fluid-sim", SAMPLES / f"{name}.toml", "--steps", 2, "-o", tmp_path / "run.vtkhdf", "--json")
