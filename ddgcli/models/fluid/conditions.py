@@ -87,7 +87,7 @@ def boundary_conditions(context: FluidContext, sections: Sequence[BoundaryPart])
         _ends(n, tail, head, np.isin(kind, kinds))
         for kinds in (("no-slip", "wall"), ("inflow", "outflow"), ("free-slip",))
     )
-    # fluid that enters or leaves beside a wall of free slip has the wall's own speed there, which nothing sets
+    # beside a wall of free slip fluid that enters or leaves has the speed along the wall, which nothing sets
     friction = solid | (crossed & ~free)
     slip = topology.boundary_vertex & ~friction
     values, open_vertices, natural = None, None, np.zeros(len(tail), dtype=bool)
