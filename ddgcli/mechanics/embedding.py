@@ -222,6 +222,11 @@ class EmbeddedMemory:
     def commit(self, x: NDArray, memory: Arrays) -> Arrays:
         return self.memory.commit(self.rows.of(x), memory)
 
+    def carried(self, before: EmbeddedMemory, memory: Arrays, rows: NDArray) -> Arrays:
+        """Memory of another mesh of the object, whose vertices in the earlier system are `rows`."""
+        own: Any = self.memory
+        return own.carried(before.memory, memory, rows[self.rows.rows] - before.rows.start)
+
 
 def embedded(own_term: Any, rows: Rows) -> Any:
     """A term of one object as a term of a system of several."""

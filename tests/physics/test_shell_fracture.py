@@ -7,14 +7,21 @@ import pytest
 
 from ddgcli.errors import SceneError
 from ddgcli.geometry.hinges import hinges
+from ddgcli.io.scene_file import parse_scene
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh.shapes import grid, icosphere
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.shell import model
 from ddgcli.models.shell.cracks import split_surface
+from ddgcli.models.shell.epochs import split_context
 from ddgcli.models.shell.observations import strain
+from ddgcli.models.shell.scene import KIND
+from ddgcli.scenes.scene import resolve
+from ddgcli.simulation.account import Account
 from tests.cli.test_shell_resume import resumed_as_whole
 from tests.simulate import scalar, shell_run
+from tests.triangle_pairs import meshes_intersect
 
 # a plate of glass that turns so fast that it bursts
 BURSTING = """\
@@ -158,6 +165,173 @@ def test_pins_hold_every_copy_of_a_vertex():
     assert np.array_equal(last.points[held], np.asarray(contexts["s"].mesh.points)[origin])
 
 
+# a strip of soft metal that is pulled until it tears: it yields at E t w yield_strain = 100 N
+TORN = """
+[time]
+duration = 0.12
+step = 2e-3
+frame_every = 6e-3
+integrator = "implicit-euler"
+[[object]]
+name = "s"
+role = "shell"
+grid = { size = [1, 0.2], cells = [5, 1] }
+density = 0.1
+thickness = "1 mm"
+young = 1e8
+poisson = 0
+[effects]
+stretching = { model = "stvk" }
+bending = {}
+damping = { mass = 50 }
+plasticity = { yield_strain = 5e-3, yield_angle = 0.1 }
+fracture = { strain = 0.02 }
+pin = { box = [[0, 0, 0], [0, 0.2, 0]] }
+[effects.handle]
+box = [[1, 0, 0], [1, 0.2, 0]]
+times = [0, 0.12]
+positions = [[0, 0, 0], [0.06, 0, 0]]
+interpolation = "linear"
+"""
+
+
+def test_a_pulled_strip_bears_its_yield_force_until_it_tears_and_then_none():
+    snapshots, _, _ = shell_run(TORN)
+    pull = np.array(scalar(snapshots, "reaction_force_handle"))[:, 0]
+    cracks = np.array(scalar(snapshots, "cracks"))
+    strains = np.linspace(0, 0.06, len(pull))
+    plateau = pull[(strains > 0.008) & (strains < 0.017)]
+    assert np.abs(plateau - 100).max() < 2
+    assert cracks[strains < 0.017].max() == 0 < cracks[-1]
+    assert scalar(snapshots, "pieces")[-1] > 1 and abs(pull[-1]) < 1
+    work = np.array(scalar(snapshots, "plastic_work"))
+    assert (np.diff(work) >= 0).all()
+    # what the handle gave is stored, lost to damping, or plastic work
+    assert 0.9 * scalar(snapshots, "external_work")[-1] < work[-1] + scalar(snapshots, "energy")[-1]
+
+
+def test_plastic_memory_goes_with_its_elements_through_a_crack():
+    scene = resolve(parse_scene(TORN.replace("stvk", "edges")), KIND, {})
+    context, _ = model.contexts(scene, None)["s"]
+    edges = interior(context.mesh)
+    points = np.asarray(context.mesh.points)
+    opened = (np.abs(points[edges][:, :, 0] - 0.5) < 1e-9).all(axis=1)
+    split = split_surface(context.mesh.topology, opened)
+    broken = split_context(context, split.faces, split.origin)
+    before, after = (model.make_system(scene, c, Account()).memories for c in (context, broken))
+    assert len(before) == 2
+    for flow, later in zip(before, after):
+        memory = flow.initial() | {"work": np.array([7.0])}
+        ends = np.sort(flow.potential.stencil[:, :2], axis=1)
+        memory["rest"], memory["accumulated"] = 100.0 * ends[:, 0] + ends[:, 1], ends.sum(axis=1)
+        carried = later.carried(flow, memory, split.origin)
+        now = np.sort(split.origin[later.potential.stencil[:, :2]], axis=1)
+        assert np.array_equal(carried["rest"], 100.0 * now[:, 0] + now[:, 1])
+        assert np.array_equal(carried["accumulated"], now.sum(axis=1))
+        assert carried["work"] == 7.0
+
+
+def test_a_handle_turns_every_copy_of_its_vertices_about_their_mean():
+    text = BURSTING.format(integrator="implicit-euler", strain=1e-3) + (
+        "[[effects.handle]]\nvertices = [6, 7, 11]\ntimes = [0, 0.01]\n"
+        "positions = [[0, 0, 0], [0.02, 0, 0]]\n"
+        "rotations = [{ axis = [0, 0, 1], degrees = 0 }, { axis = [0, 0, 1], degrees = 40 }]\n"
+    )
+    snapshots, contexts, _ = shell_run(text)
+    last = snapshots[-1].observations["s"]
+    origin = last.vertex["input_vertex"]
+    held = np.isin(origin, [6, 7, 11])
+    assert held.sum() > 4
+    start = np.asarray(contexts["s"].mesh.points)
+    middle, angle = start[[6, 7, 11]].mean(axis=0), np.radians(40)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    expected = middle + [0.02, 0, 0] + (start[origin[held]] - middle) @ turn.T
+    assert np.allclose(last.points[held], expected, atol=1e-12)
+
+
+# a ball of rubber flies through a plate of glass, which is tied to a bar
+STRUCK = """
+[time]
+duration = 8e-3
+step = 5e-4
+frame_every = 5e-4
+integrator = "newmark"
+[[object]]
+name = "s"
+role = "shell"
+grid = {{ size = [1, 0.8], cells = [4, 3] }}
+density = 3
+thickness = "2 mm"
+young = 1e7
+poisson = 0.2
+[[object]]
+name = "other"
+role = "shell"
+{other}
+density = 20
+thickness = "2 mm"
+young = 1e6
+poisson = 0.2
+[effects]
+stretching = {{}}
+bending = {{}}
+fracture = {{ object = "s", strain = 2e-3, angle = 0.03 }}
+{effect}
+"""
+BALL = "sphere = { radius = 0.1, subdivisions = 1 }\nposition = [0.45, 0.35, 0.104]\nvelocity = [0, 0, -10]"
+BAR = "grid = { size = [0.2, 0.8], cells = [1, 3] }\nposition = [1, 0, 0]\nvelocity = [60, 0, 0]"
+TIES = (
+    '[[effects.attach]]\nobject = "s"\nto = "other"\nbox = [[1, 0, 0], [1, 0.8, 0]]\n'
+    '[[effects.attach]]\nobject = "other"\nto = "s"\nvertices = [0]\nto_vertices = [3]'
+)
+
+
+@pytest.mark.parametrize("other, effect", [
+    (BALL, 'contact = { pairs = [["s", "other"]], gap = "3 mm" }'), (BAR, TIES),
+], ids=["contact", "attach"])  # fmt: skip
+def test_a_shell_that_touches_or_is_tied_to_another_breaks_and_momenta_and_energy_pass_through(other, effect):
+    if other == BALL:
+        pytest.importorskip("ipctk")
+    snapshots, contexts, _ = shell_run(STRUCK.format(other=other, effect=effect))
+    assert scalar(snapshots, "pieces")[0] == 2 < scalar(snapshots, "pieces")[-1]
+    for name, least in (("momentum", 1e-8), ("angular_momentum", 1e-3)):
+        values = np.array(scalar(snapshots, name))
+        assert np.abs(values - values[0]).max() < least * np.abs(values).max()
+    released = np.array(scalar(snapshots, "fracture_energy"))
+    energy = np.array(scalar(snapshots, "energy"))
+    stored = max(energy - scalar(snapshots, "energy_kinetic"))
+    assert (released > 0).any() == (other == BALL)  # the plate that is pulled stays flat
+    assert np.abs(energy + released - energy[0]).max() < (0.5 if other == BALL else 0.1) * stored
+    last = snapshots[-1].observations
+    assert np.array_equal(last["other"].faces, contexts["other"].mesh.faces)
+    if other == BALL:
+        for snapshot in snapshots:
+            plate, ball = snapshot.observations["s"], snapshot.observations["other"]
+            assert not meshes_intersect(plate.points, plate.faces, ball.points, ball.faces)
+
+
+def test_a_balloon_that_tears_loses_its_gas():
+    text = (
+        STRUCK[: STRUCK.index('[[object]]\nname = "other"')]
+        + """
+[effects]
+stretching = {{}}
+bending = {{}}
+fracture = {{ strain = 0.05 }}
+pressure = {{ gas = true, value = 4e5 }}
+"""
+    )
+    text = text.replace(
+        "grid = {{ size = [1, 0.8], cells = [4, 3] }}", "sphere = {{ radius = 0.1, subdivisions = 1 }}"
+    )
+    snapshots, _, _ = shell_run(text.format())
+    pressure, pieces = np.array(scalar(snapshots, "pressure_s")), np.array(scalar(snapshots, "pieces"))
+    assert pressure[0] == 4e5 and pressure[-1] == 0 and scalar(snapshots, "energy_pressure")[-1] == 0
+    assert pieces[-1] > 1
+    momentum = np.array(scalar(snapshots, "momentum"))
+    assert np.abs(momentum).max() < 1e-9 * 3 * 0.13 * 100
+
+
 def test_trajectory_has_a_mesh_for_each_frame_and_the_reader_of_vtk_shows_it(run, tmp_path):
     reader_module = pytest.importorskip("vtkmodules.vtkIOHDF")
     numpy_support = pytest.importorskip("vtkmodules.util.numpy_support")
@@ -183,11 +357,14 @@ def test_trajectory_has_a_mesh_for_each_frame_and_the_reader_of_vtk_shows_it(run
                 assert np.array_equal(read, values)
 
 
-@pytest.mark.parametrize("integrator", ["bdf2", pytest.param("newmark", marks=pytest.mark.slow)])
-def test_resumed_run_of_a_breaking_shell_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
-    """Interrupted behind a crack: the checkpoint has the vertices of its own epoch."""
+@pytest.mark.parametrize("integrator, effects", [
+    ("bdf2", "plasticity = { yield_strain = 5e-4, yield_angle = 2e-3, hardening = 10 }\n"),
+    pytest.param("newmark", "", marks=pytest.mark.slow),
+])  # fmt: skip
+def test_resumed_run_of_a_breaking_shell_has_the_same_bits(run, tmp_path, monkeypatch, integrator, effects):
+    """Interrupted behind a crack: the checkpoint has the vertices and the memory of its own epoch."""
     path = tmp_path / "s.toml"
-    path.write_text(BURSTING.format(integrator=integrator, strain=1e-3))
+    path.write_text(BURSTING.format(integrator=integrator, strain=1e-3) + effects)
     resumed_as_whole(run, tmp_path, monkeypatch, path, 5)
 
 
@@ -215,8 +392,7 @@ def test_a_whole_shell_beside_a_broken_one_keeps_its_faces(run, tmp_path):
     ('"newmark"', '"static"', "implicit-euler"),
     ("step = 5e-4", "tolerance = 1e-3", "step"),
     ("strain = 0.1, angle = 0.05", "", "strain, angle or both"),
-    ("[effects]", "[effects]\nplasticity = { yield_strain = 0.1 }", "plasticity"),
-    ("[effects]", "[effects]\nhandle = { vertices = [0], times = [0, 1] }", "handle"),
+    ("fracture = {", "[[effects.fracture]]\nangle = 1\n[[effects.fracture]]\nangle = 2\n#", "two of them"),
     ("[effects]", "[effects]\ncontact = { self_contact = true }", "self_contact"),
     ("[effects]", "[effects]\nload = { moment = 1, vertices = [0, 1] }", "traction"),
 ])  # fmt: skip
@@ -228,8 +404,6 @@ def test_fracture_refuses_what_a_split_vertex_would_change(old, new, message):
 
 
 def test_systems_of_a_split_shell_have_its_mass():
-    from ddgcli.models.shell.epochs import split_context
-
     _, contexts, _ = shell_run(BURSTING.format(integrator="newmark", strain=0.5))
     context = contexts["s"]
     split = split_surface(context.mesh.topology, np.ones(len(interior(context.mesh)), dtype=bool))

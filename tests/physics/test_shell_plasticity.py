@@ -76,6 +76,20 @@ def test_pulled_strip_stays_deformed_and_its_plastic_work_grows(membrane):
     assert (balance <= np.concatenate([[0], np.cumsum(missed)]) + 1e-12).all()
 
 
+def test_energy_and_plastic_work_of_a_free_plate_that_spins_until_it_yields_balance():
+    text = strip("plasticity = { yield_strain = 5e-4 }", integrator="newmark", duration=0.01)
+    text = (
+        text[: text.index("pin =")]
+        .replace("step = 2e-3", "step = 5e-4")
+        .replace("material", "angular_velocity = [0, 0, 300]\nmaterial")
+    )
+    run, _, _ = shell_run(text)
+    work, energy = np.array(scalar(run, "plastic_work")), np.array(scalar(run, "energy"))
+    assert work[-1] > 0.01 * energy[0]
+    # forces of the shell before it yielded, in the step after, lost nearly as much as the plastic work
+    assert np.abs(energy + work - energy[0]).max() < 0.15 * work[-1]
+
+
 def test_shell_below_its_limits_moves_as_an_elastic_one_to_the_last_bit():
     stiff = "plasticity = { yield_strain = 10, yield_angle = 10 }"
     runs = [shell_run(strip(effects, integrator="newmark", duration=0.02))[0] for effects in ("", stiff)]

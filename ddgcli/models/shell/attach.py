@@ -43,12 +43,13 @@ class Attach(Section):
 
 
 class Ties:
-    """Energy k/2 (|x_b - x_a| - l)^2 of pairs of vertices, l (t,) their distances at the start."""
+    """Energy k/2 (|x_b - x_a| - l)^2 of pairs of vertices, k and l (t,), l their distances at the start."""
 
     name = "attach"
 
-    def __init__(self, pairs: NDArray, length: NDArray, stiffness: float) -> None:
-        self.stencil, self.length, self.stiffness = pairs, length, stiffness
+    def __init__(self, pairs: NDArray, length: NDArray, stiffness: NDArray | float) -> None:
+        self.stencil, self.length = pairs, length
+        self.stiffness = np.broadcast_to(np.asarray(stiffness, dtype=float), length.shape)
 
     def _span(self, x: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         """Vectors between the vertices (t, 3), lengths (t,) and directions (t, 3), 0 where they meet."""
@@ -57,7 +58,7 @@ class Ties:
         return span, size, span / np.where(size > 0, size, 1.0)[:, None]
 
     def energy(self, x: NDArray) -> float:
-        return 0.5 * self.stiffness * float(np.sum((self._span(x)[1] - self.length) ** 2))
+        return 0.5 * float(np.sum(self.stiffness * (self._span(x)[1] - self.length) ** 2))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         _, size, unit = self._span(x)
@@ -70,7 +71,7 @@ class Ties:
         if mode != "exact":
             across = np.maximum(across, 0.0)
         outer = unit[:, :, None] * unit[:, None, :]
-        block = self.stiffness * (outer + across[:, None, None] * (np.eye(3) - outer))
+        block = self.stiffness[:, None, None] * (outer + across[:, None, None] * (np.eye(3) - outer))
         return np.block([[block, -block], [-block, block]])
 
 
@@ -121,24 +122,32 @@ def between(parameters: Attach, contexts: dict[str, tuple[ShellContext, NDArray]
     if parameters.object not in contexts or parameters.to not in contexts:
         return []
     (context, rows), (other, other_rows) = contexts[parameters.object], contexts[parameters.to]
-    vertices = context.chosen(parameters.vertices, parameters.box, KEY)
     x, y = np.asarray(context.mesh.points), np.asarray(other.mesh.points)
+    whole, other_whole = context.vertices_at_start, other.vertices_at_start
     if parameters.to_vertices is None:
-        targets = np.array([int(np.argmin(((y - x[v]) ** 2).sum(axis=1))) for v in vertices])
+        vertices = np.unique(whole[context.chosen(parameters.vertices, parameters.box, KEY)])
+        # the first n vertices of a broken shell are those of the whole one
+        sites = y[: other_whole.max() + 1]
+        targets = np.array([int(np.argmin(((sites - x[v]) ** 2).sum(axis=1))) for v in vertices])
     else:
         if parameters.vertices is None or len(parameters.vertices) != len(parameters.to_vertices):
             raise ValueError("to_vertices needs vertices with as many entries")
-        outside = [v for v in parameters.to_vertices if not 0 <= v < other.mesh.n_vertices]
+        outside = [v for v in parameters.to_vertices if not 0 <= v <= other_whole.max()]
         if outside:
-            raise ValueError(
-                f"vertex {outside[0]} is outside 0..{other.mesh.n_vertices - 1} of {parameters.to!r}"
-            )
+            raise ValueError(f"vertex {outside[0]} is outside 0..{other_whole.max()} of {parameters.to!r}")
+        context.chosen(parameters.vertices, None, KEY)
         vertices, targets = np.array(parameters.vertices), np.array(parameters.to_vertices)
     length = np.sqrt(((y[targets] - x[vertices]) ** 2).sum(axis=1))
     shell = context.shell
     default = STIFFNESS_FACTOR * float(shell.young or 0) * float(shell.thickness or 0)
-    pairs = np.stack([rows[vertices], other_rows[targets]], axis=1)
-    return [Ties(pairs, length, float(parameters.stiffness or default))]
+    # copies of a vertex that has split share its tie: no energy comes or goes with a crack
+    own, number = np.nonzero(whole[:, None] == vertices)
+    far, other_number = np.nonzero(other_whole[:, None] == targets)
+    copy, other_copy = np.nonzero(number[:, None] == other_number)
+    tie = number[copy]
+    stiffness = float(parameters.stiffness or default) / np.bincount(tie)[tie]
+    pairs = np.stack([rows[own[copy]], other_rows[far[other_copy]]], axis=1)
+    return [Ties(pairs, length[tie], stiffness)]
 
 
 EFFECT = Effect(

@@ -48,6 +48,11 @@ class ShellContext:
     input_vertex: NDArray[np.int64] | None = None
 
     @property
+    def vertices_at_start(self) -> NDArray[np.int64]:
+        """(n,) vertex of the whole shell that each vertex was."""
+        return np.arange(self.mesh.n_vertices) if self.input_vertex is None else self.input_vertex
+
+    @property
     def elastic(self) -> list[Any]:
         """Potentials of stretching and bending, which are built before every other effect."""
         return [*self.terms.get("stretching", []), *self.terms.get("bending", [])]

@@ -1,4 +1,4 @@
-"""Motion of a shell that breaks: from one crack to the next its mesh is fixed, and so is its model."""
+"""Motion of shells that break: from one crack to the next their meshes are fixed, and so is their model."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ log = logging.getLogger("ddgcli")
 
 @dataclass(frozen=True, eq=False)
 class BreakingMotion:
-    """State of a shell that breaks.
+    """State of a group of shells some of which break.
 
     Parameters
     ----------
     motion : Motion
-        Of the vertices of the present surface.
+        Of the vertices of the present surfaces.
     opened : (h,) ndarray of bool
-        Interior edges of the whole surface that are open.
+        Interior edges of the whole surfaces that are open, those of one shell behind those of another.
     released : float
         Joules that cracks have taken from the stored energy.
     """
@@ -48,36 +48,37 @@ class BreakingMotion:
 
 @dataclass(frozen=True, eq=False)
 class Epoch:
-    """The surface between two cracks, and its model."""
+    """The surfaces between two cracks, and their model."""
 
-    surface: SplitSurface
+    surfaces: dict[str, SplitSurface]
+    group: Group
     system: System
     model: Model[Motion]
 
 
 class Breaking:
-    """Model of a shell whose edges open.
+    """Model of a group of shells in which edges open.
 
     Parameters
     ----------
     group : Group
-        The shell alone, whole.
-    strength : Strength
+        The shells, whole.
+    strengths : dict of str to Strength
+        Of the shells that break.
     build : callable Group -> (System, Model)
         The model of a group of shells.
     account : Account
         Of these models.
     """
 
-    def __init__(self, group: Group, strength: Strength, build: Build, account: Account) -> None:
-        ((self._name, self._context),) = group.shells.items()
-        self._group, self._strength, self._build, self._account = group, strength, build, account
+    def __init__(self, group: Group, strengths: dict[str, Strength], build: Build, account: Account) -> None:
+        self._group, self._strengths, self._build, self._account = group, strengths, build, account
         self._epochs: dict[bytes, Epoch] = {}
-        self._edges = len(strength)
+        self._ends = np.cumsum([0, *(len(strength) for strength in strengths.values())])
 
     def model(self) -> Model[BreakingMotion]:
         """The model for the time loop."""
-        whole = np.zeros(self._edges, dtype=bool)
+        whole = np.zeros(self._ends[-1], dtype=bool)
         epoch = self._epoch(whole)
         first = epoch.model
         return Model(
@@ -88,52 +89,75 @@ class Breaking:
             rescue=None if first.rescue is None else self._rescue,
         )  # fmt: skip
 
+    def _by_shell(self, opened: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
+        """Open edges of each shell that breaks."""
+        return dict(zip(self._strengths, np.split(opened, self._ends[1:-1])))
+
     def _epoch(self, opened: NDArray[np.bool_]) -> Epoch:
-        """Surface and model of these open edges; the last few are kept."""
+        """Surfaces and model of these open edges; the last few are kept."""
         key = opened.tobytes()
         if key not in self._epochs:
-            surface = split_surface(self._context.mesh.topology, opened)
-            context = split_context(self._context, surface.faces, surface.origin)
-            calls = dict(self._account.calls)
-            with _quiet():  # what the whole shell is warned of has been said
-                system, model = self._build(replace(self._group, shells={self._name: context}))
+            shells, surfaces = dict(self._group.shells), {}
+            for name, edges in self._by_shell(opened).items():
+                surface = split_surface(shells[name].mesh.topology, edges)
+                surfaces[name] = surface
+                shells[name] = split_context(shells[name], surface.faces, surface.origin)
+            calls, group = dict(self._account.calls), replace(self._group, shells=shells)
+            with _quiet():  # what the whole shells are warned of has been said
+                system, model = self._build(group)
             self._account.calls = calls  # a resumed run builds other epochs than a whole one
             while len(self._epochs) >= MAX_EPOCHS:
                 del self._epochs[next(iter(self._epochs))]
-            self._epochs[key] = Epoch(surface, system, model)
+            self._epochs[key] = Epoch(surfaces, group, system, model)
         return self._epochs[key]
 
     def _rescue(self, state: BreakingMotion, time: float, dt: float) -> BreakingMotion:
         rescue: Any = self._epoch(state.opened).model.rescue
         return self._stepped(state, rescue, time, dt)
 
+    def _opened(self, opened: NDArray[np.bool_], epoch: Epoch, x: NDArray) -> NDArray[np.bool_]:
+        """All open edges at positions x of an epoch's vertices."""
+        points = epoch.group.split(x)
+        beyond = [
+            strength.exceeded(points[name], epoch.surfaces[name].faces)
+            for name, strength in self._strengths.items()
+        ]
+        return opened | np.concatenate(beyond)
+
     def _stepped(self, state: BreakingMotion, advance: Callable, time: float, dt: float) -> BreakingMotion:
-        """A step of the present surface; then every edge beyond its limits opens."""
+        """A step of the present surfaces; then every edge beyond its limits opens."""
         motion, epoch = advance(state.motion, time, dt), self._epoch(state.opened)
         with self._account.within("fracture"):
-            opened = state.opened | self._strength.exceeded(motion.x, epoch.surface.faces)
+            opened = self._opened(state.opened, epoch, motion.x)
         if (opened == state.opened).all():
             return replace(state, motion=motion)
         later = self._epoch(opened)
-        rows = epoch.surface.faces.ravel()[later.surface.corner]
-        before, after = epoch.system.at(motion.time), later.system.at(motion.time)
+        rows = earlier_rows(epoch, later)
+        memory = tuple(
+            after.carried(before, arrays, rows)  # type: ignore[attr-defined]
+            for before, after, arrays in zip(epoch.system.memories, later.system.memories, motion.memory)
+        )
+        before = epoch.system.with_memory_at(motion.memory).at(motion.time)
+        after = later.system.with_memory_at(memory).at(motion.time)
         x, v = motion.x[rows], motion.v[rows]
         released = _stored(before, motion.x) - _stored(after, x)
         past = motion.past and (motion.past[0][rows], motion.past[1][rows], motion.past[2])
-        split = replace(motion, x=x, v=v, a=after.acceleration(x, v, dt), past=past)
+        a = after.acceleration(x, v, dt)
+        split = replace(motion, x=x, v=v, a=a, memory=memory, past=past)
         return BreakingMotion(split, opened, state.released + released)
 
     def _observe(self, state: BreakingMotion) -> dict[str, Observation]:
         epoch = self._epoch(state.opened)
-        seen: Any = epoch.model.observe(state.motion)
-        observation = with_faces(seen[self._name], epoch.surface.faces, epoch.surface.origin)
+        seen: Any = observed_with_faces(epoch.model, epoch.group.shells, state.motion)
+        first = next(iter(seen))
+        whole = len(self._group.shells) - len(epoch.surfaces)
         scalar = {
-            **observation.scalar,
+            **seen[first].scalar,
             "cracks": float(state.opened.sum()),
-            "pieces": float(epoch.surface.pieces),
+            "pieces": float(whole + sum(surface.pieces for surface in epoch.surfaces.values())),
             "fracture_energy": state.released,
         }
-        return {self._name: replace(observation, scalar=scalar)}
+        return {**seen, first: replace(seen[first], scalar=scalar)}
 
     def _pack(self, state: BreakingMotion) -> Arrays:
         own = {"opened": state.opened.astype(np.uint8), "released": np.array([state.released])}
@@ -145,30 +169,42 @@ class Breaking:
         return BreakingMotion(motion, opened, float(arrays["released"][0]))
 
 
+def earlier_rows(epoch: Epoch, later: Epoch) -> NDArray[np.int64]:
+    """Vertex of an epoch that each vertex of a later epoch was."""
+    rows = []
+    for name, start in zip(epoch.group.shells, epoch.group.ends):
+        if name in later.surfaces:
+            own = epoch.surfaces[name].faces.ravel()[later.surfaces[name].corner]
+        else:
+            own = np.arange(epoch.group.shells[name].mesh.n_vertices)
+        rows.append(start + own)
+    return np.concatenate(rows)
+
+
 def breaking_model(
-    scene: Scene, group: Group, parameters: Any, build: Build, account: Account
+    scene: Scene, group: Group, fractures: list[Any], build: Build, account: Account
 ) -> Model[BreakingMotion]:
-    """Model of a shell with the effect `fracture`.
+    """Model of a group of shells with effects `fracture`.
 
     Parameters
     ----------
     scene : Scene
     group : Group
-        Refused where the shell is coupled to others.
-    parameters : Fracture
+    fractures : list of Fracture
+        Of shells of the group.
     build : callable Group -> (System, Model)
     account : Account
     """
-    if len(group.shells) > 1:
-        scene.refuse(
-            ("effects", "fracture"),
-            f"fracture: {' and '.join(group.shells)} touch or are attached, and shells break alone; "
-            "leave their contact out",
-        )
-    ((_, context),) = group.shells.items()
     flat = any(effect.name == "bending" and section.rest == "flat" for effect, section, _ in scene.effects)
-    strength = Strength(context.mesh, parameters.strain, parameters.angle, flat)
-    return Breaking(group, strength, build, account).model()
+    strengths: dict[str, Strength] = {}
+    for section in fractures:
+        name = section.object or next(iter(group.shells))
+        if name in strengths:
+            scene.refuse(("effects", "fracture"), f"fracture: {name!r} has two of them; keep one")
+        strengths[name] = Strength(group.shells[name].mesh, section.strain, section.angle, flat)
+    # in the order of the shells, whatever that of the effects is
+    ordered = {name: strengths[name] for name in group.shells if name in strengths}
+    return Breaking(group, ordered, build, account).model()
 
 
 def split_context(context: ShellContext, faces: NDArray, origin: NDArray) -> ShellContext:
@@ -179,24 +215,25 @@ def split_context(context: ShellContext, faces: NDArray, origin: NDArray) -> She
     return replace(context, mesh=mesh, arrays=arrays, terms={}, input_vertex=origin)
 
 
-def with_faces(observation: Observation, faces: NDArray, origin: NDArray) -> Observation:
+def with_faces(observation: Observation, context: ShellContext) -> Observation:
     """An observation that carries its faces and the vertices of the whole surface."""
-    vertex = {**observation.vertex, "input_vertex": origin}
-    return replace(observation, vertex=vertex, faces=faces)
+    vertex = {**observation.vertex, "input_vertex": context.vertices_at_start}
+    return replace(observation, vertex=vertex, faces=np.asarray(context.mesh.faces))
 
 
 def whole_model(model: Model, shells: dict[str, ShellContext]) -> Model:
     """A model of shells that stay whole, whose observations carry their faces."""
 
     def observe(state: Any) -> dict[str, Observation]:
-        seen: Any = model.observe(state)
-        meshes = {name: shells[name].mesh for name in seen}
-        return {
-            name: with_faces(seen[name], np.asarray(mesh.faces), np.arange(mesh.n_vertices))
-            for name, mesh in meshes.items()
-        }
+        return observed_with_faces(model, shells, state)
 
     return replace(model, observe=observe)
+
+
+def observed_with_faces(model: Model, shells: dict[str, ShellContext], state: Any) -> dict[str, Observation]:
+    """Observations of shells that carry their faces."""
+    observation: Any = model.observe(state)
+    return {name: with_faces(seen, shells[name]) for name, seen in observation.items()}
 
 
 def contexts_of_frame(

@@ -15,9 +15,6 @@ from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 
-# effects without a rule for split vertices
-WITHOUT = ("plasticity", "attach", "handle")
-
 
 class Fracture(Section):
     """Brittle edges: those beyond a strain or an angle open for good after the step."""
@@ -54,24 +51,28 @@ def build(parameters: Fracture, context: ShellContext) -> list[Any]:
     if not topology.referenced_vertex.all():
         raise ValueError("some vertices belong to no face; run repair first")
     for effect, section, _ in context.scene.effects:
-        _require_separable(effect.name, section)
+        _require_separable(context.shell.name, effect.name, section)
     return []
 
 
-def _require_separable(name: str, section: Any) -> None:
-    """ValueError for an effect, or a choice of its parameters, that a split vertex would change."""
-    if name in WITHOUT:
-        raise ValueError(f"fracture together with {name} is not computed; leave one of them out")
+def _require_separable(shell: str, name: str, section: Any) -> None:
+    """ValueError for an effect on a shell, or a choice of its parameters, that splits would change."""
+    if getattr(section, "object", None) not in (None, shell) and getattr(section, "to", None) != shell:
+        return
     if name == "bending" and section.model in ("quadratic", "cubic"):
         raise ValueError(
             f'bending with model = "{section.model}" assumes a whole surface; write model = "hinge"'
         )
-    if name == "pressure" and section.gas:
-        raise ValueError("a gas leaves a broken shell; leave gas out, and give a pressure as value")
     if name == "load" and (section.moment is not None or section.line_force is not None):
         raise ValueError("cracks make new boundary edges; give the load as force or traction")
-    if name == "contact" and section.self_contact:
-        raise ValueError("the sides of a new crack touch; leave self_contact out")
+    alone = section.self_contact if name == "contact" else False
+    if alone is True or (alone and shell in alone):
+        raise ValueError(
+            f"the sides of a new crack touch, and a barrier has no force at distance 0; leave {shell!r} out "
+            "of self_contact"
+        )
 
 
-EFFECT = Effect("fracture", Fracture, build, "one pass over the interior edges a step", ("shell",))
+EFFECT = Effect(
+    "fracture", Fracture, build, "one pass over the interior edges a step", ("shell",), repeatable=True
+)

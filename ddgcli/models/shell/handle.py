@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from ddgcli.mechanics.terms import FixedCoordinates, PrescribedMotion
@@ -65,7 +66,7 @@ def build(parameters: Handle, context: ShellContext) -> list[PrescribedMotion]:
     points = np.asarray(context.mesh.points)[vertices]
     count = len(parameters.times)
     still = [Rotation(axis=(0.0, 0.0, 1.0), degrees=0.0)] * count
-    center = points.mean(axis=0) if parameters.center is None else np.array(parameters.center)
+    center = _middle(vertices, context) if parameters.center is None else np.array(parameters.center)
     motion = RigidKeyFrames(
         points, center, np.array(parameters.times),
         np.zeros((count, 3)) if parameters.positions is None else np.array(parameters.positions),
@@ -74,6 +75,14 @@ def build(parameters: Handle, context: ShellContext) -> list[PrescribedMotion]:
     mask = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
     mask[vertices] = True
     return [PrescribedMotion(mask, motion)]
+
+
+def _middle(vertices: NDArray, context: ShellContext) -> NDArray[np.float64]:
+    """Mean of the vertices at the start; where the shell has come apart, copies of one count once."""
+    if context.input_vertex is not None:
+        _, first = np.unique(context.input_vertex[vertices], return_index=True)
+        vertices = vertices[first]
+    return np.asarray(context.mesh.points)[vertices].mean(axis=0)
 
 
 EFFECT = Effect(

@@ -116,7 +116,7 @@ def models(scene: Scene, shells: dict[str, ShellContext], systems: dict[str, Sys
             system = _group_system(scene, epoch, account)
             return system, _model(scene, epoch, system)
 
-        own[group.name] = breaking_model(scene, group, broken[0], build, account)
+        own[group.name] = breaking_model(scene, group, broken, build, account)
     return own
 
 
@@ -255,10 +255,12 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         memory = system.committed(after.x, motion.memory)
         past = (before.x, before.v, np.array([dt])) if integrator.multistep else ()
         end = after.time if integrator.own_time else time + dt
-        after = replace(after, time=end, work=motion.work, memory=memory, past=past)
-        if not system.driven:
-            return after
-        return replace(after, work=motion.work + driving_work(current, before, after, dt))
+        work = driving_work(current, before, replace(after, time=end), dt) if system.driven else 0.0
+        if any("work" in new and new is not old for new, old in zip(memory, motion.memory)):
+            # the next step begins with the forces of what has yielded: else their work is lost
+            yielded = system.with_memory_at(memory).at(end)
+            after = replace(after, a=yielded.acceleration(after.x, after.v, dt))
+        return replace(after, time=end, work=motion.work + work, memory=memory, past=past)
 
     def advance(motion: Motion, time: float, dt: float) -> Motion:
         return advanced(integrator.step, motion, time, dt)

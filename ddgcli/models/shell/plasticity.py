@@ -62,6 +62,32 @@ class PlasticFlow:
         work = self.at(memory).energy(x) - self.at(after).energy(x)
         return {**after, "work": memory["work"] + work}
 
+    def carried(self, before: PlasticFlow, memory: Arrays, rows: NDArray) -> Arrays:
+        """Memory after a crack, from that of the flow before it.
+
+        Parameters
+        ----------
+        rows : (n,) ndarray of int
+            Vertex before the crack that each vertex was.
+        """
+        own = self._elements(before, rows)
+        return {
+            "rest": memory["rest"][own],
+            "accumulated": memory["accumulated"][own],
+            "work": memory["work"],
+        }
+
+    def _elements(self, before: PlasticFlow, rows: NDArray) -> NDArray[np.int64]:
+        """Element before a crack that each element was: the one with the same edge."""
+
+        def keys(edges: NDArray) -> NDArray[np.int64]:
+            low, high = np.sort(edges[:, :2], axis=1).T
+            return low * (int(rows.max()) + 1) + high
+
+        earlier = keys(before.potential.stencil)
+        order = np.argsort(earlier)
+        return order[np.searchsorted(earlier[order], keys(rows[self.potential.stencil]))]
+
     def at(self, memory: Arrays) -> Potential:
         """The potential about the rest state of a memory."""
         raise NotImplementedError
@@ -125,6 +151,9 @@ class MembraneFlow(PlasticFlow):
 
     def rest(self) -> NDArray[np.float64]:
         return np.tile(np.eye(2), (len(self.potential.area), 1, 1))
+
+    def _elements(self, before: PlasticFlow, rows: NDArray) -> NDArray[np.int64]:
+        return np.arange(len(self.potential.area))  # faces keep their order
 
     def _metric(self, x: NDArray) -> NDArray[np.float64]:
         return self.potential.metric(x)

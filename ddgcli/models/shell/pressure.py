@@ -5,12 +5,13 @@
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ddgcli.mechanics.terms import Mode, Potential, RampedLoad, at_last_point
+from ddgcli.mechanics.terms import Mode, Potential, at_last_point
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell.area_springs import cross_matrix
 from ddgcli.models.shell.context import ShellContext
@@ -139,9 +140,38 @@ class Gas(ConstantPressure):
         return np.sqrt(stiffness) * self.volume_gradient(x)
 
 
-def build(parameters: Pressure, context: ShellContext) -> list[Potential | RampedLoad]:
+class EscapedGas:
+    """No energy: a shell that a crack has opened holds no pressure. Its frames still report 0."""
+
+    name = "pressure"
+
+    def __init__(self, label: str) -> None:
+        self.stencil, self.label = np.zeros((0, 3), dtype=np.int64), label
+
+    def scaled(self, factor: float) -> EscapedGas:
+        """Itself."""
+        return self
+
+    def energy(self, x: NDArray) -> float:
+        return 0.0
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        return np.zeros_like(x)
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        return np.zeros((0, 9, 9))
+
+    def observed(self, x: NDArray) -> dict[str, float]:
+        """Scalars of a frame."""
+        return {f"volume_{self.label}": 0.0, f"pressure_{self.label}": 0.0}
+
+
+def build(parameters: Pressure, context: ShellContext) -> list[Any]:
     mesh, name = context.mesh, context.shell.name
     topology = mesh.topology
+    broken = context.input_vertex is not None
+    if broken and len(topology.boundary_edges) and (parameters.gas or parameters.value):
+        return [parameters.ramped(EscapedGas(name))]
     if len(topology.boundary_edges):
         raise ValueError(
             f"{name!r} is open, with {len(topology.boundary_edges)} boundary edges: pressure needs a closed "
