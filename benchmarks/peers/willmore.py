@@ -1,8 +1,8 @@
-"""Seconds a step of `willmore-flow` and steps to rest, beside the feasibility figures of a survey.
+"""Seconds a step of `willmore-flow`, steps to rest, scans, beside Surface Evolver, pymeshlab and libigl.
 
-The survey's true-gradient step (with CHOLMOD, another machine) is scaled by the time of one factorisation of
-the same fourth-order matrix, measured in the same run.
-Run: python -m benchmarks.peers.willmore [FACES...]
+The true-gradient step of a survey (with CHOLMOD, another machine) is scaled by the time of one factorisation
+of the same fourth-order matrix, measured in the same run.
+Run: python -m benchmarks.peers.willmore [FACES... | NAMES OF SCANS...]; without words everything
 """
 
 from __future__ import annotations
@@ -13,7 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common.measure import interleaved, machine, print_commands, print_table, timed
+from benchmarks.common.measure import (
+    Timing,
+    cpu_seconds,
+    interleaved,
+    machine,
+    print_commands,
+    print_table,
+    timed,
+)
+from benchmarks.common.willmore_scans import print_peers, print_scans
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes
@@ -38,7 +47,10 @@ from ddgcli.simulation.time_loop import evolve
 
 # faces -> factorisation, whole step by the true gradient (the last one an estimate of the survey's)
 SURVEY = {5_120: (0.019, 0.031), 20_480: (0.072, 0.140), 100_000: (0.5, 0.6)}
-TORI = {3_000: (56, 28), 12_000: (110, 55), 50_000: (224, 112)}
+TORI = {3_000: (56, 28), 20_000: (142, 71), 100_000: (316, 158), 300_000: (548, 274)}
+SIZES = (20_000, 100_000, 300_000)
+LARGE = 50_000  # faces from which a step is measured once, without a warm-up
+TIME_STEP = 5e-3  # default length of steps in time, of the radius to the fourth power
 
 
 def ellipsoid(level: int) -> TriangleMesh:
@@ -100,11 +112,17 @@ def survey(faces: int) -> tuple[float, float]:
     return factor * less, whole * less
 
 
+def step_times(mesh: TriangleMesh) -> dict[str, Timing]:
+    if mesh.n_faces < LARGE:
+        return interleaved(calls(mesh), repeat=3)
+    return {name: timed(call, repeat=1, warm_up=False) for name, call in calls(mesh).items()}
+
+
 def steps(sizes: list[int]) -> list[list]:
     table_rows = []
     for size in sizes:
         mesh = shapes.torus(*TORI[size], 2.0, 1.0)
-        times = interleaved(calls(mesh), repeat=3)
+        times = step_times(mesh)
         factor, whole = survey(mesh.n_faces)
         scaled = whole / factor * times["factorisation"].median
         for name, timing in times.items():
@@ -144,21 +162,77 @@ def to_rest() -> list[list]:
     return table_rows
 
 
-# whole commands, timed as a user starts them
-COMMANDS = ("willmore-flow ellipsoid.ply --steps 10 --dt 1e-3 -o out.vtkhdf",)
+def bumpy_ball() -> TriangleMesh:
+    ball = shapes.icosphere(3)
+    x, _, z = ball.points.T
+    return ball.moved(ball.points * (1 + 0.3 * x * z + 0.2 * z**3)[:, None] * [1.0, 1.2, 1.6])
 
 
-if __name__ == "__main__":
-    print(machine())
-    sizes = [int(word) for word in sys.argv[1:]] or list(TORI)
+def steps_until(mesh: TriangleMesh, shares: tuple[float, ...], options: FlowOptions, **times: float) -> list:
+    """Steps of a flow of a sphere until shares of the start's energy above 4 pi are left, seconds, end."""
+    flow, model = setup.build(mesh, options)
+    began = cpu_seconds()
+    shots = [s.observations["s"] for s in evolve({"s": model}, setup.schedule(flow, times), Account())]
+    seconds = cpu_seconds() - began
+    above = np.array([shot.scalar["energy"] for shot in shots]) / (4 * np.pi) - 1
+    left = [np.flatnonzero(above < share * above[0]) for share in shares]
+    reached = [int(shots[at[0]].scalar["steps"]) if len(at) else "-" for at in left]
+    return [*reached, seconds, above[-1] / above[0], shots[-1].scalar.get("log_ratio_change_max", "-")]
+
+
+def conformal_beside_others() -> list[list]:
+    table_rows, shares = [], (0.1, 0.01)
+    for name, mesh in (("ellipsoid (1, 1, 2)", ellipsoid(3)), ("bumpy ball", bumpy_ball())):
+        radius = (area(mesh) / (4 * np.pi)) ** 0.5
+        for flow in ("conformal", "quadratic", "newton"):
+            options = with_stop(FlowOptions(flow=flow), mesh.topology, False)
+            words = f"{flow}, to rest"
+            table_rows.append([name, words, *steps_until(mesh, shares, options)])
+        for times in (1, 4, 16):
+            dt = times * TIME_STEP * radius**4
+            words = f"quadratic, --dt {times * TIME_STEP:g} R^4"
+            clock = {"step": dt, "duration": 64 * TIME_STEP * radius**4, "frame_every": dt}
+            table_rows.append(
+                [name, words, *steps_until(mesh, (0.1, 0.01), FlowOptions(timed=True), **clock)]
+            )
+    return table_rows
+
+
+def print_own(sizes: list[int]) -> None:
     print_table(
         "willmore-flow: seconds a step, torus of aspect 2, one thread",
         ["faces", "part", "seconds", "survey, scaled", "ours / survey"],
         steps(sizes),
     )
-    print_table(
-        "To rest",
-        ["surface", "faces", "steps", "seconds", "energy / least - 1"],
-        to_rest(),
-    )
-    print_commands(*COMMANDS)
+
+
+# whole commands, timed as a user starts them
+COMMANDS = (
+    "willmore-flow ellipsoid.ply --steps 10 --dt 1e-3 -o out.vtkhdf",
+    "willmore-flow ellipsoid.ply --flow conformal --json",
+)
+
+
+if __name__ == "__main__":
+    print(machine())
+    sizes = [int(word) for word in sys.argv[1:] if word.isdecimal()]
+    names = [word for word in sys.argv[1:] if not word.isdecimal()]
+    if sizes or not names:
+        print_own(sizes or list(SIZES))
+    if names or not sizes:
+        print_scans(names)
+    if not (sizes or names):
+        print_table(
+            "To rest",
+            ["surface", "faces", "steps", "seconds", "energy / least - 1"],
+            to_rest(),
+        )
+        print_table(
+            "Steps until a tenth and a hundredth of the energy above 4 pi is left, from the same start "
+            "(1,280 faces; R: radius of the sphere of the same area; last column: largest change of the "
+            "logarithm of the ratio of two sides)",
+            ["surface", "flow", "to 0.1", "to 0.01", "s", "left at the end", "change of shape"],
+            conformal_beside_others(),
+        )
+        print_peers()
+        print_commands(*COMMANDS)

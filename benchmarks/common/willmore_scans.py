@@ -4,17 +4,17 @@ Scans are those of a folder of real meshes (its place in the variable MESHES); e
 Surface Evolver (the command `evolver`, conjugate gradients with its own `sq_mean_curvature` and
 `star_perp_sq_mean_curvature`) starts at the same ellipsoids; both stop at their own energy 1 % above 4 pi.
 Noise: heights of a tenth of an edge on the vertices of a scan, taken away by the smoothing of each tool. The
-length of ours in time is the best of four on that mesh; every other tool has one setting.
-Run: python -m benchmarks.peers.willmore_scans [NAMES OF SCANS...]
+length of ours in time is the best of four on that mesh; every other tool has one setting. A tool that is not
+installed has a row that says so. `benchmarks.peers.willmore` prints the tables.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common.measure import cpu_seconds, machine, print_commands, print_table
+from benchmarks.common.measure import cpu_seconds, print_table
 from benchmarks.common.mesh_sequences import SHARED_MESHES
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import corner_angle
@@ -57,7 +57,11 @@ def to_rest(mesh: TriangleMesh, enough: float = 0.0, **options: str) -> tuple[ND
 def scans(names: list[str]) -> list[list]:
     table_rows = []
     for name in names:
-        mesh = read_mesh(str(MESHES / f"{name}.obj")).surface
+        path = MESHES / f"{name}.obj"
+        if not path.is_file():
+            table_rows.append([name, f"{path} is missing", *["-"] * 7])
+            continue
+        mesh = read_mesh(str(path)).surface
         energy, seconds, stopped = to_rest(mesh)
         near = np.flatnonzero(energy < NEAR)
         steps, until = (int(near[0]), seconds[near[0]]) if len(near) else ("-", "-")
@@ -99,9 +103,9 @@ def beside_evolver() -> list[list]:
         for flow in ("quadratic", "newton", "conformal"):
             energy, seconds, _ = to_rest(mesh, ABOVE, flow=flow)
             table_rows.append([mesh.n_faces, f"ddgcli {flow}", len(energy) - 1, seconds[-1], energy[-1]])
-        if shutil.which("evolver"):
-            for quantity in ("sq_mean_curvature", "star_perp_sq_mean_curvature"):
-                table_rows.append([mesh.n_faces, f"Surface Evolver {quantity}", *evolver(mesh, quantity)])
+        for quantity in ("sq_mean_curvature", "star_perp_sq_mean_curvature"):
+            measured = evolver(mesh, quantity) if shutil.which("evolver") else ["not installed", "-", "-"]
+            table_rows.append([mesh.n_faces, f"Surface Evolver {quantity}", *measured])
     return table_rows
 
 
@@ -113,80 +117,92 @@ def willmore_smoothing(mesh: TriangleMesh) -> NDArray:
     return list(evolve({"s": model}, setup.schedule(flow, times), Account()))[-1].observations["s"].points
 
 
-def smoothers(mesh: TriangleMesh) -> dict[str, Callable[[], NDArray]]:
-    import igl
+def by_meshlab(mesh: TriangleMesh, name: str, **words: float) -> NDArray:
     import pymeshlab
+
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(mesh.points, mesh.faces.astype(np.int32)))
+    meshes.apply_filter(name, **words)
+    return np.asarray(meshes.current_mesh().vertex_matrix())
+
+
+def by_igl(mesh: TriangleMesh, time: float) -> NDArray:
+    import igl
     from scipy.sparse.linalg import spsolve
 
+    v, f = np.array(mesh.points), np.array(mesh.faces)
+    mass = igl.massmatrix(v, f, igl.MASSMATRIX_TYPE_BARYCENTRIC)
+    return np.asarray(spsolve((mass - time * igl.cotmatrix(v, f)).tocsc(), mass @ v))
+
+
+def smoothers(mesh: TriangleMesh) -> dict[str, Callable[[], NDArray]]:
     time = 0.15 * float(mesh.side_length.mean()) ** 2
-
-    def by_meshlab(name: str, **words: float) -> Callable[[], NDArray]:
-        def smooth() -> NDArray:
-            meshes = pymeshlab.MeshSet()
-            meshes.add_mesh(pymeshlab.Mesh(mesh.points, mesh.faces.astype(np.int32)))
-            meshes.apply_filter(name, **words)
-            return np.asarray(meshes.current_mesh().vertex_matrix())
-
-        return smooth
-
-    def by_igl() -> NDArray:
-        v, f = np.array(mesh.points), np.array(mesh.faces)
-        mass = igl.massmatrix(v, f, igl.MASSMATRIX_TYPE_BARYCENTRIC)
-        return np.asarray(spsolve((mass - time * igl.cotmatrix(v, f)).tocsc(), mass @ v))
-
     everything = np.arange(mesh.n_vertices)
+    filters = "apply_coord_laplacian_smoothing", "apply_coord_taubin_smoothing"
     return {
         "noisy": lambda: np.array(mesh.points),
         "ddgcli willmore-flow, in time": lambda: willmore_smoothing(mesh),
         "ddgcli mean-curvature": lambda: np.array(mean_curvature_step(mesh, everything, time).points),
-        "pymeshlab laplacian, 3": by_meshlab("apply_coord_laplacian_smoothing", stepsmoothnum=3),
-        "pymeshlab taubin, 10": by_meshlab("apply_coord_taubin_smoothing", stepsmoothnum=10),
-        "pymeshlab hc-laplacian": by_meshlab("apply_coord_hc_laplacian_smoothing"),
-        "libigl cotmatrix, implicit": by_igl,
+        "pymeshlab laplacian, 3": lambda: by_meshlab(mesh, filters[0], stepsmoothnum=3),
+        "pymeshlab taubin, 10": lambda: by_meshlab(mesh, filters[1], stepsmoothnum=10),
+        "pymeshlab hc-laplacian": lambda: by_meshlab(mesh, "apply_coord_hc_laplacian_smoothing"),
+        "libigl cotmatrix, implicit": lambda: by_igl(mesh, time),
     }
 
 
-def smoothing(name: str) -> list[list]:
+MODULES = {"pymeshlab": "pymeshlab", "libigl": "igl"}  # first word of a smoother -> module
+
+
+def distance(points: NDArray, clean: TriangleMesh) -> float:
+    """Root mean square distance of points to a surface, by libigl; nan where it is not installed."""
+    if importlib.util.find_spec("igl") is None:
+        return math.nan
     import igl
 
+    squared = igl.point_mesh_squared_distance(
+        np.array(points), np.array(clean.points), np.array(clean.faces)
+    )[0]
+    return float(np.sqrt(squared.mean()))
+
+
+def smoothing(name: str) -> list[list]:
     clean = read_mesh(str(MESHES / f"{name}.obj")).surface
     edge = float(clean.side_length.mean())
     height = 0.1 * edge * np.random.default_rng(0).normal(size=clean.n_vertices)
     noisy = clean.moved(clean.points + vertex_normals(clean) * height[:, None])
     volume, table_rows = enclosed_volume(clean), []
     for tool, smooth in smoothers(noisy).items():
+        module = MODULES.get(tool.split()[0])
+        if module is not None and importlib.util.find_spec(module) is None:
+            table_rows.append([tool, "not installed", "-", "-", "-"])
+            continue
         began = cpu_seconds()
         mesh = clean.moved(smooth())
         seconds = cpu_seconds() - began
-        squared = igl.point_mesh_squared_distance(
-            np.array(mesh.points), np.array(clean.points), np.array(clean.faces)
-        )[0]
         table_rows.append([
-            tool, seconds, enclosed_volume(mesh) / volume - 1, float(np.sqrt(squared.mean()) / edge),
+            tool, seconds, enclosed_volume(mesh) / volume - 1, distance(mesh.points, clean) / edge,
             float(np.degrees(corner_angle(mesh.side_length).min())),
         ])  # fmt: skip
     return table_rows
 
 
-# whole commands, timed as a user starts them
-COMMANDS = ("willmore-flow sphere.ply --json", "willmore-flow ellipsoid.ply --flow conformal --json")
-
-
-if __name__ == "__main__":
-    print(machine())
+def print_scans(names: list[str]) -> None:
     print_table(
         "Scans to rest by default options (energy / 4 pi - 1; `near`: below 0.001)",
         ["scan", "faces", "smallest angle", "steps, near", "s, near", "steps", "s", "end", "stopped because"],
-        scans(sys.argv[1:] or list(SCANS)),
+        scans(names or list(SCANS)),
     )
+
+
+def print_peers() -> None:
     print_table(
         "Ellipsoid (1, 1, 2) to 1.01 x 4 pi, each by its own energy",
         ["faces", "tool", "steps", "s", "energy / 4 pi - 1"],
         beside_evolver(),
     )
-    print_table(
-        "Noise of a tenth of an edge on `spot`: distance to the clean surface, in edges",
-        ["tool", "s", "volume change", "distance", "smallest angle"],
-        smoothing("spot"),
-    )
-    print_commands(*COMMANDS)
+    if (MESHES / "spot.obj").is_file():
+        print_table(
+            "Noise of a tenth of an edge on the scan `spot`: distance to the clean surface, in edges",
+            ["tool", "s", "volume change", "distance", "smallest angle"],
+            smoothing("spot"),
+        )
