@@ -60,7 +60,7 @@ def draw_chart(
         across = 0.85 if len(series) < 2 else 0.64 - 0.009 * max(0, max(map(len, series)) - 16)
         below = [row for line in caption.splitlines() for row in textwrap.wrap(line, int(16 * width))]
         bottom = 0.18 + 0.03 * max(0, len(below) - 2)
-        axes = figure.add_axes((0.11, bottom, max(across, 0.4), 0.91 - bottom))
+        axes = figure.add_axes((0.125, bottom, max(across, 0.4) - 0.015, 0.91 - bottom))
         drawable = {name: _drawable(x, y, log) for name, (x, y) in series.items()}
         axes.set_xscale("log" if "x" in log else "linear")
         axes.set_yscale("log" if "y" in log else "linear")
@@ -89,7 +89,8 @@ def draw_chart(
                 loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, handlelength=3.2, fontsize=8
             )
         if texts:
-            place_labels(axes, texts, [(x[shown], y[shown]) for x, y, shown in drawable.values()])
+            shown_points = [(x[shown], y[shown]) for x, y, shown in drawable.values()]
+            place_labels(axes, texts, shown_points, shown_points)
         figure.text(0.02, 0.01, "\n".join(below), ha="left", va="bottom", fontsize=7.5, color="0.35")
 
 
@@ -105,13 +106,16 @@ def _widen(axes: Any, drawable: Mapping[str, Any], log: str) -> None:
 
 
 def _label_few_decades(axis: Any) -> None:
-    """Label 1, 2 and 5 on a logarithmic axis of less than two decades, where decades alone are too few."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    """Label 1, 2 and 5 on a logarithmic axis of less than two decades, where decades alone are too few.
+
+    Equal steps where even these are too few.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
     low, high = axis.get_view_interval()
     axis.set_minor_formatter(NullFormatter())
     if high < 100 * low:
-        axis.set_major_locator(LogLocator(10, subs=(1, 2, 5)))
+        axis.set_major_locator(LogLocator(10, subs=(1, 2, 5)) if high > 5 * low else MaxNLocator(5))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 

@@ -183,7 +183,9 @@ class Problem:
 
 def label_of(one: Candidate | Row) -> str:
     """Short label: method and parameters."""
-    values = " ".join(f"{k}={v:g}" if isinstance(v, float) else f"{k}={v}" for k, v in one.parameters.items())
+    values = " ".join(
+        f"{k}={v:.3g}" if isinstance(v, float) else f"{k}={v}" for k, v in one.parameters.items()
+    )
     return f"{one.method} {values}".strip()
 
 

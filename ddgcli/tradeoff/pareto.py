@@ -135,7 +135,7 @@ def break_even(rows: list[Row], norm: str = "max") -> list[dict[str, Any]]:
             for r in rows
             if _like(r.error(norm), row.error(norm))
             and r.setup_seconds < row.setup_seconds
-            and r.seconds > row.seconds
+            and r.seconds_spread[0] > row.seconds_spread[1]  # surely slower
         ]
         if not others or row.setup_seconds < row.seconds:  # a set-up below one query does not matter
             continue

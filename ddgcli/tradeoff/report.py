@@ -18,6 +18,8 @@ COLUMNS = (
     "max_error", "max_error_at", "mean_error", "time_error", "mesh_error", "uncertainty", "on_front",
     "verdict", "command",
 )  # fmt: skip
+MIN_STEP_RATIO = 4.0  # of the steps of a method from which its time error is expected to fall
+MAX_STEADY_RATIO = 0.7  # of its time errors above which it does not; 1/4 with a method of first order
 
 
 def results_of(
@@ -35,6 +37,7 @@ def results_of(
         "rows": [row_of(row, command_of, norm) for row in table.rows],
         "reference": reference.name if reference else None,
         "reference_uncertainty": _finite(table.uncertainty(norm)) if reference else None,
+        "time_uncertainty": _time_uncertainty(table, problem, norm),
         "error_part": problem.error_part or None,
         "mesh_reference": limit.name if limit else None,
         "mesh_uncertainty": limit.uncertainty.at(norm) if limit else None,
@@ -46,6 +49,7 @@ def results_of(
         "norm": norm,
         "within": within,
         "chosen": row_of(chosen, command_of, norm) if chosen else None,
+        "mesh_bound_methods": mesh_bound_methods(table, norm),
         "break_even": break_even(table.rows, norm),
         "left_out": [{"row": name, "why": why} for name, why in table.left_out],
         "interrupted": table.interrupted,
@@ -55,6 +59,26 @@ def results_of(
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def _time_uncertainty(table: Table, problem: Problem, norm: str) -> float | None:
+    """Uncertainty of the error in time; None where the error has no parts."""
+    return table.reference.error_bound(norm) if table.reference and problem.error_part else None
+
+
+def mesh_bound_methods(table: Table, norm: str) -> list[str]:
+    """Methods whose time error does not fall with their step: it is their own error on this mesh."""
+    uncertainty = table.reference.error_bound(norm) if table.reference else 0.0
+    lines: dict[str, list[tuple[float, float]]] = {}
+    for row in table.rows:
+        if row.time_error is not None and "dt" in row.parameters:
+            lines.setdefault(row.method, []).append((row.parameters["dt"], row.time_error.at(norm)))
+    names = []
+    for method, line in lines.items():
+        (shortest, least), (longest, most) = min(line), max(line)
+        if shortest <= longest / MIN_STEP_RATIO and least > max(MAX_STEADY_RATIO * most, uncertainty):
+            names.append(method)
+    return names
 
 
 def row_of(row: Row, command_of: Callable[[Row], str], norm: str = "max") -> dict[str, Any]:
@@ -136,14 +160,20 @@ def _cells(row: Row, norm: str, split: bool) -> tuple[str, ...]:
 
 
 def _remarks(results: dict[str, Any]) -> list[str]:
+    both = results["mesh_reference"] is not None
+    own = results["time_uncertainty" if both else "reference_uncertainty"]
     lines = [
         f"errors relative to {results['error_scale']}",
-        f"reference: {results['reference']}, uncertainty {_number(results['reference_uncertainty'])}",
+        f"reference{' in time' * both}: {results['reference']}, uncertainty {_number(own)}",
     ]
-    if results["mesh_reference"]:
+    if both:
         lines.append(
-            f"mesh error: from {results['mesh_reference']}, uncertainty {results['mesh_uncertainty']:.1e}"
+            f"mesh error: from {results['mesh_reference']}, uncertainty {results['mesh_uncertainty']:.1e}; "
+            f"of both {_number(results['reference_uncertainty'])}"
         )
+    if results["mesh_bound_methods"]:
+        names = ", ".join(results["mesh_bound_methods"])
+        lines.append(f"time errors that do not fall with dt are errors of the method on this mesh: {names}")
     if results["undecided"]:
         lines.append(f"{NO_VERDICT}: {results['undecided']}")
     lines += [
@@ -195,4 +225,4 @@ def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> 
 
 
 def _parameter_values(row: Row) -> str:
-    return " ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in row.parameters.values())
+    return " ".join(f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.parameters.values())

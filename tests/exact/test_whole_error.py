@@ -1,6 +1,7 @@
 """`tradeoff` states the error in time and that of the mesh, and gives no verdict that it cannot support."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from ddgcli.tradeoff.measure import run_problem
 from ddgcli.tradeoff.pareto import assign_verdicts, break_even
 from ddgcli.tradeoff.problems import simulate, willmore_flow
 from ddgcli.tradeoff.refinement import prolonged, refined_scene, smoothly_subdivided
+from ddgcli.tradeoff.report import mesh_bound_methods
 from ddgcli.tradeoff.richardson import mesh_limit
 
 STEADY = """
@@ -70,6 +72,13 @@ def test_within_names_no_row_of_a_steady_flow_whose_mesh_is_far_off():
         assert row.max_error == row.time_error.max + row.mesh_error.max
         assert abs(row.max_error - error) <= row.uncertainty.max < 0.5 * error
     assert assign_verdicts(table, 2e-3) is not None
+
+
+def test_methods_that_interpolate_are_named_where_their_time_error_does_not_fall():
+    problem = simulate.fluid_problem(parse_scene(STEADY), None, None, options={"tolerance": 1e-3})
+    kept = [c for c in problem.candidates if c.method in ("circulation", "conservative", "energy")]
+    table = run_problem(replace(problem, candidates=kept), repeat=0)
+    assert mesh_bound_methods(table, "max") == ["circulation"]
 
 
 def test_steps_that_the_mesh_error_hides_are_not_told_apart():
@@ -222,6 +231,8 @@ def test_break_even_compares_rows_of_like_error():
     assert break_even([direct, factored]) == []
     direct.max_error = 0.06
     assert [pair["queries"] for pair in break_even([direct, factored])] == [5]
+    direct.seconds_spread = (0.9, 3.5)  # not always slower
+    assert break_even([direct, factored]) == []
 
 
 def test_the_mesh_error_of_a_willmore_flow_covers_a_finer_mesh():

@@ -170,7 +170,7 @@ def test_what_is_higher_in_space_is_higher_in_the_picture(view, up):
     assert row[np.argmax(mesh.points[:, up])] < row[np.argmin(mesh.points[:, up])]
 
 
-def test_labels_of_a_crowded_chart_overlap_neither_each_other_nor_points():
+def test_labels_of_a_crowded_chart_overlap_neither_each_other_nor_points_and_lines():
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.text import Annotation, Text
@@ -180,18 +180,31 @@ def test_labels_of_a_crowded_chart_overlap_neither_each_other_nor_points():
     figure = Figure(figsize=(7, 4.6), dpi=100)
     axes = figure.add_axes((0.1, 0.1, 0.6, 0.8))
     x, y = 10.0 ** np.random.default_rng(0).normal(scale=0.15, size=(2, 40))
+    line = np.array([0.5, 1.0, 2.0]), np.array([1.0, 1.0, 0.7])
     axes.loglog(x, y, "o", markersize=5)
-    place_labels(axes, [(f"dt={k / 100:g}", a, b) for k, (a, b) in enumerate(zip(x, y))], [(x, y)])
+    axes.loglog(*line, "-")
+    names = [(f"dt={k / 100:g}", a, b) for k, (a, b) in enumerate(zip(x, y))]
+    place_labels(axes, names, [(x, y)], [line])
     renderer = FigureCanvasAgg(figure).get_renderer()
+    window = axes.get_window_extent(renderer)
     notes = [child for child in axes.get_children() if isinstance(child, Annotation)]
     texts = []
     for note in notes:
         note.update_positions(renderer)
         texts.append(Text.get_window_extent(note, renderer))  # without the line to the point
-    assert len(texts) >= 35
+    assert len(texts) >= 30
     assert not any(a.overlaps(b) for k, a in enumerate(texts) for b in texts[:k])
-    centre = axes.transData.transform(np.stack([x, y], axis=1))
-    assert not any(box.contains(*point) for box in texts for point in centre)
+    ends = axes.transData.transform(np.stack(line, axis=1))
+    along = [a + t * (b - a) for a, b in zip(ends[:-1], ends[1:]) for t in np.linspace(0, 1, 200)]
+    points = axes.transData.transform(np.stack([x, y], axis=1))
+    assert not any(box.contains(*point) for box in texts for point in [*points, *along])
+    assert all(window.x0 <= box.x0 and box.x1 <= window.x1 for box in texts)
+    for k, (note, box) in enumerate(zip(notes, texts)):  # lines from texts to points cross no other text
+        centre = axes.transData.transform(note.xy)
+        start = np.clip(centre, box.min, box.max)
+        crossed = [start + t * (centre - start) for t in np.linspace(0, 1, 50)]
+        others = [*texts[:k], *texts[k + 1 :]]
+        assert note.arrow_patch is None or not any(o.contains(*p) for o in others for p in crossed)
 
 
 def test_lengths_of_vectors_have_no_sign_and_zeros_begin_at_zero():
