@@ -1,15 +1,20 @@
 """How do seconds and memory of whole commands grow up to 10 million faces, and are they predicted?
 
-python -m benchmarks.peers.size [faces ...] [--seconds S] [--only WORD ...]    default 20000 100000
+python -m benchmarks.peers.size [faces ...] [--seconds S] [--mib M] [--only WORD ...]    default 20000 100000
 
 Every row is one process on an irregular sphere (a grid for shells), read from a binary .ply: CPU seconds,
 peak resident memory, what `--dry-run` predicts, and the exponent of growth from the next smaller mesh. A row
-whose prediction exceeds S (180) CPU seconds or the available memory is not run; the table says so.
+whose prediction exceeds S (180) CPU seconds, M MiB or the available memory is not run; the table says so.
+
+Rows accumulate in benchmarks/results/rows/size.json, which is written after each row, so that a later session
+continues: rows of other commands and sizes stay. The table shows all of them.
 """
 
 from __future__ import annotations
 
 import argparse
+import datetime
+import json
 import math
 import subprocess
 import sys
@@ -19,6 +24,7 @@ from typing import Any
 
 from benchmarks.common.process import ROOT, measured_command
 
+STORE = ROOT / "benchmarks" / "results" / "rows" / "size.json"
 SHELL = "--effect stretching --effect bending --effect gravity --material felt --set thickness=1e-3 --dt 1e-3"
 ROWS = {
     "info": "info {sphere}",
@@ -61,19 +67,37 @@ def make_inputs(folder: Path, faces: int) -> dict[str, Path]:
     return paths
 
 
-def measured_row(call: str, paths: dict[str, Path], folder: Path, seconds: float) -> dict[str, Any]:
+def measured_row(
+    call: str, paths: dict[str, Path], folder: Path, seconds: float, mib: float
+) -> dict[str, Any]:
     """Prediction and, if it is within the limits, measurement of one command."""
     words = [*call.format(**paths).split(), "--json"]
+    today = datetime.date.today().isoformat()
     dry = measured_command([*words, "--dry-run"], folder)
     if dry.exit_code:
-        return {"note": "refused: " + dry.error.strip().splitlines()[-1][-70:]}
+        return {"note": "refused: " + dry.error.strip().splitlines()[-1][-70:], "date": today}
     facts = dry.summary.get("prediction") or dry.summary["results"]
-    row = {"predicted s": facts["seconds"], "predicted MiB": facts["peak_mib"]}
-    if facts["seconds"] > seconds or facts["peak_mib"] > facts["available_mib"]:
+    row = {"predicted s": facts["seconds"], "predicted MiB": facts["peak_mib"], "date": today}
+    if facts["seconds"] > seconds or facts["peak_mib"] > min(mib, facts["available_mib"]):
         return row | {"note": "not run"}
     run = measured_command(words, folder)
     note = "" if run.exit_code == 0 else f"exit code {run.exit_code}"
     return row | {"s": run.seconds, "MiB": run.mib, "note": note}
+
+
+def stored_rows() -> dict[str, dict[str, dict[str, Any]]]:
+    """Rows of earlier runs: command, faces as text, row."""
+    return json.loads(STORE.read_text(encoding="utf-8")) if STORE.exists() else {}
+
+
+def store_row(name: str, faces: int, row: dict[str, Any]) -> None:
+    """Add a row; one that did not run does not replace a measurement."""
+    rows = stored_rows()
+    old = rows.setdefault(name, {}).get(str(faces), {})
+    if "s" in row or "s" not in old:
+        rows[name][str(faces)] = row
+    STORE.parent.mkdir(parents=True, exist_ok=True)
+    STORE.write_text(json.dumps(rows, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
 def exponent(row: dict[str, Any], before: dict[str, Any], key: str, ratio: float) -> float | str:
@@ -81,40 +105,49 @@ def exponent(row: dict[str, Any], before: dict[str, Any], key: str, ratio: float
     return math.log(row[key] / before[key]) / math.log(ratio) if key in row and key in before else "-"
 
 
-def print_rows(name: str, sizes: list[int], rows: list[dict[str, Any]]) -> None:
-    """Print the rows of one command."""
-    for k, (faces, row) in enumerate(zip(sizes, rows, strict=True)):
+def print_rows(name: str, stored: dict[str, dict[str, Any]]) -> None:
+    """Print the rows of one command by size."""
+    last: tuple[int, dict[str, Any]] | None = None  # of the next smaller mesh that was measured
+    for faces, row in sorted((int(text), row) for text, row in stored.items()):
         growth: list[float | str] = ["-", "-"]
-        if k:
-            growth = [exponent(row, rows[k - 1], key, faces / sizes[k - 1]) for key in ("s", "MiB")]
+        if last:
+            growth = [exponent(row, last[1], key, faces / last[0]) for key in ("s", "MiB")]
         columns = ("s", "MiB", "predicted s", "predicted MiB")
         cells = [row.get(key, "-") for key in columns] + growth
         texts = [f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in cells]
-        print(f"| {name} | {faces:,} | {' | '.join(texts)} | {row['note']} |", flush=True)
+        print(f"| {name} | {faces:,} | {' | '.join(texts)} | {row['date']} | {row['note']} |", flush=True)
+        if "s" in row:
+            last = faces, row
 
 
 def main() -> None:
-    """Measure the rows and print the table."""
+    """Measure the rows and print the table of all stored ones."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("faces", nargs="*", type=int, default=[20_000, 100_000])
     parser.add_argument("--seconds", type=float, default=180.0)
+    parser.add_argument("--mib", type=float, default=math.inf)
     parser.add_argument("--only", nargs="*", default=[""])
     parser.add_argument("--folder", help="keep the inputs here")
     arguments = parser.parse_args()
     from ddgcli.tradeoff.report import machine
 
-    print(machine())
-    header = ["command", "faces", "CPU s", "peak MiB", "predicted s", "predicted MiB", "growth of s",
-              "growth of MiB", "note"]  # fmt: skip
-    print("\n### Whole commands, reading and start-up included\n\n| " + " | ".join(header) + " |")
-    print("|" + " --- |" * len(header))
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(arguments.folder or temporary)
-        inputs = {faces: make_inputs(folder / str(faces), faces) for faces in arguments.faces}
-        for name, call in ROWS.items():
-            if any(name.startswith(word) for word in arguments.only):
-                rows = [measured_row(call, inputs[n], folder, arguments.seconds) for n in arguments.faces]
-                print_rows(name, arguments.faces, rows)
+        for faces in arguments.faces:
+            paths = make_inputs(folder / str(faces), faces)
+            for name, call in ROWS.items():
+                if any(name.startswith(word) for word in arguments.only):
+                    row = measured_row(call, paths, folder, arguments.seconds, arguments.mib)
+                    store_row(name, faces, row)
+                    print(name, faces, row, file=sys.stderr, flush=True)
+    rows = stored_rows()
+    print(machine())
+    header = ["command", "faces", "CPU s", "peak MiB", "predicted s", "predicted MiB", "growth of s",
+              "growth of MiB", "date", "note"]  # fmt: skip
+    print("\n### Whole commands, reading and start-up included\n\n| " + " | ".join(header) + " |")
+    print("|" + " --- |" * len(header))
+    for name in ROWS:
+        print_rows(name, rows.get(name, {}))
 
 
 if __name__ == "__main__":

@@ -97,10 +97,11 @@ def _line_to_point(box: NDArray, centre: NDArray, unit: float) -> NDArray:
 
 def _free(boxes: NDArray, taken: NDArray) -> NDArray:
     """(n,) whether a box overlaps none of others."""
-    return (
+    apart = (
         (boxes[:, None, 0] >= taken[None, :, 2]) | (boxes[:, None, 2] <= taken[None, :, 0])
         | (boxes[:, None, 1] >= taken[None, :, 3]) | (boxes[:, None, 3] <= taken[None, :, 1])
-    ).all(axis=1)  # fmt: skip
+    )  # fmt: skip
+    return np.asarray(apart.all(axis=1))
 
 
 def _free_place(
