@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Any
 
-from ddgcli.cli.interrupts import interrupted
+from ddgcli.cli.interrupts import raise_received
 
 
 class ImportClock:
@@ -42,9 +42,8 @@ class ImportClock:
         self._depth = 1
         try:
             return self._import(*arguments, **options)
-        except ImportError as error:
-            if interrupted():
-                raise KeyboardInterrupt from error
+        except ImportError:
+            raise_received()
             raise
         finally:
             self._depth = 0

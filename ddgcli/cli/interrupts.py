@@ -1,51 +1,89 @@
-"""Interruptions from the keyboard, also where a library turns the exception into another one."""
+"""Signals that end a run, also where a library drops their exception or turns it into another one."""
 
 from __future__ import annotations
 
+import _thread
 import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
-_received = False
+REPEAT_DELAY = 0.01  # seconds after which a signal whose exception was dropped is delivered again
+
+_received: BaseException | None = None
+_dropped = False  # the exception of the last signal was dropped and not raised since
+
+
+class Terminated(BaseException):
+    """SIGTERM or SIGHUP ends this process; unlike a plain exit, the exception removes half-written files."""
 
 
 def interrupted() -> bool:
-    """Whether SIGINT came since the last `recorded_interrupts` began."""
-    return _received
+    """Whether SIGINT came since the last `signals_as_exceptions` began."""
+    return isinstance(_received, KeyboardInterrupt)
+
+
+def raise_received() -> None:
+    """Raise the exception of a signal that came since `signals_as_exceptions` began."""
+    global _dropped
+    _dropped = False
+    if _received is not None:
+        raise type(_received)(*_received.args)
+
+
+def _raise(number: int, stack_frame: Any) -> None:
+    global _received
+    kind = KeyboardInterrupt if number == signal.SIGINT else Terminated
+    _received = kind(signal.Signals(number))
+    raise_received()
+
+
+def _deliver_again(number: signal.Signals) -> None:
+    if _dropped:
+        with suppress(RuntimeError):
+            _thread.interrupt_main(number)
 
 
 @contextmanager
-def recorded_interrupts() -> Iterator[None]:
-    """Record SIGINT and raise KeyboardInterrupt.
+def signals_as_exceptions() -> Iterator[None]:
+    """Raise KeyboardInterrupt at SIGINT, `Terminated` at SIGTERM and SIGHUP; record what came.
 
     Extension modules that are interrupted during their import print a traceback of it and raise ImportError;
     Python ends a process whose text of `exec` or `eval` was interrupted by SIGINT, whatever its exit code.
     """
-    global _received
-    _received = False
-    own = threading.current_thread() is threading.main_thread()
-    if not own or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+    global _received, _dropped
+    _received, _dropped = None, False
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
-    print_exception = sys.excepthook
-
-    def record(number: int, stack_frame: Any) -> None:
-        global _received
-        _received = True
-        raise KeyboardInterrupt
+    kinds = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    # nohup ignores SIGHUP: leave ignored signals alone
+    default = {signal.SIG_DFL, signal.default_int_handler}
+    before = {k: signal.signal(k, _raise) for k in kinds if signal.getsignal(k) in default}
+    print_exception, print_dropped = sys.excepthook, sys.unraisablehook
 
     def print_other(kind: type[BaseException], *rest: Any) -> None:
-        if not issubclass(kind, KeyboardInterrupt):
+        if not issubclass(kind, (KeyboardInterrupt, Terminated)):
             print_exception(kind, *rest)
 
-    signal.signal(signal.SIGINT, record)
-    sys.excepthook = print_other
+    def deliver_dropped_again(dropped: sys.UnraisableHookArgs) -> None:
+        """Python drops exceptions in destructors and callbacks; a dropped signal comes again later."""
+        global _dropped
+        if not isinstance(dropped.exc_value, (KeyboardInterrupt, Terminated)):
+            print_dropped(dropped)
+        elif _received is not None:
+            _dropped = True
+            with suppress(RuntimeError):  # no thread starts while the interpreter ends
+                threading.Timer(REPEAT_DELAY, _deliver_again, _received.args).start()
+
+    sys.excepthook, sys.unraisablehook = print_other, deliver_dropped_again
     try:
         yield
     finally:
-        sys.excepthook = print_exception
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        _dropped = False
+        sys.excepthook, sys.unraisablehook = print_exception, print_dropped
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
         eval("0")  # clears the mark by which Python would end the process with SIGINT

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import difflib
 import errno
 import importlib
 import os
-import signal
 import sys
-import threading
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import click
@@ -20,7 +16,7 @@ from ddgcli import __version__
 from ddgcli.cli.clock import ImportClock
 from ddgcli.cli.help_pages import with_help_pages
 from ddgcli.cli.imports import with_deferred_imports
-from ddgcli.cli.interrupts import interrupted, recorded_interrupts
+from ddgcli.cli.interrupts import Terminated, interrupted, signals_as_exceptions
 from ddgcli.cli.multi_value import repeat_options
 from ddgcli.cli.parameters import option_names
 from ddgcli.cli.threads import set_thread_variables
@@ -107,7 +103,7 @@ class CommandGroup(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            with recorded_interrupts(), _signals_as_exceptions(), ImportClock() as clock:
+            with signals_as_exceptions(), ImportClock() as clock:
                 ctx.meta["ddgcli.imports"] = clock
                 return super().invoke(ctx)
         except DdgError as error:
@@ -119,7 +115,7 @@ class CommandGroup(click.Group):
             ctx.exit(0)
         except KeyboardInterrupt:
             _end_interrupted(ctx)
-        except _Terminated as error:
+        except Terminated as error:
             click.echo(f"Ended by {error.args[0].name}", err=True)
             ctx.exit(128 + error.args[0])
         except MemoryError as error:
@@ -142,30 +138,6 @@ class CommandGroup(click.Group):
 def _end_interrupted(ctx: click.Context) -> None:
     click.echo("Interrupted", err=True)
     ctx.exit(130)
-
-
-class _Terminated(BaseException):
-    """A signal ends this process; unlike a plain exit, the exception removes half-written files."""
-
-
-@contextlib.contextmanager
-def _signals_as_exceptions() -> Iterator[None]:
-    """Turn SIGTERM and SIGHUP into exceptions."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def terminate(number: int, stack_frame: Any) -> None:
-        raise _Terminated(signal.Signals(number))
-
-    kinds = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    # nohup ignores SIGHUP: leave ignored signals alone
-    before = {k: signal.signal(k, terminate) for k in kinds if signal.getsignal(k) == signal.SIG_DFL}
-    try:
-        yield
-    finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
 
 
 _import_time = time.perf_counter()

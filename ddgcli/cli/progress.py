@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 
-from ddgcli.cli.interrupts import interrupted
+from ddgcli.cli.interrupts import raise_received
 
 START_DELAY = 2.0  # seconds of a run before the bar appears without --progress
 REDRAW_INTERVAL = 0.1  # seconds between two drawings
@@ -50,10 +50,9 @@ class Progress:
     def __call__(self, done: float, total: float = 1.0) -> None:
         """Report that `done` of `total` is done; cheap if no redraw is due.
 
-        KeyboardInterrupt is raised here where a library dropped the one of Ctrl-C.
+        The exception of a signal is raised here where a library dropped it.
         """
-        if interrupted():
-            raise KeyboardInterrupt
+        raise_received()
         if not self.active:
             return
         self._share = min(max(done / total, 0.0), 1.0) if total > 0 else 1.0

@@ -93,7 +93,7 @@ class Snapshot:
 
     Parameters
     ----------
-    frame, step : int
+    frame_number, step : int
     time : float
     observations : dict of str to Observation
         By object: a model, or the parts of a model that has several.

@@ -172,10 +172,11 @@ def test_two_runs_on_one_output(tmp_path, ball):
     assert {p.name for p in tmp_path.iterdir()} == {ball.name, "o.vtkhdf"}
 
 
-def test_a_run_ends_where_a_library_drops_the_interrupt(tmp_path):
-    """Exceptions in destructors are printed and dropped; the next step ends the run."""
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_run_ends_where_python_drops_the_exception_of_a_signal(tmp_path, name):
+    """Exceptions in destructors and callbacks are dropped; the signal comes again, and nothing is printed."""
     (tmp_path / "scene.toml").write_text(
-        "[time]\nduration = 1000\nstep = 1e-3\n[[object]]\nname = 's'\nrole = 'shell'\n"
+        "[time]\nduration = 1000\nstep = 1e-3\nframe_every = 1e-3\n[[object]]\nname = 's'\nrole = 'shell'\n"
         "grid = { size = [1, 1], cells = [2, 2] }\nmaterial = 'rubber'\n[effects]\nstretching = {}\n"
     )
     program = (
@@ -184,10 +185,11 @@ def test_a_run_ends_where_a_library_drops_the_interrupt(tmp_path):
         "from ddgcli.simulation import recording\n"
         "class Interrupted:\n"
         "    def __del__(self):\n"
-        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        f"        os.kill(os.getpid(), signal.{name})\n"
         "joined = recording.joined_frame\n"
         "def drop(snapshot):\n"
-        "    Interrupted()\n"
+        "    if snapshot.frame_number == 3:\n"
+        "        Interrupted()\n"
         "    return joined(snapshot)\n"
         "recording.joined_frame = drop\n"
         "main.main(['shell-sim', 'scene.toml', '-o', 'run.vtkhdf'])\n"
@@ -196,8 +198,29 @@ def test_a_run_ends_where_a_library_drops_the_interrupt(tmp_path):
         [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, timeout=100,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
-    assert child.returncode == 130 and "--resume run.vtkhdf.part" in child.stderr
-    assert "ignored" in child.stderr
+    assert child.returncode == 128 + getattr(signal, name)
+    assert name == "SIGTERM" or "whole frames; continue with --resume run.vtkhdf.part" in child.stderr
+    assert "ignored" not in child.stderr and "Traceback" not in child.stderr
+
+
+@needs_posix
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_command_without_steps_ends_where_python_drops_the_exception_of_a_signal(ball, name):
+    program = INTERRUPTED.format(
+        body=f"""import time
+    class Signalled:
+        def __del__(self):
+            os.kill(os.getpid(), signal.{name})
+    Signalled()
+    for _ in range(1000):
+        time.sleep(0.05)"""
+    )
+    child = subprocess.run(
+        [sys.executable, "-c", program, ball], capture_output=True, text=True, timeout=60,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    text = {"SIGINT": "Interrupted\n", "SIGTERM": "Ended by SIGTERM\n"}[name]
+    assert (child.returncode, child.stderr) == (128 + getattr(signal, name), text)
 
 
 INTERRUPTED = """
