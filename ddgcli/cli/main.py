@@ -33,7 +33,7 @@ COMMANDS = {
     "hodge": ("hodge", "Split a vector field into exact, coexact and harmonic parts."),
     "geodesic": ("geodesic", "Distances, shortest paths, straightest lines, transport."),
     "shell-sim": ("shell_sim", "Move thin elastic shells: a scene in, a trajectory out."),
-    "fluid-sim": ("fluid_sim", "Move an incompressible fluid on a surface."),
+    "fluid-sim": ("fluid_sim", "Move an incompressible fluid on a surface or in a volume."),
     "willmore-flow": ("willmore_flow", "Flow a surface down its bending energy."),
     "curve-flow": ("curve_flow", "Flow curves down their length or bending energy."),
     "tradeoff": ("tradeoff", "What accuracy costs in time, on your own input."),

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option("--viscosity", metavar="NU", help="Quick form: kinematic viscosity [m^2/s].")
 def command(call: SceneCall, glyphs: str, **quick: Any) -> None:
-    """Move an incompressible fluid on a surface: SCENE (.toml, or a mesh for the quick form) in.
+    """Move an incompressible fluid on a surface or in a volume: SCENE in (.toml, or a mesh: quick form).
 
     \b
     Examples:
