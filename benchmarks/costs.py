@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common.process import ROOT, MeasuredProcess, measured_command
-from ddgcli.cli.forecast.coefficients import COEFFICIENTS, Cost
+from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS, Cost
 from ddgcli.cli.forecast.prediction import probe
 
 TABLE = ROOT / "ddgcli" / "cli" / "forecast" / "coefficients.py"
@@ -131,12 +131,11 @@ SURFACE = [
         SMALL_SIZES,
         mesh="disk",
     ),
-    Task("fluid-sim", "fluid-sim {mesh} --vorticity f --dt 1e-2 --steps 1", SMALL_SIZES),
+    Task("fluid-sim", "fluid-sim {mesh} --vorticity f --dt 1e-7 --steps 1"),
     *(
         Task(
             f"fluid-sim {name} step",
-            f"fluid-sim {{mesh}} --vorticity f --integrator {name} --dt 1e-2 --steps 9",
-            SMALL_SIZES,
+            f"fluid-sim {{mesh}} --vorticity f --integrator {name} --dt 1e-7 --steps 9",
         )
         for name in ("circulation", "conservative", "energy", "covector")
     ),
@@ -245,8 +244,13 @@ def dry_run(words: list[str], folder: Path) -> dict[str, Any]:
     return summary.get("prediction") or summary["results"]
 
 
-def measured_kernel(task: Task, folder: Path, table: dict[str, Cost]) -> list[tuple[float, float, float]]:
-    """Elements (1e5), and the seconds and MiB of one use of the kernel, for every size of the task."""
+def measured_kernel(
+    task: Task, folder: Path, table: dict[str, Cost], scale: float = 1.0
+) -> list[tuple[float, float, float]]:
+    """Elements (1e5), and the seconds and MiB of one use of the kernel, for every size of the task.
+
+    `scale` turns seconds of now into those of the table.
+    """
     rows, facts, start, start_mib = [], {}, 0.0, 0.0
     for elements in task.sizes:
         path, radius = make_input(folder, task.mesh, elements)
@@ -256,7 +260,7 @@ def measured_kernel(task: Task, folder: Path, table: dict[str, Cost]) -> list[tu
             facts = dry_run(words, folder)
             start = facts["read_seconds"] - read["read_seconds"]
             start_mib = facts["read_mib"] - read["read_mib"]
-        seconds = run.seconds - read["read_seconds"] - start
+        seconds = scale * (run.seconds - read["read_seconds"] - start)
         mib = run.mib - read["read_mib"] - start_mib
         rows.append(_rest(task, facts["kernels"], read["elements"] / 1e5, seconds, mib, table))
     return rows
@@ -317,29 +321,37 @@ def write_table(table: dict[str, Cost], probe_seconds: float) -> None:
     )
 
 
+def _chosen(name: str, word: str) -> bool:
+    return name + "=" == word or name.startswith(word)
+
+
 def main() -> None:
     """Measure the kernels and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", nargs="*", help="kernels whose names begin with one of these")
+    parser.add_argument(
+        "--only", nargs="*", help="kernels whose names begin with one of these; NAME=: only it"
+    )
     parser.add_argument("--missing", action="store_true", help="only kernels that the table lacks")
     parser.add_argument("--folder", help="keep the inputs here")
     arguments = parser.parse_args()
     table = dict(COEFFICIENTS)
     probe_seconds = min(probe() for _ in range(5))
+    keep_others = arguments.only or arguments.missing  # they stay in the seconds of the earlier run
+    scale = PROBE_SECONDS / probe_seconds if keep_others else 1.0
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(arguments.folder or temporary)
         for task in TASKS:
             name = f"{task.kernel} {task.suffix}".strip()
-            if arguments.only and not any(name.startswith(word) for word in arguments.only):
+            if arguments.only and not any(_chosen(name, word) for word in arguments.only):
                 continue
             if arguments.missing and name in table:
                 continue
-            rows = measured_kernel(task, folder, table)
+            rows = measured_kernel(task, folder, table, scale)
             table[name] = fitted(rows, task.exponent)
             print(
                 name, table[name], [(round(n * 1e5), round(s, 3), round(m)) for n, s, m in rows], flush=True
             )
-            write_table(table, probe_seconds)
+            write_table(table, PROBE_SECONDS if keep_others else probe_seconds)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import tempfile
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -134,6 +136,47 @@ def draw_frame(
     )  # fmt: skip
 
 
+def draw_frames(
+    plot_frames: Iterable[PlotFrame],
+    style: SequenceStyle,
+    folder: str,
+    suffix: str,
+    page_size: Mapping[str, float],
+    jobs: int = 1,
+) -> Iterator[str]:
+    """Draw frames to numbered files in a folder; yield their paths in order.
+
+    Parameters
+    ----------
+    suffix : str
+        .png, .svg or .pdf.
+    page_size : mapping
+        `width`, `height` and `dpi` of `draw_frame`.
+    jobs : int
+        Processes; the files have the same bytes for any number.
+    """
+    numbered = ((f"{folder}/{k}{suffix}", plot_frame) for k, plot_frame in enumerate(plot_frames))
+    if jobs <= 1:
+        for path, plot_frame in numbered:
+            draw_frame(path, plot_frame, style, **page_size)
+            yield path
+        return
+    from concurrent.futures import Future, ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    waiting: deque[tuple[str, Future[None]]] = deque()
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        for path, plot_frame in numbered:
+            waiting.append((path, pool.submit(draw_frame, path, plot_frame, style, **page_size)))
+            if len(waiting) > 2 * jobs:  # the frames that wait fill memory
+                path, future = waiting.popleft()
+                future.result()
+                yield path
+        for path, future in waiting:
+            future.result()
+            yield path
+
+
 def draw_motion(
     path: str,
     plot_frames: Sequence[PlotFrame],
@@ -177,13 +220,14 @@ def draw_animation(
     frames_per_second: float,
     size: tuple[int, int] | None = None,
     progress: Callable[[int], None] = lambda done: None,
+    jobs: int = 1,
 ) -> None:
     """Write a looping animated GIF or an MP4 (H.264), by default of 1280 x 960 pixels.
 
-    `progress(done)` is called after each frame.
+    `progress(done)` is called after each frame; `jobs` processes draw.
     """
     across, down = size or (1280, 960)
-    pictures = _pictures(plot_frames, style, across, down, progress)
+    pictures = _pictures(plot_frames, style, across, down, progress, jobs)
     if path.lower().endswith(".mp4"):
         _write_mp4(path, pictures, frames_per_second, across, down)
         return
@@ -213,14 +257,16 @@ def _pictures(
     across: int,
     down: int,
     progress: Callable[[int], None],
+    jobs: int,
 ) -> Iterator[NDArray[np.uint8]]:
     """(down, across, 3) pixels of each frame."""
     from matplotlib.image import imread
 
+    page_size = {"width": 7.0, "height": 7.0 * down / across, "dpi": across / 7.0}
     with tempfile.TemporaryDirectory() as folder:
-        for k, plot_frame in enumerate(plot_frames):
-            draw_frame(f"{folder}/a.png", plot_frame, style, 7.0, 7.0 * down / across, across / 7.0)
-            pixels = np.rint(255 * imread(f"{folder}/a.png")[:down, :across, :3]).astype(np.uint8)
+        for k, path in enumerate(draw_frames(plot_frames, style, folder, ".png", page_size, jobs)):
+            pixels = np.rint(255 * imread(path)[:down, :across, :3]).astype(np.uint8)
+            os.unlink(path)
             yield np.ascontiguousarray(pixels)
             progress(k + 1)
 

@@ -151,6 +151,22 @@ def test_options_change_what_is_predicted():
     assert many[-1] == Use("geodesic heat solve", 2)
 
 
+@pytest.mark.parametrize(
+    "call",
+    [
+        "fluid-sim {mesh} --vorticity f --dt 3",
+        f"shell-sim {{mesh}} {SHELL.replace('--dt 1e-3', '--dt 1e-2')} --integrator verlet",
+    ],
+)
+def test_a_dry_run_counts_the_halved_steps_of_explicit_schemes(call, inputs, summary):
+    """The run itself takes as many, but for a change of the limit on the way."""
+    words = [*call.format(**inputs).split(), "--steps", 1]
+    step = facts_of(summary(*words, "--dry-run"))["kernels"][-1]
+    taken = summary(*words)["results"]["steps"]
+    assert step["kernel"].endswith(" step") and taken > 3
+    assert taken / 2 <= step["times"] <= 2 * taken
+
+
 MEASURED = {
     "info": "info {mesh} -o {out}.vtu",
     "curvature": "curvature {mesh} -o {out}.vtu",

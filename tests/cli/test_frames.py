@@ -58,6 +58,19 @@ def test_all_frames_as_numbered_meshes(summary, trajectory, tmp_path):
     assert summary("frames", trajectory)["results"]["exported_frames"] == 0
 
 
+def test_two_processes_draw_the_same_pictures(summary, run, trajectory, tmp_path):
+    options = ("--size", "280x210", "--every", 2)
+    for jobs in (1, 2):
+        summary("frames", trajectory, *options, "--jobs", jobs, "-o", tmp_path / f"p{jobs}_{{}}.png")
+        summary("frames", trajectory, *options, "--jobs", jobs, "-o", tmp_path / f"m{jobs}.gif")
+    for k in range(3):
+        assert (tmp_path / f"p1_{k}.png").read_bytes() == (tmp_path / f"p2_{k}.png").read_bytes()
+    assert (tmp_path / "m1.gif").read_bytes() == (tmp_path / "m2.gif").read_bytes()
+    assert len(list(tmp_path.glob("p*"))) == 6
+    refused = run("frames", trajectory, "--jobs", 2, "-o", tmp_path / "f_{}.ply")
+    assert refused.exit_code == 2 and "--jobs is for" in refused.stderr
+
+
 def test_several_frames_for_one_mesh_are_refused_and_the_cure_works(run, trajectory, tmp_path):
     result = run("frames", trajectory, "-o", tmp_path / "all.ply")
     assert result.exit_code == 2 and "5 are selected" in result.stderr and not list(tmp_path.glob("all*"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -100,6 +101,9 @@ class Fluids:
         from ddgcli.models.fluid import report
 
         return report.assembled(self.scene, self.built, schedule, self.account)
+
+    def step_limit(self) -> float:
+        return min((fluid.step_limit() for fluid in self.built.values()), default=math.inf)
 
     def models(self) -> dict[str, Model]:
         return {name: fluid.model() for name, fluid in self.built.items()}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shutil
+import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -48,6 +50,12 @@ FRAME_NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # where an output's name has th
 @click.option("--paths", is_flag=True, help="Write the paths of particles as polylines instead of the mesh.")
 @click.option(
     "--glyphs", type=click.Choice(VELOCITY_GLYPHS), help="Velocity of a fluid in pictures.  [default: arrows]"
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Processes that draw pictures and animations; the files are the same.  [default: 1]",
 )
 @click.option("--fps", type=options.POSITIVE_NUMBER, help="Frames a second of an animation.  [default: 25]")
 def command(path: str, common: CommonOptions, **settings: Any) -> None:
@@ -115,6 +123,7 @@ def _check_picture_options(common: CommonOptions, settings: dict[str, Any]) -> N
     outputs = {Path(output).suffix.lower() for output in (*common.outputs, common.plot or "")}
     for name, suffixes in (
         ("fps", {*ANIMATIONS}),
+        ("jobs", {*ANIMATIONS, *FORMATS}),
         ("view", {*ANIMATIONS, *FORMATS}),
         ("size", {*ANIMATIONS, *FORMATS}),
         ("array", {*ANIMATIONS, *FORMATS}),
@@ -168,6 +177,7 @@ def _export(run: Run, source: Trajectory, output: str, chosen: list[int], settin
             draw_animation(
                 partial, _plot_frames(source, chosen, settings), _style(source, chosen, settings),
                 settings["fps"] or 25.0, settings["size"], lambda done: progress(done, len(chosen)),
+                settings["jobs"] or 1,
             )  # fmt: skip
     elif suffix in FORMATS:
         _pictures(run, source, output, chosen, settings)
@@ -233,18 +243,24 @@ def _paths(source: Trajectory, chosen: list[int]) -> AnnotatedMesh:
 
 def _pictures(run: Run, source: Trajectory, output: str, chosen: list[int], settings: dict[str, Any]) -> None:
     """Draw the frame of --at, or every frame as name_0000.png, name_0001.png, ..."""
-    from ddgcli.plots.motion import draw_frame
+    from ddgcli.plots.motion import draw_frames
 
     with run.clock.timed("write"):
         style = _style(source, chosen, settings)
     target, progress = Path(output), run.progress("frames")
-    for k, plot_frame in enumerate(_plot_frames(source, chosen, settings)):
-        name = _numbered(output, k)
-        if name == output and settings["time"] is None:
-            name = str(target.with_name(f"{target.stem}_{k:04d}{target.suffix}"))
-        with run.drawing(name, progress=False) as partial:
-            draw_frame(partial, plot_frame, style, **options.page_size(settings["size"]))
-        progress(k + 1, len(chosen))
+    jobs = min(settings["jobs"] or 1, len(chosen))
+    with tempfile.TemporaryDirectory() as folder:
+        pictures = draw_frames(
+            _plot_frames(source, chosen, settings), style, folder, target.suffix.lower(),
+            options.page_size(settings["size"]), jobs,
+        )  # fmt: skip
+        for k in range(len(chosen)):
+            name = _numbered(output, k)
+            if name == output and settings["time"] is None:
+                name = str(target.with_name(f"{target.stem}_{k:04d}{target.suffix}"))
+            with run.drawing(name, progress=False) as partial:
+                shutil.move(next(pictures), partial)
+            progress(k + 1, len(chosen))
 
 
 def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> None:

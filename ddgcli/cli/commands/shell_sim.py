@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property, partial
@@ -120,6 +121,9 @@ class Shells:
         from ddgcli.models.shell import report
 
         return report.assembled(self.scene, self.contexts, self.systems, schedule)
+
+    def step_limit(self) -> float:
+        return min((model.largest_step for model in self.models().values()), default=math.inf)
 
     def models(self) -> dict[str, Model]:
         from ddgcli.models.shell import model

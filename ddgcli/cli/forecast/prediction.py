@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS, Cost
@@ -12,7 +13,7 @@ from ddgcli.cli.forecast.kernels import InputSize, Use
 from ddgcli.errors import ParameterError
 from ddgcli.memory import available_memory, resident_memory
 
-__all__ = ["Prediction", "predict", "probe", "refuse_without_memory"]
+__all__ = ["Prediction", "predict", "probe", "refuse_without_memory", "with_halved_steps"]
 
 UNCERTAINTY = 0.5  # relative, of a prediction
 MIB = 2.0**20
@@ -60,6 +61,20 @@ def predict(uses: Sequence[Use], size: InputSize, *, calibrate: bool = True) -> 
     added = sum(row["added"] * row["mib"] for row in kernels if row["mib"])
     total = seconds_so_far + sum(row["seconds"] or 0.0 for row in kernels)
     return Prediction(max(peak, now + shared + added), total, kernels, now, seconds_so_far)
+
+
+def with_halved_steps(prediction: Prediction, dt: float, limit: float) -> Prediction:
+    """The prediction where steps of dt are halved until they are below a limit of stability."""
+    if not dt > limit > 0.0:
+        return prediction
+    count = 2.0 ** math.ceil(math.log2(dt / limit))
+    kernels, added = [], 0.0
+    for row in prediction.kernels:
+        if row["kernel"].endswith(" step"):
+            added += (count - 1.0) * (row["seconds"] or 0.0)
+            row = {**row, "times": count * row["times"], "seconds": row["seconds"] and count * row["seconds"]}
+        kernels.append(row)
+    return replace(prediction, seconds=prediction.seconds + added, kernels=kernels)
 
 
 def _row(use: Use, size: InputSize, scale: float) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from ddgcli.cli.forecast.check_cost import check_cost, predict_run
 from ddgcli.cli.forecast.kernels import InputSize
-from ddgcli.cli.forecast.prediction import as_results
+from ddgcli.cli.forecast.prediction import as_results, with_halved_steps
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.options import SceneCall
 from ddgcli.cli.simulation.plot import Picture, draw_run
@@ -50,6 +50,10 @@ class Physics(Protocol):
 
     def assembled(self, schedule: Schedule) -> dict[str, Any]:
         """Facts that a dry run prints."""
+        ...
+
+    def step_limit(self) -> float:
+        """Longest stable step at the start [s]: steps above it are halved until they are not."""
         ...
 
     def models(self) -> dict[str, Model]: ...
@@ -118,6 +122,8 @@ def run_scene(
     size = scene_size(meshes, schedule)
     if call.common.dry_run:
         prediction = predict_run(run, size, {"integrator": scene.time.integrator})
+        if schedule.tolerance is None:
+            prediction = with_halved_steps(prediction, schedule.dt, simulator.step_limit())
         print_dry_run(run, scene, simulator.assembled(schedule), as_results(prediction, size))
         return
     check_cost(run, size, {"integrator": scene.time.integrator})

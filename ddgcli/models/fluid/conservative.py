@@ -9,6 +9,7 @@ circulation along every boundary loop, on any mesh.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -110,6 +111,14 @@ class ConservativeTransport(FlowPhase):
         self.space, self.evolve_harmonic = setting.space, setting.evolve_harmonic
         self.implicit = scheme == "midpoint"
         self.order = 2 if self.implicit else 4
+
+    def step_limit(self, state: FluidState) -> float:
+        """Longest stable step of a state, up to which steps are halved; infinite with the midpoint rule."""
+        if self.implicit:
+            return math.inf
+        phi = self.space.stream_function(state["vorticity"])
+        courant = advection_rate(self.space, self.space.side_flux(phi, state["coefficients"]))
+        return RK4_LIMIT / courant if courant > 0 else math.inf
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
         scheme = midpoint if self.implicit else runge_kutta

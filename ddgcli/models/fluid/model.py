@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import logging
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -267,6 +268,10 @@ class FluidModel:
         )  # fmt: skip
 
     # ------------------------------------------------------------------ steps
+
+    def step_limit(self) -> float:
+        """Longest step that is stable at the start, where the integrator has a limit; else infinity."""
+        return self.transport.step_limit(self.start) if hasattr(self.transport, "step_limit") else math.inf
 
     def advance(self, state: FluidState, time: float, dt: float) -> FluidState:
         """One symmetric step, of second order: see `phases`."""

@@ -1,0 +1,141 @@
+"""How much faster is `--jobs 2` where tasks are independent, with the same bytes as one?
+
+python -m benchmarks.peers.jobs [NAME OF A CASE ...]
+
+Wall-clock seconds of a loaded machine say nothing, so the speed-up is that of the longest chain of work: CPU
+seconds of the run with one job, over the CPU seconds of the main thread and of the busiest worker with two.
+It is what two quiet cores show, up to waiting for locks. Workers are the threads and processes below the
+command; their CPU seconds are read from /proc while they live. Start-up, reading and writing are included.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks.common.measure import print_table
+from benchmarks.common.process import ROOT
+
+POLL_SECONDS = 0.02
+AIM = 1.6  # 0.8 of two cores
+CASES = {
+    "sources": (
+        "geodesic {sphere} --source {sources} --target {sources} --distance-matrix {out}.npz", ".npz"
+    ),
+    "curvature blocks": ("curvature {sphere} --radius {radius} -o {out}.npz", ".npz"),
+    "frames": ("frames {run} -o {out}.gif", ".gif"),
+    "batch": ("batch {sphere} --sweep heat-time=0.01,0.02,0.03,0.04,0.05,0.06 --table {out}.jsonl -- "
+              "geodesic --source 0 --method heat --heat-refine 0", ""),
+}  # fmt: skip
+MAKE = """
+import sys
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+sphere = shapes.random_sphere(20_002, 0)
+write_mesh(sys.argv[1], AnnotatedMesh(sphere))
+print(5 * float(sphere.side_length.mean()))
+"""
+
+
+def cpu_of_threads(root: int) -> dict[tuple[int, int], float]:
+    """CPU seconds of each live thread of a process and of the processes below it, by (process, thread)."""
+    tick, seconds, waiting = os.sysconf("SC_CLK_TCK"), {}, [root]
+    while waiting:
+        process = waiting.pop()
+        try:
+            threads = os.listdir(f"/proc/{process}/task")
+        except OSError:
+            continue
+        for thread in threads:
+            try:
+                fields = Path(f"/proc/{process}/task/{thread}/stat").read_text().rsplit(")", 1)[1].split()
+                waiting += map(int, Path(f"/proc/{process}/task/{thread}/children").read_text().split())
+            except OSError:
+                continue
+            seconds[process, int(thread)] = (int(fields[11]) + int(fields[12])) / tick
+    return seconds
+
+
+def measured(words: list[str]) -> tuple[float, float]:
+    """(CPU seconds of all, of the main thread and the busiest other thread) of `ddgcli WORDS`."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "ddgcli", *words]
+    process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    seconds: dict[tuple[int, int], float] = {}
+    while True:
+        seconds |= cpu_of_threads(process.pid)
+        done, status, usage = os.wait4(process.pid, os.WNOHANG)
+        if done:
+            break
+        time.sleep(POLL_SECONDS)
+    if os.waitstatus_to_exitcode(status):
+        raise SystemExit(f"failed: {' '.join(words)}")
+    main = seconds.pop((process.pid, process.pid), 0.0)
+    return usage.ru_utime + usage.ru_stime, main + max(seconds.values(), default=0.0)
+
+
+def make_inputs(folder: Path) -> dict[str, str]:
+    """Files and numbers that the calls name."""
+    sphere, run = folder / "sphere.ply", folder / "run.vtkhdf"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    call = [sys.executable, "-c", MAKE, str(sphere)]
+    radius = subprocess.run(call, env=environment, check=True, capture_output=True, text=True).stdout.strip()
+    scene = ROOT / "sample_scenes" / "twisted_strip.toml"
+    words = ["shell-sim", str(scene), "--steps", "12", "--frame-every", "1e-9", "-o", str(run)]
+    subprocess.run([sys.executable, "-m", "ddgcli", *words], env=environment, check=True, capture_output=True)
+    sources = " ".join(str(200 * k) for k in range(24))
+    return {"sphere": str(sphere), "run": str(run), "radius": radius, "sources": sources}
+
+
+def main() -> None:
+    """Measure the cases and print the table."""
+    names = sys.argv[1:] or list(CASES)
+    rows = []
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        inputs = make_inputs(folder)
+        for name in names:
+            call, suffix = CASES[name]
+            chains, files = [], []
+            for jobs in (1, 2):
+                out = folder / f"{name.replace(' ', '-')}-{jobs}"
+                first, *rest = call.format(**inputs, out=out).split()
+                words = [first, rest[0], "--jobs", str(jobs), *rest[1:]]
+                chains.append(measured(words))
+                files.append((folder / (out.name + suffix)).read_bytes() if suffix else b"")
+            (serial, _), (both, longest) = chains
+            same = "yes" if files[0] == files[1] else ("-" if not suffix else "no")
+            rows.append(
+                [
+                    name,
+                    serial,
+                    both,
+                    longest,
+                    serial / longest,
+                    "yes" if serial / longest >= AIM else "no",
+                    same,
+                ]
+            )
+            print(rows[-1], file=sys.stderr, flush=True)
+    print_table(
+        "Two jobs",
+        [
+            "case",
+            "CPU s, one job",
+            "CPU s, two jobs",
+            "longest chain s",
+            "speed-up",
+            f"at least {AIM}",
+            "same bytes",
+        ],
+        rows,
+    )
+
+
+if __name__ == "__main__":
+    main()
