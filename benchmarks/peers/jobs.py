@@ -5,7 +5,7 @@ python -m benchmarks.peers.jobs [NAME OF A CASE ...]
 Wall-clock seconds of a loaded machine say nothing, so the speed-up is that of the longest chain of work: CPU
 seconds of the run with one job, over the CPU seconds of the main thread and of the busiest worker with two.
 It is what two quiet cores show, up to waiting for locks. Workers are the threads and processes below the
-command; their CPU seconds are read from /proc while they live. Start-up, reading and writing are included.
+command; their CPU seconds are sampled from /proc as they run. Start-up, reading and writing are included.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ print(5 * float(sphere.side_length.mean()))
 
 
 def cpu_of_threads(root: int) -> dict[tuple[int, int], float]:
-    """CPU seconds of each live thread of a process and of the processes below it, by (process, thread)."""
+    """CPU seconds of each running thread of a process and of the processes below it, by (process, thread)."""
     tick, seconds, waiting = os.sysconf("SC_CLK_TCK"), {}, [root]
     while waiting:
         process = waiting.pop()
