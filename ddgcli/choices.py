@@ -26,6 +26,10 @@ DEFAULT_HEAT_TIME = 1.0  # time step of the heat method, in squares of the mean 
 SIGNED_DISTANCE_METHODS = ("auto", "exact", "heat")
 TRACE_BOUNDARIES = ("stop", "reflect")  # what a traced line does at the boundary
 
+SHELL_FACE_ARRAYS = (
+    "strain_tensor", "principal_strain", "stress", "principal_stress", "bending_moment", "principal_moment",
+)  # fmt: skip
+
 WILLMORE_ENERGIES = ("gauss-map", "sullivan", "cotan", "hinge", "quadratic", "circle-angle")
 WILLMORE_FLOWS = ("quadratic", "newton", "circle-angle", "conformal", "mean-curvature")
 WILLMORE_BOUNDARIES = ("clamped", "fixed", "free")

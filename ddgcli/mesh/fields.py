@@ -55,6 +55,7 @@ class TrajectoryFrame:
         Energies, momenta, step size, iterations, residuals.
     faces : (m, 3) ndarray of int, optional
         Of this frame, where they change during the run.
+    face : dict of str to (m, ...) ndarray
     """
 
     step: int
@@ -63,6 +64,7 @@ class TrajectoryFrame:
     vertex: dict[str, NDArray] = field(default_factory=dict)
     scalar: dict[str, float] = field(default_factory=dict)
     faces: NDArray | None = None
+    face: dict[str, NDArray] = field(default_factory=dict)
 
 
 def frames_of_equal_change(

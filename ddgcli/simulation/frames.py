@@ -55,7 +55,25 @@ def joined_frame(snapshot: Snapshot) -> TrajectoryFrame:
             scalar[name] = scalar[name] + value if name in scalar else value
     scalar["step_size"] = 0.0 if np.isinf(snapshot.smallest_step) else snapshot.smallest_step
     scalar = {name: np.asarray(v).item() if np.size(v) == 1 else v for name, v in scalar.items()}
-    return TrajectoryFrame(snapshot.step, snapshot.time, points, vertex, scalar, _faces(observations))
+    return TrajectoryFrame(
+        snapshot.step, snapshot.time, points, vertex, scalar, _faces(observations), _on_faces(observations)
+    )
+
+
+def _on_faces(observations: list[Observation]) -> dict[str, np.ndarray]:
+    """Arrays on the faces of all parts; nan where a part has none of a name."""
+    shapes = {
+        name: values.shape[1:] for observation in observations for name, values in observation.face.items()
+    }
+    return {
+        name: np.concatenate(
+            [
+                observation.face.get(name, np.full((observation.n_faces, *shape), np.nan))
+                for observation in observations
+            ]
+        )
+        for name, shape in shapes.items()
+    }
 
 
 def _faces(observations: list[Observation]) -> np.ndarray | None:

@@ -69,6 +69,9 @@ class Observation:
         Of the object among those of the scene, where a model has several.
     faces : (m, 3) ndarray of int, optional
         Where they change during the run, always m of them; then all parts of a run carry theirs.
+    face : dict of str to ndarray of leading length m
+    n_faces : int
+        m, where one of the parts of a run has arrays on faces.
     """
 
     points: NDArray | None
@@ -76,6 +79,8 @@ class Observation:
     scalar: dict[str, Any] = field(default_factory=dict)
     place: int = 0
     faces: NDArray | None = None
+    face: Arrays = field(default_factory=dict)
+    n_faces: int = 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -230,7 +230,7 @@ def _annotated(source: Trajectory, k: int) -> AnnotatedMesh:
     from ddgcli.mesh.fields import AnnotatedMesh
 
     metadata = {"trajectory": source.path, "frame": k, "time": float(source.times[k])}
-    return AnnotatedMesh(source.mesh_at(k), vertex=source.vertex(k), face=source.face, metadata=metadata)
+    return AnnotatedMesh(source.mesh_at(k), vertex=source.vertex(k), face=source.face(k), metadata=metadata)
 
 
 def _paths(source: Trajectory, chosen: list[int]) -> AnnotatedMesh:
@@ -288,7 +288,7 @@ def _plot_frames(source: Trajectory, chosen: list[int], settings: dict[str, Any]
     from ddgcli.plots.motion import PlotFrame
 
     name = _array_name(source, settings)
-    hidden = source.face.get("wraps")  # faces of a periodic grid that would span the picture
+    hidden = source.face(0).get("wraps")  # faces of a periodic grid that would span the picture
     shown = None if hidden is None else hidden == 0
     for k in chosen:
         values = magnitude(source.vertex(k)[name]) if name else None

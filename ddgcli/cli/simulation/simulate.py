@@ -197,6 +197,6 @@ def _write_last(
     if last is None:
         return
     shown = mesh_of_frame(outcome.mesh, last)
-    annotated = AnnotatedMesh(shown, vertex={**last.vertex, **vertex}, face=cell)
+    annotated = AnnotatedMesh(shown, vertex={**last.vertex, **vertex}, face={**last.face, **cell})
     for path in paths:
         run.write_file(path, annotated, converged=not (outcome.failure or outcome.failure_reason))

@@ -56,7 +56,9 @@ class Header:
         Whether every frame has its own faces; always as many, unless `changing_vertices`.
     changing_vertices : bool
         Whether every frame also has its own number of vertices, and of faces; each is then a part of the
-        file. There are then no arrays on faces.
+        file. `cell` has then one value for each face of every frame.
+    changing_cell : tuple of str
+        Arrays on faces that every frame has of its own.
     """
 
     mesh: TriangleMesh | TetMesh | CurveSet
@@ -67,16 +69,23 @@ class Header:
     obstacles: dict[str, TriangleMesh] = field(default_factory=dict)
     changing_faces: bool = False
     changing_vertices: bool = False
+    changing_cell: tuple[str, ...] = ()
 
 
 CONNECTIVITY = "VTKHDF/Polygons/Connectivity"
 FACE_ENDS = "VTKHDF/Polygons/Offsets"
 BY_FACE = (CONNECTIVITY, FACE_ENDS)
+CHANGING_CELL = "face_arrays"  # attribute: names of the arrays on faces that every frame has of its own
 
 
 def by_vertex(name: str) -> bool:
     """Whether a growing dataset has a row for each vertex of each frame."""
     return name.startswith(("VTKHDF/PointData/", "VTKHDF/Points"))
+
+
+def by_face(name: str) -> bool:
+    """Whether a growing dataset has a row for each face of each frame."""
+    return name.startswith("VTKHDF/CellData/")
 
 
 @dataclass(frozen=True)
@@ -104,6 +113,8 @@ class RowCount:
         """How many rows of a growing dataset they have."""
         if by_vertex(name):
             return self.vertices
+        if by_face(name):
+            return self.faces
         if header.changing_vertices and name in BY_FACE:
             return 3 * self.faces if name == CONNECTIVITY else self.faces + self.n_frames
         return self.n_frames * rows_per_frame(name, header)
@@ -120,6 +131,8 @@ def rows_per_frame(name: str, header: Header) -> int:
         return cells_of(header.mesh).size
     if name == FACE_ENDS:
         return len(cells_of(header.mesh)) + 1
+    if by_face(name):
+        return len(cells_of(header.mesh))
     return header.mesh.n_vertices if by_vertex(name) else 1
 
 
@@ -131,6 +144,7 @@ def vertices_of(trajectory_frame: TrajectoryFrame, header: Header) -> int:
 def shapes_of(trajectory_frame: TrajectoryFrame, checkpoint: dict[str, NDArray], effects: NDArray) -> tuple:
     return (
         tuple((name, np.shape(a)[1:]) for name, a in trajectory_frame.vertex.items()),
+        tuple((name, np.shape(a)[1:]) for name, a in trajectory_frame.face.items()),
         tuple((name, np.shape(a)) for name, a in trajectory_frame.scalar.items()),
         tuple((name, np.shape(a), str(np.asarray(a).dtype)) for name, a in checkpoint.items()),
         len(effects),
@@ -162,6 +176,9 @@ def frame_rows(trajectory_frame: TrajectoryFrame, header: Header, before: RowCou
     for name, values in trajectory_frame.vertex.items():
         rows[f"VTKHDF/PointData/{name}"] = values
         rows[f"VTKHDF/Steps/PointDataOffsets/{name}"] = one([first])
+    for name, values in trajectory_frame.face.items():
+        rows[f"VTKHDF/CellData/{name}"] = values
+        rows[f"VTKHDF/Steps/CellDataOffsets/{name}"] = one([before.faces])
     for name in header.cell:
         rows[f"VTKHDF/Steps/CellDataOffsets/{name}"] = one([0])
     for name, value in trajectory_frame.scalar.items():
@@ -209,7 +226,8 @@ def room_for(
         values = np.asarray(values)
         dtype = np.dtype(np.int64) if values.dtype.kind in "iub" else np.dtype(np.float64)
         count = n_frames * rows_per_frame(name, header)
-        if whole is not None and header.changing_vertices and (by_vertex(name) or name in BY_FACE):
+        own = by_vertex(name) or by_face(name) or name in BY_FACE
+        if whole is not None and header.changing_vertices and own:
             count = whole.of(name, header)
         rows[name] = RowLayout(dtype, values.shape[1:], count)
     for slot in ("slot_0", "slot_1"):
@@ -264,6 +282,8 @@ def static(file: h5py.File, header: Header) -> None:
     ours.attrs["schema"] = SCHEMA
     for name, value in header.attributes.items():
         ours.attrs[name] = value if isinstance(value, (int, float, str)) else json.dumps(value)
+    if header.changing_cell:
+        ours.attrs[CHANGING_CELL] = json.dumps(header.changing_cell)
     for name, text in header.texts.items():
         ours.create_dataset(name, data=text, dtype=h5py.string_dtype("utf-8"))
     for number, (name, obstacle) in enumerate(header.obstacles.items()):

@@ -80,6 +80,12 @@ def _check(file: Any) -> None:
     for name, length in (("PointData", int(counts.sum())), ("CellData", n_cells), ("FieldData", count)):
         for array in _group(root, name):
             _rows(_group(root, name), array, length, "fiub", None)
+    own_face = json.loads(ours.attrs.get("face_arrays", "[]"))
+    for name in own_face:
+        starts = _rows(_group(steps, "CellDataOffsets"), str(name), count, "iu")[:count]
+        held = _rows(_group(root, "CellData"), str(name), int(sizes.sum()) // width, "f", None)
+        if (starts < 0).any() or (starts > len(held) - sizes // width).any():
+            raise MeshFileError("a frame's arrays on faces are outside the file's")
     for obstacle in ours.get("obstacles", {}).values():
         points, faces = _rows(obstacle, "points", 0, "f", (3,)), _rows(obstacle, "faces", 0, "iu", (3,))
         if len(faces) and not 0 <= int(faces[...].min()) <= int(faces[...].max()) < len(points):

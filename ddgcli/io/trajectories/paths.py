@@ -33,7 +33,7 @@ def particle_paths(source: Trajectory, frame_numbers: Sequence[int]) -> CurveSet
     number = np.arange(count * length).reshape(count, length)
     lines = np.stack([number[:, :-1].ravel(), number[:, 1:].ravel()], axis=1)
     points = places.reshape(-1, 3)
-    if "wraps" in source.face:
+    if "wraps" in source.face(0):
         size = np.ptp(source.points(0), axis=0)
         jump = np.abs(points[lines[:, 1]] - points[lines[:, 0]])
         lines = lines[(jump <= LONGEST_STEP * size).all(axis=1)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
-from ddgcli.io.trajectories.layout import EFFECT_DTYPE, OBSTACLE_POSE, TOPOLOGIES
+from ddgcli.io.trajectories.layout import CHANGING_CELL, EFFECT_DTYPE, OBSTACLE_POSE, TOPOLOGIES
 from ddgcli.io.trajectories.layout_check import check_trajectory, part_counts
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import TrajectoryFrame
@@ -119,10 +120,17 @@ class Trajectory:
         data, first = self._root["PointData"], sum(self.n_vertices[:k])
         return {name: data[name][first : first + self.n_vertices[k]] for name in data}
 
-    @property
-    def face(self) -> dict[str, NDArray]:
-        """Arrays on faces, the same in every frame."""
-        return {name: values[...] for name, values in self._root["CellData"].items()}
+    def face(self, k: int) -> dict[str, NDArray]:
+        """Arrays on faces of frame k, those that are the same in every frame too."""
+        own, data = self._own_face(k), self._root["CellData"]
+        return {name: own[name] if name in own else values[...] for name, values in data.items()}
+
+    def _own_face(self, k: int) -> dict[str, NDArray]:
+        """Arrays on faces that frame k has of its own."""
+        data, offsets = self._root["CellData"], self._root["Steps/CellDataOffsets"]
+        names = json.loads(self.attributes.get(CHANGING_CELL, "[]"))
+        first = {name: int(offsets[name][k]) for name in names}
+        return {name: data[name][start : start + self._corners[k] // 3] for name, start in first.items()}
 
     def obstacles(self, k: int = 0) -> dict[str, TriangleMesh]:
         """Bodies around the moving ones in frame k, by name."""
@@ -145,7 +153,9 @@ class Trajectory:
         """Frame k."""
         scalar = {name: values[k] for name, values in self.scalars.items()}
         step, time = int(self.steps[k]), float(self.times[k])
-        return TrajectoryFrame(step, time, self.points(k), self.vertex(k), scalar, self.faces(k))
+        return TrajectoryFrame(
+            step, time, self.points(k), self.vertex(k), scalar, self.faces(k), self._own_face(k)
+        )
 
     def frame_at(self, time: float) -> int:
         """Number of the frame nearest to a time."""

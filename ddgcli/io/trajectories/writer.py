@@ -10,6 +10,7 @@ import contextlib
 import math
 import os
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from ddgcli.io.trajectories.layout import (
     STATUS_MARK,
     Header,
     RowCount,
+    by_face,
     frame_rows,
     room_for,
     shapes_of,
@@ -90,6 +92,8 @@ class TrajectoryWriter:
         self._log += _log_rows(log)
         self._whole = len(self._log)
         shapes = shapes_of(trajectory_frame, checkpoint, effect_rows)
+        if self._file is None:
+            self.header = replace(self.header, changing_cell=tuple(trajectory_frame.face))
         if self._file is not None and shapes == self._shapes and self._has_capacity(trajectory_frame):
             self._put(trajectory_frame, checkpoint, effect_rows)
             return
@@ -110,7 +114,7 @@ class TrajectoryWriter:
     def _has_capacity(self, trajectory_frame: TrajectoryFrame) -> bool:
         rows = self._file.rows  # type: ignore[union-attr]
         after = self._rows.plus(trajectory_frame, self.header)
-        names = {"ddgcli/time", "VTKHDF/Points", *BY_FACE} & set(rows)
+        names = {"ddgcli/time", "VTKHDF/Points", *BY_FACE, *filter(by_face, rows)} & set(rows)
         whole = all(after.of(name, self.header) <= rows[name].capacity for name in names)
         return whole and len(self._log) <= rows["ddgcli/log"].capacity
 
@@ -248,6 +252,7 @@ class TrajectoryWriter:
             last, capacity = old.n_frames - 1, max(n_frames, old.n_frames)
             writer._log = [tuple(row) for row in old.log[: old.log_rows]]
             writer._whole = len(writer._log)
+            writer.header = header = replace(header, changing_cell=tuple(first.face))
             writer._shapes = shapes_of(first, checkpoint, effects)
             whole = RowCount(old.n_frames, sum(old.n_vertices), sum(old.n_faces))
             whole = whole.plus(old.read_frame(last), header, capacity - old.n_frames)

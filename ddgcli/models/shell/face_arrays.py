@@ -19,7 +19,8 @@ def face_arrays(
     Returns
     -------
     dict
-        `strain_tensor` (m, 9): Green's strain, rows of a 3 x 3 matrix in the tangent plane at rest;
+        `strain_tensor` (m, 9): Green's strain, rows of a 3 x 3 matrix in the tangent plane at rest; where
+        metal has yielded, the elastic one;
         `principal_strain` (m, 2); `stress` (m, 9): Cauchy's stress in Pa, in the tangent plane as it is now;
         `principal_stress` (m, 2); `bending_moment` (m, 9): N m per metre, in the tangent plane as it is now,
         positive where the shell bends towards convex; `principal_moment` (m, 2). Principal values descend.
@@ -33,9 +34,13 @@ def face_arrays(
             strain, second = potential.green_strain(x)
             stretch = np.sqrt(np.linalg.det(np.matmul(gradient.transpose(0, 2, 1), gradient)))
             cauchy = second / (stretch * float(context.shell.thickness or 1.0))[:, None, None]
-            arrays["strain_tensor"] = _in_space(face_frame, strain)
+            elastic = potential.deformation_gradient(x)  # from the rest shape that yielding has left
+            turn = _rotation(
+                np.matmul(_rest_sides(points, context.mesh.faces, face_frame), potential.basis[:, 1:])
+            )
+            arrays["strain_tensor"] = _in_space(np.matmul(face_frame, turn), strain)
             arrays["principal_strain"] = np.linalg.eigvalsh(strain)[:, ::-1]
-            spatial = np.matmul(np.matmul(gradient, cauchy), gradient.transpose(0, 2, 1))
+            spatial = np.matmul(np.matmul(elastic, cauchy), elastic.transpose(0, 2, 1))
             arrays["stress"] = spatial.reshape(-1, 9)
             arrays["principal_stress"] = _tangent_values(spatial)
         elif hasattr(potential, "moment_tensor"):
@@ -56,13 +61,18 @@ def _face_frames(points: NDArray, faces: NDArray) -> NDArray[np.float64]:
 
 def _deformation(points: NDArray, x: NDArray, faces: NDArray, face_frame: NDArray) -> NDArray[np.float64]:
     """(m, 3, 2) deformation gradients in these frames."""
-    rest = np.stack([points[faces[:, k]] - points[faces[:, 0]] for k in (1, 2)], axis=2)
     now = np.stack([x[faces[:, k]] - x[faces[:, 0]] for k in (1, 2)], axis=2)
-    return np.matmul(now, np.linalg.inv(np.matmul(face_frame.transpose(0, 2, 1), rest)))
+    return np.matmul(now, np.linalg.inv(_rest_sides(points, faces, face_frame)))
+
+
+def _rest_sides(points: NDArray, faces: NDArray, face_frame: NDArray) -> NDArray[np.float64]:
+    """(m, 2, 2) columns: sides out of the first corner at rest, in these frames."""
+    rest = np.stack([points[faces[:, k]] - points[faces[:, 0]] for k in (1, 2)], axis=2)
+    return np.matmul(face_frame.transpose(0, 2, 1), rest)
 
 
 def _rotation(gradient: NDArray) -> NDArray[np.float64]:
-    """(m, 3, 2) nearest isometry of the deformation gradients."""
+    """(m, 3 or 2, 2) nearest isometry of the deformation gradients."""
     u, _, vt = np.linalg.svd(gradient, full_matrices=False)
     return np.matmul(u, vt)
 

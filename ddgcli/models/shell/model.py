@@ -223,12 +223,24 @@ def _own_terms(scene: Scene, context: ShellContext) -> list[Any]:
     loose = ~context.mesh.topology.referenced_vertex
     if loose.any():
         all_terms.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1)))
+    _require_face_arrays(scene, context)
     held = [
         any_term.mask for any_term in all_terms if isinstance(any_term, FixedCoordinates | PrescribedMotion)
     ]
     if held and np.logical_or.reduce(held).all():
         log.warning("every vertex of %s is held: it does not move", context.shell.name)
     return all_terms
+
+
+def _require_face_arrays(scene: Scene, context: ShellContext) -> None:
+    """Refuse names of arrays on faces that the models of the scene do not have."""
+    methods = ("green_strain", "moment_tensor")
+    strains, moments = (any(hasattr(term, method) for term in context.elastic) for method in methods)
+    for name in context.shell.face_arrays:
+        if name.endswith("moment") and not moments:
+            scene.refuse(("object",), f'face_arrays: {name} needs bending = {{ model = "midedge" }}')
+        if not name.endswith("moment") and not strains:
+            scene.refuse(("object",), f'face_arrays: {name} needs stretching = {{ model = "stvk" }}')
 
 
 def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:

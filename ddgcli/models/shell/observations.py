@@ -30,10 +30,12 @@ def observed(group: Group, system: System, step_size: float, motion: Motion) -> 
         scalars |= {f"reaction_force_{name}": force, f"reaction_moment_{name}": moment}
     for name, (force, moment) in contact_forces(current, motion, step_size).items():
         scalars |= {f"contact_force_{name}": force, f"contact_moment_{name}": moment}
-    return _observations(group, motion, scalars)
+    return _observations(group, motion, scalars, current)
 
 
-def _observations(group: Group, motion: Motion, scalars: dict[str, Any]) -> dict[str, Observation]:
+def _observations(
+    group: Group, motion: Motion, scalars: dict[str, Any], system: System
+) -> dict[str, Observation]:
     """Observation of each shell of a group; the first has the scalars of the group."""
     x, v = group.split(motion.x), group.split(motion.v)
     return {
@@ -42,9 +44,25 @@ def _observations(group: Group, motion: Motion, scalars: dict[str, Any]) -> dict
             {"velocity": v[name], "strain": strain(context, x[name])},
             scalars if k == 0 else {},
             place,
+            face=_on_faces(group, name, system, x[name]),
+            n_faces=context.mesh.n_faces,
         )
         for k, ((name, context), place) in enumerate(zip(group.shells.items(), group.places))
     }
+
+
+def _on_faces(group: Group, name: str, system: System, x: NDArray) -> dict[str, NDArray]:
+    """The arrays on faces that the scene names."""
+    context = group.shells[name]
+    if not context.shell.face_arrays:
+        return {}
+    from ddgcli.mechanics.embedding import terms_of_rows
+    from ddgcli.models.shell.face_arrays import face_arrays
+
+    first = int(group.ends[list(group.shells).index(name)])
+    terms = terms_of_rows(list(system.potentials), slice(first, first + context.mesh.n_vertices))
+    arrays = face_arrays(context, terms, x)
+    return {key: arrays[key] for key in context.shell.face_arrays}
 
 
 def strain(context: ShellContext, x: NDArray) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from ddgcli.choices import SHELL_FACE_ARRAYS
 from ddgcli.models.shell.obstacle import Obstacle
 from ddgcli.scenes.materials import DEFAULT_MATERIAL, KEYS, MATERIALS, filled
 from ddgcli.scenes.scene import SceneKind
@@ -54,6 +55,16 @@ class Shell(MovingObject):
     thickness: quantity("m", "thickness", gt=0) | None = None
     young: quantity("Pa", "Young's modulus", gt=0) | None = None
     poisson: quantity("", "Poisson's ratio", gt=-1, le=0.5) | None = None
+    face_arrays: list[str] = Field([], description=f"in every frame: {', '.join(SHELL_FACE_ARRAYS)}")
+
+    @field_validator("face_arrays")
+    @classmethod
+    def _listed(cls, names: list[str]) -> list[str]:
+        for name in names:
+            if name not in SHELL_FACE_ARRAYS:
+                hint = nearest(name, list(SHELL_FACE_ARRAYS))
+                raise ValueError(f"no array {name!r}{hint}; known: {', '.join(SHELL_FACE_ARRAYS)}")
+        return names
 
     @field_validator("material")
     @classmethod
