@@ -213,6 +213,14 @@ def test_a_mesh_of_the_wrong_kind_is_refused_in_one_clear_line(run, tmp_path, co
     (tmp_path / "line.csv").write_text("0,0\n1,0\n1,1\n")
     message = run(command, tmp_path / "line.csv", *words).stderr
     assert message == f"Error: {tmp_path}/line.csv: object 'line': holds a curve; it takes a surface\n"
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nf 1 2 3\nf 1 2 4\n")
+    message = run(command, tmp_path / "flat.obj", *words).stderr
+    if command == "shell-sim":  # one line, the face, and a cure that works
+        assert "face 1, vertices 0, 1, 3" in message and message.count("\n") == 1
+        cure = message.split("ddgcli ")[1].split()
+        cure[cure.index("-o") + 1] = tmp_path / "repaired.ply"
+        assert run(*cure).exit_code == 0
+        assert run(command, tmp_path / "repaired.ply", *words, "--steps", 2).exit_code == 0
     (tmp_path / "cloud.obj").write_text("v 0 0 0\nv 1 0 0\n")
     message = run(command, tmp_path / "cloud.obj", *words).stderr
     assert message.startswith(f"Error: {tmp_path}/cloud.obj: object 'cloud': no triangles")

@@ -127,3 +127,38 @@ def test_pressure_acts_outward_whichever_way_the_faces_turn():
         radii.append(np.linalg.norm(last.observations["s"].points, axis=1).mean())
     assert radii[0] > 1.01
     assert radii[1] == pytest.approx(radii[0], rel=1e-9)
+
+
+TURNED_OVER = """
+[time]
+duration = 0.5
+step = 1e-2
+integrator = "implicit-euler"
+[[object]]
+name = "s"
+role = "shell"
+grid = { size = [1, 0.25], cells = [4, 1] }
+density = 1
+thickness = "2 mm"
+young = 1e6
+poisson = 0.3
+[effects]
+stretching = {}
+bending = {}
+pin = { box = [[0, 0, 0], [0, 0.25, 0]] }
+[effects.handle]
+box = [[1, 0, 0], [1, 0.25, 0]]
+times = [0, 0.2]
+positions = [[0, 0, 0], [-2, 0, 0]]
+"""
+
+
+def test_strip_carried_in_its_plane_through_faces_without_area_comes_to_rest_inverted():
+    snapshots, contexts, _ = shell_run(TURNED_OVER)
+    x, faces = snapshots[-1].observations["s"].points, np.asarray(contexts["s"].mesh.faces)
+    normal = np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
+    assert (normal[:, 2] < 0).all()  # at the start all look upwards
+    energy = scalar(snapshots, "energy_stretching")
+    assert energy[-1] < 0.01 * max(energy)
+    start = np.asarray(contexts["s"].mesh.points)
+    assert np.abs(x[:, :2] - start[:, :2] * [-1, 1]).max() < 0.05

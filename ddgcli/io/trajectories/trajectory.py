@@ -127,10 +127,10 @@ class Trajectory:
 
     def _own_face(self, k: int) -> dict[str, NDArray]:
         """Arrays on faces that frame k has of its own."""
-        data, offsets = self._root["CellData"], self._root["Steps/CellDataOffsets"]
         names = json.loads(self.attributes.get(CHANGING_CELL, "[]"))
-        first = {name: int(offsets[name][k]) for name in names}
-        return {name: data[name][start : start + self._corners[k] // 3] for name, start in first.items()}
+        first = {name: int(self._root[f"Steps/CellDataOffsets/{name}"][k]) for name in names}
+        data, count = self._root["CellData"], self._corners[k] // 3
+        return {name: data[name][start : start + count] for name, start in first.items()}
 
     def obstacles(self, k: int = 0) -> dict[str, TriangleMesh]:
         """Bodies around the moving ones in frame k, by name."""

@@ -24,6 +24,7 @@ from ddgcli.models.shell.pair_contact import (
 
 STANDARD_GRAVITY = 9.81
 SELF_GAP_FRACTION = 0.5  # of the least distance at the start between parts that are not adjacent
+MIN_START_DISTANCE = 1e-3  # of the gap: there a barrier has 800 times its pressure at half the gap
 log = logging.getLogger("ddgcli")
 
 
@@ -131,6 +132,12 @@ def _admissible_gap(mesh: PairMesh, start: NDArray, gap: float, alone: bool) -> 
     least = float(np.sqrt(pairs.compute_minimum_distance(mesh.mesh, start)))
     if not least > 0:
         raise ValueError(f"{_names(mesh)} touch at the start (distance 0); move one of them")
+    if not alone and least < MIN_START_DISTANCE * gap:
+        largest = least / MIN_START_DISTANCE
+        raise ValueError(
+            f"{_names(mesh)} start {least:.3g} m apart, nearly in touch for a gap of {gap:.3g} m: contact "
+            f"would throw them apart; move one of them, or write a gap below {largest:.2g} m"
+        )
     if not alone:
         return gap
     log.warning(
