@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
+from benchmarks.fuzz.ledger import ledger
 from benchmarks.hardcases.catalogue import PUSHED_CALLS, ROOT, Case, catalogue
 from benchmarks.hardcases.judge import DEGRADED_VERDICT, REFUSED_VERDICT, RIGHT_VERDICT, WRONG_VERDICT
 from benchmarks.hardcases.stored import PEER_RESULTS, stored_results
@@ -14,6 +15,7 @@ from ddgcli.cli.main import COMMANDS
 PAGE = ROOT / "docs" / "hard-cases.md"
 MARKS = {RIGHT_VERDICT: "✓", DEGRADED_VERDICT: "~", REFUSED_VERDICT: "–", WRONG_VERDICT: "**✗**"}
 PEER_COUNTS = ("right", "refused", "crashed", "hung", "over memory", "silently wrong")
+FUZZ_COLUMNS = ("kind", "runs", "inputs", "accepted", "refused", "escapes", "processor s", "slowest s")
 UNKNOWN_MARK, BLANK_MARK, TOO_LARGE_MARK = "?", "", "▫"
 
 HEAD = """# Hard cases
@@ -51,6 +53,7 @@ def page(results: dict[str, dict[str, dict[str, Any]]], cases: list[Case]) -> st
         rows = [case for case in cases if _section(case) == family]
         sections.append(_table(family, rows, results))
     sections.append(_peers(stored_results(PEER_RESULTS)))
+    sections.append(_fuzz(ledger()))
     return "\n".join(sections).rstrip() + "\n"
 
 
@@ -148,6 +151,22 @@ def _peers(results: dict[str, dict[str, dict[str, Any]]]) -> str:
     lines += ["", _row(["case", *tasks]), _row(["---"] * (len(tasks) + 1))]
     for case, row in results.items():
         lines.append(_row([case, *(row[name]["kind"] if name in row else "?" for name in tasks)]))
+    return "\n".join(lines)
+
+
+def _fuzz(runs: dict[str, dict[str, Any]]) -> str:
+    """What `make fuzz` has tried so far."""
+    lines = ["\n## Mutated inputs\n"]
+    lines.append(
+        "Written by `make fuzz STORE=1`, which adds its counts with a seed that no earlier run had. An input "
+        "is accepted, refused by one line of ours, or it escapes: a foreign exception, a message of more "
+        "than 600 characters, more than 20 s or 2 GiB, the end of the process. Every escape of an earlier "
+        "run is repaired, with a test.\n"
+    )
+    lines += [_row(FUZZ_COLUMNS), _row(["---"] * len(FUZZ_COLUMNS))]
+    for name, row in runs.items():
+        counts = [row[key] for key in ("runs", "inputs", "accepted", "refused", "escapes")]
+        lines.append(_row([name, *counts, f"{row['cpu_seconds']:.0f}", f"{row['slowest']:.2f}"]))
     return "\n".join(lines)
 
 

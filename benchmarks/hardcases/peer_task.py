@@ -82,6 +82,43 @@ def igl_spectrum(points: NDArray, faces: NDArray) -> Answer:
     )
 
 
+def _mesh_set(points: NDArray, faces: NDArray) -> Any:
+    """A pymeshlab holder of one mesh."""
+    import pymeshlab
+
+    holder: Any = pymeshlab.MeshSet()
+    holder.add_mesh(pymeshlab.Mesh(points, faces))
+    return holder
+
+
+def pymeshlab_distance(points: NDArray, faces: NDArray) -> Answer:
+    """Distance of pymeshlab, along edges and across faces (first order)."""
+    import pymeshlab
+
+    holder = _mesh_set(points, faces)
+    far = float(np.linalg.norm(points[faces[:, 0]] - points[faces[:, 1]], axis=1).sum())
+    holder.compute_scalar_by_geodesic_distance_from_given_point_per_vertex(
+        startpoint=points[0], maxdistance=pymeshlab.PureValue(far)
+    )
+    return {"distance": holder.current_mesh().vertex_scalar_array()}
+
+
+def pymeshlab_curvature(points: NDArray, faces: NDArray) -> Answer:
+    """Discrete Gaussian curvature of pymeshlab, angle defect over area."""
+    holder = _mesh_set(points, faces)
+    holder.compute_scalar_by_discrete_curvature_per_vertex(curvaturetype="Gaussian Curvature")
+    return {"curvature": holder.current_mesh().vertex_scalar_array()}
+
+
+def pymeshlab_read(path: str) -> Answer:
+    """A file read by pymeshlab."""
+    import pymeshlab
+
+    holder: Any = pymeshlab.MeshSet()
+    holder.load_new_mesh(path)
+    return {"points": holder.current_mesh().vertex_matrix(), "faces": holder.current_mesh().face_matrix()}
+
+
 def trimesh_read(path: str) -> Answer:
     """A file read by trimesh."""
     import trimesh
@@ -111,6 +148,7 @@ READERS: dict[str, Callable[[str], Answer]] = {
     "trimesh reader": trimesh_read,
     "meshio reader": meshio_read,
     "libigl reader": igl_read,
+    "pymeshlab reader": pymeshlab_read,
 }
 TASKS: dict[str, Callable[[NDArray, NDArray], Answer]] = {
     "potpourri3d heat": potpourri_heat,
@@ -120,12 +158,22 @@ TASKS: dict[str, Callable[[NDArray, NDArray], Answer]] = {
     "trimesh curvature": trimesh_curvature,
     "robust_laplacian spectrum": robust_laplacian_spectrum,
     "libigl spectrum": igl_spectrum,
+    "pymeshlab distance": pymeshlab_distance,
+    "pymeshlab curvature": pymeshlab_curvature,
 }
 
 
 def preload() -> None:
     """Import every library, so that forked calls need not."""
-    for name in ("potpourri3d", "pygeodesic.geodesic", "igl", "trimesh", "meshio", "robust_laplacian"):
+    for name in (
+        "potpourri3d",
+        "pygeodesic.geodesic",
+        "igl",
+        "trimesh",
+        "meshio",
+        "robust_laplacian",
+        "pymeshlab",
+    ):
         with contextlib.suppress(ImportError):
             importlib.import_module(name)
     importlib.import_module("scipy.sparse.linalg")
@@ -135,7 +183,10 @@ def main(words: list[str]) -> None:
     """Run one task and write its arrays."""
     task, mesh, output = words
     if task in READERS:
-        np.savez(output, **READERS[task](mesh))
+        arrays = READERS[task](mesh)
+        if arrays["faces"].dtype.kind == "O":  # trimesh's `None` where it reads no face
+            arrays["faces"] = np.zeros((0, 3))
+        np.savez(output, **{name: array.astype(float) for name, array in arrays.items()})
         return
     with np.load(mesh) as stored:
         points, faces = stored["points"], stored["faces"]

@@ -36,7 +36,8 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 CURVATURE_TOLERANCE = 1e-6  # of the sum of absolute angle defects
 PEER_SECONDS = 20  # of processor time: the least that calls a task hung
 EXACT_TOLERANCE = 1e-6  # of the largest distance: the peers' own intervals are no shorter
-HEAT_TOLERANCE = 0.1  # of the largest distance: a method of first order is right within this
+FIRST_ORDER_TASKS = ("potpourri3d heat", "pymeshlab distance")
+FIRST_ORDER_TOLERANCE = 0.1  # of the largest distance: a method of first order is right within this
 
 
 def fault_of(task: str, arrays: dict[str, NDArray], points: NDArray, faces: NDArray, expected: dict) -> str:
@@ -49,12 +50,14 @@ def fault_of(task: str, arrays: dict[str, NDArray], points: NDArray, faces: NDAr
         return _distance_fault(task, arrays, points, faces, expected)
     if "angle_defect" in arrays:
         return _curvature_fault(arrays["angle_defect"], faces, expected)
-    return _spectrum_fault(arrays["eigenvalues"], points, faces, expected)
+    if "eigenvalues" in arrays:
+        return _spectrum_fault(arrays["eigenvalues"], points, faces, expected)
+    return ""
 
 
 def _distance_fault(task: str, arrays: dict, points: NDArray, faces: NDArray, expected: dict) -> str:
-    """Heat methods may be off by a tenth of the largest distance; exact ones may not leave the bounds."""
-    if "heat" not in task:
+    """Methods of first order may miss a tenth of the largest distance; exact ones may not leave bounds."""
+    if task not in FIRST_ORDER_TASKS:
         evidence = Evidence({}, {"geodesic_distance": arrays["distance"]}, points, faces, expected)
         return next((fault for fault, _ in check_geodesic(evidence, EXACT_TOLERANCE)), "")
     known = expected.get("known_distance")
@@ -62,9 +65,9 @@ def _distance_fault(task: str, arrays: dict, points: NDArray, faces: NDArray, ex
     lower = np.where(np.isin(np.arange(len(points)), faces), straight, 0.0)
     if expected["components"] == 1:
         short = float((lower - arrays["distance"]).max())
-        if short > HEAT_TOLERANCE * straight.max():
+        if short > FIRST_ORDER_TOLERANCE * straight.max():
             return f"distance {short / straight.max():.1e} of the size below the straight line"
-    if known and abs(arrays["distance"][known[0]] - known[1]) > HEAT_TOLERANCE * known[1]:
+    if known and abs(arrays["distance"][known[0]] - known[1]) > FIRST_ORDER_TOLERANCE * known[1]:
         return f"distance {arrays['distance'][known[0]]:.4g} instead of {known[1]:.4g}"
     return ""
 

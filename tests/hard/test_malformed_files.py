@@ -200,6 +200,18 @@ def test_a_data_set_in_the_place_of_a_group(tmp_path, group):
     assert f"'{group}' of the VTKHDF file is no group" in refused(path)
 
 
+@pytest.mark.parametrize("name", ["NumberOfPoints", "Polygons/Connectivity", "Polygons/Offsets"])
+@pytest.mark.parametrize("dtype", [float, complex])
+def test_fractional_counts_and_indices_of_hdf5_are_refused(tmp_path, name, dtype):
+    path = tmp_path / "a.vtkhdf"
+    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(1)))
+    with h5py.File(path, "a") as file:
+        numbers = file["VTKHDF"][name][...].astype(dtype)
+        del file["VTKHDF"][name]
+        file["VTKHDF"][name] = numbers
+    assert f"'{name.split('/')[-1]}' holds" in refused(path)
+
+
 def test_a_group_that_holds_itself_is_read_once(tmp_path):
     path = tmp_path / "a.vtkhdf"
     write_mesh(str(path), AnnotatedMesh(shapes.icosphere(1), {"f": np.arange(42.0)}))

@@ -53,19 +53,23 @@ def _read(root) -> RawMesh:
     steps: Any = root.get("Steps")
     last = int(steps.attrs["NSteps"]) - 1 if steps is not None else -1
     part_number = int(steps["PartOffsets"][last]) if last >= 0 else 0
-    n_points = int(root["NumberOfPoints"][part_number])
+    n_points = int(_numbers(root, "NumberOfPoints", "iu")[part_number])
     if n_points < 0 or len(root["Points"]) < n_points:
         raise MeshFileError(
             f"the file announces {n_points} points and holds {len(root['Points'])}; it is damaged"
         )
-    at = int(steps["PointOffsets"][last]) if last >= 0 else int(root["NumberOfPoints"][:part_number].sum())
-    raw = RawMesh(np.asarray(root["Points"][at : at + n_points], dtype=np.float64))
+    at = (
+        int(steps["PointOffsets"][last])
+        if last >= 0
+        else int(_numbers(root, "NumberOfPoints", "iu")[:part_number].sum())
+    )
+    raw = RawMesh(np.asarray(_numbers(root, "Points", "fiu")[at : at + n_points], dtype=np.float64))
     raw.vertex = _arrays(root, "PointData", steps, last, at, n_points)
     if kind == "PolyData":
         types, connectivity, sizes = _polydata_cells(root, part_number)
     else:
         types, connectivity, sizes = _cells(root, root, part_number)
-        types = root["Types"][: len(sizes)].astype(np.int64)
+        types = _numbers(root, "Types", "iu")[: len(sizes)].astype(np.int64)
     cells = _arrays(root, "CellData", steps, last, 0, len(types))
     add_vtk_cells(raw, types, connectivity, sizes, cells)
     fields = {} if steps is not None else _datasets(root, "FieldData")
@@ -74,6 +78,17 @@ def _read(root) -> RawMesh:
     raw.edge = {name: value for name, value in whole.items() if len(value) == n_edges}
     raw.whole = {name: value for name, value in whole.items() if name not in raw.edge}
     return raw
+
+
+def _numbers(group, name: str, kinds: str) -> Any:
+    """The array of a name, whose type must be one of `kinds`: fractions are no indices."""
+    dataset = group[name]
+    if dataset.dtype.kind not in kinds:
+        raise MeshFileError(
+            f"'{name}' holds {excerpt(dataset.dtype, 40)}, not "
+            f"{'numbers' if 'f' in kinds else 'whole numbers'}; the file is damaged"
+        )
+    return dataset
 
 
 def _datasets(root, name: str) -> dict[str, Any]:
@@ -87,11 +102,13 @@ def _datasets(root, name: str) -> dict[str, Any]:
 
 
 def _cells(root, group, part_number: int) -> tuple[NDArray, NDArray, NDArray]:
-    counts, ids = group["NumberOfCells"][:], group["NumberOfConnectivityIds"][:]
+    counts, ids = (_numbers(group, name, "iu")[:] for name in ("NumberOfCells", "NumberOfConnectivityIds"))
     first_offset = int((counts[:part_number] + 1).sum())
-    offsets = group["Offsets"][first_offset : first_offset + int(counts[part_number]) + 1].astype(np.int64)
+    end_offset = first_offset + int(counts[part_number]) + 1
+    offsets = _numbers(group, "Offsets", "iu")[first_offset:end_offset].astype(np.int64)
     start = int(ids[:part_number].sum())
-    connectivity = group["Connectivity"][start : start + int(ids[part_number])].astype(np.int64)
+    end = start + int(ids[part_number])
+    connectivity = _numbers(group, "Connectivity", "iu")[start:end].astype(np.int64)
     return np.zeros(0, dtype=np.int64), connectivity, np.diff(offsets)
 
 

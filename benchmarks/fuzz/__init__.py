@@ -1,0 +1,1 @@
+"""Mutated inputs of every kind we read ourselves: `python -m benchmarks.fuzz`."""

@@ -1,0 +1,392 @@
+"""The kinds of inputs that are mutated: valid ones, and how each is read."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import DdgError, MeshFileError
+
+LONGEST_EXCERPT = 500  # characters of a refusal of an expression
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Valid inputs of a kind and the function that reads one; both computed on demand.
+
+    Parameters
+    ----------
+    guarded : bool
+        Its reader runs in a process of its own, which a trial of many inputs leaves out: the input that
+        stops such a trial is read again as the program reads it.
+    """
+
+    name: str
+    seeds: Callable[[], list[bytes]]
+    reader: Callable[[], Callable[[bytes], object]]
+    guarded: bool = False
+
+    @contextlib.contextmanager
+    def without_guard(self) -> Iterator[None]:
+        """Read HDF5 in this process, which is a child itself."""
+        if not self.guarded:
+            yield
+            return
+        from ddgcli.io.readers import vtkhdf
+        from ddgcli.io.trajectories import layout_check
+
+        modules: tuple[Any, ...] = (vtkhdf, layout_check)
+        before = [module.guarded for module in modules]
+        for module in modules:
+            module.guarded = _unguarded
+        try:
+            yield
+        finally:
+            for module, function in zip(modules, before, strict=True):
+                module.guarded = function
+
+
+def _unguarded(module: str, function: str, *args: Any, **bounds: Any) -> Any:
+    """The reader in this process; its foreign errors as `guarded` reports them."""
+    import importlib
+
+    read = getattr(importlib.import_module(f"ddgcli.io.{module}"), function)
+    try:
+        return read(*args)
+    except MeshFileError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise MeshFileError(f"its reader failed ({type(error).__name__})") from None
+
+
+def scratch_folder() -> Path:
+    """A folder in memory where there is one: opening a file on a disk costs more than reading it."""
+    memory = "/dev/shm"
+    return Path(tempfile.mkdtemp(prefix="ddgcli-fuzz-", dir=memory if os.path.isdir(memory) else None))
+
+
+def mesh_seeds(suffix: str) -> list[bytes]:
+    """Small valid files of a format: as we write them, with arrays; texts; tetrahedra and curves."""
+    from ddgcli.mesh import shapes
+    from ddgcli.mesh.curve import CurveSet
+    from ddgcli.mesh.fields import AnnotatedMesh
+    from ddgcli.mesh.tet_mesh import TetMesh
+
+    ball = shapes.icosphere(0)
+    arrays = {"f": ball.points[:, 2], "v": ball.points, "k": np.arange(ball.n_vertices)}
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    meshes = [
+        AnnotatedMesh(ball, arrays, {"face": np.arange(20)}),
+        AnnotatedMesh(TetMesh.from_arrays(corners, np.array([[0, 1, 2, 3]])), {"f": np.arange(4.0)}),
+        AnnotatedMesh(CurveSet.from_arrays(corners, np.array([[0, 1], [1, 2], [2, 0]]))),
+    ]
+    if suffix == ".csv":  # what we write there is a table of vertices, which holds no mesh
+        return [CLOSED_CURVE.encode()]
+    texts = [TEXTS[suffix](ball.points, ball.faces)] if suffix in TEXTS else []
+    return [text.encode() for text in texts] + [data for mesh in meshes for data in _written(mesh, suffix)]
+
+
+def _written(mesh: Any, suffix: str) -> list[bytes]:
+    """The file of a mesh; none in a format that cannot hold it."""
+    from ddgcli.io.mesh_file import WRITERS, write_mesh
+
+    if suffix not in WRITERS:
+        return []
+    with tempfile.TemporaryDirectory() as folder, contextlib.suppress(DdgError):
+        path = Path(folder) / f"a{suffix}"
+        write_mesh(str(path), mesh)
+        return [path.read_bytes()]
+    return []
+
+
+def _rows(numbers: NDArray, first: str = "") -> str:
+    return "\n".join(first + " ".join(f"{x:.3g}" for x in row) for row in numbers)
+
+
+def _ply_text(points: NDArray, faces: NDArray) -> str:
+    axes = "".join(f"property float {c}\n" for c in "xyz")
+    return (
+        f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n{axes}element face {len(faces)}\n"
+        f"property list uchar int vertex_indices\nend_header\n{_rows(points)}\n{_rows(faces, '3 ')}\n"
+    )
+
+
+def _vtk_text(points: NDArray, faces: NDArray) -> str:
+    return (
+        f"# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS {len(points)} float\n"
+        f"{_rows(points)}\nPOLYGONS {len(faces)} {4 * len(faces)}\n{_rows(faces, '3 ')}\n"
+        f"POINT_DATA {len(points)}\nSCALARS s int 1\nLOOKUP_TABLE default\n{'1 ' * len(points)}\n"
+    )
+
+
+def _xml_array(name: str, kind: str, values: NDArray, components: int = 1) -> str:
+    return (
+        f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="ascii">\n'
+        f"{_rows(values.reshape(len(values), -1))}\n</DataArray>\n"
+    )
+
+
+def _xml_text(kind: str, counts: str, cells: str) -> Callable[[NDArray, NDArray], str]:
+    def text(points: NDArray, faces: NDArray) -> str:
+        types = _xml_array("types", "UInt8", np.full(len(faces), 5)) if kind == "UnstructuredGrid" else ""
+        numbers = counts.format(len(points), len(faces))
+        return (
+            f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian"><{kind}><Piece {numbers}>\n'
+            f"<Points>{_xml_array('Points', 'Float64', points, 3)}</Points>\n"
+            f"<PointData>{_xml_array('f', 'Float32', points[:, 0])}</PointData>\n"
+            f"<{cells}>{_xml_array('connectivity', 'Int64', faces)}"
+            f"{_xml_array('offsets', 'Int32', 3 * np.arange(1, len(faces) + 1))}{types}</{cells}>\n"
+            f"</Piece></{kind}></VTKFile>\n"
+        )
+
+    return text
+
+
+CLOSED_CURVE = "x,y,z\n0,0,0\n1,0,0\n1,1,0\n0,0,0\n"
+TEXTS: dict[str, Callable[[NDArray, NDArray], str]] = {
+    ".wkt": lambda points, faces: "TIN (((0 0 0, 1 0 0, 0 1 0, 0 0 0)), ((1 0 0, 1 1 0, 0 1 0, 1 0 0)))",
+    ".stl": lambda points, faces: (
+        "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n"
+        "endfacet\nendsolid a\n"
+    ),
+    ".obj": lambda points, faces: (
+        "mtllib a.mtl\nv 0 0 0 1 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvt 0 0\nvn 0 0 1\no a\ng b\nusemtl m\n"
+        "f 1/1/1 2/1/1 -2/-1/-1\nf 2//1 4//1 3//1\nl 1 2 3\n"
+    ),
+    ".ply": _ply_text,
+    ".vtk": _vtk_text,
+    ".vtu": _xml_text("UnstructuredGrid", 'NumberOfPoints="{}" NumberOfCells="{}"', "Cells"),
+    ".vtp": _xml_text("PolyData", 'NumberOfPoints="{}" NumberOfPolys="{}"', "Polys"),
+}
+
+
+def read_mesh_bytes(suffix: str) -> Callable[[bytes], object]:
+    """How a mesh file of a format is read."""
+    from ddgcli.io.mesh_file import read_mesh
+
+    return _by_path(f"a{suffix}", read_mesh)
+
+
+def read_array_bytes(suffix: str) -> Callable[[bytes], object]:
+    """How a file of numbers for `--field` is read."""
+    from ddgcli.io.arrays import read_array
+
+    return _by_path(f"a{suffix}", read_array)
+
+
+def _by_path(name: str, read_path: Callable[[str], object]) -> Callable[[bytes], object]:
+    folder = scratch_folder()
+    path = f"{folder}/{name}"
+
+    def read(data: bytes) -> object:
+        with open(path, "wb") as file:
+            file.write(data)
+        return read_path(path)
+
+    return read
+
+
+def read_expected() -> Callable[[bytes], object]:
+    """A stored summary as `check` reads it."""
+    from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare
+    from ddgcli.cli.commands.check import read_expected as stored_summary
+
+    def read(path: str) -> object:
+        stored = stored_summary(path, may_miss=False)
+        return compare(stored["summary"], {"results": {"a": 1}}, Tolerances(**stored.get("tolerances", {})))
+
+    return _by_path("e.json", read)
+
+
+def read_expression() -> Callable[[bytes], object]:
+    """An expression, whose own refusal is ValueError."""
+    from ddgcli.scenes.expressions import evaluate
+
+    x = np.linspace(-1, 1, 5)
+
+    def read(data: bytes) -> object:
+        try:
+            return evaluate(data.decode("utf-8", "replace"), {"x": x, "y": x, "z": x})
+        except ValueError as error:
+            raise DdgError(str(error)[:LONGEST_EXCERPT]) from None
+
+    return read
+
+
+def read_table(suffix: str) -> Callable[[bytes], object]:
+    """A table of an interrupted batch."""
+    from ddgcli.batch.table import completed_rows
+    from ddgcli.batch.tasks import Task
+
+    task = Task(0, "a.ply", {"radius": "1"}, None, ("info", "a.ply"))
+    return _by_path(f"t{suffix}", lambda path: completed_rows(path, [task], {"a.ply": "0" * 64}, ["area"]))
+
+
+def read_by_command(name: str, *words: str) -> Callable[[], Callable[[bytes], object]]:
+    """The command line in this process; its refusals become DdgError."""
+
+    def reader() -> Callable[[bytes], object]:
+        from click.testing import CliRunner
+
+        from ddgcli.cli.main import main as command_line
+
+        runner = CliRunner()
+
+        def read(path: str) -> object:
+            folder = str(Path(path).parent)
+            line = [word.format(input=path, folder=folder) for word in words]
+            done = runner.invoke(command_line, [*line, "--json"])
+            message = done.stderr.strip().replace(folder, "")
+            if done.exit_code == 0:
+                return done
+            if "internal error" in message or done.exit_code not in (1, 2):
+                raise RuntimeError(message or repr(done.exception))
+            raise DdgError(message)
+
+        return _by_path(name, read)
+
+    return reader
+
+
+def array_seeds(suffix: str) -> list[bytes]:
+    """Files of numbers for `--field`."""
+    stream = io.BytesIO()
+    if suffix == ".npy":
+        np.save(stream, np.arange(12.0).reshape(4, 3))
+    elif suffix == ".npz":
+        np.savez_compressed(stream, f=np.arange(12.0))
+    else:
+        stream.write(b"1,2,3\n4,5,6\n" if suffix == ".csv" else b"1 2 3\n4 5 6\n")
+    return [stream.getvalue()]
+
+
+def trajectory_seeds() -> list[bytes]:
+    """A run of three frames with an obstacle."""
+    from click.testing import CliRunner
+
+    from ddgcli.cli.main import main as command_line
+
+    with tempfile.TemporaryDirectory() as folder:
+        scene, run = Path(folder) / "s.toml", Path(folder) / "r.vtkhdf"
+        scene.write_bytes(SCENES[0])
+        done = CliRunner().invoke(command_line, ["shell-sim", str(scene), "-o", str(run)])
+        if done.exit_code:
+            raise RuntimeError(done.output)
+        return [run.read_bytes()]
+
+
+SCENES = [
+    b"""format = "ddgcli-scene/1"
+[time]
+duration = 2e-3
+step = 1e-3
+[[object]]
+name = "hat"
+role = "shell"
+grid = { size = [1, 1], cells = [2, 2] }
+material = "felt"
+[[object]]
+name = "floor"
+role = "obstacle"
+plane = { point = [0, 0, -1], normal = [0, 0, 1] }
+[effects]
+stretching = { model = "stvk" }
+pin = { vertices = [0, 1] }
+gravity = { acceleration = [0, 0, -9.81] }
+""",
+    b"""format = "ddgcli-scene/1"
+[time]
+duration = 0.01
+step = 0.01
+frame_every = 0.01
+integrator = "verlet"
+[[object]]
+name = "balloon"
+role = "shell"
+sphere = { radius = 0.1, subdivisions = 0 }
+material = "rubber"
+young = "1 MPa"
+thickness = "0.3 mm"
+position = [0, 0, 0.11]
+velocity = [0, "1 m/s", 0]
+[effects]
+stretching = { model = "stvk" }
+bending = { model = "hinge" }
+pressure = { value = 10, times = [0, 0.3], factors = [0, 1] }
+""",
+]
+FLUID_SCENES = [
+    b"""format = "ddgcli-scene/1"
+[time]
+duration = 0.01
+step = 0.01
+integrator = "conservative"
+[[object]]
+name = "ball"
+role = "fluid"
+sphere = { radius = 1, subdivisions = 1 }
+[effects]
+viscosity = { nu = 1e-3 }
+initial = { vorticity = "5*z + x*y" }
+""",
+    b"""format = "ddgcli-scene/1"
+[time]
+duration = 0.01
+step = 0.01
+integrator = "conservative"
+[[object]]
+name = "square"
+role = "fluid"
+grid = { size = [6.283185307179586, 6.283185307179586], cells = [4, 4], periodic = "xy" }
+[effects]
+initial = { flow = "taylor-vortices", strength = 1.0, core = 0.3, separation = 0.8 }
+""",
+]
+EXPECTED_SUMMARY = json.dumps(
+    {"run": ["info", "a.ply"], "tolerances": {"rtol": 1e-6, "ignore": ["a"], "keys": {"b": {"rtol": 1}}},
+     "summary": {"results": {"a": 1.0, "b": [1, 2, "c"]}, "input": {"path": "a.ply"}}}
+).encode()  # fmt: skip
+ROW: dict[str, Any] = {
+    "index": 0, "input": "a.ply", "command": "ddgcli info a.ply", "parameters": {"radius": "1"},
+    "output": None, "status": "done", "exit_code": 0, "seconds": 1.5, "peak_mib": 80, "sha256": "0" * 64,
+    "message": "", "collected": {"area": 1.5},
+}  # fmt: skip
+EXPRESSIONS = [b"exp(-(x^2+y^2)/0.1)*where(x<0, 1, 2)", b"sin(3*x) + min(y, z)**2 % 3", b"-hypot(x, y)"]
+MESHES = (".ply", ".off", ".obj", ".stl", ".vtk", ".vtu", ".vtp", ".vtkhdf", ".npz", ".csv", ".wkt")
+ARRAYS = (".npy", ".npz", ".csv", ".txt")
+
+
+def kinds() -> dict[str, Kind]:
+    """The kinds by name."""
+    every = [
+        *(Kind(s[1:], partial(mesh_seeds, s), partial(read_mesh_bytes, s), s == ".vtkhdf") for s in MESHES),
+        *(Kind(f"array{s}", partial(array_seeds, s), partial(read_array_bytes, s)) for s in ARRAYS),
+        Kind("scene", lambda: SCENES, read_by_command("scene.toml", "shell-sim", "{input}")),
+        Kind("fluid scene", lambda: FLUID_SCENES, read_by_command("scene.toml", "fluid-sim", "{input}")),
+        Kind("trajectory", trajectory_seeds,
+             read_by_command("r.vtkhdf", "frames", "{input}", "--at", "0.001", "-o", "{folder}/f.npz"), True),
+        Kind("expression", lambda: EXPRESSIONS, read_expression),
+        Kind("expected", lambda: [EXPECTED_SUMMARY], read_expected),
+        Kind("batch.jsonl", lambda: [json.dumps(ROW).encode()], partial(read_table, ".jsonl")),
+        Kind("batch.csv", table_seeds, partial(read_table, ".csv")),
+    ]  # fmt: skip
+    return {kind.name: kind for kind in every}
+
+
+def table_seeds() -> list[bytes]:
+    """A table as a batch writes it."""
+    from ddgcli.batch.process import TaskRow
+    from ddgcli.batch.table import table_bytes
+
+    return [table_bytes("t.csv", [TaskRow(**ROW)])]

@@ -1,0 +1,36 @@
+"""What fuzzing has tried so far, run by run: `ledger.json`, shown on docs/hard-cases.md."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from benchmarks.fuzz.run import Account
+
+LEDGER = Path(__file__).parent / "ledger.json"
+
+
+def ledger() -> dict[str, dict[str, Any]]:
+    """Runs, inputs, accepted, refused, escapes, cpu_seconds and slowest of every kind."""
+    return json.loads(LEDGER.read_text(encoding="utf-8")) if LEDGER.is_file() else {}
+
+
+def next_seed(name: str) -> int:
+    """A seed that no stored run of a kind had: runs are numbered from 1."""
+    return ledger().get(name, {}).get("runs", 0) + 1
+
+
+def add_to_ledger(name: str, account: Account) -> None:
+    """Add the counts of one run of a kind."""
+    every = ledger()
+    row = every.setdefault(name, {})
+    counts = {"runs": 1, "inputs": account.inputs, "accepted": account.accepted, "refused": account.refused}
+    counts["escapes"] = account.inputs - account.accepted - account.refused
+    for key, value in counts.items():
+        row[key] = row.get(key, 0) + value
+    row["cpu_seconds"] = round(row.get("cpu_seconds", 0.0) + account.cpu_seconds, 1)
+    row["slowest"] = max(row.get("slowest", 0.0), round(account.slowest, 2))
+    whole = LEDGER.with_suffix(".part")
+    whole.write_text(json.dumps(every, indent=1) + "\n", encoding="utf-8")
+    whole.replace(LEDGER)
