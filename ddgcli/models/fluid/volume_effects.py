@@ -71,7 +71,11 @@ def vertex_stiffness(space: VolumeSpace) -> csr_array:
 
 
 class VolumeDiffusion(FlowPhase):
-    """Viscosity: the vertices' velocities diffuse, cells take the change, the flow is projected."""
+    """Viscosity: the vertices' velocities diffuse, cells take the change, the flow is projected.
+
+    What cells have beyond their vertices would stay: it changes over a cell, and decays by 1 / (1 + a^2),
+    a = nu dt / V^(2/3), which vanishes with the second power of the step.
+    """
 
     effect = "viscosity"
     order = 1
@@ -85,11 +89,15 @@ class VolumeDiffusion(FlowPhase):
         fixed = np.concatenate([held, unused])[order]
         self.wall = self.wall[order]
         self.diffusion = ImplicitDiffusion(space.mass, nu * vertex_stiffness(space), fixed)
+        self.cell_rate = nu / np.cbrt(space.volume) ** 2
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        at_vertices = self._vertex_velocity(state)
+        at_vertices, cells = self._vertex_velocity(state), self.space.cells
         change = self.diffusion.step(at_vertices, self.wall, step.dt) - at_vertices
-        return self.space.accelerated(state, change[self.space.cells].mean(axis=1))
+        share = (step.dt * self.cell_rate) ** 2
+        beyond = self.space.cell_velocity(state) - at_vertices[cells].mean(axis=1)
+        decay = (share / (1.0 + share))[:, None] * beyond
+        return self.space.accelerated(state, change[cells].mean(axis=1) - decay)
 
     def _vertex_velocity(self, state: FluidState) -> NDArray[np.float64]:
         """(n, 3) means at the vertices, with what the means over cells and vertices take from the flow added.

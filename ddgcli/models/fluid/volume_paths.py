@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from ddgcli.models.fluid.volume_space import VolumeSpace
 
 MAX_CROSSINGS = 4000  # cells that one line may cross; the line ends there
+MAX_STALLS = 100  # crossings one after another without progress, as between two walls; the line ends there
+STALL_SHARE = 1e-9  # progress over the length of the whole shift
 
 
 class VolumePaths:
@@ -36,6 +38,8 @@ class VolumePaths:
         """Cells and positions after straight shifts (p, 3); at walls the rest of a shift runs along them."""
         cell, points, shift = np.array(cell), np.array(points), np.array(shift)
         active = np.arange(len(cell))
+        least = STALL_SHARE * np.linalg.norm(shift, axis=1)
+        stalls = np.zeros(len(cell), dtype=np.int64)
         for _ in range(MAX_CROSSINGS):
             here, step = cell[active], shift[active]
             weight = np.maximum(self.barycentric(here, points[active]), 0.0)
@@ -55,7 +59,9 @@ class VolumePaths:
                 out = np.maximum(np.einsum("pa,pa->p", rest[wall], normal), 0.0)
                 rest[wall] -= out[:, None] * normal
             shift[active] = rest
-            active = active[~inside & (np.abs(rest).max(axis=1) > 0)]
+            progress = share * np.sqrt(np.einsum("pa,pa->p", step, step))
+            stalls[active] = np.where(progress > least[active], 0, stalls[active] + 1)
+            active = active[~inside & (np.abs(rest).max(axis=1) > 0) & (stalls[active] < MAX_STALLS)]
             if not len(active):
                 break
         return cell, points
