@@ -1,14 +1,18 @@
 """Random drops of small sheets on a mesh and on themselves: do surfaces ever intersect, does energy grow?
 
-`python -m benchmarks.drops [COUNT] [FIRST]` runs COUNT drops (default 1000) from seed FIRST (default 0) and
-prints a line for each that intersects in a frame or gains energy, and a last line with the counts. The test
-of triangles is independent of the contact library (`tests/triangle_pairs.py`).
+`python -m benchmarks.drops [COUNT] [--first SEED] [--ledger FILE]` runs COUNT drops (1000) from a seed
+(0) and prints a line for each that intersects in a frame or gains energy, and a last line with the
+counts. `--ledger` appends each drop to a file of JSON lines and does not repeat those that the file holds.
+The test of triangles is independent of the contact library (`tests/triangle_pairs.py`).
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
+import json
 import time
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +22,7 @@ from tests.simulate import shell_run
 from tests.triangle_pairs import meshes_intersect
 
 BALL = icosphere(1, 0.05)
+MAX_ENERGY_GAIN = 1e-6  # between frames, of the range of the energy
 SCENE = """
 [time]
 duration = 0.3
@@ -75,23 +80,49 @@ def drop(seed: int) -> tuple[int, float]:
     return crossed, float(np.diff(energy).max() / np.ptp(energy))
 
 
-def main(count: int = 1000, first: int = 0) -> None:
-    begin, failed, crossed, grown = time.process_time(), 0, 0, 0
-    for seed in range(first, first + count):
-        try:
-            intersections, gain = drop(seed)
-        except Exception as error:
-            failed += 1
-            print(f"seed {seed}: {type(error).__name__}: {error}", flush=True)
-            continue
-        crossed, grown = crossed + (intersections > 0), grown + (gain > 1e-6)
-        if intersections or gain > 1e-6:
-            print(f"seed {seed}: {intersections} frames intersect, energy gain {gain:.2g}", flush=True)
+def drop_row(seed: int) -> dict[str, Any]:
+    """Row of the ledger."""
+    begin = time.process_time()
+    row: dict[str, Any] = {"seed": seed}
+    try:
+        row["crossed"], row["gain"] = drop(seed)
+    except Exception as error:
+        row["error"] = f"{type(error).__name__}: {error}"
+    return row | {"cpu": round(time.process_time() - begin, 2)}
+
+
+def bad(row: dict[str, Any]) -> bool:
+    """Whether a drop failed, intersected or gained energy."""
+    return "error" in row or row["crossed"] > 0 or row["gain"] > MAX_ENERGY_GAIN
+
+
+def main() -> None:
+    """Run the drops that the ledger does not hold; print the bad ones and the counts of all."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("count", type=int, nargs="?", default=1000)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--ledger", default="")
+    options = parser.parse_args()
+    path = Path(options.ledger)
+    rows: dict[int, dict[str, Any]] = {}
+    if options.ledger and path.exists():
+        lines = path.read_text(encoding="utf-8").splitlines()
+        rows = {row["seed"]: row for row in map(json.loads, lines)}
+    for seed in range(options.first, options.first + options.count):
+        if seed not in rows:
+            rows[seed] = drop_row(seed)
+            if options.ledger:
+                with path.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(rows[seed], default=float) + "\n")
+            if bad(rows[seed]):
+                print(rows[seed], flush=True)
+    done = list(rows.values())
     print(
-        f"{count} drops: {crossed} with an intersection, {grown} that gain energy, {failed} that failed; "
-        f"{time.process_time() - begin:.0f} s of CPU"
+        f"{len(done)} drops: {sum(row.get('crossed', 0) > 0 for row in done)} with an intersection, "
+        f"{sum(row.get('gain', 0) > MAX_ENERGY_GAIN for row in done)} that gain energy, "
+        f"{sum('error' in row for row in done)} that failed; {sum(row['cpu'] for row in done):.0f} s of CPU"
     )
 
 
 if __name__ == "__main__":
-    main(*(int(word) for word in sys.argv[1:3]))
+    main()
