@@ -15,6 +15,8 @@ from ddgcli.errors import DdgError, MissingExtraError, OutputError
 class MessageHandler(logging.Handler):
     """Collect warnings of the core for the summary; with -v print all its messages at once.
 
+    A warning of one row (`row_label` of the record) that was also given for the whole input is left out.
+
     Parameters
     ----------
     verbose : int
@@ -32,7 +34,8 @@ class MessageHandler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         message = with_option_names(record.getMessage(), self.options)
         if record.levelno >= logging.WARNING and record.name != "py.warnings":
-            if message not in self.warnings:
+            of_input = message.removeprefix(f"{getattr(record, 'row_label', '')}: ")
+            if not {message, of_input} & set(self.warnings):
                 self.warnings.append(message)
             message = f"Warning: {message}"
         if self.verbose and not self.quiet:

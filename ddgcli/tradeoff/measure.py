@@ -130,10 +130,10 @@ def _run_candidates(
 
 @contextmanager
 def _prefix_warnings(label: str) -> Iterator[None]:
-    """Prefix warnings with the label of their row."""
+    """Prefix warnings with the label of their row; `record.row_label` holds the label."""
 
     def prefixed(record: logging.LogRecord) -> bool:
-        record.msg, record.args = f"{label}: {record.getMessage()}", ()
+        record.msg, record.args, record.row_label = f"{label}: {record.getMessage()}", (), label
         return True
 
     log.addFilter(prefixed)

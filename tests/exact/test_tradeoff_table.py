@@ -286,3 +286,24 @@ def test_the_extrapolation_of_a_geometric_sequence_is_its_limit(rate):
     limit, uncertainty = richardson_limit(coarse, middle, fine)
     np.testing.assert_allclose(limit, TRUTH, rtol=1e-13)
     np.testing.assert_allclose(uncertainty, TRUTH * rate**2, rtol=1e-12)
+
+
+def test_a_warning_about_the_input_is_not_repeated_for_each_row():
+    from ddgcli.cli.messages import MessageHandler
+    from ddgcli.tradeoff.measure import _prefix_warnings
+
+    log, handler = logging.getLogger("ddgcli"), MessageHandler(0, False, {})
+    log.addHandler(handler)
+    try:
+        log.warning("the object %s names no material", "hat")
+        for label in ("newmark dt=0.1", "verlet dt=0.1"):
+            with _prefix_warnings(label):
+                log.warning("the object hat names no material")
+                log.warning("steps are long")
+    finally:
+        log.removeHandler(handler)
+    assert handler.warnings == [
+        "the object hat names no material",
+        "newmark dt=0.1: steps are long",
+        "verlet dt=0.1: steps are long",
+    ]
