@@ -96,7 +96,7 @@ def street(ny: int, refine: int, duration: float = 6.0) -> tuple[float, float, f
 def main(words: list[str]) -> None:
     print(machine())
     if words[:1] == ["street"]:
-        ny, refine = map(int, words[1:3]) if len(words) > 2 else (32, 2)
+        ny, refine = map(int, words[1:3]) if len(words) > 2 else (41, 2)
         duration = float(words[3]) if len(words) > 3 else 6.0
         began = cpu_seconds()
         row = [ny, refine, duration, *street(ny, refine, duration), cpu_seconds() - began]

@@ -95,8 +95,36 @@ def row(problem: str, level: int, name: str, step: float) -> list[Any]:
     return [problem, mesh.n_faces, name, step, error, astray, *lost, seconds]
 
 
+def order_row(name: str, level: int) -> list[Any]:
+    """Row of the table of orders: of the step, of mesh and step together, what changes, seconds a step.
+
+    The order in the step is that of the vorticity on one mesh, by the differences of runs with steps of which
+    each is half of the one before.
+    """
+    problem = "wave, icosphere"
+    make, vorticity, _ = PROBLEMS[problem]
+    mesh, ends = make(level - 1), []
+    for halves in range(3):
+        space, start, end, _ = end_of(name, mesh, vorticity, STEPS[0] / 2**halves)
+        ends.append(end)
+    apart = [space.enstrophy(a - b) ** 0.5 for a, b in zip(ends, ends[1:])]
+    coarse, fine = row(problem, level - 1, name, 2 * STEPS[0]), row(problem, level, name, STEPS[0])
+    total = float(abs(ends[-1].sum() - start.sum()) / np.abs(start).sum())
+    return [
+        name, np.log2(apart[0] / apart[1]), np.log2(coarse[5] / fine[5]), fine[6], fine[7], total,
+        fine[8] / round(SPAN / STEPS[0]),
+    ]  # fmt: skip
+
+
 def main(words: list[str]) -> None:
     print(machine())
+    level = int(words[0]) if words else 3
+    print_table(
+        f"orders, what is kept, and the price: the wave on {20 * 4**level} faces, steps of {STEPS[0]:g}",
+        ["integrator", "order in the step", "of the velocity in mesh and step", "energy lost",
+         "enstrophy lost", "change of the total vorticity", "s a step"],
+        [order_row(name, level) for name in (*INTEGRATORS, PEER)],
+    )  # fmt: skip
     for level in [int(word) for word in words] or (3, 4):
         rows = [
             row(problem, level, name, step)

@@ -55,9 +55,12 @@ def test_cavity_on_a_graded_grid_is_closer_than_on_equal_cells():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("reynolds", "most"), [(100, 6e-4), (1000, 1.1e-3)])
-def test_extrema_of_the_cavity_at_128_cells(reynolds, most):
-    assert np.abs(errors(128, reynolds, "right", 0.9)[0]).max() < most
+@pytest.mark.parametrize(
+    ("reynolds", "pattern", "grading", "most"),
+    [(100, "right", 0.9, 6e-4), (1000, "right", 0.9, 1.1e-3), (1000, "alternating", 0.85, 1e-3)],
+)
+def test_extrema_of_the_cavity_at_128_cells(reynolds, pattern, grading, most):
+    assert np.abs(errors(128, reynolds, pattern, grading)[0]).max() < most
 
 
 def test_cells_on_a_wall_are_halves_on_every_pattern_and_fill_the_surface():
