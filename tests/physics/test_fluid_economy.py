@@ -10,8 +10,8 @@ SURFACE = 'grid = { size = [6, 6], cells = [6, 6], periodic = "xy" }'
 VOLUME = "box = { size = [1, 1, 1], cells = [2, 2, 2] }"
 TURN = 'initial = { velocity = ["x*(1-x)*(1-2*y)", "-(1-2*x)*y*(1-y)", 0] }\n'
 TIME = 'integrator = "energy"\nduration = 0.02\nstep = 0.01'
-# part -> its shape, module, name, and an effect that needs it
-PARTS = {
+# assembly -> its shape, module, name, and an effect that needs it
+ASSEMBLIES = {
     "harmonic basis": (SURFACE, harmonic, "harmonic_basis", "harmonic = {}"),
     "viscosity matrix": (SURFACE, diffusion, "Decay", "viscosity = { nu = 0.1 }"),
     "tracer": (SURFACE, tracer, "SurfaceTracer", 'dye = { amount = "x" }'),
@@ -26,9 +26,9 @@ class Assembled(Exception):
     pass
 
 
-@pytest.mark.parametrize("part", PARTS)
-def test_nothing_is_assembled_that_no_effect_needs(part, monkeypatch):
-    shape, module, name, effect = PARTS[part]
+@pytest.mark.parametrize("assembly", ASSEMBLIES)
+def test_nothing_is_assembled_that_no_effect_needs(assembly, monkeypatch):
+    shape, module, name, effect = ASSEMBLIES[assembly]
 
     def refuse(*_, **__):
         raise Assembled
