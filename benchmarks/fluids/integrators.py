@@ -120,7 +120,7 @@ def main(words: list[str]) -> None:
     print(machine())
     level = int(words[0]) if words else 3
     print_table(
-        f"orders, what is kept, and the price: the wave on {20 * 4**level} faces, steps of {STEPS[0]:g}",
+        f"orders, what is kept, and seconds: the wave on {20 * 4**level} faces, steps of {STEPS[0]:g}",
         ["integrator", "order in the step", "of the velocity in mesh and step", "energy lost",
          "enstrophy lost", "change of the total vorticity", "s a step"],
         [order_row(name, level) for name in (*INTEGRATORS, PEER)],
