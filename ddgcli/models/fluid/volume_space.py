@@ -41,18 +41,25 @@ def require_volume(mesh: TetMesh) -> None:
     """MeshError where cells are flat or inverted, or a face has more than two cells."""
     corner = mesh.points[mesh.tetrahedra]
     edge = np.linalg.norm(corner[:, :, None] - corner[:, None], axis=3).max(axis=(1, 2))
-    for bad, what in (
-        (mesh.signed_volume < -FLAT_CELL_TOLERANCE * edge**3, "are inverted"),
-        (~(mesh.signed_volume > FLAT_CELL_TOLERANCE * edge**3), "have no volume"),
+    for bad, what, cure in (
+        (
+            mesh.signed_volume < -FLAT_CELL_TOLERANCE * edge**3,
+            "are inverted",
+            "exchange two vertices of each",
+        ),
+        (~(mesh.signed_volume > FLAT_CELL_TOLERANCE * edge**3), "have no volume", "remove them"),
     ):
         if bad.any():
-            raise MeshError(
-                f"{int(bad.sum())} tetrahedra {what} (first: {np.flatnonzero(bad)[0]}); repair or remove them"
-            )
-    faces = np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1)
-    _, count = np.unique(faces, axis=0, return_counts=True)
+            raise MeshError(f"{int(bad.sum())} tetrahedra {what} (first: {np.flatnonzero(bad)[0]}); {cure}")
+    faces, count = np.unique(
+        np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1), axis=0, return_counts=True
+    )
     if (count > 2).any():
-        raise MeshError(f"{int((count > 2).sum())} faces have more than two tetrahedra; repair the mesh")
+        first = "-".join(str(v) for v in faces[np.argmax(count > 2)])
+        raise MeshError(
+            f"{int((count > 2).sum())} faces have more than two tetrahedra (first: vertices {first}); "
+            "remove all but two at each"
+        )
 
 
 @dataclass(eq=False)
