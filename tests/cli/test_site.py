@@ -62,11 +62,12 @@ def test_every_example_of_the_readme_runs(line, folder, run, monkeypatch):
     assert result.exit_code == 0, result.stderr
 
 
-def test_the_readme_has_five_examples_two_pictures_and_at_most_75_lines():
+def test_the_readme_has_five_examples_pictures_of_two_scenes_and_of_two_measurements_and_at_most_75_lines():
     assert len(readme_examples()) == 5
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 75
     pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
-    assert len(pictures) == 2 and all((ROOT / path).exists() for path in pictures)
+    assert len(pictures) == 4 and all((ROOT / path).exists() for path in pictures)
+    assert sum(path.startswith("docs/pictures/shell-") for path in pictures) == 2
 
 
 @pytest.mark.parametrize(
