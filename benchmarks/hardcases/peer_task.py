@@ -190,7 +190,10 @@ def main(words: list[str]) -> None:
         return
     with np.load(mesh) as stored:
         points, faces = stored["points"], stored["faces"]
-    np.savez(output, **TASKS[task](points, faces))
+    answer = TASKS[task](points, faces)
+    if any(value is None for value in answer.values()):
+        raise RuntimeError("the answer is None")
+    np.savez(output, **answer)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@
 import io
 import os
 import random
+import shutil
 import signal
 import sys
 import time
@@ -27,6 +28,8 @@ RUNS = {  # each takes some tenths of a second
     "willmore-flow": ("ball.ply", "--steps", "6"),
     "curve-flow": (ROOT / "sample_meshes" / "trefoil.obj", "--steps", "15"),
 }
+
+KEPT = ROOT / "build" / "kills"  # folders of runs that failed
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads the processor clock of a child")
 
@@ -94,7 +97,11 @@ def test_a_simulator_killed_at_random_moments_and_resumed_ends_with_the_same_bit
         while not broken.exists():
             at = rng.uniform(0, 1.1 * used) if killed < kills else float("inf")
             code = ended(forked(tmp_path, [*call, *(again or ["-o", broken])]), at)
-            assert code in (0, -signal.SIGKILL), (tmp_path / "streams").read_text()[-500:]
+            if code not in (0, -signal.SIGKILL):
+                kept = KEPT / f"{command}-{os.getpid()}"  # for this does not come again under another load
+                shutil.copytree(tmp_path, kept, dirs_exist_ok=True)
+                words = (tmp_path / "streams").read_text()[-2000:]
+                pytest.fail(f"kill {killed}, at {at:.4f} of {used:.4f} s: exit code {code}; {kept}: {words}")
             killed += code != 0
             resumed += bool(again)
             again = ["--resume", partial_file] if partial_file.exists() else []
