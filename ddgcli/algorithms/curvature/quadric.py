@@ -18,7 +18,7 @@ from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, eigen_2x2, tangent_frame
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.regions import Regions, chunks, larger, listed
-from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
+from ddgcli.algorithms.curvature.vertex_balls import map_blocks, vertex_balls
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -53,7 +53,7 @@ def quadric(
     """
     regions = neighbourhoods(mesh, faces, normal, _MIN_NEIGHBOURS)
     if radius is not None:
-        regions = larger(regions, vertex_balls(mesh, radius))
+        regions = larger(regions, vertex_balls(mesh, radius, jobs=jobs))
     columns = faces.points
     penalty = _chosen_penalty(columns, normal, regions)
     logging.getLogger("ddgcli").info("quadric: penalty %g on the terms of degree three and four", penalty)
@@ -108,14 +108,8 @@ def fit_forms(
         gradient[:, begin:end], hessian[:, begin:end] = _unscaled(_solve_low(matrix, right), axes)
 
     blocks = chunks(regions, _MAX_PAIRS)
-    if jobs == 1:
-        for block in blocks:
-            fit(block)
-        return gradient, hessian
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(jobs) as pool:  # numpy computes outside the interpreter's lock
-        list(pool.map(fit, blocks))
+    for _ in map_blocks(fit, list(blocks), jobs):
+        pass
     return gradient, hessian
 
 

@@ -7,7 +7,8 @@ within the radius and those that are connected: one operation grows 64 balls by 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,56 +22,82 @@ MAX_BLOCK_CELLS = 4_000_000  # pairs of a ball and a vertex that may lie in it, 
 BITS_PER_WORD = 64
 
 
-def vertex_balls(mesh: TriangleMesh, radius: float) -> Regions:
+def vertex_balls(mesh: TriangleMesh, radius: float, *, jobs: int = 1) -> Regions:
     """Vertices within a distance in space of each vertex, connected to it by edges inside that ball.
 
     Parameters
     ----------
     mesh : TriangleMesh
     radius : float
+    jobs : int
+        Threads that handle blocks; the result does not depend on it.
 
     Returns
     -------
     Regions
         The members of a ball in ascending order, the vertex itself among them.
     """
+    from scipy.spatial import cKDTree  # a sixth of a small run's time, needed by wide radii only
+
     near = adjacency(mesh.topology)
     lists = near.indptr.astype(np.int64), near.indices.astype(np.int64)
+    tree = cKDTree(mesh.points, leafsize=BALLS_PER_BLOCK)
+
+    def balls(leaf: NDArray) -> list[tuple[NDArray, NDArray, NDArray]]:
+        """(vertices, sizes of their balls, members) of pieces of a leaf."""
+        results = []
+        for owner, candidate in _pieces(tree, mesh.points, leaf, radius):
+            inside = _within(mesh.points, owner, candidate, radius)
+            reached = _connected(inside, owner, candidate, *_neighbours_among(candidate, lists))
+            row, column = np.nonzero(reached)
+            sizes = np.bincount(row, minlength=len(owner))
+            results.append((owner, sizes, candidate[column].astype(np.int32)))
+        return results
+
+    blocks = [block for results in map_blocks(balls, list(_leaves(tree)), jobs) for block in results]
     count = np.zeros(mesh.n_vertices, dtype=np.int64)
-    blocks = []
-    for owner, candidate in _blocks(mesh.points, radius):
-        inside = _within(mesh.points, owner, candidate, radius)
-        reached = _connected(inside, owner, candidate, *_neighbours_among(candidate, lists))
-        row, column = np.nonzero(reached)
-        count[owner] = np.bincount(row, minlength=len(owner))
-        blocks.append((owner, candidate[column].astype(np.int32)))
+    for owner, sizes, _ in blocks:
+        count[owner] = sizes
     start = list_starts(count)
     member = np.zeros(start[-1], dtype=np.int32)
-    for owner, members in blocks:
-        member[ranges(start[owner], count[owner])[0]] = members
+    for owner, sizes, members in blocks:
+        member[ranges(start[owner], sizes)[0]] = members
     return Regions(start, member)
 
 
-def _blocks(points: NDArray, radius: float) -> Iterator[tuple[NDArray, NDArray]]:
-    """Vertices that lie near each other, and all vertices that their balls may hold; both in order."""
-    from scipy.spatial import cKDTree  # a sixth of a small run's time, needed by wide radii only
+def map_blocks(function: Callable[[Any], Any], blocks: Sequence[Any], jobs: int) -> Iterator[Any]:
+    """Results of independent blocks in order; numpy computes outside the interpreter's lock."""
+    if jobs == 1:
+        yield from map(function, blocks)
+        return
+    from concurrent.futures import ThreadPoolExecutor
 
-    tree = cKDTree(points, leafsize=BALLS_PER_BLOCK)
+    with ThreadPoolExecutor(jobs) as pool:
+        yield from pool.map(function, blocks)
+
+
+def _leaves(tree: Any) -> Iterator[NDArray]:
+    """Points of each leaf of a KD-tree."""
     nodes = [tree.tree]
     while nodes:
         node = nodes.pop()
         if node.split_dim >= 0:
             nodes += [node.lesser, node.greater]
-            continue
-        owner = np.sort(node.indices)
-        corner = points[owner].min(axis=0), points[owner].max(axis=0)
-        middle = corner[0] / 2 + corner[1] / 2
-        # longer by a few roundings, so that no member of a ball is lost
-        reach = (radius + np.linalg.norm(corner[1] - middle)) * (1 + 1e-9)
-        candidate = np.array(tree.query_ball_point(middle, reach, return_sorted=True), dtype=np.int64)
-        n_balls = max(1, min(BALLS_PER_BLOCK, MAX_BLOCK_CELLS // len(candidate)))
-        for first in range(0, len(owner), n_balls):
-            yield owner[first : first + n_balls], candidate
+        else:
+            yield node.indices
+
+
+def _pieces(tree: Any, points: NDArray, leaf: NDArray, radius: float) -> Iterator[tuple[NDArray, NDArray]]:
+    """Vertices of pieces of a leaf, and all vertices that their balls may hold; both in order."""
+    owner = np.sort(leaf)
+    corner = points[owner].min(axis=0), points[owner].max(axis=0)
+    middle = corner[0] / 2 + corner[1] / 2
+    # longer by a few roundings, so that no member of a ball is lost
+    reach = (radius + np.linalg.norm(corner[1] - middle)) * (1 + 1e-9)
+    candidate = np.array(tree.query_ball_point(middle, reach, return_sorted=True), dtype=np.int64)
+    n_balls = max(1, min(BALLS_PER_BLOCK, MAX_BLOCK_CELLS // len(candidate)))
+    for first in range(0, len(owner), n_balls):
+        yield owner[first : first + n_balls], candidate
 
 
 def _within(points: NDArray, owner: NDArray, candidate: NDArray, radius: float) -> NDArray[np.bool_]:
