@@ -4,6 +4,7 @@ import pytest
 
 from benchmarks.fluids.runs import run_fluid
 from ddgcli.algorithms.hodge import harmonic
+from ddgcli.mesh import shapes
 from ddgcli.models.fluid import diffusion, tracer, transport, volume_effects, volume_paths
 
 SURFACE = 'grid = { size = [6, 6], cells = [6, 6], periodic = "xy" }'
@@ -37,3 +38,27 @@ def test_nothing_is_assembled_that_no_effect_needs(assembly, monkeypatch):
     run_fluid(TURN if shape == VOLUME else 'initial = { vorticity = "sin(x)" }\n', TIME, shape)
     with pytest.raises(Assembled):
         run_fluid(f"{TURN}{effect}", TIME, shape)
+
+
+@pytest.mark.parametrize(
+    "integrator, shape, most",
+    [
+        ("conservative", None, 4),
+        ("circulation", None, 25),
+        ("circulation", VOLUME, 50),
+        ("energy", VOLUME, 50),
+    ],
+)
+def test_a_step_at_a_courant_number_of_one_takes_few_solves(integrator, shape, most):
+    """One more for the frame at the end."""
+    start, dt = TURN, 0.3
+    if shape is None:
+        mesh = shapes.random_sphere(642)
+        start, dt = 'initial = { vorticity = "5*z + sin(3*x)*y" }', 0.05
+        dt /= 10 if integrator == "conservative" else 1  # its stability asks for less
+    else:
+        mesh = None
+    time = f'integrator = "{integrator}"\nduration = {10 * dt}\nstep = {dt}\nframe_every = {10 * dt}'
+    run = run_fluid(start, time, shape or 'mesh = "given"', mesh)
+    assert run.steps == 10
+    assert 2 < (run.account.calls["solver"] - run.solves_of_start - 1) / 10 <= most
