@@ -55,7 +55,7 @@ def test_a_step_at_a_courant_number_of_one_takes_few_solves(integrator, shape, m
     if shape is None:
         mesh = shapes.random_sphere(642)
         start, dt = 'initial = { vorticity = "5*z + sin(3*x)*y" }', 0.05
-        dt /= 10 if integrator == "conservative" else 1  # its stability asks for less
+        dt /= 10 if integrator == "conservative" else 1  # its limit of stability
     else:
         mesh = None
     time = f'integrator = "{integrator}"\nduration = {10 * dt}\nstep = {dt}\nframe_every = {10 * dt}'
