@@ -52,7 +52,7 @@ def page(results: dict[str, dict[str, dict[str, Any]]], cases: list[Case]) -> st
     for family in dict.fromkeys(_section(case) for case in cases):
         rows = [case for case in cases if _section(case) == family]
         sections.append(_table(family, rows, results))
-    sections.append(_peers(stored_results(PEER_RESULTS)))
+    sections.append(_peers(stored_results(PEER_RESULTS), results))
     sections.append(_fuzz(ledger()))
     return "\n".join(sections).rstrip() + "\n"
 
@@ -131,23 +131,31 @@ def _wrong_cells(results: dict, cases: list[Case]) -> str:
     return "\n".join([*lines, "none"] if len(lines) == 1 else lines) + "\n"
 
 
-def _peers(results: dict[str, dict[str, dict[str, Any]]]) -> str:
-    """Counts of the peers' cells, and what each one did."""
+def _peers(results: dict[str, dict[str, dict[str, Any]]], ours: dict[str, dict[str, dict[str, Any]]]) -> str:
+    """Counts of the peers' cells beside those of our commands on the same cases, and what each one did."""
     lines = ["## Peers on the same meshes\n"]
     lines.append(
         "Written by `make hardcases-peers`: each call in a process of its own, 20 s of processor time, the "
         "same checks of distances (within 1e-6), total curvature and eigenvalues as above. Readers get the "
         "file itself, other calls what our reader makes of it (none where it refuses it). A "
         "refusal is an exception that Python reports; a crash ends the process; a reader is silently wrong "
-        "where it reads a broken file, or names vertices that there are not.\n"
+        "where it reads a broken file, or names vertices that there are not. The last rows are our commands "
+        "on the same cases; wrong ones of any kind, of which there are none, count as silently wrong.\n"
     )
     if not results:
         return "\n".join([*lines, "Not run yet."])
-    lines += [_row(["peer, task", *PEER_COUNTS]), _row(["---"] * (len(PEER_COUNTS) + 1))]
+    lines += [
+        _row(["peer, task", *PEER_COUNTS, "degraded and reported"]),
+        _row(["---"] * (len(PEER_COUNTS) + 2)),
+    ]
     tasks = list(dict.fromkeys(name for row in results.values() for name in row))
     for task in tasks:
         counts = Counter(row[task]["kind"] for row in results.values() if task in row)
-        lines.append(_row([task, *(counts[kind] for kind in PEER_COUNTS)]))
+        lines.append(_row([task, *(counts[kind] for kind in PEER_COUNTS), 0]))
+    for name in ("geodesic", "curvature", "laplacian", "info"):
+        counts = Counter(ours[case][name]["kind"] for case in results if name in ours.get(case, {}))
+        cells = [counts[RIGHT_VERDICT], counts[REFUSED_VERDICT], 0, 0, 0, counts[WRONG_VERDICT]]
+        lines.append(_row([f"`ddgcli {name}`", *cells, counts[DEGRADED_VERDICT]]))
     lines += ["", _row(["case", *tasks]), _row(["---"] * (len(tasks) + 1))]
     for case, row in results.items():
         lines.append(_row([case, *(row[name]["kind"] if name in row else "?" for name in tasks)]))
