@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common.measure import print_table
+from benchmarks.common.measure import print_commands, print_table
 from benchmarks.common.process import ROOT
 
 POLL_SECONDS = 0.02
@@ -34,6 +34,7 @@ CASES = {
     "batch": ("batch {sphere} --sweep heat-time=0.01,0.02,0.03,0.04,0.05,0.06 --table {out}.jsonl -- "
               "geodesic --source 0 --method heat --heat-refine 0", ""),
 }  # fmt: skip
+COMMANDS = ("curvature sphere.ply --jobs 2",)
 MAKE = """
 import sys
 from ddgcli.io.mesh_file import write_mesh
@@ -151,3 +152,4 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
+    print_commands(*COMMANDS)
