@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common.measure import machine, print_table
+from benchmarks.common.measure import machine, print_commands, print_table
 from benchmarks.common.shell_problems import irregular_rectangle
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.linalg.factor import Factor
@@ -50,6 +50,9 @@ bending = {{ model = "midedge" }}
 pin = {{ vertices = {border}, clamp = {clamp} }}
 load = {{ traction = [0, 0, {load}] }}
 """
+
+# whole commands, timed as a user starts them
+COMMANDS = ("shell-sim cap.ply --effect stretching --effect bending --steps 2 --dt 1e-3",)
 
 
 def square(pattern: str, n: int) -> TriangleMesh:
@@ -138,3 +141,4 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
+    print_commands(*COMMANDS)

@@ -25,7 +25,7 @@ from ddgcli.errors import SolveError
 
 STEPS = {"slit annular plate": 40, "pinched cylinder": 40}
 FACES, QUICK_FACES = (600, 1800, 4800), (300, 600)
-COMMANDS = ("shell-sim sample_scenes/strip_buckling.toml --buckling 3",)
+COMMANDS = ("shell-sim strip_buckling.toml --buckling 3",)
 
 
 def nonlinear(word: str, sizes: tuple[int, ...], path: str, stored: bool) -> None:
