@@ -179,6 +179,18 @@ def test_losses_of_circulation_are_reported_and_its_cure_has_none(summary, tmp_p
     assert not any("lost" in w for w in cured["warnings"])
 
 
+def test_losses_in_a_volume_name_an_integrator_that_volumes_have(summary, tmp_path):
+    box = "box = { size = [3.141592653589793, 3.141592653589793, 1], cells = [4, 4, 1] }"
+    effects = 'initial = { velocity = ["sin(x)*cos(y)", "-cos(x)*sin(y)", 0] }'
+    path = scene(tmp_path / "s.toml", box, effects, INTEGRATORS["covector"], steps=3, step=0.5)
+    out = summary("fluid-sim", path)
+    assert out["accuracy"]["energy_lost_by_scheme"] > 0.05
+    (warned,) = [w for w in out["warnings"] if "of the energy" in w]
+    assert "take integrator energy" in warned and "conservative" not in warned
+    cured = summary("fluid-sim", path, "--integrator", "energy")
+    assert cured["accuracy"]["energy_drift"] < 1e-12 and cured["warnings"] == []
+
+
 def test_friction_is_no_loss_of_the_scheme(summary, tmp_path):
     effects = 'initial = { vorticity = "z" }\nviscosity = { nu = 0.5 }'
     path = scene(tmp_path / "s.toml", BALL, effects, INTEGRATORS["circulation"], steps=10)

@@ -201,3 +201,20 @@ def test_a_trajectory_of_tetrahedra_opens_in_vtk(summary, tmp_path):
     assert grid.GetNumberOfCells() == 48 and grid.GetCellType(0) == vtk.VTK_TETRA
     assert grid.GetNumberOfPoints() == 27 and reader.GetNumberOfSteps() == 3
     assert grid.GetPointData().GetArray("velocity").GetNumberOfComponents() == 3
+
+
+@pytest.mark.parametrize(
+    "shape, size",
+    [
+        ("sphere = { center = [1.5, 1.5, 1.5], radius = 0.8 }", 4 / 3 * np.pi * 0.8**3),
+        ("cylinder = { start = [1.5, 1.5, -1], end = [1.5, 1.5, 5], radius = 0.8 }", np.pi * 0.64 * np.pi),
+        ("box = { corner = [1, 1, 1], size = [1.2, 1.2, 1.2] }", 1.2**3),
+    ],
+)
+def test_obstacles_are_cut_out_of_a_volume_and_the_flow_goes_round_them(shape, size):
+    post = f'[[object]]\nname = "post"\nrole = "obstacle"\n{shape}\n'
+    model, observed, _ = run(CELL, 8, 0.2, 0.1, objects=post)
+    assert np.pi**3 - model.space.volume.sum() == pytest.approx(size, rel=0.2)
+    energy = series(observed, "kinetic_energy")
+    assert energy[-1] == pytest.approx(energy[0], rel=1e-12) and energy[0] > 1
+    assert series(observed, "divergence").max() < 1e-13

@@ -73,11 +73,13 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     }
     if "total_dye" in series:
         accuracy["dye_drift"] = _drift(series["total_dye"], float(series["absolute_dye"][0]))
-    return results, {**accuracy, **_scheme_losses(series, enstrophy, integrator)}
+    # of the integrators that keep energy, volumes have `energy` alone
+    keeper = "energy" if any(m.context.is_volume for m in models.values()) else "conservative"
+    return results, {**accuracy, **_scheme_losses(series, enstrophy, integrator, keeper)}
 
 
 def _scheme_losses(
-    series: Mapping[str, NDArray], least_enstrophy: float, integrator: str
+    series: Mapping[str, NDArray], least_enstrophy: float, integrator: str, keeper: str
 ) -> dict[str, float]:
     """Shares of energy and enstrophy that the transport lost, where it books them; warn of large ones."""
     losses = {}
@@ -93,8 +95,8 @@ def _scheme_losses(
         if share > MAX_LOSS_SHARE:
             log.warning(
                 "integrator %s lost %.2g %% of the %s (warned of above %.0f %%): take integrator "
-                "conservative, or a finer or more regular mesh",
-                integrator, 100.0 * share, name, 100.0 * MAX_LOSS_SHARE,
+                "%s, or a finer or more regular mesh",
+                integrator, 100.0 * share, name, 100.0 * MAX_LOSS_SHARE, keeper,
             )  # fmt: skip
     return losses
 
