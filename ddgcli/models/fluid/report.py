@@ -74,12 +74,12 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     if "total_dye" in series:
         accuracy["dye_drift"] = _drift(series["total_dye"], float(series["absolute_dye"][0]))
     # of the integrators that keep energy, volumes have `energy` alone
-    keeper = "energy" if any(m.context.is_volume for m in models.values()) else "conservative"
-    return results, {**accuracy, **_scheme_losses(series, enstrophy, integrator, keeper)}
+    alternative = "energy" if any(m.context.is_volume for m in models.values()) else "conservative"
+    return results, {**accuracy, **_scheme_losses(series, enstrophy, integrator, alternative)}
 
 
 def _scheme_losses(
-    series: Mapping[str, NDArray], least_enstrophy: float, integrator: str, keeper: str
+    series: Mapping[str, NDArray], least_enstrophy: float, integrator: str, alternative: str
 ) -> dict[str, float]:
     """Shares of energy and enstrophy that the transport lost, where it books them; warn of large ones."""
     losses = {}
@@ -96,7 +96,7 @@ def _scheme_losses(
             log.warning(
                 "integrator %s lost %.2g %% of the %s (warned of above %.0f %%): take integrator "
                 "%s, or a finer or more regular mesh",
-                integrator, 100.0 * share, name, 100.0 * MAX_LOSS_SHARE, keeper,
+                integrator, 100.0 * share, name, 100.0 * MAX_LOSS_SHARE, alternative,
             )  # fmt: skip
     return losses
 
