@@ -108,6 +108,8 @@ class Model(Generic[State]):
         Time of a state, for schemes that choose their own steps; else step times dt.
     rescue : callable like `advance`, optional
         Takes a step that `advance` solved and yet rejects, before it is made shorter.
+    time_unit : str
+        What messages name after a time.
     """
 
     start: State
@@ -121,6 +123,7 @@ class Model(Generic[State]):
     stop: Callable[[State], str] | None = None
     clock: Callable[[State], float] | None = None
     rescue: Callable[[State, float, float], State] | None = None
+    time_unit: str = "s"
 
 
 @dataclass(frozen=True)

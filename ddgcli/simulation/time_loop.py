@@ -268,12 +268,17 @@ def _step_or_halves(
     try:
         state = _advanced(active, schedule, active.state, step, time, dt, events)
     except StepRejected as rejected:
-        detail = f"{active.name}: step of {dt:.3g} s rejected: {rejected}"
+        detail = f"{active.name}: step of {dt:.3g} {active.model.time_unit} rejected: {rejected}"
         events.append(Event(step, time, rejected.cause, rejected.place, rejected.value, detail))
         if schedule.on_failure == "stop" or depth >= MAX_HALVINGS:
-            raise SolveError(f"t = {time:.6g} s, {detail}; try a smaller step") from rejected
+            raise SolveError(
+                f"t = {time:.6g} {active.model.time_unit}, {detail}; try a smaller step"
+            ) from rejected
         log_event = log.info if active.divided else log.warning
-        log_event("t = %.6g s, %s; it is halved, and so are those after it where they must", time, detail)
+        unit = active.model.time_unit
+        log_event(
+            "t = %.6g %s, %s; it is halved, and so are those after it where they must", time, unit, detail
+        )
         active.divided, active.allowed = True, 0.75 * dt
         return _two_halves(active, schedule, step, time, dt, depth, events)
     active.reached = (time + dt) / schedule.dt
@@ -345,15 +350,26 @@ def _advance_adaptively(
             state = _advanced(active, schedule, half, first, time + dt / 2, dt / 2, events)
             error = model.distance(whole, state)
         except StepRejected as rejected:
-            detail = f"{active.name}: step of {dt:.3g} s rejected: {rejected}"
+            detail = f"{active.name}: step of {dt:.3g} {active.model.time_unit} rejected: {rejected}"
             events.append(Event(first, time, rejected.cause, rejected.place, rejected.value, detail))
             if schedule.on_failure == "stop" or dt < shortest:
-                raise SolveError(f"t = {time:.6g} s, {detail}; try a smaller step") from rejected
+                raise SolveError(
+                    f"t = {time:.6g} {active.model.time_unit}, {detail}; try a smaller step"
+                ) from rejected
             active.next_dt = dt / 4
             continue
         growth = 0.9 * (tolerance / max(error, 1e-300)) ** (1 / (model.order + 1))
         if error > tolerance and dt > shortest:
-            events.append(Event(first, time, "tolerance", active.name, error, f"step of {dt:.3g} s too long"))
+            events.append(
+                Event(
+                    first,
+                    time,
+                    "tolerance",
+                    active.name,
+                    error,
+                    f"step of {dt:.3g} {active.model.time_unit} too long",
+                )
+            )
             active.next_dt = dt * max(0.2, min(growth, 0.9))
             continue
         active.state = state

@@ -52,6 +52,21 @@ def test_an_ellipsoid_is_round_after_a_few_steps_and_its_map_is_nearly_conformal
     assert change[1] < 0.1 and change[1] < 0.6 * change[0]  # of first order: that of the icosphere's faces
 
 
+def test_conformal_steps_are_at_most_a_tenth_of_those_in_time():
+    """3 against 49, until a hundredth of the start's energy above 4 pi is left.
+
+    The steps in time are of the default length, 0.005 R^4; R is the radius of the sphere of the same area.
+    """
+    mesh = ellipsoid(3)
+    by_steps = energies(run_flow(mesh, CONFORMAL)[0]) / (4 * np.pi) - 1
+    steps = int(np.flatnonzero(by_steps < 0.01 * by_steps[0])[0])
+    radius = np.sqrt(area(mesh) / (4 * np.pi))
+    snapshots, _, _ = run_flow(mesh, FlowOptions(timed=True), step=5e-3 * radius**4, steps=10 * steps)
+    in_time = energies(snapshots) / (4 * np.pi) - 1
+    assert steps <= 4 and snapshots[-1].scalar["steps"] == 10 * steps
+    assert in_time[-1] > 0.01 * in_time[0]
+
+
 def test_tori_of_revolution_stay_where_the_plain_step_would_tear_them():
     """They are constrained Willmore surfaces: no other torus of their conformal class is lower nearby."""
     ring = shapes.torus(32, 16, 3.0, 1.0)

@@ -57,6 +57,44 @@ def test_energies_converge_at_second_order(name, stretch, truth):
     assert error[-1] < 1e-3 and (np.abs(rates - 2) < 0.1).all()
 
 
+@pytest.mark.parametrize("name", VERTEX)
+def test_a_catenoid_has_no_energy(name):
+    """r = c cosh(z / c) is minimal; squares of a curvature of second order fall at fourth order."""
+    value = []
+    for n in (12, 24, 48):
+        tube = shapes.cylinder(2 * n, n, 1.0, 1.2)
+        x, y, z = tube.points.T
+        swell = 0.8 * np.cosh((z - z.mean()) / 0.8) / np.hypot(x, y)
+        value.append(ENERGIES[name].of(tube).value(np.stack([swell * x, swell * y, z], axis=1)))
+    rates = np.log2(np.array(value[:-1]) / value[1:])
+    assert 0 < value[-1] < 2e-6 and (np.abs(rates - 4) < 0.1).all()
+
+
+@pytest.mark.parametrize("name", ["cotan", "gauss-map"])
+def test_a_cap_of_a_sphere_has_its_area_as_energy(name):
+    """Over the square of side 1, without the cells at the rim: of first order, from below."""
+    t, weight = np.polynomial.legendre.leggauss(40)
+    u, v = np.meshgrid(t / 2, t / 2)
+    truth = (np.outer(weight, weight) / 4 / np.sqrt(1 - u**2 - v**2)).sum()
+    error = []
+    for n in (8, 16, 32):
+        grid = shapes.grid(n, n, pattern="alternating")
+        x, y = (grid.points[:, :2] - 0.5).T
+        cap = np.stack([x, y, np.sqrt(1 - x**2 - y**2)], axis=1)
+        error.append(1 - ENERGIES[name].of(grid).value(cap) / truth)
+    assert 0 < error[-1] < 0.07 and error[0] / error[1] > 1.85 and error[1] / error[2] > 1.85
+
+
+@pytest.mark.parametrize("aspect", [np.sqrt(2), 3.0, 5.0])
+def test_tori_have_the_energy_of_their_aspect(aspect):
+    """pi^2 c^2 / sqrt(c^2 - 1), at second order by each energy that stands for int H^2."""
+    truth = np.pi**2 * aspect**2 / np.sqrt(aspect**2 - 1)
+    coarse, fine = (shapes.torus(2 * n, n, aspect, 1.0) for n in (24, 48))
+    for name, most in (("gauss-map", 3e-4), ("sullivan", 4e-3), ("cotan", 3e-3)):
+        one, other = (abs(ENERGIES[name].of(mesh).value(mesh.points) / truth - 1) for mesh in (coarse, fine))
+        assert other < most and np.log2(one / other) == pytest.approx(2.0, abs=0.15), name
+
+
 def test_sullivan_and_cotan_bracket_the_torus():
     mesh = shapes.torus(96, 48, 2, 1)
     above, below = (ENERGIES[name].of(mesh).value(mesh.points) for name in VERTEX)

@@ -1,5 +1,8 @@
 """Every flow on ugly surfaces: energies fall, points stay finite, refusals are one line."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import flow_options
 from ddgcli.models.willmore.setup import FlowOptions
+from ddgcli.simulation.model import RunFailed
 from tests.physics.willmore_runs import energies, run_flow
 
 FLOWS = {
@@ -18,6 +22,19 @@ FLOWS = {
     "conformal": {"flow": "conformal"},
     "bubble": {"flow": "mean-curvature", "fix_volume": True},
     "largest volume": {"flow": "mean-curvature", "fix_area": True},
+    "circle-angle": {"flow": "circle-angle"},
+    "cotan": {"energy": "cotan"},
+    "sullivan": {"energy": "sullivan"},
+    "hinge": {"energy": "hinge"},
+    "quadratic energy": {"energy": "quadratic", "fix_area": True},
+}
+TIMED = {
+    "quadratic": {},
+    "semi-implicit": {"integrator": "semi-implicit"},
+    "circle-angle": {"flow": "circle-angle"},
+    "bubble": {"flow": "mean-curvature", "fix_volume": True},
+    "vesicle": {"fix_area": True, "fix_volume": True},
+    "mean curvature": {"flow": "mean-curvature"},
 }
 
 
@@ -57,13 +74,48 @@ def test_energies_fall_and_points_stay_finite(name, mesh):
     assert len(observations) > 1 or shots[-1].stopped
 
 
-@pytest.mark.parametrize("name", ["bubble", "conformal", "newton"])
+@pytest.mark.parametrize("mesh", MESHES)
+@pytest.mark.parametrize("name", TIMED)
+def test_steps_far_too_long_are_halved_or_refused(name, mesh):
+    """A thousand times the fourth power of the radius; mean curvature flow lowers the area, not int H^2."""
+    mesh = MESHES[mesh]()
+    options = flow_options.with_stop(FlowOptions(timed=True, **TIMED[name]), mesh.topology, True)
+    try:
+        observations, _, _ = run_flow(mesh, options, step=1e3, steps=2)
+    except RunFailed as failure:
+        assert "try a smaller step" in str(failure) and "length^4" in str(failure)
+        return
+    assert all(np.isfinite(o.points).all() for o in observations)
+    fell = [o.scalar["area"] for o in observations] if name == "mean curvature" else energies(observations)
+    assert (np.diff(fell) <= 1e-12 * np.abs(fell[:-1])).all()
+
+
+def test_faces_that_fold_are_reported(run, tmp_path):
+    path = tmp_path / "needles.ply"
+    write_mesh(str(path), AnnotatedMesh(needles()))
+    result = run("willmore-flow", path, "--energy", "sullivan", "--steps", 12, "--json")
+    assert "24 faces are folded over at the end (0 at the start)" in result.stderr
+
+
+def test_a_spike_that_the_mesh_does_not_resolve_is_no_rest_and_the_cure_works(run, tmp_path):
+    """It ended at 1.21 times 4 pi with exit 0; with four times the faces the spike goes."""
+    path = tmp_path / "spike.ply"
+    write_mesh(str(path), AnnotatedMesh(spike()))
+    result = run("willmore-flow", path, "--json")
+    assert result.exit_code == 1 and "begin with --subdivide 1" in result.stderr
+    cured = run("willmore-flow", path, "--subdivide", 1, "--json")
+    energy = json.loads(cured.stdout)["results"]["energy"]
+    assert cured.exit_code == 0 and energy[-1] == pytest.approx(4 * np.pi, rel=1e-6) and len(energy) < 60
+
+
+@pytest.mark.parametrize("name", [name for name in FLOWS if name != "largest volume"])
 @pytest.mark.parametrize("scale", [1e-8, 1e8])
 def test_flows_do_not_depend_on_the_unit(name, scale):
     ball = shapes.icosphere(2)
     mesh = ball.moved(ball.points * [1.0, 1.2, 1.7])
     options = flow_options.with_stop(FlowOptions(**FLOWS[name]), mesh.topology, False)
     plain = run_flow(mesh, options, steps=3)[1].points
+    options = replace(options, spontaneous_curvature=options.spontaneous_curvature / scale)
     scaled = run_flow(mesh.moved(scale * mesh.points), options, steps=3)[1].points
     assert np.allclose(scaled / scale, plain, rtol=0, atol=1e-6)
 

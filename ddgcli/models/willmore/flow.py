@@ -104,7 +104,8 @@ class Flow(FlowTerms):
             if metric.descent_power() <= 2.0 * least:  # what the two parts release is half of it or more
                 across, along = metric.powers()
                 if across + along <= least and along >= across:
-                    return rules.MESH_ERROR_REASON
+                    above = self.to_spheres and at.energy > rules.FALSE_REST_FRACTION * self.least
+                    return rules.FALSE_REST_REASON if above else rules.MESH_ERROR_REASON
         return ""
 
     def _polished(self, state: FlowState, at: EnergyGradient) -> FlowState:
@@ -128,14 +129,24 @@ class Flow(FlowTerms):
         raise StepRejected("energy rises", value=energy - at.energy)
 
     def _attempts(self, at: EnergyGradient, dt: float) -> Iterator[TriangleMesh]:
-        """The surface after dt, by what is tried in turn."""
-        if self.scheme == "semi-implicit":
+        """The surface after dt, by what is tried in turn; StepRejected where none keeps the constraints."""
+        failure = None
+        for gamma in (None,) if self.scheme == "semi-implicit" else ROSENBROCK_GAMMAS:
+            try:
+                moved = self._after(at, dt, gamma)
+            except SolveError as error:
+                failure = error
+                continue
+            yield moved
+        if failure is not None:
+            raise StepRejected(str(failure)) from failure
+
+    def _after(self, at: EnergyGradient, dt: float, gamma: float | None) -> TriangleMesh:
+        if gamma is None:
             inner = self._preconditioner(at, dt)
-            yield moved_along(inner, descent_motion(inner, dt, self.constraints), 1.0, self.constraints)
-            return
-        for gamma in ROSENBROCK_GAMMAS:
-            energy = self._terms(at.mesh.topology).energy
-            yield rosenbrock_step(self._preconditioner(at, gamma * dt), dt, energy, self.constraints)
+            return moved_along(inner, descent_motion(inner, dt, self.constraints), 1.0, self.constraints)
+        energy = self._terms(at.mesh.topology).energy
+        return rosenbrock_step(self._preconditioner(at, gamma * dt), dt, energy, self.constraints)
 
     def _longest_step(self, state: FlowState, at: EnergyGradient) -> FlowState:
         """Descent step, shortened until the energy falls enough; the next one starts at twice a length that

@@ -80,6 +80,8 @@ class FlowTerms:
         Edges are split, collapse and flip before steps.
     by_pairs : bool
         Steps of the descent to rest are quasi-Newton motions by secant pairs (else with momentum).
+    to_spheres : bool
+        Every surface at rest is one of round spheres, of the energy `least`.
     """
 
     topology: Topology
@@ -105,6 +107,7 @@ class FlowTerms:
     of_surface: bool = True
     remesh: RemeshTarget | None = None
     by_pairs: bool = False
+    to_spheres: bool = False
     _last_terms: TopologyTerms | None = None
     _last_gradient: EnergyGradient | None = None
     _last_preconditioner: tuple[Preconditioner, float] | None = None

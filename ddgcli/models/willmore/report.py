@@ -14,13 +14,19 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY, ENERGIES, SECOND_ENERGY
 from ddgcli.models.willmore.films import PINCH_REASON
-from ddgcli.models.willmore.step_rules import CONFORMAL_REASON, CRUMPLING_REASON, LOWER_BOUND_REASON
+from ddgcli.models.willmore.step_rules import (
+    CONFORMAL_REASON,
+    CRUMPLING_REASON,
+    FALSE_REST_REASON,
+    LOWER_BOUND_REASON,
+)
 
 RESOLUTION_REASONS = (
     LOWER_BOUND_REASON,
     CRUMPLING_REASON,
     PINCH_REASON,
     CONFORMAL_REASON,
+    FALSE_REST_REASON,
 )  # ends that are neither at rest nor on the flow
 ENERGY_RATIO_WARNING = 1.2  # growth of the ratio of two energies at which a warning is due
 REFINEMENT_ANGLE = 25  # smallest angle that the advice names for `delaunay --refine`
@@ -110,6 +116,8 @@ def failure_reason(stopped: str, start: TriangleMesh, energy: str) -> str:
         cure = "bring the parts of the boundary closer together, or span each by its own surface"
     elif stopped == CONFORMAL_REASON:
         cure = "go on from there with `flow=quadratic`"
+    elif stopped == FALSE_REST_REASON:
+        cure = "begin with `subdivide=1`"
     elif np.degrees(corner_angle(start.side_length).min()) < REFINEMENT_ANGLE:
         cure = (
             f"begin with the mesh that `ddgcli delaunay MESH --refine {REFINEMENT_ANGLE} -o finer.npz` writes"

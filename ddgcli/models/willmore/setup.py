@@ -293,7 +293,8 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     unwatched = options.flow in ("conformal", "mean-curvature")
     second = None if unwatched else second_energy(chosen, unit, constraints)
     reported = ENERGIES.items() if options.report_energies else ()
-    to_rest = kind == "descent" and not (options.timed or film or options.remesh)
+    to_rest = kind == "descent" and not (options.timed or film)
+    cannot_crumple = second is None and topology.is_closed and chosen == DEFAULT_ENERGY
     flow = Flow(
         topology, energy_kind, convention, free, constraints, mean_curvature, scheme,
         options.timed, options.stop, centre, scale, area(unit), mesh.points,
@@ -301,7 +302,8 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         keeps_triangles=not options.timed and kind != "conformal" and (film or definition.keeps_triangles),
         of_area=film, kind=kind, of_surface=definition.of_surface,
         remesh=_remesh_target(unit, options, scale, kind, chosen),
-        by_pairs=to_rest and second is None and topology.is_closed and chosen == DEFAULT_ENERGY,
+        by_pairs=to_rest and cannot_crumple and not options.remesh,
+        to_spheres=to_rest and cannot_crumple and len(free) == np.count_nonzero(topology.referenced_vertex),
         energy_power=(3 if options.fix_area else 2) if film else 0,
         reported={name: kind.builder(unit) for name, kind in reported},
         second_kind=None if second is None else _with_curvature(second, curvature),
@@ -315,6 +317,7 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         start, flow.advance, flow.observe, flow.pack, flow.unpack,
         distance=lambda a, b: relative_distance(a, b, flow.area), order=1 if scheme == "semi-implicit" else 2,
         stop=flow.reason, clock=lambda state: state.time,
+        time_unit="length^2" if options.flow == "mean-curvature" else "length^4",
     )  # fmt: skip
     return flow, model
 

@@ -20,6 +20,8 @@ AGREEMENT_RATIO = 1.05  # ratio of the two energies up to which the surface is t
 MIN_CONFORMAL_SHARE = 1.0 / 64.0  # of the curvature's way to a constant, for a conformal step
 # of the energy, that constant curvature would release where conformal steps end, up to which that is rest
 CONFORMAL_REST_SHARE = 0.005
+# of the least energy, above which a surface that could become round is not at rest
+FALSE_REST_FRACTION = 1.05
 ZERO_ENERGY = 1e-12  # energy at which nothing is left to release
 # relative predicted fall of the energy below which rounding decides: the surface is kept
 PREDICTED_FALL_TOLERANCE = 1e-13
@@ -30,6 +32,10 @@ LOWER_BOUND_REASON = (
     "the next step would go below the least energy of such surfaces: the mesh is too coarse or uneven"
 )
 MESH_ERROR_REASON = "what is left of the gradient is the mesh's own error"
+FALSE_REST_REASON = (
+    "what is left of the gradient is the mesh's own error, but the energy is above that of spheres: the mesh "
+    "is too coarse somewhere"
+)
 UNEVEN_FILM_REASON = "curvature equal but for the mesh's own error: it has no film of equal curvature nearby"
 ROUNDING_REASON = "rounding hides what the energy could still fall by"
 CONFORMAL_REASON = "no conformal step lowers the energy, but the curvature is not yet constant"
