@@ -37,7 +37,7 @@ ROWS = {
     "fast-marching distance": "geodesic {sphere} --source 0 --method fast-marching",
     "exact distance": "geodesic {sphere} --source 0",
     "fluid step": "fluid-sim {sphere} --vorticity 5*z --dt 1e-7 --steps 1",
-    "shell step": f"shell-sim {{sheet}} {SHELL} --steps 1",
+    "shell step": f"shell-sim {{sheet}} {SHELL} --pin 0 --steps 1",
 }
 COMMANDS = ("info torus.ply", "info torus.ply --dry-run")
 MAKE = """
