@@ -262,6 +262,10 @@ def test_many_rows_of_a_scene_cost_one_pass(monkeypatch):
         lambda f: f["VTKHDF"].__setitem__("PointData/x", h5py.ExternalLink("b.h5", "/a")),
         lambda f: f["ddgcli"].attrs.__setitem__("overrides", "[]"),
         lambda f: f["VTKHDF/NumberOfPoints"].__setitem__(0, -1),
+        lambda f: f["VTKHDF/Steps/CellDataOffsets/g"].__setitem__(1, 21),
+        lambda f: f["VTKHDF/Steps/CellDataOffsets/g"].__setitem__(0, -1),
+        lambda f: f["VTKHDF/CellData"].__delitem__("g"),
+        lambda f: f["ddgcli"].attrs.__setitem__("face_arrays", '["h"]'),
     ],
 )
 def test_a_damaged_trajectory_is_refused(tmp_path, damage):
@@ -273,10 +277,11 @@ def test_a_damaged_trajectory_is_refused(tmp_path, damage):
     mesh, path = shapes.icosphere(0), str(tmp_path / "o.vtkhdf")
     writer = TrajectoryWriter(path, Header(mesh, True), 2)
     for k in range(2):
-        writer.append(TrajectoryFrame(k, float(k), mesh.points, {"f": mesh.points[:, 0]}, {"e": 1.0}))
+        vertex, face = {"f": mesh.points[:, 0]}, {"g": np.full(mesh.n_faces, float(k))}
+        writer.append(TrajectoryFrame(k, float(k), mesh.points, vertex, {"e": 1.0}, face=face))
     writer.close("complete")
     with Trajectory(path) as whole:
-        assert whole.n_frames == 2
+        assert whole.n_frames == 2 and list(whole.face(1)["g"]) == [1.0] * mesh.n_faces
     with h5py.File(path, "a") as file:
         damage(file)
     with pytest.raises(InputError, match="not a ddgcli trajectory") as caught:
