@@ -252,6 +252,11 @@ def test_many_rows_of_a_scene_cost_one_pass(monkeypatch):
     assert sum(lengths) < 2 * len(text)
 
 
+def replaced(group, name, array):
+    group.pop(name, None)
+    group[name] = array
+
+
 @pytest.mark.parametrize(
     "damage",
     [
@@ -266,6 +271,9 @@ def test_many_rows_of_a_scene_cost_one_pass(monkeypatch):
         lambda f: f["VTKHDF/Steps/CellDataOffsets/g"].__setitem__(0, -1),
         lambda f: f["VTKHDF/CellData"].__delitem__("g"),
         lambda f: f["ddgcli"].attrs.__setitem__("face_arrays", '["h"]'),
+        lambda f: replaced(f["VTKHDF/FieldData"], "e", np.zeros(2)),
+        lambda f: replaced(f["VTKHDF/FieldData"], "obstacle_pose_b", np.zeros((2, 3))),
+        lambda f: f["ddgcli/obstacles/000"].attrs.__delitem__("name"),
     ],
 )
 def test_a_damaged_trajectory_is_refused(tmp_path, damage):
@@ -275,7 +283,7 @@ def test_a_damaged_trajectory_is_refused(tmp_path, damage):
     from ddgcli.mesh.fields import TrajectoryFrame
 
     mesh, path = shapes.icosphere(0), str(tmp_path / "o.vtkhdf")
-    writer = TrajectoryWriter(path, Header(mesh, True), 2)
+    writer = TrajectoryWriter(path, Header(mesh, True, obstacles={"b": mesh}), 2)
     for k in range(2):
         vertex, face = {"f": mesh.points[:, 0]}, {"g": np.full(mesh.n_faces, float(k))}
         writer.append(TrajectoryFrame(k, float(k), mesh.points, vertex, {"e": 1.0}, face=face))

@@ -103,7 +103,7 @@ def simulate(run: Run, job: Job) -> Outcome:
     writer, start = _open_trajectory(run, job, paths, cell, recorder)
 
     def write_frame(trajectory_frame: TrajectoryFrame, snapshot: Snapshot) -> None:
-        from ddgcli.io.trajectories.layout import OBSTACLE_POSE
+        from ddgcli.io.trajectories.layout_check import OBSTACLE_POSE
 
         poses = {OBSTACLE_POSE + name: row for name, row in job.obstacle_poses(trajectory_frame.time).items()}
         scalar: dict[str, Any] = {**trajectory_frame.scalar, **poses}
@@ -169,7 +169,7 @@ def _open_trajectory(
 
 def _without_poses(trajectory_frame: TrajectoryFrame) -> TrajectoryFrame:
     """A frame of a trajectory as the models computed it: the poses of obstacles were added to the file."""
-    from ddgcli.io.trajectories.layout import OBSTACLE_POSE
+    from ddgcli.io.trajectories.layout_check import OBSTACLE_POSE
 
     own = {
         name: value for name, value in trajectory_frame.scalar.items() if not name.startswith(OBSTACLE_POSE)

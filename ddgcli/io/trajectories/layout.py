@@ -31,7 +31,6 @@ EFFECT_DTYPE = np.dtype([("name", "S48"), ("calls", "i8"), ("seconds", "f8")])
 LARGEST_ROOM = 1 << 40  # bytes of holes in a file; beyond, the file is laid out again as it grows
 NSTEPS_MARK = 0x5E7_0F_57E95_C0DE  # replaced in place once the file is laid out
 STATUS_MARK = "@status@@@@"
-OBSTACLE_POSE = "obstacle_pose_"  # field data of a frame: that and the obstacle's name
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.readers.guarded import guarded
 
 TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
+OBSTACLE_POSE = "obstacle_pose_"  # field data of a frame: that and the obstacle's name
 MAX_METADATA_BYTES = 1 << 20  # bound of the check, which reads texts and shapes, no frames
 
 
@@ -79,7 +80,9 @@ def _check(file: Any) -> None:
     n_cells = len(ends) // 2 or n_corners // width
     for name, length in (("PointData", int(counts.sum())), ("CellData", n_cells), ("FieldData", count)):
         for array in _group(root, name):
-            _rows(_group(root, name), array, length, "fiub", None)
+            rows = _rows(_group(root, name), array, length, "fiub", None)
+            if name == "FieldData" and rows.ndim != 2:
+                raise MeshFileError(f"'{excerpt(array, 40)}' is no table of numbers of every frame")
     own_face = json.loads(ours.attrs.get("face_arrays", "[]"))
     for name in own_face:
         starts = _rows(_group(steps, "CellDataOffsets"), str(name), count, "iu")[:count]
@@ -90,6 +93,12 @@ def _check(file: Any) -> None:
         points, faces = _rows(obstacle, "points", 0, "f", (3,)), _rows(obstacle, "faces", 0, "iu", (3,))
         if len(faces) and not 0 <= int(faces[...].min()) <= int(faces[...].max()) < len(points):
             raise MeshFileError("an obstacle names a point that it has not")
+        name = obstacle.attrs.get("name")
+        if not isinstance(name, (str, bytes)):
+            raise MeshFileError("an obstacle has no name")
+        pose = OBSTACLE_POSE + (name.decode() if isinstance(name, bytes) else name)
+        if pose in root["FieldData"]:
+            _rows(root["FieldData"], pose, count, "f", (12,))
     for name in ours.attrs:
         value = ours.attrs[name]
         if isinstance(value, bytes):
