@@ -5,4 +5,4 @@ holds names and shapes, `paths` the paths of
 particles, `row_file` the growing datasets.
 """
 
-__all__ = ["layout", "paths", "row_file", "trajectory", "writer"]
+__all__ = ["layout", "layout_check", "paths", "row_file", "trajectory", "writer"]
