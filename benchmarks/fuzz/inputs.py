@@ -237,7 +237,7 @@ def read_table(suffix: str) -> Callable[[bytes], object]:
 
 
 def _is_long_run(path: str) -> bool:
-    """Whether a scene asks for more steps than a trial has time for, which is no fault of the reader."""
+    """Whether a scene has more steps than a trial can run; that is no fault of the reader."""
     try:
         with open(path, "rb") as file:
             time = tomllib.load(file)["time"]

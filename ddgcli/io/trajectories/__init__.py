@@ -1,7 +1,7 @@
 """Trajectories of simulations: one HDF5 file a run, in the VTKHDF layout.
 
 `writer` appends frames so that the file is complete at every moment, `trajectory` reads them, `layout`
-holds names and shapes, `paths` the paths of
+holds names and shapes, `layout_check` what a file must hold, `paths` the paths of
 particles, `row_file` the growing datasets.
 """
 
