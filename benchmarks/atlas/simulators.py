@@ -59,8 +59,9 @@ CIRCLE = 6.283185307179586
 # line in the plot -> values of the scene's [time]
 FLUIDS = {
     "conservative": 'integrator = "conservative"',
-    "conservative midpoint": 'integrator = "conservative"\nscheme = "midpoint"',
+    "energy": 'integrator = "energy"',
     "circulation": 'integrator = "circulation"',
+    "covector": 'integrator = "covector"',
 }
 
 
@@ -112,7 +113,9 @@ def _haurwitz(sphere: Callable[[int], TriangleMesh], level: int) -> Trial:
 
 
 def _fluid_work(name: str, faces: int, steps: float) -> float:
-    return steps * (2e-3 + faces * {"conservative": 1e-6, "circulation": 1e-5}.get(name, 5e-6))
+    return steps * (
+        2e-3 + faces * {"conservative": 1e-6, "circulation": 1e-5, "covector": 2e-5}.get(name, 5e-6)
+    )
 
 
 def _taylor_green(pattern: Pattern, level: int) -> Trial:
@@ -179,6 +182,7 @@ def _fluid_by_step(level: int) -> Trial:
             _fluid_work(name, 320, STEPS_SPAN / step),
         )
         for name in FLUIDS
+        if name != "covector"  # every step interpolates: it has no limit of small steps on one mesh
     ]
     return known_truth(320, step, scale, candidates, relative_to_rms)
 

@@ -45,9 +45,11 @@ on the directions of the edges (Grinspun et al. 2006). Steps: 2, a two-stage Ros
 Wanner 1996; docs/willmore-flow.md).
 """,
     "fluid-sim": """
-In the step: 4 for `conservative` (rk4), 2 for midpoint, 2 for `circulation` (points move with the flow of
-mid-step, the step is made forth and back: Dupont and Liu 2003). In the mesh: 2 for `conservative` (linear
-elements, Dziuk 1988); `circulation`: 2 together with the step, by fitted velocities (Zhang and Naga 2005).
+In the step: 4 for `conservative` (rk4), 2 for `energy` (midpoint rule), 2 for `circulation` (points move with
+the flow of mid-step, the step is made forth and back: Dupont and Liu 2003). In the mesh: 2 for `conservative`
+and `energy` (linear elements, Dziuk 1988); `circulation` and `covector`: 2 together with the step, by fitted
+velocities (Zhang and Naga 2005); `covector` has no limit of small steps on one mesh, for every step
+interpolates.
 """,
     "shell-sim": """
 In the step: the order of each integrator (Hairer, Lubich, Wanner 2006; Newmark's with gamma = 1/2: 2). In
@@ -88,7 +90,7 @@ def _willmore(mesh_class: str, _: str, method: str) -> str:
 
 def _fluid(mesh_class: str, configuration: str, method: str) -> str:
     if mesh_class == "steps":
-        return {"conservative": "4", "conservative midpoint": "2", "circulation": "2"}[configuration]
+        return {"conservative": "4", "energy": "2", "circulation": "2"}[configuration]
     return "2"
 
 
