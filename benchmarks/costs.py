@@ -123,6 +123,7 @@ SURFACE = [
         "--material felt --set thickness=1e-3 --dt 1e-3 --pin 0 --steps 9",
         SMALL_SIZES,
         mesh="disk",
+        exponent=1.3,
     ),
     Task(
         "shell-sim explicit step",

@@ -68,7 +68,7 @@ COEFFICIENTS: dict[str, Cost] = {
     "willmore-flow": Cost(0.3279, 1.438, 1.05, 30.42, 236),
     "willmore-flow quadratic step": Cost(0, 1.429, 1.05, 33.37, 217),
     "shell-sim": Cost(0.4704, 6.593, 1.05, 13.18, 377.3),
-    "shell-sim implicit step": Cost(0, 2.018, 1.05, 15.59, 1310),
+    "shell-sim implicit step": Cost(0, 4.932, 1.3, 15.59, 1310),
     "shell-sim explicit step": Cost(0, 0.3969, 1.05, 1.643, 391.1),
     "fluid-sim": Cost(0.2005, 0.2088, 1.05, 5.419, 121.8),
     "fluid-sim circulation step": Cost(0, 0.6823, 1.05, 11.5, 247.4),
