@@ -47,7 +47,7 @@ def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMes
     require(mesh, "`fill`", manifold=True, oriented=True)
     loops = boundary_vertex_loops(mesh.topology)
     if not loops:
-        raise MeshError("the surface is closed; there is no boundary loop to fill")
+        raise MeshError("the surface is closed and has no boundary loop to fill; leave `fill` out")
     if loop is not None:
         loops = [vertices for vertices in loops if loop in vertices]
         if not loops:

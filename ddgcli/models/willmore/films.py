@@ -89,14 +89,17 @@ def film_constraints(unit: TriangleMesh, options: FlowOptions, film: bool) -> Co
         else (enclosed_volume(unit) if film and options.fix_area else 1.0)
     )
     if abs(inside) < MIN_VOLUME:
-        raise MeshError("the surface encloses no volume; there is none to keep or to raise")
+        raise MeshError(
+            "the surface encloses no volume, and there is none to keep or to raise; leave "
+            f"{'`fix_volume`' if options.fix_volume else '`fix_area`'} out"
+        )
     return constraints
 
 
 def film_energy(unit: TriangleMesh, options: FlowOptions) -> EnergyBuilder:
     """What a film lowers: its area or, where that is kept, minus its volume."""
     if options.energy is not None:
-        raise ParameterError("`energy` has no effect on films, which lower their area; leave it out")
+        raise ParameterError("films lower their area, and no `energy` has an effect; leave `energy` out")
     if not options.fix_area:
         return AreaEnergy
     factor = -1.0 if enclosed_volume(unit) > 0 else 1.0

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.choices import WILLMORE_BOUNDARIES, WILLMORE_ENERGIES, WILLMORE_FLOWS
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import enclosed_volume
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -170,7 +171,9 @@ def _require_conformal(mesh: TriangleMesh, options: FlowOptions, region: NDArray
     """Raise MeshError or ParameterError where `flow=conformal` has no meaning."""
     require(mesh, "`flow=conformal`", closed=True)
     if mesh.topology.n_components != 1:
-        raise MeshError("`flow=conformal` takes one component at a time; split the surface")
+        raise MeshError(
+            f"`flow=conformal` takes one component at a time: {cure('components', mesh.topology)}"
+        )
     if options.fix_area or options.fix_volume or options.spontaneous_curvature:
         raise ParameterError(
             "`flow=conformal` keeps the shapes of the triangles and the area, no volume and "
@@ -226,18 +229,17 @@ def _remesh_target(
     if kind != "descent" or options.timed:
         raise ParameterError(
             "`remesh` changes the faces of flows to rest: leave `dt` and `duration` out, and use "
-            "`flow=quadratic`, `circle-angle` or `mean-curvature`"
+            "`flow=quadratic` or `flow=circle-angle`"
         )
     if not ENERGIES[energy].keeps_triangles:
         raise ParameterError(f"`remesh` changes what energy {energy!r} depends on; use `energy=cotan`")
     mean = float(unit.side_length.mean())
     length = mean if options.remesh == "mean" else float(options.remesh) / scale
     size = area(unit)
-    if not math.sqrt(size / MAX_REMESHED_FACES) <= length <= math.sqrt(size / MIN_REMESHED_FACES):
-        low, high = (scale * math.sqrt(size / n) for n in (MAX_REMESHED_FACES, MIN_REMESHED_FACES))
-        raise ParameterError(
-            f"must be from {low:.3g} to {high:.3g} on a surface of this size", parameter="remesh"
-        )
+    counts = MAX_REMESHED_FACES, MIN_REMESHED_FACES
+    low, high = (f"{scale * math.sqrt(size / n):.3g}" for n in counts)  # those that are printed are taken
+    if not float(low) <= length * scale * (1.0 + 1e-12) or not length * scale <= float(high) * (1.0 + 1e-12):
+        raise ParameterError(f"must be from {low} to {high} on a surface of this size", parameter="remesh")
     return RemeshTarget(length, options.remesh_adaptive)
 
 
