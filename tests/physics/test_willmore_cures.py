@@ -69,32 +69,32 @@ def without(words, name):
 
 def cures(message, words):
     """Commands that a refusal names, each as (command of repair or None, words of the flow)."""
-    found = []
+    commands = []
     if repair := re.search(r"ddgcli (repair .*? -o \S+)", message):
-        found.append((shlex.split(repair[1]), words))
+        commands.append((shlex.split(repair[1]), words))
     if left := re.search(r"leave (--.*?) out", message):
         fewer = words
         for name in re.findall(r"--[a-z-]+", left[1]):
             fewer = without(fewer, name)
-        found.append((None, fewer))
+        commands.append((None, fewer))
     if "keep one of them" in message:
-        found += [(None, without(words, name)) for name in ("--fix-area", "--fix-volume")]
+        commands += [(None, without(words, name)) for name in ("--fix-area", "--fix-volume")]
     if used := re.search(r"\buse (--.*|.*--energy.*)", message):
         start = without(without(words, "--dt"), "--duration") if "leave --dt" in message else words
-        found += [(None, with_option(start, *option)) for option in OPTION.findall(used[1])]
+        commands += [(None, with_option(start, *option)) for option in OPTION.findall(used[1])]
     if needed := re.search(r"(--[a-z-]+) needs (--[^;:]*)", message):
-        found += [(None, with_option(words, *option)) for option in OPTION.findall(needed[2])]
+        commands += [(None, with_option(words, *option)) for option in OPTION.findall(needed[2])]
     if choice := re.search(r"(\w+) '\w+' is not available.*choose (?:one of )?(.*)$", message):
         for value in re.split(r", | or ", choice[2]):
-            found.append((None, with_option(words, f"--{choice[1]}", value)))
+            commands.append((None, with_option(words, f"--{choice[1]}", value)))
     if span := re.search(r"--remesh: must be from \S+ to (\S+) on", message):
-        found.append((None, with_option(words, "--remesh", span[1])))  # the least: five million faces
+        commands.append((None, with_option(words, "--remesh", span[1])))  # the least: five million faces
     if number := re.search(r"vertex (\d+) is\)", message):
-        found.append((None, with_option(words, "--fill", number[1])))
+        commands.append((None, with_option(words, "--fill", number[1])))
     if written := re.search(r"(--[a-z-]+).*(?:write|name) (.*)$", message):
         values = re.findall(r"\ball$|\bmean$", written[2])
-        found += [(None, with_option(words, written[1], value)) for value in values]
-    return found
+        commands += [(None, with_option(words, written[1], value)) for value in values]
+    return commands
 
 
 REFUSALS = [
@@ -148,9 +148,9 @@ def test_every_cure_that_a_refusal_names_is_accepted(run, tmp_path, monkeypatch,
     write_mesh("mesh.ply", AnnotatedMesh(MESHES[mesh]()))
     refused = run("willmore-flow", "mesh.ply", *words)
     assert refused.exit_code == 2 and len(refused.stderr.splitlines()) == 1 and "`" not in refused.stderr
-    found = cures(refused.stderr.strip(), words)
-    assert len(found) == count, refused.stderr
-    for repair, cured in found:
+    commands = cures(refused.stderr.strip(), words)
+    assert len(commands) == count, refused.stderr
+    for repair, cured in commands:
         if repair is not None:
             assert repair[1] == "mesh.ply" and run(*repair).exit_code == 0
         steps = () if {"--duration", "--dt"} & set(cured) else ("--steps", 1)
