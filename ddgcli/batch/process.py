@@ -138,7 +138,7 @@ def _kill(process: subprocess.Popen) -> None:
 def _remove_partial_output(output: Path, began_at: float) -> None:
     """Remove the temporary file beside the output that a killed process could not remove itself.
 
-    Its name is that of `ddgcli.io.temporary.temporary_beside`; a process that began earlier keeps its own.
+    Its name is that of `ddgcli.io.temporary.temporary_name`; a process that began earlier keeps its own.
     """
     stem, suffix = re.escape(output.stem), re.escape(output.suffix)
     name = re.compile(rf"\.{stem}-[^-]*-[0-9]+-[a-z0-9_]{{8}}{suffix}")  # host, process, random letters

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import InputError, MeshError, MeshFileError, OutputError, excerpt
 from ddgcli.io.readers.raw_mesh import RawMesh, assembled
-from ddgcli.io.temporary import temporary_beside
+from ddgcli.io.temporary import create_new, temporary_name
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
@@ -291,8 +291,9 @@ def atomic_output(path: str) -> Iterator[str]:
     _check_regular(path)
     target = Path(os.path.realpath(path))
     try:
-        partial = temporary_beside(target, target.suffix)
+        partial = temporary_name(target, target.suffix)
         try:
+            create_new(partial)
             yield partial
             os.chmod(partial, _mode(target))
             os.replace(partial, target)

@@ -4,17 +4,29 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
 from pathlib import Path
 
 
 def temporary_beside(target: Path, suffix: str = "") -> str:
     """Path of a new empty file in the target's folder; leftovers of killed processes for it are removed."""
+    name = temporary_name(target, suffix)
+    create_new(name)
+    return name
+
+
+def temporary_name(target: Path, suffix: str = "") -> str:
+    """Path of a file in the target's folder that is not there yet; leftovers of killed processes are removed.
+
+    Who creates the file within a `try` that removes it leaves nothing, at whatever moment a signal comes.
+    """
     beginning = f".{target.name.removesuffix(suffix)}-{_host()}-"
     _remove_leftovers(target.parent, beginning)
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f"{beginning}{os.getpid()}-", suffix=suffix)
-    os.close(handle)
-    return name
+    return str(target.parent / f"{beginning}{os.getpid()}-{os.urandom(4).hex()}{suffix}")
+
+
+def create_new(path: str) -> None:
+    """Create an empty file that only its owner reads; OSError where there is one already."""
+    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
 
 
 def _host() -> str:

@@ -125,22 +125,6 @@ def test_a_signal_at_the_write_leaves_nothing(ball, tmp_path, monkeypatch, run, 
 
 
 @needs_posix
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_at_any_moment_leave_whole_files_only(ball, tmp_path, number):
-    out = tmp_path / "o.ply"
-    write_mesh(str(ball), AnnotatedMesh(shapes.icosphere(5)))
-    for delay in (0.3, 1.2):
-        process = start("curvature", ball, "-o", out)
-        time.sleep(delay)
-        process.send_signal(number)
-        process.communicate(timeout=120)
-        assert process.returncode in (0, 1, 128 + number, -number)
-        assert {p.name for p in tmp_path.iterdir()} <= {ball.name, out.name}
-        if out.exists():
-            assert read_mesh(str(out)).mesh.n_faces == 20480
-
-
-@needs_posix
 def test_the_leftover_of_a_killed_run_is_removed_and_that_of_a_living_one_is_not(tmp_path, ball):
     from ddgcli.io.temporary import temporary_beside
 

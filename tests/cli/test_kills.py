@@ -3,21 +3,19 @@
 `pytest -m slow tests/cli/test_kills.py` kills each simulator a hundred times.
 """
 
-import io
 import os
 import random
 import shutil
 import signal
 import sys
-import time
 
 import pytest
 
 from benchmarks.hardcases.run import preload
-from ddgcli.cli import main as program
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from tests.cli.children import ended, forked
 from tests.cli.test_shell_resume import assert_equal_bits, frames_of
 from tests.conftest import ROOT
 from tests.simulate import FALLING_CLOTH, scene_file
@@ -32,41 +30,6 @@ RUNS = {  # each takes some tenths of a second
 KEPT = ROOT / "build" / "kills"  # folders of runs that failed
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads the processor clock of a child")
-
-
-def forked(folder, words) -> int:
-    """The program on these words in a child that need not import it; its process number."""
-    pid = os.fork()
-    if pid:
-        return pid
-    code = 1
-    try:
-        os.chdir(folder)
-        target = os.open("streams", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-        for stream in (1, 2):
-            os.dup2(target, stream)
-        sys.stdout, sys.stderr = (io.TextIOWrapper(io.FileIO(k, "w", closefd=False)) for k in (1, 2))
-        program.main([str(word) for word in words], prog_name="ddgcli")
-    except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else 1
-    finally:
-        os._exit(code)
-
-
-def processor_seconds(pid: int) -> float:
-    return time.clock_gettime((~pid << 3) | 2)  # the clock of another process, as clock_getcpuclockid has it
-
-
-def ended(pid: int, kill_at: float = float("inf")) -> int:
-    """Exit code; the child is killed once it has used this much processor time: whatever else runs."""
-    while True:
-        done, status = os.waitpid(pid, os.WNOHANG)
-        if done:
-            return os.waitstatus_to_exitcode(status)
-        if processor_seconds(pid) >= kill_at:
-            os.kill(pid, signal.SIGKILL)
-            kill_at = float("inf")
-        time.sleep(0.001)
 
 
 @pytest.mark.parametrize("kills", [2, pytest.param(100, marks=[pytest.mark.slow, pytest.mark.timeout(3600)])])

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from benchmarks.hardcases import meshes
+from ddgcli import memory
 from ddgcli.algorithms.hodge.homology import betti_numbers
 from ddgcli.algorithms.laplacian.form_spectrum import form_spectrum
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
@@ -69,3 +71,17 @@ def test_forms_of_a_one_sided_surface_are_refused_in_one_line(run, tmp_path):
     result = run("laplacian", path, "--form-eigen", 2, "--operator", "cotan")
     assert result.exit_code == 2 and result.stderr.count("\n") == 1
     assert "--form-eigen needs consistently oriented faces" in result.stderr
+
+
+def test_a_factor_that_does_not_fit_is_refused_where_the_matrix_alone_would_fit(run, tmp_path, monkeypatch):
+    """The hub of a fan couples all edges around it; a factor takes several copies."""
+    points, faces = meshes.fan(600)
+    path = tmp_path / "fan.npz"
+    np.savez(path, points=points, faces=faces)
+    monkeypatch.setattr(memory, "MAX_BYTES", 60 * 2**20)
+    assert run("dec", path).exit_code == 0
+    result = run("laplacian", path, "--form-eigen", 2)
+    assert result.exit_code == 2 and result.stderr.count("\n") == 1
+    assert "factors of 1-forms need about" in result.stderr and "remesh around vertex 0" in result.stderr
+    monkeypatch.setattr(memory, "MAX_BYTES", 2**30)
+    assert run("laplacian", path, "--form-eigen", 2).exit_code == 0

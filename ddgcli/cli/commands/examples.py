@@ -41,11 +41,13 @@ def command(folder: str, common: CommonOptions) -> None:
 
 def _copy(sources: list[Traversable], target: Path) -> int:
     """Copy files that are not there yet; the number of copies."""
+    from ddgcli.io.mesh_file import write_atomically
+
     try:
         target.mkdir(parents=True, exist_ok=True)
         missing = [source for source in sources if not (target / source.name).exists()]
         for source in missing:
-            (target / source.name).write_bytes(source.read_bytes())
+            write_atomically(str(target / source.name), source.read_bytes())
     except OSError as error:
         raise OutputError(f"{target}: {error.strerror}; name another folder") from error
     return len(missing)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import OutputError, excerpt
-from ddgcli.io.temporary import temporary_beside
+from ddgcli.io.temporary import temporary_name
 from ddgcli.io.trajectories.layout import (
     BY_FACE,
     EFFECT_DTYPE,
@@ -159,7 +159,8 @@ class TrajectoryWriter:
 
     def _lay_out(self, rows: dict[str, RowLayout], put: Callable[[], None]) -> None:
         """A new file: the old one's rows, then what `put` adds; only then it takes the old one's place."""
-        old, temporary = self._file, self._temporary()
+        before = self._file, self._rows, self.n_frames, self._logged
+        old, temporary = self._file, temporary_name(Path(self.partial_path))
         marks = {"NSteps": np.int64(NSTEPS_MARK).tobytes(), "status": STATUS_MARK.encode()}
         try:
             self._file = new = RowFile(
@@ -176,17 +177,19 @@ class TrajectoryWriter:
         except BaseException as error:
             with contextlib.suppress(FileNotFoundError):
                 os.unlink(temporary)
+            new_file = self._file
+            if new_file is not None and new_file is not old:  # a signal may come after it took its place
+                if new_file.is_at(self.partial_path):
+                    new_file.path = self.partial_path
+                else:
+                    new_file.close()
+                    self._file, self._rows, self.n_frames, self._logged = before
             if isinstance(error, OSError):
                 why = os.strerror(error.errno) if error.errno else excerpt(error)
                 raise OutputError(f"{self.path}: cannot be written ({why}); free some room") from error
             raise
         if old is not None:
             old.close()
-
-    def _temporary(self) -> str:
-        name = temporary_beside(Path(self.partial_path))
-        os.chmod(name, 0o644)
-        return name
 
     def close(self, status: str, log: Iterable[tuple] = ()) -> str | None:
         """End the file with its status; a complete one takes its own name, which is returned.
