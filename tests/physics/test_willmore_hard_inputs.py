@@ -108,6 +108,15 @@ def test_a_spike_that_the_mesh_does_not_resolve_is_no_rest_and_the_cure_works(ru
     assert cured.exit_code == 0 and energy[-1] == pytest.approx(4 * np.pi, rel=1e-6) and len(energy) < 60
 
 
+def test_newton_steps_on_a_spike_come_to_an_end(run, tmp_path):
+    """They crept for 300 s and more; the cure is that of the test above."""
+    path = tmp_path / "spike.ply"
+    write_mesh(str(path), AnnotatedMesh(spike()))
+    result = run("willmore-flow", path, "--flow", "newton", "--json")
+    assert result.exit_code == 1 and "use --flow quadratic with --subdivide 1" in result.stderr
+    assert json.loads(result.stdout)["results"]["steps"] < 60
+
+
 @pytest.mark.parametrize("name", [name for name in FLOWS if name != "largest volume"])
 @pytest.mark.parametrize("scale", [1e-8, 1e8])
 def test_flows_do_not_depend_on_the_unit(name, scale):

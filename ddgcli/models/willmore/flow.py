@@ -83,7 +83,14 @@ class Flow(FlowTerms):
         return stepped
 
     def reason(self, state: FlowState) -> str:
-        """Why the flow ends at a state, or ""."""
+        """Why the flow ends at a state, or ""; no rest is far above spheres within reach."""
+        why = self._rest_reason(state)
+        above = self.to_spheres and state.energy > rules.FALSE_REST_FRACTION * self.least
+        if above and why in rules.REST_REASONS:
+            return rules.FALSE_REST_REASON
+        return why
+
+    def _rest_reason(self, state: FlowState) -> str:
         if state.stopped or self.mean_curvature:
             return state.stopped
         at = self._gradient(state)
@@ -94,7 +101,7 @@ class Flow(FlowTerms):
             return "" if uneven else film_reason(at, self.stop.gradient, self.constraints)
         size = size_across(at) if self.kind == "newton" else at.size
         if self.stop.gradient is not None and size <= self.stop.gradient:
-            return f"gradient below {self.stop.gradient:g}"
+            return rules.SMALL_GRADIENT_REASON.format(self.stop.gradient)
         newton = self.kind == "newton" and self.second_kind is not None
         dt = self.longest if newton else state.dt
         near_rest = dt >= rules.NEAR_REST_STEP_FRACTION * self.longest
@@ -104,8 +111,7 @@ class Flow(FlowTerms):
             if metric.descent_power() <= 2.0 * least:  # what the two parts release is half of it or more
                 across, along = metric.powers()
                 if across + along <= least and along >= across:
-                    above = self.to_spheres and at.energy > rules.FALSE_REST_FRACTION * self.least
-                    return rules.FALSE_REST_REASON if above else rules.MESH_ERROR_REASON
+                    return rules.MESH_ERROR_REASON
         return ""
 
     def _polished(self, state: FlowState, at: EnergyGradient) -> FlowState:
@@ -164,7 +170,7 @@ class Flow(FlowTerms):
                     return stepped
             guided = False
             dt, shrink = dt * shrink, 0.25 * shrink
-        return replace(state, stopped="no step lowers the energy")
+        return replace(state, stopped=rules.NO_STEP_REASON)
 
     def _guided(self, state: FlowState, metric: Preconditioner, plain: NDArray, dt: float) -> list[NDArray]:
         """The motion by secant pairs, or that with momentum, where what it adds goes downhill."""
@@ -188,12 +194,15 @@ class Flow(FlowTerms):
                 energy, metric, self.constraints, state.dt, trust_region.LEAST_RADIUS * self.area
             )
         if step is None:
-            return self._conformal_end(replace(state, stopped="no step lowers the energy"))
+            return self._conformal_end(replace(state, stopped=rules.NO_STEP_REASON))
         if step.mesh is at.mesh:
             return replace(state, stopped=rules.ROUNDING_REASON)
         if self._below_lower_bound(step.energy):
             return replace(state, stopped=rules.LOWER_BOUND_REASON)
         stepped = replace(self._accepted(state, at, step.mesh, step.energy, 0.0), dt=step.next_length)
+        above = self.to_spheres and step.energy > rules.FALSE_REST_FRACTION * self.least
+        if above and at.energy - step.energy < rules.LEAST_NEWTON_FALL * step.energy:
+            return replace(stepped, stopped=rules.SLOW_NEWTON_REASON)
         return self._conformal_end(stepped)
 
     def _conformal_end(self, state: FlowState) -> FlowState:
@@ -247,7 +256,7 @@ class Flow(FlowTerms):
     ) -> FlowState:
         stopped = ""
         if self.stop.fall is not None and at.energy - energy < self.stop.fall * abs(energy):
-            stopped = f"energy fell by less than {self.stop.fall:g} of itself in a step"
+            stopped = rules.SMALL_FALL_REASON.format(self.stop.fall)
         lowest, then = state.lowest_second, state.energy_then
         if (second_energy := self._terms(moved.topology).second) is not None:
             second = second_energy.value(moved.points)

@@ -19,6 +19,7 @@ from ddgcli.models.willmore.step_rules import (
     CRUMPLING_REASON,
     FALSE_REST_REASON,
     LOWER_BOUND_REASON,
+    SLOW_NEWTON_REASON,
 )
 
 RESOLUTION_REASONS = (
@@ -27,6 +28,7 @@ RESOLUTION_REASONS = (
     PINCH_REASON,
     CONFORMAL_REASON,
     FALSE_REST_REASON,
+    SLOW_NEWTON_REASON,
 )  # ends that are neither at rest nor on the flow
 ENERGY_RATIO_WARNING = 1.2  # growth of the ratio of two energies at which a warning is due
 REFINEMENT_ANGLE = 25  # smallest angle that the advice names for `delaunay --refine`
@@ -116,6 +118,8 @@ def failure_reason(stopped: str, start: TriangleMesh, energy: str) -> str:
         cure = "bring the parts of the boundary closer together, or span each by its own surface"
     elif stopped == CONFORMAL_REASON:
         cure = "go on from there with `flow=quadratic`"
+    elif stopped == SLOW_NEWTON_REASON:
+        cure = "use `flow=quadratic` with `subdivide=1`"
     elif stopped == FALSE_REST_REASON:
         cure = "begin with `subdivide=1`"
     elif np.degrees(corner_angle(start.side_length).min()) < REFINEMENT_ANGLE:

@@ -305,7 +305,8 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         of_area=film, kind=kind, of_surface=definition.of_surface,
         remesh=_remesh_target(unit, options, scale, kind, chosen),
         by_pairs=to_rest and cannot_crumple and not options.remesh,
-        to_spheres=to_rest and cannot_crumple and len(free) == np.count_nonzero(topology.referenced_vertex),
+        to_spheres=kind != "conformal" and not (options.timed or film) and cannot_crumple
+        and len(free) == np.count_nonzero(topology.referenced_vertex),
         energy_power=(3 if options.fix_area else 2) if film else 0,
         reported={name: kind.builder(unit) for name, kind in reported},
         second_kind=None if second is None else _with_curvature(second, curvature),

@@ -12,7 +12,13 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.secant_pairs import SecantPairs
-from ddgcli.models.willmore.step_rules import COLLAPSED_AREA_FRACTION, ENERGY_ROUNDING
+from ddgcli.models.willmore.step_rules import (
+    COLLAPSED_AREA_FRACTION,
+    ENERGY_ROUNDING,
+    NEWTON_REST_GRADIENT,
+    REST_FALL,
+    REST_GRADIENT,
+)
 
 ENERGY_UNIT = 1.0  # energies are free of units; rounding of smaller ones is compared with this
 
@@ -37,10 +43,11 @@ class Stop:
     mesh_error: bool = False
 
 
-DEFAULT_STOP = Stop(1e-6, 1e-8, True)
+DEFAULT_STOP = Stop(REST_GRADIENT, REST_FALL, True)
 CONFORMAL_STOP = Stop(1e-6, 1e-4)  # curvature and energy are discretised apart: the end is no closer
-NEWTON_STOP = Stop(1e-9, None, True)
-CONSTRAINED_NEWTON_STOP = Stop(1e-9)  # along the normals a membrane has a minimum on most meshes
+NEWTON_STOP = Stop(NEWTON_REST_GRADIENT, None, True)
+# along the normals a membrane has a minimum on most meshes
+CONSTRAINED_NEWTON_STOP = Stop(NEWTON_REST_GRADIENT)
 FILM_STOP = Stop(6e-7, 1e-17)  # of 2 H times the radius: its largest deviation from a constant
 
 

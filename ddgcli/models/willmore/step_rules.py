@@ -27,7 +27,13 @@ ZERO_ENERGY = 1e-12  # energy at which nothing is left to release
 PREDICTED_FALL_TOLERANCE = 1e-13
 COLLAPSED_AREA_FRACTION = 1e-3  # share of the area at the start below which a surface counts as gone
 ENERGY_ROUNDING = 1e-13  # relative rise of the energy that counts as one
+# size of the gradient, and relative fall of the energy in a step, at which flows end by default
+REST_GRADIENT, NEWTON_REST_GRADIENT, REST_FALL = 1e-6, 1e-9, 1e-8
+# relative fall of the energy in a Newton step, below which a surface that could become round is stuck above
+LEAST_NEWTON_FALL = 1e-4
 # why flows end
+SMALL_GRADIENT_REASON = "gradient below {:g}"
+SMALL_FALL_REASON = "energy fell by less than {:g} of itself in a step"
 LOWER_BOUND_REASON = (
     "the next step would go below the least energy of such surfaces: the mesh is too coarse or uneven"
 )
@@ -38,6 +44,19 @@ FALSE_REST_REASON = (
 )
 UNEVEN_FILM_REASON = "curvature equal but for the mesh's own error: it has no film of equal curvature nearby"
 ROUNDING_REASON = "rounding hides what the energy could still fall by"
+NO_STEP_REASON = "no step lowers the energy"
+SLOW_NEWTON_REASON = (
+    "steps hardly lower the energy, but it is above that of spheres: the mesh is too coarse somewhere"
+)
+# ends at rest; others are ends that were chosen, or failures
+REST_REASONS = (
+    MESH_ERROR_REASON,
+    ROUNDING_REASON,
+    NO_STEP_REASON,
+    SMALL_GRADIENT_REASON.format(REST_GRADIENT),
+    SMALL_GRADIENT_REASON.format(NEWTON_REST_GRADIENT),
+    SMALL_FALL_REASON.format(REST_FALL),
+)
 CONFORMAL_REASON = "no conformal step lowers the energy, but the curvature is not yet constant"
 CRUMPLING_REASON = "a second energy rises faster than this one falls: the faces crumple"
 
