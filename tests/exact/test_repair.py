@@ -5,6 +5,7 @@ import pytest
 
 from ddgcli.algorithms.repair.pipeline import RepairSteps, repair_mesh, steps_for
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh import shapes
 from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -126,6 +127,19 @@ def test_a_square_hole_is_filled_by_its_shorter_diagonal():
     square_ring = TriangleMesh.from_arrays(grid.points, grid.faces[middle > middle.min() + 1e-9])
     repaired, _ = repair_mesh(square_ring, RepairSteps(fill_holes=4))
     assert np.isclose(area(repaired.mesh), area(grid))
+
+
+def test_a_loop_with_straight_parts_is_filled_by_triangles_with_area():
+    """A rim of a square has collinear vertices; every sum of triangles with area has the square's own."""
+    bowl = shapes.grid(6, 6)
+    bowl = bowl.moved(
+        bowl.points - [0, 0, 1] * np.sin(np.pi * bowl.points[:, :1]) * np.sin(np.pi * bowl.points[:, 1:2])
+    )
+    repaired, changes = repair_mesh(bowl, RepairSteps(fill_holes=24))
+    lid = repaired.input_face == -1
+    assert changes["fill_holes"] == 1 and lid.sum() == 22
+    assert face_area(repaired.mesh.side_length)[lid].min() > 1e-3
+    assert np.isclose(face_area(repaired.mesh.side_length)[lid].sum(), 1.0)
 
 
 @pytest.mark.parametrize(

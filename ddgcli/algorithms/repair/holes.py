@@ -2,6 +2,7 @@
 
 The triangulation of a boundary loop is the one of least total area among all without new vertices, by dynamic
 programming over the loop [G. Barequet and M. Sharir, "Filling gaps in the boundary of a polyhedron", 1995].
+Triangles without area are the last choice: a loop with straight parts has others.
 """
 
 from __future__ import annotations
@@ -12,6 +13,9 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.repair.steps import RepairedMesh
 from ddgcli.mesh.boundary import boundary_vertex_loops
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+SLIVER_AREA = 1e-9  # of the longest side squared; triangles with less are the last choice
+SHAPE_WEIGHT = 1e-6  # of the squared sides beside twice the area: decides where areas are equal
 
 
 def fill_holes(repaired: RepairedMesh, most_edges: int) -> RepairedMesh:
@@ -42,7 +46,9 @@ def least_area_triangles(
     Diagonals that are among `edges` (lower number first) are not used; None where no triangulation is left.
     """
     k = len(loop)
-    corner = points[loop]
+    corner = points[loop] - points[loop].mean(axis=0)
+    squared = ((corner[:, None] - corner[None]) ** 2).sum(axis=2)
+    sliver_cost = np.linalg.norm(corner - np.roll(corner, 1, axis=0), axis=1).sum() ** 2  # above any area
     cost = np.full((k, k), np.inf)
     apex = np.full((k, k), -1)
     cost[np.arange(k - 1), np.arange(1, k)] = 0.0
@@ -54,6 +60,9 @@ def least_area_triangles(
                 continue
             m = np.arange(i + 1, j)
             area = np.linalg.norm(np.cross(corner[m] - corner[i], corner[j] - corner[i]), axis=1)
+            longest = np.maximum(np.maximum(squared[i, m], squared[m, j]), squared[i, j])
+            area += sliver_cost * (area <= SLIVER_AREA * longest)
+            area += SHAPE_WEIGHT * (squared[i, m] + squared[m, j] + squared[i, j])
             total = cost[i, m] + cost[m, j] + area
             best = int(total.argmin())
             cost[i, j], apex[i, j] = total[best], m[best]
