@@ -56,6 +56,8 @@ def checked(document: Document, key: Key, model: type[Section], table: dict[str,
         )
         mistake = mistakes[order[0]]
         loc = tuple(p for p in mistake["loc"] if not _is_branch(p))
+        if mistake["type"] == "extra_forbidden" and _is_branch(mistake["loc"][-1]):  # a key named as a type
+            loc = (*loc, mistake["loc"][-1])
         raise SceneError(located(document, (*key, *loc), _sentence(mistake, loc, model, where))) from error
 
 

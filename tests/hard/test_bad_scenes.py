@@ -168,6 +168,14 @@ def test_bad_scene_gives_its_one_line(run, tmp_path, old, new, line, words):
         assert word in errors[0], errors[0]
 
 
+@pytest.mark.parametrize("key", ["int", "str", "none", "'function[x]'"])
+def test_an_unknown_key_may_be_named_as_a_type(run, tmp_path, key):
+    (tmp_path / "scene.toml").write_text(GOOD.replace("beta = 0.25", f"{key} = 1"))
+    result = run("shell-sim", tmp_path / "scene.toml")
+    assert result.exit_code == 2 and len(result.stderr.strip().splitlines()) == 1
+    assert "line 7: unknown key" in result.stderr and key.strip("'") in result.stderr
+
+
 def test_the_good_scene_runs(run, tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(GOOD)
