@@ -20,9 +20,9 @@ class Terminated(BaseException):
     """SIGTERM or SIGHUP ends this process; unlike a plain exit, the exception removes half-written files."""
 
 
-def interrupted() -> bool:
-    """Whether SIGINT came since the last `signals_as_exceptions` began."""
-    return isinstance(_received, KeyboardInterrupt)
+def received_signal() -> signal.Signals | None:
+    """The last signal that came since the last `signals_as_exceptions` began."""
+    return None if _received is None else _received.args[0]
 
 
 def raise_received() -> None:

@@ -6,6 +6,7 @@ import difflib
 import errno
 import importlib
 import os
+import signal
 import sys
 import time
 from typing import Any
@@ -16,7 +17,7 @@ from ddgcli import __version__
 from ddgcli.cli.clock import ImportClock
 from ddgcli.cli.help_pages import with_help_pages
 from ddgcli.cli.imports import with_deferred_imports
-from ddgcli.cli.interrupts import Terminated, interrupted, signals_as_exceptions
+from ddgcli.cli.interrupts import Terminated, received_signal, signals_as_exceptions
 from ddgcli.cli.multi_value import repeat_options
 from ddgcli.cli.parameters import option_names
 from ddgcli.cli.threads import set_thread_variables
@@ -113,11 +114,8 @@ class CommandGroup(click.Group):
         except BrokenPipeError:
             _discard_output()
             ctx.exit(0)
-        except KeyboardInterrupt:
-            _end_interrupted(ctx)
-        except Terminated as error:
-            click.echo(f"Ended by {error.args[0].name}", err=True)
-            ctx.exit(128 + error.args[0])
+        except (KeyboardInterrupt, Terminated):
+            _end_by_signal(ctx)
         except MemoryError as error:
             raise CommandError(f"out of memory ({error}); use a smaller mesh or fewer outputs", 1) from error
         except (click.ClickException, click.exceptions.Exit, click.Abort):
@@ -130,14 +128,15 @@ class CommandGroup(click.Group):
                 f"the output cannot be written ({os.strerror(error.errno)}); free some disk space", 1
             ) from error
         except Exception as error:
-            if interrupted():
-                _end_interrupted(ctx)
+            if received_signal() is not None:  # a library made another error of its exception
+                _end_by_signal(ctx)
             raise _internal(error, ctx) from error
 
 
-def _end_interrupted(ctx: click.Context) -> None:
-    click.echo("Interrupted", err=True)
-    ctx.exit(130)
+def _end_by_signal(ctx: click.Context) -> None:
+    number = received_signal() or signal.SIGINT
+    click.echo("Interrupted" if number == signal.SIGINT else f"Ended by {number.name}", err=True)
+    ctx.exit(128 + number)
 
 
 _import_time = time.perf_counter()

@@ -218,6 +218,19 @@ sys.exit(main.main(["info", sys.argv[1]]))
 """
 
 
+@needs_posix
+def test_sigterm_that_a_library_makes_another_error_ends_with_its_code(ball):
+    body = (
+        "try:\n        os.kill(os.getpid(), signal.SIGTERM)\n"
+        "    except BaseException:\n        raise RuntimeError('failed') from None"
+    )
+    child = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED.format(body=body), ball], capture_output=True, text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}, timeout=60,
+    )  # fmt: skip
+    assert (child.returncode, child.stderr) == (128 + signal.SIGTERM, "Ended by SIGTERM\n")
+
+
 @pytest.mark.parametrize(
     "body",
     [
