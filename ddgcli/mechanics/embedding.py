@@ -224,8 +224,7 @@ class EmbeddedMemory:
 
     def carried(self, before: EmbeddedMemory, memory: Arrays, rows: NDArray) -> Arrays:
         """Memory of another mesh of the object, whose vertices in the earlier system are `rows`."""
-        own: Any = self.memory
-        return own.carried(before.memory, memory, rows[self.rows.rows] - before.rows.start)
+        return self.memory.carried(before.memory, memory, rows[self.rows.rows] - before.rows.start)
 
 
 def embedded(own_term: Any, rows: Rows) -> Any:

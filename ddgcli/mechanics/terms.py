@@ -109,6 +109,13 @@ class Memory(Protocol):
         """The arrays after a step that ends at x; the same object where they do not change."""
         ...
 
+    def carried(self, before: Any, memory: Arrays, rows: NDArray) -> Arrays:
+        """The arrays after a change of the mesh, from those of the memory `before` it.
+
+        `rows` (n,) are the vertices before that the vertices were.
+        """
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class FixedCoordinates:

@@ -134,7 +134,7 @@ class Breaking:
         later = self._epoch(opened)
         rows = earlier_rows(epoch, later)
         memory = tuple(
-            after.carried(before, arrays, rows)  # type: ignore[attr-defined]
+            after.carried(before, arrays, rows)
             for before, after, arrays in zip(epoch.system.memories, later.system.memories, motion.memory)
         )
         before = epoch.system.with_memory_at(motion.memory).at(motion.time)
