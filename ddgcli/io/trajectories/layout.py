@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.io.trajectories.layout_check import TOPOLOGIES
+from ddgcli.io.trajectories.layout_check import CHANGING_CELL, TOPOLOGIES
 from ddgcli.io.trajectories.row_file import RowLayout
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import TrajectoryFrame
@@ -74,7 +74,6 @@ class Header:
 CONNECTIVITY = "VTKHDF/Polygons/Connectivity"
 FACE_ENDS = "VTKHDF/Polygons/Offsets"
 BY_FACE = (CONNECTIVITY, FACE_ENDS)
-CHANGING_CELL = "face_arrays"  # attribute: names of the arrays on faces that every frame has of its own
 
 
 def by_vertex(name: str) -> bool:

@@ -13,6 +13,7 @@ from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.readers.guarded import guarded
 
 TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
+CHANGING_CELL = "face_arrays"  # attribute: names of the arrays on faces that every frame has of its own
 OBSTACLE_POSE = "obstacle_pose_"  # field data of a frame: that and the obstacle's name
 MAX_METADATA_BYTES = 1 << 20  # bound of the check, which reads texts and shapes, no frames
 
@@ -83,7 +84,7 @@ def _check(file: Any) -> None:
             rows = _rows(_group(root, name), array, length, "fiub", None)
             if name == "FieldData" and rows.ndim != 2:
                 raise MeshFileError(f"'{excerpt(array, 40)}' is no table of numbers of every frame")
-    own_face = json.loads(ours.attrs.get("face_arrays", "[]"))
+    own_face = json.loads(ours.attrs.get(CHANGING_CELL, "[]"))
     for name in own_face:
         starts = _rows(_group(steps, "CellDataOffsets"), str(name), count, "iu")[:count]
         held = _rows(_group(root, "CellData"), str(name), int(sizes.sum()) // width, "f", None)

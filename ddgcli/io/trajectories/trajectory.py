@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
-from ddgcli.io.trajectories.layout import CHANGING_CELL, EFFECT_DTYPE, TOPOLOGIES
-from ddgcli.io.trajectories.layout_check import OBSTACLE_POSE, check_trajectory, part_counts
+from ddgcli.io.trajectories.layout import EFFECT_DTYPE, TOPOLOGIES
+from ddgcli.io.trajectories.layout_check import CHANGING_CELL, OBSTACLE_POSE, check_trajectory, part_counts
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.tet_mesh import TetMesh
