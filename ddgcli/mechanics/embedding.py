@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import Arrays, FixedCoordinates, Memory, Mode, PrescribedMotion
+from ddgcli.mechanics.terms import (
+    Arrays,
+    FixedCoordinates,
+    Memory,
+    Mode,
+    PrescribedMotion,
+    SplittableMemory,
+)
 
 
 class Rows:
@@ -224,7 +231,8 @@ class EmbeddedMemory:
 
     def carried(self, before: EmbeddedMemory, memory: Arrays, rows: NDArray) -> Arrays:
         """Memory of another mesh of the object, whose vertices in the earlier system are `rows`."""
-        return self.memory.carried(before.memory, memory, rows[self.rows.rows] - before.rows.start)
+        own = cast(SplittableMemory, self.memory)
+        return own.carried(before.memory, memory, rows[self.rows.rows] - before.rows.start)
 
 
 def embedded(own_term: Any, rows: Rows) -> Any:

@@ -109,6 +109,10 @@ class Memory(Protocol):
         """The arrays after a step that ends at x; the same object where they do not change."""
         ...
 
+
+class SplittableMemory(Memory, Protocol):
+    """A memory that goes on when the mesh of its term is split."""
+
     def carried(self, before: Any, memory: Arrays, rows: NDArray) -> Arrays:
         """The arrays after a change of the mesh, from those of the memory `before` it.
 

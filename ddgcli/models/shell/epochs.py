@@ -6,12 +6,13 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mechanics.system import Motion, System
+from ddgcli.mechanics.terms import SplittableMemory
 from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -134,7 +135,7 @@ class Breaking:
         later = self._epoch(opened)
         rows = earlier_rows(epoch, later)
         memory = tuple(
-            after.carried(before, arrays, rows)
+            cast(SplittableMemory, after).carried(before, arrays, rows)
             for before, after, arrays in zip(epoch.system.memories, later.system.memories, motion.memory)
         )
         before = epoch.system.with_memory_at(motion.memory).at(motion.time)
