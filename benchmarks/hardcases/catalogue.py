@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from benchmarks.hardcases import meshes
 from benchmarks.hardcases.meshes import Arrays
@@ -30,6 +31,7 @@ Call = tuple[str, ...]
 Calls = tuple[Call, ...]
 
 SHELL = ("shell-sim", "{input}", "--effect", "stretching", "--effect", "bending")
+INTERRUPTED = "interrupted"  # first word of a preparing call that is killed while it runs
 SHORT_RUN = ("--steps", "2", "--dt", "1e-3")
 
 # the default call of every command; the last one is judged
@@ -224,7 +226,7 @@ def ordinary_cases() -> list[Case]:
 
 
 def simulator_cases() -> list[Case]:
-    """Stiffness ratios, long steps, extreme viscosity, restarts."""
+    """Stiffness ratios, long steps, extreme viscosity."""
     square = partial(meshes.square, 6, "alternating")
     gravity = ("--effect", "gravity", "--pin", "0", "--pin", "6")
 
@@ -253,19 +255,51 @@ def simulator_cases() -> list[Case]:
         for scheme in FLUID.integrators
         for nu in (1e-300, 1e-12, 1e3, 1e9, 1e300)
     ]  # fmt: skip
-    restart = ("shell-sim", "{input}", "--effect", "stretching", *gravity, "--dt", "1e-3", "--steps", "4")
     cells = 70
     pins = [
         shell(f"pins {count}", count, *SHELL[2:], "--effect", f"pin vertices={list(range(count))}",
               "--effect", "gravity", *SHORT_RUN, family="pins", build=partial(meshes.square, cells))
         for count in (10, 1000, 4000)
     ]  # fmt: skip
-    resumed = Case(
-        "restart from nothing", "restarts", square,
-        calls={"shell-sim": ((*restart, "--resume", "{folder}/missing.vtkhdf.part", "-o", "{output}"),)},
-        expected={"refused": True},
-    )  # fmt: skip
-    return [*stiff, *long_steps, *fluids, *pins, resumed]
+    return [*stiff, *long_steps, *fluids, *pins]
+
+
+def restart_cases() -> list[Case]:
+    """Simulators that are killed and resumed; part files that are missing, cut, foreign or of another run."""
+    sphere, whole, run = partial(meshes.sphere, 3), "{folder}/whole.vtkhdf", "{folder}/run.vtkhdf"
+    simulators: dict[str, tuple[Build, Call]] = {  # each runs for a second or more
+        "shell-sim": (
+            partial(meshes.square, 20),
+            (*SHELL[1:], "--effect", "gravity", "--pin", "0", "--dt", "1e-3", "--steps", "40"),
+        ),
+        "fluid-sim": (sphere, ("{input}", "--vorticity", "5*z+x*y", "--dt", "0.02", "--steps", "40")),
+        "willmore-flow": (sphere, ("{input}", "--steps", "20")),
+    }
+
+    def row(
+        name: str, part_file: str, changed: tuple[str, ...] = (), unbroken: bool = False, **more: Any
+    ) -> list[Case]:
+        """A row for each simulator: killed, resumed from `part_file`, with `changed` words behind its own."""
+        rows = []
+        for command, (build, call) in simulators.items():
+            before: Calls = ((command, *call, "-o", whole),) if unbroken else ()
+            broken = (INTERRUPTED, command, *call, "-o", run)
+            again = (command, *call, *changed, "--resume", part_file)
+            rows.append(
+                Case(
+                    f"{name}, {command}", "restarts", build, calls={command: (*before, broken, again)}, **more
+                )
+            )
+        return rows
+
+    refused = {"refused": True}
+    return [
+        *row("killed and resumed", f"{run}.part", unbroken=True, checks=("resumed_as_whole",)),
+        *row("resumed with another number of steps", f"{run}.part", ("--steps", "7"), expected=refused),
+        *row("part file missing", "{folder}/missing.vtkhdf.part", expected=refused),
+        *row("mesh in place of a part file", "{input}", expected=refused),
+        *row("complete run in place of a part file", whole, unbroken=True, expected=refused),
+    ]
 
 
 def sample_cases() -> list[Case]:
@@ -317,6 +351,7 @@ def catalogue() -> list[Case]:
         *slow_cases(),
         *ordinary_cases(),
         *simulator_cases(),
+        *restart_cases(),
         *sample_cases(),
         *shared_cases(),
     ]

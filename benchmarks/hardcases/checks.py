@@ -277,10 +277,22 @@ CHECKS: dict[str, tuple[Check, ...]] = {
 }
 
 
+def check_resumed_as_whole(evidence: Evidence) -> Iterator[Violation]:
+    """The trajectory `run`, which was interrupted, has the bits of the trajectory `whole`."""
+    names = [name.removesuffix(" of whole") for name in evidence.arrays if name.endswith(" of whole")]
+    if not names:
+        yield "no unbroken trajectory", ("trajectory",)
+    for name in names:
+        resumed = evidence.arrays.get(f"{name} of run")
+        if resumed is None or not np.array_equal(resumed, evidence.arrays[f"{name} of whole"]):
+            yield f"{name} differs from that of the unbroken run", (name,)
+
+
 FURTHER_CHECKS: dict[str, Check] = {
     "energy_falls": check_energy_falls,
     "kinetic_energy_falls": check_kinetic_energy_falls,
     "constant_two": check_constant_two,
     "points_unchanged": check_points_unchanged,
     "box_does_not_grow": check_box_does_not_grow,
+    "resumed_as_whole": check_resumed_as_whole,
 }

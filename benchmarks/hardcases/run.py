@@ -32,12 +32,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import ddgcli
-from benchmarks.hardcases.catalogue import ROOT, Call, Case, catalogue
+from benchmarks.hardcases.catalogue import INTERRUPTED, ROOT, Call, Case, catalogue
 from benchmarks.hardcases.judge import WRONG_VERDICT, Outcome, Verdict, judge
 from benchmarks.hardcases.meshes import truths_of
 from benchmarks.hardcases.page import write_page
 from benchmarks.hardcases.stored import Results, store, stored_results
 from ddgcli.cli import main as program
+from ddgcli.io.trajectories.trajectory import Trajectory
 
 CPU_SECONDS = 120  # of a command and its children
 WALL_FACTOR = 40  # on a busy machine the clock runs faster than the processor time
@@ -157,12 +158,21 @@ def _resident_mib(pid: int) -> float:
     return pages * resource.getpagesize() / 2**20
 
 
-def read_arrays(path: Path) -> dict[str, NDArray]:
-    """Arrays of a written `.npz`; none where nothing was written."""
-    if not path.is_file():
-        return {}
-    with np.load(path, allow_pickle=False) as stored:
-        return {name: stored[name] for name in stored.files}
+def read_arrays(folder: Path) -> dict[str, NDArray]:
+    """Arrays of `output.npz` and of the trajectories in a folder, those that were written."""
+    arrays: dict[str, NDArray] = {}
+    if (folder / "output.npz").is_file():
+        with np.load(folder / "output.npz", allow_pickle=False) as stored:
+            arrays |= {name: stored[name] for name in stored.files}
+    for path in sorted(folder.glob("*.vtkhdf")):
+        with Trajectory(str(path)) as run:
+            arrays[f"times of {path.stem}"] = np.asarray(run.times)
+            for k in range(run.n_frames):
+                by_name = {"points": run.points(k), **run.vertex(k)}
+                arrays |= {
+                    f"{name} {k} of {path.stem}": np.asarray(values) for name, values in by_name.items()
+                }
+    return arrays
 
 
 def prepare(case: Case, folder: Path) -> tuple[Path | None, Any, Any, dict[str, Any]]:
@@ -189,6 +199,19 @@ def run_call(call: Call, path: Path | None, folder: Path, preloaded: bool = Fals
     return run_process([sys.executable, "-m", "ddgcli", *words], folder, action, address_space=True)
 
 
+def interrupt_call(call: Call, path: Path | None, folder: Path) -> None:
+    """Kill one call of a simulator as soon as its part file exists, at any moment of a step."""
+    words = [str(path) if word == "{input}" else word.replace("{folder}", str(folder)) for word in call]
+    child = subprocess.Popen(
+        [sys.executable, "-m", "ddgcli", *words], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL, cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    while child.poll() is None and not list(folder.glob("*.vtkhdf.part")):
+        time.sleep(0.005)
+    child.kill()
+    child.wait()
+
+
 def run_cell(case: Case, command: str, preloaded: bool = False) -> tuple[Verdict, Outcome]:
     """Verdict on one command of one case."""
     with tempfile.TemporaryDirectory() as name:
@@ -196,11 +219,14 @@ def run_cell(case: Case, command: str, preloaded: bool = False) -> tuple[Verdict
         path, points, faces, expected = prepare(case, folder)
         *preparing, judged = case.calls[command]
         for call in preparing:
+            if call[0] == INTERRUPTED:
+                interrupt_call(call[1:], path, folder)
+                continue
             outcome = run_call(call, path, folder, preloaded)
             if outcome.exit_code:
                 return judge("", outcome), outcome
         outcome = run_call(judged, path, folder, preloaded)
-        outcome.arrays = read_arrays(folder / "output.npz")
+        outcome.arrays = read_arrays(folder)
     return judge(command, outcome, points, faces, expected, case.checks), outcome
 
 

@@ -118,6 +118,17 @@ def test_a_body_at_rest_that_moves_is_wrong():
         assert kind_of(outcome, "shell-sim") == kind
 
 
+@pytest.mark.parametrize(
+    "resumed, kind",
+    [([0.0, 1.0, 1.0], RIGHT_VERDICT), ([0.0, 1.0, 1.0 + 2e-16], WRONG_VERDICT), (None, WRONG_VERDICT)],
+)
+def test_a_resumed_run_that_differs_by_a_bit_or_lacks_a_frame_is_wrong(resumed, kind):
+    whole = {"points 0 of whole": DISTANCE}
+    arrays = whole if resumed is None else whole | {"points 0 of run": np.array(resumed)}
+    outcome = Outcome(0, json.dumps(SUMMARY), "", arrays=arrays)
+    assert judge("fluid-sim", outcome, checks=("resumed_as_whole",)).kind == kind
+
+
 def test_every_command_of_the_program_has_a_call_and_a_column():
     assert set(CALLS) == set(COMMANDS)
     assert {name for case in catalogue() for name in case.calls} == set(COMMANDS)
