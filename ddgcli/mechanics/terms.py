@@ -111,7 +111,7 @@ class Memory(Protocol):
 
 
 class SplittableMemory(Memory, Protocol):
-    """A memory that goes on when the mesh of its term is split."""
+    """A memory that continues after the mesh of its term is split."""
 
     def carried(self, before: Any, memory: Arrays, rows: NDArray) -> Arrays:
         """The arrays after a change of the mesh, from those of the memory `before` it.

@@ -10,6 +10,7 @@ import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, NoReturn
 
@@ -275,7 +276,7 @@ def _time(document: Document, kind: SceneKind, overrides: dict[str, Any]) -> Any
     if default:
         values["step"] = kind.default_step
     _leave_out_other_scheme(kind, str(written.get("integrator", kind.integrator)), name, values)
-    model = time_model(kind, name)
+    model = time_model(kind.integrators[name])
     time = checked(document, ("time",), model, values, "[time]")
     if steps is not None:
         time = time.model_copy(update={"duration": steps * (time.step or kind.default_step)})
@@ -294,9 +295,9 @@ def _leave_out_other_scheme(kind: SceneKind, written: str, name: str, values: di
             del values[key]
 
 
-def time_model(kind: SceneKind, integrator: str) -> type[Section]:
-    """[time] with the parameters of one integrator."""
-    own = kind.integrators[integrator]
+@cache
+def time_model(own: type[Section]) -> type[Section]:
+    """[time] with the parameters `own` of one integrator."""
     fields = {name: (info.annotation, info) for name, info in own.model_fields.items()}
     annotations = {name: (own.__annotations__.get(name, info[0]), info[1]) for name, info in fields.items()}
     return create_model("Time", __base__=TimeSection, **annotations)  # type: ignore[call-overload]

@@ -17,7 +17,8 @@ def json_schema(kind: SceneKind) -> dict[str, Any]:
         return {**schema, "title": title}
 
     times = [
-        _with_integrator(section(time_model(kind, name), f"time, {name}"), name) for name in kind.integrators
+        _with_integrator(section(time_model(kind.integrators[name]), f"time, {name}"), name)
+        for name in kind.integrators
     ]
     first = next(iter(kind.roles))
     objects = [

@@ -164,10 +164,14 @@ def always(command, words):
 
 @pytest.fixture(scope="module")
 def compare(inputs):
-    """Summary of a comparison; cached, so that calls without options run once."""
+    """Summary of a comparison; cached, so that calls without options run once.
+
+    Memory takes half of the time to measure; tests/exact/test_tradeoff_table.py measures it.
+    """
     from click.testing import CliRunner
 
     from ddgcli.cli.main import main
+    from ddgcli.tradeoff import measure
 
     cache = {}
 
@@ -175,7 +179,9 @@ def compare(inputs):
         key = (command, *map(str, words))
         if key not in cache:
             line = ["tradeoff", command, inputs[command], *words, "--repeat", 1, "--json"]
-            result = CliRunner().invoke(main, [str(w) for w in line], prog_name="ddgcli")
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(measure, "peak_mib", lambda call: 1.0)
+                result = CliRunner().invoke(main, [str(w) for w in line], prog_name="ddgcli")
             assert result.exit_code == 0, result.output + result.stderr
             cache[key] = json.loads(result.stdout)
         return cache[key]
