@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import logging
-import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ from ddgcli.errors import MeshError
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart, Harmonic, Initial
-from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest, Step
+from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest, Step, TransportPhase
 from ddgcli.models.fluid.scene import OPEN_TRANSPORTS, TRANSPORTS
 from ddgcli.models.fluid.space import FlowSpace
 from ddgcli.models.fluid.state import FluidState
@@ -215,7 +214,7 @@ class FluidModel:
         except ValueError as error:
             self.scene.refuse(sections[0][0], f"boundary: {error}")
 
-    def _transport(self) -> Phase:
+    def _transport(self) -> TransportPhase:
         """The phase of the integrator that [time] names."""
         scene, dimension = self.scene, self.flows.dimension
         modules = TRANSPORTS[scene.time.integrator]
@@ -271,7 +270,7 @@ class FluidModel:
 
     def step_limit(self) -> float:
         """Longest step that is stable at the start, where the integrator has a limit; else infinity."""
-        return self.transport.step_limit(self.start) if hasattr(self.transport, "step_limit") else math.inf
+        return self.transport.step_limit(self.start)
 
     def advance(self, state: FluidState, time: float, dt: float) -> FluidState:
         """One symmetric step, of second order: see `phases`."""

@@ -6,6 +6,7 @@ every tracer, and the sources in reverse for the other half.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -72,6 +73,14 @@ class Phase(Protocol):
         ...
 
 
+class TransportPhase(Phase, Protocol):
+    """The phase of an integrator."""
+
+    def step_limit(self, state: FluidState) -> float:
+        """Longest step that is stable at a state; infinity without a limit."""
+        ...
+
+
 class FlowPhase:
     """Base of phases that change the flow and add nothing to the state or to the frames."""
 
@@ -81,6 +90,9 @@ class FlowPhase:
 
     def start(self) -> dict[str, NDArray]:
         return {}
+
+    def step_limit(self, state: FluidState) -> float:
+        return math.inf
 
     def observed(self, state: FluidState) -> Observation:
         return Observation(None)
