@@ -35,6 +35,7 @@ class ErrorNorms:
         return ErrorNorms(self.max + other.max, self.mean + other.mean)
 
 
+ROUNDING = 1e-9  # an uncertainty of a reference below this does not matter to any comparison
 UNKNOWN = ErrorNorms(float("inf"), float("inf"))
 
 
@@ -191,7 +192,10 @@ def label_of(one: Candidate | Row) -> str:
 
 @dataclass
 class Row:
-    """Cost and error of one candidate, as measured."""
+    """Cost and error of one candidate, as measured.
+
+    The errors of a row whose answer is the reference (`is_reference`) are the reference's uncertainty.
+    """
 
     method: str
     parameters: dict[str, Any]
@@ -201,7 +205,7 @@ class Row:
     repeats: int
     peak_mib: float
     max_error: float
-    max_error_at: int
+    max_error_at: int | None
     mean_error: float
     arguments: Mapping[str, str]
     program: str = ""
@@ -210,6 +214,7 @@ class Row:
     time_error: ErrorNorms | None = None
     mesh_error: ErrorNorms | None = None
     uncertainty: ErrorNorms = ErrorNorms(0.0, 0.0)
+    is_reference: bool = False
 
     @property
     def total_seconds(self) -> float:

@@ -219,6 +219,7 @@ def measure_candidate(
         time_error=whole.time_error,
         mesh_error=whole.mesh_error,
         uncertainty=whole.uncertainty,
+        is_reference=whole.is_reference,
         arguments=candidate.arguments,
         program=candidate.program,
     )

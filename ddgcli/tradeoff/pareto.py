@@ -6,9 +6,8 @@ import math
 from typing import Any
 
 from ddgcli.choices import NO_VERDICT
-from ddgcli.tradeoff.candidates import Row, Table
+from ddgcli.tradeoff.candidates import ROUNDING, Row, Table
 
-ROUNDING = 1e-9  # an uncertainty of a reference below this does not matter to any comparison
 MAX_ERROR_RATIO = 2.0  # of two rows of like error
 
 
@@ -37,6 +36,8 @@ def cheapest_within(rows: list[Row], within: float, norm: str = "max") -> Row | 
 
 def is_within(row: Row, within: float, norm: str = "max") -> bool | None:
     """Whether the error of a row is at most `within`; None where its uncertainty leaves that open."""
+    if row.is_reference:  # its error is anything up to the uncertainty
+        return row.error(norm) <= within or None
     error, uncertainty = row.error(norm), row.uncertainty.at(norm)
     uncertainty = uncertainty if uncertainty > ROUNDING else 0.0
     if error + uncertainty <= within:
@@ -60,7 +61,9 @@ def assign_verdicts(table: Table, within: float | None, norm: str = "max") -> Ro
     for row in table.rows:
         row.on_front &= ranked
         row.verdict = _verdict(row, table, chosen, within, norm, limit, ranked)
-        if row.error(norm) <= table.uncertainty(norm) < math.inf:
+        if row.is_reference:
+            row.verdict += "; its answer is the reference, and its error the uncertainty"
+        elif row.error(norm) <= table.uncertainty(norm) < math.inf:
             row.verdict += "; within the error of the reference"
     return chosen
 

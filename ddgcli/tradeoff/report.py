@@ -15,8 +15,8 @@ from ddgcli.tradeoff.pareto import break_even
 
 COLUMNS = (
     "method", "parameters", "setup_seconds", "seconds", "seconds_low", "seconds_high", "repeats", "peak_mib",
-    "max_error", "max_error_at", "mean_error", "time_error", "mesh_error", "uncertainty", "on_front",
-    "verdict", "command",
+    "max_error", "max_error_at", "mean_error", "time_error", "mesh_error", "uncertainty",
+    "is_reference", "on_front", "verdict", "command",
 )  # fmt: skip
 MIN_STEP_RATIO = 4.0  # of the steps of a method from which its time error is expected to fall
 MAX_STEADY_RATIO = 0.7  # of its time errors above which it does not; 1/4 with a method of first order
@@ -99,6 +99,7 @@ def row_of(row: Row, command_of: Callable[[Row], str], norm: str = "max") -> dic
         "time_error": row.time_error.at(norm) if row.time_error else None,
         "mesh_error": row.mesh_error.at(norm) if row.mesh_error else None,
         "uncertainty": _finite(row.uncertainty.at(norm)),
+        "is_reference": row.is_reference,
         "on_front": row.on_front,
         "verdict": row.verdict,
         "command": command_of(row),

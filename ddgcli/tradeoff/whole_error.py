@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import DdgError, SolveError
-from ddgcli.tradeoff.candidates import UNKNOWN, ErrorNorms, MeshLimit, Problem, Reference, Table
+from ddgcli.tradeoff.candidates import ROUNDING, UNKNOWN, ErrorNorms, MeshLimit, Problem, Reference, Table
 from ddgcli.tradeoff.time_budget import REFERENCE_SHARE, BudgetExceeded, TimeBudget
 
 
@@ -22,15 +22,18 @@ class WholeError:
         The uncertainty is infinite where a part is not known.
     time_error, mesh_error : ErrorNorms or None
         None where the error has no parts, or the part is not known.
-    worst : int
-        Entry of the largest error.
+    worst : int or None
+        Entry of the largest error; None where it is not known.
+    is_reference : bool
+        Whether the answer is the reference, whose uncertainty is then the error.
     """
 
     error: ErrorNorms
     uncertainty: ErrorNorms
     time_error: ErrorNorms | None
     mesh_error: ErrorNorms | None
-    worst: int
+    worst: int | None
+    is_reference: bool = False
 
 
 def whole_error(
@@ -38,14 +41,18 @@ def whole_error(
 ) -> WholeError:
     """Error of a row from its (k,) errors against the reference on the same mesh.
 
-    The sum of both parts bounds the distance of the row from the limit.
+    The sum of both parts bounds the distance of the row from the limit. An answer that equals an uncertain
+    reference is as wrong as the reference is: its error is not zero.
     """
     first = ErrorNorms.of(errors)
     worst = int(errors.argmax()) if len(errors) else 0
-    if not problem.error_part:
-        return WholeError(first, reference.bounds, None, None, worst)
-    if problem.error_part == "time":
-        return WholeError(first, reference.bounds, first, None, worst)
+    if problem.error_part in ("", "time"):
+        is_reference = first.max == 0.0 and reference.uncertainty > ROUNDING
+        if is_reference:
+            first = reference.bounds
+        time_error = first if problem.error_part else None
+        at = None if is_reference else worst
+        return WholeError(first, reference.bounds, time_error, None, at, is_reference)
     if mesh_limit is None:
         return WholeError(first, UNKNOWN, first, None, worst)
     distance = np.asarray(problem.error(mesh_limit.values, reference.values), dtype=np.float64)

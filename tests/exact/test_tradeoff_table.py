@@ -12,6 +12,7 @@ from ddgcli.cli.commands.tradeoff import row_command
 from ddgcli.cli.commands.tradeoff_options import CommandCall
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.tradeoff.candidates import (
     Candidate,
     Problem,
@@ -24,6 +25,7 @@ from ddgcli.tradeoff.candidates import (
 )
 from ddgcli.tradeoff.measure import run_problem
 from ddgcli.tradeoff.pareto import assign_verdicts, break_even, cheapest_within
+from ddgcli.tradeoff.problems import curvature
 from ddgcli.tradeoff.report import csv_of, results_of
 from ddgcli.tradeoff.richardson import richardson_limit
 from ddgcli.tradeoff.truths import SHAPES, ellipsoid, parse_truth
@@ -67,6 +69,47 @@ def test_planted_candidates_are_ranked_where_they_belong():
     assert rows["good"].max_error == pytest.approx(1e-4) and rows["good"].max_error_at == 3
     assert rows["good"].mean_error == pytest.approx(1e-4 / 11)
     assert rows["slow"].seconds >= 0.3 > rows["good"].seconds
+
+
+def test_a_row_whose_answer_is_the_reference_has_its_uncertainty_as_error():
+    uncertain = Reference("agreement of two", TRUTH, 0.1, mean_uncertainty=0.02)
+    errors = {"near": 0.05, "same": 0.0, "beyond": 0.15, "far": 0.25}
+    candidates = [planted(name, e, 0.001 + 0.03 * k) for k, (name, e) in enumerate(errors.items())]
+    planted_problem = replace(problem(*candidates), references=[(0.0, lambda: uncertain)])
+    table = run_problem(planted_problem, repeat=1)
+    rows = {row.method: row for row in table.rows}
+    assert [row.is_reference for row in table.rows] == [False, True, False, False]
+    same = rows["same"]
+    assert (same.max_error, same.mean_error, same.max_error_at) == (0.1, 0.02, None)
+    assert assign_verdicts(table, None) is None
+    assert same.verdict.endswith("its answer is the reference, and its error the uncertainty")
+    assert rows["beyond"].verdict.startswith("no verdict possible")
+    assert rows["far"].verdict == "beaten by near"
+    rows["near"].max_error = 0.9  # the reference is sure to beat those beyond twice its uncertainty alone
+    rows["near"].seconds = 10.0
+    assign_verdicts(table, None)
+    assert rows["beyond"].verdict.startswith("no verdict possible: its error differs from that of same")
+    assert rows["far"].verdict == "beaten by same"
+    assert assign_verdicts(table, 0.1) is same and assign_verdicts(table, 0.09) is None
+    assert same.verdict.startswith("no verdict possible: 0.09")
+    known = replace(
+        problem(planted("same", 0.0, 0.0)), references=[(0.0, lambda: problem().references[0][1]())]
+    )
+    assert run_problem(known, repeat=1).rows[0].max_error == 0.0
+
+
+def test_quadric_fits_have_no_error_of_zero_where_they_are_the_reference():
+    sphere = shapes.icosphere(3)
+    noise = np.random.default_rng(0).normal(scale=0.01, size=sphere.points.shape)
+    mesh = TriangleMesh.from_arrays(sphere.points + noise, sphere.faces)
+    table = run_problem(curvature.problem(mesh), repeat=1)
+    assign_verdicts(table, None, "mean")
+    doubt = table.reference.error_bound("mean")
+    [own] = [row for row in table.rows if row.is_reference]
+    assert own.label == "quadric radius=own" and own.mean_error == doubt > 0.05
+    beaten = [row for row in table.rows if row.verdict.startswith("beaten by quadric radius=own")]
+    assert all(row.mean_error >= 2 * doubt for row in beaten)
+    assert any(doubt < row.mean_error < 2 * doubt for row in table.rows)
 
 
 @pytest.mark.parametrize("within", [1e-5, 2e-4, 0.05, 1.0])
