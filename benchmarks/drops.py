@@ -57,20 +57,29 @@ contact = {{ pairs = [["s", "o"], ["s", "floor"]], self_contact = true, friction
 """
 
 
-def drop(seed: int) -> tuple[int, float]:
-    """Frames with an intersection, and the largest gain of energy between frames over the energy range."""
+def drop_scene(seed: int) -> str:
+    """Text of a scene: a sheet of random size, place, spin and friction."""
     rng = np.random.default_rng(seed)
 
     def text(values: np.ndarray) -> str:
         return ", ".join(f"{v:.6f}" for v in values)
 
     width, length = rng.uniform(0.05, 0.2, 2)
-    scene = SCENE.format(
+    return SCENE.format(
         width=width, length=length, columns=int(rng.integers(2, 5)), rows=int(rng.integers(2, 7)),
         x=rng.uniform(-0.1, 0.0), y=rng.uniform(-0.1, 0.0), axis=text(rng.normal(size=3)),
         degrees=rng.uniform(0, 180), spin=text(rng.uniform(-5, 5, 3)), friction=rng.choice([0.0, 0.3, 1.0]),
     )  # fmt: skip
-    snapshots, contexts, _ = shell_run(scene, lambda name: MeshInput(BALL, name, "0" * 64))
+
+
+def drop(seed: int, **overrides: Any) -> tuple[int, float]:
+    """Frames with an intersection, and the largest gain of energy between frames over the energy range.
+
+    Overrides are keys of the scene's `[time]`.
+    """
+    snapshots, contexts, _ = shell_run(
+        drop_scene(seed), lambda name: MeshInput(BALL, name, "0" * 64), **overrides
+    )
     faces, ball = np.asarray(contexts["s"].mesh.faces), (np.asarray(BALL.points), np.asarray(BALL.faces))
     positions = [snapshot.observations["s"].points for snapshot in snapshots]
     crossed = sum(

@@ -1,4 +1,7 @@
-"""Energy balance of an implicit step: reject steps that gain more than 1 % or lose more than 10 %."""
+"""Energy balance of an implicit step: reject steps that gain more than 1 % or lose more than 10 %.
+
+Steps of implicit Euler may lose any energy; what they gain is taken from their impulses.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from ddgcli.simulation.model import StepRejected
 
 # of the energy at hand: how far the balance may exceed its minimum, and how far a step may drop it
 MAX_ENERGY_RISE, MAX_ENERGY_FALL = 0.01, 0.1
+MAX_EULER_GAIN = 1e-3  # of the energy at hand, that impulses give back; a step that gains more is halved
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,13 +85,73 @@ def balanced(
         more than `fall`.
     """
     change = end.energy - start.energy + work
-    at_hand = max(kinetic(system, before.v) + start.scale, kinetic(system, after.v) + end.scale)
-    # what the iteration may leave, as speed; and rounding
-    left = float(system.mass.sum()) * (MOVE_TOLERANCE * system.size / dt) ** 2
-    least = left + system.rounding.energy(dt) + sum_rounding(at_hand, len(system.mass))
+    at_hand, least = _scales(system, before, after, start, end, dt)
     above = max(0.0, before.balance_excess + change)
     if change > least and above > MAX_ENERGY_RISE * at_hand + least:
         raise StepRejected("energy rises", value=above / at_hand, solved=True)
     if change < -(MAX_ENERGY_FALL * at_hand if fall is None else fall) - least:
         raise StepRejected("energy falls", value=change / at_hand, solved=True)
     return Motion(after.x, after.v, after.a, after.newton, above)
+
+
+def _scales(
+    system: System, before: Motion, after: Motion, start: StoredEnergy, end: StoredEnergy, dt: float
+) -> tuple[float, float]:
+    """Joules at hand in a step, and joules that the iteration and rounding may leave."""
+    at_hand = max(kinetic(system, before.v) + start.scale, kinetic(system, after.v) + end.scale)
+    # what the iteration may leave, as speed; and rounding
+    left = float(system.mass.sum()) * (MOVE_TOLERANCE * system.size / dt) ** 2
+    return at_hand, left + system.rounding.energy(dt) + sum_rounding(at_hand, len(system.mass))
+
+
+def without_gain(
+    system: System,
+    before: Motion,
+    after: Motion,
+    start: StoredEnergy,
+    end: StoredEnergy,
+    pushed: float,
+    dt: float,
+) -> Motion:
+    """The motion after a step of implicit Euler, whose forces give no more energy than the potentials lose.
+
+    With the force F of the end, the step adds to the balance of energy what the potentials gain over their
+    tangent at the end, less the kinetic energy of the change of velocity. Convex potentials lie above their
+    tangent, so they only lose. Where a shell buckles, or slides off an obstacle by more than the range of the
+    barrier in a step, the force of the end, which pushes along the way, gives work that was never stored.
+    Then the impulses of the nonlinear potentials are scaled by one factor, so that the balance does not
+    change. Forces that sum to zero still do, and so do their moments: momenta stay as they are. What no
+    factor between 0 and 2 can take is left to the steps that follow.
+
+    Parameters
+    ----------
+    start, end : StoredEnergy
+        At both positions.
+    pushed : float
+        Joules that moving obstacles add.
+    dt : float
+
+    Raises
+    ------
+    StepRejected
+        The step gains more than a thousandth of the energy at hand: its force is no mean of those on the way.
+    """
+    path, change = after.x - before.x, system.only_free(after.v - before.v)
+    force = np.where(system.free, end.gradient, 0.5 * (start.gradient + end.gradient))
+    gain = end.energy - start.energy - float(np.vdot(force, path)) - kinetic(system, change) - pushed
+    at_hand, least = _scales(system, before, after, start, end, dt)
+    above = max(0.0, before.balance_excess + gain)
+    if gain > MAX_EULER_GAIN * at_hand + least:
+        raise StepRejected("energy rises", value=gain / at_hand, solved=True)
+    if not above > least:
+        return Motion(after.x, after.v, after.a, after.newton, above)
+    impulse = system.only_free(-dt * end.gradient / system.mass[:, None])
+    quadratic = kinetic(system, impulse)
+    slope = float(system.mass @ np.einsum("ni,ni->n", impulse, system.only_free(after.v)))
+    root = np.sqrt(max(0.0, slope**2 - 4 * quadratic * above))
+    # the smaller root of quadratic s^2 + slope s + above, or its minimum
+    factor = -2 * above / (slope + np.copysign(root, slope)) if root else -0.5 * slope / (quadratic or np.inf)
+    factor = float(np.clip(factor, -1.0, 1.0))
+    rest = max(0.0, above + factor * (slope + factor * quadratic))
+    change = factor * impulse
+    return Motion(after.x, after.v + change, after.a + change / dt, after.newton, rest)

@@ -139,15 +139,23 @@ def _swinging(system: System, increment: Increment, motion: Motion) -> Point:
 
 
 def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    from ddgcli.mechanics.energy_balance import StoredEnergy, without_gain
     from ddgcli.mechanics.newton import Increment, newton_of
 
     system = system.at(motion.time + dt)
+    # first: it shares what the last step computed at its end
+    start = None if system.linear else StoredEnergy.at(_at_start(system, motion), motion.x)
     target = motion.x + dt * motion.v
     increment = Increment(1 / dt**2, target, 1 / dt, motion.x, system.frozen(motion.x, dt, motion.time))
     guess = newton_of(system).start(increment, motion.x, (target + dt**2 * motion.a, target), motion.time)
     y, count = newton_of(system).minimise(increment, guess)
     v = (y - motion.x) / dt
-    return checked(system, _after(system, y, v, system.only_free((v - motion.v) / dt), motion.newton + count))
+    after = _after(system, y, v, system.only_free((v - motion.v) / dt), motion.newton + count)
+    checked(system, after)
+    if start is None:
+        return after
+    pushed = _obstacle_work(system, motion, after, dt)
+    return without_gain(system, motion, after, start, StoredEnergy.at(system, after.x), pushed, dt)
 
 
 def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:

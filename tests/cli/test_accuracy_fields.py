@@ -192,7 +192,7 @@ PLANTS = {
     "ring": [(*SOLVE, ["harmonic_residual"])],
     "heat": [(*FAINT, ["heat_residual", "poisson_residual"])],
     "shell": [(EVOLVE, stepping(motion), ["momentum_drift", "angular_momentum_drift", "max_strain"])],
-    "falling": [(EVOLVE, stepping(motion), ["energy_drift"])],
+    "falling": [(EVOLVE, stepping(motion), ["energy_drift", "energy_gain"])],
     "fluid": [
         (
             EVOLVE,

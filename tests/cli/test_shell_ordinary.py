@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ddgcli.io.mesh_file import write_mesh
+from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.shapes import random_sphere
 
@@ -65,6 +66,21 @@ def test_a_body_at_rest_stays_at_rest(integrator, steps, summary, tmp_path):
 def test_a_drift_above_rounding_is_still_seen(summary, tmp_path):
     out = summary("shell-sim", strip_scene(tmp_path, "gravity = { acceleration = [0, 0, -1e-6] }"))
     assert out["accuracy"]["momentum_drift"] == pytest.approx(1.0, rel=1e-6)
+
+
+def test_the_gain_of_energy_is_that_of_the_frames(summary, tmp_path):
+    """While a strip slows down, the energy of symplectic Euler rises; that of implicit Euler only falls."""
+    gains = {}
+    for integrator in ("symplectic-euler", "implicit-euler"):
+        path = strip_scene(tmp_path, CLAMPED, integrator, 5e-3)
+        path.write_text(path.read_text().replace("poisson = 0", "poisson = 0\nvelocity = [0, 0, 0.3]"))
+        out = summary("shell-sim", path, "-o", tmp_path / f"{integrator}.vtkhdf")
+        with Trajectory(str(tmp_path / f"{integrator}.vtkhdf")) as trajectory:
+            energy, kinetic = (trajectory.scalars[name] for name in ("energy", "energy_kinetic"))
+        gains[integrator] = out["accuracy"]["energy_gain"]
+        rise = (energy - np.minimum.accumulate(energy)).max()
+        assert gains[integrator] in (0.0, pytest.approx(rise / kinetic.max(), rel=1e-6))
+    assert gains["implicit-euler"] == 0.0 and gains["symplectic-euler"] > 1e-5
 
 
 @pytest.mark.parametrize("integrator", SCHEMES)

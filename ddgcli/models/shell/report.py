@@ -75,8 +75,8 @@ def summary(
 
     Scales of the drifts: energy, the largest kinetic energy or change of a part of the energy; momentum, the
     mass times the largest speed; angular momentum, that times the size of the shells. Within rounding a
-    drift is 0. `static` adds the stability of the equilibrium; `order` is that of the shells, see
-    `_split`.
+    drift is 0. The gain is the largest rise of the energy above its lowest so far. `static` adds the
+    stability of the equilibrium; `order` is that of the shells, see `_split`.
     """
     series, last = outcome.series, outcome.end
     energies = {
@@ -122,8 +122,11 @@ def summary(
     swing = [np.ptp(v) for name, v in series.items() if name.startswith("energy_")]
     energy_scale = max([float(np.abs(series["energy_kinetic"]).max()), *map(float, swing)])
     momentum_scale = mass * outcome.largest.get("velocity", 0.0)
+    own_energy = series["energy"] - _work(series)
+    gain = float(np.max(own_energy - np.minimum.accumulate(own_energy)))
     accuracy: dict[str, Any] = {
-        "energy_drift": _drift(series["energy"] - _work(series), energy_scale, least.energy),
+        "energy_drift": _drift(own_energy, energy_scale, least.energy),
+        "energy_gain": gain / max(energy_scale, least.energy) if gain > least.energy else 0.0,
         "momentum_drift": _drift(series["momentum"], momentum_scale, least.momentum),
         "angular_momentum_drift": _drift(
             series["angular_momentum"], momentum_scale * size, least.angular_momentum
