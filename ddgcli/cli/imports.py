@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import importlib.util
 import sys
+import types
 from typing import Any
 
 import click
@@ -17,13 +18,18 @@ DEFERRED_MODULES = (
     "numpy.f2py",
     "numpy.ma",
     "numpy.polynomial",
+    "numpy.random",
     "numpy.testing",
     "numpy.typing",
 )
+# numpy's texts of `help` for compiled functions, a tenth of its import; a command shows none of them
+UNUSED_MODULES = ("numpy._core._add_newdocs", "numpy._core._add_newdocs_scalars")
 
 
 def defer_imports(names: tuple[str, ...] = DEFERRED_MODULES) -> None:
     """Replaces modules that are not loaded yet by modules that load at the first access to an attribute."""
+    if "numpy" not in sys.modules:
+        sys.modules.update((name, types.ModuleType(name)) for name in UNUSED_MODULES)
     for name in names:
         if name in sys.modules:
             continue
@@ -35,7 +41,26 @@ def defer_imports(names: tuple[str, ...] = DEFERRED_MODULES) -> None:
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module
         spec.loader.exec_module(module)
+        if name == "numpy.ma":
+            _answer_unloaded(module)
         setattr(sys.modules[parent_name], child, module)
+
+
+def _answer_unloaded(masked_arrays: types.ModuleType) -> None:
+    """Let numpy ask whether an array is masked without loading `numpy.ma`: before that, none is.
+
+    `np.unique` and `np.median` ask, and loading takes a tenth of a command on a small mesh.
+    """
+    lazy_class = type(masked_arrays)
+
+    class UnloadedMaskedArrays(lazy_class):  # type: ignore[misc, valid-type]
+        def __getattribute__(self, name: str) -> Any:
+            if name in ("is_masked", "isMaskedArray"):
+                return lambda _: False
+            object.__setattr__(self, "__class__", lazy_class)
+            return getattr(self, name)
+
+    object.__setattr__(masked_arrays, "__class__", UnloadedMaskedArrays)
 
 
 def with_deferred_imports(command: click.Command) -> click.Command:

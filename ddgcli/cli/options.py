@@ -38,6 +38,11 @@ class CommonOptions:
     threads: int | None = None
     dry_run: bool = False
 
+    @property
+    def exceeds_short_summary(self) -> bool:
+        """Whether the run writes a file or draws a picture, or shows more than the short summary."""
+        return self.as_json or self.full or bool(self.outputs) or self.plot is not None
+
 
 class Real(click.ParamType):
     """A finite number, optionally above a bound; click's FloatRange accepts nan and inf."""

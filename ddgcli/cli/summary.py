@@ -53,7 +53,7 @@ def print_summary(
     shown, hidden = (summary, 0) if full else short_body(summary)
     lines = _lines(shown, text, full)
     if hidden and text is None:
-        lines.append(f"{hidden} more fields by --full")
+        lines.append("more fields by --full")
     click.echo("\n".join(lines), err=err)
 
 

@@ -133,8 +133,6 @@ def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
 
 def format_of(path: str, input_format: str | None = None) -> str:
     """The extension that chooses the reader; MeshFileError if no reader accepts it."""
-    from ddgcli.io.readers import foreign
-
     if input_format:
         suffix = "." + input_format.lower().lstrip(".")
     elif path == "-":
@@ -143,7 +141,11 @@ def format_of(path: str, input_format: str | None = None) -> str:
         raise MeshFileError(f"{path}: is a folder; name a mesh file")
     else:
         suffix = Path(path).suffix.lower()
-    if suffix not in READERS and suffix not in foreign.suffixes():
+    if suffix in READERS:
+        return suffix
+    from ddgcli.io.readers import foreign  # imports what starts processes
+
+    if suffix not in foreign.suffixes():
         known = " ".join(sorted({*READERS, *foreign.suffixes()}))
         raise MeshFileError(
             f"{path}: unknown format {excerpt(suffix, 20) or '(no extension)'}; set `input_format`; "

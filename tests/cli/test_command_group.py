@@ -114,6 +114,21 @@ def test_a_run_imports_no_test_tools_and_no_wrapper_generator_of_numpy(torus):
     assert done.stdout.split("\n")[0] == "set() assert_allclose 7.0"
 
 
+def test_a_small_run_imports_neither_scipy_nor_masked_arrays_and_these_work_later():
+    code = (
+        "import sys\n"
+        "from ddgcli.cli.main import main\n"
+        f"main(['curvature', {str(ROOT / 'sample_meshes' / 'cube.obj')!r}, '-q'], standalone_mode=False)\n"
+        "print({'scipy', 'numpy.ma.core', 'numpy.random.mtrand'} & set(sys.modules))\n"
+        "import numpy as np\n"
+        "print(np.unique([2, 1, 2]), np.median([1, 3]), np.ma.isMaskedArray(np.zeros(2)))\n"
+        "masked = np.ma.masked_array([1, 2, 2], [True, False, False])\n"
+        "print(np.ma.isMaskedArray(masked), np.unique(masked), np.random.default_rng(0).random() < 1)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["set()", "[1 2] 2.0 False", "True [2 --] True"]
+
+
 def test_json_is_alone_on_standard_output(torus):
     done = process("info", torus, "--json")
     assert done.stdout.count(b"\n") == 1 and done.stderr == b""

@@ -14,9 +14,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
+from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.cli.main import COMMANDS, main
+from ddgcli.cli.short_summary import short_body
 from ddgcli.cli.summary import LINE_WIDTH, print_summary
-from ddgcli.io.mesh_file import write_mesh
+from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 
@@ -152,6 +155,24 @@ def test_a_long_list_is_cut_in_the_short_summary_and_wrapped_in_the_full_one(out
     start = full.index("eigenvalues")
     text = full[start : full.index("]", start)]
     assert text.count(",") == 29 and max(map(len, text.splitlines())) <= LINE_WIDTH
+
+
+def test_a_short_run_of_curvature_has_the_fields_of_the_full_one_and_leaves_the_rest_out(folder):
+    mesh = read_mesh(str(folder / "s.ply")).surface
+    for scheme in CURVATURE_SCHEMES:
+        short, full = (measure_curvature(mesh, scheme, full=f) for f in (False, True))
+        assert set(short.vertex) == {"mean_curvature", "gaussian_curvature"} and not short.edge
+        for name, values in short.vertex.items():
+            assert np.array_equal(values, full.vertex[name])
+        assert short.results == {name: full.results[name] for name in short.results}
+        assert short.accuracy == full.accuracy and "willmore_energies" in set(full.results) - set(
+            short.results
+        )
+        bodies = [
+            {"command": "curvature", "input": {}, "results": r.results, "accuracy": r.accuracy}
+            for r in (short, full)
+        ]
+        assert short_body(bodies[0])[0] == short_body(bodies[1])[0], "the same short summary"
 
 
 def test_quiet_prints_nothing_and_json_is_whole_all_the_same(folder):

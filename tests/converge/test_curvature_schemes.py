@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.curvature import rings
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import area_normals
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
-from ddgcli.algorithms.curvature.regions import two_rings
+from ddgcli.algorithms.curvature.rings import two_rings
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.mesh import shapes
@@ -175,9 +176,24 @@ def test_cells_stretched_along_the_curvature_keep_their_own_rings():
     mesh = shapes.random_sphere(1000)
     mesh = mesh.moved(mesh.points * [1.0, 1.0, 8.0])
     faces = Faces.of(mesh)
-    rings = two_rings(mesh.topology, 15)
+    own = two_rings(mesh.topology, 15)
     error = neighbourhoods(mesh, faces, area_normals(faces), 15)
-    assert len(error.member) == len(rings.member) and (error.member == rings.member).all()
+    assert len(error.member) == len(own.member) and (error.member == own.member).all()
+
+
+def test_rings_by_sorting_are_those_of_the_matrix_product():
+    fan = np.array([[0, k, k % 40 + 1] for k in range(1, 41)])  # a hub of valence 40, and a spare vertex
+    hub = TriangleMesh.from_arrays(np.random.default_rng(0).random((42, 3)), fan)
+    for mesh in (hub, shapes.random_sphere(300), shapes.box(1, 1, 1), shapes.grid(5, 4)):
+        t, some = mesh.topology, np.arange(0, mesh.n_vertices, 3)
+        for part in (None, some):
+            centre = np.arange(t.n_vertices) if part is None else part
+            may_grow = t.referenced_vertex[centre]
+            expected = rings._rings_by_product(t.faces, t.n_vertices, part, 15, may_grow)
+            actual = rings._rings_by_sorting(t.faces, t.n_vertices, centre, 15)
+            assert np.array_equal(actual.start, expected.start)
+            pieces = [np.split(r.member, r.start[1:-1]) for r in (actual, expected)]
+            assert all(np.array_equal(a, np.sort(b)) for a, b in zip(*pieces, strict=True))
 
 
 def test_sheared_surfaces_that_cannot_be_flipped_are_measured():

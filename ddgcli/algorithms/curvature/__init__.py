@@ -17,9 +17,11 @@ __all__ = [
     "offset_body",
     "polyline",
     "quadric",
+    "rings",
     "star",
     "region_measures",
     "surface_curvature",
     "surface_query",
     "totals",
+    "unit_surface",
 ]

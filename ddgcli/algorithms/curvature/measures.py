@@ -15,7 +15,6 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import cross, ratio
-from ddgcli.operators.laplacian import voronoi_vertex_area
 
 
 def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
@@ -78,7 +77,11 @@ def vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
     Meyer et al. 2003: the Voronoi part of acute triangles; half the triangle at an obtuse corner and a
     quarter at the other two.
     """
-    return area_of(Faces.of(mesh)) if isinstance(mesh, TriangleMesh) else voronoi_vertex_area(mesh)
+    if isinstance(mesh, TriangleMesh):
+        return area_of(Faces.of(mesh))
+    from ddgcli.operators.laplacian import voronoi_vertex_area  # imports scipy.sparse
+
+    return voronoi_vertex_area(mesh)
 
 
 def area_of(faces: Faces) -> NDArray[np.float64]:

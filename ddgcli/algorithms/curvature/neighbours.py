@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.regions import Regions, chosen, chunks, two_rings
+from ddgcli.algorithms.curvature.regions import Regions, chosen, chunks
+from ddgcli.algorithms.curvature.rings import two_rings
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh

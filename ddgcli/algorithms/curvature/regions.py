@@ -1,4 +1,4 @@
-"""Regions around every vertex: rings of neighbours, and balls connected along the surface."""
+"""Regions around every vertex: lists of members, and the radii that balls may have."""
 
 from __future__ import annotations
 
@@ -7,14 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, eye_array
 
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.ragged import expand_lists, list_starts
-from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-
-HUB_VALENCE = 24  # rings do not grow through vertices with more neighbours: their fans would join everything
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,82 +32,6 @@ class Regions:
     def count(self) -> NDArray[np.int64]:
         """(n,) number of members of each vertex."""
         return np.diff(self.start)
-
-
-def adjacency(topology: Topology) -> csr_array:
-    """(n, n) ones where an edge joins two vertices, and on the diagonal."""
-    return _adjacency_of(topology.faces, topology.n_vertices)
-
-
-def _adjacency_of(faces: NDArray, n_vertices: int) -> csr_array:
-    tail, head = faces.ravel(), faces[:, NEXT].ravel()
-    ones = np.ones(2 * len(tail), dtype=np.float32)
-    rows, cols = np.concatenate([tail, head]), np.concatenate([head, tail])
-    matrix = csr_array((ones, (rows.astype(np.int32), cols.astype(np.int32))), shape=(n_vertices, n_vertices))
-    return (matrix + eye_array(n_vertices, dtype=np.float32, format="csr")).tocsr()
-
-
-def two_rings(topology: Topology, at_least: int, vertices: NDArray | None = None) -> Regions:
-    """Vertices within two edges of each vertex (itself included); within three where two give too few.
-
-    Parameters
-    ----------
-    topology : Topology
-    at_least : int
-        Neighbours below which the third ring is added.
-    vertices : (k,) ndarray of int, optional
-        Whose rings; default all.
-    """
-    if vertices is None:
-        near = adjacency(topology)
-        growing = _without_hubs(near)
-        ring = (near @ growing).tocsr()
-        few = (np.diff(ring.indptr) < at_least + 1) & topology.referenced_vertex
-    else:
-        near = _adjacency_of(_faces_within(topology, vertices, 3), topology.n_vertices)
-        growing = _without_hubs(near)
-        ring = (near[vertices] @ growing).tocsr()
-        few = (np.diff(ring.indptr) < at_least + 1) & topology.referenced_vertex[vertices]
-    rows = np.flatnonzero(few)
-    if len(rows) == 0:
-        return Regions(ring.indptr.astype(np.int64), ring.indices)
-    wider = (ring[rows] @ growing).tocsr()
-    return _replaced(ring, rows, wider)
-
-
-def _faces_within(topology: Topology, vertices: NDArray, n_rings: int) -> NDArray[np.int64]:
-    """Faces that touch the vertices, or their neighbours up to the ring before the last."""
-    inside = np.zeros(topology.n_vertices, dtype=bool)
-    inside[vertices] = True
-    for _ in range(n_rings):
-        faces = topology.faces[inside[topology.faces].any(axis=1)]
-        inside[faces] = True
-    return faces
-
-
-def _without_hubs(near: csr_array) -> csr_array:
-    """Rows of hubs emptied but for their own diagonal entry: paths may end there, not pass."""
-    count = np.diff(near.indptr)
-    hub = count > HUB_VALENCE + 1
-    if not hub.any():
-        return near
-    row = np.repeat(np.arange(len(count)), count)
-    keep = ~hub[row] | (near.indices == row)
-    indptr = list_starts(np.bincount(row[keep], minlength=len(count)))
-    return csr_array((near.data[keep], near.indices[keep], indptr), shape=near.shape)
-
-
-def _replaced(ring: csr_array, rows: NDArray, wider: csr_array) -> Regions:
-    count = np.diff(ring.indptr).astype(np.int64)
-    count[rows] = np.diff(wider.indptr)
-    start = list_starts(count)
-    member = np.zeros(start[-1], dtype=np.int64)
-    is_new = np.zeros(len(count), dtype=bool)
-    is_new[rows] = True
-    replaced = np.repeat(is_new, count)
-    member[~replaced] = ring.indices[np.repeat(~is_new, np.diff(ring.indptr))]
-    member[replaced] = wider.indices
-    return Regions(start, member)
 
 
 def chunks(regions: Regions, members: int) -> Iterator[tuple[int, int]]:

@@ -19,7 +19,13 @@ from ddgcli.mesh.vectors import cross, dot, ratio
 
 
 def cotan(
-    faces: Faces, normal: NDArray, area: NDArray, defect: NDArray, vector: NDArray
+    faces: Faces,
+    normal: NDArray,
+    area: NDArray,
+    defect: NDArray,
+    vector: NDArray,
+    *,
+    directions: bool = True,
 ) -> PrincipalCurvatures:
     """Meyer et al.: H from the area gradient, K from the angle defect, directions by least squares.
 
@@ -31,6 +37,8 @@ def cotan(
         Mixed Voronoi areas and angle defects.
     vector : (3, n) ndarray
         Integrated mean curvature vectors (`vector_of`).
+    directions : bool
+        Whether to compute the directions; without them their arrays are (3, 0).
 
     Notes
     -----
@@ -42,6 +50,9 @@ def cotan(
     mean = ratio(np.where(dot(vector, normal) <= 0, length, -length), area)
     gaussian = ratio(defect, area)
     reach = np.sqrt(np.maximum(mean * mean - gaussian, 0.0))
+    if not directions:
+        none = np.zeros((3, 0))
+        return PrincipalCurvatures(mean - reach, mean + reach, none, none, gaussian)
     first, second = tangent_frame(normal)
     half_difference, off = _fitted_form(faces, normal, first, second, mean)
     angle = 0.5 * np.arctan2(off, half_difference)

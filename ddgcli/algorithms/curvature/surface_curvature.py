@@ -12,22 +12,16 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
-from ddgcli.algorithms.curvature.ball import corrected_in_balls, normal_cycle_in_balls
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals, unit_normals
 from ddgcli.algorithms.curvature.noise import estimate_noise, warn_of_noise
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.regions import check_radius
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
-from ddgcli.algorithms.curvature.voting import normal_voting
-from ddgcli.algorithms.delaunay.triangulation import non_delaunay_edges
+from ddgcli.algorithms.curvature.unit_surface import UnitSurface, prepare_surface
 from ddgcli.choices import CURVATURE_SCHEMES
-from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume
+from ddgcli.errors import ParameterError
 from ddgcli.linalg.residual_gate import within_residuals
-from ddgcli.mesh.cures import cure
-from ddgcli.mesh.repair import reverse_faces
-from ddgcli.mesh.require import check_size, require
+from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio
 
@@ -62,25 +56,6 @@ class CurvatureResult:
     converged: bool = True
 
 
-@dataclass(frozen=True, eq=False)
-class _Surface:
-    """The mesh at unit size, consistently oriented where it is orientable, with its exact quantities.
-
-    `volume` is None unless the surface is closed and two-sided.
-    """
-
-    mesh: TriangleMesh
-    faces: Faces
-    scale: float
-    orientable: bool
-    volume: float | None
-    area: NDArray
-    defect: NDArray
-    normal: NDArray
-    dihedral: NDArray
-    vector: NDArray
-
-
 def measure_curvature(
     mesh: TriangleMesh,
     scheme: str = DEFAULT_SCHEME,
@@ -88,6 +63,7 @@ def measure_curvature(
     *,
     image: NDArray | None = None,
     jobs: int = 1,
+    full: bool = True,
 ) -> CurvatureResult:
     """Measure the curvature of a surface by one scheme.
 
@@ -103,6 +79,9 @@ def measure_curvature(
         A map whose non-conformality is to be measured.
     jobs : int
         Threads of the fits of 'quadric'; the result does not depend on it.
+    full : bool
+        False: only the pointwise mean and Gaussian curvature, the chief integrals and all residuals, without
+        directions, energies, arrays on edges and further statistics.
 
     Returns
     -------
@@ -127,7 +106,7 @@ def measure_curvature(
     if isinstance(radius, (int, float)) and not (math.isfinite(radius) and radius > 0):
         raise ParameterError(f"the radius must be a positive length, not {radius}")
     require(mesh, "curvature")
-    surface = _prepared(mesh, scheme)
+    surface = prepare_surface(mesh, scheme)
     noise = estimate_noise(surface.mesh, surface.faces, surface.dihedral, scheme)
     if radius == "auto":
         radius = noise.radius * surface.scale if noise.dominates_curvature else None
@@ -136,17 +115,14 @@ def measure_curvature(
     if radius is not None:
         area = float(surface.faces.area.sum())
         check_radius(mesh, area, radius / surface.scale, surface.scale, scheme)
-    principal = _pointwise(surface, scheme, None if radius is None else radius / surface.scale, jobs)
-    vertex = _vertex_arrays(surface, principal)
-    length = totals.edge_length(surface.faces, mesh.topology)
-    edge = {
-        "edges": mesh.topology.edges,
-        "dihedral_angle": surface.dihedral,
-        "edge_mean_curvature": 0.5 * surface.scale * length * surface.dihedral,
-    }
+    principal = _pointwise(surface, scheme, None if radius is None else radius / surface.scale, jobs, full)
+    vertex = _vertex_arrays(surface, principal) if full else _curvature_arrays(surface, principal)
+    edge = _edge_arrays(surface) if full else {}
     results: dict[str, Any] = {"scheme": scheme, "promise": SCHEME_PROMISES[scheme]}
     results |= {"radius": radius, "noise_estimate": noise.relative}
     results |= _integrals(surface, principal)
+    if full:
+        results |= _further_integrals(surface, results)
     if image is not None:
         results |= _nonconformality(surface, image)
     results |= _statistics(vertex, edge, mesh)
@@ -157,97 +133,30 @@ def measure_curvature(
     return CurvatureResult(vertex, edge, results, accuracy, converged)
 
 
-def _prepared(mesh: TriangleMesh, scheme: str) -> _Surface:
-    """Scale the surface to unit size (by a power of two, which is exact), and warn of its defects."""
-    used = mesh.points[mesh.topology.referenced_vertex]
-    middle = used.min(axis=0) / 2 + used.max(axis=0) / 2
-    extent = float(np.abs(used - middle).max())
-    check_size(extent)
-    scale = 2.0 ** round(math.log2(extent))
-    unit = mesh.moved((mesh.points - middle) / scale)
-    orientable = mesh.topology.is_oriented or mesh.topology.is_orientable
-    if not mesh.topology.is_oriented:
-        unit = _oriented(unit, mesh.topology.faces_to_turn)
-    faces = Faces.of(unit)
-    volume = enclosed_volume(unit) if unit.topology.is_closed and orientable else None
-    _warn_of_defects(unit, faces, orientable, scheme, volume)
-    normal = totals.filled_normals(faces, unit.topology)
-    return _Surface(
-        unit,
-        faces,
-        scale,
-        orientable,
-        volume,
-        exact.area_of(faces),
-        exact.defect_of(faces, unit.topology),
-        normal,
-        dihedral_angle(unit, normal.T),
-        exact.vector_of(faces, unit.topology),
-    )
-
-
-def _oriented(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
-    if turn.any():
-        _log.warning(
-            "%d faces are oriented against their neighbours (first: face %d); they are turned over for the "
-            "measurement",
-            turn.sum(),
-            np.flatnonzero(turn)[0],
-        )
-    return reverse_faces(mesh, turn)
-
-
-def _warn_of_defects(
-    mesh: TriangleMesh, faces: Faces, orientable: bool, scheme: str, volume: float | None
-) -> None:
-    topology = mesh.topology
-    flat = np.flatnonzero(faces.flat)
-    if len(flat) == mesh.n_faces:
-        raise MeshError("no face has area; curvature needs a surface: check the coordinates")
-    if not orientable:
-        if scheme in ("normal-cycle", "corrected", "normal-voting"):
-            raise MeshError(
-                f"the surface is one-sided (not orientable) and {scheme} needs two sides; "
-                f"use `scheme=quadric` or `scheme=cotan`, or {cure('one side', mesh.topology)}"
-            )
-        _log.warning(
-            "the surface is one-sided (not orientable): the signs of mean and principal curvature hold only "
-            "locally, and the total mean curvature is undefined"
-        )
-    if len(flat):
-        _log.warning("%d faces have no area (first: face %d)", len(flat), flat[0])
-    if not topology.is_manifold:
-        _log.warning(
-            "the surface is not manifold (%d edges with more than two faces, %d vertices with several fans): "
-            "curvature there is that of the whole star, and dihedral angles of such edges are 0",
-            len(topology.nonmanifold_edges),
-            len(topology.nonmanifold_vertices),
-        )
-    spare = int((~topology.referenced_vertex).sum())
-    if spare:
-        _log.warning("%d vertices belong to no face: all their values are 0", spare)
-    if volume is not None and volume < 0:
-        _log.warning(
-            "the faces point inward (negative volume): mean and principal curvatures change their sign"
-        )
-
-
-def _pointwise(surface: _Surface, scheme: str, radius: float | None, jobs: int) -> PrincipalCurvatures:
+def _pointwise(
+    surface: UnitSurface, scheme: str, radius: float | None, jobs: int, directions: bool
+) -> PrincipalCurvatures:
     """Principal curvatures by the scheme, at unit size."""
     mesh, faces, area, defect = surface.mesh, surface.faces, surface.area, surface.defect
     normals = area_normals if scheme == "quadric" else unit_normals
     normal = normals(faces) if surface.orientable else _unsigned_normals(surface)
     if scheme == "cotan":
-        principal = cotan(faces, normal, area, defect, surface.vector)
+        principal = cotan(faces, normal, area, defect, surface.vector, directions=directions)
     elif scheme == "normal-cycle" and radius is not None:
+        from ddgcli.algorithms.curvature.ball import normal_cycle_in_balls  # imports scipy.sparse
+
         principal = normal_cycle_in_balls(mesh, normal, defect, surface.dihedral, radius)
     elif scheme == "normal-cycle":
         principal = normal_cycle(faces, mesh.topology.edges, normal, area, defect, surface.dihedral)
+    elif scheme == "corrected" and radius is not None:
+        from ddgcli.algorithms.curvature.ball import corrected_in_balls  # imports scipy.sparse
+
+        principal = corrected_in_balls(mesh, faces, normal, radius)
     elif scheme == "corrected":
-        principal = (
-            corrected(faces, normal) if radius is None else corrected_in_balls(mesh, faces, normal, radius)
-        )
+        principal = corrected(faces, normal)
     elif scheme == "normal-voting":
+        from ddgcli.algorithms.curvature.voting import normal_voting  # imports scipy.sparse
+
         principal = normal_voting(mesh, faces, normal, radius)
     else:
         principal = quadric(mesh, faces, normal, radius, jobs=jobs)
@@ -257,7 +166,7 @@ def _pointwise(surface: _Surface, scheme: str, radius: float | None, jobs: int) 
     return replace(principal, low=low, high=high, gaussian=gaussian)
 
 
-def _unsigned_normals(surface: _Surface) -> NDArray[np.float64]:
+def _unsigned_normals(surface: UnitSurface) -> NDArray[np.float64]:
     """Vertex normals of a one-sided surface: the common line of the face normals, with the sign of one."""
     mesh, vectors = surface.mesh, surface.faces.doubled
     normal = unit_normals(surface.faces)
@@ -269,15 +178,21 @@ def _unsigned_normals(surface: _Surface) -> NDArray[np.float64]:
     return normal
 
 
-def _vertex_arrays(surface: _Surface, principal: PrincipalCurvatures) -> dict[str, NDArray]:
+def _curvature_arrays(surface: UnitSurface, principal: PrincipalCurvatures) -> dict[str, NDArray]:
+    s = surface.scale
+    return {"gaussian_curvature": principal.gaussian / (s * s), "mean_curvature": principal.mean / s}
+
+
+def _vertex_arrays(surface: UnitSurface, principal: PrincipalCurvatures) -> dict[str, NDArray]:
     mesh, s = surface.mesh, surface.scale
+    curvature = _curvature_arrays(surface, principal)
     return {
         "angle_defect": surface.defect,
         "vertex_area": surface.area * s * s,
         "boundary": mesh.topology.boundary_vertex.astype(np.uint8),
-        "gaussian_curvature": principal.gaussian / (s * s),
+        "gaussian_curvature": curvature["gaussian_curvature"],
         "geodesic_curvature": exact.geodesic_curvature(mesh, surface.defect) / s,
-        "mean_curvature": principal.mean / s,
+        "mean_curvature": curvature["mean_curvature"],
         "mean_curvature_normal": np.ascontiguousarray((ratio(surface.vector, surface.area) / s).T),
         "principal_curvature_min": principal.low / s,
         "principal_curvature_max": principal.high / s,
@@ -287,15 +202,38 @@ def _vertex_arrays(surface: _Surface, principal: PrincipalCurvatures) -> dict[st
     }
 
 
-def _integrals(surface: _Surface, principal: PrincipalCurvatures) -> dict[str, Any]:
+def _edge_arrays(surface: UnitSurface) -> dict[str, NDArray]:
+    topology = surface.mesh.topology
+    length = totals.edge_length(surface.faces, topology)
+    return {
+        "edges": topology.edges,
+        "dihedral_angle": surface.dihedral,
+        "edge_mean_curvature": 0.5 * surface.scale * length * surface.dihedral,
+    }
+
+
+def _integrals(surface: UnitSurface, principal: PrincipalCurvatures) -> dict[str, Any]:
+    """Integrals that cost little beside the curvature."""
+    topology, s = surface.mesh.topology, surface.scale
+    lengths = totals.edge_length(surface.faces, topology)
+    mean = float((0.5 * lengths * surface.dihedral).sum()) * s if surface.orientable else None
+    boundary = topology.boundary_vertex
+    return {
+        "area": float(surface.faces.area.sum()) * s * s,
+        "volume": None if surface.volume is None else surface.volume * s * s * s,  # or inf
+        "total_gaussian_curvature": float(surface.defect[~boundary].sum()),
+        "total_geodesic_curvature": float(surface.defect[boundary].sum()),
+        "total_mean_curvature": mean,
+        "willmore_energy": float((principal.mean**2 * surface.area).sum()),
+    }
+
+
+def _further_integrals(surface: UnitSurface, integrals: dict[str, Any]) -> dict[str, Any]:
+    """Energies and volumes besides `integrals`, those of `_integrals`."""
+    from ddgcli.algorithms.delaunay.triangulation import non_delaunay_edges  # for these alone
+
     mesh, faces, s = surface.mesh, surface.faces, surface.scale
     topology = mesh.topology
-    boundary = topology.boundary_vertex
-    area = float(faces.area.sum())
-    two_sided_closed = surface.volume is not None
-    volume = None if surface.volume is None else surface.volume * s * s * s  # or inf
-    lengths = totals.edge_length(faces, topology)
-    mean = float((0.5 * lengths * surface.dihedral).sum()) * s if surface.orientable else None
     energies = totals.willmore_energies(
         faces, topology, surface.dihedral, surface.area, surface.vector, surface.defect
     )
@@ -307,15 +245,11 @@ def _integrals(surface: _Surface, principal: PrincipalCurvatures) -> dict[str, A
         _log.warning(
             "no Willmore energy %s: points coincide or the surface folds back", " and ".join(unknown)
         )
-    volumes = totals.intrinsic_volumes(topology.euler_characteristic, mean, area * s * s, volume)
+    mean, area, volume = (integrals[name] for name in ("total_mean_curvature", "area", "volume"))
+    volumes = totals.intrinsic_volumes(topology.euler_characteristic, mean, area, volume)
+    two_sided_closed = surface.volume is not None
     return {
-        "area": area * s * s,
-        "volume": volume,
-        "total_gaussian_curvature": float(surface.defect[~boundary].sum()),
-        "total_geodesic_curvature": float(surface.defect[boundary].sum()),
         "total_combinatorial_curvature": float(exact.combinatorial_curvature(mesh).sum()),
-        "total_mean_curvature": mean,
-        "willmore_energy": float((principal.mean**2 * surface.area).sum()),
         "willmore_energies": energies,
         "non_delaunay_edges": skewed,
         "vector_area": totals.vector_area(faces) * s * s if surface.orientable else None,
@@ -346,10 +280,10 @@ def _statistics(
             where = mesh.topology.boundary_vertex
         if where.any():
             statistics[name] = _range(values[where])
-    for name in ("dihedral_angle", "edge_mean_curvature"):
-        between_two = mesh.topology.edge_face_count == 2
-        if between_two.any():
-            statistics[name] = _range(edge[name][between_two])
+    between_two = mesh.topology.edge_face_count == 2
+    for name, values in edge.items():
+        if name != "edges" and between_two.any():
+            statistics[name] = _range(values[between_two])
     return statistics
 
 
@@ -357,7 +291,7 @@ def _range(values: NDArray) -> dict[str, float]:
     return {"min": float(values.min()), "max": float(values.max()), "mean": float(values.mean())}
 
 
-def _nonconformality(surface: _Surface, image: NDArray) -> dict[str, float]:
+def _nonconformality(surface: UnitSurface, image: NDArray) -> dict[str, float]:
     if image.ndim != 2 or image.shape[1] not in (2, 3) or len(image) != surface.mesh.n_vertices:
         raise ParameterError(
             f"an array of shape {image.shape}; a map gives each vertex 2 or 3 coordinates", parameter="map"
@@ -368,7 +302,7 @@ def _nonconformality(surface: _Surface, image: NDArray) -> dict[str, float]:
     return totals.nonconformality(surface.faces, image)
 
 
-def _accuracy(surface: _Surface) -> dict[str, float | None]:
+def _accuracy(surface: UnitSurface) -> dict[str, float | None]:
     """Residuals of identities that hold on the polyhedron up to rounding."""
     mesh, faces, defect = surface.mesh, surface.faces, surface.defect
     topology = mesh.topology

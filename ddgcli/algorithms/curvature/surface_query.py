@@ -4,25 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.measures import vector_of
-from ddgcli.algorithms.curvature.offset_body import OffsetBody, offset_body
-from ddgcli.algorithms.curvature.region_measures import (
-    RegionMeasures,
-    labels_of,
-    measures_in_ball,
-    measures_of_labels,
-)
 from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME, CurvatureResult, measure_curvature
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio, row_dot, vector_length
+
+if TYPE_CHECKING:
+    from ddgcli.algorithms.curvature.offset_body import OffsetBody
+    from ddgcli.algorithms.curvature.region_measures import RegionMeasures
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +46,13 @@ def measure_surface(
     offset: float | None = None,
     offset_angle: float = 6.0,
     jobs: int = 1,
+    full: bool = True,
 ) -> SurfaceMeasurement:
     """Measure the curvature of a surface, and what else a query names.
 
     Parameters
     ----------
-    mesh, scheme, radius, image, jobs
+    mesh, scheme, radius, image, jobs, full
         Of `measure_curvature`.
     regions : sequence of (array, place)
         Labels on faces or vertices; an empty place is inferred from the length, faces first.
@@ -66,7 +64,8 @@ def measure_surface(
     offset_angle : float
         Largest step of its arcs, in degrees.
     """
-    measured = measure_curvature(mesh, scheme, radius, image=image, jobs=jobs)
+    full = full or offset is not None  # the volume of an offset body needs Steiner's polynomial
+    measured = measure_curvature(mesh, scheme, radius, image=image, jobs=jobs, full=full)
     vertex, results, accuracy = dict(measured.vertex), dict(measured.results), dict(measured.accuracy)
     if regions or balls:
         results["regions"], accuracy["region_residual"] = _regions(mesh, regions, balls)
@@ -74,6 +73,8 @@ def measure_surface(
         vertex |= gradient_vectors(mesh)
     body = None
     if offset is not None:
+        from ddgcli.algorithms.curvature.offset_body import offset_body
+
         body = offset_body(mesh, offset, offset_angle)
         volume = float(np.polyval(results["steiner_polynomial"][::-1], offset))
         results["offset"] = {
@@ -111,6 +112,8 @@ def labelled_measures(
         Number of the region of each element, and the values that name the regions.
     place : str
     """
+    from ddgcli.algorithms.curvature.region_measures import labels_of, measures_of_labels
+
     require_regions(mesh)
     label, names = labels_of(array)
     place = place or {mesh.n_vertices: "vertex", mesh.n_faces: "face"}.get(len(label), "")
@@ -128,6 +131,8 @@ def _regions(
     mesh: TriangleMesh, regions: Sequence[tuple[NDArray, str]], balls: Sequence[tuple[NDArray, float]]
 ) -> tuple[list[dict[str, Any]], float | None]:
     """Summary entries, and the largest relative gap between sums over labels and the whole surface."""
+    from ddgcli.algorithms.curvature.region_measures import measures_in_ball, measures_of_labels
+
     require_regions(mesh)
     entries: list[dict[str, Any]] = []
     gaps = []

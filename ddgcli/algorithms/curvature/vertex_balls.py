@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.regions import Regions, adjacency
+from ddgcli.algorithms.curvature.regions import Regions
+from ddgcli.algorithms.curvature.rings import adjacency
 from ddgcli.mesh.ragged import list_starts, ranges
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 

@@ -153,7 +153,13 @@ def _surface(
     mesh = source.surface
     image = None if map_name is None else options.named_array(source.vertex, map_name, "vertex array")
     measured = measure_surface(
-        mesh, scheme, radius, image=image, jobs=jobs, **surface_arguments(source, measures)
+        mesh,
+        scheme,
+        radius,
+        image=image,
+        jobs=jobs,
+        full=run.common.exceeds_short_summary,
+        **surface_arguments(source, measures),
     )
     name, values = run.picture_array(measured.vertex, "mean_curvature")
     annotated = AnnotatedMesh(mesh, vertex=measured.vertex, edge=measured.edge)

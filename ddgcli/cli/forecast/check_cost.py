@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ddgcli.cli.forecast.kernels import InputSize, kernels_of
-from ddgcli.cli.forecast.prediction import Prediction, as_results, predict, refuse_without_memory
 from ddgcli.errors import ParameterError, excerpt
 
 if TYPE_CHECKING:
+    from ddgcli.cli.forecast.prediction import Prediction
     from ddgcli.mesh.fields import AnyMesh
 
 __all__ = ["check_cost", "dry_run_of", "predict_run", "size_of"]
@@ -50,6 +47,8 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
 
 def predict_run(run: Any, size: InputSize, options: Mapping[str, Any] | None = None) -> Prediction:
     """Cost of a run on an input of a size; `options` replace those of the summary."""
+    from ddgcli.cli.forecast.prediction import predict
+
     common = run.common
     chosen = {**run.options, **(options or {})}
     uses = kernels_of(run.command, chosen, size, common.outputs, common.plot is not None)
@@ -69,6 +68,8 @@ def check_cost(run: Any, size: InputSize, options: Mapping[str, Any] | None = No
     """
     if not run.common.dry_run and size.elements * size.frame_count < MIN_CHECKED_ELEMENTS:
         return
+    from ddgcli.cli.forecast.prediction import as_results, refuse_without_memory  # not for small inputs
+
     prediction = predict_run(run, size, options)
     path = run.input.get("path") or run.command
     refuse_without_memory(
@@ -87,6 +88,10 @@ def dry_run_of(words: Sequence[str]) -> dict[str, Any]:
     ParameterError
         The command refuses its input.
     """
+    import json
+    import subprocess
+    import sys
+
     call = [sys.executable, "-m", "ddgcli", *words, "--dry-run", "--json"]
     done = subprocess.run(call, capture_output=True, encoding="utf-8", errors="replace")
     try:

@@ -65,7 +65,7 @@ def problem(
 
 def mean_curvature(mesh: TriangleMesh, scheme: str, radius: float | None) -> NDArray[np.float64]:
     """(n,) mean curvature by a scheme."""
-    return measure_curvature(mesh, scheme, radius).vertex["mean_curvature"]
+    return measure_curvature(mesh, scheme, radius, full=False).vertex["mean_curvature"]
 
 
 def _candidate(mesh: TriangleMesh, scheme: str, in_edges: float | None, edge: float) -> Candidate:

@@ -1,0 +1,116 @@
+"""A surface at unit size with the quantities that are exact on the polyhedron; warnings of its defects."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.curvature import measures as exact
+from ddgcli.algorithms.curvature import totals
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.errors import MeshError
+from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume
+from ddgcli.mesh.cures import cure
+from ddgcli.mesh.repair import reverse_faces
+from ddgcli.mesh.require import check_size
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+_log = logging.getLogger("ddgcli")
+
+
+@dataclass(frozen=True, eq=False)
+class UnitSurface:
+    """The mesh at unit size, consistently oriented where it is orientable, with its exact quantities.
+
+    `volume` is None unless the surface is closed and two-sided.
+    """
+
+    mesh: TriangleMesh
+    faces: Faces
+    scale: float
+    orientable: bool
+    volume: float | None
+    area: NDArray
+    defect: NDArray
+    normal: NDArray
+    dihedral: NDArray
+    vector: NDArray
+
+
+def prepare_surface(mesh: TriangleMesh, scheme: str) -> UnitSurface:
+    """Scale the surface to unit size (by a power of two, which is exact), and warn of its defects."""
+    used = mesh.points[mesh.topology.referenced_vertex]
+    middle = used.min(axis=0) / 2 + used.max(axis=0) / 2
+    extent = float(np.abs(used - middle).max())
+    check_size(extent)
+    scale = 2.0 ** round(math.log2(extent))
+    unit = mesh.moved((mesh.points - middle) / scale)
+    orientable = mesh.topology.is_oriented or mesh.topology.is_orientable
+    if not mesh.topology.is_oriented:
+        unit = _oriented(unit, mesh.topology.faces_to_turn)
+    faces = Faces.of(unit)
+    volume = enclosed_volume(unit) if unit.topology.is_closed and orientable else None
+    _warn_of_defects(unit, faces, orientable, scheme, volume)
+    normal = totals.filled_normals(faces, unit.topology)
+    return UnitSurface(
+        unit,
+        faces,
+        scale,
+        orientable,
+        volume,
+        exact.area_of(faces),
+        exact.defect_of(faces, unit.topology),
+        normal,
+        dihedral_angle(unit, normal.T),
+        exact.vector_of(faces, unit.topology),
+    )
+
+
+def _oriented(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
+    if turn.any():
+        _log.warning(
+            "%d faces are oriented against their neighbours (first: face %d); they are turned over for the "
+            "measurement",
+            turn.sum(),
+            np.flatnonzero(turn)[0],
+        )
+    return reverse_faces(mesh, turn)
+
+
+def _warn_of_defects(
+    mesh: TriangleMesh, faces: Faces, orientable: bool, scheme: str, volume: float | None
+) -> None:
+    topology = mesh.topology
+    flat = np.flatnonzero(faces.flat)
+    if len(flat) == mesh.n_faces:
+        raise MeshError("no face has area; curvature needs a surface: check the coordinates")
+    if not orientable:
+        if scheme in ("normal-cycle", "corrected", "normal-voting"):
+            raise MeshError(
+                f"the surface is one-sided (not orientable) and {scheme} needs two sides; "
+                f"use `scheme=quadric` or `scheme=cotan`, or {cure('one side', mesh.topology)}"
+            )
+        _log.warning(
+            "the surface is one-sided (not orientable): the signs of mean and principal curvature hold only "
+            "locally, and the total mean curvature is undefined"
+        )
+    if len(flat):
+        _log.warning("%d faces have no area (first: face %d)", len(flat), flat[0])
+    if not topology.is_manifold:
+        _log.warning(
+            "the surface is not manifold (%d edges with more than two faces, %d vertices with several fans): "
+            "curvature there is that of the whole star, and dihedral angles of such edges are 0",
+            len(topology.nonmanifold_edges),
+            len(topology.nonmanifold_vertices),
+        )
+    spare = int((~topology.referenced_vertex).sum())
+    if spare:
+        _log.warning("%d vertices belong to no face: all their values are 0", spare)
+    if volume is not None and volume < 0:
+        _log.warning(
+            "the faces point inward (negative volume): mean and principal curvatures change their sign"
+        )
