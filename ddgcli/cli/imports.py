@@ -47,9 +47,9 @@ def defer_imports(names: tuple[str, ...] = DEFERRED_MODULES) -> None:
 
 
 def _answer_unloaded(masked_arrays: types.ModuleType) -> None:
-    """Let numpy ask whether an array is masked without loading `numpy.ma`: before that, none is.
+    """Let numpy test whether an array is masked without loading `numpy.ma`: before that, none is.
 
-    `np.unique` and `np.median` ask, and loading takes a tenth of a command on a small mesh.
+    `np.unique` and `np.median` do so, and loading takes a tenth of a command on a small mesh.
     """
     lazy_class = type(masked_arrays)
 

@@ -21,8 +21,8 @@ class PrincipalCurvatures:
     low, high : (n,) ndarray
         Principal curvatures, low <= high, in 1/length.
     low_direction, high_direction : (3, n) ndarray
-        Unit tangents, orthogonal; any pair where the two curvatures agree. (3, 0) where they are not asked
-        for (`cotan`).
+        Unit tangents, orthogonal; any pair where the two curvatures agree. (3, 0) where the
+        caller of `cotan` needs none.
     gaussian : (n,) ndarray
         The scheme's own Gaussian curvature, in 1/length^2.
     """
