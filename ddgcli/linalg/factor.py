@@ -68,6 +68,7 @@ class Factor:
         if definite and not (self.matrix.diagonal().real > 0).all():
             definite = self._reject_definite(NotPositiveDefinite("a diagonal entry is not positive"))
         self._factorise(solver_name(solver, self.matrix, definite), analysis)
+        self._analysed = True  # the backend has the pattern of the matrix
 
     @property
     def n(self) -> int:
@@ -109,10 +110,12 @@ class Factor:
     def refactor(self, matrix: sparray) -> Factor:
         """Factorise new values; ordering and symbolic analysis are kept when the pattern is the same."""
         matrix = _checked(matrix)
-        same = self.matrix.dtype == matrix.dtype and self.same_pattern(matrix)
+        same = self._analysed and self.matrix.dtype == matrix.dtype and self.same_pattern(matrix)
         self.matrix, self._magnitude = matrix, None
         if not same:
+            self._analysed = False  # where this fails, the analysis is that of another pattern
             self._factorise(self.solver)
+            self._analysed = True
             return self
         try:
             if not self._pivot and not (matrix.diagonal().real > 0).all():

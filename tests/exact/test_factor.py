@@ -358,3 +358,16 @@ def test_negative_eigenvalues_are_counted_by_inertia(size):
         assert negative_eigenvalues(csc_array(0.5 * (matrix + matrix.T))) == negative
     assert negative_eigenvalues(csc_array(np.diag([-1e-9, 2.0, -3.0])), 1e-8) == 1
     assert negative_eigenvalues(csc_array((0, 0))) == 0
+
+
+@pytest.mark.parametrize("solver", [name for name in SOLVERS if name in ("multifrontal", "cholmod")])
+@pytest.mark.parametrize("subdivisions", [1, 2])
+def test_a_matrix_of_new_pattern_that_is_not_definite_leaves_no_old_analysis(solver, subdivisions):
+    """The next definite matrix of that pattern was factorised by the analysis of the first one."""
+    factor = Factor(definite(1), solver=solver, pivot=False)
+    A = definite(subdivisions)
+    A = csc_array(A + 1e-3 * A @ A)  # more entries
+    with pytest.raises(SolveError):
+        factor.refactor(A - 3 * diags_array(A.diagonal().max() * np.linspace(0, 1, A.shape[0])))
+    x = np.random.default_rng(0).normal(size=A.shape[0])
+    assert np.abs(factor.refactor(A).solve(A @ x, refine=False) - x).max() < 1e-10
