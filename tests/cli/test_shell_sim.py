@@ -93,6 +93,7 @@ def test_absent_effects_are_not_imported(tmp_path):
         "fracture",
         "cracks",
         "epochs",
+        "crack_contact",
     ]
     absent = [f"models.shell.{name}" for name in absent]
     absent += [

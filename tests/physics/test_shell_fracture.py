@@ -398,7 +398,6 @@ def test_a_whole_shell_beside_a_broken_one_keeps_its_faces(run, tmp_path):
     ("step = 5e-4", "tolerance = 1e-3", "step"),
     ("strain = 0.1, angle = 0.05", "", "strain, angle or both"),
     ("fracture = {", "[[effects.fracture]]\nangle = 1\n[[effects.fracture]]\nangle = 2\n#", "two of them"),
-    ("[effects]", "[effects]\ncontact = { self_contact = true }", "self_contact"),
     ("[effects]", "[effects]\nload = { moment = 1, vertices = [0, 1] }", "traction"),
 ])  # fmt: skip
 def test_fracture_refuses_what_a_split_vertex_would_change(old, new, message):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
 from ddgcli.models.shell.scene import Shell
@@ -51,6 +52,17 @@ class ShellContext:
     def vertices_at_start(self) -> NDArray[np.int64]:
         """(n,) vertex of the whole shell that each vertex was."""
         return np.arange(self.mesh.n_vertices) if self.input_vertex is None else self.input_vertex
+
+    @property
+    def whole(self) -> ShellContext:
+        """The shell before it came apart; itself where it has not."""
+        if self.input_vertex is None:
+            return self
+        n = int(self.input_vertex.max()) + 1
+        faces, points = self.input_vertex[self.mesh.faces], np.asarray(self.mesh.points)[:n]
+        arrays = {name: values[:n] for name, values in self.arrays.items()}
+        mesh = TriangleMesh(points, Topology(faces, n))
+        return replace(self, mesh=mesh, arrays=arrays, terms={}, input_vertex=None)
 
     @property
     def elastic(self) -> list[Any]:

@@ -65,12 +65,6 @@ def _require_separable(shell: str, name: str, section: Any) -> None:
         )
     if name == "load" and (section.moment is not None or section.line_force is not None):
         raise ValueError("cracks make new boundary edges; give the load as force or traction")
-    alone = section.self_contact if name == "contact" else False
-    if alone is True or (alone and shell in alone):
-        raise ValueError(
-            f"the sides of a new crack touch, and a barrier has no force at distance 0; leave {shell!r} out "
-            "of self_contact"
-        )
 
 
 EFFECT = Effect(

@@ -56,13 +56,38 @@ def _obstacle_mesh(context: ShellContext, obstacle: Obstacle) -> TriangleMesh:
 
 
 def self_pairs(parameters: Any, context: ShellContext) -> list[Any]:
-    """Barrier and friction between the parts of one shell."""
-    shell = context.mesh
+    """Barrier and friction between the parts of one shell; gap and stiffness are those of the whole shell."""
+    whole = context.whole
+    shell = whole.mesh
     mesh = PairMesh(
         np.arange(shell.n_vertices), np.asarray(shell.points), shell.topology.edges, np.asarray(shell.faces),
         [(context.shell.name, 0, 0)],
     )  # fmt: skip
-    return _pair_terms(parameters, [context], mesh, "", (PairBarrier, PairFriction))
+    gap, pressure = _gap_and_pressure(parameters, [whole], mesh, "")
+    if _may_break(context):
+        from ddgcli.models.shell.crack_contact import InsetPairMesh, largest_gap
+
+        gap = _gap_of_pieces(gap, largest_gap(whole), context.shell.name)
+        if context.input_vertex is not None:
+            mesh = InsetPairMesh(context, gap)
+    return _terms(parameters, mesh, "", (PairBarrier, PairFriction), gap, pressure)
+
+
+def _may_break(context: ShellContext) -> bool:
+    """Whether an effect `fracture` is about this shell."""
+    fractures = [section for effect, section, _ in context.scene.effects if effect.name == "fracture"]
+    return any(section.object in (None, context.shell.name) for section in fractures)
+
+
+def _gap_of_pieces(gap: float, largest: float, name: str) -> float:
+    """The gap of a shell that may break, at most `largest`, with a warning where that is less."""
+    if gap > largest:
+        log.warning(
+            "contact: the gap of %s with itself is %.3g m, not %.3g m: pieces may be single faces, and the "
+            "smallest has no room for more",
+            name, largest, gap,
+        )  # fmt: skip
+    return min(gap, largest)
 
 
 def shell_pairs(
@@ -88,6 +113,18 @@ def _pair_terms(
     kind: tuple[type[PairBarrier], type[PairFriction]],
     velocity: Any = (0.0, 0.0, 0.0),
 ) -> list[Any]:
+    gap, pressure = _gap_and_pressure(parameters, contexts, mesh, obstacle, velocity)
+    return _terms(parameters, mesh, obstacle, kind, gap, pressure)
+
+
+def _gap_and_pressure(
+    parameters: Any,
+    contexts: list[ShellContext],
+    mesh: PairMesh,
+    obstacle: str,
+    velocity: Any = (0.0, 0.0, 0.0),
+) -> tuple[float, float]:
+    """Gap in m, and pressure in Pa at half of it; ValueError where surfaces intersect at the start."""
     _require_implicit(contexts[0])
     start = mesh.joined(_start(contexts, mesh), 0.0)
     intersection = mesh.intersection(start)
@@ -98,6 +135,17 @@ def _pair_terms(
     density = max(float(context.shell.density or 0) for context in contexts)
     drop = density * _impact(contexts, start, np.array(velocity))
     pressure = float(parameters.stiffness or max(2 * drop / gap, 10 * STANDARD_GRAVITY * density))
+    return gap, pressure
+
+
+def _terms(
+    parameters: Any,
+    mesh: PairMesh,
+    obstacle: str,
+    kind: tuple[type[PairBarrier], type[PairFriction]],
+    gap: float,
+    pressure: float,
+) -> list[Any]:
     barrier = kind[0](mesh, gap, pressure, obstacle)
     if not parameters.friction:
         return [barrier]
