@@ -14,6 +14,8 @@ from typing import Any
 
 import click
 
+from ddgcli.cli.allocation import keep_freed_memory
+
 DEFERRED_MODULES = (
     "numpy.f2py",
     "numpy.ma",
@@ -64,13 +66,17 @@ def _answer_unloaded(masked_arrays: types.ModuleType) -> None:
 
 
 def with_deferred_imports(command: click.Command) -> click.Command:
-    """The command, which calls `defer_imports` before it starts; its help page imports no numpy at all."""
+    """The command, which calls `keep_freed_memory` and `defer_imports` before it starts.
+
+    Its help page imports no numpy at all.
+    """
     callback = command.callback
     if callback is None or hasattr(callback, "defers_imports"):
         return command
 
     @functools.wraps(callback)
     def deferring(*arguments: Any, **options: Any) -> Any:
+        keep_freed_memory()
         defer_imports()
         return callback(*arguments, **options)
 

@@ -71,26 +71,36 @@ class Topology:
     @cached_property
     def side_head(self) -> NDArray[np.int64]:
         """(3m,) vertex at which side 3f+j ends."""
-        return frozen(self.faces[:, NEXT].ravel())
+        head = np.empty_like(self.faces)
+        head[:, :2], head[:, 2] = self.faces[:, 1:], self.faces[:, 0]
+        return frozen(head.ravel())
 
     @cached_property
-    def _edge_numbering(self) -> tuple[NDArray, NDArray, NDArray]:
-        """(edges (e, 2), side_edge (m, 3), side_sign (m, 3))."""
+    def _edge_numbering(self) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
+        """(edges (e, 2), side_edge (m, 3), side_sign (m, 3), edge_face_count (e,), side_twin (m, 3))."""
         if self.gluing is not None:
-            return self._glued_edges()
-        tail, head = self.side_tail, self.side_head
-        key, order = sorted_sides(np.minimum(tail, head), np.maximum(tail, head), self.n_vertices)
-        first = np.ones(len(key), dtype=bool)
-        np.not_equal(key[1:], key[:-1], out=first[1:])
-        side_edge = np.zeros(len(key), dtype=np.int64)
-        side_edge[order] = np.cumsum(first) - 1
-        side = order[first]
-        edges = np.stack([np.minimum(tail[side], head[side]), np.maximum(tail[side], head[side])], axis=1)
-        sign = np.where(tail <= head, 1, -1).astype(np.int8)
-        return frozen(edges), frozen(side_edge.reshape(-1, 3)), frozen(sign.reshape(-1, 3))
+            return self._glued_edges(self.gluing)
+        tail, head, n = self.side_tail, self.side_head, max(self.n_vertices, 1)
+        key, order = sorted_sides(np.minimum(tail, head), np.maximum(tail, head), n)
+        is_first = np.ones(len(key), dtype=bool)
+        np.not_equal(key[1:], key[:-1], out=is_first[1:])
+        first = np.flatnonzero(is_first)
+        count = np.diff(first, append=len(key))
+        side_edge = np.empty(len(key), dtype=np.int64)
+        side_edge[order] = np.repeat(np.arange(len(first)), count)
+        low = key[first] // n
+        edges = np.stack([low, key[first] - low * n], axis=1)
+        sign = np.where(tail <= head, np.int8(1), np.int8(-1))
+        twin = np.full(len(key), -1)
+        pair = first[count == 2]
+        one, other = order[pair], order[pair + 1]
+        twin[one], twin[other] = other, one
+        by_face = (frozen(array.reshape(-1, 3)) for array in (side_edge, sign, twin))
+        side_edge, sign, twin = by_face
+        return frozen(edges), side_edge, sign, frozen(count), twin
 
-    def _glued_edges(self) -> tuple[NDArray, NDArray, NDArray]:
-        twin = self.gluing.ravel()  # type: ignore[union-attr]
+    def _glued_edges(self, gluing: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
+        twin = gluing.ravel()
         side = np.arange(len(twin))
         first = (twin < 0) | (side < twin)
         number = np.cumsum(first) - 1
@@ -98,7 +108,9 @@ class Topology:
         edges = np.stack([self.side_tail[first], self.side_head[first]], axis=1)
         along = first if self.twisted is None else first | self.twisted.ravel()
         sign = np.where(along, 1, -1).astype(np.int8)
-        return frozen(edges), frozen(side_edge.reshape(-1, 3)), frozen(sign.reshape(-1, 3))
+        count = np.bincount(side_edge, minlength=len(edges))
+        side_edge, sign = frozen(side_edge.reshape(-1, 3)), frozen(sign.reshape(-1, 3))
+        return frozen(edges), side_edge, sign, frozen(count), gluing
 
     @property
     def edges(self) -> NDArray[np.int64]:
@@ -119,21 +131,15 @@ class Topology:
     def n_edges(self) -> int:
         return len(self.edges)
 
-    @cached_property
+    @property
     def edge_face_count(self) -> NDArray[np.int64]:
         """(e,) number of sides on each edge."""
-        return frozen(np.bincount(self.side_edge.ravel(), minlength=self.n_edges))
+        return self._edge_numbering[3]
 
-    @cached_property
+    @property
     def side_twin(self) -> NDArray[np.int64]:
         """(m, 3) flat number of the side glued to side j; -1 on the boundary and on edges with 3+ faces."""
-        if self.gluing is not None:
-            return self.gluing
-        # both sides of an edge sum to the same number: each is that sum less the other
-        edge, side = self.side_edge.ravel(), np.arange(self.side_edge.size)
-        total = np.bincount(edge, weights=side, minlength=self.n_edges).astype(np.int64)
-        twin = np.where((self.edge_face_count == 2)[edge], total[edge] - side, -1)
-        return frozen(twin.reshape(-1, 3))
+        return self._edge_numbering[4]
 
     @cached_property
     def interior_sides(self) -> NDArray[np.int64]:
@@ -209,7 +215,8 @@ class Topology:
             return False
         vertex, twin = self.side_tail, self.side_twin.ravel()
         n_corners = np.bincount(vertex, minlength=self.n_vertices)
-        if n_corners.max(initial=0) > MAX_ROTATION_STEPS:
+        most = int(n_corners.max(initial=0))
+        if most > MAX_ROTATION_STEPS:
             return False
         start = np.zeros(self.n_vertices, dtype=np.int64)
         start[vertex] = np.arange(len(vertex))
@@ -217,15 +224,17 @@ class Topology:
         outer = np.flatnonzero(twin < 0)
         first = outer + NEXT_OFFSET[outer % 3]
         start[vertex[first]] = first
-        after = np.where(twin >= 0, twin + NEXT_OFFSET[twin % 3], -1)
-        start = start[n_corners > 0]
-        place, remaining = start, n_corners[n_corners > 0]
-        while len(place):
-            place, remaining = after[place], remaining - 1
-            stops = (place < 0) | (place == start)
-            if np.any(remaining[stops]):
+        after = np.where(twin >= 0, twin + 1 - 3 * (twin - twin // 3 * 3 == 2), -1)
+        # vertices of most corners first: those that still rotate after each step are the first ones
+        start = start[np.argsort((most - n_corners).astype(np.uint16), kind="stable")]
+        n_rotating = np.cumsum(np.bincount(n_corners, minlength=most + 2)[::-1])[::-1]
+        place = start[: n_rotating[1]]
+        for step in range(1, most + 1):
+            place = after[place]
+            stops = (place < 0) | (place == start[: len(place)])
+            if stops[: n_rotating[step + 1]].any():
                 return False
-            place, remaining, start = place[~stops], remaining[~stops], start[~stops]
+            place = place[: n_rotating[step + 1]]
         return True
 
     @cached_property
@@ -279,10 +288,9 @@ class Topology:
     @cached_property
     def misoriented_edges(self) -> NDArray[np.int64]:
         """Numbers of two-sided edges whose two faces traverse them in the same direction."""
-        total = np.bincount(
-            self.side_edge.ravel(), weights=self.side_sign.ravel().astype(float), minlength=self.n_edges
-        )
-        return frozen(np.flatnonzero((self.edge_face_count == 2) & (np.abs(total) > 1)))
+        side, sign = self.interior_sides, self.side_sign.ravel()
+        clash = side[sign[side] == sign[self.side_twin.ravel()[side]]]
+        return frozen(np.sort(self.side_edge.ravel()[clash]))
 
     @property
     def is_oriented(self) -> bool:

@@ -73,3 +73,13 @@ def test_twins_are_the_sides_of_edges_with_two_faces(name):
     for k, twin in enumerate(mesh.topology.side_twin.ravel()):
         same = np.flatnonzero((side == side[k]).all(axis=1))
         assert twin == (same[same != k][0] if len(same) == 2 else -1)
+
+
+def test_numbers_of_a_mesh_whose_products_exceed_32_bits_are_those_of_its_small_copy():
+    """Edge keys are products of vertex numbers: 60,000 squared is above 2^31."""
+    small = shapes.random_sphere(60).topology
+    spread = topology.Topology(small.faces * 1000 + 7, 60_008)
+    assert np.array_equal(spread.edges, small.edges * 1000 + 7)
+    for name in ("side_edge", "side_sign", "side_twin", "edge_face_count", "interior_sides"):
+        assert np.array_equal(getattr(spread, name), getattr(small, name)), name
+    assert spread.genus == 0 and spread.is_manifold and spread.n_components == 1

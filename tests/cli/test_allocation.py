@@ -1,0 +1,33 @@
+"""Memory of freed arrays serves the next arrays; the environment has precedence."""
+
+import os
+import platform
+import subprocess
+import sys
+
+import pytest
+
+CODE = (
+    "import resource, sys, numpy as np\n"
+    "from ddgcli.cli.allocation import keep_freed_memory\n"
+    "print(keep_freed_memory() if sys.argv[1] == 'keep' else None)\n"
+    "before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n"
+    "for k in range(200):\n"
+    "    first, second = np.ones(100_000 + 1000 * k), np.ones(90_000 + 1000 * k)\n"
+    "print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)"
+)
+
+
+def measured(word: str, **variables: str) -> list[str]:
+    done = subprocess.run(
+        [sys.executable, "-c", CODE, word],
+        capture_output=True, text=True, check=True, env={**os.environ, **variables},
+    )  # fmt: skip
+    return done.stdout.split()
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="thresholds of glibc's allocator")
+def test_arrays_reuse_freed_memory_unless_the_environment_sets_the_allocator():
+    kept, faults = measured("keep")
+    assert kept == "True" and int(faults) < int(measured("leave")[1]) / 3
+    assert measured("keep", MALLOC_TRIM_THRESHOLD_="131072")[0] == "False"
