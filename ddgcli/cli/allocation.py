@@ -1,9 +1,9 @@
 """Memory that arrays free is kept for the next arrays.
 
 The allocator of glibc returns freed blocks above 128 KiB to the system, and the system clears the memory of
-The allocator of glibc returns freed blocks above 128 KiB to the system, and the system clears the memory of
 each new array again: a tenth to a third of the time of a command on 400,000 faces. It raises that limit by
 itself in long processes; commands end before.
+"""
 
 from __future__ import annotations
 
