@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -51,7 +52,12 @@ def sheared_torus(faces: int) -> TriangleMesh:
 def voxel_sphere(radius: int) -> TriangleMesh:
     """Boundary of the unit cubes whose centres lie within the radius, about the origin."""
     grid = np.indices((2 * radius + 3,) * 3, dtype=np.int32) - radius - 1
-    inside = (grid**2).sum(axis=0) <= radius**2
+    mesh = voxel_boundary((grid**2).sum(axis=0) <= radius**2)
+    return mesh.moved(mesh.points - mesh.points.min(axis=0) / 2 - mesh.points.max(axis=0) / 2)
+
+
+def voxel_boundary(inside: NDArray[np.bool_]) -> TriangleMesh:
+    """Boundary of unit cubes about the places that are inside, none of them on the border of the array."""
     quads = []
     for axis in range(3):
         u, v = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
@@ -64,8 +70,24 @@ def voxel_sphere(radius: int) -> TriangleMesh:
     corners = np.concatenate(quads)
     points, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     quad = index.reshape(-1, 4)
-    points = points - points.min(axis=0) / 2 - points.max(axis=0) / 2
-    return TriangleMesh.from_arrays(points, np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]]))
+    return TriangleMesh.from_arrays(points - 0.5, np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]]))
+
+
+def marching_cubes(inside: NDArray[np.bool_]) -> TriangleMesh:
+    """Isosurface of VTK, half-way between the places that are inside and those that are not."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+    from vtkmodules.vtkFiltersCore import vtkMarchingCubes
+
+    image, contour = vtkImageData(), vtkMarchingCubes()
+    image.SetDimensions(inside.shape)
+    image.GetPointData().SetScalars(numpy_to_vtk(inside.astype(np.float32).ravel(order="F")))
+    contour.SetInputData(image)
+    contour.SetValue(0, 0.5)
+    contour.Update()
+    output = contour.GetOutput()
+    faces = vtk_to_numpy(output.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    return TriangleMesh.from_arrays(vtk_to_numpy(output.GetPoints().GetData()).astype(float), faces)
 
 
 @cache

@@ -1,5 +1,7 @@
 """Noise of the vertices: estimated, reported with a radius, and averaged by that radius."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -71,6 +73,47 @@ def test_voxels_are_recognised_and_the_radius_reduces_the_error(radius, caplog):
     default, automatic = error(mesh, truth), error(mesh, truth, "auto")
     assert "staircase of voxels" in caplog.text
     assert default > 0.8 and automatic < 0.25
+
+
+def torus_and_cylinder():
+    """Masks of a torus of radii 16 and 7 and of a cylinder of radius 9, about a centre off the grid."""
+    x, y, z = np.indices((52, 52, 52)) - 25.63
+    around = np.hypot(x, y)
+    return (around - 16) ** 2 + z**2 < 49, (around < 9) & (np.abs(z) < 20)
+
+
+@pytest.mark.parametrize("surface_of", ["voxel_boundary", "marching_cubes"])
+@pytest.mark.parametrize("body", ["torus", "cylinder", "turned torus in single precision"])
+def test_boundaries_of_segmented_volumes_are_recognised_and_measured(surface_of, body, caplog):
+    """As programs for images write them, by cubes or marching cubes; also turned and far from the origin."""
+    from benchmarks.common import mesh_sequences
+
+    if surface_of == "marching_cubes":
+        pytest.importorskip("vtkmodules.vtkFiltersCore")
+    torus, cylinder = torus_and_cylinder()
+    mesh = getattr(mesh_sequences, surface_of)(cylinder if body == "cylinder" else torus)
+    x, y, z = mesh.points.T - 25.63
+    around = np.hypot(x, y)
+    if body == "cylinder":
+        inner = (np.abs(z) < 10) & (around > 7)
+        truth = np.full(mesh.n_vertices, 1 / 18)
+    else:
+        across = np.cos(np.arctan2(z, around - 16))
+        inner, truth = np.ones(mesh.n_vertices, dtype=bool), 0.5 * (1 / 7 + across / (16 + 7 * across))
+    if body.startswith("turned"):
+        turn = np.linalg.qr(np.random.default_rng(4).standard_normal((3, 3)))[0]
+        turn *= np.sign(np.linalg.det(turn))
+        mesh = mesh.moved((mesh.points @ turn + 500).astype(np.float32).astype(float))
+
+    def relative_error(scheme, radius):
+        mean = measure_curvature(mesh, scheme, radius=radius).vertex["mean_curvature"]
+        return np.mean(np.abs(mean - truth)[inner]) / np.mean(np.abs(truth[inner]))
+
+    default, automatic = relative_error("quadric", None), relative_error("normal-voting", "auto")
+    assert "staircase of voxels" in caplog.text
+    reported = float(re.search(r"mean curvature is about (\d+) %", caplog.text)[1]) / 100
+    assert default > 1 and automatic < 0.08
+    assert default / 3 < reported < 3 * default
 
 
 @pytest.mark.parametrize("name, truth, radius, best", [("sphere_r10", 10, 6, 0.046)])

@@ -9,14 +9,14 @@ sphere of curvature k and less on surfaces that bend in one direction; half of i
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.frames import area_normals
+from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.quadric import (
     fit_forms,
@@ -25,6 +25,7 @@ from ddgcli.algorithms.curvature.quadric import (
     sampled_regions,
 )
 from ddgcli.algorithms.curvature.regions import Regions, largest_radius, listed
+from ddgcli.algorithms.curvature.staircase import is_staircase
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import unit_vectors as unit_rows
@@ -39,10 +40,6 @@ CANDIDATES_PER_SAMPLE = (
 )
 MIN_NEIGHBOURS = 15
 QUADRATIC_PENALTY = 1e4  # penalty of the terms of degree three and four that leaves a quadratic fit
-STEP_ANGLE = np.pi / 6  # dihedral angle from which an edge is a crease
-# shares of vertices between a convex and a concave crease and of flat edges: a staircase of voxels has
-# 0.18 to 0.3 and 0.6, mechanical parts at most 0.11
-MIN_STEPPED_SHARE, MIN_FLAT_SHARE = 0.15, 0.3
 FLAT_ANGLE_TOLERANCE = (
     1e-3  # dihedral angle up to which two faces count as one plane (files of single precision)
 )
@@ -52,10 +49,12 @@ MIN_CREASED_FLAT_SHARE = (
 # residual of cubic fits over that of quartic ones: noise has 0.98 to 1.08, as measured on spheres, tori and
 # voxels; scanned and modelled surfaces with details of four to ten edges have 1.2 to 2.9
 MIN_DETAIL_RATIO = 1.15
+VOXEL_DEVIATION = 12**-0.5  # of heights within a voxel, in edges
 MAX_ERROR = 0.1  # predicted error of curvature by noise above which the default region is unreliable
 MAX_REMAINING_ERROR_SHARE = 0.85  # largest share of that error at the proposed radius
 DEVIATION_FACTOR = 2  # on the theoretical deviation, for irregular samplings and fits of higher degree
 BIAS_FACTOR = 0.125  # of a quadratic fit, in units of (k R)^2
+MIN_MEAN_SHARE = 0.25  # of the larger principal curvature: what counts as size of the mean curvature
 MAX_RELATIVE_RADIUS = 0.8  # largest radius, in radii of curvature
 
 
@@ -78,6 +77,12 @@ class Noise:
         `radius`.
     radius : float
         Radius with the least predicted error, in length units.
+    sample : (k,) ndarray of int
+        Some vertices.
+    mean : (k,) ndarray
+        Their mean curvature in balls of `radius`, in 1/length.
+    bend : float
+        Median of their larger principal curvature there, in 1/length.
     """
 
     relative: float | None
@@ -87,6 +92,9 @@ class Noise:
     error_at_radius: float = 0.0
     radius: float = 0.0
     detailed: bool = False
+    sample: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    mean: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    bend: float = 1.0
 
     @property
     def dominates_curvature(self) -> bool:
@@ -115,14 +123,18 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
     edge = float(mesh.side_length.mean())
     deviation, both = float(np.nanmedian(cubic)), np.isfinite(cubic) & np.isfinite(quartic)
     detailed = bool(both.any() and np.median(cubic[both]) > MIN_DETAIL_RATIO * np.median(quartic[both]))
-    stepped = is_staircase(mesh, dihedral)
+    stepped = is_staircase(mesh, faces, dihedral)
     flat = float((np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean())
     creased, detailed = flat > MIN_CREASED_FLAT_SHARE and not stepped, detailed and not stepped
+    if stepped:  # fits over two rings lie on a step; heights within a voxel are uniform
+        deviation = max(deviation, VOXEL_DEVIATION * edge)
     if creased or detailed:
         return Noise(deviation / edge, stepped, creased, detailed=detailed)
     area = float(faces.area.sum())
     vertex_area = area / int(mesh.topology.referenced_vertex.sum())
-    radius, bend = _radius_and_bending(mesh, normal, sample, (deviation, vertex_area, edge), area, scheme)
+    few = sample[:: max(1, len(sample) // BENDING_SAMPLE_SIZE)]
+    lengths = (deviation, vertex_area, edge)
+    radius, bend, mean = _fits_at_best_radius(mesh, normal, few, lengths, area, scheme)
     spread = float(np.sqrt(vertex_area * np.median(regions.count) / np.pi))
     return Noise(
         deviation / edge,
@@ -132,22 +144,38 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
             np.hypot(noise_error(deviation, vertex_area, bend, radius), BIAS_FACTOR * (bend * radius) ** 2)
         ),
         radius=radius,
+        sample=few,
+        mean=mean,
+        bend=bend,
     )
 
 
-def warn_of_noise(noise: Noise, scheme: str, radius: float) -> None:
-    """Report the expected error at the default region, and the radius to use, in units of the input."""
+def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> None:
+    """Report the error at the default region, and the radius to use.
+
+    Parameters
+    ----------
+    noise : Noise
+    scheme : str
+    mean : (n,) ndarray
+        Mean curvature at the default region; its error is the mean difference to that in balls of the radius.
+    scale : float
+        Length unit of the input over that of `noise` and `mean`.
+    """
+    size = max(float(np.mean(np.abs(noise.mean))), MIN_MEAN_SHARE * noise.bend)
+    measured = float(np.mean(np.abs(mean[noise.sample] - noise.mean))) / size
+    error = float(np.hypot(measured, noise.error_at_radius))
     kind = "is a staircase of voxels" if noise.stepped else f"has noise of {noise.relative:.2g} of an edge"
     cure = "use `scheme=quadric` with" if scheme == "cotan" else "use"
     if noise.stepped and scheme != "normal-voting":
         cure = "use `scheme=normal-voting` with"
     logging.getLogger("ddgcli").warning(
-        "the surface %s: at the default region the error of the curvature is about %.0f %%; "
+        "the surface %s: at the default region the error of the mean curvature is about %.0f %%; "
         "%s `radius=%.3g` (or `radius=auto`), where it is about %.0f %%",
         kind,
-        100 * noise.error,
+        100 * error,
         cure,
-        radius,
+        noise.radius * scale,
         100 * noise.error_at_radius,
     )
 
@@ -161,15 +189,18 @@ def _candidates(mesh: TriangleMesh, faces: Faces) -> NDArray[np.int64] | None:
     return used[order[:: max(1, len(used) // (CANDIDATES_PER_SAMPLE * SAMPLE_SIZE))]]
 
 
-def _radius_and_bending(
+def _fits_at_best_radius(
     mesh: TriangleMesh,
     normal: NDArray,
-    sample: NDArray,
+    few: NDArray,
     lengths: tuple[float, float, float],
     area: float,
     scheme: str,
-) -> tuple[float, float]:
-    """Radius of the least predicted error and the curvature there, each from the other, twice."""
+) -> tuple[float, float, NDArray[np.float64]]:
+    """Radius of the least predicted error and the curvature there, each from the other, twice.
+
+    The curvature is the median of the larger principal one; behind them the mean curvature at each vertex.
+    """
     from scipy.spatial import cKDTree  # a sixth of a small run's time
 
     deviation, vertex_area, edge = lengths
@@ -177,8 +208,10 @@ def _radius_and_bending(
     bend, most = float(np.sqrt(4 * np.pi / area)), 0.99 * largest_radius(mesh, area, scheme)
     for _ in range(2):
         radius = min(best_radius(deviation, vertex_area, bend, edge), most)
-        bend = max(_bending(mesh, normal, sample, tree, radius), 0.1 * bend)
-    return radius, bend
+        fits = _fits_in_balls(mesh, normal, few, tree, radius)
+        larger = float(np.median(np.maximum(np.abs(fits.low), np.abs(fits.high))))
+        bend = max(larger, 0.1 * bend)
+    return radius, bend, fits.mean
 
 
 def noise_error(deviation: float, vertex_area: float, bend: float, radius: float) -> float:
@@ -193,24 +226,13 @@ def best_radius(deviation: float, vertex_area: float, bend: float, edge: float) 
     return float(max(min(radius, MAX_RELATIVE_RADIUS / bend), 2 * edge))
 
 
-def is_staircase(mesh: TriangleMesh, dihedral: NDArray) -> bool:
-    """Whether many vertices lie between a convex and a concave crease, as those of voxels do."""
-    edges = mesh.topology.edges
-    n = mesh.n_vertices
-    convex, concave = (
-        np.bincount(edges[sign * dihedral > STEP_ANGLE].ravel(), minlength=n) > 0 for sign in (1, -1)
-    )
-    flat = (np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean()
-    share = (convex & concave).sum() / int(mesh.topology.referenced_vertex.sum())
-    return bool(flat > MIN_FLAT_SHARE and share > MIN_STEPPED_SHARE)
-
-
-def _bending(mesh: TriangleMesh, normal: NDArray, sample: NDArray, tree: cKDTree, radius: float) -> float:
-    """Median of the larger principal curvature of quadratic fits in balls around a part of the sample."""
-    few = sample[:: max(1, len(sample) // BENDING_SAMPLE_SIZE)]
-    lists = tree.query_ball_point(mesh.points[few], radius)
-    start = list_starts([len(members) for members in lists])
-    member = np.concatenate([np.sort(members) for members in lists]).astype(np.int64)
+def _fits_in_balls(
+    mesh: TriangleMesh, normal: NDArray, few: NDArray, tree: cKDTree, radius: float
+) -> PrincipalCurvatures:
+    """Principal curvatures of quadratic fits in the balls around a few vertices."""
+    members = [np.sort(ball) for ball in tree.query_ball_point(mesh.points[few], radius)]
+    start = list_starts([len(own) for own in members])
+    member = np.concatenate(members).astype(np.int64)
     # the mean normal of the ball: single normals of noise and of voxels are far off
     around = np.take(normal, member, axis=1)
     same = np.einsum("ij,ij->j", around, np.repeat(normal[:, few], np.diff(start), axis=1)) > 0
@@ -220,5 +242,4 @@ def _bending(mesh: TriangleMesh, normal: NDArray, sample: NDArray, tree: cKDTree
     regions = Regions(start, len(few) + np.arange(len(member)))
     gradient, hessian = fit_forms(columns, normals, regions, QUADRATIC_PENALTY)
     k = slice(0, len(few))
-    principal = principal_of_forms(gradient[:, k], hessian[:, k], normals[:, k])
-    return float(np.median(np.maximum(np.abs(principal.low), np.abs(principal.high))))
+    return principal_of_forms(gradient[:, k], hessian[:, k], normals[:, k])

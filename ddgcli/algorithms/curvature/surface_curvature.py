@@ -108,14 +108,15 @@ def measure_curvature(
     require(mesh, "curvature")
     surface = prepare_surface(mesh, scheme)
     noise = estimate_noise(surface.mesh, surface.faces, surface.dihedral, scheme)
+    unreliable = radius is None and noise.dominates_curvature
     if radius == "auto":
         radius = noise.radius * surface.scale if noise.dominates_curvature else None
-    elif radius is None and noise.dominates_curvature:
-        warn_of_noise(noise, scheme, noise.radius * surface.scale)
     if radius is not None:
         area = float(surface.faces.area.sum())
         check_radius(mesh, area, radius / surface.scale, surface.scale, scheme)
     principal = _pointwise(surface, scheme, None if radius is None else radius / surface.scale, jobs, full)
+    if unreliable:
+        warn_of_noise(noise, scheme, principal.mean, surface.scale)
     vertex = _vertex_arrays(surface, principal) if full else _curvature_arrays(surface, principal)
     edge = _edge_arrays(surface) if full else {}
     results: dict[str, Any] = {"scheme": scheme, "promise": SCHEME_PROMISES[scheme]}
