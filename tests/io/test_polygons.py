@@ -6,6 +6,8 @@ import pytest
 from ddgcli.errors import InputError
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.io.mesh_file import read_mesh
+from ddgcli.io.readers.obj import read_obj
+from ddgcli.io.readers.off import read_off
 from ddgcli.io.readers.triangulate import triangulated
 
 
@@ -185,3 +187,28 @@ def test_obj_errors_name_the_line(tmp_path, line, message):
     path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{line}\n")
     with pytest.raises(InputError, match=message):
         read_mesh(str(path))
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_obj_lines_in_any_order_with_comments_spaces_and_texture_numbers_are_read(end):
+    lines = [
+        "# head", "v 0 0 0 # origin", "  v 1 0 0", "vt 0 0", "v\t0 1 0", "", "vt 1 0.5", "vn 0 0 1",
+        "f 1/1 2/2/1 3//1", "v 1 1 0", "vt 0.25 0.75", "f -3/-1 4 -2/ # three", "g part", "f 1.0 2 4",
+    ]  # fmt: skip
+    raw = read_obj(end.join(lines).encode())
+    assert raw.points.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
+    assert raw.corners.reshape(-1, 3).tolist() == [[0, 1, 2], [1, 3, 2], [0, 1, 3]]
+    nan = [np.nan, np.nan]
+    uv = [[0, 0], [1, 0.5], nan, [0.25, 0.75], nan, nan, nan, nan, nan]
+    assert raw.corner_uv is not None and np.array_equal(raw.corner_uv, uv, equal_nan=True)
+
+
+def test_off_faces_with_and_without_colours_and_comments_are_read():
+    points = b"0 0 0\n1 0 0 # x\n\n0 1 0\n1 1 0\n"
+    text = b"OFF # cube\n\n4 3 0\n" + points + b"3 0 1 2\n4 0 1 3 2 0.5 0.5 1\n3 1 3 2 255 0 0\n"
+    raw = read_off(text)
+    assert raw.sizes.tolist() == [3, 4, 3] and raw.corners.tolist() == [0, 1, 2, 0, 1, 3, 2, 1, 3, 2]
+    with pytest.raises(InputError, match="line 11: face 2 names vertex 7"):
+        read_off(text.replace(b"3 1 3 2", b"3 1 7 2"))
+    with pytest.raises(InputError, match="line 10: 'y' in a face"):
+        read_off(text.replace(b"4 0 1", b"4 y 1"))

@@ -20,7 +20,7 @@ from ddgcli.mesh.double_cover import CoverVertices, cover_vertices
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.topology import NEXT, Topology, sorted_sides
+from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.mollify import Mollification, mollify_lengths
 
@@ -165,26 +165,19 @@ def glue(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
 
 
 def _twins(mesh: TriangleMesh | IntrinsicMesh) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
-    """(m, 3) gluing of a simplicial mesh, in one sort, and the twisted sides of a one-sided surface.
+    """(m, 3) gluing of a simplicial mesh, and the twisted sides of a one-sided surface.
 
     MeshError where faces do not pair up, or a surface with two sides is not oriented.
     """
     topology = mesh.topology
-    tail, head = topology.side_tail, topology.side_head
-    key, order = sorted_sides(np.minimum(tail, head), np.maximum(tail, head), topology.n_vertices)
-    same = key[1:] == key[:-1]
-    at = same.nonzero()[0]
-    a, b = order.take(at), order.take(at + 1)
-    twin = np.full(len(key), -1, dtype=np.int64)
-    twin[a], twin[b] = b, a
-    turned = tail.take(a) != head.take(b)
-    if (same[1:] & same[:-1]).any() or turned.any() or (tail == head).any():
+    turned, repeated = topology.misoriented_edges, topology.side_tail == topology.side_head
+    if len(turned) or len(topology.nonmanifold_edges) or repeated.any():
         require_surface(mesh, "the intrinsic Delaunay triangulation", one_sided=True)
-    if not turned.any():
-        return twin.reshape(-1, 3), None
-    twisted = np.zeros(len(key), dtype=bool)
-    twisted[a[turned]] = twisted[b[turned]] = True
-    return twin.reshape(-1, 3), twisted.reshape(-1, 3)
+    if not len(turned):
+        return topology.side_twin, None
+    is_turned = np.zeros(topology.n_edges, dtype=bool)
+    is_turned[turned] = True
+    return topology.side_twin, is_turned[topology.side_edge]
 
 
 def require_oriented(mesh: TriangleMesh | IntrinsicMesh, verb: str) -> None:

@@ -167,6 +167,8 @@ def _require_surface(mesh: TriangleMesh) -> None:
 def _opposite_faces(topology: Topology) -> NDArray[np.int64]:
     """Edges between faces of opposite orientation, but for one-sided components, which have none."""
     bad = topology.misoriented_edges
+    if not len(bad):
+        return bad
     return bad[topology.orientable_component[topology.vertex_component[topology.edges[bad, 0]]]]
 
 

@@ -78,7 +78,7 @@ def solve_laplacian_tasks(
         "mass": operator.mass_name,
         "unknowns": L.shape[0],
         "nonzeros": int(L.nnz),
-        **_size(mesh),
+        **_size(mesh, operator, vertex_size),
         **operator.facts,
     }
     row_sum = np.abs(L @ np.ones(L.shape[0])).max()
@@ -110,9 +110,11 @@ def solve_laplacian_tasks(
     return result
 
 
-def _size(mesh: TriangleMesh | TetMesh) -> dict[str, float]:
+def _size(mesh: TriangleMesh | TetMesh, operator: LaplaceOperator, vertex_size: NDArray) -> dict[str, float]:
     if isinstance(mesh, TetMesh):
         return {"volume": float(np.abs(mesh.signed_volume).sum())}
+    if operator.name != "tufted" and "mollified_faces" not in operator.facts:
+        return {"area": float(vertex_size.sum())}
     # from positions: mollified side lengths of caps without height have more
     return {"area": float(vector_length(face_area_vector(mesh)).sum())}
 

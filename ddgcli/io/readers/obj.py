@@ -9,6 +9,7 @@ reorders them, meshio refuses mixed polygons and relative indices.
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +17,19 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshFileError
 from ddgcli.io.appearance import COLOR, colors_of_fractions
 from ddgcli.io.readers.raw_mesh import RawMesh
-from ddgcli.io.readers.text import rows, whole_numbers
+from ddgcli.io.readers.text import TextLines, integers, leading, rows_of, whole_numbers, word_starts
 
 
+@dataclass(frozen=True, eq=False)
 class _Element:
-    """Lines of one kind, their numbers, and how many vertices and texture vertices came before each."""
+    """Lines of one kind without keyword and comments, and which lines of the file they are."""
 
-    def __init__(self) -> None:
-        self.lines: list[bytes] = []
-        self.number: list[int] = []
-        self.before: list[int] = []
-        self.textures_before: list[int] = []
+    lines: TextLines
+    place: NDArray[np.int64]
+
+    def count_before(self, other: _Element) -> NDArray[np.int64]:
+        """(k,) number of elements in lines before each line of another kind."""
+        return np.searchsorted(self.place, other.place)
 
 
 def read_obj(data: bytes) -> RawMesh:
@@ -37,31 +40,16 @@ def read_obj(data: bytes) -> RawMesh:
     data = data.replace(b"\t", b" ")
     if b"\\" in data:
         data = re.sub(rb"\\\r?\n", b" ", data)
-    vertices, faces, paths, textures = _Element(), _Element(), _Element(), _Element()
-    known = {b"v ": vertices, b"f ": faces, b"l ": paths, b"vt": textures}
-    n_vertices = n_textures = 0
-    for number, line in enumerate(data.splitlines()):
-        element = known.get(line[:2])
-        if element is None:
-            line = line.lstrip()
-            element = known.get(line[:2] if len(line) > 1 else line + b" ")
-            if element is None:
-                continue
-        element.lines.append(line[2:])
-        element.number.append(number)
-        element.before.append(n_vertices)
-        element.textures_before.append(n_textures)
-        n_vertices += element is vertices
-        n_textures += element is textures
+    vertices, faces, paths, textures = _elements(TextLines.of(data))
     points, colors = _points(vertices)
-    if not len(points) and not faces.lines and _has_content(data):
+    if not len(points) and not len(faces.place) and _has_content(data):
         raise MeshFileError("not an OBJ file: no vertices; check the extension")
-    corners, sizes = _indices(faces, len(points), "face")
-    along, path_sizes = _indices(paths, len(points), "polyline")
+    corners, sizes = _indices(faces, vertices, "face")
+    along, path_sizes = _indices(paths, vertices, "polyline")
     raw = RawMesh(points, corners, sizes, lines=_segments(along, path_sizes))
     if colors is not None:
         raw.vertex[COLOR] = colors_of_fractions(colors)
-    if textures.lines and len(sizes):
+    if len(textures.place) and len(sizes):
         try:
             raw.corner_uv = _corner_uv(faces, textures, sizes)
         except MeshFileError as error:
@@ -69,77 +57,106 @@ def read_obj(data: bytes) -> RawMesh:
     return raw
 
 
+def _elements(lines: TextLines) -> list[_Element]:
+    """Lines of vertices, faces, polylines and texture vertices."""
+    if lines.text.startswith(b" ") or b"\n " in lines.text:
+        lines = lines.without(rb"(?m)^ +")
+    text = lines.characters
+    first, second = text[lines.begin[:-1]], text[np.minimum(lines.begin[:-1] + 1, len(text) - 1)]
+    ends = (second == ord(" ")) | (second == ord("\n"))
+    elements = []
+    for keyword, follows in (("v", ends), ("f", ends), ("l", ends), ("v", second == ord("t"))):
+        place = np.flatnonzero((first == ord(keyword)) & follows)
+        chosen = lines.select(place)
+        if b"#" in chosen.text:
+            chosen = chosen.without(rb"#[^\n]*")
+        bare = np.frombuffer(bytearray(chosen.text), dtype=np.uint8)
+        bare[chosen.begin[:-1]] = ord(" ")
+        if keyword == "v" and len(place) and follows is not ends:
+            bare[chosen.begin[:-1] + 1] = ord(" ")
+        elements.append(_Element(replace(chosen, text=bare.tobytes()), place))
+    return elements
+
+
 def _has_content(data: bytes) -> bool:
     """Whether a line is neither empty nor a comment."""
     return any(not line.startswith(b"#") for line in map(bytes.lstrip, data.splitlines()) if line)
 
 
-def _without_comments(element: _Element) -> list[bytes]:
-    if any(b"#" in line for line in element.lines):
-        return [line.partition(b"#")[0] for line in element.lines]
-    return element.lines
-
-
 def _points(vertices: _Element) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """(n, 3) positions, and the colours that follow them if every vertex has one."""
-    lines = _without_comments(vertices)
-    values, count = rows(lines, vertices.number, "vertex")
+    values, count = rows_of(vertices.lines, "vertex")
     short = np.flatnonzero(count < 3)
     if len(short):
-        raise MeshFileError(f"line {vertices.number[short[0]] + 1}: a vertex needs three numbers")
-    if len(count) == 0:
-        return np.zeros((0, 3)), None
-    first = np.cumsum(count) - count
-    colors = values.reshape(-1, 6)[:, 3:] if (count == 6).all() else None
-    return values[first[:, None] + np.arange(3)], colors
+        raise MeshFileError(f"line {vertices.lines.number[short[0]] + 1}: a vertex needs three numbers")
+    colors = values.reshape(-1, 6)[:, 3:] if len(count) and (count == 6).all() else None
+    return leading(values, count, 3), colors
+
+
+def _fields(text: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """Number of the field, from 0, that holds each byte of words like 1/2/3; a slash begins a field."""
+    slashes = np.cumsum(text == ord("/"), dtype=np.int32)
+    return slashes - np.maximum.accumulate(np.where(text <= ord(" "), slashes, np.int32(0)))
 
 
 def _corner_uv(faces: _Element, textures: _Element, sizes: NDArray) -> NDArray | None:
     """(c, 2) texture coordinates of the corners, NaN where a corner names none; None if no corner does."""
-    text = b"\n".join(_without_comments(faces))
-    if b"/" not in text:
+    if b"/" not in faces.lines.text:
         return None
-    text = re.sub(rb"(?<![^ \n])([^ /\n\r]+)(?=[ \n\r]|$|//)", rb"\1/0", text)  # corners without a number
-    text = re.sub(rb"(?<![^ \n])[^ /\n\r]+/(-?\d*)[^ \n\r]*", rb"\1", text)
-    values, counts = rows(text.split(b"\n"), faces.number, "face")
-    table, width = rows(_without_comments(textures), textures.number, "texture vertex")
-    if not np.array_equal(counts, sizes) or width.min() < 2:
+    text = faces.lines.characters
+    is_second = (_fields(text) == 1) & (text != ord("/"))
+    named = np.searchsorted(word_starts(text > 32), word_starts(is_second), side="right") - 1
+    only_second = np.where(is_second | (text == ord("\n")), text, ord(" ")).tobytes()
+    values, _ = rows_of(replace(faces.lines, text=only_second), "face")
+    table, width = rows_of(textures.lines, "texture vertex")
+    if not np.array_equal(faces.lines.n_words, sizes) or width.min() < 2:
         raise MeshFileError("a corner or a texture vertex lacks a number")
-    index, n = whole_numbers(values, "texture vertex"), len(width)
-    before = np.repeat(np.array(faces.textures_before, dtype=np.int64), sizes)
+    index, n = np.zeros(sizes.sum(), dtype=np.int64), len(width)
+    index[named] = whole_numbers(values, "texture vertex")
+    before = np.repeat(textures.count_before(faces), sizes)
     number = np.where(index > 0, index - 1, np.where(index < 0, before + index, n))
     if ((number < 0) | (number > n)).any() or (index > n).any():
         raise MeshFileError(f"a corner names a texture vertex outside 1..{n}")
-    first = np.cumsum(width) - width
-    uv = np.vstack([table[first[:, None] + np.arange(2)], [[np.nan, np.nan]]])
-    return uv[number]
+    return np.vstack([leading(table, width, 2), [[np.nan, np.nan]]])[number]
 
 
-def _indices(element: _Element, n_points: int, what: str) -> tuple[NDArray, NDArray]:
+def _indices(element: _Element, vertices: _Element, what: str) -> tuple[NDArray, NDArray]:
     """0-based vertices and size of each polygon or polyline."""
-    text = re.sub(rb"/[^ \n]*", b"", b"\n".join(_without_comments(element)))
-    lines = text.split(b"\n") if element.lines else []
-    values, sizes = rows(lines, element.number, what)
-    owner = np.repeat(np.arange(len(sizes)), sizes)
+    lines, n_points = element.lines, len(vertices.place)
+    if b"/" in lines.text:
+        text = lines.characters
+        lines = replace(lines, text=np.where(_fields(text) == 0, text, ord(" ")).tobytes())
+    sizes, index = lines.n_words, integers(lines.text)
+    if index is None or len(index) != sizes.sum() or ((index == 0) | (np.abs(index) > n_points)).any():
+        index = _checked_indices(lines, n_points, what)
+    if not (index < 0).any():
+        return index - 1, sizes
+    before = np.repeat(vertices.count_before(element), sizes)
+    zero_based = np.where(index > 0, index - 1, before + index)
+    low = np.flatnonzero(zero_based < 0)
+    if len(low):
+        owner = np.repeat(lines.number, sizes)
+        raise MeshFileError(
+            f"line {owner[low[0]] + 1}: relative vertex {index[low[0]]} of a {what} reaches "
+            "before the first vertex; correct the index"
+        )
+    return zero_based, sizes
+
+
+def _checked_indices(lines: TextLines, n_points: int, what: str) -> NDArray[np.int64]:
+    """Indices that may be written as fractions; MeshFileError naming the line of the first bad one."""
+    values, sizes = rows_of(lines, what)
     with np.errstate(invalid="ignore"):
         bad = np.flatnonzero(
             ~((np.abs(values) <= max(n_points, 1)) & (values != 0) & (values == np.rint(values)))
         )
     if len(bad):
+        owner = np.repeat(lines.number, sizes)
         raise MeshFileError(
-            f"line {element.number[owner[bad[0]]] + 1}: vertex {values[bad[0]]:.17g} of a {what} is outside "
+            f"line {owner[bad[0]] + 1}: vertex {values[bad[0]]:.17g} of a {what} is outside "
             f"1..{n_points}; correct the index"
         )
-    index = whole_numbers(values, "vertex number")
-    before = np.array(element.before, dtype=np.int64)[owner]
-    zero_based = np.where(index > 0, index - 1, before + index)
-    low = np.flatnonzero(zero_based < 0)
-    if len(low):
-        raise MeshFileError(
-            f"line {element.number[owner[low[0]]] + 1}: relative vertex {index[low[0]]} of a {what} reaches "
-            "before the first vertex; correct the index"
-        )
-    return zero_based, sizes
+    return whole_numbers(values, "vertex number")
 
 
 def _segments(along: NDArray, sizes: NDArray) -> NDArray:

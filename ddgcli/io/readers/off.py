@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError
 from ddgcli.io.readers.raw_mesh import RawMesh
-from ddgcli.io.readers.text import ragged, rows, whole_numbers
+from ddgcli.io.readers.text import TextLines, integers, leading, ragged, rows_of, whole_numbers
 from ddgcli.mesh.ragged import ranges
 
 HEADER = re.compile(rb"(ST)?(C)?(N)?(4)?(n)?OFF$")
@@ -25,40 +25,40 @@ def read_off(data: bytes) -> RawMesh:
     first = data.lstrip()[:256].splitlines()[:1]
     if first and first[0].split()[:2] == [b"OFF", b"BINARY"]:
         return _binary(data)
-    lines, number = [], []
-    for count, line in enumerate(data.splitlines()):
-        line = line.partition(b"#")[0].strip()
-        if line:
-            lines.append(line)
-            number.append(count)
-    words = lines[0].split() if lines else []
+    lines = TextLines.of(data)
+    if b"#" in data:
+        lines = lines.without(rb"#[^\n]*")
+    lines = lines.select(np.flatnonzero(lines.n_words))
+    number = lines.number.tolist()
+    head = lines.text[: lines.begin[min(2, len(number))]].splitlines()
+    words = head[0].split() if head else []
     header = HEADER.match(words[0]) if words else None
     if header is None:
         raise MeshFileError("not an OFF file: the first line must be OFF; check the file")
     if header[4] or header[5]:
         raise MeshFileError("OFF in other than three dimensions; export it as plain OFF")
-    n_vertices, n_faces, at = _counts(words, lines, number)
-    if at + n_vertices + n_faces > len(lines):
+    n_vertices, n_faces, at = _counts(words, head, number)
+    if at + n_vertices + n_faces > len(number):
         raise MeshFileError(
             f"line {number[at - 1] + 1}: the header announces {n_vertices} vertices and {n_faces} faces, "
-            f"but only {len(lines) - at} lines follow; the file is truncated or the header wrong"
+            f"but only {len(number) - at} lines follow; the file is truncated or the header wrong"
         )
     split = at + n_vertices
-    points = _points(lines[at:split], number[at:split])
-    corners, sizes = _faces(lines[split : split + n_faces], number[split : split + n_faces], len(points))
+    points = _points(lines.select(np.arange(at, split)))
+    corners, sizes = _faces(lines.select(np.arange(split, split + n_faces)), len(points))
     return RawMesh(points, corners, sizes)
 
 
-def _counts(words: list[bytes], lines: list[bytes], number: list[int]) -> tuple[int, int, int]:
-    """Vertices, faces, and the first line after the counts."""
+def _counts(words: list[bytes], head: list[bytes], number: list[int]) -> tuple[int, int, int]:
+    """Vertices, faces, and the first line after the counts; `head` holds the first two lines."""
     at = 1
     counts = words[1:]
     if not counts:
-        counts, at = (lines[1].split() if len(lines) > 1 else []), 2
+        counts, at = (head[1].split() if len(head) > 1 else []), 2
     try:
         n_vertices, n_faces = int(counts[0]), int(counts[1])
     except (ValueError, IndexError):
-        where = number[min(at, len(lines)) - 1] + 1
+        where = number[min(at, len(head)) - 1] + 1
         raise MeshFileError(
             f"line {where}: no counts of vertices and faces; the file is truncated or damaged"
         ) from None
@@ -67,36 +67,44 @@ def _counts(words: list[bytes], lines: list[bytes], number: list[int]) -> tuple[
     return n_vertices, n_faces, at
 
 
-def _points(lines: list[bytes], number: list[int]) -> NDArray[np.float64]:
-    values, count = rows(lines, number, "vertex")
+def _points(lines: TextLines) -> NDArray[np.float64]:
+    values, count = rows_of(lines, "vertex")
     short = np.flatnonzero(count < 3)
     if len(short):
-        raise MeshFileError(f"line {number[short[0]] + 1}: a vertex needs three numbers")
-    if not lines:
-        return np.zeros((0, 3))
-    first = np.cumsum(count) - count
-    return values[first[:, None] + np.arange(3)]
+        raise MeshFileError(f"line {lines.number[short[0]] + 1}: a vertex needs three numbers")
+    return leading(values, count, 3)
 
 
-def _faces(lines: list[bytes], number: list[int], n_points: int) -> tuple[NDArray, NDArray]:
-    values, count = rows(lines, number, "face")
+def _faces(lines: TextLines, n_points: int) -> tuple[NDArray, NDArray]:
+    count, whole = lines.n_words, integers(lines.text)
+    if whole is not None and len(whole) == count.sum():
+        values: NDArray = whole
+    else:
+        values, count = rows_of(lines, "face")
     first = np.cumsum(count) - count
     sizes = whole_numbers(values[first], "corner count")
     short = np.flatnonzero((sizes < 0) | (count < sizes + 1))
     if len(short):
         raise MeshFileError(
-            f"line {number[short[0]] + 1}: a face of {sizes[short[0]]} corners has {count[short[0]] - 1} "
-            "numbers; the file is truncated or damaged"
+            f"line {lines.number[short[0]] + 1}: a face of {sizes[short[0]]} corners has "
+            f"{count[short[0]] - 1} numbers; the file is truncated or damaged"
         )
-    index = values[ranges(first + 1, sizes)[0]]
+    index = _members(values, first, count, sizes)
     bad = np.flatnonzero(~((index >= 0) & (index < n_points)))
     if len(bad):
         face = int(np.repeat(np.arange(len(sizes)), sizes)[bad[0]])
         raise MeshFileError(
-            f"line {number[face] + 1}: face {face} names vertex {index[bad[0]]:.17g}, outside "
+            f"line {lines.number[face] + 1}: face {face} names vertex {index[bad[0]]:.17g}, outside "
             f"0..{n_points - 1}; correct the index"
         )
     return whole_numbers(index, "vertex number"), sizes
+
+
+def _members(values: NDArray, first: NDArray, count: NDArray, sizes: NDArray) -> NDArray:
+    """Vertices of the faces, one face after the other, from rows of a size, the vertices and colours."""
+    if len(count) and (count == count[0]).all() and (sizes == sizes[0]).all():
+        return values.reshape(len(count), -1)[:, 1 : 1 + sizes[0]].ravel()
+    return values[ranges(first + 1, sizes)[0]]
 
 
 def _binary(data: bytes) -> RawMesh:

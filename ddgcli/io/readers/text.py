@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,16 +27,95 @@ def numbers(text: bytes) -> NDArray[np.float64]:
             raise ValueError("not a number") from error
 
 
+@dataclass(frozen=True, eq=False)
+class TextLines:
+    """Lines of a text, each with one newline at its end.
+
+    Parameters
+    ----------
+    text : bytes
+    begin : (k + 1,) ndarray of int64
+        Place of each line in the text, and the length of the text.
+    number : (k,) ndarray of int64
+        Number of each line in the file, from 0.
+    """
+
+    text: bytes
+    begin: NDArray[np.int64]
+    number: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, data: bytes) -> TextLines:
+        """All lines of a file; they end with a line feed, a carriage return, or both."""
+        if b"\r" in data:
+            data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        if not data.endswith(b"\n"):
+            data += b"\n"
+        begin = _line_starts(np.frombuffer(data, dtype=np.uint8))
+        return cls(data, begin, np.arange(len(begin) - 1))
+
+    @property
+    def characters(self) -> NDArray[np.uint8]:
+        """The text as an array of its bytes."""
+        return np.frombuffer(self.text, dtype=np.uint8)
+
+    @property
+    def n_words(self) -> NDArray[np.int64]:
+        """(k,) number of words in each line."""
+        ends = np.searchsorted(word_starts(self.characters > 32), self.begin[1:])
+        return np.diff(ends, prepend=0)
+
+    def select(self, lines: NDArray) -> TextLines:
+        """Some lines, in ascending order."""
+        if len(lines) == 0:
+            return TextLines(b"", np.zeros(1, dtype=np.int64), self.number[lines])
+        gap = np.flatnonzero(np.diff(lines) != 1)
+        first, last = lines[np.append(0, gap + 1)], lines[np.append(gap, -1)]
+        pieces = zip(self.begin[first].tolist(), self.begin[last + 1].tolist())
+        text = b"".join([self.text[start:end] for start, end in pieces])
+        begin = np.append(0, np.cumsum(self.begin[lines + 1] - self.begin[lines]))
+        return TextLines(text, begin, self.number[lines])
+
+    def without(self, pattern: bytes) -> TextLines:
+        """The lines without what matches a pattern, which matches no newline."""
+        text = re.sub(pattern, b"", self.text)
+        return TextLines(text, _line_starts(np.frombuffer(text, dtype=np.uint8)), self.number)
+
+
+def _line_starts(characters: NDArray[np.uint8]) -> NDArray[np.int64]:
+    return np.append(0, np.flatnonzero(characters == ord("\n")) + 1)
+
+
+def word_starts(is_word: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Places where a run of True begins."""
+    starts = is_word.copy()
+    starts[1:] &= ~is_word[:-1]
+    return np.flatnonzero(starts)
+
+
 def rows(lines: Sequence[bytes], line_number: Sequence[int], what: str) -> tuple[NDArray, NDArray]:
     """Numbers of lines and how many each holds; MeshFileError naming the first line with something else."""
     count = np.fromiter((len(line.split()) for line in lines), dtype=np.int64, count=len(lines))
+    return _counted_numbers(b"\n".join(lines), count, zip(lines, line_number), what), count
+
+
+def rows_of(lines: TextLines, what: str) -> tuple[NDArray, NDArray]:
+    """`rows` of lines in one text."""
+    count = lines.n_words
+    by_line = zip(lines.text.split(b"\n"), lines.number)
+    return _counted_numbers(lines.text, count, by_line, what), count
+
+
+def _counted_numbers(
+    text: bytes, count: NDArray, lines: Iterable[tuple[bytes, int]], what: str
+) -> NDArray[np.float64]:
     try:
-        values = numbers(b"\n".join(lines))
+        values = numbers(text)
         if len(values) == count.sum():
-            return values, count
+            return values
     except ValueError:
         pass
-    for line, number in zip(lines, line_number):
+    for line, number in lines:
         for word in line.split():
             try:
                 float(word)
@@ -42,6 +123,26 @@ def rows(lines: Sequence[bytes], line_number: Sequence[int], what: str) -> tuple
                 bad_word = excerpt(word, 20)
                 raise MeshFileError(f"line {number + 1}: {bad_word!r} in a {what} is not a number") from None
     raise MeshFileError(f"the numbers of the {what} lines cannot be read; check the file")
+
+
+def leading(values: NDArray, count: NDArray, width: int) -> NDArray[np.float64]:
+    """(k, width) first numbers of each of k lines with `count` numbers."""
+    if len(count) == 0:
+        return np.zeros((0, width))
+    if (count == count[0]).all():
+        return np.ascontiguousarray(values.reshape(len(count), -1)[:, :width])
+    first = np.cumsum(count) - count
+    return values[first[:, None] + np.arange(width)]
+
+
+def integers(text: bytes) -> NDArray[np.int64] | None:
+    """All whole numbers of a text, four times as fast as `numbers`; None if it holds anything else."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            return np.fromstring(text, dtype=np.int64, sep=" ") if text.strip() else np.zeros(0, np.int64)
+        except (DeprecationWarning, ValueError):
+            return None
 
 
 def whole_numbers(values: NDArray, what: str) -> NDArray[np.int64]:
