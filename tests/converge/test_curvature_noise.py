@@ -66,6 +66,22 @@ def test_noise_is_measured_and_the_radius_reduces_the_error(name, share, caplog)
         assert default > 0.1 and automatic < (0.9 if share == 0.05 else 0.75) * default
 
 
+@pytest.mark.parametrize("name", ["sphere", "ellipsoid"])
+@pytest.mark.parametrize("place", ["a fifth of the surface", "spikes"])
+def test_noise_in_a_part_of_the_surface_is_reported_and_the_radius_reduces_the_error(place, name, caplog):
+    build, truth_of = SURFACES[name]
+    clean = build()
+    truth, height = truth_of(clean.points).mean, clean.points[:, 0]
+    if place == "spikes":
+        moved, share = np.random.default_rng(5).random(clean.n_vertices) < 0.02, 0.5
+    else:
+        moved, share = height > np.quantile(height, 0.8), 0.2
+    mesh = clean.moved(np.where(moved[:, None], noisy(clean, share).points, clean.points))
+    default, automatic = error(mesh, truth), error(mesh, truth, "auto")
+    assert "in a part of it" in caplog.text
+    assert default > 0.3 and automatic < 0.5 * default
+
+
 @pytest.mark.parametrize("radius", [6, 10])
 def test_voxels_are_recognised_and_the_radius_reduces_the_error(radius, caplog):
     mesh = voxel_sphere(radius)

@@ -49,6 +49,8 @@ MIN_CREASED_FLAT_SHARE = (
 # residual of cubic fits over that of quartic ones: noise has 0.98 to 1.08, as measured on spheres, tori and
 # voxels; scanned and modelled surfaces with details of four to ten edges have 1.2 to 2.9
 MIN_DETAIL_RATIO = 1.15
+# noise in a part of the surface, or spikes: this quantile of the residuals is so many times their median
+PARTIAL_QUANTILE, MIN_PARTIAL_RATIO = 0.9, 5
 VOXEL_DEVIATION = 12**-0.5  # of heights within a voxel, in edges
 MAX_ERROR = 0.1  # predicted error of curvature by noise above which the default region is unreliable
 MAX_REMAINING_ERROR_SHARE = 0.85  # largest share of that error at the proposed radius
@@ -77,6 +79,8 @@ class Noise:
         `radius`.
     radius : float
         Radius with the least predicted error, in length units.
+    partial : bool
+        Whether `relative` is that of a part of the surface, or of spikes.
     sample : (k,) ndarray of int
         Some vertices.
     mean : (k,) ndarray
@@ -92,6 +96,7 @@ class Noise:
     error_at_radius: float = 0.0
     radius: float = 0.0
     detailed: bool = False
+    partial: bool = False
     sample: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     mean: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     bend: float = 1.0
@@ -106,7 +111,8 @@ class Noise:
 def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: str) -> Noise:
     """Estimate the noise of the vertices from residuals of cubic fits over two rings.
 
-    Takes the median over a sample of vertices, which ignores creases. The radius is one that the scheme can
+    Takes the median over a sample of vertices, which ignores creases, or a high quantile where that is far
+    above the median without being details. The radius is one that the scheme can
     measure in.
     """
     normal = area_normals(faces)
@@ -121,8 +127,7 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
         return Noise(None)
     cubic, quartic = polynomial_residuals(faces.points, normal, regions, sample, (3, 4))
     edge = float(mesh.side_length.mean())
-    deviation, both = float(np.nanmedian(cubic)), np.isfinite(cubic) & np.isfinite(quartic)
-    detailed = bool(both.any() and np.median(cubic[both]) > MIN_DETAIL_RATIO * np.median(quartic[both]))
+    deviation, detailed, partial = _deviation(cubic, quartic)
     stepped = is_staircase(mesh, faces, dihedral)
     flat = float((np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean())
     creased, detailed = flat > MIN_CREASED_FLAT_SHARE and not stepped, detailed and not stepped
@@ -144,10 +149,27 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
             np.hypot(noise_error(deviation, vertex_area, bend, radius), BIAS_FACTOR * (bend * radius) ** 2)
         ),
         radius=radius,
+        partial=partial and not stepped,
         sample=few,
         mean=mean,
         bend=bend,
     )
+
+
+def _deviation(cubic: NDArray, quartic: NDArray) -> tuple[float, bool, bool]:
+    """Deviation of the vertices, whether details cause it, and whether it is that of a part of the surface.
+
+    `cubic` and `quartic` are the residuals of fits of degree three and four over the sample.
+    """
+    both = np.isfinite(cubic) & np.isfinite(quartic)
+    if not both.any():
+        return float(np.nanmedian(cubic)), False, False
+    (middle, tail), (quartic_middle, quartic_tail) = (
+        np.quantile(residuals[both], (0.5, PARTIAL_QUANTILE)) for residuals in (cubic, quartic)
+    )
+    if tail > MIN_PARTIAL_RATIO * middle and tail <= MIN_DETAIL_RATIO * quartic_tail:
+        return float(tail), False, True
+    return float(np.nanmedian(cubic)), bool(middle > MIN_DETAIL_RATIO * quartic_middle), False
 
 
 def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> None:
@@ -165,7 +187,10 @@ def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> Non
     size = max(float(np.mean(np.abs(noise.mean))), MIN_MEAN_SHARE * noise.bend)
     measured = float(np.mean(np.abs(mean[noise.sample] - noise.mean))) / size
     error = float(np.hypot(measured, noise.error_at_radius))
-    kind = "is a staircase of voxels" if noise.stepped else f"has noise of {noise.relative:.2g} of an edge"
+    place = " in a part of it" if noise.partial else ""
+    kind = f"has noise of {noise.relative:.2g} of an edge{place}"
+    if noise.stepped:
+        kind = "is a staircase of voxels"
     cure = "use `scheme=quadric` with" if scheme == "cotan" else "use"
     if noise.stepped and scheme != "normal-voting":
         cure = "use `scheme=normal-voting` with"
