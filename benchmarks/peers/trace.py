@@ -1,6 +1,10 @@
 """Straightest lines, geodesics by flips, logarithmic map and vector transport beside potpourri3d.
 
 python -m benchmarks.peers.trace [faces ...]      default 20000 80000 320000
+
+A first logarithmic map or transport includes the set-up of both sides, a further one that of neither: what is
+made once for a mesh (stencils of fast marching, factors) exists. Errors stand beside the seconds, because the
+methods of the peer differ in accuracy by a factor of ten.
 """
 
 from __future__ import annotations
@@ -14,7 +18,8 @@ import potpourri3d as pp3d
 from benchmarks.common.measure import interleaved, machine, peak_mib, print_commands, print_table
 from benchmarks.common.mesh_sequences import noisy, sphere, stretched
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
+from ddgcli.algorithms.geodesics.exact.tables import window_tables
+from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance, fast_marching_stencils
 from ddgcli.algorithms.geodesics.flipout import Straightener
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tangent_fields.log_map import log_map
@@ -23,6 +28,7 @@ from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.geometry.face_frames import surface_position, to_face_frame, to_space
 from ddgcli.geometry.unfolding import drop_unfolding
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.connection import from_vertex_frames, to_vertex_frames
 
 LINES = 10_000
@@ -73,6 +79,28 @@ def bench_traces(faces):
     print_table(f"{LINES} straightest lines of length 1", header, rows)
 
 
+def bench_vertex_traces(faces):
+    """One line from every vertex, into the middle of one of its corners; the peer traces one by one."""
+    mesh = sphere(faces)
+    n = mesh.n_vertices
+    side = np.empty(n, dtype=np.int64)
+    side[mesh.faces.ravel()] = np.arange(3 * mesh.n_faces)
+    face, barycentric = side // 3, np.eye(3)[side % 3]
+    direction = mesh.points[mesh.faces[face]].mean(axis=1) - mesh.points
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    tracer, peer = Tracer(mesh), pp3d.GeodesicTracer(mesh.points, mesh.faces)
+    calls = {
+        "ours": lambda: tracer.trace(face, barycentric, direction, np.ones(n)),
+        "pp3d": lambda: [peer.trace_geodesic_from_vertex(v, d) for v, d in enumerate(direction)],
+    }
+    t = interleaved(calls, repeat=1)
+    times = t["ours"].median, t["pp3d"].median
+    header = ["lines", "ours s", "pp3d loop s", "ours / pp3d"]
+    print_table(
+        "one straightest line of length 1 from every vertex", header, [[n, *times, times[0] / times[1]]]
+    )
+
+
 def bench_set_up(faces):
     mesh = sphere(faces)
 
@@ -102,49 +130,81 @@ def rms_error(coordinates, truth, near):
     return float(np.sqrt(np.mean(np.abs(z - truth)[near] ** 2)))
 
 
-def bench_vectors(faces):
+def bench_log_maps(faces):
+    """First and further logarithmic maps of both, with their errors."""
     mesh = sphere(faces)
     truth, angle = sphere_log(mesh, 0)
     near = angle < 2.5
-    sources = Sources.at([0])
+    sources, tables, stencils = Sources.at([0]), window_tables(mesh), fast_marching_stencils(mesh)
+    solver = pp3d.MeshVectorHeatSolver(mesh.points, mesh.faces)
+
+    def fresh():
+        return TriangleMesh.from_arrays(mesh.points, mesh.faces)
+
+    def exact(mesh, **shared):
+        return log_map(mesh, exact_distance(mesh, sources, directions=True, **shared), sources).log_map
+
+    def marched(mesh, **shared):
+        return fast_marching_log_map(mesh, fast_marching_distance(mesh, sources, **shared), sources).log_map
+
+    def peer(strategy):
+        return pp3d.MeshVectorHeatSolver(mesh.points, mesh.faces).compute_log_map(0, strategy=strategy)
+
+    first = {"exact": lambda: exact(fresh()), "fast marching": lambda: marched(fresh())}
+    further = {
+        "exact": lambda: exact(mesh, tables=tables),
+        "fast marching": lambda: marched(mesh, stencils=stencils),
+    }
+    for strategy in ("VectorHeat", "AffineLocal"):
+        if strategy == "VectorHeat" or faces < 50_000:  # the set-up of AffineLocal takes a minute
+            first[f"pp3d {strategy}"] = partial(peer, strategy)
+            further[f"pp3d {strategy}"] = partial(solver.compute_log_map, 0, strategy=strategy)
+    t, again = interleaved(first, repeat=1), interleaved(further, repeat=3)
+    rows = [
+        [name, mesh.n_faces, t[name].median, again[name].median, rms_error(t[name].value, truth, near)]
+        for name in first
+    ]
+    print_table(
+        "logarithmic map on the sphere",
+        ["method", "faces", "first, with set-up s", "each further s", "rms error"],
+        rows,
+    )
+
+
+def bench_transport(faces):
+    """First and further transports of one vector of both, with their errors."""
+    mesh = sphere(faces)
+    _, angle = sphere_log(mesh, 0)
+    near = angle < 2.5
     peer = pp3d.MeshVectorHeatSolver(mesh.points, mesh.faces)
-    heat = VectorHeat(mesh)
     vector = np.cross(mesh.points[0], [0.3, 0.5, 0.8])
     start = to_vertex_frames(mesh, np.tile(vector, (mesh.n_vertices, 1)))[[0]]
     x, y, _ = peer.get_tangent_frames()
+    heat, at, components = VectorHeat(mesh), np.array([0]), [vector @ x[0], vector @ y[0]]
     calls = {
-        "log": lambda: log_map(mesh, exact_distance(mesh, sources, directions=True), sources).log_map,
-        "log fast marching": lambda: (
-            fast_marching_log_map(mesh, fast_marching_distance(mesh, sources), sources).log_map
+        "first": lambda: VectorHeat(TriangleMesh.from_arrays(mesh.points, mesh.faces)).transport(at, start),
+        "first pp3d": lambda: pp3d.MeshVectorHeatSolver(mesh.points, mesh.faces).transport_tangent_vector(
+            0, components
         ),
-        "log pp3d": lambda: peer.compute_log_map(0, strategy="AffineLocal"),
-        "spread": lambda: heat.transport(np.array([0]), start),
-        "spread pp3d": lambda: peer.transport_tangent_vector(0, [vector @ x[0], vector @ y[0]]),
+        "further": lambda: heat.transport(at, start),
+        "further pp3d": lambda: peer.transport_tangent_vector(0, components),
     }
-    if faces > 100_000:
-        calls.pop("log pp3d")  # a minute
     t = interleaved(calls, repeat=3)
-    rows = [
-        [name, mesh.n_faces, t[name].median, rms_error(t[name].value, truth, near)]
-        for name in calls
-        if "log" in name
-    ]
-    print_table(
-        "logarithmic map on the sphere (set-up counted, the peer's not)",
-        ["method", "faces", "s", "rms error"],
-        rows,
-    )
     carried = truth_of_transport(mesh, vector)
-    ours = from_vertex_frames(mesh, t["spread"].value.vector)
-    two = t["spread pp3d"].value
+    ours = from_vertex_frames(mesh, t["further"].value.vector)
+    two = t["further pp3d"].value
     theirs = two[:, :1] * x + two[:, 1:] * y
-    mine, peers = degrees(mesh, ours, carried, near), degrees(mesh, theirs, carried, near)
-    rows = [["ours", mesh.n_faces, t["spread"].median, mine],
-            ["pp3d", mesh.n_faces, t["spread pp3d"].median, peers]]  # fmt: skip
+    rows = [
+        [name, mesh.n_faces, t[f"first{name}"].median, t[f"further{name}"].median,
+         degrees(mesh, values, carried, near)]
+        for name, values in (("", ours), (" pp3d", theirs))
+    ]  # fmt: skip
+    rows[0][0], rows[1][0] = "ours", "pp3d"
+    ratios = [rows[0][k] / rows[1][k] for k in (2, 3, 4)]
     print_table(
-        "one vector spread by vector heat (set-up not counted)",
-        ["", "faces", "s", "mean error degrees"],
-        rows,
+        "one vector spread by vector heat",
+        ["", "faces", "first, with set-up s", "each further s", "mean error degrees"],
+        [*rows, ["ours / pp3d", mesh.n_faces, *ratios]],
     )
 
 
@@ -194,8 +254,10 @@ def main():
     print(machine())
     for faces in [int(x) for x in sys.argv[1:]] or [20_000, 80_000, 320_000]:
         bench_traces(faces)
+        bench_vertex_traces(faces)
         bench_set_up(faces)
-        bench_vectors(faces)
+        bench_log_maps(faces)
+        bench_transport(faces)
         bench_flips(faces)
 
 

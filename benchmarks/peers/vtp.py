@@ -5,6 +5,8 @@ python -m benchmarks.peers.vtp [faces ...]      default 20000 80000 320000
 VTP: Qin, Han, Yu, Yu, Zhang 2016, triangle-oriented wavefront propagation; its authors' program is built with
 g++ from `../shared/peers/vtp` into a temporary folder. Its seconds are those that it prints (CPU seconds of
 propagation, without construction of the mesh); ours are `exact_distance` on a mesh whose topology exists.
+On the terrain VTP's distances are too long (last two columns, relative to the largest distance): the paths
+bend at a vertex of the boundary near the source, and `geodesic --path-to` writes paths of the shorter length.
 Ratios are ours over VTP's, smaller is better. Aim: 1.0 at 80,000 faces, 0.4 at 320,000 and above.
 """
 
@@ -69,10 +71,10 @@ def bench(program: Path, folder: Path, meshes: dict[str, TriangleMesh]) -> None:
             ours.append(seconds_of(mesh))
             theirs.append(run_vtp(program, mesh, folder))
         a, b = min(s for s, _ in ours), min(s for s, _ in theirs)
-        difference = float(np.abs(ours[0][1] - theirs[0][1]).max() / theirs[0][1].max())
+        longer = (theirs[0][1] - ours[0][1]) / theirs[0][1].max()
         aim = 0.4 if mesh.n_faces > 300_000 else 1.0 if mesh.n_faces > 70_000 else "-"
-        rows.append([name, mesh.n_faces, a, b, a / b, aim, difference])
-    header = ["mesh", "faces", "ours s", "VTP s", "ours / VTP", "aim", "largest difference"]
+        rows.append([name, mesh.n_faces, a, b, a / b, aim, float(longer.min()), float(longer.max())])
+    header = ["mesh", "faces", "ours s", "VTP s", "ours / VTP", "aim", "VTP - ours: least", "largest"]
     measure.print_table("Exact distances from one vertex", header, rows)
 
 

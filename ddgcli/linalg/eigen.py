@@ -16,7 +16,7 @@ from scipy.sparse.linalg import splu
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.backends import direct_fits
 from ddgcli.linalg.constrain import Poisson
-from ddgcli.linalg.lanczos import BlockLanczos
+from ddgcli.linalg.lanczos import MIN_BLOCK_WIDTH, BlockLanczos
 from ddgcli.linalg.ordering import fill_reducing_ordering
 from ddgcli.memory import check_memory
 from ddgcli.progress import ProgressCallback
@@ -25,6 +25,8 @@ log = logging.getLogger("ddgcli")
 
 MAX_DENSE_SIZE = 400  # unknowns; larger problems are dense only for more than a third of the spectrum
 VECTORS_PER_PAIR = 4  # in memory
+# pairs up to which two vectors a step need fewer solves than four, where each vector is solved for by itself
+MAX_NARROW_PAIRS, NARROW_BLOCK_WIDTH = 16, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +171,10 @@ def _lanczos(
         return problem.pinned_solve((block * root).T).T * root
 
     excluded = null.T if root is None else null.T * root
-    search = BlockLanczos(inverse, M if root is None else None, excluded, seed)
+    # CHOLMOD solves for one vector after the other
+    narrow = problem.factor.solver == "cholmod" and k <= MAX_NARROW_PAIRS
+    width = NARROW_BLOCK_WIDTH if narrow else MIN_BLOCK_WIDTH
+    search = BlockLanczos(inverse, M if root is None else None, excluded, seed, width)
     order = problem.order
     theta, vectors, complete = search.largest(
         k, lambda theta: _none_missing(L, M, 1.0 / theta, problem.count, order), progress

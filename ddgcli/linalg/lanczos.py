@@ -16,6 +16,7 @@ log = logging.getLogger("ddgcli")
 
 # vectors a step: few for few pairs (fewer applications), more for many (fewer passes over the basis)
 MIN_BLOCK_WIDTH, MAX_BLOCK_WIDTH = 4, 32
+MIN_FREE_VECTORS = 32  # of a basis beyond those wanted: room for the next steps
 MIN_BASIS_SIZE = 200  # vectors
 RESIDUAL_TOLERANCE = 1e-10  # relative, before the last step; eigenvalues are accurate to its square
 MAX_RESTARTS = 60
@@ -40,6 +41,9 @@ class BlockLanczos:
         Orthonormal vectors; the search is in their complement.
     seed : int
         Of the starting block.
+    min_width : int
+        Least number of vectors a step. Four are faster where `apply` treats them together; two need fewer
+        applications for few pairs, and are faster where `apply` treats them one by one.
     """
 
     def __init__(
@@ -48,8 +52,9 @@ class BlockLanczos:
         mass: csr_array | None,
         excluded: NDArray,
         seed: int,
+        min_width: int = MIN_BLOCK_WIDTH,
     ) -> None:
-        self.apply, self.mass, self.excluded = apply, mass, excluded
+        self.apply, self.mass, self.excluded, self.min_width = apply, mass, excluded, min_width
         self.rng = np.random.default_rng(seed)
         self.n = excluded.shape[1]
 
@@ -58,8 +63,9 @@ class BlockLanczos:
     ) -> tuple[NDArray, NDArray, bool]:
         """Eigenvalues (k,) descending, vectors (k, n), and whether none is missing at the end."""
         self.progress, self.n_converged = progress, 0
-        self.width = min(max(MIN_BLOCK_WIDTH, k // 25), MAX_BLOCK_WIDTH)
-        limit = min(self.n - len(self.excluded), max(2 * k, min(4 * k, MIN_BASIS_SIZE)) + 8 * self.width)
+        self.width = min(max(self.min_width, k // 25), MAX_BLOCK_WIDTH)
+        free = max(MIN_FREE_VECTORS, 8 * self.width)
+        limit = min(self.n - len(self.excluded), max(2 * k, min(4 * k, MIN_BASIS_SIZE)) + free)
         self.basis = np.empty((limit + self.width, self.n))
         self.projected = np.zeros((limit + self.width, limit + self.width))
         self.used = self.n_restart = 0

@@ -115,27 +115,31 @@ class VectorHeat:
         sources, the time is raised.
         """
         component = self.mesh.topology.vertex_component
-        reached = np.isin(component, component[vertex]) & self.mesh.topology.referenced_vertex
+        has_source = np.zeros(self.mesh.topology.n_components + 1, dtype=bool)
+        has_source[component[vertex]] = True
+        has_source[-1] = False  # vertices without a face
+        reached = has_source.take(component)
         vectors = self._source(vertex, value)
         diffused, residual = _solve(self._vector, vectors)
-        while self._underflows(diffused, vertex, reached) and self.time <= MAX_TIME:
+        amount = np.abs(diffused)
+        while self._underflows(amount, vertex, reached) and self.time <= MAX_TIME:
             self._factorise(4.0 * self.time)
             diffused, residual = _solve(self._vector, vectors)
+            amount = np.abs(diffused)
             _log.info(f"vector heat: time raised to {self.time:g} squared side lengths to avoid underflow")
         size = np.abs(value)
         length = np.where(reached, size.max(initial=0.0), 0.0)
         if np.ptp(size) > 0:
             length, scalar_residual = self._lengths(vertex, size)
             residual = max(residual, scalar_residual)
-        amount = np.abs(diffused)
-        unit = np.divide(diffused, amount, out=np.zeros_like(diffused), where=amount > MIN_VALUE)
-        return TransportedVectors(unit * length * self.turn, residual)
+        inverse = np.divide(1.0, amount, out=np.zeros(len(amount)), where=amount > MIN_VALUE)
+        return TransportedVectors(diffused * inverse * (length * self.turn), residual)
 
-    def _underflows(self, diffused: NDArray, vertex: NDArray, reached: NDArray) -> bool:
+    def _underflows(self, amount: NDArray, vertex: NDArray, reached: NDArray) -> bool:
         """True if values underflow at some vertex (small values by cancellation do not count)."""
-        if np.abs(diffused[reached]).min(initial=np.inf) > MIN_VALUE:
+        if amount.min(initial=np.inf, where=reached) > MIN_VALUE:
             return False
-        count = _solve(self.scalar, np.bincount(vertex, minlength=len(diffused)).astype(np.float64))[0]
+        count = _solve(self.scalar, np.bincount(vertex, minlength=len(amount)).astype(np.float64))[0]
         return not np.abs(count[reached]).min(initial=np.inf) > MIN_VALUE
 
     def _lengths(self, vertex: NDArray, size: NDArray) -> tuple[NDArray, float]:
