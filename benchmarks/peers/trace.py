@@ -2,9 +2,9 @@
 
 python -m benchmarks.peers.trace [faces ...]      default 20000 80000 320000
 
-A first logarithmic map or transport includes the set-up of both sides, a further one that of neither: what is
-made once for a mesh (stencils of fast marching, factors) exists. Errors stand beside the seconds, because the
-methods of the peer differ in accuracy by a factor of ten.
+A first logarithmic map or transport includes the set-up on both sides, a further one uses what both can
+compute once for a mesh (stencils of fast marching, tables, factors). The tables also contain errors, because
+those of the methods differ by a factor of ten.
 """
 
 from __future__ import annotations

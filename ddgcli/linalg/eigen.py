@@ -25,7 +25,7 @@ log = logging.getLogger("ddgcli")
 
 MAX_DENSE_SIZE = 400  # unknowns; larger problems are dense only for more than a third of the spectrum
 VECTORS_PER_PAIR = 4  # in memory
-# pairs up to which two vectors a step need fewer solves than four, where each vector is solved for by itself
+# pairs up to which two vectors a step are faster than four, if every vector needs a solve of its own
 MAX_NARROW_PAIRS, NARROW_BLOCK_WIDTH = 16, 2
 
 

@@ -16,7 +16,7 @@ log = logging.getLogger("ddgcli")
 
 # vectors a step: few for few pairs (fewer applications), more for many (fewer passes over the basis)
 MIN_BLOCK_WIDTH, MAX_BLOCK_WIDTH = 4, 32
-MIN_FREE_VECTORS = 32  # of a basis beyond those wanted: room for the next steps
+MIN_FREE_VECTORS = 32  # of a basis, beyond the eigenvectors that it keeps
 MIN_BASIS_SIZE = 200  # vectors
 RESIDUAL_TOLERANCE = 1e-10  # relative, before the last step; eigenvalues are accurate to its square
 MAX_RESTARTS = 60

@@ -31,18 +31,24 @@ class CholeskyGroup:
         Inverse of the Cholesky factor of the pivots, lower triangular.
     below : (g, u, s) ndarray
         Rows of the Cholesky factor below the pivots.
+    first : int
+        Row of the first pivot among the pivots of all groups; those of one group lie together.
+    update_row : (g, u) ndarray of int64
+        `update` as such rows.
     """
 
     pivot: NDArray[np.int64]
     update: NDArray[np.int64]
     inverse: NDArray
     below: NDArray
+    first: int
+    update_row: NDArray[np.int64]
 
     def subset(self, members: NDArray) -> CholeskyGroup:
         """Factors of some frontal matrices of the group."""
-        return CholeskyGroup(
-            self.pivot[members], self.update[members], self.inverse[members], self.below[members]
-        )
+        inverse, below = self.inverse[members], self.below[members]
+        row = self.update_row[members]
+        return CholeskyGroup(self.pivot[members], self.update[members], inverse, below, self.first, row)
 
 
 def cholesky_groups(levels: list[AssemblyLevel], data: NDArray) -> list[CholeskyGroup]:
@@ -70,13 +76,25 @@ def _empty_factors(groups: list[FrontalGroup], kind: np.dtype) -> list[CholeskyG
     """Uninitialised factors in one array, so that temporary arrays do not fragment the memory."""
     shapes = [(*group.pivot.shape, group.update.shape[1]) for group in groups]
     storage = np.empty(sum(g * s * (s + u) for g, s, u in shapes), dtype=kind)
-    factors, begin = [], 0
+    factors, begin, first = [], 0, 0
+    row = _rows_of_pivots(groups)
     for group, (g, s, u) in zip(groups, shapes, strict=True):
         middle, end = begin + g * s * s, begin + g * s * (s + u)
         inverse, below = storage[begin:middle].reshape(g, s, s), storage[middle:end].reshape(g, u, s)
-        factors.append(CholeskyGroup(group.pivot, group.update, inverse, below))
-        begin = end
+        factors.append(
+            CholeskyGroup(group.pivot, group.update, inverse, below, first, row.take(group.update))
+        )
+        begin, first = end, first + g * s
     return factors
+
+
+def _rows_of_pivots(groups: list[FrontalGroup] | list[CholeskyGroup]) -> NDArray[np.int64]:
+    """Row of each unknown among the pivots of all groups; of the padding, a row that stays zero."""
+    unknown = np.concatenate([group.pivot.ravel() for group in groups])
+    count = 1 + max(int(numbers.max(initial=0)) for g in groups for numbers in (g.pivot, g.update))
+    row = np.full(count, len(unknown))
+    row[unknown] = np.arange(len(unknown))
+    return row
 
 
 def _eliminate(group: FrontalGroup, memory: NDArray, above: NDArray, factor: CholeskyGroup) -> None:
@@ -113,28 +131,49 @@ def inverse_triangles(lower: NDArray) -> NDArray:
 
 
 def cholesky_solve(groups: list[CholeskyGroup], rhs: NDArray) -> NDArray:
-    """Solution for (n,) or (n, k) right-hand sides; skips frontal matrices without a non-zero entry."""
+    """Solution for (n,) or (n, k) right-hand sides; skips frontal matrices without a non-zero entry.
+
+    Unknowns are in the order of the pivots, so that those of a group are a slice.
+    """
     n, k = len(rhs), 1 if rhs.ndim == 1 else rhs.shape[1]
-    x = np.zeros((n + 1, k), dtype=rhs.dtype)  # the last row is padding
-    x[:n] = rhs.reshape(n, k)
-    flat = x.reshape(-1)
+    unknown = np.concatenate([group.pivot.ravel() for group in groups])
+    padded = np.zeros((n + 1, k), dtype=rhs.dtype)
+    padded[:n] = rhs.reshape(n, k)
+    x = np.zeros((len(unknown) + 1, k), dtype=rhs.dtype)  # the last row is padding
+    np.take(padded, unknown, axis=0, out=x[:-1], mode="clip")
     for group in groups:
-        known = x[group.pivot]
-        reached = np.flatnonzero(known.any(axis=(1, 2)))
-        if not len(reached):
-            continue
-        if 2 * len(reached) < len(known):
-            group, known = group.subset(reached), known[reached]
-        reduced = x[group.pivot] = group.inverse @ known
-        place = group.update.ravel() if k == 1 else (group.update[:, :, None] * k + np.arange(k)).ravel()
-        np.subtract.at(flat, place, (group.below @ reduced).ravel())
+        _forward(group, x)
     if np.iscomplexobj(x):
-        x = x.conj()  # once, instead of every block
+        np.conjugate(x, out=x)  # once, instead of every block
     for group in reversed(groups):
-        known = x[group.pivot] - group.below.swapaxes(1, 2) @ x[group.update]
-        x[group.pivot] = group.inverse.swapaxes(1, 2) @ known
-    solution = x[:n].reshape(rhs.shape)
-    return solution.conj() if np.iscomplexobj(solution) else solution
+        pivots = _pivot_rows(group, x)
+        known = pivots - group.below.swapaxes(1, 2) @ x.take(group.update_row, axis=0)
+        np.matmul(group.inverse.swapaxes(1, 2), known, out=pivots)
+    solution = x.take(_rows_of_pivots(groups)[:n], axis=0).reshape(rhs.shape)
+    return np.conjugate(solution, out=solution) if np.iscomplexobj(solution) else solution
+
+
+def _pivot_rows(group: CholeskyGroup, x: NDArray) -> NDArray:
+    """(g, s, k) view of the rows of the pivots of a group."""
+    g, s = group.pivot.shape
+    return x[group.first : group.first + g * s].reshape(g, s, x.shape[1])
+
+
+def _forward(group: CholeskyGroup, x: NDArray) -> None:
+    """Eliminate the pivots of a group from the right-hand sides."""
+    pivots = _pivot_rows(group, x)
+    reached = np.flatnonzero(pivots.reshape(len(pivots), -1).any(axis=1))
+    if 2 * len(reached) < len(pivots):
+        if not len(reached):
+            return
+        group = group.subset(reached)
+        reduced = pivots[reached] = group.inverse @ pivots[reached]
+    else:
+        reduced = group.inverse @ pivots
+        pivots[:] = reduced
+    change, row = group.below @ reduced, group.update_row.ravel()
+    for j in range(x.shape[1]):
+        np.subtract.at(x[:, j], row, change[:, :, j].ravel())
 
 
 def _adjoint(stack: NDArray) -> NDArray:
