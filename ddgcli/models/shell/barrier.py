@@ -8,8 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mechanics.terms import Mode, Potential
+from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle_motion import PlacedMotion
 from ddgcli.models.shell.surfaces import PosedSurface, Surface
+
+STANDARD_GRAVITY = 9.81
+SLIP_FRACTION = 3e-5  # of the speed of a fall: the default slip
 
 
 class Barrier:
@@ -136,6 +140,21 @@ def closest_part(energy: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if -(np.expm1(middle) ** 2) * middle > energy else (low, middle)
     return float(np.exp(high))
+
+
+def slip_speed(slip: float | None, contexts: list[ShellContext], velocity: NDArray | None = None) -> float:
+    """Speed in m/s below which friction grows in proportion: `slip`, if the scene names it.
+
+    By default a small part of the speed of a fall through the size of the shells, with their initial speeds:
+    what friction holds creeps by at most that part of the size in the time of that fall. `velocity` is that
+    of the obstacle.
+    """
+    if slip is not None:
+        return float(slip)
+    size = max(float(np.ptp(np.asarray(context.mesh.points), axis=0).max()) for context in contexts)
+    still = np.zeros(3) if velocity is None else velocity
+    squares = [float(np.sum(np.square(np.array(context.shell.velocity) - still))) for context in contexts]
+    return SLIP_FRACTION * float(np.sqrt(2 * STANDARD_GRAVITY * size + max(squares)))
 
 
 class Friction:

@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ddgcli.models.shell.barrier import Barrier, Friction, MovingBarrier, MovingFriction, closest_part
+from ddgcli.models.shell.barrier import (
+    STANDARD_GRAVITY,
+    Barrier,
+    Friction,
+    MovingBarrier,
+    MovingFriction,
+    closest_part,
+    slip_speed,
+)
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle import Obstacle
 from ddgcli.models.shell.obstacle_motion import PlacedMotion, middle_of, motion_of, surface_of
@@ -19,7 +27,6 @@ from ddgcli.scenes.sections import Key, Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 
-STANDARD_GRAVITY = 9.81
 ENERGY_SAFETY_FACTOR = 2.0  # waves may bring a vertex more than the energy of its own fall
 HALF_GAP = 2 * 0.5 * np.log(2) + 0.5  # slope of the barrier at half its range, in units of its stiffness
 KEY: Key = ("effects", "contact")
@@ -40,7 +47,10 @@ class Contact(Section):
     stiffness: quantity("Pa", "pressure at half the gap; default: what stops the first fall", gt=0) | None = (
         None
     )
-    slip: quantity("m/s", "speed below which friction grows in proportion", gt=0) = 1e-3
+    slip: (
+        quantity("m/s", "speed below which friction grows in proportion; default: see the manual", gt=0)
+        | None
+    ) = None
 
     @model_validator(mode="after")
     def _something(self) -> Contact:
@@ -90,9 +100,10 @@ def _with_obstacle(parameters: Contact, context: ShellContext, obstacle: Obstacl
         )
     if not parameters.friction:
         return [barrier]
+    slip = slip_speed(parameters.slip, [context], motion.pose(0.0).velocity)
     if isinstance(barrier, MovingBarrier):
-        return [barrier, MovingFriction(barrier, parameters.friction, parameters.slip)]
-    return [barrier, Friction(barrier, parameters.friction, parameters.slip)]
+        return [barrier, MovingFriction(barrier, parameters.friction, slip)]
+    return [barrier, Friction(barrier, parameters.friction, slip)]
 
 
 def impact(context: ShellContext, surface: Surface, motion: PlacedMotion) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.shapes import box
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.shell.barrier import STANDARD_GRAVITY, slip_speed
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle import Obstacle
 from ddgcli.models.shell.obstacle_motion import motion_of
@@ -22,7 +23,6 @@ from ddgcli.models.shell.pair_contact import (
     ipctk,
 )
 
-STANDARD_GRAVITY = 9.81
 SELF_GAP_FRACTION = 0.5  # of the least distance at the start between parts that are not adjacent
 MIN_START_DISTANCE = 1e-3  # of the gap: there a barrier has 800 times its pressure at half the gap
 log = logging.getLogger("ddgcli")
@@ -70,7 +70,8 @@ def self_pairs(parameters: Any, context: ShellContext) -> list[Any]:
         gap = _gap_of_pieces(gap, largest_gap(whole), context.shell.name)
         if context.input_vertex is not None:
             mesh = InsetPairMesh(context, gap)
-    return _terms(parameters, mesh, "", (PairBarrier, PairFriction), gap, pressure)
+    slip = slip_speed(parameters.slip, [whole])
+    return _terms(parameters, mesh, "", (PairBarrier, PairFriction), gap, pressure, slip)
 
 
 def _may_break(context: ShellContext) -> bool:
@@ -114,7 +115,8 @@ def _pair_terms(
     velocity: Any = (0.0, 0.0, 0.0),
 ) -> list[Any]:
     gap, pressure = _gap_and_pressure(parameters, contexts, mesh, obstacle, velocity)
-    return _terms(parameters, mesh, obstacle, kind, gap, pressure)
+    slip = slip_speed(parameters.slip, contexts, np.array(velocity))
+    return _terms(parameters, mesh, obstacle, kind, gap, pressure, slip)
 
 
 def _gap_and_pressure(
@@ -145,11 +147,12 @@ def _terms(
     kind: tuple[type[PairBarrier], type[PairFriction]],
     gap: float,
     pressure: float,
+    slip: float,
 ) -> list[Any]:
     barrier = kind[0](mesh, gap, pressure, obstacle)
     if not parameters.friction:
         return [barrier]
-    return [barrier, kind[1](barrier, parameters.friction, parameters.slip)]
+    return [barrier, kind[1](barrier, parameters.friction, slip)]
 
 
 def _start(contexts: list[ShellContext], mesh: PairMesh) -> NDArray[np.float64]:
