@@ -94,6 +94,7 @@ class Factor:
 
     def _factorise(self, name: str, like: Backend | None = None) -> None:
         self._magnitude: csc_array | None = None
+        self._row_scale: NDArray | None = None
         try:
             self._backend = make_backend(name, self.matrix, like)
         except NotPositiveDefinite as error:
@@ -111,7 +112,7 @@ class Factor:
         """Factorise new values; ordering and symbolic analysis are kept when the pattern is the same."""
         matrix = _checked(matrix)
         same = self._analysed and self.matrix.dtype == matrix.dtype and self.same_pattern(matrix)
-        self.matrix, self._magnitude = matrix, None
+        self.matrix, self._magnitude, self._row_scale = matrix, None, None
         if not same:
             self._analysed = False  # where this fails, the analysis is that of another pattern
             self._factorise(self.solver)
@@ -160,9 +161,12 @@ class Factor:
 
     def _has_failed(self, x: NDArray, b: NDArray) -> bool:
         """Whether the residual, rows scaled by the diagonal, is not small relative to the right-hand side."""
-        diagonal = np.abs(self.matrix.diagonal())
-        scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, diagonal.max(initial=0.0) or 1.0))
-        scale = scale if b.ndim == 1 else scale[:, None]
+        if self._row_scale is None:
+            diagonal = np.abs(self.matrix.diagonal())
+            self._row_scale = 1.0 / np.sqrt(
+                np.where(diagonal > 0, diagonal, diagonal.max(initial=0.0) or 1.0)
+            )
+        scale = self._row_scale if b.ndim == 1 else self._row_scale[:, None]
         residual = np.abs(scale * (self.matrix @ x - b)).max()
         return not residual <= FAILURE_RESIDUAL * np.abs(scale * b).max()
 

@@ -14,6 +14,7 @@ __all__ = [
     "integrators",
     "modes",
     "newton",
+    "pair_blocks",
     "rounding",
     "stability",
     "system",

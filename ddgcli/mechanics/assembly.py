@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
+
+from ddgcli.mechanics.pair_blocks import vertex_pairs
 
 
 class Assembly:
@@ -20,43 +24,67 @@ class Assembly:
         Vertices of the elements whose blocks will come. Numbers from n on are internal unknowns of a
         potential, one scalar each, over which its energy is least; they are not shared between potentials,
         and come last in the matrix.
+    by_pairs : sequence of bool, optional
+        Of each stencil, whose elements have distinct vertices: its blocks come as those of pairs (p, k, 9),
+        see `pair_blocks`. Default: no; they come whole, (k, 3s, 3s).
+
+    Attributes
+    ----------
+    by_pairs : list of bool
     """
 
-    def __init__(self, free: NDArray[np.bool_], stencils: list[NDArray]) -> None:
+    def __init__(
+        self, free: NDArray[np.bool_], stencils: list[NDArray], by_pairs: Sequence[bool] = ()
+    ) -> None:
         n, self._free = len(free), free
         stencils, self._internal = _numbered(stencils, n)
         scalar = np.broadcast_to([True, False, False], (self._internal, 3))
         free = np.concatenate([free, scalar])
         own = np.arange(len(free))
-        low, high, first = [own], [own], []
-        for stencil in stencils:
-            k, s = stencil.shape
-            i, j = np.repeat(stencil, s, axis=1).ravel(), np.tile(stencil, (1, s)).ravel()
-            # number of the sub-block's first row, counted in rows of three numbers; the next are s further on
-            corner = (np.arange(k)[:, None, None] * 3 * s + np.arange(s)[:, None] * 3) * s + np.arange(s)
-            kept = i <= j
-            low.append(i[kept])
-            high.append(j[kept])
-            first.append(corner.ravel()[kept])
-        keys, pair = np.unique(np.concatenate(high) * len(free) + np.concatenate(low), return_inverse=True)
-        self._pairs = len(keys)
-        self._own, *pairs = np.split(pair, np.cumsum([len(row_of_pair) for row_of_pair in low])[:-1])
+        self.by_pairs = by_pairs = list(by_pairs) or [False] * len(stencils)
+        entries = [_pairs(s) if paired else _sub_blocks(s) for s, paired in zip(stencils, by_pairs)]
+        low = np.concatenate([own, *(low for low, _, _ in entries)])
+        high = np.concatenate([own, *(high for _, high, _ in entries)])
+        keys, pair = np.unique(high * len(free) + low, return_inverse=True)
+        self._count = len(keys)
+        ends = np.cumsum([len(own), *(len(low) for low, _, _ in entries)])[:-1]
+        self._own, *pairs = np.split(pair, ends)
         self._gathers = [
-            _row_sums(pair, row, stencil.shape[1], len(keys), 3 * stencil.size * stencil.shape[1])
-            for pair, row, stencil in zip(pairs, first, stencils)
+            _pair_sums(of_pair, len(keys))
+            if paired
+            else _row_sums(of_pair, first, stencil.shape[1], len(keys), 3 * stencil.size * stencil.shape[1])
+            for of_pair, (_, _, first), stencil, paired in zip(pairs, entries, stencils, by_pairs)
         ]
-        self._layout = _layout(free, keys % len(free), keys // len(free))
+        low, high = keys % len(free), keys // len(free)
+        self._layout = _layout(free, low, high)
+        other = np.flatnonzero(low < high)
+        self._at_low, self._at_high = (
+            _members(ends[other], other, len(free), len(keys)) for ends in (low, high)
+        )
 
     def matrix(self, blocks: list[NDArray], diagonal: NDArray) -> csc_array:
-        """Sum of (k, 3s, 3s) blocks, in the order of the stencils, plus (n,) numbers times the identity."""
-        sums = np.zeros((3 * self._pairs, 3))
-        for gather, block in zip(self._gathers, blocks):
-            sums += gather @ block.reshape(-1, 3)
-        sums = sums.reshape(-1, 9)
+        """Sum of blocks of elements, in the order of the stencils, plus (n,) numbers times the identity."""
+        sums = np.zeros((self._count, 9))
+        entries = list(zip(self._gathers, blocks, self.by_pairs))
+        for gather, block, paired in entries:
+            if paired:
+                sums += gather @ block.reshape(-1, 9)
+        if any(self.by_pairs):
+            sums[self._own] -= self._translated(sums)
+        for gather, block, paired in entries:
+            if not paired:
+                sums += (gather @ block.reshape(-1, 3)).reshape(sums.shape)
         for axis in range(3):
             sums[self._own[: len(diagonal)], 4 * axis] += diagonal
         layout = self._layout
         return csc_array((sums.ravel()[layout.data], layout.indices, layout.indptr), shape=layout.shape)
+
+    def _translated(self, sums: NDArray) -> NDArray[np.float64]:
+        """(n, 9) sums of each vertex's blocks with all others: what a translation of these does to it."""
+        first = (self._at_low @ sums).reshape(-1, 3, 3)
+        second = (self._at_high @ sums).reshape(-1, 3, 3)
+        both = first + second.transpose(0, 2, 1)
+        return (0.5 * (both + both.transpose(0, 2, 1))).reshape(-1, 9)
 
     def vector(self, v: NDArray) -> NDArray[np.float64]:
         """Entries of a vector (n, 3) or (n, 3, k) in the matrix; 0 for internal unknowns."""
@@ -77,6 +105,38 @@ def _numbered(stencils: list[NDArray], n: int) -> tuple[list[NDArray], int]:
         numbered.append(np.where(stencil >= n, stencil + count, stencil) if count else stencil)
         count += max(int(stencil.max(initial=0)) + 1 - n, 0)
     return numbered, count
+
+
+def _sub_blocks(stencil: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Vertices i <= j of (3, 3) sub-blocks of whole blocks, and their first rows.
+
+    Rows of three numbers are counted; the next rows of a sub-block are s further on.
+    """
+    k, s = stencil.shape
+    i, j = np.repeat(stencil, s, axis=1).ravel(), np.tile(stencil, (1, s)).ravel()
+    corner = (np.arange(k)[:, None, None] * 3 * s + np.arange(s)[:, None] * 3) * s + np.arange(s)
+    kept = i <= j
+    return i[kept], j[kept], corner.ravel()[kept]
+
+
+def _pairs(stencil: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Vertices i < j of the blocks of pairs, and the numbers of these blocks."""
+    ends = [np.sort(stencil[:, pair], axis=1) for pair in map(list, vertex_pairs(stencil.shape[1]))]
+    low, high = np.concatenate(ends).T
+    return low, high, np.arange(len(low))
+
+
+def _pair_sums(pair: NDArray, pairs: int) -> csr_array:
+    """(pairs, size) matrix of ones that sums blocks of elements' pairs to the blocks of the pairs."""
+    order = np.argsort(pair, kind="stable").astype(np.int32)
+    ends = np.concatenate([[0], np.cumsum(np.bincount(pair, minlength=pairs))]).astype(np.int32)
+    return csr_array((np.ones(len(pair)), order, ends), shape=(pairs, len(pair)))
+
+
+def _members(vertex: NDArray, pair: NDArray, n: int, pairs: int) -> csr_array:
+    """(n, pairs) matrix of ones that sums the blocks of pairs to those of a vertex of each."""
+    ones = np.ones(len(pair))
+    return csr_array((ones, (vertex, pair)), shape=(n, pairs))
 
 
 def _row_sums(pair: NDArray, first: NDArray, step: int, pairs: int, size: int) -> csr_array:

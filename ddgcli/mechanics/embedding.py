@@ -78,6 +78,15 @@ class _Energy:
         return self.own_term.blocks(self.rows.of(x), mode)
 
 
+class _Pairs:
+    own_term: Any
+    rows: Rows
+
+    def pair_blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        # its vertices keep their order in the system
+        return self.own_term.pair_blocks(self.rows.of(x), mode)
+
+
 class _Changing:
     own_term: Any
     rows: Rows
@@ -190,6 +199,7 @@ class _Scaled:
 
 CAPABILITIES: dict[str, type] = {
     "energy": _Energy,
+    "pair_blocks": _Pairs,
     "hessian": _Changing,
     "longest": _Barrier,
     "crosses": _Crossing,

@@ -1,14 +1,11 @@
-"""The function that an implicit step minimises, and the sum of its Hessians."""
+"""The function that an implicit step minimises."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
 
 from ddgcli.mechanics.terms import Potential
 
@@ -58,21 +55,3 @@ def shorter_fraction(t: float, change: float, downhill: float) -> float:
     above = change - t * downhill  # of the value over the tangent
     least = -0.5 * downhill * t * t / above if np.isfinite(above) and above > 0 else 0.5 * t
     return min(max(least, MIN_CUT * t), MAX_CUT * t)
-
-
-def with_changing(matrix: csc_array, free: NDArray[np.bool_], hessians: Sequence[Any]) -> csc_array:
-    """The Hessian over the unknowns plus those of elements that change from place to place.
-
-    Parameters
-    ----------
-    matrix : (f, f) csc_array
-        The free coordinates, then internal unknowns.
-    free : (n, 3) ndarray of bool
-    hessians : sequence of (3n, 3n) sparse arrays or None
-    """
-    for hessian in hessians:
-        if hessian is not None and hessian.nnz:
-            free_block = csc_array(hessian if free.all() else hessian[free.ravel()][:, free.ravel()])
-            free_block.resize(matrix.shape)
-            matrix = csc_array(matrix + free_block)
-    return matrix

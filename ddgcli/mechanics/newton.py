@@ -13,17 +13,20 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, diags_array
+from scipy.sparse import csc_array
 
 from ddgcli.errors import SolveError
 from ddgcli.linalg.conjugate import NewtonStep, truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics import low_rank
 from ddgcli.mechanics.assembly import Assembly
-from ddgcli.mechanics.increment import Increment, Point, shorter_fraction, with_changing
+from ddgcli.mechanics.constant_matrices import ConstantMatrices
+from ddgcli.mechanics.hessian import assembly_of, total_hessian
+from ddgcli.mechanics.increment import Increment, Point, shorter_fraction
 from ddgcli.mechanics.rounding import sum_rounding
+from ddgcli.mechanics.secant import MAX_SECANT_RATIO, Secants
 from ddgcli.mechanics.system import System
-from ddgcli.mechanics.terms import Mode, is_dead
+from ddgcli.mechanics.terms import Mode
 from ddgcli.simulation.model import StepRejected
 
 MOVE_TOLERANCE = 1e-9  # a Newton step below this fraction of the object's size ends the iteration
@@ -49,9 +52,10 @@ MAX_CG_RESIDUAL = 0.1
 class Newton:
     """Newton's iteration for one system; keeps its scatter pattern and the symbolic factorisation.
 
-    A step factorises once, at its first guess. Conjugate gradients with that factorisation as preconditioner
-    find the later moves, as exactly as quadratic convergence needs; they factorise anew only where that takes
-    too many rounds. The result of a step depends only on its arguments.
+    A step factorises once, at its first guess. The later moves come from that factorisation and the changes
+    of the gradient, as long as they shrink fast enough; where not, from the Hessian at hand, by conjugate
+    gradients with that factorisation as preconditioner, as exactly as quadratic convergence needs. They
+    factorise anew only where that takes too many rounds. The result of a step depends only on its arguments.
     """
 
     def __init__(self, system: System) -> None:
@@ -60,7 +64,8 @@ class Newton:
         self._factor: Factor | None = None
         self._fresh = False  # whether the factorisation belongs to the step under way
         self._solve: low_rank.Operator | None = None  # with that factorisation and its part of low rank
-        self._constant: dict[float, Factor] = {}
+        self._secants = Secants()
+        self._constant = ConstantMatrices()
 
     # ------------------------------------------------------------ the function
 
@@ -89,29 +94,10 @@ class Newton:
 
     def matrix(self, increment: Increment, y: NDArray, mode: Mode, shift: float = 0.0) -> csc_array:
         """Hessian over the free coordinates."""
-        system = self.system
-        blocks, changing = [], []
-        for potential in system.potentials:
-            if not is_dead(potential):
-                with system.account.within(potential.name):
-                    if hasattr(potential, "hessian"):
-                        changing.append(potential.hessian(y, mode))
-                    else:
-                        blocks.append(potential.blocks(y, mode))
-        for potential in increment.frozen:
-            with system.account.within(potential.name):
-                if hasattr(potential, "hessian"):
-                    hessian = potential.hessian(increment.velocity(y), mode)
-                    changing.append(None if hessian is None else increment.c * hessian)
-                else:
-                    blocks.append(increment.c * potential.blocks(increment.velocity(y), mode))
-        with system.account.within("solver"):
-            if self._assembly is None:
-                stencils = [p.stencil for p in system.potentials if len(p.stencil)]
-                stencils += [p.stencil for p in increment.frozen if not hasattr(p, "hessian")]
-                self._assembly = Assembly(system.free, stencils)
-            matrix = self._assembly.matrix(blocks, (increment.a + shift) * system.mass)
-            return with_changing(matrix, system.free, changing)
+        if self._assembly is None:
+            with self.system.account.within("solver"):
+                self._assembly = assembly_of(self.system, increment)
+        return total_hessian(self.system, increment, self._assembly, y, mode, shift)
 
     # ------------------------------------------------------------ the iteration
 
@@ -123,6 +109,8 @@ class Newton:
         there.
         """
         x = self.with_prescribed(self.carried(x, since))
+        if self._is_linear(increment):  # one solve leads from any guess to the same place
+            return Point(x + self.system.only_free(guesses[0] - x), 0.0, 0.0)
         points = []
         for guess in guesses:
             move = self.system.only_free(guess - x)
@@ -166,9 +154,11 @@ class Newton:
             No convergence, with the vertex of the largest residual.
         """
         system = self.system
-        if system.linear and not increment.frozen:
-            return self._linear(increment, guess.y), 1
-        self._fresh = False
+        if self._is_linear(increment):
+            g = self.slope(increment, guess.y)
+            with system.account.within("solver"):
+                return guess.y - self._constant.solve(system, increment.a, g), 1
+        self._fresh, self._secants = False, Secants()
         enough = MOVE_TOLERANCE * system.size
         point, before, cut, near = guess, np.inf, 0, 0
         for iteration in range(1, MAX_NEWTON_ITERATIONS + 1):
@@ -208,6 +198,10 @@ class Newton:
             before = size if t == 1.0 else np.inf
             near = near + 1 if following <= enough else 0
         raise StepRejected("newton", worst(g), size)
+
+    def _is_linear(self, increment: Increment) -> bool:
+        """Whether the matrix never changes: every potential is quadratic, axis by axis."""
+        return self.system.linear and not increment.frozen
 
     def _settled(self, increment: Increment, y: NDArray, g: NDArray) -> bool:
         """Whether inertia alone already bounds the next move.
@@ -273,8 +267,12 @@ class Newton:
 
         `before` is the length of the last move, `least` what may be missing of this one at any rate.
         """
+        quick = self._secant_direction(y, g, before)
+        if quick is not None:
+            return quick
         matrix, rhs, columns = self.matrix(increment, y, "exact"), self.entries(-g), self.columns(y)
         if not self._fresh:
+            self._secants.add(self.entries(y), -rhs)
             step = self._solved(matrix, columns, rhs)
             if step is not None:
                 return NewtonStep(step, 0.0, 0, True)
@@ -290,6 +288,22 @@ class Newton:
             return self._projected_direction(increment, y, g)
         self._fresh = direction.rounds < MAX_CG_ROUNDS
         return direction
+
+    def _secant_direction(self, y: NDArray, g: NDArray, before: float) -> NewtonStep | None:
+        """Direction by the factorisation at hand and past moves, or None where it contracts too little."""
+        if not self._fresh:
+            return None
+        rhs = self.entries(-g)
+        self._secants.add(self.entries(y), -rhs)
+        if not before < np.inf:
+            return None
+        with self.system.account.within("solver"):
+            step = self._secants.solve(rhs, self._precondition)
+        size = float(np.abs(self.spread(step)).max())
+        if not size <= MAX_SECANT_RATIO * before or not float(rhs @ step) > 0:
+            return None
+        # moves shrink by this ratio or faster: the sum of those to come
+        return NewtonStep(step, size * size / (before - size), 0, True)
 
     def _projected_direction(self, increment: Increment, y: NDArray, g: NDArray) -> NewtonStep:
         """Descent direction of the projected Hessian, which is positive definite."""
@@ -325,6 +339,7 @@ class Newton:
         self._factor.refactor(matrix)
         self._solve = low_rank.solver(partial(self._factor.solve, refine=False), columns)
         self._fresh = True
+        self._secants.restart()
 
     def _precondition(self, rhs: NDArray) -> NDArray:
         return self._solve(rhs)  # type: ignore[misc]
@@ -361,26 +376,6 @@ class Newton:
                 break
             point, move = trial, 2 * move
         return point
-
-    # ------------------------------------------------------------ constant matrices
-
-    def _linear(self, increment: Increment, guess: NDArray) -> NDArray:
-        """One solve with a matrix that never changes: every potential is quadratic, axis by axis."""
-        system = self.system
-        g = self.slope(increment, guess)
-        with system.account.within("solver"):
-            if increment.a not in self._constant:
-                if len(self._constant) > 8:
-                    self._constant.clear()
-                whole = diags_array(increment.a * system.mass).tocsr()
-                for potential in system.potentials:
-                    if len(potential.stencil):
-                        whole = whole + potential.matrix  # type: ignore[attr-defined]
-                rows = system.free[:, 0]
-                self._constant[increment.a] = Factor(csc_array(whole[rows][:, rows]))
-            y = guess.copy()
-            y[system.free[:, 0]] -= self._constant[increment.a].solve(g[system.free[:, 0]])
-        return y
 
 
 def newton_of(system: System) -> Newton:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,3 +33,22 @@ def sum_by_index(index: NDArray, values: NDArray, n: int) -> NDArray:
     for column, value in enumerate(values.reshape(len(flat), sums.shape[1]).T):
         sums[:, column] = np.bincount(flat, weights=value, minlength=n)
     return sums.reshape(n, *trailing)
+
+
+def columns_at(x: NDArray, index: NDArray) -> list[NDArray]:
+    """Rows of x (n, 3) at the columns of an index (k, s), as s arrays (3, k).
+
+    Whole components lie together, which numpy works on several times as fast.
+    """
+    corners = np.take(np.ascontiguousarray(x.T), index.T, axis=1)
+    return [corners[:, k] for k in range(index.shape[1])]
+
+
+def sum_columns_by_index(index: NDArray, columns: Sequence[NDArray], n: int) -> NDArray[np.float64]:
+    """(n, 3) sums of s arrays (3, k) by the columns of an index (k, s); the inverse way of `columns_at`."""
+    flat = index.T.ravel()
+    sums = np.empty((n, 3))
+    for axis in range(3):
+        weights = np.concatenate([column[axis] for column in columns])
+        sums[:, axis] = np.bincount(flat, weights=weights, minlength=n)
+    return sums

@@ -10,9 +10,13 @@ from ddgcli.linalg.backends import NotPositiveDefinite
 from ddgcli.linalg.conjugate import truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.assembly import Assembly
-from ddgcli.mechanics.increment import shorter_fraction
+from ddgcli.mechanics.hessian import assembly_of
+from ddgcli.mechanics.increment import Increment, shorter_fraction
 from ddgcli.mechanics.newton import Newton
+from ddgcli.mechanics.pair_blocks import have_distinct_vertices, whole_blocks
+from ddgcli.mechanics.secant import Secants
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.shell.bending import HingeBending
 from tests.simulate import FALLING_CLOTH, scalar, shell_run
 
 
@@ -40,6 +44,51 @@ def test_assembly_sums_symmetric_blocks(has_fixed):
         matrix = assembly.matrix(blocks, weight)
         assert np.allclose(matrix.toarray(), expected[np.ix_(unknowns, unknowns)], atol=1e-13)
         assert matrix.has_sorted_indices
+
+
+def test_assembly_by_pairs_equals_that_of_whole_blocks():
+    """Elements that translation does not change: pairs say all, in any order of vertices."""
+    rng = np.random.default_rng(1)
+    n, stencils = 7, [rng.permuted(np.tile(np.arange(7), (5, 1)), axis=1)[:, :s] for s in (3, 4, 2)]
+    free = rng.random((n, 3)) > 0.4
+    by_pairs = [rng.normal(size=(s.shape[1] * (s.shape[1] - 1) // 2, 5, 9)) for s in stencils]
+    whole = [whole_blocks(stencil, blocks) for stencil, blocks in zip(stencils, by_pairs)]
+    expected = Assembly(free, stencils).matrix(whole, np.ones(n)).toarray()
+    for flags in ([True, True, True], [False, True, True], [True, False, False]):
+        blocks = [pairs if flag else full for flag, pairs, full in zip(flags, by_pairs, whole)]
+        matrix = Assembly(free, stencils, flags).matrix(blocks, np.ones(n)).toarray()
+        assert np.allclose(matrix, expected, atol=1e-13)
+
+
+def test_hinge_whose_two_apexes_are_one_vertex_is_assembled():
+    """Two triangles back to back: their hinges have a vertex twice, and so no pairs of distinct vertices."""
+    x = np.array([[0, 0, 0], [1, 0, 0], [0.2, 0.9, 0], [0.3, 1.1, 0.4]])
+    stencil = np.array([[0, 1, 2, 2], [0, 1, 2, 3]])
+    hinges = HingeBending(stencil, np.ones(2), np.array([2.0, 0.1]))
+    assert not have_distinct_vertices(stencil) and have_distinct_vertices(stencil[1:])
+    matrix = Assembly(np.ones((4, 3), dtype=bool), [stencil]).matrix([hinges.blocks(x, "exact")], np.zeros(4))
+    system = SimpleNamespace(potentials=[hinges], free=np.ones((4, 3), dtype=bool))
+    increment = Increment(0.0, x)
+    assert assembly_of(system, increment).by_pairs == [False]
+    spin = np.cross([0.3, -1.0, 0.4], x).ravel()
+    force = hinges.gradient(x)
+    assert np.allclose(matrix @ spin, np.cross([0.3, -1.0, 0.4], force).ravel(), atol=1e-12)
+
+
+def test_secants_find_a_minimum_faster_than_the_factorisation_alone():
+    """On a quadratic function, from a matrix near its own; each move descends."""
+    A, near, b = spd(40), spd(40) + 0.8 * spd(40, 1), np.random.default_rng(2).normal(size=40)
+    inverse, truth = np.linalg.inv(near), np.linalg.solve(A, b)
+    secants, y, alone = Secants(), np.zeros(40), np.zeros(40)
+    for _ in range(12):
+        g = A @ y - b
+        secants.add(y, g)
+        move = secants.solve(-g, inverse.__matmul__)
+        assert -g @ move > 0
+        y, alone = y + move, alone - inverse @ (A @ alone - b)
+    assert np.abs(y - truth).max() < 0.1 * np.abs(alone - truth).max()
+    secants.restart()
+    assert np.array_equal(secants.solve(b, inverse.__matmul__), inverse @ b)
 
 
 def test_conjugate_gradients_stop_at_the_tolerance():
@@ -124,10 +173,24 @@ def test_a_step_of_the_hanging_cloth_costs_few_iterations_and_one_factorisation(
         factorise(self, matrix, columns)
 
     monkeypatch.setattr(Newton, "_factorise", counted)
+    hessians, hessian = [], Newton.matrix
+    monkeypatch.setattr(Newton, "matrix", lambda *values: hessians.append(1) or hessian(*values))
     run, _, _ = shell_run(CLOTH.format(integrator=integrator))
     iterations = np.diff(scalar(run, "newton_iterations"))
     assert iterations.mean() <= 5
     assert count[0] <= 1.5 * 30
+    assert len(hessians) <= 0.7 * iterations.sum()  # the others come from changes of the gradient
+
+
+def test_steps_of_a_linear_shell_evaluate_no_energy(monkeypatch):
+    """One solve with the constant matrix is the step from any guess."""
+    values, value = [], Newton.at
+    monkeypatch.setattr(Newton, "at", lambda *arguments: values.append(1) or value(*arguments))
+    linear = CLOTH.replace("stretching = {{}}\n", "").replace(
+        "bending = {{}}", 'bending = {{ model = "quadratic" }}'
+    )
+    run, _, _ = shell_run(linear.format(integrator="newmark"))
+    assert not values and np.ptp(scalar(run, "energy_gravity")) > 0
 
 
 @pytest.mark.parametrize("through", [False, True])

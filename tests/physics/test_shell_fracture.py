@@ -304,7 +304,7 @@ def test_a_shell_that_touches_or_is_tied_to_another_breaks_and_momenta_and_energ
     energy, kinetic = np.array(scalar(snapshots, "energy")), np.array(scalar(snapshots, "energy_kinetic"))
     work = np.array(scalar(snapshots, "plastic_work")) if SOFT in effect else np.zeros(len(energy))
     scale = max(energy - kinetic) + work[-1]
-    assert (released > 0).any() == (other == BALL)  # the plate that is pulled stays flat
+    assert (released > 1e-9 * scale).any() == (other == BALL)  # the plate that is pulled stays flat
     balance = energy + released + work - energy[0]
     assert np.abs(balance).max() < (0.5 if other == BALL else 0.1) * scale and (np.diff(work) >= 0).all()
     last = snapshots[-1].observations

@@ -14,8 +14,9 @@ from pydantic import Field
 from scipy.sparse import coo_array, csr_array
 
 from ddgcli.geometry.hinges import hinge_cotans, hinges
+from ddgcli.mechanics.pair_blocks import PairBlocks, vertex_pairs, whole_blocks
 from ddgcli.mechanics.terms import Mode, Potential, at_last_point, row_blocks
-from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.scatter import sum_columns_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
@@ -68,30 +69,30 @@ class HingeBending:
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         hinge_frame = self._hinge_frame(x)
         moment = 2 * self.weight * hinge.wrapped(hinge_frame.angle - self.rest)
-        return sum_by_index(self.stencil, moment[:, None, None] * hinge.angle_gradient(hinge_frame), len(x))
+        slopes = [moment * slope for slope in hinge.angle_slopes(hinge_frame)]
+        return sum_columns_by_index(self.stencil, slopes, len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
-        hinge_frame, block = self._hinge_frame(x), self._block
+        return whole_blocks(self.stencil, self.pair_blocks(x, mode))
+
+    def pair_blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        hinge_frame = self._hinge_frame(x)
         moment = 2 * self.weight * hinge.wrapped(hinge_frame.angle - self.rest)
-        buffer = np.zeros((2, 512, 9, 12))
-        for rows in row_blocks(len(self.stencil), buffer.shape[1]):
-            piece, double = hinge_frame[rows], 2 * self.weight[rows, None]
-            left, right = buffer[:, : len(double)]
-            slope = hinge.angle_gradient(piece).reshape(-1, 12)
-            if mode != "exact":
-                np.multiply((double * slope)[:, :, None], slope[:, None, :], out=block[rows])
-                continue
-            right[:, 8], left[:, 8] = slope, double * slope
-            hinge.hessian_factors(piece, right[:, 4:8], right[:, 0:4])
-            np.multiply(moment[rows, None, None], right[:, 4:8], out=left[:, 0:4])
-            np.multiply(moment[rows, None, None], right[:, 0:4], out=left[:, 4:8])
-            np.matmul(left.transpose(0, 2, 1), right, out=block[rows])
-        return block
+        for rows in row_blocks(len(self.stencil)):
+            piece = hinge_frame[rows]
+            slopes = hinge.angle_slopes(piece)
+            scaled = [2 * self.weight[rows] * slope for slope in slopes]
+            block = {(a, b): scaled[a][:, None] * slopes[b] for a, b in vertex_pairs(4)}
+            if mode == "exact":
+                for pair, summand in hinge.angle_second_derivatives(piece, moment[rows]):
+                    block[pair] += summand
+            for k, pair in enumerate(vertex_pairs(4)):
+                self._pairs.write(k, rows, block[pair])
+        return self._pairs.values
 
     @cached_property
-    def _block(self) -> NDArray[np.float64]:
-        """Array that every Hessian is written to: fresh memory costs more than the arithmetic."""
-        return np.zeros((len(self.stencil), 12, 12))
+    def _pairs(self) -> PairBlocks:
+        return PairBlocks(self.stencil)
 
 
 class QuadraticBending:

@@ -7,11 +7,14 @@ Tamstorf and Grinspun 2013, checked by finite differences.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mechanics.pair_blocks import vertex_pairs, whole_elements
+from ddgcli.mesh.scatter import columns_at
 from ddgcli.mesh.vectors import cross, dot
 
 
@@ -39,7 +42,7 @@ class HingeFrame:
 
 def hinge_frame(x: NDArray, stencil: NDArray) -> HingeFrame:
     """Geometry of the hinges at positions x."""
-    x0, x1, x2, x3 = (np.ascontiguousarray(x[stencil[:, k]].T) for k in range(4))
+    x0, x1, x2, x3 = columns_at(x, stencil)
     e, p, q = x1 - x0, x2 - x0, x3 - x0
     length = np.sqrt(dot(e, e))
     u = e / length
@@ -51,48 +54,49 @@ def hinge_frame(x: NDArray, stencil: NDArray) -> HingeFrame:
     return HingeFrame(n, nt, double / length, double_t / length, s, st, u, length, angle)
 
 
-def angle_gradient(f: HingeFrame) -> NDArray[np.float64]:
-    """(h, 4, 3) gradient of the angle in the four vertices."""
+def angle_slopes(f: HingeFrame) -> list[NDArray]:
+    """Gradient of the angle in each of the four vertices, (3, h)."""
     a, at = f.n / f.h, f.nt / f.ht
     head, head_t = f.s * a, f.st * at
-    gradient = np.empty((len(f.h), 4, 3))
-    for k, row in enumerate((a - head + at - head_t, head + head_t, -a, -at)):
-        gradient[:, k] = row.T
-    return gradient
+    return [a - head + at - head_t, head + head_t, -a, -at]
+
+
+def angle_gradient(f: HingeFrame) -> NDArray[np.float64]:
+    """(h, 4, 3) gradient of the angle in the four vertices."""
+    return np.stack(angle_slopes(f), axis=1).transpose(2, 1, 0)
 
 
 def angle_hessian(f: HingeFrame) -> NDArray[np.float64]:
     """(h, 12, 12) Hessian of the angle."""
-    left, right = np.zeros((2, len(f.h), 4, 12))
-    hessian_factors(f, left, right)
-    product = np.matmul(left.transpose(0, 2, 1), right)
-    return product + product.transpose(0, 2, 1)
+    blocks = np.zeros((len(vertex_pairs(4)), 3, 3, len(f.h)))
+    for pair, summand in angle_second_derivatives(f, np.ones(len(f.h))):
+        blocks[vertex_pairs(4).index(pair)] += summand
+    return whole_elements(4, blocks.transpose(0, 3, 1, 2))
 
 
-def hessian_factors(f: HingeFrame, left: NDArray, right: NDArray) -> None:
-    """Write (h, 4, 12) rows A and B with the Hessian A'B + B'A into arrays that are zero elsewhere.
+def angle_second_derivatives(
+    f: HingeFrame, factor: NDArray
+) -> Iterator[tuple[tuple[int, int], NDArray[np.float64]]]:
+    """Summands ((a, b), (3, 3, h)) of the Hessian of the angle times (h,) factors, a < b.
 
-    The published blocks factor: a face with heights' feet c = (1 - s, s, -1) on (tail, head, apex) and
-    d = (1, -1, 0) gives c n/h x c m/h + (c u/h + d m/2L) x d n/L and the transpose.
+    Rows belong to vertex a, columns to b; the blocks of one vertex follow, because translation changes
+    nothing. The published blocks factor: a face whose height has its foot at c = (1 - s, s, -1) on (tail,
+    head, apex) has, with d = (1, -1, 0) and a conormal m, the blocks
+    c c' (n m' + m n') / h^2 + c d' u n' / hL + d c' n u' / hL + d d' (n m' + m n') / 2 L^2.
     """
-    for k, (n, h, s, apex, side) in enumerate(((f.n, f.h, f.s, 2, 1.0), (f.nt, f.ht, f.st, 3, -1.0))):
-        m = side * cross(n, f.u)
-        along, across = m / (2 * f.length), n / f.length
-        _write_feet(left[:, 2 * k], n / h, s, apex)
-        _write_feet(right[:, 2 * k], m / h, s, apex)
-        _write_feet(left[:, 2 * k + 1], f.u / h, s, apex, along)
-        right[:, 2 * k + 1, 0:3] = across.T
-        right[:, 2 * k + 1, 3:6] = -across.T
-
-
-def _write_feet(row: NDArray, vector: NDArray, s: NDArray, apex: int, along: NDArray | None = None) -> None:
-    """c times a (3, h) vector, plus d times another, into (h, 12) rows."""
-    head = s * vector
-    tail = vector - head
-    if along is not None:
-        tail += along
-        head -= along
-    row[:, 0:3], row[:, 3:6], row[:, 3 * apex : 3 * apex + 3] = tail.T, head.T, -vector.T
+    edge = 0.5 * factor / f.length**2
+    for n, h, s, apex, side in ((f.n, f.h, f.s, 2, 1.0), (f.nt, f.ht, f.st, 3, -1.0)):
+        nm = n[:, None] * (side * cross(n, f.u))
+        nm = nm + nm.transpose(1, 0, 2)
+        un = (factor / (h * f.length) * f.u)[:, None] * n
+        nu, bent, r = un.transpose(1, 0, 2), factor / h**2, 1 - s
+        yield (0, 1), (r * s * bent - edge) * nm
+        yield (0, 1), s * nu
+        yield (0, 1), -r * un
+        yield (0, apex), -r * bent * nm
+        yield (0, apex), -nu
+        yield (1, apex), -s * bent * nm
+        yield (1, apex), nu
 
 
 def wrapped(angle: NDArray) -> NDArray[np.float64]:

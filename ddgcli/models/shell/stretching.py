@@ -10,9 +10,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import Mode, Potential, at_last_point
-from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mechanics.pair_blocks import PairBlocks, vertex_pairs, whole_blocks
+from ddgcli.mechanics.terms import Mode, Potential, at_last_point, row_blocks
+from ddgcli.mesh.scatter import columns_at, sum_by_index, sum_columns_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import dot
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
@@ -102,77 +104,118 @@ class StVK:
         return StVK(stencil, self.basis[rows], self.area[rows], self.lam, self.mu, rest)
 
     def deformation_gradient(self, x: NDArray) -> NDArray[np.float64]:
-        """(m, 3, 2) F, from differences of positions: they do not depend on the origin."""
-        corners = x[self.stencil]
-        return np.matmul((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1), self.basis[:, 1:])
+        """(m, 3, 2) F."""
+        return np.stack(self._columns(x), axis=-1).transpose(1, 0, 2)
 
     def metric(self, x: NDArray) -> NDArray[np.float64]:
         """(m, 2, 2) F'F."""
-        f = self.deformation_gradient(x)
-        return np.matmul(f.transpose(0, 2, 1), f)
+        return _matrices(*self._products(*self._columns(x)))
+
+    def _columns(self, x: NDArray) -> tuple[NDArray, NDArray]:
+        """Columns (3, m) of F, from differences of positions: they do not depend on the origin."""
+        x0, x1, x2 = columns_at(x, self.stencil)
+        first, second = x1 - x0, x2 - x0
+        rates = self._rates
+        return rates[0, 1] * first + rates[0, 2] * second, rates[1, 1] * first + rates[1, 2] * second
+
+    @staticmethod
+    def _products(f: NDArray, g: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        return dot(f, f), dot(g, g), dot(f, g)
 
     @at_last_point
-    def _stress(self, x: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """Deformation gradient F (m, 3, 2), Green strain and second Piola-Kirchhoff stress (m, 2, 2)."""
-        f = self.deformation_gradient(x)
-        strain = 0.5 * (np.matmul(f.transpose(0, 2, 1), f) - self.rest_metric)
-        trace = strain[:, 0, 0] + strain[:, 1, 1]
+    def _stress(self, x: NDArray) -> tuple[tuple[NDArray, NDArray], NDArray, NDArray]:
+        """Columns of F (3, m); components 11, 22, 12 (3, m) of Green's strain and of the second stress."""
+        f, g = self._columns(x)
+        strain = 0.5 * (np.stack(self._products(f, g)) - self._rest)
         stress = 2 * self.mu * strain
-        stress[:, 0, 0] += self.lam * trace
-        stress[:, 1, 1] += self.lam * trace
-        return f, strain, stress
+        stress[:2] += self.lam * (strain[0] + strain[1])
+        return (f, g), strain, stress
 
     def green_strain(self, x: NDArray) -> tuple[NDArray, NDArray]:
         """(m, 2, 2) Green's strain and second stress (N/m), along the first side of a face and across."""
-        return self._stress(x)[1:]
+        _, strain, stress = self._stress(x)
+        return _matrices(*strain), _matrices(*stress)
 
     def energy(self, x: NDArray) -> float:
         _, strain, stress = self._stress(x)
-        return 0.5 * float(np.sum(self.area * np.einsum("mab,mab->m", strain, stress)))
+        e, s = strain, stress
+        return 0.5 * float(np.sum(self.area * (e[0] * s[0] + e[1] * s[1] + 2 * e[2] * s[2])))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        f, _, stress = self._stress(x)
-        first = np.matmul(f, self.area[:, None, None] * stress)
-        return sum_by_index(self.stencil, np.matmul(self.basis, first.transpose(0, 2, 1)), len(x))
+        (f, g), _, stress = self._stress(x)
+        s = self.area * stress
+        first, second = s[0] * f + s[2] * g, s[2] * f + s[1] * g
+        forces = [b * first + c * second for b, c in zip(*self._rates)]
+        return sum_columns_by_index(self.stencil, forces, len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
-        f, _, stress = self._stress(x)
-        b = self.basis
-        rates, weighted, block = self._buffers
-        # rows: derivatives of E11, E22 and 2 E12 in the nine coordinates
-        np.multiply(b[:, :, None, 0], f[:, None, :, 0], out=rates[:, 0])
-        np.multiply(b[:, :, None, 1], f[:, None, :, 1], out=rates[:, 1])
-        np.multiply(b[:, :, None, 0], f[:, None, :, 1], out=rates[:, 2])
-        rates[:, 2] += b[:, :, None, 1] * f[:, None, :, 0]
-        rate = rates.reshape(-1, 3, 9)
-        lam, mu = self.lam, self.mu
-        law = np.array([[lam + 2 * mu, lam, 0], [lam, lam + 2 * mu, 0], [0, 0, mu]])
-        np.matmul(self.area[:, None, None] * law, rate, out=weighted)
-        np.matmul(rate.transpose(0, 2, 1), weighted, out=block)
-        if mode != "material":
-            s = self.area[:, None, None] * (stress if mode == "exact" else _positive_part(stress))
-            geometric = np.matmul(np.matmul(b, s), b.transpose(0, 2, 1))
-            by_axis = block.reshape(-1, 3, 3, 3, 3)
-            for axis in range(3):
-                by_axis[:, :, axis, :, axis] += geometric
-        return block
+        return whole_blocks(self.stencil, self.pair_blocks(x, mode))
+
+    def pair_blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        (f, g), _, stress = self._stress(x)
+        s = self.area * (stress if mode == "exact" else _positive_part(*stress))
+        for rows in row_blocks(len(self.stencil)):
+            f1, f2 = f[:, rows], g[:, rows]
+            along, across, mixed = f1[:, None] * f1, f2[:, None] * f2, f1[:, None] * f2
+            turned = mixed.transpose(1, 0, 2)
+            s11, s22, s12 = s[:, rows]
+            for k, (i, j) in enumerate(vertex_pairs(3)):
+                p, q, r, t = self._moduli[k, :, rows]
+                block = p * along + q * across + r * mixed + t * turned
+                if mode != "material":
+                    (bi, ci), (bj, cj) = self._rates[:, i, rows], self._rates[:, j, rows]
+                    geometric = bi * (s11 * bj + s12 * cj) + ci * (s12 * bj + s22 * cj)
+                    for axis in range(3):
+                        block[axis, axis] += geometric
+                self._pairs.write(k, rows, block)
+        return self._pairs.values
 
     @cached_property
-    def _buffers(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Arrays that every Hessian is written to: fresh memory costs more than the arithmetic."""
-        m = len(self.area)
-        return np.zeros((m, 3, 3, 3)), np.zeros((m, 3, 9)), np.zeros((m, 9, 9))
+    def _rates(self) -> NDArray[np.float64]:
+        """(2, 3, m) derivatives of the corner functions along both axes."""
+        return np.ascontiguousarray(self.basis.transpose(2, 1, 0))
+
+    @property
+    def _rest(self) -> NDArray[np.float64]:
+        """Components 11, 22, 12 of the metric at rest, (3, m) or (3, 1)."""
+        rest = self.rest_metric
+        return np.stack([rest[..., 0, 0], rest[..., 1, 1], rest[..., 0, 1]]).reshape(3, -1)
+
+    @cached_property
+    def _moduli(self) -> NDArray[np.float64]:
+        """(6, 4, m) numbers by which a block of a pair holds f1 f1', f2 f2', f1 f2' and f2 f1'."""
+        b, c = self._rates
+        long, lam, mu = self.lam + 2 * self.mu, self.lam, self.mu
+        rows = [
+            (
+                long * b[i] * b[j] + mu * c[i] * c[j],
+                long * c[i] * c[j] + mu * b[i] * b[j],
+                lam * b[i] * c[j] + mu * c[i] * b[j],
+                lam * c[i] * b[j] + mu * b[i] * c[j],
+            )
+            for i, j in vertex_pairs(3)
+        ]
+        return self.area * np.array(rows)
+
+    @cached_property
+    def _pairs(self) -> PairBlocks:
+        return PairBlocks(self.stencil)
 
 
-def _positive_part(s: NDArray) -> NDArray[np.float64]:
-    """Symmetric (m, 2, 2) matrices with their negative eigenvalues put to zero, in closed form."""
-    mean = 0.5 * (s[:, 0, 0] + s[:, 1, 1])
-    radius = np.hypot(0.5 * (s[:, 0, 0] - s[:, 1, 1]), s[:, 0, 1])
+def _matrices(first: NDArray, second: NDArray, mixed: NDArray) -> NDArray[np.float64]:
+    """(m, 2, 2) symmetric matrices of their components 11, 22 and 12."""
+    return np.stack([first, mixed, mixed, second], axis=-1).reshape(len(first), 2, 2)
+
+
+def _positive_part(first: NDArray, second: NDArray, mixed: NDArray) -> NDArray[np.float64]:
+    """Components 11, 22, 12 of symmetric matrices without their negative eigenvalues, in closed form."""
+    mean, half = 0.5 * (first + second), 0.5 * (first - second)
+    radius = np.hypot(half, mixed)
     high, low = np.maximum(mean + radius, 0), np.maximum(mean - radius, 0)
     safe = np.where(radius > 0, radius, 1.0)
     slope = np.where(radius > 0, (high - low) / (2 * safe), 0.0)
-    middle = 0.5 * (high + low) - slope * mean
-    return middle[:, None, None] * np.eye(2) + slope[:, None, None] * s
+    middle = 0.5 * (high + low)
+    return np.stack([middle + slope * half, middle - slope * half, slope * mixed])
 
 
 def face_basis(mesh: TriangleMesh) -> NDArray[np.float64]:

@@ -1,0 +1,69 @@
+"""Hessian of the function that an implicit step minimises: the sum of what its terms have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+
+from ddgcli.mechanics.assembly import Assembly
+from ddgcli.mechanics.increment import Increment
+from ddgcli.mechanics.pair_blocks import have_distinct_vertices
+from ddgcli.mechanics.system import System
+from ddgcli.mechanics.terms import Mode, is_dead
+
+
+def assembly_of(system: System, increment: Increment) -> Assembly:
+    """Pattern of the Hessian of a system, with the stencils of its terms."""
+    terms = [p for p in system.potentials if len(p.stencil)]
+    terms += [p for p in increment.frozen if not hasattr(p, "hessian")]
+    by_pairs = [hasattr(p, "pair_blocks") and have_distinct_vertices(p.stencil) for p in terms]
+    return Assembly(system.free, [p.stencil for p in terms], by_pairs)
+
+
+def total_hessian(
+    system: System, increment: Increment, assembly: Assembly, y: NDArray, mode: Mode, shift: float
+) -> csc_array:
+    """Hessian over the free coordinates and the internal unknowns, plus `shift` times the masses."""
+    blocks: list[NDArray] = []
+    changing = []
+    for potential in system.potentials:
+        if not is_dead(potential):
+            with system.account.within(potential.name):
+                if hasattr(potential, "hessian"):
+                    changing.append(potential.hessian(y, mode))
+                elif assembly.by_pairs[len(blocks)]:
+                    blocks.append(potential.pair_blocks(y, mode))  # type: ignore[attr-defined]
+                else:
+                    blocks.append(potential.blocks(y, mode))
+    for potential in increment.frozen:
+        with system.account.within(potential.name):
+            if hasattr(potential, "hessian"):
+                hessian = potential.hessian(increment.velocity(y), mode)
+                changing.append(None if hessian is None else increment.c * hessian)
+            else:
+                blocks.append(increment.c * potential.blocks(increment.velocity(y), mode))
+    with system.account.within("solver"):
+        matrix = assembly.matrix(blocks, (increment.a + shift) * system.mass)
+        return with_changing(matrix, system.free, changing)
+
+
+def with_changing(matrix: csc_array, free: NDArray[np.bool_], hessians: Sequence[Any]) -> csc_array:
+    """The Hessian over the unknowns plus those of elements that change from place to place.
+
+    Parameters
+    ----------
+    matrix : (f, f) csc_array
+        The free coordinates, then internal unknowns.
+    free : (n, 3) ndarray of bool
+    hessians : sequence of (3n, 3n) sparse arrays or None
+    """
+    for hessian in hessians:
+        if hessian is not None and hessian.nnz:
+            free_block = csc_array(hessian if free.all() else hessian[free.ravel()][:, free.ravel()])
+            free_block.resize(matrix.shape)
+            matrix = csc_array(matrix + free_block)
+    return matrix

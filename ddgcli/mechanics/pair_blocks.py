@@ -1,0 +1,74 @@
+"""Hessians of elements as (3, 3) blocks of their pairs of vertices: little more than a third of the numbers.
+
+The energy of such an element does not change by translation, so that the block of a vertex is minus the sum
+of its blocks with the others. Blocks are those of pairs (a, b), a < b, in the order of `vertex_pairs`; in an
+array (p, k, 9) of k elements, rows belong to the vertex of lesser number in the mesh, columns to the other.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@cache
+def vertex_pairs(count: int) -> tuple[tuple[int, int], ...]:
+    """Pairs (a, b), a < b, of an element's vertices."""
+    return tuple((a, b) for a in range(count) for b in range(a + 1, count))
+
+
+class PairBlocks:
+    """Array of the blocks of every pair of every element, written piece by piece.
+
+    It is written to again and again: fresh memory costs more than the arithmetic.
+
+    Parameters
+    ----------
+    stencil : (k, s) ndarray
+        Vertices of the elements.
+
+    Attributes
+    ----------
+    values : (p, k, 9) ndarray
+        p = s (s - 1) / 2 pairs.
+    """
+
+    def __init__(self, stencil: NDArray) -> None:
+        pairs = vertex_pairs(stencil.shape[1])
+        self.values = np.zeros((len(pairs), len(stencil), 9))
+        self._descending = [stencil[:, a] > stencil[:, b] for a, b in pairs]
+
+    def write(self, pair: int, rows: slice, block: NDArray) -> None:
+        """Blocks (3, 3, c) of a pair (a, b) of the elements `rows`: rows belong to a, columns to b."""
+        turned = np.where(self._descending[pair][rows], block.transpose(1, 0, 2), block)
+        self.values[pair, rows] = turned.reshape(9, -1).T
+
+
+def whole_blocks(stencil: NDArray, pair_blocks: NDArray) -> NDArray[np.float64]:
+    """(k, 3s, 3s) blocks of elements from those of their pairs (p, k, 9)."""
+    k, s = stencil.shape
+    blocks = pair_blocks.reshape(len(pair_blocks), k, 3, 3)
+    descending = np.array([stencil[:, a] > stencil[:, b] for a, b in vertex_pairs(s)])
+    return whole_elements(s, np.where(descending[:, :, None, None], blocks.swapaxes(2, 3), blocks))
+
+
+def whole_elements(count: int, blocks: NDArray) -> NDArray[np.float64]:
+    """(k, 3s, 3s) blocks of elements of s vertices from (p, k, 3, 3): rows belong to a, columns to b."""
+    k = blocks.shape[1]
+    whole = np.zeros((k, count, 3, count, 3))
+    for (a, b), block in zip(vertex_pairs(count), blocks):
+        whole[:, a, :, b] = block
+        whole[:, b, :, a] = block.transpose(0, 2, 1)
+        whole[:, a, :, a] -= block
+        whole[:, b, :, b] -= block.transpose(0, 2, 1)
+    for a in range(count):  # symmetric, up to rounding: of the sum and of its transpose, the mean
+        own = whole[:, a, :, a]
+        whole[:, a, :, a] = 0.5 * (own + own.transpose(0, 2, 1))
+    return whole.reshape(k, 3 * count, 3 * count)
+
+
+def have_distinct_vertices(stencil: NDArray) -> bool:
+    """Whether no element has a vertex twice."""
+    return not any((stencil[:, a] == stencil[:, b]).any() for a, b in vertex_pairs(stencil.shape[1]))
