@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 
 from ddgcli.mechanics.pair_blocks import vertex_pairs
+from ddgcli.mesh.indices import matrix_indices
 
 
 class Assembly:
@@ -155,16 +156,16 @@ def _row_sums(pair: NDArray, first: NDArray, step: int, pairs: int, size: int) -
 
 def _layout(free: NDArray[np.bool_], low: NDArray, high: NDArray) -> csc_array:
     """Matrix over the free coordinates whose entries are the numbers of the values that belong there."""
-    number = np.where(free.ravel(), np.cumsum(free.ravel()) - 1, -1)
-    axis = np.arange(3)
     shape = (len(low), 3, 3)
+    number = np.where(free.ravel(), np.cumsum(free.ravel()) - 1, -1)
+    number, axis = matrix_indices(number, free.size, 18 * len(low)), np.arange(3)
     row = np.broadcast_to(number[3 * low[:, None] + axis][:, :, None], shape)
     column = np.broadcast_to(number[3 * high[:, None] + axis][:, None, :], shape)
     value = np.arange(row.size).reshape(shape)
     off = low < high
     rows = np.concatenate([row.ravel(), column[off].ravel()])
     columns = np.concatenate([column.ravel(), row[off].ravel()])
-    values = np.concatenate([value.ravel(), value[off].ravel()])
+    values = np.concatenate([value.ravel(), value[off].ravel()])  # int64: the sums are gathered by them
     kept = (rows >= 0) & (columns >= 0)
     n = int(free.sum())
     layout = csc_array((values[kept], (rows[kept], columns[kept])), shape=(n, n))

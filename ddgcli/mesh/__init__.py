@@ -12,6 +12,7 @@ __all__ = [
     "curve",
     "double_cover",
     "fields",
+    "indices",
     "intrinsic_mesh",
     "ragged",
     "repair",

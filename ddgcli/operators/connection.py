@@ -16,6 +16,7 @@ from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import corner_cotan
 from ddgcli.geometry.unfolding import Fans, vertex_fans
 from ddgcli.mesh.cures import cure
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
@@ -96,8 +97,11 @@ def connection_laplacian(mesh: SurfaceMesh) -> csr_array:
     """
     weight = 0.5 * corner_cotan(mesh.side_length)[:, [2, 0, 1]].ravel()
     transport = weight * edge_transport(mesh)
-    i, j = mesh.topology.side_tail, mesh.topology.side_head
     n = mesh.n_vertices
+    i, j = (
+        matrix_indices(ends, n, 4 * len(weight))
+        for ends in (mesh.topology.side_tail, mesh.topology.side_head)
+    )
     rows, cols = np.concatenate([j, i, i, j]), np.concatenate([i, j, i, j])
     values = np.concatenate([-transport, -transport.conj(), weight, weight])
     return coo_array((values, (rows, cols)), shape=(n, n)).tocsr()

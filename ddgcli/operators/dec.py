@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.geometry.cells import TET_EDGES, CellMetric, tetrahedron_metric, triangle_metric
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh, parity
 from ddgcli.mesh.topology import Topology
@@ -39,9 +40,12 @@ def _incidence(index: NDArray, sign: NDArray, n_columns: int) -> csr_array:
     """Matrix with row i holding sign[i] at columns index[i]; entries in one place (self-edges) add up."""
     rows, per_row = index.shape
     values = np.broadcast_to(sign, index.shape).astype(np.int8).ravel()
-    start = np.arange(0, rows * per_row + 1, per_row)
+    start, column = (
+        matrix_indices(a, index.size, n_columns)
+        for a in (np.arange(0, rows * per_row + 1, per_row), index.flatten())
+    )
     # copied: sum_duplicates sorts in place
-    matrix = csr_array((values, index.flatten(), start), shape=(rows, n_columns))
+    matrix = csr_array((values, column, start), shape=(rows, n_columns))
     matrix.sum_duplicates()
     return matrix
 

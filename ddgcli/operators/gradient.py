@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from ddgcli.geometry.intrinsic import face_area
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import unit_vectors
@@ -43,8 +44,8 @@ def gradient(mesh: TriangleMesh) -> csr_array:
         0, 2, 1
     )
     m = mesh.n_faces
-    columns = np.repeat(mesh.faces[:, None, :], 3, axis=1)
-    pointers = np.arange(0, 9 * m + 1, 3)
+    columns = np.repeat(matrix_indices(mesh.faces, 9 * m, mesh.n_vertices)[:, None, :], 3, axis=1)
+    pointers = matrix_indices(np.arange(0, 9 * m + 1, 3), 9 * m, mesh.n_vertices)
     matrix = csr_array((values.ravel(), columns.ravel(), pointers), shape=(3 * m, mesh.n_vertices))
     matrix.sum_duplicates()
     return matrix

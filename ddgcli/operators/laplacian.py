@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, diags_array
 
 from ddgcli.geometry.intrinsic import corner_cotan, cotan_and_area, face_area, mixed_voronoi_share
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
@@ -56,7 +57,7 @@ def stiffness(mesh: SurfaceMesh) -> csr_array:
 def laplacian_of_sides(mesh: SurfaceMesh, weight: NDArray) -> csr_array:
     """(n, n) weighted graph Laplacian from a weight (m, 3) on each side; the sides of an edge add up."""
     n = mesh.n_vertices
-    corner = mesh.faces.T.astype(np.int32 if n < 2**31 else np.int64)
+    corner = matrix_indices(mesh.faces.T, n, 3 * mesh.n_faces)
     rows, cols = corner.ravel(), corner[NEXT].ravel()
     one_way = coo_array((-weight.T.ravel(), (rows, cols)), shape=(n, n)).tocsr()
     both = one_way + one_way.T.tocsr()
@@ -82,7 +83,7 @@ def uniform_stiffness(mesh: SurfaceMesh) -> csr_array:
     [3.0, 2.0, 2.0, 3.0]
     """
     n = mesh.n_vertices
-    tail, head = mesh.topology.edges.T
+    tail, head = matrix_indices(mesh.topology.edges.T, n, 2 * mesh.topology.n_edges)
     between = tail != head
     tail, head = tail[between], head[between]
     ones = np.ones(len(tail))
@@ -177,7 +178,7 @@ def galerkin_mass(mesh: SurfaceMesh) -> csr_array:
     """
     n = mesh.n_vertices
     area = face_area(mesh.side_length)
-    corner = mesh.faces.T
+    corner = matrix_indices(mesh.faces.T, n, 3 * mesh.n_faces)
     one_way = coo_array(
         (np.tile(area / 12.0, 3), (corner.ravel(), corner[NEXT].ravel())), shape=(n, n)
     ).tocsr()

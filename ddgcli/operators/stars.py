@@ -17,6 +17,7 @@ from ddgcli.choices import HODGE_STARS
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.geometry.cells import TET_EDGES, TRIANGLE_EDGES
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.operators.dec import Complex
 
@@ -157,7 +158,7 @@ def _dual_height(c: Complex) -> NDArray:
 
 def _galerkin(c: Complex, degree: int) -> csr_array:
     local = (_whitney_mass0, _whitney_mass1, _whitney_mass2)[degree](c)
-    index = (c.corners, c.cell_edge, c.cell_face)[degree]
+    index = matrix_indices((c.corners, c.cell_edge, c.cell_face)[degree], c.counts[degree], local.size)
     sign = (None, c.cell_edge_sign, c.cell_face_sign)[degree]
     if sign is not None:
         local = local * sign[:, :, None] * sign[:, None, :]

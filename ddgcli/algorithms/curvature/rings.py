@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.regions import Regions
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.ragged import expand_lists, group_by_key, list_starts
 from ddgcli.mesh.topology import NEXT, Topology
 
@@ -39,7 +40,8 @@ def two_rings(topology: Topology, at_least: int, vertices: NDArray | None = None
     if len(centre) * mean_degree**2 <= MAX_SORTED_PATHS:
         return _rings_by_sorting(faces, topology.n_vertices, centre, at_least)
     may_grow = topology.referenced_vertex[centre]
-    return _rings_by_product(faces, topology.n_vertices, vertices, at_least, may_grow)
+    near = adjacency(topology) if vertices is None else _adjacency_of(faces, topology.n_vertices)
+    return _rings_by_product(near, vertices, at_least, may_grow)
 
 
 def _faces_within(topology: Topology, vertices: NDArray, n_rings: int) -> NDArray[np.int64]:
@@ -92,7 +94,20 @@ def _distinct_pairs(first: NDArray, second: NDArray, n: int) -> tuple[NDArray, N
 
 def adjacency(topology: Topology) -> csr_array:
     """(n, n) ones where an edge joins two vertices, and on the diagonal."""
-    return _adjacency_of(topology.faces, topology.n_vertices)
+    if topology.gluing is not None:  # whose edges may be several between two vertices
+        return _adjacency_of(topology.faces, topology.n_vertices)
+    from scipy.sparse import csr_array
+
+    n, (low, high) = topology.n_vertices, topology.edges.T
+    start = list_starts(np.bincount(low, minlength=n) + 1)
+    # row v: v itself, then its higher neighbours, which the edges list in ascending order
+    member = np.empty(start[-1], dtype=np.int64)
+    is_own = np.zeros(len(member), dtype=bool)
+    is_own[start[:-1]] = True
+    member[is_own], member[~is_own] = np.arange(n), high
+    column, row_start = (matrix_indices(a, n, 2 * len(member)) for a in (member, start))
+    upper = csr_array((np.ones(len(member), dtype=np.float32), column, row_start), shape=(n, n))
+    return upper.maximum(upper.T.tocsr())
 
 
 def _adjacency_of(faces: NDArray, n_vertices: int) -> csr_array:
@@ -101,15 +116,13 @@ def _adjacency_of(faces: NDArray, n_vertices: int) -> csr_array:
     tail, head = faces.ravel(), faces[:, NEXT].ravel()
     ones = np.ones(2 * len(tail), dtype=np.float32)
     rows, cols = np.concatenate([tail, head]), np.concatenate([head, tail])
-    matrix = csr_array((ones, (rows.astype(np.int32), cols.astype(np.int32))), shape=(n_vertices, n_vertices))
+    place = tuple(matrix_indices(ends, n_vertices, len(ones)) for ends in (rows, cols))
+    matrix = csr_array((ones, place), shape=(n_vertices, n_vertices))
     return (matrix + eye_array(n_vertices, dtype=np.float32, format="csr")).tocsr()
 
 
-def _rings_by_product(
-    faces: NDArray, n: int, vertices: NDArray | None, at_least: int, may_grow: NDArray
-) -> Regions:
+def _rings_by_product(near: csr_array, vertices: NDArray | None, at_least: int, may_grow: NDArray) -> Regions:
     """`two_rings` from products of the adjacency matrix."""
-    near = _adjacency_of(faces, n)
     growing = _without_hubs(near)
     ring = ((near if vertices is None else near[vertices]) @ growing).tocsr()
     rows = np.flatnonzero((np.diff(ring.indptr) < at_least + 1) & may_grow)

@@ -16,6 +16,7 @@ from scipy.sparse import coo_array, csr_array
 from ddgcli.geometry.hinges import hinge_cotans, hinges
 from ddgcli.mechanics.pair_blocks import PairBlocks, vertex_pairs, whole_blocks
 from ddgcli.mechanics.terms import Mode, Potential, at_last_point, row_blocks
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.scatter import sum_columns_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell import hinge
@@ -103,8 +104,8 @@ class QuadraticBending:
     def __init__(self, stencil: NDArray, weight: NDArray, c: NDArray, n: int) -> None:
         self.stencil = stencil
         local = weight[:, None, None] * c[:, :, None] * c[:, None, :]
-        rows = np.repeat(stencil, 4, axis=1).ravel()
-        cols = np.tile(stencil, (1, 4)).ravel()
+        corner = matrix_indices(stencil, n, local.size)
+        rows, cols = np.repeat(corner, 4, axis=1).ravel(), np.tile(corner, (1, 4)).ravel()
         self.matrix: csr_array = coo_array((local.ravel(), (rows, cols)), shape=(n, n)).tocsr()
         self._local = local
 
