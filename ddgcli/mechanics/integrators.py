@@ -258,10 +258,28 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
 
 
 def _bdf2(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
-    """Backward differences of second order, for steps of any ratio; the first step is trapezoidal."""
+    """Backward differences of second order, for steps of any ratio; the first step is trapezoidal.
+
+    It may lose any energy. Where a barrier is met it can also give some, so the balance judges its steps.
+    """
+    from ddgcli.mechanics.energy_balance import StoredEnergy, balanced, kinetic
+
+    system, x, v = system.at(motion.time + dt), motion.x, motion.v
+    # first: it shares what the last step computed at its end
+    start = None if system.linear else StoredEnergy.at(_at_start(system, motion), x)
+    after = _backward_difference(system, motion, dt)
+    if start is None:
+        return after
+    end = StoredEnergy.at(system, after.x)
+    work = kinetic(system, after.v) - kinetic(system, v) - system.external_work((x, after.x), dt)
+    work -= _obstacle_work(system, motion, after, dt)
+    return balanced(system, motion, after, start, end, work, dt, np.inf)
+
+
+def _backward_difference(system: System, motion: Motion, dt: float) -> Motion:
+    """A step of `bdf2`, not judged."""
     from ddgcli.mechanics.newton import Increment, newton_of
 
-    system = system.at(motion.time + dt)
     x, v = motion.x, motion.v
     if not motion.past or not motion.past[2][0] > 0:
         return _implicit_newmark(system, motion, dt, 0.25, 0.5)
