@@ -67,8 +67,12 @@ def cholmod_available() -> bool:
     return available
 
 
-def solver_name(solver: str | None, matrix: csc_array, definite: bool) -> str:
-    """Name of the backend for a matrix: `solver`, else DDGCLI_SOLVER, else by size and installed packages."""
+def solver_name(solver: str | None, matrix: csc_array, definite: bool, *, blocks: bool = False) -> str:
+    """Name of the backend for a matrix: `solver`, else DDGCLI_SOLVER, else by size and installed packages.
+
+    `blocks` means many solves with several right-hand sides each: the multifrontal factor treats them
+    together, CHOLMOD through cvxopt one by one.
+    """
     name = solver or os.environ.get("DDGCLI_SOLVER") or "auto"
     if name not in LINEAR_SOLVERS:
         raise ParameterError(
@@ -88,9 +92,10 @@ def solver_name(solver: str | None, matrix: csc_array, definite: bool) -> str:
                 "conjugate gradients with multigrid" if chosen == "multigrid" else "conjugate gradients",
             )  # fmt: skip
             return chosen
-        if matrix.shape[0] >= MIN_CHOLMOD_UNKNOWNS and cholmod_available():
+        large = matrix.nnz >= MIN_MULTIFRONTAL_ENTRIES
+        if matrix.shape[0] >= MIN_CHOLMOD_UNKNOWNS and cholmod_available() and not (blocks and large):
             return "cholmod"
-        return "multifrontal" if matrix.nnz >= MIN_MULTIFRONTAL_ENTRIES else "superlu"
+        return "multifrontal" if large else "superlu"
     return name
 
 

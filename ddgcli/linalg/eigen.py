@@ -14,7 +14,7 @@ from scipy.sparse import csc_array, csr_array, sparray
 from scipy.sparse.linalg import splu
 
 from ddgcli.errors import ParameterError
-from ddgcli.linalg.backends import direct_fits
+from ddgcli.linalg.backends import direct_fits, solver_name
 from ddgcli.linalg.constrain import Poisson
 from ddgcli.linalg.lanczos import MIN_BLOCK_WIDTH, BlockLanczos
 from ddgcli.linalg.ordering import fill_reducing_ordering
@@ -104,6 +104,9 @@ def _scaled_eigenpairs(
 ) -> Eigenpairs:
     """`smallest_eigenpairs` for masses near 1."""
     n = L.shape[0]
+    if options.get("solver") is None:
+        columns = csc_array((L.data, L.indices, L.indptr), shape=L.shape)  # symmetric
+        options = options | {"solver": solver_name(None, columns, True, blocks=k > MAX_NARROW_PAIRS)}
     problem = Poisson(L, M @ np.ones(n), **options)
     if n <= MAX_DENSE_SIZE or 3 * k > n:
         return _with_residuals(L, M, *_dense(M, problem, k), complete=True)

@@ -9,6 +9,7 @@ from scipy.sparse import block_diag, csc_array, csr_array, diags_array, eye_arra
 from scipy.sparse.linalg import eigsh
 
 from ddgcli.errors import ParameterError
+from ddgcli.linalg import backends
 from ddgcli.linalg.backends import cholmod_available
 from ddgcli.linalg.constrain import Poisson
 from ddgcli.linalg.eigen import count_below, smallest_eigenpairs
@@ -134,6 +135,19 @@ def test_eigenvectors_beyond_memory_are_refused_with_the_estimate():
     n = 100_000
     with pytest.raises(ParameterError, match="need about 298 GiB"):
         smallest_eigenpairs(eye_array(n), eye_array(n), n)
+
+
+@pytest.mark.skipif(not cholmod_available(), reason="needs the extra `fast`")
+def test_many_eigenpairs_of_large_surfaces_are_multifrontal_with_the_extra_too(monkeypatch):
+    monkeypatch.delenv("DDGCLI_SOLVER", raising=False)
+    mesh = shapes.random_sphere(3000, seed=1)
+    L, M = stiffness(mesh), lumped_mass(mesh)
+    assert smallest_eigenpairs(L, M, 20).solver == "cholmod"
+    monkeypatch.setattr(backends, "MIN_MULTIFRONTAL_ENTRIES", 10_000)
+    assert smallest_eigenpairs(L, M, 20).solver == "multifrontal"
+    assert smallest_eigenpairs(L, M, 8).solver == "cholmod"
+    monkeypatch.setenv("DDGCLI_SOLVER", "cholmod")
+    assert smallest_eigenpairs(L, M, 20).solver == "cholmod"
 
 
 @pytest.mark.skipif(not cholmod_available(), reason="needs the extra `fast`")
