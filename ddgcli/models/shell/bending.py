@@ -109,11 +109,6 @@ class QuadraticBending:
         self.matrix: csr_array = coo_array((local.ravel(), (rows, cols)), shape=(n, n)).tocsr()
         self._local = local
 
-    @cached_property
-    def _blocks(self) -> NDArray[np.float64]:
-        eye = np.eye(3)
-        return np.einsum("kij,ab->kiajb", self._local, eye).reshape(-1, 12, 12)
-
     def energy(self, x: NDArray) -> float:
         return 0.5 * float(np.vdot(x, self.matrix @ x))
 
@@ -121,7 +116,17 @@ class QuadraticBending:
         return self.matrix @ x
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
-        return self._blocks
+        return whole_blocks(self.stencil, self._pairs.values)
+
+    def pair_blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        return self._pairs.values
+
+    @cached_property
+    def _pairs(self) -> PairBlocks:
+        pairs = PairBlocks(self.stencil)
+        for k, (a, b) in enumerate(vertex_pairs(4)):
+            pairs.write(k, slice(None), np.eye(3)[:, :, None] * self._local[:, a, b])
+        return pairs
 
 
 def hinge_measure(mesh: TriangleMesh, stencil: NDArray, area: NDArray) -> tuple[NDArray, NDArray]:

@@ -46,9 +46,12 @@ class EdgeSprings:
         """Some of the edges, with these numbers of their vertices."""
         return EdgeSprings(stencil, self.rest[rows], self.stiffness[rows])
 
+    @at_last_point
     def _edge(self, x: NDArray) -> tuple[NDArray, NDArray]:
-        vector = x[self.stencil[:, 1]] - x[self.stencil[:, 0]]
-        return vector, np.sqrt(np.einsum("ei,ei->e", vector, vector))
+        """Vectors (3, e) and lengths (e,)."""
+        tail, head = columns_at(x, self.stencil)
+        vector = head - tail
+        return vector, np.sqrt(dot(vector, vector))
 
     def lengths(self, x: NDArray) -> NDArray[np.float64]:
         """(e,) lengths of the edges."""
@@ -59,19 +62,30 @@ class EdgeSprings:
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         vector, length = self._edge(x)
-        force = (self.stiffness / self.rest * (length / self.rest - 1) / length)[:, None] * vector
-        return sum_by_index(self.stencil, np.stack([-force, force], axis=1), len(x))
+        force = (self.stiffness / self.rest * (length / self.rest - 1) / length) * vector
+        return sum_columns_by_index(self.stencil, [-force, force], len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        return whole_blocks(self.stencil, self.pair_blocks(x, mode))
+
+    def pair_blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         vector, length = self._edge(x)
-        unit = vector / length[:, None]
-        k = self.stiffness / self.rest**2
-        across = 1 - self.rest / length
+        along = self.stiffness / self.rest**2
+        across = along * (1 - self.rest / length)
         if mode != "exact":
             across = np.maximum(across, 0) if mode == "projected" else np.zeros_like(across)
-        outer = unit[:, :, None] * unit[:, None, :]
-        block = k[:, None, None] * (outer + across[:, None, None] * (np.eye(3) - outer))
-        return np.block([[block, -block], [-block, block]])
+        unit = vector / length
+        for rows in row_blocks(len(self.stencil)):
+            u = unit[:, rows]
+            block = ((across - along)[rows] * u)[:, None] * u
+            for axis in range(3):
+                block[axis, axis] -= across[rows]
+            self._pairs.write(0, rows, block)
+        return self._pairs.values
+
+    @cached_property
+    def _pairs(self) -> PairBlocks:
+        return PairBlocks(self.stencil)
 
 
 class StVK:
