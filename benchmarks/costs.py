@@ -39,6 +39,7 @@ class Task:
     mesh: str = "sphere"
     exponent: float = 1.05
     suffix: str = ""  # of the kernel's name: kind of elements other than faces
+    short: bool = False  # the command computes its short summary only
 
 
 SURFACE = [
@@ -50,14 +51,19 @@ SURFACE = [
     Task("picture", "info {mesh} --plot {out}.png"),
     Task("repair", "repair {mesh} --for curvature"),
     *(
-        Task(f"curvature {scheme}", f"curvature {{mesh}} --scheme {scheme}")
+        Task(f"curvature {scheme}", f"curvature {{mesh}} --scheme {scheme}", short=True)
         for scheme in ("cotan", "normal-cycle", "corrected", "quadric")
     ),
     *(
-        Task(f"curvature {scheme} radius", f"curvature {{mesh}} --scheme {scheme} --radius {{radius}}")
+        Task(
+            f"curvature {scheme} radius",
+            f"curvature {{mesh}} --scheme {scheme} --radius {{radius}}",
+            short=True,
+        )
         for scheme in ("normal-cycle", "corrected", "quadric")
     ),
-    Task("curvature quadric auto", "curvature {mesh} --radius auto"),
+    Task("curvature quadric auto", "curvature {mesh} --radius auto", short=True),
+    Task("curvature further results", "curvature {mesh} --scheme corrected"),
     Task("delaunay", "delaunay {mesh}"),
     Task("delaunay refine", "delaunay {mesh} --refine 25"),
     Task("delaunay overlay", "delaunay {mesh} --overlay {out}.ply"),
@@ -225,9 +231,9 @@ def elements_of(mesh: Any) -> int:
     return len(mesh.tetrahedra if hasattr(mesh, "tetrahedra") else mesh.faces)
 
 
-def measure(words: list[str], folder: Path) -> MeasuredProcess:
-    """Run `ddgcli WORDS --json`."""
-    run = measured_command([*words, "--json"], folder)
+def measure(words: list[str], folder: Path, *, short: bool = False) -> MeasuredProcess:
+    """Run `ddgcli WORDS --json`, with `short` without --json."""
+    run = measured_command(words if short else [*words, "--json"], folder)
     if run.exit_code == 2:
         raise SystemExit(f"failed: {' '.join(words)}\n{run.error}")
     return run
@@ -256,7 +262,7 @@ def measured_kernel(
     for elements in task.sizes:
         path, radius = make_input(folder, task.mesh, elements)
         words = task.words.format(mesh=path, out=folder / "out", radius=radius).split()
-        run, read = measure(words, folder), read_facts(path, folder)
+        run, read = measure(words, folder, short=task.short), read_facts(path, folder)
         if not facts:  # the kernels as the command itself counts them, and what its imports cost
             facts = dry_run(words, folder)
             start = facts["read_seconds"] - read["read_seconds"]
@@ -274,7 +280,7 @@ def _rest(
     own = next(use for use in uses if use["kernel"] == task.kernel)
     shared = 0.0
     for use in uses:
-        if use is own:
+        if use is own or (task.short and use["kernel"] == "curvature further results"):
             continue
         cost = table.get(f"{use['kernel']} {task.suffix}".strip(), NOTHING)
         seconds -= use["times"] * (cost.seconds + cost.seconds_per_1e5 * n**cost.exponent)

@@ -145,7 +145,9 @@ def test_options_change_what_is_predicted():
     assert names("laplacian", eigen=8) == ["laplacian", "laplacian eigen"]
     assert names("laplacian", eigen=9)[-1] == "laplacian eigenpair"
     assert names("delaunay", refine=25.0, overlay="x") == ["delaunay", "delaunay refine", "delaunay overlay"]
-    ball = kernels_of("curvature", {"scheme": "quadric", "radius": 0.5}, size)[-1]
+    *_, ball, further = kernels_of("curvature", {"scheme": "quadric", "radius": 0.5}, size)
+    assert further.kernel == "curvature further results"
+    assert kernels_of("curvature", {"scheme": "cotan"}, size, full=False) == [Use("curvature cotan")]
     assert ball.kernel == "curvature quadric radius" and math.isclose(ball.times, 25)
     many = kernels_of("geodesic", {"method": "heat", "source": [1, 2], "each_source": True}, size)
     assert many[-1] == Use("geodesic heat solve", 2)

@@ -51,7 +51,8 @@ def predict_run(run: Any, size: InputSize, options: Mapping[str, Any] | None = N
 
     common = run.common
     chosen = {**run.options, **(options or {})}
-    uses = kernels_of(run.command, chosen, size, common.outputs, common.plot is not None)
+    full = common.exceeds_short_summary
+    uses = kernels_of(run.command, chosen, size, common.outputs, common.plot is not None, full)
     prediction = predict(uses, size, calibrate=common.dry_run)
     if run.command == "tradeoff":  # as many methods and repetitions as the budget allows
         return replace(prediction, seconds=prediction.read_seconds + chosen["budget"])

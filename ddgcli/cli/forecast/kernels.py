@@ -68,6 +68,7 @@ def kernels_of(
     size: InputSize,
     outputs: tuple[str, ...] = (),
     plot: bool = False,
+    full: bool = True,
 ) -> list[Use]:
     """Kernels of a command.
 
@@ -81,8 +82,12 @@ def kernels_of(
         Paths of the result; their extensions choose the cost of writing.
     plot : bool
         Whether a picture is drawn.
+    full : bool
+        Whether the run computes more than the short summary of `curvature`.
     """
     uses = list(_KERNELS[command](options, size))
+    if command == "curvature" and full and size.kind != "curve":
+        uses.append(Use("curvature further results"))
     if command not in ("view", "dec", "tradeoff"):
         meshes = [path for path in outputs if Path(path).suffix.lower() not in PICTURES]
         uses += [Use(f"write {_written_as(path)}", size.frame_count) for path in meshes]
