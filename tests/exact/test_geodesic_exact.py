@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.hardcases.meshes import cylinder
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.algorithms.geodesics.certificate import certificate
 from ddgcli.algorithms.geodesics.exact import bundles as window_bundle
@@ -367,3 +368,15 @@ def test_certificate_detects_wrong_distances(count):
     assert short["violations_straight_line"] == away and short["violations_edge_distance"] == 0
     assert long["violations_edge_distance"] > away / 4 and long["violations_lipschitz"] > away / 4
     assert long["lipschitz_excess"] == pytest.approx(0.5, abs=1e-9)
+
+
+def test_a_cylinder_of_needles_has_few_windows_and_its_unrolled_distances():
+    """Rounding decides which vertices of a straight boundary improve each other: ties bring no windows."""
+    around = 500
+    mesh = TriangleMesh.from_arrays(*cylinder(2 * around))
+    result = exact_distance(mesh, 0)
+    step = np.arange(2 * around) % around
+    along = np.minimum(step, around - step) * 2 * np.sin(np.pi / around)
+    truth = np.hypot(along, np.asarray(mesh.points)[:, 2])
+    assert np.abs(result.distance - truth).max() < 1e-12 * truth.max()
+    assert result.windows < 0.2 * (2 * around) ** 2  # 0.83 where each tie bends a path anew

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 DOMINANCE_TOLERANCE = 1e-12  # of the longest side (in [1/2, 1) here); windows are kept within it
+TIE_TOLERANCE = 1e-13  # of the distance: windows along one line from vertices on it differ by rounding
 
 
 def dominate(
@@ -13,7 +14,8 @@ def dominate(
 ) -> tuple[NDArray, NDArray]:
     """Sort windows by side, and trim neighbours to the intervals where each gives the smaller distance.
 
-    Only parts where another window of the batch is at least as near are cut, so no distance changes.
+    Only parts where another window of the batch is at least as near are cut, so no distance changes by more
+    than a tie (TIE_TOLERANCE).
 
     Notes
     -----
@@ -40,8 +42,9 @@ def dominate(
     middle += px
     np.fmin(np.fmax(middle, lo, out=middle), hi, out=middle)
     g_lo, g_hi, g_mid = _gap(at, (base_p, px, py), (base_q, qx, qy))
-    p_wins = (g_lo <= 0) & (g_hi <= 0) & (g_mid <= 0)
-    q_wins = (g_lo > 0) & (g_hi > 0) & (g_mid > 0) & ~contained
+    tie = TIE_TOLERANCE * (1 + np.maximum(base_p, base_q))
+    p_wins = (g_lo <= tie) & (g_hi <= tie) & (g_mid <= tie)
+    q_wins = (g_lo > 0) & (g_hi > 0) & (g_mid > 0) & ~contained & ~p_wins
     p_first = (g_lo < 0) & (g_hi > 0)
     q_first = contained & (g_lo > 0) & (g_hi < 0)
     root = np.flatnonzero(p_first | q_first)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.bundles import Bundles
 from ddgcli.algorithms.geodesics.exact.children import children, norm, reflect, side_turns
-from ddgcli.algorithms.geodesics.exact.dominance import DOMINANCE_TOLERANCE, dominate
+from ddgcli.algorithms.geodesics.exact.dominance import DOMINANCE_TOLERANCE, TIE_TOLERANCE, dominate
 from ddgcli.algorithms.geodesics.exact.pool import POPPED_KEY, WindowOrigins, WindowPool
 from ddgcli.algorithms.geodesics.exact.shadow import MARGIN, shadow_of
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables, incoming_directions
@@ -317,7 +317,7 @@ class Wavefront:
         if not len(self.pending):
             return POPPED_KEY
         distance = self.distance[self.pending]
-        queued = distance < self.spawned_at[self.pending]
+        queued = distance < self.spawned_at[self.pending] - TIE_TOLERANCE * (1 + distance)
         self.pending = self.pending[queued]
         return float(distance[queued].min(initial=POPPED_KEY))
 
