@@ -85,7 +85,7 @@ def test_steep_incline_slides_with_the_acceleration_of_coulomb():
 def test_shallow_incline_sticks():
     snapshots, contexts, _ = run(gravity=gravity_on_incline(10), friction=0.5, duration=0.4)
     speed = np.array(scalar(snapshots, "momentum"))[-1, 0] / contexts["s"].mass.sum()
-    assert 0 < speed < 1e-4  # the creep that regularised friction allows: a part of `slip`
+    assert 0 < speed < 1.5e-4  # the creep that regularised friction allows: a part of `slip`
 
 
 def test_without_friction_the_tangential_momentum_stays():

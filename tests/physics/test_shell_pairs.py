@@ -232,7 +232,7 @@ def test_friction_holds_a_shell_on_an_incline_up_to_the_angle_of_coulomb(kind, d
     snapshots, contexts, _ = shell_run(text)
     speed = total(snapshots, "momentum")[:, 0] / contexts["s"].mass.sum()
     if sticks:
-        assert abs(speed[-1]) < 5e-5  # a part of the default `slip`, 6e-5 m/s
+        assert abs(speed[-1]) < 1.5e-4  # a part of the default `slip`, 2e-4 m/s
         return
     late = np.array([s.time for s in snapshots]) > 0.06
     slope = np.polyfit(np.array([s.time for s in snapshots])[late], speed[late], 1)[0]

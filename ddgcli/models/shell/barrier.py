@@ -13,7 +13,7 @@ from ddgcli.models.shell.obstacle_motion import PlacedMotion
 from ddgcli.models.shell.surfaces import PosedSurface, Surface
 
 STANDARD_GRAVITY = 9.81
-SLIP_FRACTION = 3e-5  # of the speed of a fall: the default slip
+SLIP_FRACTION = 1e-4  # of the speed of a fall: the default slip
 
 
 class Barrier:
