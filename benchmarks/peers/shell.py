@@ -1,13 +1,16 @@
-"""Seconds a step of shell-sim, by effect and integrator, beside feasibility figures and MuJoCo.
+"""Seconds a step of shell-sim, by effect and integrator, beside prototypes, and MuJoCo if it is installed.
 
-Run: `python -m benchmarks.peers.shell`. The feasibility figures are those of prototypes in numpy at 20 000
-triangles on another machine; each is scaled by one sparse factorisation measured in the same run (the
-figure's own was 691 ms with SuperLU), so the ratio is meant to hold on any machine. A full Newton iteration
-there: Hessians, scatter, factorisation, solve. Steps are those of a cloth that has hung for 0.2 s and swings.
+Run: `python -m benchmarks.peers.shell [SIZE ...]`, sizes 3k, 12k and 50k; default all. The feasibility
+figures are those of prototypes in numpy at 20 000 triangles on another machine; each is scaled by one sparse
+factorisation measured in the same run (the figure's own was 691 ms with SuperLU), so the ratio is meant to
+hold on any machine. A full Newton iteration there: Hessians, scatter, factorisation, solve. Steps are those
+of a cloth that has hung for 0.2 s and swings; "newton" counts moves, with or without a new Hessian.
 """
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 from functools import cache
 
 import numpy as np
@@ -24,7 +27,8 @@ from ddgcli.simulation.account import Account
 # milliseconds at 20 000 triangles (29 800 hinges), of the prototypes
 FIGURES = {
     "bending force": 9.1, "bending blocks": 17.0, "stretching force": 9.5, "stretching blocks": 55.0,
-    "edges force": 2.2, "quadratic force": 0.23, "scatter": 7.0, "factor": 691.0, "solve": 12.0,
+    "edges force": 2.2, "quadratic force": 0.23, "scatter": 7.0,
+    "copy of element values": float("nan"), "factor": 691.0, "solve": 12.0,
     "newton iteration": 17 + 55 + 7 + 691 + 12,
 }  # fmt: skip
 MUJOCO_STEP = 0.002  # its longest stable one on this cloth
@@ -54,6 +58,20 @@ def system(n: int, integrator: str = "newmark", membrane: str = "stvk", bending:
     context, _ = model.contexts(scene, None)["s"]
     account = Account()
     return model.make_system(scene, context, account), np.array(context.mesh.points), scene.time, account
+
+
+def constant_matrix_steps(n: int) -> float:
+    """Steps a second of a sheet with quadratic bending alone: the matrix is factorised once."""
+    text = SCENE.format(n=n, integrator="newmark", membrane="stvk", bending="quadratic")
+    scene = resolve(parse_scene(text.replace('stretching = { model = "stvk" }\n', "")), KIND, {})
+    context, _ = model.contexts(scene, None)["s"]
+    s, x = model.make_system(scene, context, Account()), np.array(context.mesh.points)
+    motions = [Motion(x, np.zeros_like(x), s.acceleration(x, 0 * x, 0.01))]
+
+    def advance() -> None:
+        motions[0] = INTEGRATORS["newmark"].step(s, motions[0], 0.01, scene.time)
+
+    return 1e3 / best(advance, 50)
 
 
 @cache
@@ -86,25 +104,31 @@ def kernels(n: int) -> dict[str, float]:
     x = x + 1e-3 * np.random.default_rng(0).normal(size=x.shape)
     stretching, bending = s.potentials[0], s.potentials[1]
     edges = system(n, membrane="edges", bending="quadratic")[0].potentials
-    assembly = Assembly(s.free, [stretching.stencil, bending.stencil])
-    blocks = [stretching.blocks(x, "projected"), bending.blocks(x, "projected")]
+    assembly = Assembly(s.free, [stretching.stencil, bending.stencil], [True, True])
+    blocks = [stretching.pair_blocks(x, "projected"), bending.pair_blocks(x, "projected")]
     diagonal = 4e4 * s.mass
     matrix = assembly.matrix(blocks, diagonal)
     factor = Factor(matrix, solver="superlu")
     rhs = np.ones(matrix.shape[0])
     milliseconds = {
         "bending force": best(lambda: bending.gradient(x)),
-        "bending blocks": best(lambda: bending.blocks(x, "projected")),
+        "bending blocks": best(lambda: bending.pair_blocks(x, "projected")),
         "stretching force": best(lambda: stretching.gradient(x)),
-        "stretching blocks": best(lambda: stretching.blocks(x, "projected")),
+        "stretching blocks": best(lambda: stretching.pair_blocks(x, "projected")),
         "edges force": best(lambda: edges[0].gradient(x)),
         "quadratic force": best(lambda: edges[1].gradient(x)),
         "scatter": best(lambda: assembly.matrix(blocks, diagonal)),
+        "copy of element values": best(lambda: [block.copy() for block in blocks]),
         "factor": best(lambda: factor.refactor(matrix), 2),
         "solve": best(lambda: factor.solve(rhs, refine=False)),
     }
     names = ("bending blocks", "stretching blocks", "scatter", "factor", "solve")
     milliseconds["newton iteration"] = sum(milliseconds[name] for name in names)
+    own = Factor(matrix)
+    rest = sum(milliseconds[name] for name in names[:3])
+    factorisation = best(lambda: own.refactor(matrix), 5)
+    ratio = (rest + factorisation + best(lambda: own.solve(rhs, refine=False))) / factorisation
+    print(f"a Newton iteration takes {ratio:.2f} factorisations by {own.solver}, 20 000 triangles")
     return milliseconds
 
 
@@ -162,6 +186,7 @@ def mujoco_step(n: int) -> float:
 
 def main() -> None:
     sizes = {"3k": 39, "12k": 78, "50k": 158}
+    sizes = {name: n for name, n in sizes.items() if name in sys.argv[1:] or len(sys.argv) == 1}
     print(machine())
     milliseconds = kernels(100)
     scale = milliseconds["factor"] / FIGURES["factor"]
@@ -171,7 +196,9 @@ def main() -> None:
         [[k, f"{v:.2f}", FIGURES[k], f"{FIGURES[k] * scale:.2f}", f"{v / FIGURES[k] / scale:.2f}"]
          for k, v in milliseconds.items()],
     )  # fmt: skip
-    beside_mujoco({name: sizes[name] for name in ("3k", "12k")})
+    print(f"quadratic bending alone, 20 000 triangles: {constant_matrix_steps(100):.0f} steps a second")
+    if importlib.util.find_spec("mujoco") is not None:
+        beside_mujoco({name: n for name, n in sizes.items() if name != "50k"})
     for name, n in sizes.items():
         rows = []
         for integrator, membrane, bending in (
