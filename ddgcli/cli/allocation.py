@@ -2,7 +2,8 @@
 
 The allocator of glibc returns freed blocks above 128 KiB to the system, and the system clears the memory of
 each new array again: a tenth to a third of the time of a command on 400,000 faces. It raises that limit by
-itself in long processes; commands end before.
+itself in long processes; commands end before. On 1.3 million faces `curvature --scheme cotan` and
+`laplacian` take a fifth less time, and 10 to 14 % more memory at the peak.
 """
 
 from __future__ import annotations
