@@ -1,6 +1,6 @@
 """Energy balance of an implicit step: reject steps that gain more than 1 % or lose more than 10 %.
 
-Steps of implicit Euler may lose any energy; what they gain is taken from their impulses.
+Steps of implicit Euler and bdf2 may lose any energy; what they gain is taken from their impulses.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from ddgcli.simulation.model import StepRejected
 
 # of the energy at hand: how far the balance may exceed its minimum, and how far a step may drop it
 MAX_ENERGY_RISE, MAX_ENERGY_FALL = 0.01, 0.1
-MAX_EULER_GAIN = 1e-3  # of the energy at hand, that impulses give back; a step that gains more is halved
+# of the energy at hand, that impulses give back; a step of implicit Euler that gains more is halved
+MAX_EULER_GAIN = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +146,23 @@ def without_gain(
         raise StepRejected("energy rises", value=gain / at_hand, solved=True)
     if not above > least:
         return Motion(after.x, after.v, after.a, after.newton, above)
+    return _drained(system, after, end, above, dt)
+
+
+def without_excess(system: System, before: Motion, after: Motion, end: StoredEnergy, dt: float) -> Motion:
+    """The motion after a balanced step, without an excess above a thousandth of the kinetic energy at hand.
+
+    The excess is taken from the impulses of the nonlinear potentials. It would otherwise stay at the limit of
+    `balanced`, where every small gain rejects a step.
+    """
+    at_hand = max(kinetic(system, before.v), kinetic(system, after.v))
+    if not after.balance_excess > MAX_EULER_GAIN * at_hand:
+        return after
+    return _drained(system, after, end, after.balance_excess, dt)
+
+
+def _drained(system: System, after: Motion, end: StoredEnergy, above: float, dt: float) -> Motion:
+    """The motion with the impulses of the nonlinear potentials scaled so that `above` joules less remain."""
     impulse = system.only_free(-dt * end.gradient / system.mass[:, None])
     quadratic = kinetic(system, impulse)
     slope = float(system.mass @ np.einsum("ni,ni->n", impulse, system.only_free(after.v)))

@@ -262,7 +262,7 @@ def _bdf2(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
 
     It may lose any energy. Where a barrier is met it can also give some, so the balance judges its steps.
     """
-    from ddgcli.mechanics.energy_balance import StoredEnergy, balanced, kinetic
+    from ddgcli.mechanics.energy_balance import StoredEnergy, balanced, kinetic, without_excess
 
     system, x, v = system.at(motion.time + dt), motion.x, motion.v
     # first: it shares what the last step computed at its end
@@ -273,7 +273,8 @@ def _bdf2(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     end = StoredEnergy.at(system, after.x)
     work = kinetic(system, after.v) - kinetic(system, v) - system.external_work((x, after.x), dt)
     work -= _obstacle_work(system, motion, after, dt)
-    return balanced(system, motion, after, start, end, work, dt, np.inf)
+    after = balanced(system, motion, after, start, end, work, dt, np.inf)
+    return without_excess(system, motion, after, end, dt)
 
 
 def _backward_difference(system: System, motion: Motion, dt: float) -> Motion:

@@ -64,7 +64,14 @@ load = {{ force = [0, 0, 1], vertices = [15] }}
 """
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
+# files of every integrator; without files all are in tests/physics/test_shell_resume_table.py
+FILE_INTEGRATORS = [
+    pytest.param(name, marks=[] if name in ("newmark", "verlet", "static") else [pytest.mark.slow])
+    for name in INTEGRATORS
+]
+
+
+@pytest.mark.parametrize("integrator", FILE_INTEGRATORS)
 def test_resumed_run_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
     """Contact with friction, damping, load and pins; an equilibrium, which has one frame to go."""
     text = SHORT_SCENE + PINNED

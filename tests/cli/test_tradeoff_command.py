@@ -144,7 +144,7 @@ def test_the_references_of_the_simulators_cover_their_own_error(command, tmp_pat
     "axes, mesh_class, flow, loosest",
     [
         ((1.0, 1.0, 2.0), "good", "quadratic", 1e-4),
-        ((1.0, 1.0, 2.0), "irregular", "quadratic", 0.1),
+        pytest.param((1.0, 1.0, 2.0), "irregular", "quadratic", 0.1, marks=pytest.mark.slow),
         pytest.param((1.0, 1.0, 2.0), "refined", "quadratic", 0.1, marks=pytest.mark.slow),
         pytest.param((1.0, 2.0, 3.0), "stretched", "quadratic", 0.3, marks=pytest.mark.slow),
         ((1.0, 2.0, 3.0), "irregular", "mean-curvature", 0.02),
