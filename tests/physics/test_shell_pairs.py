@@ -275,6 +275,8 @@ def test_a_moving_mesh_lifts_a_shell_and_its_work_is_booked():
     snapshots, contexts, _ = shell_run(text)
     z = points_by_frame(snapshots, "s")[-1][:, 2]
     assert z.min() > 0.1 and z.max() < 0.1025
+    # 1641 where every small gain of energy halves a step
+    assert scalar(snapshots, "newton_iterations")[-1] < 500
     mass = contexts["s"].mass.sum()
     raised = 9.81 * mass * (z.mean() - 0.002)
     assert scalar(snapshots, "external_work")[-1] == pytest.approx(raised, rel=0.1)
