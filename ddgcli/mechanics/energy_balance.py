@@ -19,7 +19,7 @@ from ddgcli.simulation.model import StepRejected
 # of the energy at hand: how far the balance may exceed its minimum, and how far a step may drop it
 MAX_ENERGY_RISE, MAX_ENERGY_FALL = 0.01, 0.1
 # of the energy at hand, that impulses give back; a step of implicit Euler that gains more is halved
-MAX_EULER_GAIN = 1e-3
+MAX_GAIN_OF_IMPULSES = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ def without_gain(
     gain = end.energy - start.energy - float(np.vdot(force, path)) - kinetic(system, change) - pushed
     at_hand, least = _scales(system, before, after, start, end, dt)
     above = max(0.0, before.balance_excess + gain)
-    if gain > MAX_EULER_GAIN * at_hand + least:
+    if gain > MAX_GAIN_OF_IMPULSES * at_hand + least:
         raise StepRejected("energy rises", value=gain / at_hand, solved=True)
     if not above > least:
         return Motion(after.x, after.v, after.a, after.newton, above)
@@ -156,7 +156,7 @@ def without_excess(system: System, before: Motion, after: Motion, end: StoredEne
     `balanced`, where every small gain rejects a step.
     """
     at_hand = max(kinetic(system, before.v), kinetic(system, after.v))
-    if not after.balance_excess > MAX_EULER_GAIN * at_hand:
+    if not after.balance_excess > MAX_GAIN_OF_IMPULSES * at_hand:
         return after
     return _drained(system, after, end, after.balance_excess, dt)
 

@@ -10,6 +10,7 @@ from scipy.sparse import csr_array, diags_array
 
 from ddgcli.errors import MeshError
 from ddgcli.memory import check_memory
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.operators.dec import Complex
 from ddgcli.operators.stars import Star, hodge_star
 
@@ -121,8 +122,8 @@ def _laplacian(
 def _compact(matrix: Any) -> csr_array:
     """The matrix by rows, with indices of 4 bytes where they fit: products inherit them."""
     rows = csr_array(matrix)
-    if max(*rows.shape, rows.nnz) < 2**31:
-        rows.indices, rows.indptr = rows.indices.astype(np.int32), rows.indptr.astype(np.int32)
+    sizes = (*rows.shape, rows.nnz)
+    rows.indices, rows.indptr = matrix_indices(rows.indices, *sizes), matrix_indices(rows.indptr, *sizes)
     return rows
 
 

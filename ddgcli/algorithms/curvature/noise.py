@@ -112,8 +112,17 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
     """Estimate the noise of the vertices from residuals of cubic fits over two rings.
 
     Takes the median over a sample of vertices, which ignores creases, or a high quantile where that is far
-    above the median without being details. The radius is one that the scheme can
-    measure in.
+    above the median and not due to details. The radius is one that the scheme can measure in.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
+    dihedral : (e,) ndarray
+        Dihedral angles of the edges in radians, positive where convex.
+    scheme : str
+        Name of the scheme of curvature.
     """
     normal = area_normals(faces)
     vertices = _candidates(mesh, faces)

@@ -23,6 +23,14 @@ def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
     Such a surface has convex and concave creases at many vertices, and faces of few shapes (normal and area),
     also where the voxels are turned or no cubes. Mechanical parts have many shapes, and regular grids no
     creases of both signs.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
+    dihedral : (e,) ndarray
+        Dihedral angles of the edges in radians, positive where convex.
     """
     edges, used = mesh.topology.edges, int(mesh.topology.referenced_vertex.sum())
     for sign in (1, -1):
