@@ -30,6 +30,9 @@ class Effect:
         Roles of the objects that it acts on; a scene without such an object is refused.
     repeatable : bool
         Whether `[[effects.NAME]]` may occur several times.
+    acts_on_all : bool
+        Whether the effect acts on every object of its roles where the scene has several and its key `object`
+        names none; otherwise such a scene is refused.
     pairs : callable, optional
         `pairs(parameters)`: names of objects that the effect couples, which then move as one system.
     between : callable, optional
@@ -42,6 +45,7 @@ class Effect:
     cost: str
     roles: tuple[str, ...]
     repeatable: bool = False
+    acts_on_all: bool = False
     pairs: Callable[[Any], list[tuple[str, str]]] | None = None
     between: Callable[[Any, Any], list[Any]] | None = None
 

@@ -27,10 +27,12 @@ bending = {{}}
 """
 
 
-def plate(effects, integrator="newmark", step=0.01, duration=0.1, motion=""):
-    return shell_run(
-        PLATE.format(effects=effects, integrator=integrator, step=step, duration=duration, motion=motion)
-    )[0]
+def plate_text(effects, integrator="newmark", step=0.01, duration=0.1, motion=""):
+    return PLATE.format(effects=effects, integrator=integrator, step=step, duration=duration, motion=motion)
+
+
+def plate(*words, **options):
+    return shell_run(plate_text(*words, **options))[0]
 
 
 @pytest.mark.parametrize("name", ["newmark", "implicit-midpoint", "implicit-euler"])
@@ -77,3 +79,32 @@ def test_air_without_density_changes_no_bit():
     assert len(runs[0]) > 1 and not np.array_equal(*(runs[0][k].observations["s"].points for k in (0, -1)))
     for a, b in zip(*runs, strict=True):
         assert np.array_equal(a.observations["s"].points, b.observations["s"].points)
+
+
+SECOND = """[[object]]
+name = "t"
+role = "shell"
+grid = { size = [0.2, 0.2], cells = [2, 2] }
+material = "rubber"
+position = [0, 0, 1]
+"""
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "wind = {{ {object}velocity = [0, 0, 5] }}",
+        'plasticity = {{ {object}yield_strain = 1e-3 }}\nload = {{ object = "{name}", traction = [0, 0, 1000], vertices = [0] }}',
+    ],
+)
+def test_effect_without_object_acts_on_every_shell_as_on_that_which_it_names(effect):
+    """Each shell moves as in the scene that names it, and not as in the scene that names the other."""
+
+    def end(name, key):
+        text = plate_text(effect.format(object=key, name=name)).replace("[effects]", SECOND + "[effects]")
+        return shell_run(text)[0][-1].observations[name].points
+
+    for name, other in (("s", "t"), ("t", "s")):
+        every = end(name, "")
+        assert np.array_equal(every, end(name, f'object = "{name}", '))
+        assert not np.array_equal(every, end(name, f'object = "{other}", '))

@@ -126,7 +126,8 @@ def terms_of(scene: Scene, context: ShellContext) -> list[Any]:
     def make(effect: Effect, parameters: Any, key: Key) -> list[Any]:
         target = getattr(parameters, "object", None)
         shells = [o.name for o in scene.objects if o.role == "shell"]
-        if target is None and len(shells) > 1 and hasattr(parameters, "object"):
+        needs_object = hasattr(parameters, "object") and not effect.acts_on_all
+        if target is None and len(shells) > 1 and needs_object:
             scene.refuse(
                 key, f'{effect.name}: several shells; name one by object = "..." ({", ".join(shells)})'
             )

@@ -190,8 +190,6 @@ def _inverse_root(metric: NDArray) -> NDArray[np.float64]:
 
 
 def build(parameters: Plasticity, context: ShellContext) -> list[PlasticFlow]:
-    if parameters.object not in (None, context.shell.name):
-        return []
     # by name: the modules of effects that the scene does not name are not imported
     kinds: dict[str, tuple[type[PlasticFlow], float | None]] = {
         "HingeBending": (HingeFlow, parameters.yield_angle),
@@ -213,4 +211,11 @@ def build(parameters: Plasticity, context: ShellContext) -> list[PlasticFlow]:
     return flows
 
 
-EFFECT = Effect("plasticity", Plasticity, build, "one pass over the faces and hinges a step", ("shell",))
+EFFECT = Effect(
+    "plasticity",
+    Plasticity,
+    build,
+    "one pass over the faces and hinges a step",
+    ("shell",),
+    acts_on_all=True,
+)

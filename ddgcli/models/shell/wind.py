@@ -139,8 +139,6 @@ def _depends_on_time(text: str) -> bool:
 
 
 def build(parameters: Wind, context: ShellContext) -> list[FaceDrag]:
-    if parameters.object not in (None, context.shell.name):
-        return []
     if parameters.density == 0 or parameters.normal == parameters.tangential == 0:
         log.warning("effect wind on %s has no strength: it changes nothing", context.shell.name)
         return []
@@ -151,4 +149,4 @@ def build(parameters: Wind, context: ShellContext) -> list[FaceDrag]:
     return [kind(np.asarray(context.mesh.faces), velocity, half, parameters.normal, parameters.tangential)]
 
 
-EFFECT = Effect("wind", Wind, build, "one pass over the faces a step", ("shell",))
+EFFECT = Effect("wind", Wind, build, "one pass over the faces a step", ("shell",), acts_on_all=True)
