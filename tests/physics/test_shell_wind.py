@@ -90,13 +90,13 @@ position = [0, 0, 1]
 """
 
 
-@pytest.mark.parametrize(
-    "effect",
-    [
-        "wind = {{ {object}velocity = [0, 0, 5] }}",
-        'plasticity = {{ {object}yield_strain = 1e-3 }}\nload = {{ object = "{name}", traction = [0, 0, 1000], vertices = [0] }}',
-    ],
-)
+WIND = "wind = {{ {object}velocity = [0, 0, 5] }}"
+YIELD = """plasticity = {{ {object}yield_strain = 1e-3 }}
+load = {{ object = "{name}", traction = [0, 0, 1000], vertices = [0] }}
+"""
+
+
+@pytest.mark.parametrize("effect", [WIND, YIELD], ids=["wind", "plasticity"])
 def test_effect_without_object_acts_on_every_shell_as_on_that_which_it_names(effect):
     """Each shell moves as in the scene that names it, and not as in the scene that names the other."""
 
