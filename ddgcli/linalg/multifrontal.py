@@ -147,8 +147,8 @@ def cholesky_solve(groups: list[CholeskyGroup], rhs: NDArray) -> NDArray:
         np.conjugate(x, out=x)  # once, instead of every block
     for group in reversed(groups):
         pivots = _pivot_rows(group, x)
-        known = pivots - group.below.swapaxes(1, 2) @ x.take(group.update_row, axis=0)
-        np.matmul(group.inverse.swapaxes(1, 2), known, out=pivots)
+        right_side = pivots - group.below.swapaxes(1, 2) @ x.take(group.update_row, axis=0)
+        np.matmul(group.inverse.swapaxes(1, 2), right_side, out=pivots)
     solution = x.take(_rows_of_pivots(groups)[:n], axis=0).reshape(rhs.shape)
     return np.conjugate(solution, out=solution) if np.iscomplexobj(solution) else solution
 
@@ -162,12 +162,12 @@ def _pivot_rows(group: CholeskyGroup, x: NDArray) -> NDArray:
 def _forward(group: CholeskyGroup, x: NDArray) -> None:
     """Eliminate the pivots of a group from the right-hand sides."""
     pivots = _pivot_rows(group, x)
-    reached = np.flatnonzero(pivots.reshape(len(pivots), -1).any(axis=1))
-    if 2 * len(reached) < len(pivots):
-        if not len(reached):
+    active = np.flatnonzero(pivots.reshape(len(pivots), -1).any(axis=1))
+    if 2 * len(active) < len(pivots):
+        if not len(active):
             return
-        group = group.subset(reached)
-        reduced = pivots[reached] = group.inverse @ pivots[reached]
+        group = group.subset(active)
+        reduced = pivots[active] = group.inverse @ pivots[active]
     else:
         reduced = group.inverse @ pivots
         pivots[:] = reduced

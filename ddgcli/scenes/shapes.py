@@ -54,7 +54,10 @@ class Grid(Section):
             raise ValueError("a periodic direction needs at least 3 cells")
         odd = [c for axis, c in zip("xy", self.cells) if axis in self.periodic and c % 2]
         if odd and self.pattern == "alternating":
-            raise ValueError("alternating diagonals need an even number of cells in a periodic direction")
+            raise ValueError(
+                "alternating diagonals need an even number of cells in a periodic direction; "
+                'add a cell, or write pattern = "right"'
+            )
         return self
 
 
