@@ -77,9 +77,7 @@ def drop(seed: int, **overrides: Any) -> tuple[int, float]:
 
     Overrides are keys of the scene's `[time]`.
     """
-    snapshots, contexts, _ = shell_run(
-        drop_scene(seed), lambda name: MeshInput(BALL, name, "0" * 64), **overrides
-    )
+    snapshots, contexts, _ = shell_run(drop_scene(seed), lambda name: MeshInput(BALL, name), **overrides)
     faces, ball = np.asarray(contexts["s"].mesh.faces), (np.asarray(BALL.points), np.asarray(BALL.faces))
     positions = [snapshot.observations["s"].points for snapshot in snapshots]
     crossed = sum(

@@ -71,7 +71,7 @@ class Run:
         self.options = {name: plain(value) for name, value in options.items()}
         self.input: dict[str, Any] = {}
         self.outputs: list[str] = []
-        self._inputs: dict[str, str] = {}  # path -> SHA-256
+        self._inputs: dict[str, Callable[[], str]] = {}  # path -> its SHA-256, computed when called
         self._further_inputs: list[str] = []
         self._input_vertex: Any = None
         self._source: MeshInput | None = None
@@ -202,7 +202,9 @@ class Run:
             source = read_mesh(path, self.common.input_format)
             if message := kind_error(source.mesh, accept, self.command, path):
                 raise MeshError(f"{path}: {message}")
-            self._inputs[path] = source.sha256
+            self._inputs[path] = source.digest.sha256
+            if self._planned_outputs:  # needed later: computed now, it releases the bytes of the file
+                source.digest.sha256()
             self._input_vertex = source.input_vertex
             self._context.meta["ddgcli.input"] = path
             form = self.common.input_format
@@ -238,7 +240,7 @@ class Run:
     def set_input(self, path: str, sha256: str, **facts: Any) -> None:
         """Report an input other than a mesh, such as a scene or a trajectory."""
         self.input = {"path": path, **facts}
-        self._inputs[path] = sha256
+        self._inputs[path] = lambda: sha256
         self._context.meta["ddgcli.input"] = path
 
     @property
@@ -256,12 +258,12 @@ class Run:
     @property
     def metadata(self) -> dict[str, Any]:
         """Provenance, for every output whose format can hold it."""
-        path, sha256 = next(iter(self._inputs.items()), ("", ""))
+        path, sha256 = next(iter(self._inputs.items()), ("", str))
         return {
             "command_line": self.command_line,
             "version": __version__,
             "input": path,
-            "input_sha256": sha256,
+            "input_sha256": sha256(),
             "options": self.options,
             "seed": self.common.seed,
             **({"units_note": self.common.units_note} if self.common.units_note else {}),

@@ -52,6 +52,20 @@ WRITERS = {
 INTRINSIC_FORMATS = (".npz", ".vtkhdf")
 
 
+class ContentDigest:
+    """SHA-256 of the bytes of a file, computed at its first use, which releases the bytes."""
+
+    def __init__(self, content: bytes = b"") -> None:
+        self._content: bytes | None = content
+        self._digest = ""
+
+    def sha256(self) -> str:
+        """Hexadecimal digits."""
+        if self._content is not None:
+            self._digest, self._content = hashlib.sha256(self._content).hexdigest(), None
+        return self._digest
+
+
 @dataclass(frozen=True, eq=False)
 class MeshInput:
     """A mesh with the arrays of its file and notes about the reading.
@@ -59,7 +73,9 @@ class MeshInput:
     Parameters
     ----------
     mesh : TriangleMesh, TetMesh or CurveSet
-    path, sha256 : str
+    path : str
+    digest : ContentDigest
+        Of the file's bytes, which it holds until `sha256` is read.
     vertex, face, edge, whole : dict of str to ndarray
         Arrays of the file; `face` those on cells (tetrahedra, segments), repeated where polygons were
         split; `edge` in the order of the file's own `edges`.
@@ -73,7 +89,7 @@ class MeshInput:
 
     mesh: TriangleMesh | TetMesh | CurveSet
     path: str
-    sha256: str
+    digest: ContentDigest = field(default_factory=ContentDigest, repr=False)
     vertex: dict[str, NDArray] = field(default_factory=dict)
     face: dict[str, NDArray] = field(default_factory=dict)
     edge: dict[str, NDArray] = field(default_factory=dict)
@@ -81,6 +97,11 @@ class MeshInput:
     input_vertex: NDArray | None = None
     input_face: NDArray | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the file's bytes, hexadecimal."""
+        return self.digest.sha256()
 
     @property
     def kind(self) -> str:
@@ -126,7 +147,7 @@ def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
             f"{path}: needs more memory than there is ({excerpt(error)}); the file is damaged"
         ) from error
     return MeshInput(
-        mesh, path, hashlib.sha256(data).hexdigest(), raw.vertex, cells, raw.edge, raw.whole,
+        mesh, path, ContentDigest(data), raw.vertex, cells, raw.edge, raw.whole,
         raw.input_vertex, polygon, tuple(raw.notes),
     )  # fmt: skip
 

@@ -9,21 +9,71 @@ from ddgcli.errors import MeshError
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
+# odd numbers without pattern in their bits, one a coordinate: those of the generator splitmix64
+HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)
+
 
 def merged_points(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Unique positions in order of first appearance, and the unique position of each point."""
-    points = np.asarray(points, dtype=np.float64) + 0.0  # -0 becomes 0
-    if len(points) == 0:
-        return points, np.zeros(0, dtype=np.int64)
-    order = np.lexsort(points.T)
-    ordered = points[order]
-    fresh = np.concatenate([[True], (ordered[1:] != ordered[:-1]).any(axis=1)])
-    group = np.empty(len(points), dtype=np.int64)
-    group[order] = np.cumsum(fresh) - 1
-    first = order[fresh]  # lexsort is stable: the first of its group
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return points[np.sort(first)], rank[group]
+    columns = np.array(np.asarray(points).T, dtype=np.float64, order="C")
+    columns += 0.0  # -0 becomes 0
+    if columns.size == 0:
+        return columns.T, np.zeros(0, dtype=np.int64)
+    order, is_first = _equal_positions(columns)
+    run = np.flatnonzero(is_first)
+    first = order[run]
+    kept = np.zeros(len(order), dtype=bool)
+    kept[first] = True
+    index = np.empty(len(order), dtype=np.int64)
+    index[order] = np.repeat((np.cumsum(kept) - 1)[first], np.diff(run, append=len(order)))
+    return np.ascontiguousarray(columns[:, kept].T), index
+
+
+def _equal_positions(columns: NDArray) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """An order in which equal columns are neighbours, ascending by number; where a new position begins.
+
+    Hashes with the number of the column in their low bits are sorted: one pass over one array instead of one
+    per coordinate. Different positions of one hash are sorted by their coordinates.
+    """
+    n_points = columns.shape[1]
+    n_bits = np.uint64((n_points - 1).bit_length())
+    key = _position_hash(columns)
+    key >>= n_bits
+    key <<= n_bits
+    key |= np.arange(n_points, dtype=np.uint64)
+    key.sort()
+    order = (key & np.uint64((1 << int(n_bits)) - 1)).astype(np.int64)
+    key >>= n_bits
+    is_first = _differs_from_previous(columns, order)
+    collision = key[1:] == key[:-1]
+    collision &= is_first[1:]
+    if collision.any():
+        which = np.flatnonzero(np.isin(key, key[1:][collision]))
+        candidates = order[which]
+        order[which] = candidates[np.lexsort((*columns[:, candidates], key[which]))]
+        is_first = _differs_from_previous(columns, order)
+    return order, is_first
+
+
+def _differs_from_previous(columns: NDArray, order: NDArray) -> NDArray[np.bool_]:
+    differs = np.zeros(len(order), dtype=bool)
+    differs[0] = True
+    for column in columns:
+        ordered = column[order]
+        differs[1:] |= ordered[1:] != ordered[:-1]
+    return differs
+
+
+def _position_hash(columns: NDArray) -> NDArray[np.uint64]:
+    """A hash of each column, in its high bits: its bits, folded and multiplied coordinate by coordinate."""
+    mixed = np.zeros(columns.shape[1], dtype=np.uint64)
+    folded = np.empty_like(mixed)
+    for column, factor in zip(columns, HASH_FACTORS):
+        mixed ^= column.view(np.uint64)
+        np.right_shift(mixed, np.uint64(32), out=folded)
+        mixed ^= folded
+        mixed *= factor
+    return mixed
 
 
 def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:

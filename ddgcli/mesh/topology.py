@@ -369,8 +369,11 @@ def sorted_sides(low: NDArray, high: NDArray, n_vertices: int) -> tuple[NDArray,
     return packed >> bits, packed & ((1 << bits) - 1)
 
 
-def check_faces(faces: NDArray, n_vertices: int) -> NDArray[np.int64]:
-    """Faces as (m, 3) int64 with every index in range, or MeshError naming the first bad one."""
+def check_faces(faces: NDArray, n_vertices: int, *, copy: bool = True) -> NDArray[np.int64]:
+    """Faces as (m, 3) int64 with every index in range, or MeshError naming the first bad one.
+
+    Without `copy`, an array that has this form already is returned itself.
+    """
     faces = np.asarray(faces)
     if faces.size == 0:
         return np.zeros((0, 3), dtype=np.int64)
@@ -385,4 +388,4 @@ def check_faces(faces: NDArray, n_vertices: int) -> NDArray[np.int64]:
         raise MeshError(
             f"face {bad} names vertex {vertex}, outside 0..{n_vertices - 1}; correct the face list"
         )
-    return faces.astype(np.int64)
+    return faces.astype(np.int64, copy=copy)

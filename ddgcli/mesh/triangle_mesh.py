@@ -23,17 +23,16 @@ def check_points(points: NDArray) -> NDArray[np.float64]:
         raise MeshError(f"points must have shape (n, 3), found {points.shape}")
     if points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
-    finite = np.isfinite(points)
-    if not finite.all():
-        bad = np.flatnonzero(~finite.all(axis=1))
+    if len(points) == 0 or (points.min() >= -MAX_COORDINATE and points.max() <= MAX_COORDINATE):
+        return points  # NaN compares False
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(bad):
         raise MeshError(f"vertex {bad[0]} is not finite ({len(bad)} such vertices); correct its coordinates")
-    if len(points) and np.abs(points).max() > MAX_COORDINATE:
-        bad = np.flatnonzero((np.abs(points) > MAX_COORDINATE).any(axis=1))
-        raise MeshError(
-            f"vertex {bad[0]} has a coordinate above {MAX_COORDINATE:g} ({len(bad)} such vertices), and "
-            "lengths leave the range of numbers; rescale the coordinates"
-        )
-    return points
+    bad = np.flatnonzero((np.abs(points) > MAX_COORDINATE).any(axis=1))
+    raise MeshError(
+        f"vertex {bad[0]} has a coordinate above {MAX_COORDINATE:g} ({len(bad)} such vertices), and "
+        "lengths leave the range of numbers; rescale the coordinates"
+    )
 
 
 @dataclass(frozen=True, eq=False)

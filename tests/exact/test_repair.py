@@ -6,7 +6,7 @@ import pytest
 from ddgcli.algorithms.repair.pipeline import RepairSteps, repair_mesh, steps_for
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.intrinsic import face_area
-from ddgcli.mesh import shapes
+from ddgcli.mesh import repair, shapes
 from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -187,3 +187,27 @@ def test_what_cannot_be_repaired_is_refused():
         steps_for("frames")
     with pytest.raises(MeshError, match="`repair=orient`"):
         repair_mesh(turned(sphere, 3), RepairSteps(cut_to_disk=True))
+
+
+@pytest.mark.parametrize("n_hashes", [None, 1, 7])
+def test_merged_points_are_the_unique_positions_whatever_their_hashes(monkeypatch, n_hashes):
+    points = np.random.default_rng(3).integers(-4, 5, (2000, 3)) / 4
+    points[::50] = -0.0
+    points[::333, 1] = np.nan  # equal to nothing, itself included
+    if n_hashes is not None:
+        monkeypatch.setattr(
+            repair, "_position_hash", lambda c: (np.abs(c[0] * 8).astype(np.uint64) % n_hashes) << 60
+        )
+    merged, index = repair.merged_points(points)
+    first: dict[tuple, int] = {}
+    key = [tuple(p) if np.isfinite(p).all() else k for k, p in enumerate((points + 0.0).tolist())]
+    expected = [first.setdefault(k, len(first)) for k in key]
+    assert np.array_equal(index, expected) and len(merged) == len(first) < 1000
+    assert np.array_equal(merged[index], points, equal_nan=True)
+
+
+def test_hashes_of_grids_in_single_precision_differ_as_random_numbers():
+    grid = np.stack(np.meshgrid(*[np.float32(0.1) * np.arange(50, dtype=np.float32)] * 3), -1).reshape(-1, 3)
+    high = repair._position_hash(np.ascontiguousarray(grid.T, dtype=np.float64)) >> np.uint64(34)
+    n_pairs = len(grid) - len(np.unique(high))
+    assert n_pairs < 30  # 7.3 are expected of 125,000 random numbers of 30 bits

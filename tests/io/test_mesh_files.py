@@ -1,5 +1,6 @@
 """Every format gives back what was put in: points, cells, arrays, order; other programs read the same."""
 
+import hashlib
 import json
 
 import numpy as np
@@ -230,3 +231,12 @@ def test_a_binary_ply_whose_header_ends_its_lines_with_cr_lf_keeps_every_byte_of
     windows.write_bytes((header + mark).replace(b"\n", b"\r\n") + body)
     assert np.array_equal(read_mesh(str(windows)).mesh.points, mesh.points)
     assert np.array_equal(read_mesh(str(windows)).mesh.faces, mesh.faces)
+
+
+def test_the_digest_of_an_input_is_that_of_the_bytes_that_were_read(tmp_path):
+    path = tmp_path / "ball.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(1)))
+    expected = hashlib.sha256(path.read_bytes()).hexdigest()
+    source = read_mesh(str(path))
+    path.write_bytes(b"another file")
+    assert source.sha256 == expected == source.sha256

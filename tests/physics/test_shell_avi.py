@@ -36,7 +36,7 @@ def graded(name):
     """Columns that grow from 1/216 to 91/216 of the length, on a curve, so that they move."""
     mesh = grid(6, 2)
     x, y = np.asarray(mesh.points)[:, :2].T
-    return MeshInput(mesh.moved(np.stack([x**3, 0.4 * y, 0.1 * x**2], axis=1)), name, "0" * 64)
+    return MeshInput(mesh.moved(np.stack([x**3, 0.4 * y, 0.1 * x**2], axis=1)), name)
 
 
 def run(integrator, step, duration, every=None, shape='mesh = "graded"', stretching="stvk", more=""):

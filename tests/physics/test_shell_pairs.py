@@ -41,7 +41,7 @@ def obstacle(text):
 
 
 def read_ball(name):
-    return MeshInput(BALL, name, "0" * 64)
+    return MeshInput(BALL, name)
 
 
 def total(snapshots, name):

@@ -77,7 +77,7 @@ def pulled(x, length, part_of_length=PULLED):
 def test_a_knot_pulled_tight_never_passes_through_itself():
     mesh, length = open_trefoil(70, 0.008)
     x = np.asarray(mesh.points)
-    snapshots, _, _ = shell_run(pulled(x, length), lambda name: MeshInput(mesh, name, "0" * 64))
+    snapshots, _, _ = shell_run(pulled(x, length), lambda name: MeshInput(mesh, name))
     faces = np.asarray(mesh.faces)
     for points in points_by_frame(snapshots, "s"):
         assert not meshes_intersect(points, faces, points, faces)

@@ -128,7 +128,7 @@ def run(name, integrator, resume=None):
     text = SCENE.format(integrator=integrator, steps=steps, shape=shape, place=place, more=more,
                         effects=effects)  # fmt: skip
     scene = resolve(parse_scene(text), KIND, {})
-    ball = MeshInput(icosphere(0, 0.1), "ball", "0" * 64)
+    ball = MeshInput(icosphere(0, 0.1), "ball")
     contexts = {n: context for n, (context, _) in model.contexts(scene, lambda file: ball).items()}
     account = Account()
     return list(evolve(model.build(scene, contexts, account), scene.schedule(), account, resume))

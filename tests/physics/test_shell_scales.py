@@ -84,7 +84,7 @@ def test_a_shell_of_one_triangle_turns_on(integrator):
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
     triangle = TriangleMesh.from_arrays(np.eye(3)[:, [1, 2, 0]] * [1, 0.8, 0], np.array([[0, 1, 2]]))
-    snapshots, _, _ = shell_run(ONE.format(integrator=integrator), lambda n: MeshInput(triangle, n, "0" * 64))
+    snapshots, _, _ = shell_run(ONE.format(integrator=integrator), lambda n: MeshInput(triangle, n))
     points = snapshots[-1].observations["s"].points
     centre = points.mean(axis=0)
     assert np.abs(centre - np.asarray(triangle.points).mean(axis=0)).max() < 1e-9

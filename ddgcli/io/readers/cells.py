@@ -56,16 +56,21 @@ def add_vtk_cells(
                 f"{int((sizes[which] > keep).sum())} cells of higher order reduced to their corners"
             )
     if lists["face"]:
-        raw.corners = np.concatenate([m for m, _ in lists["face"]]).astype(np.int64)
-        raw.sizes = np.concatenate([s for _, s in lists["face"]]).astype(np.int64)
+        raw.corners = _joined([m for m, _ in lists["face"]])
+        raw.sizes = _joined([s for _, s in lists["face"]])
     if lists["tetra"]:
-        raw.tetrahedra = np.concatenate([m for m, _ in lists["tetra"]]).reshape(-1, 4).astype(np.int64)
+        raw.tetrahedra = _joined([m for m, _ in lists["tetra"]]).reshape(-1, 4)
     if lists["line"]:
-        raw.lines = np.concatenate([m for m, _ in lists["line"]]).reshape(-1, 2).astype(np.int64)
+        raw.lines = _joined([m for m, _ in lists["line"]]).reshape(-1, 2)
     for kind, place in (("face", raw.face), ("tetra", raw.cell), ("line", raw.line)):
         if groups[kind]:
             owner = np.concatenate(groups[kind])
             place.update({name: value[owner] for name, value in arrays.items()})
+
+
+def _joined(arrays: list[NDArray]) -> NDArray[np.int64]:
+    """The arrays one after the other; one array alone is not copied."""
+    return (np.concatenate(arrays) if len(arrays) > 1 else arrays[0]).astype(np.int64, copy=False)
 
 
 def _kind(code: int) -> tuple[str, int | None]:
@@ -84,7 +89,10 @@ def _nodes(
     if keep is not None:
         if (sizes[which] < keep).any():
             raise MeshFileError(f"a cell has fewer than {keep} nodes; the file is damaged")
-        nodes = connectivity[start[which, None] + np.arange(keep)]
+        if (sizes[which] == keep).all():  # then the nodes lie one after the other
+            nodes = connectivity[start[which[0]] :][: keep * len(which)].reshape(-1, keep)
+        else:
+            nodes = connectivity[start[which, None] + np.arange(keep)]
         if kind == "pixel":
             nodes = nodes[:, [0, 1, 3, 2]]
         return nodes.ravel(), which, np.full(len(which), keep)

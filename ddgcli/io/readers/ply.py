@@ -182,7 +182,7 @@ class _Binary:
 
     @staticmethod
     def _list(members, size: int, count: int) -> tuple[NDArray, NDArray]:
-        return np.ascontiguousarray(members).ravel(), np.full(count, size, dtype=np.int64)
+        return members, np.full(count, size, dtype=np.int64)
 
     def _uniform(self, element: _Element, sizes: dict[str, int]) -> Columns:
         """All rows alike: one view of the bytes. A list `x` also gives its counts, as `\\0x`."""
@@ -301,7 +301,9 @@ def _raw(columns: dict[str, Columns]) -> RawMesh:
     if vertex and any(isinstance(vertex.get(c, ()), tuple) for c in "xyz"):
         raise MeshFileError("the PLY vertices have no numbers x, y and z; check the file")
     if vertex:
-        points = np.stack([np.asarray(vertex.pop(c), dtype=np.float64) for c in "xyz"], axis=1)
+        points = np.empty((len(vertex["x"]), 3))
+        for k, name in enumerate("xyz"):
+            points[:, k] = vertex.pop(name)
     else:
         points = np.zeros((0, 3))
     raw = RawMesh(points, vertex=_with_appearance(_scalars(vertex)))
@@ -310,13 +312,13 @@ def _raw(columns: dict[str, Columns]) -> RawMesh:
     if corners is not None and not isinstance(corners, tuple):
         raise MeshFileError("'vertex_indices' of the PLY faces is no list; correct the header")
     if corners is not None:
-        raw.corners, raw.sizes = whole_numbers(np.asarray(corners[0]), "vertex number"), corners[1]
+        raw.corners, raw.sizes = whole_numbers(np.asarray(corners[0]), "vertex number").ravel(), corners[1]
         raw.face = _with_appearance(_scalars(face))
         texture = face.get("texcoord")
         if isinstance(texture, tuple) and np.array_equal(texture[1], 2 * raw.sizes):
             raw.corner_uv = np.asarray(texture[0], dtype=np.float64).reshape(-1, 2)
     for members, _ in (v for v in columns.get("tristrips", {}).values() if isinstance(v, tuple)):
-        raw.add_faces(_strips(whole_numbers(np.asarray(members), "vertex number")))
+        raw.add_faces(_strips(whole_numbers(np.asarray(members), "vertex number").ravel()))
     edge = columns.get("edge", {})
     if {"vertex1", "vertex2"} <= edge.keys():
         ends = [edge[k] for k in ("vertex1", "vertex2")]

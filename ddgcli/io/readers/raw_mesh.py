@@ -12,8 +12,8 @@ from ddgcli.io.appearance import CORNER_UV, UV, corner_uv, uv_of_corners
 from ddgcli.io.readers.triangulate import triangulated
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.tet_mesh import TetMesh
-from ddgcli.mesh.topology import check_faces
-from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.topology import Topology, check_faces
+from ddgcli.mesh.triangle_mesh import TriangleMesh, check_points
 
 InputMesh = TriangleMesh | TetMesh | CurveSet
 
@@ -90,11 +90,13 @@ def assembled(raw: RawMesh) -> tuple[InputMesh, dict[str, NDArray], NDArray | No
 def _surface(raw: RawMesh) -> tuple[TriangleMesh, dict[str, NDArray], NDArray | None]:
     if (raw.sizes == 3).all():
         faces = raw.corners.reshape(-1, 3)
-        mesh = TriangleMesh.from_arrays(raw.points, faces)
+        points = check_points(np.asarray(raw.points))
+        mesh = TriangleMesh(points, Topology(check_faces(faces, len(points), copy=False), len(points)))
         if CORNER_UV in raw.face and (stored := corner_uv(raw.face)) is not None:
             raw.face[CORNER_UV] = stored
-        return mesh, {**raw.face, **_textured(raw, faces, np.arange(faces.size))}, None
-    check_faces(raw.corners[: len(raw.corners) // 3 * 3].reshape(-1, 3), len(raw.points))
+        corner = np.arange(faces.size) if raw.corner_uv is not None else np.zeros(0, dtype=np.int64)
+        return mesh, {**raw.face, **_textured(raw, faces, corner)}, None
+    check_faces(raw.corners[: len(raw.corners) // 3 * 3].reshape(-1, 3), len(raw.points), copy=False)
     check_faces(
         raw.corners[-3:].reshape(-1, 3) if len(raw.corners) > 2 else np.zeros((0, 3)), len(raw.points)
     )

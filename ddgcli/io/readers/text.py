@@ -146,7 +146,9 @@ def integers(text: bytes) -> NDArray[np.int64] | None:
 
 
 def whole_numbers(values: NDArray, what: str) -> NDArray[np.int64]:
-    """Floats as int64; MeshFileError where one is not a whole number that int64 can hold."""
+    """Numbers as int64; MeshFileError where one is not a whole number that int64 can hold."""
+    if values.dtype.kind in "iu" and values.dtype.itemsize < 8:
+        return values.astype(np.int64)
     with np.errstate(invalid="ignore"):
         bad = np.flatnonzero(~((values == np.rint(values)) & (np.abs(values) < 2**53)))
     if len(bad):

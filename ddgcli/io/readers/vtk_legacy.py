@@ -90,11 +90,11 @@ class _Words:
             return typed(numbers(self._text(count)), dtype, "the value")
         self.at = self.data.index(b"\n", self.at) + 1 if count else self.at
         size = count * dtype.itemsize
-        block = self.data[self.at : self.at + size]
-        if len(block) < size:
-            raise ValueError(f"{len(block)} bytes, {size} announced")
+        if len(self.data) - self.at < size:
+            raise ValueError(f"{len(self.data) - self.at} bytes, {size} announced")
+        block = np.frombuffer(self.data, dtype.newbyteorder(">"), count, self.at)
         self.at += size
-        return np.frombuffer(block, dtype.newbyteorder(">")).astype(dtype)
+        return block.astype(dtype)
 
     def _text(self, count: int) -> bytes:
         """The next `count` words, from a window that grows: short arrays cost no copies of the file."""
@@ -126,7 +126,9 @@ def _read(words: _Words) -> RawMesh:
     while word := words.next().upper():
         if word == "POINTS":
             n_points = words.count()
-            raw.points = words.values(3 * n_points, words.next()).astype(np.float64).reshape(-1, 3)
+            raw.points = (
+                words.values(3 * n_points, words.next()).astype(np.float64, copy=False).reshape(-1, 3)
+            )
         elif word in POLYDATA or word == "CELLS":
             lists[word] = _cells(words)
         elif word == "CELL_TYPES":
@@ -166,9 +168,9 @@ def _cells(words: _Words) -> tuple[NDArray, NDArray]:
             raise ValueError("OFFSETS without CONNECTIVITY")
         return words.values(second, words.next()).astype(np.int64), np.diff(offsets)
     words.at = before
-    mixed = words.values(second, "int").astype(np.int64)  # first = cells; their sizes precede them
+    mixed = words.values(second, "int")  # first = cells; their sizes precede them
     if len(mixed) == 4 * first and (mixed[::4] == 3).all():
-        return mixed.reshape(-1, 4)[:, 1:].ravel(), np.full(first, 3)
+        return mixed.reshape(-1, 4)[:, 1:].astype(np.int64).ravel(), np.full(first, 3)
     starts, at = [], 0
     for _ in range(first):
         if at >= second or mixed[at] < 0:
@@ -177,6 +179,7 @@ def _cells(words: _Words) -> tuple[NDArray, NDArray]:
         at += 1 + int(mixed[at])
     if at != second:
         raise ValueError(f"cells of {at} numbers, {second} announced")
+    mixed = mixed.astype(np.int64)
     return np.delete(mixed, starts), mixed[starts]
 
 
