@@ -1,7 +1,7 @@
 """Sparse factorisations behind `Factor`: our own, SuperLU of scipy, and CHOLMOD of the extra `fast`.
 
 Each backend analyses a sorted CSC matrix once and factorises new values of the same pattern. `like` is a
-backend of another matrix of the same pattern, whose analysis is used again.
+backend of another matrix of the same pattern, whose analysis is used again, or an `Analysis` of the pattern.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import importlib.util
 import logging
 import os
 from collections.abc import Callable
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -58,6 +59,34 @@ class Backend(Protocol):
         """Solution for (n,) or (n, k)."""
 
 
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """Elimination order and frontal matrices of a pattern, by which any backend can start."""
+
+    dissection: Dissection
+    levels: list[AssemblyLevel]
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        return self.dissection.order
+
+    @cached_property
+    def entries(self) -> float:
+        """Numbers that a multifrontal factorisation stores at its peak; an upper bound for other backends."""
+        groups = [
+            (*group.pivot.shape, group.update.shape[1]) for level in self.levels for group in level.groups
+        ]
+        factors = sum(g * s * (s + u) for g, s, u in groups)
+        sizes = [level.size for level in self.levels] + [0]
+        return float(factors + max(below + above for below, above in zip(sizes, sizes[1:], strict=False)))
+
+
+def analyse(matrix: csc_array) -> Analysis | None:
+    """Symbolic analysis by nested dissection; None of graphs without short separators."""
+    dissection = nested_dissection(matrix)
+    return None if dissection is None else Analysis(dissection, assembly_levels(matrix, dissection))
+
+
 @cache
 def cholmod_available() -> bool:
     """Whether the CHOLMOD wheel of the extra `fast` can be imported; reported once at level INFO."""
@@ -68,10 +97,22 @@ def cholmod_available() -> bool:
 
 
 def solver_name(solver: str | None, matrix: csc_array, definite: bool, *, blocks: bool = False) -> str:
-    """Name of the backend for a matrix: `solver`, else DDGCLI_SOLVER, else by size and installed packages.
+    """Name of the backend for a matrix: `solver`, else DDGCLI_SOLVER, else by size and installed packages."""
+    return choose_solver(solver, matrix, definite, blocks=blocks)[0]
+
+
+def choose_solver(
+    solver: str | None,
+    matrix: csc_array,
+    definite: bool,
+    *,
+    blocks: bool = False,
+    entries: float | None = None,
+) -> tuple[str, Analysis | None]:
+    """`solver_name`, and the symbolic analysis if the estimate of memory needed one.
 
     `blocks` means many solves with several right-hand sides each: the multifrontal factor treats them
-    together, CHOLMOD through cvxopt one by one.
+    together, CHOLMOD through cvxopt one by one. `entries` are `Analysis.entries` of the pattern, if known.
     """
     name = solver or os.environ.get("DDGCLI_SOLVER") or "auto"
     if name not in LINEAR_SOLVERS:
@@ -81,22 +122,23 @@ def solver_name(solver: str | None, matrix: csc_array, definite: bool, *, blocks
     if name == "cholmod" and not cholmod_available():
         raise ParameterError("solver 'cholmod' is not installed; install ddgcli[fast] or use 'superlu'")
     if name == "pivoted" or not definite:
-        return "pivoted"
-    if name == "auto":
-        available = available_memory() if matrix.shape[0] >= MIN_CHECKED_UNKNOWNS else np.inf
-        if (needed := factor_bytes(matrix, available)) > available:
-            chosen = preferred_iterative_solver()
-            log.warning(
-                "the factors of %d unknowns need about %.3g GiB, %.3g GiB are available: %s solve instead",
-                matrix.shape[0], needed / 2**30, available / 2**30,
-                "conjugate gradients with multigrid" if chosen == "multigrid" else "conjugate gradients",
-            )  # fmt: skip
-            return chosen
-        large = matrix.nnz >= MIN_MULTIFRONTAL_ENTRIES
-        if matrix.shape[0] >= MIN_CHOLMOD_UNKNOWNS and cholmod_available() and not (blocks and large):
-            return "cholmod"
-        return "multifrontal" if large else "superlu"
-    return name
+        return "pivoted", None
+    if name != "auto":
+        return name, None
+    available = available_memory() if matrix.shape[0] >= MIN_CHECKED_UNKNOWNS else np.inf
+    needed, analysis = _needed_bytes(matrix, available, entries)
+    if needed > available:
+        chosen = preferred_iterative_solver()
+        log.warning(
+            "the factors of %d unknowns need about %.3g GiB, %.3g GiB are available: %s solve instead",
+            matrix.shape[0], needed / 2**30, available / 2**30,
+            "conjugate gradients with multigrid" if chosen == "multigrid" else "conjugate gradients",
+        )  # fmt: skip
+        return chosen, None
+    large = matrix.nnz >= MIN_MULTIFRONTAL_ENTRIES
+    if matrix.shape[0] >= MIN_CHOLMOD_UNKNOWNS and cholmod_available() and not (blocks and large):
+        return "cholmod", analysis
+    return ("multifrontal" if large else "superlu"), analysis
 
 
 def direct_fits(matrix: csc_array) -> bool:
@@ -110,26 +152,26 @@ def factor_bytes(matrix: csc_array, enough: float) -> float:
 
     Of graphs without short separators, for which there is no cheap analysis, the upper bound.
     """
-    n = matrix.shape[0]
-    bound = min(MAX_FACTOR_BYTES * n ** (4 / 3), 4.0 * n * n) * (matrix.dtype.itemsize / 8)
+    return _needed_bytes(matrix, enough, None)[0]
+
+
+def _needed_bytes(matrix: csc_array, enough: float, entries: float | None) -> tuple[float, Analysis | None]:
+    """`factor_bytes`, and the analysis if one was made."""
+    n, size = matrix.shape[0], matrix.dtype.itemsize
+    bound = min(MAX_FACTOR_BYTES * n ** (4 / 3), 4.0 * n * n) * (size / 8)
     if bound <= enough:
-        return bound
-    dissection = nested_dissection(matrix)
-    if dissection is None:
-        return bound
-    levels = assembly_levels(matrix, dissection)
-    groups = [(*group.pivot.shape, group.update.shape[1]) for level in levels for group in level.groups]
-    factors = sum(g * s * (s + u) for g, s, u in groups)
-    sizes = [level.size for level in levels] + [0]
-    frontal = max(below + above for below, above in zip(sizes, sizes[1:], strict=False))
-    return float(factors + frontal) * matrix.dtype.itemsize
+        return bound, None
+    if entries is not None:
+        return entries * size, None
+    analysis = analyse(matrix)
+    return (bound, None) if analysis is None else (analysis.entries * size, analysis)
 
 
-def make_backend(name: str, matrix: csc_array, like: Backend | None = None) -> Backend:
+def make_backend(name: str, matrix: csc_array, like: Backend | Analysis | None = None) -> Backend:
     """Analyse and factorise with the named backend."""
     if name in ITERATIVE_SOLVERS:
         return Iterative(matrix, name)
-    kinds: dict[str, Callable[[csc_array, Backend | None], Backend]]
+    kinds: dict[str, Callable[[csc_array, Backend | Analysis | None], Backend]]
     kinds = {
         "multifrontal": _multifrontal,
         "superlu": SymmetricLU,
@@ -139,14 +181,14 @@ def make_backend(name: str, matrix: csc_array, like: Backend | None = None) -> B
     return kinds[name](matrix, like)
 
 
-def _multifrontal(matrix: csc_array, like: Backend | None) -> Backend:
+def _multifrontal(matrix: csc_array, like: Backend | Analysis | None) -> Backend:
     """Multifrontal, or SuperLU for graphs without short separators."""
-    if isinstance(like, Multifrontal):
+    if isinstance(like, Multifrontal | Analysis):
         return Multifrontal(matrix, like.dissection, like.levels)
-    dissection = None if isinstance(like, SymmetricLU) else nested_dissection(matrix)
-    if dissection is None:
+    analysis = None if isinstance(like, SymmetricLU) else analyse(matrix)
+    if analysis is None:
         return SymmetricLU(matrix, like)
-    return Multifrontal(matrix, dissection, assembly_levels(matrix, dissection))
+    return Multifrontal(matrix, analysis.dissection, analysis.levels)
 
 
 class Multifrontal:
@@ -177,7 +219,7 @@ class SymmetricLU:
 
     name = "superlu"
 
-    def __init__(self, matrix: csc_array, like: Backend | None = None) -> None:
+    def __init__(self, matrix: csc_array, like: Backend | Analysis | None = None) -> None:
         order = like.order if like else None
         ordering = fill_reducing_ordering(matrix) if order is None else Ordering(order, final=True)
         self._order, self._final = ordering.order, ordering.final
@@ -232,7 +274,7 @@ class PivotedLU:
     name = "pivoted"
     order = None  # depends on the values
 
-    def __init__(self, matrix: csc_array, like: Backend | None = None) -> None:
+    def __init__(self, matrix: csc_array, like: Backend | Analysis | None = None) -> None:
         self.refactor(matrix)
 
     def refactor(self, matrix: csc_array) -> None:
@@ -259,7 +301,7 @@ class Cholmod:
 
     name = "cholmod"
 
-    def __init__(self, matrix: csc_array, like: Backend | None = None) -> None:
+    def __init__(self, matrix: csc_array, like: Backend | Analysis | None = None) -> None:
         from cvxopt import cholmod, spmatrix
         from cvxopt import matrix as dense
 

@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, eye_array, sparray
 
 from ddgcli.errors import SolveError
-from ddgcli.linalg.backends import Backend, NotPositiveDefinite, SymmetricLU, make_backend, solver_name
+from ddgcli.linalg.backends import (
+    Analysis,
+    Backend,
+    NotPositiveDefinite,
+    SymmetricLU,
+    choose_solver,
+    make_backend,
+)
 
 log = logging.getLogger("ddgcli")
 
@@ -64,10 +71,16 @@ class Factor:
         like: Factor | None = None,
     ) -> None:
         self.matrix, self._pivot = _checked(matrix), pivot
-        analysis = like._backend if like and like.same_pattern(self.matrix) else None
+        if like and not like.same_pattern(self.matrix):
+            like = None
         if definite and not (self.matrix.diagonal().real > 0).all():
             definite = self._reject_definite(NotPositiveDefinite("a diagonal entry is not positive"))
-        self._factorise(solver_name(solver, self.matrix, definite), analysis)
+        # numbers in the factors, where an analysis counted them
+        self._entries: float | None = like._entries if like else None
+        name, analysis = choose_solver(solver, self.matrix, definite, entries=self._entries)
+        if analysis:
+            self._entries = analysis.entries
+        self._factorise(name, like._backend if like else analysis)
         self._analysed = True  # the backend has the pattern of the matrix
 
     @property
@@ -92,7 +105,7 @@ class Factor:
             and (mine.indices is other.indices or np.array_equal(mine.indices, other.indices))
         )
 
-    def _factorise(self, name: str, like: Backend | None = None) -> None:
+    def _factorise(self, name: str, like: Backend | Analysis | None = None) -> None:
         self._magnitude: csc_array | None = None
         self._row_scale: NDArray | None = None
         try:

@@ -92,6 +92,21 @@ def test_conjugate_gradients_take_over_where_the_factors_do_not_fit(installed, m
     assert "solve instead" in caplog.text
 
 
+def test_the_analysis_of_the_estimate_is_that_of_the_factor_and_made_once(monkeypatch):
+    matrix = csc_array(stiffness(shapes.grid(144, 144)) + diags_array(np.ones(145**2)))
+    fits = backends.factor_bytes(matrix, 0.0)
+    analyses = []
+    analyse = backends.analyse
+    monkeypatch.setattr(backends, "analyse", lambda pattern: analyses.append(1) or analyse(pattern))
+    monkeypatch.setattr(backends, "available_memory", lambda: 1.01 * fits)
+    monkeypatch.setattr(backends, "cholmod_available", lambda: False)
+    first = Factor(matrix)
+    second = Factor(2.0 * matrix, like=first)
+    assert first.solver == second.solver == "multifrontal" and len(analyses) == 1
+    load = matrix @ np.arange(145.0**2)
+    assert np.allclose(2.0 * second.solve(load), first.solve(load), rtol=1e-12)
+
+
 def test_the_estimate_of_a_factor_is_its_storage():
     matrix = csc_array(stiffness(shapes.grid(60, 60)) + diags_array(np.ones(61**2)))
     factor = Factor(matrix, solver="multifrontal")

@@ -13,6 +13,7 @@ from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.choices import DISTANCE_METHODS
 from ddgcli.errors import DdgError
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.linalg.backends import make_backend
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -74,6 +75,31 @@ def test_heat_is_finite_far_from_the_source():
     assert heat.n_stages >= 2
     assert np.abs(heat.distance - truth).max() < 0.01 * truth.max()
     assert heat.cold_faces == 0
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [shapes.grid(1500, 2, width=1000.0, height=1.0), shapes.torus(900, 4, 100.0, 0.1)],
+    ids=["strip", "ring"],
+)
+def test_continued_heat_solves_every_row_of_the_system_and_factorises_nothing(mesh, monkeypatch):
+    """Each row of A u = source, scaled by its own largest term: values down to exp(-1000) have all digits."""
+    factors = []
+    monkeypatch.setattr("ddgcli.linalg.factor.make_backend", lambda *a: factors.append(a) or make_backend(*a))
+    solver = HeatSolver(mesh)
+    start = np.zeros(mesh.n_vertices)
+    start[1] = 1.0
+    value, level, n_stages, _ = solver._diffuse(start, np.ones(mesh.n_vertices, dtype=bool))
+    assert n_stages >= 1 and len(factors) == 1 and (value > 0).all()
+    log_heat = np.log(value) + level
+    rows = solver._system.tocoo()
+    row, column = rows.coords
+    highest = np.full(mesh.n_vertices, -np.inf)
+    np.maximum.at(highest, row, log_heat[column])
+    terms = rows.data * np.exp(log_heat[column] - highest[row])
+    total, size = np.bincount(row, terms), np.bincount(row, np.abs(terms))
+    total[1] = 0.0  # the source
+    assert (np.abs(total) < 1e-12 * size).all()
 
 
 def test_heat_on_two_components_with_one_source():

@@ -23,7 +23,7 @@ from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
 log = logging.getLogger("ddgcli")
 
-MIN_RELATIVE_HEAT = 1e-200  # below it, heat is recomputed from rescaled boundary values
+MIN_RELATIVE_HEAT = 1e-200  # below it, heat is computed again from rescaled values at the rim
 MAX_STAGES = 200
 
 
@@ -166,33 +166,44 @@ class HeatSolver:
         return start
 
     def _diffuse(self, start: NDArray, inside: NDArray) -> tuple[NDArray, NDArray, int, Callable[[], float]]:
-        """Heat as value * exp(level): where it underflows, it is continued from rescaled boundary values."""
-        solved = self._heat.solve(start, refine=False)
-        residual = partial(self._heat.residual, solved, start)
-        level = np.zeros(len(solved))
-        value = solved / (solved.max(initial=0.0) or 1.0)
-        heated = value > MIN_RELATIVE_HEAT
+        """Heat as value * exp(level), continued from rescaled values at the rim where it underflows."""
+        heat = self._heat.solve(start, refine=False)
+        residual = partial(self._heat.residual, heat, start)
+        level = np.zeros(len(heat))
+        value = heat / (heat.max(initial=0.0) or 1.0)
+        cold = inside & ~(np.abs(value) > MIN_RELATIVE_HEAT)
         n_stages = 0
-        while (inside & ~heated).any() and n_stages < MAX_STAGES:
-            unknown = np.flatnonzero(inside & ~heated)
-            rows = self._system[unknown]
-            reached = np.flatnonzero(heated)
-            rim = reached[np.unique(csc_array(rows[:, reached]).nonzero()[1])]
-            reference = level[rim].max(initial=-np.inf)
-            load = -(rows[:, rim] @ (value[rim] * np.exp(level[rim] - reference)))
+        while cold.any() and n_stages < MAX_STAGES:
+            load, reference = self._load_at_rim(value, level, cold)
             largest = np.abs(load).max(initial=0.0)
             if not largest > 0:
                 break
-            heat = Factor(csc_array(rows[:, unknown])).solve(load / largest, refine=False)
-            peak = heat.max(initial=0.0)
+            heat = self._heat.solve(load / largest, refine=False)[cold]
+            peak = np.abs(heat).max(initial=0.0)
             if not peak > 0:
                 break
-            value[unknown] = heat / peak
-            level[unknown] = reference + np.log(largest) + np.log(peak)
-            heated[unknown] = value[unknown] > MIN_RELATIVE_HEAT
+            value[cold] = heat / peak
+            level[cold] = reference + np.log(largest) + np.log(peak)
+            cold &= ~(np.abs(value) > MIN_RELATIVE_HEAT)
             n_stages += 1
-        value[~heated] = 0.0
+        value[~(value > MIN_RELATIVE_HEAT)] = 0.0
         return value, level, n_stages, residual
+
+    def _load_at_rim(self, value: NDArray, level: NDArray, cold: NDArray) -> tuple[NDArray, float]:
+        """Right-hand side, times exp(-reference), whose solution is the heat on `cold` and zero elsewhere.
+
+        The first factorisation thus continues the heat: A (chi u) is known from u at the rim of `cold`, since
+        A u vanishes there. The error is rounding times A^-1 |load|, a small multiple of u on `cold`.
+        """
+        system = self._system
+        column = np.repeat(np.arange(len(cold), dtype=system.indices.dtype), np.diff(system.indptr))
+        across = np.flatnonzero(cold[column] & ~cold[system.indices])
+        warm, beyond, entry = system.indices[across], column[across], system.data[across]
+        reference = level[warm].max(initial=-np.inf)
+        load = np.zeros(len(cold))
+        np.subtract.at(load, beyond, entry * value[warm] * np.exp(level[warm] - reference))
+        np.add.at(load, warm, entry * value[beyond] * np.exp(level[beyond] - reference))
+        return load, reference
 
     def _direction(self, value: NDArray, level: NDArray | None) -> tuple[NDArray, NDArray]:
         """(2, m) unit gradient of value * exp(level) in each face's frame, and faces without a gradient."""
