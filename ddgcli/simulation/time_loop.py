@@ -359,7 +359,12 @@ def _advance_adaptively(
             active.next_dt = dt / 4
             continue
         growth = 0.9 * (tolerance / max(error, 1e-300)) ** (1 / (model.order + 1))
-        if error > tolerance and dt > shortest:
+        if error > tolerance:
+            if dt < shortest:
+                raise SolveError(
+                    f"t = {time:.6g} {active.model.time_unit}, {active.name}: the error of a step stays at "
+                    f"{error:.2g} however short the step; give a step instead of the tolerance {tolerance:g}"
+                )
             events.append(
                 Event(
                     first,

@@ -197,3 +197,36 @@ def test_friction_is_no_loss_of_the_scheme(summary, tmp_path):
     out = summary("fluid-sim", path)
     assert out["accuracy"]["energy_drift"] > 0.1 and out["warnings"] == []
     assert abs(out["accuracy"]["energy_lost_by_scheme"]) < 1e-3
+
+
+def test_adaptive_steps_of_a_uniform_flow_are_relative_to_its_speed(summary, tmp_path):
+    """Its own vorticity is rounding; walls without slip then make some: both schemes end in a few steps."""
+    for integrator in ("conservative", "energy"):
+        path = tmp_path / "channel.toml"
+        path.write_text(THROUGH_FLOW.format(integrator=integrator))
+        results = summary("fluid-sim", path)["results"]
+        assert results["steps"] < 200, integrator
+
+
+THROUGH_FLOW = """format = "ddgcli-scene/1"
+[time]
+duration = 0.05
+tolerance = 1e-3
+integrator = "{integrator}"
+[[object]]
+name = "f"
+role = "fluid"
+grid = {{ size = [1, 1], cells = [4, 4] }}
+[effects]
+initial = {{ velocity = [1, 0, 0] }}
+viscosity = {{ nu = 1.0 }}
+[[effects.boundary]]
+kind = "inflow"
+velocity = [1, 0, 0]
+where = "x < 1e-6"
+[[effects.boundary]]
+kind = "outflow"
+where = "x > 1 - 1e-6"
+[[effects.boundary]]
+kind = "no-slip"
+"""

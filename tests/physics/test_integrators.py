@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.common.scenes import FREE_SCENE
+from ddgcli.errors import SolveError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.models.shell import model
@@ -275,6 +276,23 @@ def test_what_failed_is_not_tried_at_every_turn(limit, later):
     for some_sizes, bound in ((step_sizes[when < 5], limit), (step_sizes[when >= 7], later)):
         assert np.median(some_sizes) > bound / 4 and some_sizes.max() <= bound
     assert tried < 0.35 * len(step_sizes) + 40
+
+
+def test_a_step_whose_error_does_not_fall_with_its_length_ends_the_run():
+    """A jump at t > 0 of a size that no step changes: no tolerance below it can be met."""
+    from ddgcli.simulation.model import Model, Observation, Schedule
+
+    def advance(state, time, dt):
+        return state + dt + (time > 0)
+
+    shown = Observation(None)
+    model = Model(
+        np.zeros(1), advance, lambda state: shown, lambda s: {"s": s}, lambda a: a["s"],
+        distance=lambda a, b: float(np.abs(a - b).max()), order=1,
+    )  # fmt: skip
+    with pytest.raises(SolveError, match="stays at 1 however short .* instead of the tolerance 0.01"):
+        list(evolve({"m": model}, Schedule(1.0, 10, tolerance=0.01), Account()))
+    assert len(list(evolve({"m": model}, Schedule(1.0, 10, tolerance=2.0), Account()))) == 11
 
 
 def test_progress_reports_every_part_of_a_step():

@@ -33,7 +33,7 @@ class FlowSpace(Protocol):
         ...
 
     def distance(self, a: FluidState, b: FluidState, start: FluidState) -> float:
-        """Size of the difference of two flows, relative to the start's (after rest to that of `b`)."""
+        """Size of the difference of two flows, relative to the larger of `start` and `b`."""
         ...
 
     def observed(self, state: FluidState) -> Observation:

@@ -294,12 +294,17 @@ class SurfaceSpace:
         return self.kinetic_energy(self.flow(state).phi, state["vorticity"], state["coefficients"])
 
     def distance(self, a: FluidState, b: FluidState, start: FluidState) -> float:
-        """L2 distance of the vorticities, relative to the start's (after rest to that of `b`)."""
-        apart = np.sqrt(self.enstrophy(a["vorticity"] - b["vorticity"]))
-        scale = np.sqrt(self.enstrophy(start["vorticity"]) or self.enstrophy(b["vorticity"])) or 1.0
+        """L2 distance of vorticities and of harmonic flows, relative to the larger of `start` and `b`.
+
+        A flow of speed u on a surface of area A counts with a vorticity of at least u / sqrt(A): a uniform
+        flow has none of its own.
+        """
+        energy = max(self.energy(start), self.energy(b))
+        enstrophy = max(self.enstrophy(start["vorticity"]), self.enstrophy(b["vorticity"]))
+        enstrophy = max(enstrophy, energy / float(self.area.sum()))
+        apart = np.sqrt(self.enstrophy(a["vorticity"] - b["vorticity"]) / (enstrophy or 1.0))
         turned = np.linalg.norm(a["coefficients"] - b["coefficients"])
-        size = np.linalg.norm(start["coefficients"]) or np.linalg.norm(b["coefficients"]) or 1.0
-        return float(apart / scale + turned / size)
+        return float(apart + turned / (np.sqrt(2.0 * energy) or 1.0))
 
     def observed(self, state: FluidState) -> Observation:
         """Vorticity, stream function, velocity; energies and circulations."""

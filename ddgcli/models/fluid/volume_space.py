@@ -258,9 +258,9 @@ class VolumeSpace:
         return self.kinetic_energy(self.cell_velocity(state))
 
     def distance(self, a: FluidState, b: FluidState, start: FluidState) -> float:
-        """L2 distance of the velocities, relative to the start's (after rest to that of `b`)."""
+        """L2 distance of the velocities, relative to the larger of `start` and `b`."""
         apart = self.kinetic_energy(self.cell_velocity(a) - self.cell_velocity(b))
-        return float(np.sqrt(apart / (self.energy(start) or self.energy(b) or 1.0)))
+        return float(np.sqrt(apart / (max(self.energy(start), self.energy(b)) or 1.0)))
 
     def observed(self, state: FluidState) -> Observation:
         """Vorticity and velocity at vertices; energies, divergence and the sums of circulations."""
