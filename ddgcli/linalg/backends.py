@@ -24,7 +24,7 @@ from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.assembly_tree import AssemblyLevel, assembly_levels
 from ddgcli.linalg.dissection import Dissection, nested_dissection
 from ddgcli.linalg.iterative import ITERATIVE_SOLVERS, Iterative, preferred_iterative_solver
-from ddgcli.linalg.multifrontal import cholesky_groups, cholesky_solve
+from ddgcli.linalg.multifrontal import PivotOrder, cholesky_groups, cholesky_solve
 from ddgcli.linalg.ordering import Ordering, fill_reducing_ordering, postorder
 from ddgcli.memory import available_memory
 
@@ -207,11 +207,14 @@ class Multifrontal:
     def refactor(self, matrix: csc_array) -> None:
         try:
             self._groups = cholesky_groups(self.levels, matrix.data)
+            self._pivot_order: PivotOrder | None = None
         except np.linalg.LinAlgError as error:
             raise NotPositiveDefinite("the matrix is not positive definite") from error
 
     def solve(self, rhs: NDArray) -> NDArray:
-        return cholesky_solve(self._groups, rhs)
+        if self._pivot_order is None:
+            self._pivot_order = PivotOrder.of(self._groups, len(rhs))
+        return cholesky_solve(self._groups, rhs, self._pivot_order)
 
 
 class SymmetricLU:

@@ -187,7 +187,7 @@ class Factor:
         rhs = np.asarray(rhs)
         if rhs.shape[:1] != (self.n,) or rhs.ndim > 2:
             raise SolveError(f"the right-hand side has shape {rhs.shape}, the matrix {self.matrix.shape}")
-        b = np.array(rhs, dtype=np.result_type(self.matrix.dtype, rhs.dtype, np.float64), order="F")
+        b = np.array(rhs, dtype=np.result_type(self.matrix.dtype, rhs.dtype, np.float64))
         if np.iscomplexobj(b) and not np.iscomplexobj(self.matrix):
             raise SolveError("a complex right-hand side needs a complex matrix")
         if not np.isfinite(b).all():

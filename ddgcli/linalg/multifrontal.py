@@ -130,26 +130,49 @@ def inverse_triangles(lower: NDArray) -> NDArray:
     return inverse
 
 
-def cholesky_solve(groups: list[CholeskyGroup], rhs: NDArray) -> NDArray:
+@dataclass(frozen=True, eq=False)
+class PivotOrder:
+    """Unknowns in the order of the pivots of all groups, those of one group together.
+
+    Parameters
+    ----------
+    unknown : (p,) ndarray of int64
+        n for padding.
+    row : (n,) ndarray of int64
+        Of each unknown, its place in `unknown`.
+    """
+
+    unknown: NDArray[np.int64]
+    row: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, groups: list[CholeskyGroup], n: int) -> PivotOrder:
+        """The order for n unknowns."""
+        return cls(np.concatenate([group.pivot.ravel() for group in groups]), _rows_of_pivots(groups)[:n])
+
+
+def cholesky_solve(groups: list[CholeskyGroup], rhs: NDArray, order: PivotOrder | None = None) -> NDArray:
     """Solution for (n,) or (n, k) right-hand sides; skips frontal matrices without a non-zero entry.
 
-    Unknowns are in the order of the pivots, so that those of a group are a slice.
+    `order` is that of the groups, for many solves.
     """
     n, k = len(rhs), 1 if rhs.ndim == 1 else rhs.shape[1]
-    unknown = np.concatenate([group.pivot.ravel() for group in groups])
+    order = order or PivotOrder.of(groups, n)
     padded = np.zeros((n + 1, k), dtype=rhs.dtype)
     padded[:n] = rhs.reshape(n, k)
-    x = np.zeros((len(unknown) + 1, k), dtype=rhs.dtype)  # the last row is padding
-    np.take(padded, unknown, axis=0, out=x[:-1], mode="clip")
+    x = np.zeros((len(order.unknown) + 1, k), dtype=rhs.dtype)  # the last row is padding
+    np.take(padded, order.unknown, axis=0, out=x[:-1], mode="clip")
+    sparse = 2 * int(np.count_nonzero(padded)) < padded.size
     for group in groups:
-        _forward(group, x)
+        _forward(group, x, sparse)
     if np.iscomplexobj(x):
         np.conjugate(x, out=x)  # once, instead of every block
     for group in reversed(groups):
         pivots = _pivot_rows(group, x)
-        right_side = pivots - group.below.swapaxes(1, 2) @ x.take(group.update_row, axis=0)
-        np.matmul(group.inverse.swapaxes(1, 2), right_side, out=pivots)
-    solution = x.take(_rows_of_pivots(groups)[:n], axis=0).reshape(rhs.shape)
+        if group.update.shape[1]:
+            pivots -= group.below.swapaxes(1, 2) @ x.take(group.update_row, axis=0)
+        pivots[:] = group.inverse.swapaxes(1, 2) @ pivots
+    solution = x.take(order.row, axis=0).reshape(rhs.shape)
     return np.conjugate(solution, out=solution) if np.iscomplexobj(solution) else solution
 
 
@@ -159,11 +182,11 @@ def _pivot_rows(group: CholeskyGroup, x: NDArray) -> NDArray:
     return x[group.first : group.first + g * s].reshape(g, s, x.shape[1])
 
 
-def _forward(group: CholeskyGroup, x: NDArray) -> None:
+def _forward(group: CholeskyGroup, x: NDArray, sparse: bool) -> None:
     """Eliminate the pivots of a group from the right-hand sides."""
     pivots = _pivot_rows(group, x)
-    active = np.flatnonzero(pivots.reshape(len(pivots), -1).any(axis=1))
-    if 2 * len(active) < len(pivots):
+    active = np.flatnonzero(pivots.reshape(len(pivots), -1).any(axis=1)) if sparse else None
+    if active is not None and 2 * len(active) < len(pivots):
         if not len(active):
             return
         group = group.subset(active)

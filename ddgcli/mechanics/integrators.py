@@ -97,8 +97,8 @@ def checked(system: System, motion: Motion, before: NDArray | None = None) -> Mo
     `before` (n, 3) are positions from which it came straight; by default no barrier can lie between.
     """
     for array in (motion.x, motion.v):
-        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-        if len(bad):
+        if not np.isfinite(array).all():
+            bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
             raise StepRejected("not finite", f"vertex {bad[0]}", float("nan"))
     for barrier in system.barriers:
         crossed = barrier.outside(motion.x)
@@ -131,11 +131,11 @@ def _swinging(system: System, increment: Increment, motion: Motion) -> Point:
     """
     from ddgcli.mechanics.newton import newton_of
 
-    change = motion.a / increment.a
-
-    return newton_of(system).start(
-        increment, motion.x, (increment.target + change, increment.target - change), motion.time
-    )
+    newton, change = newton_of(system), motion.a * (1 / increment.a)
+    guesses = [increment.target + change]
+    if not newton.is_linear(increment):
+        guesses.append(increment.target - change)
+    return newton.start(increment, motion.x, guesses, motion.time)
 
 
 def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
@@ -211,14 +211,19 @@ def _implicit_newmark(system: System, motion: Motion, dt: float, beta: float, ga
     from ddgcli.mechanics.newton import Increment, newton_of
 
     x, v, a = motion.x, motion.v, motion.a
-    target = x + dt * v + dt**2 * (0.5 - beta) * a
+    target = (dt**2 * (0.5 - beta)) * a
+    target += dt * v
+    target += x
+    known = (dt * (1 - gamma)) * a
+    known += v
     c = gamma / (beta * dt)
-    origin = target - (v + dt * (1 - gamma) * a) / c
-    increment = Increment(1 / (beta * dt**2), target, c, origin, system.frozen(x, dt, motion.time))
+    frozen = system.frozen(x, dt, motion.time)
+    increment = Increment(1 / (beta * dt**2), target, c, target - known / c if frozen else None, frozen)
     y, count = newton_of(system).minimise(increment, _swinging(system, increment, motion))
-    new = (y - target) / (beta * dt**2)
-    new = np.where(system.free, new, 0.0)
-    speed = v + dt * ((1 - gamma) * a + gamma * new)
+    new = system.only_free(y - target)
+    new *= increment.a
+    speed = known
+    speed += (dt * gamma) * new
     return checked(system, _after(system, y, speed, new, motion.newton + count))
 
 

@@ -9,6 +9,7 @@ V the potentials and R the dissipation frozen at the start of the step: its stat
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -101,7 +102,7 @@ class Newton:
 
     # ------------------------------------------------------------ the iteration
 
-    def start(self, increment: Increment, x: NDArray, guesses: tuple[NDArray, ...], since: float) -> Point:
+    def start(self, increment: Increment, x: NDArray, guesses: Sequence[NDArray], since: float) -> Point:
         """The guess of least value among those that no barrier keeps from `x`; else `x`.
 
         Vertices near obstacles have moved with these from their place at the time `since`, and prescribed
@@ -109,8 +110,8 @@ class Newton:
         there.
         """
         x = self.with_prescribed(self.carried(x, since))
-        if self._is_linear(increment):  # one solve leads from any guess to the same place
-            return Point(x + self.system.only_free(guesses[0] - x), 0.0, 0.0)
+        if self.is_linear(increment):  # one solve leads from any guess to the same place
+            return Point(self.system.held_as(x, guesses[0]), 0.0, 0.0)
         points = []
         for guess in guesses:
             move = self.system.only_free(guess - x)
@@ -154,10 +155,8 @@ class Newton:
             No convergence, with the vertex of the largest residual.
         """
         system = self.system
-        if self._is_linear(increment):
-            g = self.slope(increment, guess.y)
-            with system.account.within("solver"):
-                return guess.y - self._constant.solve(system, increment.a, g), 1
+        if self.is_linear(increment):
+            return self._constant.minimiser(system, increment.a, increment.target, guess.y), 1
         self._fresh, self._secants = False, Secants()
         enough = MOVE_TOLERANCE * system.size
         point, before, cut, near = guess, np.inf, 0, 0
@@ -199,7 +198,7 @@ class Newton:
             near = near + 1 if following <= enough else 0
         raise StepRejected("newton", worst(g), size)
 
-    def _is_linear(self, increment: Increment) -> bool:
+    def is_linear(self, increment: Increment) -> bool:
         """Whether the matrix never changes: every potential is quadratic, axis by axis."""
         return self.system.linear and not increment.frozen
 

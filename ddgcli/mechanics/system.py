@@ -115,6 +115,7 @@ class System:
                 held |= any_term.mask
         self.free = ~held
         self.all_free = not held.any()
+        self._held = np.flatnonzero(held)
         self.start, self.size = start, size or float(np.ptp(start, axis=0).max())
         by_vertex = bool((held.all(axis=1) == held.any(axis=1)).all())
         self.linear = by_vertex and all(is_dead(p) or hasattr(p, "matrix") for p in self.potentials)
@@ -179,7 +180,19 @@ class System:
 
     def only_free(self, vectors: NDArray) -> NDArray[np.float64]:
         """(n, 3) vectors with zeros where held."""
-        return vectors if self.all_free else np.where(self.free, vectors, 0.0)
+        if self.all_free:
+            return vectors
+        vectors = np.array(vectors, dtype=np.float64, order="C")
+        vectors.ravel()[self._held] = 0.0  # a few: a mask would read all
+        return vectors
+
+    def held_as(self, x: NDArray, y: NDArray) -> NDArray[np.float64]:
+        """(n, 3) positions y, those of x where held."""
+        if self.all_free:
+            return y
+        y = np.array(y, dtype=np.float64, order="C")
+        y.ravel()[self._held] = x.ravel()[self._held]
+        return y
 
     @cached_property
     def rounding(self) -> Rounding:

@@ -45,6 +45,17 @@ def test_solution_of_a_known_right_hand_side(solver, columns):
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
+def test_solutions_do_not_depend_on_the_memory_order_of_right_hand_sides(solver):
+    A = definite()
+    b = np.random.default_rng(0).normal(size=(A.shape[0], 3))
+    factor, columns = Factor(A, solver=solver), np.asfortranarray(b)
+    solution = factor.solve(b, refine=False)
+    assert np.abs(solution - factor.solve(columns, refine=False)).max() <= 1e-14 * np.abs(solution).max()
+    assert factor.backward_error(solution, b) < 1e-14
+    assert np.array_equal(b, columns)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_refactor_takes_new_values(solver):
     A = definite()
     factor = Factor(A, solver=solver)

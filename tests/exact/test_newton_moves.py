@@ -6,17 +6,24 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_array
 
+from ddgcli.io.scene_file import parse_scene
 from ddgcli.linalg.backends import NotPositiveDefinite
 from ddgcli.linalg.conjugate import truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mechanics.hessian import assembly_of
 from ddgcli.mechanics.increment import Increment, shorter_fraction
+from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.newton import Newton
 from ddgcli.mechanics.pair_blocks import have_distinct_vertices, whole_blocks
 from ddgcli.mechanics.secant import Secants
+from ddgcli.mechanics.system import Motion
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.shell.bending import HingeBending
+from ddgcli.models.shell import model
+from ddgcli.models.shell.bending import HingeBending, QuadraticBending
+from ddgcli.models.shell.scene import KIND
+from ddgcli.scenes.scene import resolve
+from ddgcli.simulation.account import Account
 from tests.simulate import FALLING_CLOTH, scalar, shell_run
 
 
@@ -160,6 +167,9 @@ bending = {{}}
 gravity = {{}}
 pin = {{ vertices = [0, 12] }}
 """
+LINEAR_CLOTH = CLOTH.replace("stretching = {{}}\n", "").replace(
+    "bending = {{}}", 'bending = {{ model = "quadratic" }}'
+)
 
 
 @pytest.mark.parametrize("integrator", ["newmark", "implicit-midpoint", "implicit-euler"])
@@ -186,11 +196,31 @@ def test_steps_of_a_linear_shell_evaluate_no_energy(monkeypatch):
     """One solve with the constant matrix is the step from any guess."""
     values, value = [], Newton.at
     monkeypatch.setattr(Newton, "at", lambda *arguments: values.append(1) or value(*arguments))
-    linear = CLOTH.replace("stretching = {{}}\n", "").replace(
-        "bending = {{}}", 'bending = {{ model = "quadratic" }}'
-    )
-    run, _, _ = shell_run(linear.format(integrator="newmark"))
+    run, _, _ = shell_run(LINEAR_CLOTH.format(integrator="newmark"))
     assert not values and np.ptp(scalar(run, "energy_gravity")) > 0
+
+
+@pytest.mark.parametrize("pinned", [True, False])
+def test_a_step_with_a_constant_matrix_is_the_minimiser_and_costs_one_gradient(pinned, monkeypatch):
+    """M a = -K x - gravity at the end of a step, from a state that no scheme reached; held vertices rest."""
+    text = LINEAR_CLOTH.format(integrator="newmark")
+    text = text if pinned else text.replace("pin = { vertices = [0, 12] }", "")
+    scene = resolve(parse_scene(text), KIND, {})
+    context, _ = model.contexts(scene, None)["s"]
+    system, rng = model.make_system(scene, context, Account()), np.random.default_rng(2)
+    x = np.array(context.mesh.points) + 1e-3 * rng.normal(size=(context.mesh.n_vertices, 3))
+    v, a = system.only_free(rng.normal(size=(2, *x.shape))[0]), system.only_free(rng.normal(size=x.shape))
+    calls, gradient = [], QuadraticBending.gradient
+    monkeypatch.setattr(QuadraticBending, "gradient", lambda *args: calls.append(1) or gradient(*args))
+    dt = 0.01
+    after = INTEGRATORS["newmark"].step(system, Motion(x, v, a), dt, scene.time)
+    assert len(calls) == 1 and after.newton == 1
+    force = -system.full_gradient(after.x)
+    scale = (np.abs(system.potentials[0].matrix).max() + 4 / dt**2 * system.mass.max()) * np.abs(x).max()
+    assert np.abs((force - system.mass[:, None] * after.a)[system.free]).max() <= 2e-15 * scale
+    assert np.abs(after.x - (x + dt * v + dt**2 / 4 * (a + after.a))).max() <= 1e-15
+    assert np.abs(after.v - (v + dt / 2 * (a + after.a))).max() <= 1e-15 * np.abs(after.v).max()
+    assert np.array_equal(after.x[~system.free], x[~system.free]) and system.all_free is not pinned
 
 
 @pytest.mark.parametrize("through", [False, True])
