@@ -8,7 +8,6 @@ those of 3D graphics by trimesh, both in a guarded process (`readers.foreign`).
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import importlib
 import os
 import stat
@@ -62,6 +61,8 @@ class ContentDigest:
     def sha256(self) -> str:
         """Hexadecimal digits."""
         if self._content is not None:
+            import hashlib
+
             self._digest, self._content = hashlib.sha256(self._content).hexdigest(), None
         return self._digest
 

@@ -25,7 +25,26 @@ def repeat_with_place(item: NDArray, count: NDArray) -> tuple[NDArray, NDArray[n
 
 def group_by_key(key: NDArray, item: NDArray, n_keys: int) -> tuple[NDArray[np.int64], NDArray]:
     """Lists of the items with key 0 .. n_keys - 1, as (start, member); items keep their order."""
-    return list_starts(np.bincount(key, minlength=n_keys)), item[np.argsort(key, kind="stable")]
+    return list_starts(np.bincount(key, minlength=n_keys)), item[sorted_keys(key, n_keys)[1]]
+
+
+def sorted_keys(key: NDArray, n_keys: int) -> tuple[NDArray, NDArray[np.int64]]:
+    """Keys 0 .. n_keys - 1 in ascending order, and the stable order that sorts them.
+
+    Key and place are packed into one integer where 63 bits hold them: sorting values is several times faster
+    than sorting their places.
+    """
+    bits = len(key).bit_length()
+    if int(n_keys).bit_length() + bits > 63:
+        order = np.argsort(key, kind="stable")
+        return key[order], order
+    packed = key.astype(np.int64)
+    packed <<= bits
+    packed |= np.arange(len(key))
+    packed.sort()
+    order = packed & ((1 << bits) - 1)
+    packed >>= bits
+    return packed, order
 
 
 def expand_lists(

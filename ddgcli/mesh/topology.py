@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.ragged import sorted_keys
 
 NEXT = np.array([1, 2, 0])
 PREVIOUS = np.array([2, 0, 1])
@@ -224,7 +225,9 @@ class Topology:
         outer = np.flatnonzero(twin < 0)
         first = outer + NEXT_OFFSET[outer % 3]
         start[vertex[first]] = first
-        after = np.where(twin >= 0, twin + 1 - 3 * (twin - twin // 3 * 3 == 2), -1)
+        corner_after = (np.arange(0, len(twin), 3)[:, None] + NEXT).ravel()
+        after = corner_after[twin]
+        after[outer] = -1
         # vertices of most corners first: those that still rotate after each step are the first ones
         start = start[np.argsort((most - n_corners).astype(np.uint16), kind="stable")]
         n_rotating = np.cumsum(np.bincount(n_corners, minlength=most + 2)[::-1])[::-1]
@@ -354,19 +357,9 @@ class Topology:
 
 
 def sorted_sides(low: NDArray, high: NDArray, n_vertices: int) -> tuple[NDArray, NDArray]:
-    """Keys of the sides' end vertices in ascending order, and the sides in that order, stable.
-
-    Key and side number are packed into one integer where 63 bits hold them: sorting values is several times
-    faster than sorting their numbers.
-    """
-    key = low * np.int64(max(n_vertices, 1)) + high
-    bits = len(key).bit_length()
-    if 2 * max(n_vertices, 1).bit_length() + bits > 63:
-        order = np.argsort(key, kind="stable")
-        return key[order], order
-    packed = (key << bits) | np.arange(len(key))
-    packed.sort()
-    return packed >> bits, packed & ((1 << bits) - 1)
+    """Keys of the sides' end vertices in ascending order, and the sides in that order, stable."""
+    n = max(n_vertices, 1)
+    return sorted_keys(low * np.int64(n) + high, n * n)
 
 
 def check_faces(faces: NDArray, n_vertices: int, *, copy: bool = True) -> NDArray[np.int64]:

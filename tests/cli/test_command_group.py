@@ -114,11 +114,13 @@ def test_a_run_imports_no_test_tools_and_no_wrapper_generator_of_numpy(torus):
     assert done.stdout.split("\n")[0] == "set() assert_allclose 7.0"
 
 
-def test_a_small_run_imports_neither_scipy_nor_masked_arrays_and_these_work_later():
+@pytest.mark.parametrize("words", ["curvature CUBE", "geodesic CUBE --source 0 --method fast-marching"])
+def test_a_small_run_imports_neither_scipy_nor_masked_arrays_and_these_work_later(words):
+    cube = str(ROOT / "sample_meshes" / "cube.obj")
     code = (
         "import sys\n"
         "from ddgcli.cli.main import main\n"
-        f"main(['curvature', {str(ROOT / 'sample_meshes' / 'cube.obj')!r}, '-q'], standalone_mode=False)\n"
+        f"main({[*words.replace('CUBE', cube).split(), '-q']}, standalone_mode=False)\n"
         "print({'scipy', 'numpy.ma.core', 'numpy.random.mtrand'} & set(sys.modules))\n"
         "import numpy as np\n"
         "print(np.unique([2, 1, 2]), np.median([1, 3]), np.ma.isMaskedArray(np.zeros(2)))\n"

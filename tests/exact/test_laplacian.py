@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
+from ddgcli.algorithms.laplacian.laplace_operator import negative_weights, symmetry_residual
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh import shapes
@@ -111,3 +113,12 @@ def test_mesh_without_area_is_refused():
     line = TriangleMesh.from_arrays(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.array([[0, 1, 2]]))
     with pytest.raises(MeshError, match="none of the 1 faces has an area"):
         lap.stiffness(line)
+
+
+@pytest.mark.parametrize("row, column", [(0, 1), (0, 3)])
+def test_symmetry_residual_is_the_largest_difference_to_the_transposed_matrix(row, column):
+    matrix = np.array([[2.0, -1, 0, 0], [-1, 2, -1, 0], [0, -1, 2, -1], [0, 0, -1, 1]])
+    assert symmetry_residual(csr_array(matrix)) == 0
+    matrix[row, column] += 0.5
+    assert symmetry_residual(csr_array(matrix)) == 0.25
+    assert negative_weights(csr_array(matrix)) == (0 if column == 1 else 1)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ddgcli.mesh import shapes, topology
+from ddgcli.mesh.ragged import sorted_keys
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from tests.exact.test_curvature_balls import MESHES
 
@@ -83,3 +84,10 @@ def test_numbers_of_a_mesh_whose_products_exceed_32_bits_are_those_of_its_small_
     for name in ("side_edge", "side_sign", "side_twin", "edge_face_count", "interior_sides"):
         assert np.array_equal(getattr(spread, name), getattr(small, name)), name
     assert spread.genus == 0 and spread.is_manifold and spread.n_components == 1
+
+
+@pytest.mark.parametrize("n_keys", [5, 2**62])
+def test_sorted_keys_are_ascending_and_their_order_is_stable(n_keys):
+    key = np.random.default_rng(0).integers(0, 5, 1000)
+    ordered, order = sorted_keys(key, n_keys)
+    assert np.array_equal(order, np.argsort(key, kind="stable")) and np.array_equal(ordered, key[order])

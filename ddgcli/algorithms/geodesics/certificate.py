@@ -97,11 +97,14 @@ def _nearest(points: NDArray, starts: NDArray) -> NDArray[np.float64]:
 def _steep_edges(mesh: SurfaceMesh, distance: NDArray, slack: float) -> tuple[float, int, float]:
     """Largest excess relative to its edge, number of steep edges, and the largest excess."""
     tail, head, length = mesh.topology.side_tail, mesh.topology.side_head, mesh.side_length.ravel()
-    finite = np.isfinite(distance[tail]) & np.isfinite(distance[head])
-    excess = np.abs(distance[tail[finite]] - distance[head[finite]]) - length[finite]
-    over = excess > slack
-    edges = np.unique(mesh.topology.side_edge.ravel()[finite][over])
-    relative = excess[over] / np.where(length[finite][over] > 0, length[finite][over], np.inf)
+    finite = np.isfinite(distance)
+    with np.errstate(invalid="ignore"):
+        excess = np.abs(distance[tail] - distance[head]) - length
+    if not finite.all():
+        excess[~(finite[tail] & finite[head])] = -np.inf
+    over = np.flatnonzero(excess > slack)
+    edges = np.unique(mesh.topology.side_edge.ravel()[over])
+    relative = excess[over] / np.where(length[over] > 0, length[over], np.inf)
     return float(relative.max(initial=0.0)), len(edges), float(excess.max(initial=0.0))
 
 

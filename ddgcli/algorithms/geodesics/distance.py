@@ -16,10 +16,9 @@ from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_
 from ddgcli.choices import DEFAULT_HEAT_TIME, DISTANCE_METHODS, HEAT_OPERATORS
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
-from ddgcli.linalg.iterative import ITERATIVE_SOLVERS
 from ddgcli.linalg.residual_gate import within_residuals
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.laplacian import SurfaceMesh
 
 if TYPE_CHECKING:
     from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
@@ -178,6 +177,7 @@ def describe_targets(mesh: SurfaceMesh, targets: SurfacePoints, exact: ExactDist
 
 def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
     from ddgcli.algorithms.geodesics.heat import HeatSolver
+    from ddgcli.linalg.iterative import ITERATIVE_SOLVERS
 
     operator, base = _heat_mesh(mesh, options.operator)
     solver = HeatSolver(base, time_factor=options.heat_time, refine=options.heat_refine, source_mesh=mesh)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
 
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, corner_distance
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,8 @@ def edge_graph(mesh: SurfaceMesh) -> csr_array:
 
 
 def _graph(i: NDArray, j: NDArray, length: NDArray, n: int) -> csr_array:
+    from scipy.sparse import coo_array
+
     ends = np.concatenate([i, j]).astype(np.int32), np.concatenate([j, i]).astype(np.int32)
     return coo_array((np.tile(length, 2), ends), shape=(n, n)).tocsr()
 
@@ -73,6 +78,7 @@ def edge_distance(
     EdgeDistance
         Never below the exact distance.
     """
+    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
     sources = check_sources(mesh, sources)

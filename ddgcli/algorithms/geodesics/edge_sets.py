@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
 
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -35,6 +34,7 @@ class EdgeSet:
 
     def curves(self, mesh: SurfaceMesh) -> NDArray[np.int64]:
         """(k,) number of the connected curve of each edge, in the order of the lowest vertices."""
+        from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
         ends = mesh.topology.edges[self.edge]

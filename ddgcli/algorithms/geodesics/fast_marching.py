@@ -15,13 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, side_shapes, sides_across, table_scale
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, corner_distance
 from ddgcli.errors import MeshError, SolveError
-from ddgcli.mesh.indices import LARGEST_INT32
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import group_by_key
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 MAX_UNFOLDED_FACES = 30
@@ -137,15 +136,12 @@ def _straight(corner: NDArray, shape: NDArray, mesh: SurfaceMesh, side: NDArray,
 
 def _users(corner: NDArray, n_straight: int, n_vertices: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Stencils that use vertex v: at[start[v] : start[v + 1]]; the first ones are straight, of one vertex."""
-    n = n_straight + 2 * (len(corner) - n_straight)
-    number = np.int32 if n <= LARGEST_INT32 else np.int64
-    vertex, first = np.empty(n, dtype=number), np.arange(-n_straight, n + 1, 2, dtype=number)
-    vertex[:n_straight] = corner[:n_straight, 0]
-    vertex[n_straight:].reshape(-1, 2)[:] = corner[n_straight:, :2]
-    first[:n_straight] = np.arange(n_straight)
-    uses = np.ones(n, dtype=np.int8), vertex, first
-    users = csr_array(uses, shape=(len(corner), n_vertices)).tocsc()
-    return users.indptr.astype(np.int64), users.indices.astype(np.int64)
+    vertex = np.concatenate([corner[:n_straight, 0], corner[n_straight:, :2].ravel()])
+    stencil = np.arange(-n_straight, len(vertex) - n_straight)
+    stencil >>= 1
+    stencil += n_straight
+    stencil[:n_straight] = np.arange(n_straight)
+    return group_by_key(vertex, stencil, n_vertices)
 
 
 def _delaunay_if_surface(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.int64]]:

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
 from ddgcli.algorithms.geodesics.paths import SIDE_TOLERANCE, SurfacePaths, barycentric_in
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
@@ -24,6 +23,9 @@ from ddgcli.mesh.cures import cure
 from ddgcli.mesh.double_cover import double_cover
 from ddgcli.mesh.repair import oriented
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
 
 _log = logging.getLogger("ddgcli")
 

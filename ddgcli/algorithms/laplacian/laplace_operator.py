@@ -198,8 +198,10 @@ def _warn_of_isolated_vertices(referenced: NDArray) -> None:
 
 def negative_weights(L: csr_array) -> int:
     """Number of edges with negative weight (positive off-diagonal entry) beyond rounding."""
-    coo = L.tocoo()
     diagonal = L.diagonal()
+    if np.count_nonzero(L.data > 0) == np.count_nonzero(diagonal > 0):
+        return 0
+    coo = L.tocoo()
     upper = coo.row < coo.col
     row, col, value = coo.row[upper], coo.col[upper], coo.data[upper]
     return int((value > 1e-12 * np.maximum(diagonal[row], diagonal[col])).sum())
@@ -207,4 +209,9 @@ def negative_weights(L: csr_array) -> int:
 
 def symmetry_residual(L: csr_array) -> float:
     """Largest |L - L'| relative to the largest |L|."""
-    return float(abs(L - L.T).max() / (abs(L).max() or 1.0))
+    transposed = L.tocsc()  # the arrays of L' by rows
+    if np.array_equal(transposed.indptr, L.indptr) and np.array_equal(transposed.indices, L.indices):
+        difference = np.abs(transposed.data - L.data).max(initial=0.0)
+    else:
+        difference = abs(L - L.T).max()
+    return float(difference / (np.abs(L.data).max(initial=0.0) or 1.0))

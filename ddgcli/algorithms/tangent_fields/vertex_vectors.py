@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
-from ddgcli.algorithms.geodesics.fast_marching import FastMarchingDistance
 from ddgcli.algorithms.geodesics.sources import Sources
-from ddgcli.algorithms.tangent_fields.log_map import log_map
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.progress import ProgressCallback
+
+if TYPE_CHECKING:
+    from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
+    from ddgcli.algorithms.geodesics.fast_marching import FastMarchingDistance
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,11 @@ def log_map_vectors(
     progress: ProgressCallback | None = None,
 ) -> VertexVectors:
     """Array `log_map` (n, 2) by the method of the distance, and its x axis."""
+    from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
+
     if isinstance(arrival, ExactDistance):
+        from ddgcli.algorithms.tangent_fields.log_map import log_map
+
         mapped = log_map(mesh, arrival, sources, progress)
         accuracy: dict[str, Any] = {"log_map_miss": mapped.miss}
     else:

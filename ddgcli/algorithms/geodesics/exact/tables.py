@@ -12,16 +12,15 @@ from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
 
 from ddgcli.algorithms.geodesics.exact.shadow import corner_turns
 from ddgcli.geometry.intrinsic import corner_angle, face_area
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import list_starts, repeat_with_place
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
-from ddgcli.operators.laplacian import SurfaceMesh
 
 BOUNDARY = (
     -1
@@ -129,6 +128,8 @@ def side_tables(mesh: SurfaceMesh) -> SideTables:
 
 def window_tables(mesh: SurfaceMesh) -> WindowTables:
     """Window tables of a surface of any topology."""
+    from scipy.sparse import coo_array
+
     sides, topology, n = side_tables(mesh), mesh.topology, mesh.n_vertices
     shape, ids = sides.shape, sides.ids
     angle = corner_angle(shape[:, 0].reshape(-1, 3))
