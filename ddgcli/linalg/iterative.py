@@ -91,15 +91,17 @@ class Iterative:
             size = self._magnitude @ np.abs(x) + np.abs(b)
             # rows whose terms are all negligible carry no information
             size = np.maximum(size, np.finfo(float).tiny / np.finfo(float).eps)
-            left = np.abs(residual) > BACKWARD_ERROR * size
+            inexact = np.abs(residual) > BACKWARD_ERROR * size
             error = float((np.abs(residual) / size).max(initial=0.0))
-            ends = not left.any() or not np.isfinite(error) or (error <= SMALL_ERROR and error > 0.5 * least)
+            ends = (
+                not inexact.any() or not np.isfinite(error) or (error <= SMALL_ERROR and error > 0.5 * least)
+            )
             if error < least:
                 least, best = error, x
             if ends:
                 break
-            unit = float(np.abs(residual[left]).max())
-            step = self._round(np.where(left, residual, 0.0) / unit)
+            unit = float(np.abs(residual[inexact]).max())
+            step = self._round(np.where(inexact, residual, 0.0) / unit)
             if step is None:
                 break
             x = x + unit * step

@@ -101,8 +101,8 @@ def _scales(
     """Joules at hand in a step, and joules that the iteration and rounding may leave."""
     at_hand = max(kinetic(system, before.v) + start.scale, kinetic(system, after.v) + end.scale)
     # what the iteration may leave, as speed; and rounding
-    left = float(system.mass.sum()) * (MOVE_TOLERANCE * system.size / dt) ** 2
-    return at_hand, left + system.rounding.energy(dt) + sum_rounding(at_hand, len(system.mass))
+    unresolved = float(system.mass.sum()) * (MOVE_TOLERANCE * system.size / dt) ** 2
+    return at_hand, unresolved + system.rounding.energy(dt) + sum_rounding(at_hand, len(system.mass))
 
 
 def without_gain(

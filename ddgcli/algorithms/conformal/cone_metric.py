@@ -142,10 +142,10 @@ class _Newton:
             new = u + share * direction
             try:
                 self.measure(new)
-                left = float((self.angle - self.target)[self.free] @ direction[self.free])
+                end_slope = float((self.angle - self.target)[self.free] @ direction[self.free])
             except (SolveError, FloatingPointError):
-                left = -np.inf
-            if left >= -OVERSHOOT_SHARE * slope:
+                end_slope = -np.inf
+            if end_slope >= -OVERSHOOT_SHARE * slope:
                 return new
             share *= 0.5
         self.measure(u)

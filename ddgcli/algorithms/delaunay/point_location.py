@@ -169,10 +169,10 @@ def _share(point: NDArray, corner: NDArray) -> NDArray[np.float64]:
     z, p = corner[..., 0] + 1j * corner[..., 1], point[:, 0] + 1j * point[:, 1]
     share = np.eye(3)[np.abs(z - p[:, None]).argmin(axis=1)]
     for _ in range(2):
-        left = p - (share * z).sum(axis=1)
+        residual = p - (share * z).sum(axis=1)
         e, f = z[:, 1] - z[:, 0], z[:, 2] - z[:, 0]
         doubled_area = (np.conj(e) * f).imag
-        at_1, at_2 = (np.conj(left) * f).imag / doubled_area, (np.conj(e) * left).imag / doubled_area
+        at_1, at_2 = (np.conj(residual) * f).imag / doubled_area, (np.conj(e) * residual).imag / doubled_area
         share = share + np.stack([-at_1 - at_2, at_1, at_2], axis=1)
     share = np.maximum(share, 0.0)
     return share / share.sum(axis=1, keepdims=True)

@@ -215,10 +215,10 @@ class TraceBatch:
         right, twin, turned, exit_length, u, beyond_u, distance = self._exits(
             self.side, self.x, self.heading, self.width
         )
-        left = self.rest - distance
-        done = left <= 0
+        remaining_length = self.rest - distance
+        done = remaining_length <= 0
         plain = (np.minimum(u, beyond_u) > VERTEX_TOLERANCE * exit_length) & (twin >= 0)
-        state = (self.line, twin, u + right * (beyond_u - u), turned, left, exit_length)
+        state = (self.line, twin, u + right * (beyond_u - u), turned, remaining_length, exit_length)
         all_plain = bool(plain.all())
         if all_plain and not done.any():
             self._set_state(*state)
@@ -228,21 +228,23 @@ class TraceBatch:
         self.ended.append(
             (*(column.take(ended) for column in self._state()), np.full(len(ended), self.steps))
         )
-        left[ended] = np.inf
+        remaining_length[ended] = np.inf
         self.n_ended += len(ended)
-        if all_plain and self.n_ended < MAX_ENDED_FRACTION * len(left):  # cheaper than removing them
+        if all_plain and self.n_ended < MAX_ENDED_FRACTION * len(
+            remaining_length
+        ):  # cheaper than removing them
             self._set_state(*state)
             self._record()
             return
         self.n_ended = 0
-        active = left < np.inf
+        active = remaining_length < np.inf
         special, on = np.flatnonzero(active & ~plain), np.flatnonzero(active & plain)
         line, side, is_right = self.line[special], self.side[special], right[special] > 0
         exit_side = np.where(is_right, next_side(side), previous_side(side))
         from_tail = np.where(is_right, u[special], beyond_u[special])
         self._set_state(*(column.take(on) for column in state))
         if len(special):
-            self._leave_at_end(line, exit_side, from_tail, turned[special], left[special])
+            self._leave_at_end(line, exit_side, from_tail, turned[special], remaining_length[special])
         self._record()
 
     def _exit_length(self, side: NDArray, right: NDArray) -> NDArray[np.float64]:

@@ -25,19 +25,19 @@ class Budget:
     """Bytes that the arrays of one file may still unpack to."""
 
     def __init__(self, file_size: int) -> None:
-        self.left = self.whole = largest_content(file_size)
+        self.remaining = self.whole = largest_content(file_size)
 
     def take(self, size: int) -> None:
         """Count bytes of content; MeshFileError beyond the budget."""
-        self.left -= size
-        if self.left < 0:
+        self.remaining -= size
+        if self.remaining < 0:
             raise MeshFileError(too_much(self.whole))
 
     def inflated(self, packed: bytes | memoryview) -> bytes:
         """Content of a zlib stream; MeshFileError beyond the budget or if the stream is damaged."""
         stream = zlib.decompressobj()
         try:
-            data = stream.decompress(packed, self.left + 1)
+            data = stream.decompress(packed, self.remaining + 1)
         except zlib.error as error:
             raise MeshFileError(f"a compressed array cannot be unpacked ({error}); it is damaged") from None
         self.take(len(data))

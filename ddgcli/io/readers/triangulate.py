@@ -19,11 +19,11 @@ TOO_MANY_CORNERS = "polygons of very many corners that are not convex; write the
 class _Budget:
     """Corners that may still be tested against ears."""
 
-    left: float
+    remaining: float
 
     def spend(self, count: int) -> None:
-        self.left -= count
-        if self.left < 0:
+        self.remaining -= count
+        if self.remaining < 0:
             raise MeshFileError(TOO_MANY_CORNERS)
 
 
@@ -123,8 +123,8 @@ def _ears(p: NDArray, budget: _Budget) -> NDArray:
     order = np.flatnonzero(blocks)
     order = order[np.argsort(p[order, 0], kind="stable")]
     place = p[order, 0]
-    triangles, waiting, left, next_forced = [], list(range(len(p)))[::-1], len(p), 0
-    while left > 3:
+    triangles, waiting, n_corners, next_forced = [], list(range(len(p)))[::-1], len(p), 0
+    while n_corners > 3:
         if waiting:
             here = waiting.pop()
             a, c = before[here], after[here]
@@ -142,7 +142,7 @@ def _ears(p: NDArray, budget: _Budget) -> NDArray:
             a, c = before[here], after[here]
         triangles.append((a, here, c))
         remaining[here] = blocks[here] = False
-        left -= 1
+        n_corners -= 1
         after[a], before[c] = c, a
         for corner in (a, c):
             blocks[corner] &= _turn(p[before[corner]], p[corner], p[after[corner]]) <= 0

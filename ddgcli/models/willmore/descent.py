@@ -85,8 +85,10 @@ def energy_gradient(
         normal = vertex_normals(mesh)[free]
         share = constraints.multipliers(mesh, free, mass, gradient[free], normal)
         rows = constraints.gradients(mesh, free)
-        left = gradient[free] - sum((w * c for w, c in zip(share, rows)), np.zeros((len(free), 3)))
-        return EnergyGradient(mesh, free, value, left, mass, share)
+        tangential_gradient = gradient[free] - sum(
+            (w * c for w, c in zip(share, rows)), np.zeros((len(free), 3))
+        )
+        return EnergyGradient(mesh, free, value, tangential_gradient, mass, share)
     gradient = constraints.admissible_gradient(mesh, free, mass, gradient[free])
     return EnergyGradient(mesh, free, value, gradient, mass)
 

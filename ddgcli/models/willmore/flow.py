@@ -209,8 +209,8 @@ class Flow(FlowTerms):
         """The state, with another reason where a conformal flow has ended before it is at rest."""
         if self.kind != "conformal" or not state.stopped:
             return state
-        left = distance_from_rest(self.mesh(state))
-        at_rest = left <= rules.CONFORMAL_REST_SHARE * abs(state.energy)
+        remaining_energy = distance_from_rest(self.mesh(state))
+        at_rest = remaining_energy <= rules.CONFORMAL_REST_SHARE * abs(state.energy)
         return state if at_rest else replace(state, stopped=rules.CONFORMAL_REASON)
 
     def _shared_step(

@@ -46,12 +46,12 @@ class SecantPairs:
             does, and is only ever made smaller.
         """
         pairs = list(zip(self.motions, self.changes))
-        left, shares = np.array(gradient), []
+        reduced_gradient, shares = np.array(gradient), []
         for motion, change in reversed(pairs):
-            share = _product(motion, left) / _product(motion, change)
+            share = _product(motion, reduced_gradient) / _product(motion, change)
             shares.append(share)
-            left -= share * change
-        result = solve(left)
+            reduced_gradient -= share * change
+        result = solve(reduced_gradient)
         if pairs:
             motion, change = pairs[-1]
             result *= min(1.0, _product(motion, change) / _product(change, solve(change)))

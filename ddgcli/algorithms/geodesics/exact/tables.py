@@ -276,13 +276,13 @@ def _pinched(topology: Topology, suspects: NDArray) -> NDArray[np.int64]:
     around = topology.side_twin[:, PREVIOUS].ravel()  # the next corner of the same vertex, counter-clockwise
     corner = np.empty(topology.n_vertices, dtype=np.int64)
     corner[topology.faces.ravel()] = np.arange(len(around))
-    left = np.bincount(topology.faces.ravel(), minlength=topology.n_vertices)[suspects]
+    n_remaining = np.bincount(topology.faces.ravel(), minlength=topology.n_vertices)[suspects]
     first = here = corner[suspects]
     pinched = [suspects[:0]]
     while len(suspects):
-        here, left = around[here], left - 1
+        here, n_remaining = around[here], n_remaining - 1
         closed = here == first
-        pinched.append(suspects[closed & (left > 0)])
+        pinched.append(suspects[closed & (n_remaining > 0)])
         open_ = ~closed
-        suspects, first, here, left = suspects[open_], first[open_], here[open_], left[open_]
+        suspects, first, here, n_remaining = suspects[open_], first[open_], here[open_], n_remaining[open_]
     return np.concatenate(pinched)
