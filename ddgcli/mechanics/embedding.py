@@ -124,6 +124,13 @@ class _Crossing:
         return self.own_term.crosses(before[self.rows.rows], after[self.rows.rows])
 
 
+class _Beginning:
+    own_term: Any
+
+    def begin_step(self) -> None:
+        self.own_term.begin_step()
+
+
 class _Pushing:
     own_term: Any
     rows: Rows
@@ -203,6 +210,7 @@ CAPABILITIES: dict[str, type] = {
     "hessian": _Changing,
     "longest": _Barrier,
     "crosses": _Crossing,
+    "begin_step": _Beginning,
     "power": _Pushing,
     "frozen": _Dissipation,
     "lagged": _Lagged,

@@ -291,9 +291,9 @@ class Newton:
     def _secant_direction(self, y: NDArray, g: NDArray, before: float) -> NewtonStep | None:
         """Direction by the factorisation at hand and past moves, or None where it contracts too little.
 
-        Or where something may be in the way: then a move costs a search for contacts, more than a Hessian.
+        Or where something is in contact: then a move costs a search for contacts, more than a Hessian.
         """
-        if not self._fresh or self.system.barriers:
+        if not self._fresh or any(barrier.energy(y) for barrier in self.system.barriers):
             return None
         rhs = self.entries(-g)
         self._secants.add(self.entries(y), -rhs)

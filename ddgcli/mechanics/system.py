@@ -144,6 +144,12 @@ class System:
         system._choose(self.all_terms)
         return system
 
+    def begin_step(self) -> None:
+        """Discard what terms keep from earlier steps: a step has the bits of its arguments alone."""
+        for potential in self.potentials:
+            if hasattr(potential, "begin_step"):
+                potential.begin_step()
+
     def with_memory_at(self, memory: tuple[Arrays, ...]) -> System:
         """The system whose terms with a memory have these arrays; itself without such terms.
 

@@ -48,6 +48,10 @@ class BarrierPotential(Protocol):
 
     @property
     def name(self) -> str: ...
+    def energy(self, x: NDArray) -> float:
+        """J; 0 where nothing is in contact."""
+        ...
+
     def longest(self, x: NDArray, move: NDArray) -> float:
         """Largest fraction in (0, 1] of `move` that stays inside."""
         ...

@@ -264,6 +264,7 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
     def advanced(step: Step, motion: Motion, time: float, dt: float) -> Motion:
         before = motion if integrator.own_time else replace(motion, time=time)
         current = system.with_memory_at(motion.memory)
+        current.begin_step()
         after = step(current, before, dt, parameters)
         memory = system.committed(after.x, motion.memory)
         past = (before.x, before.v, np.array([dt])) if integrator.multistep else ()

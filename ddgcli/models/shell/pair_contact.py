@@ -16,6 +16,7 @@ from scipy.sparse import csc_array, csr_array
 
 from ddgcli.mechanics.terms import Mode, at_last_point
 from ddgcli.models.shell.barrier import carry_weight
+from ddgcli.models.shell.near_pairs import REACH, NearPairs, spread
 from ddgcli.models.shell.obstacle_motion import PlacedMotion
 
 INSTALL_LINE = "pip install 'ddgcli[contact]'"
@@ -79,6 +80,7 @@ class PairMesh:
             self.filter = library.make_vertex_patches_filter(patches.astype(np.int32))
             self.mesh.can_collide = self.filter
         self._select: dict[int, csr_array | None] = {}
+        self._near: NearPairs | None = None
 
     def joined(self, x: NDArray, time: float) -> NDArray[np.float64]:
         """Positions of all vertices, x those of the system."""
@@ -112,11 +114,34 @@ class PairMesh:
         matrix = csc_array(hessian)
         return matrix if select is None else csc_array(select @ matrix @ select.T)
 
-    def free_part(self, before: NDArray, after: NDArray) -> float:
-        """Part of a straight move of all vertices until which nothing meets; 1.0 where nothing meets."""
+    def near(self, gap: float, *positions: NDArray) -> NearPairs:
+        """Pairs that come nearer than `gap` at these positions and on straight ways between them, and others.
+
+        All positions are within the reach of the first.
+        """
+        near = self._near
+        if near is None or near.gap != gap or not near.hold(*positions):
+            near = self._near = NearPairs(self.mesh, self.edges, self.faces, positions[0], gap)
+        return near
+
+    def begin_step(self) -> None:
+        """Discard the pairs: what follows does not depend on earlier steps."""
+        self._near = None
+
+    def free_part(self, before: NDArray, after: NDArray, gap: float) -> float:
+        """Part of a straight move of all vertices until which nothing meets; 1.0 where nothing meets.
+
+        A short move is measured against the pairs that come nearer than `gap`: a pair that shortens it ends
+        at a tenth of a distance of at most twice the move.
+        """
         library = ipctk()
-        candidates = library.Candidates()
-        candidates.build(self.mesh, before, after, 0.0, library.LBVH())
+        if spread(after - before) <= REACH * gap:
+            candidates = self.near(gap, before, after).candidates
+        else:
+            candidates = library.Candidates()
+            candidates.build(self.mesh, before, after, 0.0, library.LBVH())
+        if not len(candidates):
+            return 1.0
         return float(
             candidates.compute_collision_free_stepsize(
                 self.mesh, before, after, 0.0, library.AdditiveCCD(conservative_rescaling=CCD_FRACTION)
@@ -190,8 +215,15 @@ class PairBarrier:
         pairs.use_area_weighting = True
         pairs.collision_set_type = library.NormalCollisions.IMPROVED_MAX_APPROX
         if np.isfinite(positions).all():
-            pairs.build(self.mesh.mesh, positions, self.range, 0.0, library.LBVH())
+            near = self.mesh.near(self.range, positions)
+            if len(near.candidates):
+                pairs.build(near.candidates, self.mesh.mesh, positions, self.range, 0.0)
         return pairs, positions
+
+    def begin_step(self) -> None:
+        """Search the near pairs anew: a resumed run has the same bits."""
+        self.__dict__.pop("_last_near", None)
+        self.mesh.begin_step()
 
     def energy(self, x: NDArray) -> float:
         pairs, positions = self.near(x)
@@ -220,7 +252,7 @@ class PairBarrier:
         before, after = self.mesh.joined(x, self.time), self.mesh.joined(x + move, self.time)
         if not np.isfinite(after).all():
             return 0.0
-        return self.mesh.free_part(before, after)
+        return self.mesh.free_part(before, after, self.range)
 
     def outside(self, x: NDArray) -> tuple[int, float] | None:
         """Whether surfaces intersect: some vertex, no gap."""
@@ -271,7 +303,7 @@ class MovingPairBarrier(PairBarrier):
         moved = x.copy()
         moved[rows] += weight[:, None] * travel
         after = mesh.joined(moved, self.time)
-        return moved if mesh.free_part(before, after) == 1.0 else None
+        return moved if mesh.free_part(before, after, self.range) == 1.0 else None
 
 
 class PairFriction:
