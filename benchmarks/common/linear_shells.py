@@ -19,7 +19,8 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common.shell_problems import SCENE, at, flat_mesh, numbers, open_hemisphere
+from benchmarks.common.rectangle_meshes import flat_mesh
+from benchmarks.common.shell_problems import SCENE, at, numbers, open_hemisphere
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.newton import Increment, newton_of

@@ -13,11 +13,9 @@ from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay
 
+from benchmarks.common.rectangle_meshes import Spacing, flat_mesh
 from ddgcli.io.scene_file import parse_scene
-from ddgcli.mesh.shapes import grid
-from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell import model
 from ddgcli.models.shell.scene import KIND
 from ddgcli.scenes.scene import resolve
@@ -61,6 +59,8 @@ class ShellProblem:
     fractions : tuple of float
     reference : tuple of tuples
         Displacements at these fractions of the load.
+    spacing : callable (n,) -> (n,), optional
+        Distance of neighbours in the parameters at the second parameter, up to a factor.
     """
 
     size: tuple[float, float]
@@ -72,6 +72,7 @@ class ShellProblem:
     measured: tuple[tuple[tuple[float, float], tuple[float, float, float]], ...]
     fractions: tuple[float, ...]
     reference: tuple[tuple[float, ...], ...]
+    spacing: Spacing = np.ones_like
 
 
 def numbers(mask: NDArray) -> str:
@@ -102,12 +103,32 @@ def _moment(x: NDArray, q: NDArray) -> str:
     )
 
 
+def full_circle(fractions: NDArray) -> NDArray[np.float64]:
+    """(fractions, 2) exact displacements of the end of the cantilever that a moment bends to a circle."""
+    turn = 2 * np.pi * fractions
+    return np.column_stack([12 * (1 - np.sin(turn) / turn), 12 * (1 - np.cos(turn)) / turn])
+
+
 def open_hemisphere(q: NDArray) -> NDArray:
     """Parameters: longitude from 0 to 90 degrees, latitude from 0 to 72, both times the radius."""
     longitude, latitude = q[:, 0] / 10, q[:, 1] / 10
     return 10 * np.column_stack(
         [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)]
     )
+
+
+MERCATOR_HEIGHT = 10 * np.arctanh(np.sin(np.radians(72)))
+
+
+def mercator_hemisphere(q: NDArray) -> NDArray:
+    """The same with a second parameter that makes the map conformal: triangles keep their shape."""
+    return open_hemisphere(np.column_stack([q[:, 0], 10 * np.arcsin(np.tanh(q[:, 1] / 10))]))
+
+
+def _hemisphere_spacing(y: NDArray) -> NDArray:
+    """Twice as long at the hole as at the loaded edge."""
+    latitude = np.arcsin(np.tanh(y / 10))
+    return (1 + latitude / np.radians(72)) / np.cos(latitude)
 
 
 def _hemisphere_effects(x: NDArray, q: NDArray) -> str:
@@ -154,6 +175,11 @@ def _cylinder(q: NDArray) -> NDArray:
     return np.column_stack([101.6 * np.sin(angle), q[:, 1], 101.6 * np.cos(angle)])
 
 
+def _cylinder_spacing(y: NDArray) -> NDArray:
+    """Twice as long at the clamped end as at the loaded one."""
+    return 2 - y / 304.8
+
+
 def _cylinder_effects(x: NDArray, q: NDArray) -> str:
     top, side = at(q, 0, 0), at(q, 0, 50.8 * np.pi)
     clamped, free = at(q, 1, 0), at(q, 1, 304.8)
@@ -194,12 +220,13 @@ PROBLEMS = {
         ),
     ),
     "open hemisphere": ShellProblem(
-        (5 * np.pi, 4 * np.pi), open_hemisphere, 6.825e7, 0.3, 0.04, _hemisphere_effects,
+        (5 * np.pi, MERCATOR_HEIGHT), mercator_hemisphere, 6.825e7, 0.3, 0.04, _hemisphere_effects,
         (((0, 0), (-1, 0, 0)), ((5 * np.pi, 0), (0, 1, 0))), (0.05, *TENTHS),
         (
             (0.955, 1.840, 3.261, 4.339, 5.196, 5.902, 6.497, 7.006, 7.448, 7.835, 8.178),
             (0.855, 1.499, 2.321, 2.819, 3.158, 3.406, 3.598, 3.750, 3.875, 3.979, 4.067),
         ),
+        _hemisphere_spacing,
     ),
     "slit annular plate": ShellProblem(
         (16 * np.pi, 4), _annulus, 2.1e7, 0.0, 0.03, _annulus_effects,
@@ -213,72 +240,16 @@ PROBLEMS = {
         (50.8 * np.pi, 304.8), _cylinder, 2068.5, 0.3, 3.0, _cylinder_effects,
         (((0, 304.8), (0, 0, -1)),), (0.05, *TENTHS),
         ((5.421, 16.100, 37.582, 66.410, 113.704, 132.653, 144.185, 152.863, 160.015, 166.200, 171.505),),
+        _cylinder_spacing,
     ),
 }  # fmt: skip
-
-
-def flat_mesh(size: tuple[float, float], faces: int, pattern: str) -> TriangleMesh:
-    """A mesh of the parameter rectangle with about `faces` triangles.
-
-    `pattern` is that of a grid ('alternating', 'right'), or 'irregular': random points no closer than 0.7 of
-    the mean distance, with their Delaunay triangles.
-    """
-    a, b = size
-    cell = np.sqrt(2 * a * b / faces)
-    nx, ny = max(2, 2 * round(a / cell / 2)), max(2, 2 * round(b / cell / 2))
-    if pattern != "irregular":
-        return grid(nx, ny, a, b, pattern)
-    return irregular_rectangle(a, b, nx, ny)
-
-
-def irregular_rectangle(a: float, b: float, nx: int, ny: int, seed: int = 1) -> TriangleMesh:
-    """Delaunay triangles of boundary points at random distances and inner points at random places."""
-    rng = np.random.default_rng(seed)
-
-    def side(count: int) -> NDArray:
-        # an even count keeps the middle of the side
-        inner = (np.arange(1, count) + 0.5 * (rng.random(count - 1) - 0.5)) / count
-        inner[count // 2 - 1] = 0.5
-        return inner
-
-    low, high, left, right = side(nx), side(nx), side(ny), side(ny)
-    snapshot = np.concatenate(
-        [
-            [[0, 0], [a, 0], [a, b], [0, b]],
-            np.column_stack([a * low, 0 * low]), np.column_stack([a * high, 0 * high + b]),
-            np.column_stack([0 * left, b * left]), np.column_stack([0 * right + a, b * right]),
-        ]
-    )  # fmt: skip
-    spacing = np.sqrt(a * b / (nx * ny))
-    inner = dart_points(rng, a, b, 0.45 * spacing, 0.72 * spacing, (nx - 1) * (ny - 1))
-    points = np.concatenate([snapshot, inner])
-    faces = Delaunay(points).simplices
-    corner = points[faces]
-    e, f = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    area = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
-    faces = np.where((area < 0)[:, None], faces[:, ::-1], faces)[np.abs(area) > 1e-9 * a * b]
-    return TriangleMesh.from_arrays(np.column_stack([points, np.zeros(len(points))]), faces)
-
-
-def dart_points(
-    rng: np.random.Generator, a: float, b: float, margin: float, distance: float, count: int
-) -> NDArray[np.float64]:
-    """At most `count` random points of a rectangle, `distance` apart and `margin` from its sides."""
-    points = np.zeros((0, 2))
-    for _ in range(40 * count):
-        p = margin + rng.random(2) * (np.array([a, b]) - 2 * margin)
-        if not len(points) or np.sum((points - p) ** 2, axis=1).min() > distance**2:
-            points = np.concatenate([points, [p]])
-            if len(points) == count:
-                break
-    return points
 
 
 def displacements(
     problem: ShellProblem, faces: int, pattern: str, bending: str = "midedge", steps: int = 20
 ) -> tuple[int, NDArray[np.float64]]:
     """Number of triangles, and displacements (fractions, measured points) at the fractions of the load."""
-    flat = flat_mesh(problem.size, faces, pattern)
+    flat = flat_mesh(problem.size, faces, pattern, problem.spacing)
     q = np.asarray(flat.points)[:, :2]
     mesh = flat.moved(problem.onto(q))
     text = SCENE.format(

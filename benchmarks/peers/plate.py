@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common.measure import machine, print_commands, print_table
-from benchmarks.common.shell_problems import irregular_rectangle
+from benchmarks.common.rectangle_meshes import irregular_rectangle
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.newton import Increment, newton_of

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.common.shell_problems import PROBLEMS, displacements, irregular_rectangle
+from benchmarks.common.rectangle_meshes import irregular_rectangle
+from benchmarks.common.shell_problems import PROBLEMS, displacements
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh.shapes import grid
 from ddgcli.models.shell import model

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from benchmarks.common.shell_problems import irregular_rectangle
+from benchmarks.common.rectangle_meshes import irregular_rectangle
 from ddgcli.mechanics.modes import buckling_modes
 from ddgcli.mesh.shapes import grid
 from tests.physics.test_shell_midedge import CLAMP, RIGIDITY, built, run
