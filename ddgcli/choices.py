@@ -21,6 +21,7 @@ HODGE_STARS = ("galerkin", "circumcentric", "barycentric")
 FIELD_BOUNDARIES = ("tangential", "normal")  # boundary condition of harmonic fields
 
 DISTANCE_METHODS = ("exact", "heat", "fast-marching", "dijkstra")
+LOG_MAP_METHODS = ("exact", "fast-marching", "heat")
 HEAT_OPERATORS = ("intrinsic-delaunay", "plain", "tufted")  # triangulation of the heat method
 DEFAULT_HEAT_TIME = 1.0  # time step of the heat method, in squares of the mean side length
 SIGNED_DISTANCE_METHODS = ("auto", "exact", "heat")

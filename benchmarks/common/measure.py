@@ -33,6 +33,7 @@ __all__ = [
     "print_commands",
     "print_table",
     "python_seconds",
+    "sample_path",
     "timed",
 ]
 
@@ -111,7 +112,7 @@ class CommandSeconds:
 
 def command_seconds(*words: str) -> CommandSeconds:
     """Time `python -m ddgcli WORDS` as a user starts it; names of sample files become their paths."""
-    return python_seconds("-m", "ddgcli", *map(_sample_path, words))
+    return python_seconds("-m", "ddgcli", *map(sample_path, words))
 
 
 def python_seconds(*words: str) -> CommandSeconds:
@@ -135,7 +136,8 @@ def python_seconds(*words: str) -> CommandSeconds:
     return CommandSeconds(usage.ru_utime + usage.ru_stime, wall, process.returncode)
 
 
-def _sample_path(word: str) -> str:
+def sample_path(word: str) -> str:
+    """Path of the sample file of a name, else the word itself."""
     paths = [ROOT / folder / word for folder in ("sample_meshes", "sample_scenes")]
     return next((str(path) for path in paths if path.is_file()), word)
 

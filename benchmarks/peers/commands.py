@@ -5,7 +5,8 @@ python -m benchmarks.peers.commands [NAME OF A CASE ...]
 The kernel is the library function that computes the arrays of the command, from arrays of points and faces;
 the command reads a file besides, reports facts of the input, and certifies. Aim: at most 1.5 times the
 kernel. The same command on a cube takes the time of the start-up alone. Each row is measured in turn in one
-run, one thread; the least of the repetitions.
+run, one thread; the least of the repetitions. A second table tells the stages of each command apart, with an
+output file: seconds of a profile beyond those on a cube.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from scipy.sparse.linalg import eigsh
 
 from benchmarks.common import measure
 from benchmarks.common.mesh_sequences import SHARED_MESHES, real
+from benchmarks.common.stages import TOTAL, function_seconds
 from ddgcli.algorithms.curvature import measures
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import area_normals, unit_normals
@@ -34,17 +36,47 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 SCANS = ("koala_loop1.ply", "st_helens_terrain.ply")
 N_PAIRS = 8
-REPEAT = 2
+MAX_REPEAT, SECONDS_OF_A_ROW = 6, 30.0
+STAGES = {"reading": ("io/mesh_file:read_mesh",), "checks": ("cli/input_facts:input_facts",)}
+WRITING = ("io/mesh_file:write_mesh",)
+OF_CURVATURE = (
+    (
+        "algorithms/curvature/unit_surface:prepare_surface",
+        "algorithms/curvature/surface_curvature:_pointwise",
+    ),
+    (
+        "algorithms/curvature/surface_curvature:_accuracy", "algorithms/curvature/noise:estimate_noise",
+        "algorithms/curvature/surface_curvature:_further_integrals",
+    ),
+)  # fmt: skip
+OF_LAPLACIAN = (
+    ("algorithms/laplacian/laplace_operator:laplace_operator", "algorithms/laplacian/spectrum:spectrum"),
+    (
+        "algorithms/laplacian/laplace_operator:negative_weights",
+        "algorithms/laplacian/laplace_operator:symmetry_residual",
+    ),
+)
+OF_FAST_MARCHING = (
+    (
+        "algorithms/geodesics/fast_marching:fast_marching_stencils",
+        "algorithms/geodesics/fast_marching:fast_marching_distance",
+    ),
+    ("algorithms/geodesics/certificate:certificate",),
+)
 
 
 @dataclass(frozen=True)
 class Case:
-    """A command, the library function of its kernel, and a peer's call with the peer's name."""
+    """A command, the library function of its kernel, and a peer's call with the peer's name.
+
+    `stages`: the functions of the command that compute its arrays, and those of its totals and accuracy.
+    """
 
     words: str
     kernel: Callable[[TriangleMesh], Any]
     peer_name: str
     peer: Callable[[np.ndarray, np.ndarray], Any]
+    stages: tuple[tuple[str, ...], tuple[str, ...]]
 
 
 def cotan_kernel(mesh: TriangleMesh) -> Any:
@@ -88,27 +120,34 @@ def pp3d_fast_marching(points: np.ndarray, faces: np.ndarray) -> Any:
 
 
 CASES = {
-    "cotan": Case("curvature MESH --scheme cotan", cotan_kernel, "libigl", igl_cotan),
+    "cotan": Case("curvature MESH --scheme cotan", cotan_kernel, "libigl", igl_cotan, OF_CURVATURE),
     "quadric": Case(
-        "curvature MESH", quadric_kernel, "libigl", lambda p, f: igl.principal_curvature(p, f, radius=2)
+        "curvature MESH",
+        quadric_kernel,
+        "libigl",
+        lambda p, f: igl.principal_curvature(p, f, radius=2),
+        OF_CURVATURE,
     ),
     "delaunay": Case(
         "laplacian MESH --operator intrinsic-delaunay",
         lambda mesh: laplace_operator(mesh, "intrinsic-delaunay"),
         "libigl",
         igl.intrinsic_delaunay_cotmatrix,
+        OF_LAPLACIAN,
     ),
     "fast-marching": Case(
         "geodesic MESH --source 0 --method fast-marching",
         fast_marching_kernel,
         "potpourri3d",
         pp3d_fast_marching,
+        OF_FAST_MARCHING,
     ),
     "eigen": Case(
         f"laplacian MESH --eigen {N_PAIRS}",
         lambda mesh: spectrum(laplace_operator(mesh, "cotan"), N_PAIRS),
         "eigsh",
         scipy_eigen,
+        OF_LAPLACIAN,
     ),
 }  # fmt: skip
 
@@ -133,8 +172,11 @@ def bench(names: list[str]) -> None:
         points, faces = np.array(mesh.points), np.array(mesh.faces)
         for name in names:
             case = CASES[name]
-            whole, start, kernel, peer = [], [], [], []
-            for _ in range(REPEAT):
+            whole: list[float] = []
+            start, kernel, peer = list(whole), list(whole), list(whole)
+            while len(whole) < 2 or (
+                sum(whole + kernel + peer) < SECONDS_OF_A_ROW and len(whole) < MAX_REPEAT
+            ):
                 start.append(measure.command_seconds(*case.words.replace("MESH", "cube.obj").split()).cpu)
                 whole.append(measure.command_seconds(*case.words.replace("MESH", path).split()).cpu)
                 kernel.append(seconds(on_new_mesh, case.kernel, points, faces))
@@ -147,10 +189,33 @@ def bench(names: list[str]) -> None:
     measure.print_table("Commands on scans", [*header, "command / peer"], rows)
 
 
+def bench_stages(names: list[str]) -> None:
+    """Print CPU seconds of the stages of each command that writes its arrays to a binary PLY file."""
+    rows: list[list[Any]] = []
+    for scan in SCANS:
+        for name in names:
+            case = CASES[name]
+            words = f"{case.words} -o out.ply"
+            on_cube = function_seconds(*words.replace("MESH", measure.sample_path("cube.obj")).split())
+            on_scan = function_seconds(*words.replace("MESH", str(SHARED_MESHES / scan)).split())
+            beyond = {key: value - on_cube.get(key, 0.0) for key, value in on_scan.items()}
+            kernel, accuracy = case.stages
+            stages = [*STAGES.values(), kernel, accuracy, WRITING]
+            seconds_of_stages = [sum(beyond.get(key, 0.0) for key in stage) for stage in stages]
+            other = beyond[TOTAL] - sum(seconds_of_stages)
+            start = min(
+                measure.command_seconds(*words.replace("MESH", "cube.obj").split()).cpu for _ in range(3)
+            )
+            rows.append([f"`{words.replace('MESH', scan)}`", start, *seconds_of_stages, other])
+    header = ["command", "start-up", *STAGES, "kernel", "totals and accuracy", "writing", "other"]
+    measure.print_table("Stages, seconds", header, rows)
+
+
 # whole commands, timed as a user starts them
 COMMANDS = ("curvature sphere.ply --scheme cotan", "geodesic sphere.ply --source 0 --method fast-marching")
 
 
 if __name__ == "__main__":
     bench(sys.argv[1:] or list(CASES))
+    bench_stages(sys.argv[1:] or list(CASES))
     measure.print_commands(*COMMANDS)

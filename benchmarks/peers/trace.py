@@ -4,7 +4,8 @@ python -m benchmarks.peers.trace [faces ...]      default 20000 80000 320000
 
 A first logarithmic map or transport includes the set-up on both sides, a further one uses what both can
 compute once for a mesh (stencils of fast marching, tables, factors). The tables also contain errors, because
-those of the methods differ by a factor of ten.
+those of the methods differ by a factor of ten: `heat` is the method of potpourri3d's `VectorHeat`, the exact
+map is the default.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.exact.tables import window_tables
 from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance, fast_marching_stencils
 from ddgcli.algorithms.geodesics.flipout import Straightener
+from ddgcli.algorithms.geodesics.heat import HeatSolver
 from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.tangent_fields.heat_log_map import heat_log_map, vertex_gradient
 from ddgcli.algorithms.tangent_fields.log_map import log_map
 from ddgcli.algorithms.tangent_fields.polar_coordinates import fast_marching_log_map
 from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
@@ -147,13 +150,21 @@ def bench_log_maps(faces):
     def marched(mesh, **shared):
         return fast_marching_log_map(mesh, fast_marching_distance(mesh, sources, **shared), sources).log_map
 
+    def by_heat(mesh, scalar=None, **shared):
+        distance = (HeatSolver(mesh) if scalar is None else scalar).distance(sources).distance
+        return heat_log_map(mesh, distance, sources, **shared).log_map
+
+    factors = {"scalar": HeatSolver(mesh), "transport": VectorHeat(mesh), "slope": vertex_gradient(mesh)}
+
     def peer(strategy):
         return pp3d.MeshVectorHeatSolver(mesh.points, mesh.faces).compute_log_map(0, strategy=strategy)
 
     first = {"exact": lambda: exact(fresh()), "fast marching": lambda: marched(fresh())}
+    first["heat"] = lambda: by_heat(fresh())
     further = {
         "exact": lambda: exact(mesh, tables=tables),
         "fast marching": lambda: marched(mesh, stencils=stencils),
+        "heat": lambda: by_heat(mesh, **factors),
     }
     for strategy in ("VectorHeat", "AffineLocal"):
         if strategy == "VectorHeat" or faces < 50_000:  # the set-up of AffineLocal takes a minute

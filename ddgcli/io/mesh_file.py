@@ -12,7 +12,6 @@ import importlib
 import os
 import stat
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -213,6 +212,8 @@ def _raw(path: str, data: bytes, suffix: str) -> RawMesh:
     raw = _function(READERS[suffix])(data) if suffix in READERS else None
     if raw is not None:
         return raw
+    import tempfile
+
     from ddgcli.io.readers import foreign
 
     read = foreign.read_meshio if suffix in foreign.MESHIO else foreign.read_trimesh

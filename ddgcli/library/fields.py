@@ -8,12 +8,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ddgcli.algorithms.geodesics.distance import prepare_solver
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
 from ddgcli.algorithms.tangent_fields.field_curves import field_curves
 from ddgcli.algorithms.tangent_fields.integral_curves import random_starts, starts_at
 from ddgcli.algorithms.tangent_fields.vertex_vectors import VertexVectors, log_map_vectors, transport_vectors
+from ddgcli.choices import LOG_MAP_METHODS
 from ddgcli.errors import ParameterError
 from ddgcli.library.curves import curve_measurement
 from ddgcli.library.distances import surface_sources
@@ -73,7 +75,7 @@ def parallel_transport(
 
 @accepts_arrays("surface")
 def logarithmic_map(
-    mesh: TriangleMesh, source: int, method: Literal["exact", "fast-marching"] = "exact"
+    mesh: TriangleMesh, source: int, method: Literal["exact", "fast-marching", "heat"] = "exact"
 ) -> Measurement:
     """Logarithmic map: direction and distance of every vertex as seen from one.
 
@@ -83,8 +85,8 @@ def logarithmic_map(
         Orientable.
     source : int
         Vertex.
-    method : {'exact', 'fast-marching'}
-        Distance that the map follows.
+    method : {'exact', 'fast-marching', 'heat'}
+        Distance that the map follows; by 'heat' the map is the fastest, and ten times less accurate.
 
     Returns
     -------
@@ -92,7 +94,7 @@ def logarithmic_map(
         `vertex["log_map"]` (n, 2): coordinates in the tangent plane of the source, in length units; the size
         is the distance, the angle that of the shortest path from the x axis, scaled by 2 pi / total angle at
         an inner vertex; inf where the source does not reach. `results["log_map_axis"]` is the x axis.
-        `accuracy` holds `log_map_miss` (exact) or `log_map_skew` (fast marching).
+        `accuracy` holds `log_map_miss` (exact) or `log_map_skew` (fast marching, heat).
 
     Raises
     ------
@@ -111,8 +113,8 @@ def logarithmic_map(
     >>> bool(abs((chart**2).sum(axis=1) - distance**2).max() < 1e-12)
     True
     """
-    if method not in ("exact", "fast-marching"):
-        raise ParameterError(f"the logarithmic map follows 'exact' or 'fast-marching', not {method!r}")
+    if method not in LOG_MAP_METHODS:
+        raise ParameterError(f"the logarithmic map follows {', '.join(LOG_MAP_METHODS)}, not {method!r}")
     cover = oriented_cover(mesh)
     cover.require_two_sides("the logarithmic map")
     at = surface_sources(mesh, source)
@@ -120,6 +122,9 @@ def logarithmic_map(
     if method == "exact":
         arrived = cover.lift_exact(exact_distance(mesh, at, directions=mesh.topology.is_oriented))
         return _vertex_measurement(mesh, log_map_vectors(cover.mesh, arrived, lifted))
+    if method == "heat":
+        by_heat = prepare_solver(mesh, "heat")(at)
+        return _vertex_measurement(mesh, log_map_vectors(cover.mesh, by_heat, lifted))
     return _vertex_measurement(mesh, log_map_vectors(cover.mesh, fast_marching_distance(mesh, at), lifted))
 
 

@@ -32,7 +32,7 @@ def test_every_bench_times_whole_commands_that_parse(name):
     for call in bench.COMMANDS:
         command_name, *words = shlex.split(call)
         command = main.get_command(click.Context(main), command_name)
-        words = repeat_options(command, [measure._sample_path(word) for word in words])
+        words = repeat_options(command, [measure.sample_path(word) for word in words])
         command.make_context(command_name, words, parent=click.Context(main))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ddgcli.choices import LOG_MAP_METHODS
 from ddgcli.errors import ParameterError
 
 
@@ -188,10 +189,9 @@ class CurveQuery:
             )
         if self.log_map and not has_source:
             raise ParameterError("needs a source, e.g. `source=0`", parameter="log_map")
-        if self.log_map and method not in ("exact", "fast-marching"):
-            raise ParameterError(
-                f"has no method {method}; use `method=exact` or `method=fast-marching`", parameter="log_map"
-            )
+        if self.log_map and method not in LOG_MAP_METHODS:
+            cures = " or ".join(f"`method={name}`" for name in LOG_MAP_METHODS)
+            raise ParameterError(f"has no method {method}; use {cures}", parameter="log_map")
         if self.field_seeds is not None and has_source:
             raise ParameterError(
                 "sets random starts, but there are sources; drop one of them", parameter="field_seeds"

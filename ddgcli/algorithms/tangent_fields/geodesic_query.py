@@ -246,9 +246,12 @@ def query_vectors(
     cover.require_two_sides("`log_map` or `spread_vector`")
     sources = cover.lift_sources(sources)
     if query.log_map:
-        arrival = distance.fast_marching if distance.exact is None else cover.lift_exact(distance.exact)
-        if arrival is not None:
-            vector_sets.append(log_map_vectors(cover.mesh, arrival, sources, stage_progress("log map")))
+        arrival = (
+            (distance.fast_marching or distance)
+            if distance.exact is None
+            else cover.lift_exact(distance.exact)
+        )
+        vector_sets.append(log_map_vectors(cover.mesh, arrival, sources, stage_progress("log map")))
     if query.spread_vector:
         vector_sets.append(transport_vectors(cover.mesh, sources, query.spread_vector))
     return merge_vectors(vector_sets)

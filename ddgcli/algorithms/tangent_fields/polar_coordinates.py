@@ -53,7 +53,7 @@ def fast_marching_log_map(mesh: SurfaceMesh, approximate: FastMarchingDistance, 
     require_single_source(sources)
     distance, far = approximate.distance, ~np.isfinite(approximate.distance)
     radius = _radius(approximate, sources, mesh)
-    face, near, at = _submesh_near_source(mesh, distance <= MARGIN * radius, sources)
+    face, near, at = submesh_near_source(mesh, distance <= MARGIN * radius, sources)
     centre = SourceFrame(Tracer(near), at)
     exact = exact_distance(near, at, limit=radius, directions=True)
     exact_vertices = np.flatnonzero((exact.distance > 0) & (exact.distance <= radius) & ~far)
@@ -65,7 +65,7 @@ def fast_marching_log_map(mesh: SurfaceMesh, approximate: FastMarchingDistance, 
     axis = centre.axis()
     if "face" in axis:
         axis["face"] = int(face[axis["face"]])
-    return LogMap(coordinates, axis, skew=_skew(mesh, distance, unit))
+    return LogMap(coordinates, axis, skew=direction_skew(mesh, distance, unit))
 
 
 def _radius(approximate: FastMarchingDistance, sources: Sources, mesh: SurfaceMesh) -> float:
@@ -87,7 +87,7 @@ def _radius(approximate: FastMarchingDistance, sources: Sources, mesh: SurfaceMe
     return max(radius, float(distance[ends].max(initial=0.0)) * (1 + 1e-9))
 
 
-def _submesh_near_source(
+def submesh_near_source(
     mesh: SurfaceMesh, near: NDArray, sources: Sources
 ) -> tuple[NDArray, SurfaceMesh, Sources]:
     """Faces at vertices where `near` (n,), ascending; their mesh; and the source on it.
@@ -220,7 +220,7 @@ def _least(value: NDArray, vertex: NDArray, n: int) -> tuple[NDArray[np.int64], 
     return number[number >= 0], least
 
 
-def _skew(mesh: SurfaceMesh, distance: NDArray, unit: NDArray) -> dict[str, float] | None:
+def direction_skew(mesh: SurfaceMesh, distance: NDArray, unit: NDArray) -> dict[str, float] | None:
     """|cos| of the angle between the gradients of distance and direction on faces; Gauss's lemma: 0."""
     corner = unit[mesh.faces]
     turn = np.angle(corner * corner[:, :1].conj()) * float(mesh.side_length.max())  # in units of length

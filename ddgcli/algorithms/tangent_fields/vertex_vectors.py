@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ddgcli.algorithms.geodesics.distance import DistanceResult
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.require import require
@@ -42,11 +43,14 @@ def merge_vectors(vector_sets: list[VertexVectors]) -> VertexVectors:
 
 def log_map_vectors(
     mesh: TriangleMesh,
-    arrival: ExactDistance | FastMarchingDistance,
+    arrival: ExactDistance | FastMarchingDistance | DistanceResult,
     sources: Sources,
     progress: ProgressCallback | None = None,
 ) -> VertexVectors:
-    """Array `log_map` (n, 2) by the method of the distance, and its x axis."""
+    """Array `log_map` (n, 2) by the method of the distance, and its x axis.
+
+    An `arrival` that is a `DistanceResult` alone (by the heat method) gives the map by vector heat.
+    """
     from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
 
     if isinstance(arrival, ExactDistance):
@@ -54,6 +58,14 @@ def log_map_vectors(
 
         mapped = log_map(mesh, arrival, sources, progress)
         accuracy: dict[str, Any] = {"log_map_miss": mapped.miss}
+    elif isinstance(arrival, DistanceResult):
+        from ddgcli.algorithms.tangent_fields.heat_log_map import heat_log_map
+        from ddgcli.algorithms.tangent_fields.polar_coordinates import direction_skew
+
+        mapped = heat_log_map(mesh, arrival.distance, sources)
+        unit = np.exp(1j * np.arctan2(mapped.log_map[:, 1], mapped.log_map[:, 0]))
+        unit[sources.vertex] = 0.0
+        accuracy = {"log_map_skew": direction_skew(mesh, arrival.distance, unit)}
     else:
         from ddgcli.algorithms.tangent_fields.polar_coordinates import fast_marching_log_map
 

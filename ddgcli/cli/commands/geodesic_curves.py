@@ -90,7 +90,7 @@ _OPTIONS = (
                  help="Write all curves as polylines (.vtp, .vtu, .ply, .obj, .npz); repeatable."),
     click.option("--log-map", is_flag=True,
                  help="Array log_map: each vertex in the tangent plane of the one source; exact, or several "
-                      "times faster with --method fast-marching."),
+                      "times faster with --method fast-marching, or coarsely with --method heat."),
     click.option("--spread-vector", multiple=True, type=Numbers(3, "1,0,0.5"), metavar="dx,dy,dz",
                  help="Array transported_vector: tangent vectors at the --source vertices, one each, spread "
                       "by parallel transport (vector heat)."),

@@ -192,7 +192,7 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     for other in options.get("compare") or ():
         yield Use(f"geodesic {other}")
     if options.get("log_map"):
-        yield Use("geodesic log-map")
+        yield Use("geodesic vector-heat" if method == "heat" else "geodesic log-map")
     if options.get("signed_distance") or options.get("transport"):
         yield Use("geodesic vector-heat")
 
