@@ -5,8 +5,8 @@ python -m benchmarks.peers.commands [NAME OF A CASE ...]
 The kernel is the library function that computes the arrays of the command, from arrays of points and faces;
 the command reads a file besides, reports facts of the input, and certifies. Aim: at most 1.5 times the
 kernel. The same command on a cube takes the time of the start-up alone. Each row is measured in turn in one
-run, one thread; the least of the repetitions. A second table tells the stages of each command apart, with an
-output file: seconds of a profile beyond those on a cube.
+run, one thread; the least of the repetitions. A second table has the seconds
+of the parts of each command with an output file, in a profile and beyond those on a cube.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ import potpourri3d
 from scipy.sparse.linalg import eigsh
 
 from benchmarks.common import measure
+from benchmarks.common.function_seconds import TOTAL, function_seconds
 from benchmarks.common.mesh_sequences import SHARED_MESHES, real
-from benchmarks.common.stages import TOTAL, function_seconds
 from ddgcli.algorithms.curvature import measures
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import area_normals, unit_normals
@@ -37,7 +37,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 SCANS = ("koala_loop1.ply", "st_helens_terrain.ply")
 N_PAIRS = 8
 MAX_REPEAT, SECONDS_OF_A_ROW = 6, 30.0
-STAGES = {"reading": ("io/mesh_file:read_mesh",), "checks": ("cli/input_facts:input_facts",)}
+COMMON_GROUPS = {"reading": ("io/mesh_file:read_mesh",), "checks": ("cli/input_facts:input_facts",)}
 WRITING = ("io/mesh_file:write_mesh",)
 OF_CURVATURE = (
     (
@@ -69,14 +69,14 @@ OF_FAST_MARCHING = (
 class Case:
     """A command, the library function of its kernel, and a peer's call with the peer's name.
 
-    `stages`: the functions of the command that compute its arrays, and those of its totals and accuracy.
+    `groups`: the functions of the command that compute its arrays, and those of its totals and accuracy.
     """
 
     words: str
     kernel: Callable[[TriangleMesh], Any]
     peer_name: str
     peer: Callable[[np.ndarray, np.ndarray], Any]
-    stages: tuple[tuple[str, ...], tuple[str, ...]]
+    groups: tuple[tuple[str, ...], tuple[str, ...]]
 
 
 def cotan_kernel(mesh: TriangleMesh) -> Any:
@@ -189,8 +189,8 @@ def bench(names: list[str]) -> None:
     measure.print_table("Commands on scans", [*header, "command / peer"], rows)
 
 
-def bench_stages(names: list[str]) -> None:
-    """Print CPU seconds of the stages of each command that writes its arrays to a binary PLY file."""
+def bench_groups(names: list[str]) -> None:
+    """Print CPU seconds of the parts of each command that writes its arrays to a binary PLY file."""
     rows: list[list[Any]] = []
     for scan in SCANS:
         for name in names:
@@ -199,15 +199,15 @@ def bench_stages(names: list[str]) -> None:
             on_cube = function_seconds(*words.replace("MESH", measure.sample_path("cube.obj")).split())
             on_scan = function_seconds(*words.replace("MESH", str(SHARED_MESHES / scan)).split())
             beyond = {key: value - on_cube.get(key, 0.0) for key, value in on_scan.items()}
-            kernel, accuracy = case.stages
-            stages = [*STAGES.values(), kernel, accuracy, WRITING]
-            seconds_of_stages = [sum(beyond.get(key, 0.0) for key in stage) for stage in stages]
-            other = beyond[TOTAL] - sum(seconds_of_stages)
+            kernel, accuracy = case.groups
+            groups = [*COMMON_GROUPS.values(), kernel, accuracy, WRITING]
+            group_seconds = [sum(beyond.get(key, 0.0) for key in group) for group in groups]
+            other = beyond[TOTAL] - sum(group_seconds)
             start = min(
                 measure.command_seconds(*words.replace("MESH", "cube.obj").split()).cpu for _ in range(3)
             )
-            rows.append([f"`{words.replace('MESH', scan)}`", start, *seconds_of_stages, other])
-    header = ["command", "start-up", *STAGES, "kernel", "totals and accuracy", "writing", "other"]
+            rows.append([f"`{words.replace('MESH', scan)}`", start, *group_seconds, other])
+    header = ["command", "start-up", *COMMON_GROUPS, "kernel", "totals and accuracy", "writing", "other"]
     measure.print_table("Stages, seconds", header, rows)
 
 
@@ -217,5 +217,5 @@ COMMANDS = ("curvature sphere.ply --scheme cotan", "geodesic sphere.ply --source
 
 if __name__ == "__main__":
     bench(sys.argv[1:] or list(CASES))
-    bench_stages(sys.argv[1:] or list(CASES))
+    bench_groups(sys.argv[1:] or list(CASES))
     measure.print_commands(*COMMANDS)

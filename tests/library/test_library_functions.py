@@ -154,7 +154,7 @@ def test_the_cure_for_tetrahedra_works():
         (lambda: ddg.heat_kernel_signature(SPHERE, []), "list of positive numbers"),
         (lambda: ddg.hodge_decomposition(SPHERE, [1.0]), "use vectors on 42 vertices"),
         (lambda: ddg.hodge_decomposition(SPHERE, np.ones(120), "free"), "unknown boundary 'free'"),
-        (lambda: ddg.logarithmic_map(SPHERE, 0, "heat"), "not 'heat'"),
+        (lambda: ddg.logarithmic_map(SPHERE, 0, "dijkstra"), "not 'dijkstra'"),
         (lambda: ddg.isolines(SPHERE, SPHERE.points[:, 0], 0), "count must be at least 1"),
         (lambda: ddg.trace(SPHERE, [0, 1], [1, 0, 0], [1, 0, 0], [1, 2, 3]), "do not fit together"),
         (lambda: ddg.shortest_paths(SPHERE, 0, 1.5), "whole numbers"),

@@ -1,6 +1,6 @@
 """CPU seconds of the functions of one command, from a profile in a process of its own.
 
-`python -m benchmarks.common.stages WORDS` runs `ddgcli WORDS` and prints the seconds as JSON.
+`python -m benchmarks.common.function_seconds WORDS` runs `ddgcli WORDS` and prints the seconds as JSON.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def function_seconds(*words: str) -> dict[str, float]:
     """CPU seconds by "module:function", calls of others included, and `TOTAL`; outputs are not kept."""
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(
-            [sys.executable, "-m", "benchmarks.common.stages", *words],
+            [sys.executable, "-m", "benchmarks.common.function_seconds", *words],
             cwd=folder, env=os.environ | {"PYTHONPATH": str(PACKAGE.parent), "OMP_NUM_THREADS": "1"},
             check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )  # fmt: skip
