@@ -10,12 +10,14 @@ of a cloth that has hung for 0.2 s and swings; "newton" counts moves, with or wi
 from __future__ import annotations
 
 import importlib.util
+import statistics
 import sys
 from functools import cache
 
 import numpy as np
 
 from benchmarks.common.measure import cpu_seconds, machine, print_commands, print_table
+from benchmarks.common.mujoco_shells import STABLE_STEP, mujoco_step, print_strips
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.system import Motion
@@ -31,7 +33,6 @@ FIGURES = {
     "copy of element values": float("nan"), "factor": 691.0, "solve": 12.0,
     "newton iteration": 17 + 55 + 7 + 691 + 12,
 }  # fmt: skip
-MUJOCO_STEP = 0.002  # its longest stable one on this cloth
 SCENE = """
 [time]
 step = 0.01
@@ -52,8 +53,10 @@ pin = {{ vertices = [0, {n}] }}
 """
 
 
-def system(n: int, integrator: str = "newmark", membrane: str = "stvk", bending: str = "hinge"):
-    text = SCENE.format(n=n, integrator=integrator, membrane=membrane, bending=bending)
+def system(
+    n: int, integrator: str = "newmark", membrane: str = "stvk", bending: str = "hinge", more: str = ""
+):
+    text = SCENE.format(n=n, integrator=integrator, membrane=membrane, bending=bending) + more
     scene = resolve(parse_scene(text), KIND, {})
     context, _ = model.contexts(scene, None)["s"]
     account = Account()
@@ -133,10 +136,10 @@ def kernels(n: int) -> dict[str, float]:
 
 
 def steps(
-    n: int, integrator: str, membrane: str, bending: str, dt: float = 0.01, count: int = 3
+    n: int, integrator: str, membrane: str, bending: str, dt: float = 0.01, count: int = 3, more: str = ""
 ) -> list[float]:
-    """Milliseconds a step, by part, after one step that builds the patterns."""
-    s, _, parameters, account = system(n, integrator, membrane, bending)
+    """Milliseconds a step, by part, after one step that builds the patterns; `more` effects."""
+    s, _, parameters, account = system(n, integrator, membrane, bending, more)
     scheme = INTEGRATORS[integrator]
     dt = 1e-5 if np.isfinite(scheme.reach(parameters)) else dt
     begin = swinging(n)
@@ -147,6 +150,7 @@ def steps(
     began = cpu_seconds()
     for _ in range(count):
         with account.within("integrator"):
+            s.begin_step()
             motion = scheme.step(s, motion, dt, parameters)
     total = 1e3 * (cpu_seconds() - began) / count
     booked = sum(account.seconds.values())  # by the clock on the wall; only the shares hold on a busy machine
@@ -156,32 +160,6 @@ def steps(
     ]
     newton = (motion.newton - before) / count
     return [total, newton, total / newton if newton else total, *columns]
-
-
-def mujoco_step(n: int) -> float:
-    """Milliseconds a step of MuJoCo's implicit integrator on the same hanging cloth, or nan."""
-    try:
-        import mujoco
-    except ImportError:
-        return float("nan")
-    h = 1 / n
-    xml = f"""<mujoco><option timestep="{MUJOCO_STEP}" gravity="0 0 -9.81" integrator="discrete" solver="CG"/>
-    <worldbody><flexcomp name="c" type="grid" dim="2" count="{n + 1} {n + 1} 1" spacing="{h} {h} {h}"
-      mass="0.2" radius="0.0005" pos="0 0 1">
-      <elasticity young="1e5" poisson="0.3" thickness="1e-3" elastic2d="both"/>
-      <contact contype="0" conaffinity="0" selfcollide="none"/><pin id="0 {n}"/>
-    </flexcomp></worldbody></mujoco>"""
-    try:
-        compiled = mujoco.MjModel.from_xml_string(xml)
-    except Exception as error:
-        print("MuJoCo:", str(error).split("\n")[0])
-        return float("nan")
-    data = mujoco.MjData(compiled)
-    mujoco.mj_step(compiled, data)
-    began = cpu_seconds()
-    for _ in range(5):
-        mujoco.mj_step(compiled, data)
-    return 1e3 * (cpu_seconds() - began) / 5
 
 
 def main() -> None:
@@ -199,6 +177,9 @@ def main() -> None:
     print(f"quadratic bending alone, 20 000 triangles: {constant_matrix_steps(100):.0f} steps a second")
     if importlib.util.find_spec("mujoco") is not None:
         beside_mujoco({name: n for name, n in sizes.items() if name != "50k"})
+        print_strips()
+    if 78 in sizes.values():
+        print_self_contact(78)
     for name, n in sizes.items():
         rows = []
         for integrator, membrane, bending in (
@@ -216,14 +197,24 @@ def main() -> None:
         )
 
 
+def print_self_contact(n: int) -> None:
+    """Ratio of the steps with and without self-contact of a cloth that does not touch itself, in pairs."""
+    if importlib.util.find_spec("ipctk") is None:
+        return
+    more = "contact = { self_contact = true }\n"
+    pairs = [[steps(n, "newmark", "stvk", "hinge", more=text)[0] for text in ("", more)] for _ in range(3)]
+    ratio = statistics.median(after / before for before, after in pairs)
+    print(f"a step with self_contact takes {ratio:.2f} of one without, {2 * n * n} triangles")
+
+
 def beside_mujoco(sizes: dict[str, int]) -> None:
     """Table of our steps beside MuJoCo's, a step for a step and for the same motion."""
     rows = []
     for name, n in sizes.items():
         theirs = mujoco_step(n)
-        for dt in (MUJOCO_STEP, 0.01):
+        for dt in (STABLE_STEP, 0.01):
             ours = steps(n, "newmark", "stvk", "hinge", dt)[0]
-            motion = ours / dt / (theirs / MUJOCO_STEP)
+            motion = ours / dt / (theirs / STABLE_STEP)
             row = [
                 f"{theirs:.1f}",
                 f"{1e3 * dt:g} ms",
