@@ -31,32 +31,26 @@ from ddgcli.mechanics.terms import Mode
 from ddgcli.simulation.model import StepRejected
 
 MOVE_TOLERANCE = 1e-9  # a Newton step below this fraction of the object's size ends the iteration
-ACCELERATION_TOLERANCE = (
-    1e-8  # a first guess whose acceleration misses no more than this part needs no iteration
-)
+# a first guess whose acceleration misses no more than this part needs no iteration
+ACCELERATION_TOLERANCE = 1e-8
 HALF_ULP = 0.25 * float(np.finfo(float).eps)  # a move that changes no digit
-SHORT_STEP_FRACTION, MAX_SHORT_STEPS = (
-    1e-3,
-    10,
-)  # moves of which the line search leaves less than that part, and how many may be
+# moves of which the line search leaves less than that part, and how many may be
+SHORT_STEP_FRACTION, MAX_SHORT_STEPS = 1e-3, 10
 MAX_BALANCE_MOVES = 4  # further moves for the balance of momentum, once moves are short enough
-MAX_NEWTON_ITERATIONS = (
-    300  # a stiff sheet that has struck something needs many, and halves of the step no fewer
-)
-MIN_STEP_FRACTION = 1e-10
-ARMIJO_FRACTION = 1e-4
+# a stiff sheet that has struck something needs many, and halves of the step no fewer
+MAX_NEWTON_ITERATIONS = 300
+MIN_STEP_FRACTION, ARMIJO_FRACTION = 1e-10, 1e-4
 # rounds of conjugate gradients that cost about a factorisation; and what of a move may be missing at most
-MAX_CG_ROUNDS = 15
-MAX_CG_RESIDUAL = 0.1
+MAX_CG_ROUNDS, MAX_CG_RESIDUAL = 15, 0.1
 
 
 class Newton:
     """Newton's iteration for one system; keeps its scatter pattern and the symbolic factorisation.
 
-    A step factorises once, at its first guess. The later moves come from that factorisation and the changes
-    of the gradient, as long as they shrink fast enough; where not, from the Hessian at hand, by conjugate
-    gradients with that factorisation as preconditioner, as exactly as quadratic convergence needs. They
-    factorise anew only where that takes too many rounds. The result of a step depends only on its arguments.
+    A step factorises once, at its first guess: the projected Hessian, in contact the exact one. Later moves
+    come from that factorisation and the changes of the gradient, as long as they shrink fast enough; else
+    from the exact Hessian, by conjugate gradients preconditioned by that factorisation, as exactly as needed,
+    or by a new one after too many rounds. The result of a step depends only on its arguments.
     """
 
     def __init__(self, system: System) -> None:
@@ -262,10 +256,17 @@ class Newton:
     def _direction(
         self, increment: Increment, y: NDArray, g: NDArray, before: float, least: float
     ) -> NewtonStep:
-        """Descent direction of the exact Hessian, by the factorisation at hand or by a new one.
+        """Descent direction by the factorisation at hand and secants, or by the exact Hessian.
+
+        The first one of a step is that of the projected Hessian, which costs half and always factorises; in
+        contact it is that of the exact one where it is definite.
 
         `before` is the length of the last move, `least` what may be missing of this one at any rate.
         """
+        if not self._fresh and not self._in_contact(y):
+            first = self._projected_direction(increment, y, g).x
+            self._secants.add(self.entries(y), self.entries(g))
+            return NewtonStep(first, float(np.abs(self.spread(first)).max()), 0, True)
         quick = self._secant_direction(y, g, before)
         if quick is not None:
             return quick
@@ -293,7 +294,7 @@ class Newton:
 
         Or where something is in contact: then a move costs a search for contacts, more than a Hessian.
         """
-        if not self._fresh or any(barrier.energy(y) for barrier in self.system.barriers):
+        if not self._fresh or self._in_contact(y):
             return None
         rhs = self.entries(-g)
         self._secants.add(self.entries(y), -rhs)
@@ -306,6 +307,9 @@ class Newton:
             return None
         # moves shrink by this ratio or faster: the sum of those to come
         return NewtonStep(step, size * size / (before - size), 0, True)
+
+    def _in_contact(self, y: NDArray) -> bool:
+        return any(barrier.energy(y) for barrier in self.system.barriers)
 
     def _projected_direction(self, increment: Increment, y: NDArray, g: NDArray) -> NewtonStep:
         """Descent direction of the projected Hessian, which is positive definite."""
