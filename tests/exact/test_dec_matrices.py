@@ -1,11 +1,16 @@
 """Exported operators: adjointness, kernels, and agreement with the operators that apply themselves."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
+from ddgcli.cli.commands.dec import npz_content
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh import shapes
 from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators import dec_matrices as module
 from ddgcli.operators.dec import complex_of
 from ddgcli.operators.dec_matrices import dec_matrices
 from ddgcli.operators.laplacian import stiffness
@@ -44,6 +49,23 @@ def test_matrices_above_the_limit_of_memory_of_the_process_are_refused(monkeypat
     monkeypatch.setattr("ddgcli.memory.available_memory", lambda: 2.0**18)
     with pytest.raises(ParameterError, match="above 0.000244 GiB; remesh around vertex"):
         dec_matrices(complex_of(mesh))
+
+
+def test_the_estimate_of_a_vertex_of_high_valence_is_the_peak_of_the_whole_command(monkeypatch):
+    random = np.random.default_rng(0)
+    angle = (np.arange(1500) + random.random(1500)) * 2 * np.pi / 1500  # no entry cancels
+    rim = np.stack([np.cos(angle), np.sin(angle), 0.1 * random.random(1500)], axis=1)
+    faces = [[0, 1 + k, 1 + (k + 1) % 1500] for k in range(1500)]
+    mesh = TriangleMesh.from_arrays(np.append([[0.0, 0.0, 0.3]], rim, axis=0), np.array(faces))
+    estimates = []
+    monkeypatch.setattr(module, "check_memory", lambda estimate, *text: estimates.append(estimate))
+    tracemalloc.start()
+    operators = dec_matrices(complex_of(mesh))
+    operators.symmetry_residual()
+    npz_content(operators, mesh.points)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert 0.97 * peak < max(estimates) < 1.3 * peak  # the peak holds some small arrays too
 
 
 @pytest.mark.parametrize("star", STARS)
