@@ -4,13 +4,16 @@ python -m benchmarks.costs [--only WORD ...]      writes ddgcli/cli/forecast/coe
 
 Each kernel is one command at three sizes, each in a process of its own: CPU seconds and peak resident memory
 after its input is read (as a dry run states them). The costs of kernels that stand before it in a command are
-subtracted; what is left is fitted.
+subtracted; what is left is fitted. The probe of the machine's speed runs before and after each command, which
+is repeated: the median of the ratios counts, so that the load of other processes cancels.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import shlex
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -23,10 +26,12 @@ import numpy as np
 
 from benchmarks.common.process import ROOT, MeasuredProcess, measured_command
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS, Cost
-from ddgcli.cli.forecast.prediction import probe
+from ddgcli.cli.forecast.prediction import fill, probe
 
 TABLE = ROOT / "ddgcli" / "cli" / "forecast" / "coefficients.py"
-SIZES, SMALL_SIZES = (10_000, 80_000), (2_000, 14_000)
+SIZES, SMALL_SIZES, SHELL_SIZES = (10_000, 80_000), (2_000, 14_000), (4_000, 30_000)
+REPETITIONS = 3
+SHELL = "--material felt --set thickness=1e-3 --effect stretching --effect gravity"
 
 
 @dataclass(frozen=True)
@@ -91,7 +96,7 @@ SURFACE = [
     Task("hodge field", "hodge {mesh} --field wind"),
     Task("dec", "dec {mesh} -o {out}.npz"),
     Task("geodesic exact", exponent=1.3, words="geodesic {mesh} --source 0"),
-    Task("geodesic heat", "geodesic {mesh} --source 0 --method heat"),
+    Task("geodesic heat", exponent=1.2, words="geodesic {mesh} --source 0 --method heat"),
     Task(
         "geodesic fast-marching",
         "geodesic {mesh} --source 0 --method fast-marching",
@@ -117,24 +122,32 @@ SURFACE = [
         for flow in ("quadratic", "mean-curvature")
     ),
     Task(
-        "shell-sim",
-        "shell-sim {mesh} --effect stretching --effect bending --effect gravity "
-        "--material felt --set thickness=1e-3 --dt 1e-3 --steps 1",
-        SMALL_SIZES,
-        mesh="disk",
+        "shell-sim", f"shell-sim {{mesh}} {SHELL} --effect bending --dt 1e-3 --steps 1", SHELL_SIZES, "disk"
     ),
     Task(
         "shell-sim implicit step",
-        "shell-sim {mesh} --effect stretching --effect bending --effect gravity "
-        "--material felt --set thickness=1e-3 --dt 1e-3 --pin 0 --steps 9",
+        f"shell-sim {{mesh}} {SHELL} --effect bending --dt 1e-3 --pin 0 --steps 5",
+        SHELL_SIZES,
+        mesh="disk",
+        exponent=1.15,
+    ),
+    Task(
+        "shell-sim midedge step",
+        f"shell-sim {{mesh}} {SHELL} --effect \"bending model='midedge'\" --dt 1e-3 --pin 0 --steps 5",
         SMALL_SIZES,
         mesh="disk",
-        exponent=1.3,
+        exponent=1.15,
     ),
     Task(
         "shell-sim explicit step",
-        "shell-sim {mesh} --effect stretching --effect bending --effect gravity "
-        "--material felt --set thickness=1e-3 --integrator verlet --dt 1e-8 --steps 40",
+        f"shell-sim {{mesh}} {SHELL} --effect bending --integrator verlet --dt 1e-8 --steps 40",
+        SMALL_SIZES,
+        mesh="disk",
+    ),
+    Task(
+        "shell-sim pairs step",
+        f"shell-sim {{mesh}} {SHELL} --effect bending --effect 'contact self_contact=true' --dt 1e-3 --pin 0 "
+        "--steps 5",
         SMALL_SIZES,
         mesh="disk",
     ),
@@ -241,8 +254,10 @@ def measure(words: list[str], folder: Path, *, short: bool = False) -> MeasuredP
 
 @cache
 def read_facts(path: Path, folder: Path) -> dict[str, float]:
-    """MiB and CPU seconds of `info` after it has read a file."""
-    return dry_run(["info", str(path)], folder)
+    """MiB and CPU seconds of `info` after it has read a file, and the probe at that time."""
+    before = probe()
+    facts = dry_run(["info", str(path)], folder)
+    return facts | {"probe_seconds": 0.5 * (before + probe())}
 
 
 def dry_run(words: list[str], folder: Path) -> dict[str, Any]:
@@ -252,25 +267,39 @@ def dry_run(words: list[str], folder: Path) -> dict[str, Any]:
 
 
 def measured_kernel(
-    task: Task, folder: Path, table: dict[str, Cost], scale: float = 1.0
+    task: Task, folder: Path, table: dict[str, Cost], probe_seconds: float
 ) -> list[tuple[float, float, float]]:
     """Elements (1e5), and the seconds and MiB of one use of the kernel, for every size of the task.
 
-    `scale` turns seconds of now into those of the table.
+    `probe_seconds` is the probe at the speed of the table.
     """
-    rows, facts, start, start_mib = [], {}, 0.0, 0.0
+    facts: dict[str, Any] = {}
+    rows, start, start_mib = [], 0.0, 0.0
     for elements in task.sizes:
         path, radius = make_input(folder, task.mesh, elements)
-        words = task.words.format(mesh=path, out=folder / "out", radius=radius).split()
-        run, read = measure(words, folder, short=task.short), read_facts(path, folder)
+        words = shlex.split(task.words.format(mesh=path, out=folder / "out", radius=radius))
+        run_seconds, run_mib = repeated_run(words, folder, probe_seconds, task.short)
+        read = read_facts(path, folder)
         if not facts:  # the kernels as the command itself counts them, and what its imports cost
             facts = dry_run(words, folder)
             start = facts["read_seconds"] - read["read_seconds"]
             start_mib = facts["read_mib"] - read["read_mib"]
-        seconds = scale * (run.seconds - read["read_seconds"] - start)
-        mib = run.mib - read["read_mib"] - start_mib
+        speed = probe_seconds / read["probe_seconds"]
+        seconds = run_seconds - speed * (read["read_seconds"] + start)
+        mib = run_mib - read["read_mib"] - start_mib
         rows.append(_rest(task, facts["kernels"], read["elements"] / 1e5, seconds, mib, table))
     return rows
+
+
+def repeated_run(words: list[str], folder: Path, probe_seconds: float, short: bool) -> tuple[float, float]:
+    """Seconds at the speed of the table, and MiB, of a command: medians of repetitions."""
+    seconds, mib = [], []
+    for _ in range(REPETITIONS):
+        before = probe()
+        run = measure(words, folder, short=short)
+        seconds.append(run.seconds * 2.0 * probe_seconds / (before + probe()))
+        mib.append(run.mib)
+    return statistics.median(seconds), statistics.median(mib)
 
 
 def _rest(
@@ -283,16 +312,18 @@ def _rest(
         if use is own or (task.short and use["kernel"] == "curvature further results"):
             continue
         cost = table.get(f"{use['kernel']} {task.suffix}".strip(), NOTHING)
-        seconds -= use["times"] * (cost.seconds + cost.seconds_per_1e5 * n**cost.exponent)
-        shared = max(shared, cost.mib + cost.mib_per_1e5 * n)
+        filled = fill(use["kernel"], round(n * 1e5))
+        seconds -= use["times"] * (cost.seconds + filled * cost.seconds_per_1e5 * n**cost.exponent)
+        shared = max(shared, cost.mib + filled * cost.mib_per_1e5 * n)
     mib = (mib - shared) / own["added"] if own["added"] else mib
     return n, max(seconds, 0.0) / own["times"], max(mib, 0.0)
 
 
-def fitted(rows: list[tuple[float, float, float]], exponent: float) -> Cost:
+def fitted(rows: list[tuple[float, float, float]], exponent: float, kernel: str = "") -> Cost:
     """Cost from (elements, seconds, MiB) at growing sizes, by relative least squares."""
     n, seconds, mib = (np.array(column) for column in zip(*rows))
-    return Cost(*_line(n**exponent, seconds, 0.02), exponent, *_line(n, mib, 5.0))
+    filled = np.array([fill(kernel, round(1e5 * x)) for x in n])
+    return Cost(*_line(filled * n**exponent, seconds, 0.02), exponent, *_line(filled * n, mib, 5.0))
 
 
 def _line(x: np.ndarray, values: np.ndarray, floor: float) -> tuple[float, float]:
@@ -342,9 +373,10 @@ def main() -> None:
     parser.add_argument("--folder", help="keep the inputs here")
     arguments = parser.parse_args()
     table = dict(COEFFICIENTS)
-    probe_seconds = min(probe() for _ in range(5))
+    probe_seconds = statistics.median(probe() for _ in range(5))
     keep_others = arguments.only or arguments.missing  # they stay in the seconds of the earlier run
-    scale = PROBE_SECONDS / probe_seconds if keep_others else 1.0
+    if keep_others:
+        probe_seconds = PROBE_SECONDS
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(arguments.folder or temporary)
         for task in TASKS:
@@ -353,12 +385,12 @@ def main() -> None:
                 continue
             if arguments.missing and name in table:
                 continue
-            rows = measured_kernel(task, folder, table, scale)
-            table[name] = fitted(rows, task.exponent)
+            rows = measured_kernel(task, folder, table, probe_seconds)
+            table[name] = fitted(rows, task.exponent, task.kernel)
             print(
                 name, table[name], [(round(n * 1e5), round(s, 3), round(m)) for n, s, m in rows], flush=True
             )
-            write_table(table, PROBE_SECONDS if keep_others else probe_seconds)
+            write_table(table, probe_seconds)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from benchmarks.common.process import measured_command
 from ddgcli import memory
 from ddgcli.cli.forecast import prediction
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
-from ddgcli.cli.forecast.kernels import InputSize, Use, kernels_of
+from ddgcli.cli.forecast.kernels import CONTACT_STEPS, InputSize, Use, kernels_of
 from ddgcli.cli.forecast.prediction import predict
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
@@ -151,6 +151,51 @@ def test_options_change_what_is_predicted():
     assert ball.kernel == "curvature quadric radius" and math.isclose(ball.times, 25)
     many = kernels_of("geodesic", {"method": "heat", "source": [1, 2], "each_source": True}, size)
     assert many[-1] == Use("geodesic heat solve", 2)
+
+
+def test_models_and_contact_of_a_shell_change_what_is_predicted(inputs, tmp_path, summary):
+    scene = """
+        [time]
+        duration = 0.01
+        step = 1e-3
+        [[object]]
+        name = "sheet"
+        role = "shell"
+        grid = {{ size = [1, 1], cells = [8, 8] }}
+        position = [0, 0, 3]
+        [[object]]
+        name = "ball"
+        role = "obstacle"
+        {ball}
+        [effects]
+        bending = {{ model = "{model}" }}
+        {contact}
+    """
+    pair = 'pairs = [["sheet", "ball"]]'
+    sphere, mesh = "sphere = { center = [0, 0, 0], radius = 1 }", f'mesh = "{inputs["mesh"]}"'
+
+    def times(ball, contact, model="hinge"):
+        (tmp_path / "a.toml").write_text("\n".join(
+            line.strip() for line in scene.format(ball=ball, contact=contact, model=model).splitlines()
+        ))  # fmt: skip
+        rows = facts_of(summary("shell-sim", tmp_path / "a.toml", "--dry-run"))["kernels"][1:]
+        return {row["kernel"].removeprefix("shell-sim "): row["times"] for row in rows if row["seconds"]}
+
+    assert times(sphere, "") == {"implicit step": 10}
+    assert times(sphere, "", "midedge") == {"midedge step": 10}
+    assert times(sphere, f"contact = {{ {pair} }}") == {"implicit step": 10 * CONTACT_STEPS}
+    assert times(sphere, "contact = { self_contact = true }") == {"implicit step": 10, "pairs step": 10}
+    both = times(mesh, f"contact = {{ {pair} }}")  # 128 faces meet 236
+    assert both["pairs step"] == pytest.approx(10 * (128 + 236) / 128)
+
+
+def test_a_mesh_of_many_parts_needs_smaller_factors_than_one_part():
+    def mib(component, kernel="shell-sim implicit step"):
+        size = InputSize("surface", 100_000, component_elements=component)
+        return predict([Use(kernel)], size).kernels[0]["mib"]
+
+    assert mib(4) < 0.6 * mib(100_000) and mib(None) == mib(100_000) < mib(10**6)
+    assert mib(4, "shell-sim") == mib(None, "shell-sim")
 
 
 @pytest.mark.parametrize(

@@ -243,15 +243,18 @@ class Refinement:
         length[b], length[c] = db, da
         length[p + 1], length[p + 2], length[q + 1], length[q + 2] = dc, db, da, dc
         state.measure(np.concatenate([face, new[0], new[1]]))
-        angle, direction = 2 * np.arctan(state.tangent), self.direction
+        angle_b, angle_p1, angle_q1, angle_a, angle_p = (
+            2 * np.arctan(state.tangent.take(side)) for side in (b, p + 1, q + 1, a, p)
+        )
+        direction = self.direction
         at_a, at_b, at_c = direction[a], direction[b].copy(), direction[c].copy()
         direction[p], direction[q] = at_b, at_c
-        direction[q + 1] = at_a + angle[b]
-        direction[b] = at_b + angle[p + 1]
-        direction[p + 1] = at_c + angle[q + 1]
+        direction[q + 1] = at_a + angle_b
+        direction[b] = at_b + angle_p1
+        direction[p + 1] = at_c + angle_q1
         direction[c] = from_point
-        direction[p + 2] = from_point + angle[a]
-        direction[q + 2] = direction[p + 2] + angle[p]
+        direction[p + 2] = from_point + angle_a
+        direction[q + 2] = direction[p + 2] + angle_p
         return np.concatenate([a, b, c, p, p + 1, p + 2, q, q + 1, q + 2])
 
     @property

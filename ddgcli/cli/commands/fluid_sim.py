@@ -102,6 +102,9 @@ class Fluids:
 
         return report.assembled(self.scene, self.built, schedule, self.account)
 
+    def cost_facts(self) -> dict[str, Any]:
+        return {}
+
     def step_limit(self) -> float:
         return min((fluid.step_limit() for fluid in self.built.values()), default=math.inf)
 

@@ -122,6 +122,11 @@ class Shells:
 
         return report.assembled(self.scene, self.contexts, self.systems, schedule)
 
+    def cost_facts(self) -> dict[str, Any]:
+        from ddgcli.models.shell.report import cost_facts
+
+        return cost_facts(self.scene, self.contexts)
+
     def step_limit(self) -> float:
         return min((model.largest_step for model in self.models().values()), default=math.inf)
 

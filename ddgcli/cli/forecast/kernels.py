@@ -17,6 +17,7 @@ DEFAULT_FLOW_STEPS = 100  # a guess: flows end at rest
 CERTIFICATE_RUNS = 4
 PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
 NEWTON_STEPS_AT_REST = 20  # a guess
+CONTACT_STEPS = 2.0  # steps without contact that cost as much as one with it, for its Newton iterations
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,8 @@ class InputSize:
         Steps of a simulation, where they are known.
     frame_count : int
         Frames that are written or drawn.
+    component_elements : int, optional
+        Elements of the largest connected component; default all.
     """
 
     kind: str
@@ -41,6 +44,7 @@ class InputSize:
     edge_length: float | None = None
     steps: int | None = None
     frame_count: int = 1
+    component_elements: int | None = None
 
 
 @dataclass(frozen=True)
@@ -213,14 +217,18 @@ def _curve_flow(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
 
 
 def _shell(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
+    """A shell scene; `contact` and `midedge` are facts of it, `pair_elements` the faces that pairs search."""
     integrator = options.get("integrator")
     yield Use("shell-sim")
-    if integrator == "static":
-        yield Use("shell-sim implicit step", NEWTON_STEPS_AT_REST)
-    elif integrator in ("verlet", "symplectic-euler", "avi"):
-        yield Use("shell-sim explicit step", _steps(size))
+    steps = _steps(size)
+    if integrator in ("verlet", "symplectic-euler", "avi"):
+        yield Use("shell-sim explicit step", steps)
     else:
-        yield Use("shell-sim implicit step", _steps(size))
+        way = "midedge" if options.get("midedge") else "implicit"
+        steps = NEWTON_STEPS_AT_REST if integrator == "static" else steps
+        yield Use(f"shell-sim {way} step", steps * (CONTACT_STEPS if options.get("contact") else 1.0))
+    if options.get("pair_elements"):
+        yield Use("shell-sim pairs step", steps * options["pair_elements"] / max(size.elements, 1))
 
 
 def _fluid(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:

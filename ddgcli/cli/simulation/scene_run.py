@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -50,6 +51,10 @@ class Physics(Protocol):
 
     def assembled(self, schedule: Schedule) -> dict[str, Any]:
         """Facts that a dry run prints."""
+        ...
+
+    def cost_facts(self) -> dict[str, Any]:
+        """Facts of the scene by which `forecast.kernels` chooses its kernels."""
         ...
 
     def step_limit(self) -> float:
@@ -120,13 +125,14 @@ def run_scene(
     describe_input(run, call.path or "", meshes, digest)
     check_unchanged(call.resume, resolved)
     size = scene_size(meshes, schedule)
+    facts = {"integrator": scene.time.integrator, **simulator.cost_facts()}
     if call.common.dry_run:
-        prediction = predict_run(run, size, {"integrator": scene.time.integrator})
+        prediction = predict_run(run, size, facts)
         if schedule.tolerance is None:
             prediction = with_halved_steps(prediction, schedule.dt, simulator.step_limit())
         print_dry_run(run, scene, simulator.assembled(schedule), as_results(prediction, size))
         return
-    check_cost(run, size, {"integrator": scene.time.integrator})
+    check_cost(run, size, facts)
     with run.clock.timed("compute"):
         models = simulator.models()
     job = Job(
@@ -143,8 +149,20 @@ def scene_size(meshes: list[Any], schedule: Schedule) -> InputSize:
     """Elements of all objects, steps and frames."""
     volume = any(hasattr(mesh, "tetrahedra") for mesh in meshes)
     elements = sum(len(mesh.tetrahedra if hasattr(mesh, "tetrahedra") else mesh.faces) for mesh in meshes)
-    kind = "tetrahedra" if volume else "surface"
-    return InputSize(kind, elements, steps=schedule.steps, frame_count=schedule.n_frames)
+    size = InputSize(
+        "tetrahedra" if volume else "surface", elements, steps=schedule.steps, frame_count=schedule.n_frames
+    )
+    surfaces = [mesh for mesh in meshes if not hasattr(mesh, "tetrahedra") and len(mesh.faces)]
+    if volume or not surfaces:
+        return size
+    return replace(size, component_elements=max(_largest_component(mesh) for mesh in surfaces))
+
+
+def _largest_component(mesh: Any) -> int:
+    """Faces of the largest component of a surface."""
+    import numpy as np
+
+    return int(np.bincount(mesh.topology.vertex_component.take(mesh.faces[:, 0])).max())
 
 
 def _report(

@@ -68,6 +68,31 @@ def _split(points: Any, systems: dict[str, System], order: Order) -> dict[str, N
     }
 
 
+def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any]:
+    """Facts that the cost of a step depends on.
+
+    `contact` (with another object) and `midedge` (bending) are bool. `pair_elements` are the faces among
+    which contact searches pairs: those of shells that meet themselves, each other or an obstacle with a
+    mesh, and of that mesh.
+    """
+    effects = [(effect.name, parameters) for effect, parameters, _ in scene.effects]
+    searched: set[str] = set()
+    for name, parameters in effects:
+        if name == "contact":
+            meets = parameters.self_contact
+            searched |= set(contexts) if meets is True else set(meets or ())
+            meshes = set(contexts).union(*(context.obstacles for context in contexts.values()))
+            searched |= {name for pair in parameters.pairs if meshes.issuperset(pair) for name in pair}
+    faces = {name: context.mesh.n_faces for name, context in contexts.items()}
+    for context in contexts.values():
+        faces |= {name: len(placed.mesh.faces) for name, placed in context.obstacles.items()}
+    return {
+        "contact": any(name == "contact" and bool(p.pairs) for name, p in effects),
+        "midedge": any(name == "bending" and p.model == "midedge" for name, p in effects),
+        "pair_elements": sum(faces.get(name, 0) for name in searched),
+    }
+
+
 def summary(
     outcome: Outcome, systems: dict[str, System], static: bool = False, order: Order = ()
 ) -> tuple[dict[str, Any], dict[str, Any]]:
