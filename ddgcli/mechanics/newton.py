@@ -305,8 +305,8 @@ class Newton:
         size = float(np.abs(self.spread(step)).max())
         if not size <= MAX_SECANT_RATIO * before or not float(rhs @ step) > 0:
             return None
-        # moves shrink by this ratio or faster: the sum of those to come
-        return NewtonStep(step, size * size / (before - size), 0, True)
+        # later moves may shrink less than this one did: the ratio of two lengths would promise too much
+        return NewtonStep(step, size, 0, True)
 
     def _in_contact(self, y: NDArray) -> bool:
         return any(barrier.energy(y) for barrier in self.system.barriers)

@@ -192,21 +192,19 @@ def test_a_step_of_the_hanging_cloth_costs_few_iterations_and_one_factorisation(
     assert len(hessians) <= 0.7 * iterations.sum()  # the others come from changes of the gradient
 
 
-@pytest.mark.parametrize("integrator", ["newmark", "implicit-euler"])
-def test_a_step_of_a_cloth_that_buckles_never_factorises_an_indefinite_matrix(integrator, monkeypatch):
-    """The first matrix of a step is the projected Hessian: exact ones of a cloth in folds often fail."""
-    attempts, failures, factorise = [], [], Newton._factorise
+def test_steps_without_contact_begin_with_the_projected_hessian(monkeypatch):
+    """It always factorises, and costs half of the exact one, which later moves need seldom."""
+    modes, matrix = [], Newton.matrix
 
-    def counted(self, matrix, columns):
-        attempts.append(1)
-        failures.append(1)
-        factorise(self, matrix, columns)
-        failures.pop()
+    def recorded(self, increment, y, mode, shift=0.0):
+        modes.append(mode)
+        return matrix(self, increment, y, mode, shift)
 
-    monkeypatch.setattr(Newton, "_factorise", counted)
-    run, _, _ = shell_run(CLOTH.format(integrator=integrator))
-    assert len(attempts) >= 30 and not failures
-    assert np.abs(run[-1].observations["s"].points[:, 2]).max() > 0.1
+    monkeypatch.setattr(Newton, "matrix", recorded)
+    run, _, _ = shell_run(CLOTH.format(integrator="newmark"))
+    moves = scalar(run, "newton_iterations")[-1]
+    assert modes[0] == "projected" and modes.count("projected") >= 30
+    assert modes.count("exact") <= 0.3 * moves
 
 
 def test_steps_of_a_linear_shell_evaluate_no_energy(monkeypatch):
