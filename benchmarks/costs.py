@@ -30,6 +30,7 @@ from ddgcli.cli.forecast.prediction import fill, probe
 
 TABLE = ROOT / "ddgcli" / "cli" / "forecast" / "coefficients.py"
 SIZES, SMALL_SIZES, SHELL_SIZES = (10_000, 80_000), (2_000, 14_000), (4_000, 30_000)
+LARGE_SIZES = (10_000, 80_000, 500_000)  # of factors, whose operations grow with n^1.5
 REPETITIONS = 3
 SHELL = "--material felt --set thickness=1e-3 --effect stretching --effect gravity"
 
@@ -76,7 +77,7 @@ SURFACE = [
     Task("delaunay condition", exponent=1.15, words="delaunay {mesh} --condition"),
     Task("laplacian", "laplacian {mesh}"),
     Task("laplacian matrix", "laplacian {mesh} --matrix {out}.npz"),
-    Task("laplacian poisson", exponent=1.15, words="laplacian {mesh} --poisson f"),
+    Task("laplacian poisson", "laplacian {mesh} --poisson f", LARGE_SIZES, exponent=1.3),
     Task(
         "laplacian poisson multigrid",
         exponent=1.15,
@@ -96,7 +97,7 @@ SURFACE = [
     Task("hodge field", "hodge {mesh} --field wind"),
     Task("dec", "dec {mesh} -o {out}.npz"),
     Task("geodesic exact", exponent=1.3, words="geodesic {mesh} --source 0"),
-    Task("geodesic heat", exponent=1.2, words="geodesic {mesh} --source 0 --method heat"),
+    Task("geodesic heat", "geodesic {mesh} --source 0 --method heat", LARGE_SIZES, exponent=1.3),
     Task(
         "geodesic fast-marching",
         "geodesic {mesh} --source 0 --method fast-marching",
