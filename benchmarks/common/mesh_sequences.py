@@ -73,8 +73,8 @@ def voxel_boundary(inside: NDArray[np.bool_]) -> TriangleMesh:
     return TriangleMesh.from_arrays(points - 0.5, np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]]))
 
 
-def marching_cubes(inside: NDArray[np.bool_]) -> TriangleMesh:
-    """Isosurface of VTK, half-way between the places that are inside and those that are not."""
+def marching_cubes(inside: NDArray) -> TriangleMesh:
+    """Isosurface of VTK at one half, of the places that are inside or of grey values."""
     from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkFiltersCore import vtkMarchingCubes

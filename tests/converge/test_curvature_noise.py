@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from benchmarks.common import noisy_surfaces
 from benchmarks.common.mesh_sequences import voxel_sphere
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.io.mesh_file import read_mesh, write_mesh
@@ -197,7 +198,74 @@ def test_details_of_a_few_edges_are_not_noise(waves, caplog):
     assert "noise of" in caplog.text
 
 
-@pytest.mark.parametrize("name, noisy", [("goathead.obj", False), ("hand_lowres.obj", False)])
+@pytest.mark.parametrize(
+    "name, noisy",
+    [
+        (name, False)
+        for name in ("goathead.obj", "hand_lowres.obj", "spot.obj", "featuretype.STL", "plate_holes.STL")
+    ],
+)
 def test_designed_meshes_cause_no_warning_of_noise(shared_meshes, name, noisy, caplog):
     measure_curvature(read_mesh(str(shared_meshes / name)).mesh)
     assert ("noise of" in caplog.text) == noisy
+
+
+CASES = {
+    name: make
+    for cases in (noisy_surfaces.voxel_cases, noisy_surfaces.noise_cases, noisy_surfaces.clean_cases)
+    for name, make in cases()
+}
+
+
+def mean_error(known, mean):
+    """As the warning states it: mean difference over the mean size."""
+    counted = known.counted & ~known.mesh.topology.boundary_vertex
+    truth = known.curvature.mean(axis=1)[counted]
+    size = max(np.abs(truth).mean(), 0.25 * np.median(np.abs(known.curvature[counted]).max(axis=1)))
+    return float(np.mean(np.abs(mean[counted] - truth)) / size)
+
+
+@pytest.mark.parametrize(
+    "name, kind",
+    [
+        ("surface nets: sphere", "noise of"),
+        ("surface nets turned: ellipsoid", "noise of"),
+        ("cubes smoothed 3: ellipsoid", "noise of"),
+        ("rounded to 1/4: torus", "rounded coordinates"),
+        ("single precision 0.25: egg", "rounded coordinates"),
+        ("spikes 1.0%: sphere", "spikes"),
+        ("spikes 5.0%, slivers: torus", "spikes"),
+        ("noise over lines 0.05: wave", "noise of"),
+        ("normal noise 0.2, slivers: torus", "noise of"),
+    ],
+)
+def test_stated_errors_hold_within_a_factor_of_two_and_the_cure_helps(name, kind, caplog):
+    known = CASES[name]()
+    default = mean_error(known, measure_curvature(known.mesh, full=False).vertex["mean_curvature"])
+    assert kind in caplog.text
+    stated = re.search(
+        r"about (\d+) %; use (?:`scheme=(.*)` with )?`radius=(\S+)`.*about (\d+) %", caplog.text
+    )
+    scheme, radius = stated[2] or "quadric", float(stated[3])
+    mean = measure_curvature(known.mesh, scheme, radius, full=False).vertex["mean_curvature"]
+    cured = mean_error(known, mean)
+    assert default / 2 < int(stated[1]) / 100 < 2 * default
+    assert cured < 0.3 * default and cured < 2 * int(stated[4]) / 100
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "clean, slivers: torus",
+        "clean, long cells: wave",
+        "clean, coarse: ellipsoid",
+        "rounded to 1/256: ellipsoid",
+        "grey cubes: wave",
+        "noise 0.05 averaged 12: ellipsoid",
+    ],
+)
+def test_clean_meshes_of_any_shape_cause_no_warning_of_noise(name, caplog):
+    if "cubes" in name:
+        pytest.importorskip("vtkmodules.vtkFiltersCore")
+    measure_curvature(CASES[name]().mesh, full=False)
+    assert "at the default region" not in caplog.text

@@ -1,37 +1,41 @@
 """Noise of a surface's vertices: its size, its effect on curvature, and the radius that averages it.
 
-Heights over tangent planes are z = surface + noise of standard deviation s. A quadratic fit in a disk of
-radius R with one vertex per area A has a mean curvature whose standard deviation is
-4 sqrt(3 A / pi) s / R^3 (from the variance of r^2 over the disk, R^4 / 12). Its bias is k (k R)^2 / 4 on a
-sphere of curvature k and less on surfaces that bend in one direction; half of it is used throughout.
+Residuals of fits over two rings show the deviation of the vertices, of whatever kind; shapes of faces,
+creases of both signs and coordinates on grids distinguish noise from details. The error of the default
+region and the radius come from balls around a sample of vertices (`scales`).
 """
 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals
+from ddgcli.algorithms.curvature.frames import area_normals
+from ddgcli.algorithms.curvature.grid_coordinates import on_grid_edges, rounding_deviation
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.quadric import (
-    fit_forms,
+    QUADRATIC_PENALTY,
+    chosen_penalty,
     polynomial_residuals,
-    principal_of_forms,
     sampled_regions,
 )
 from ddgcli.algorithms.curvature.regions import Regions, largest_radius, listed
-from ddgcli.algorithms.curvature.staircase import is_staircase
-from ddgcli.mesh.ragged import list_starts
+from ddgcli.algorithms.curvature.scales import (
+    MAX_SURFACE_SHARE,
+    RADIUS_RATIO,
+    Scales,
+    fits_at,
+    fits_in_balls,
+    measure_scales,
+    typical_size,
+)
+from ddgcli.algorithms.curvature.spikes import spikes_among
+from ddgcli.algorithms.curvature.staircase import cancellation, is_staircase
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import unit_vectors as unit_rows
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 SAMPLE_SIZE, BENDING_SAMPLE_SIZE = 400, 100  # vertices sampled for residuals, and for curvature
 MAX_UNSAMPLED_VERTICES = 6400  # up to which all vertices may be in the sample
@@ -39,7 +43,6 @@ CANDIDATES_PER_SAMPLE = (
     4  # vertices, by the areas of their stars, among which the sample is chosen on larger meshes
 )
 MIN_NEIGHBOURS = 15
-QUADRATIC_PENALTY = 1e4  # penalty of the terms of degree three and four that leaves a quadratic fit
 FLAT_ANGLE_TOLERANCE = (
     1e-3  # dihedral angle up to which two faces count as one plane (files of single precision)
 )
@@ -49,15 +52,27 @@ MIN_CREASED_FLAT_SHARE = (
 # residual of cubic fits over that of quartic ones: noise has 0.98 to 1.08, as measured on spheres, tori and
 # voxels; scanned and modelled surfaces with details of four to ten edges have 1.2 to 2.9
 MIN_DETAIL_RATIO = 1.15
+MAX_ROUGH_DETAIL_RATIO = 1.7  # stairs that were averaged or cut have 1.2 to 1.6, details of ten edges 1.9
 # noise in a part of the surface, or spikes: this quantile of the residuals is so many times their median
 PARTIAL_QUANTILE, MIN_PARTIAL_RATIO = 0.9, 5
 VOXEL_DEVIATION = 12**-0.5  # of heights within a voxel, in edges
-MAX_ERROR = 0.1  # predicted error of curvature by noise above which the default region is unreliable
-MAX_REMAINING_ERROR_SHARE = 0.85  # largest share of that error at the proposed radius
-DEVIATION_FACTOR = 2  # on the theoretical deviation, for irregular samplings and fits of higher degree
-BIAS_FACTOR = 0.125  # of a quadratic fit, in units of (k R)^2
-MIN_MEAN_SHARE = 0.25  # of the larger principal curvature: what counts as size of the mean curvature
-MAX_RELATIVE_RADIUS = 0.8  # largest radius, in radii of curvature
+ROUNDING_RANGE = 0.6, 1.6  # of the residuals over the deviation of rounded coordinates
+MIN_SPIKES, MIN_SPIKE_SHARE = 3, 0.003
+VOTING_SAMPLE_SIZE, MAX_VOTING_PAIRS = 50, 2e6  # vertices, and members of all balls
+SPIKE_SAMPLE_SIZE = 2000  # vertices among which spikes are counted
+# creases of both signs within two rings: their sum over that of their sizes. Noise of more than a twentieth
+# of an edge has 0.05 to 0.8, and less the larger it is; scans have 0.2 to 0.6, mechanical parts 0.4 to 0.9
+MAX_CANCELLATION, MAX_ROUGH_CANCELLATION = 0.8, 0.28
+MAX_CANCELLATION_OF_NOISE = 0.055  # times one over the noise in edges
+# fall of the change of curvature when the radius doubles: creases have 2, stairs 3 to 10, noise 8
+MIN_FALL = 2.5
+MIN_MEDIAN_SHARE = 0.1  # median error of grids of voxels over the mean one, which creases of a part exceed
+MAX_ROUGH_ERROR = 0.25  # at the best radius: terrain and scans with details of all sizes have more
+MAX_ERROR = 0.08  # of curvature, root mean square, by noise, above which the default region is unreliable
+MAX_REMAINING_ERROR_SHARE = 0.75  # largest share of that error at the proposed radius
+MAX_VOTING_SHARE = (
+    0.8  # of the error of averaged normals over that of fits, below which the scheme is proposed
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,44 +83,45 @@ class Noise:
     ----------
     relative : float or None
         Standard deviation over the mean edge length; None where too few vertices have enough neighbours.
-    stepped : bool
-        Whether the surface is a staircase of voxels.
-    creased : bool
-        Whether it consists of planes with creases between, whose residuals are not noise.
-    detailed : bool
-        Whether fits of higher degree have smaller residuals: these are details of the surface, not noise.
-    error, error_at_radius : float
-        Predicted relative error of curvature: by noise at the default region, of any kind in balls of
-        `radius`.
-    radius : float
-        Radius with the least predicted error, in length units.
-    partial : bool
-        Whether `relative` is that of a part of the surface, or of spikes.
-    sample : (k,) ndarray of int
-        Some vertices.
-    mean : (k,) ndarray
-        Their mean curvature in balls of `radius`, in 1/length.
-    bend : float
-        Median of their larger principal curvature there, in 1/length.
+    kind : str
+        'voxels' (a staircase), 'rounded' (coordinates), 'grid' (marching cubes of grey values), 'spikes',
+        'partial' (in a part of the surface), 'rough' (structure of the size of an edge), 'noise', or '' for a
+        surface whose residuals are creases or details.
+    scales : Scales, optional
+        Mean curvature of some vertices in balls by quadratic fits, where the residuals may be noise.
+    voting : Scales, optional
+        The same by averaged normals, where noise dominates.
     """
 
     relative: float | None
-    stepped: bool = False
-    creased: bool = False
-    error: float = 0.0
-    error_at_radius: float = 0.0
-    radius: float = 0.0
-    detailed: bool = False
-    partial: bool = False
-    sample: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    mean: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    bend: float = 1.0
+    kind: str = ""
+    scales: Scales | None = None
+    voting: Scales | None = None
 
     @property
     def dominates_curvature(self) -> bool:
         """Whether the default region is unreliable and the proposed radius is clearly better."""
-        gains = self.error > MAX_ERROR and self.error_at_radius < MAX_REMAINING_ERROR_SHARE * self.error
-        return gains and not self.creased and not self.detailed
+        best = self.scales_of(self.best_scheme)
+        if not self.kind or best is None:
+            return False
+        return best.default_rms > MAX_ERROR and best.error < MAX_REMAINING_ERROR_SHARE * best.default_error
+
+    @property
+    def best_scheme(self) -> str:
+        """Scheme with the least error in balls."""
+        if self.scales is None or self.voting is None:
+            return "quadric"
+        votes = self.voting.error < MAX_VOTING_SHARE * self.scales.error
+        return "normal-voting" if votes else "quadric"
+
+    def scales_of(self, scheme: str) -> Scales | None:
+        """Curvature in balls by a scheme, or by the one that is most like it."""
+        return self.voting if scheme == "normal-voting" and self.voting is not None else self.scales
+
+    def radius_of(self, scheme: str) -> float:
+        """Radius with the least error of a scheme, in length units."""
+        scales = self.scales_of(scheme)
+        return 0.0 if scales is None else float(scales.radius[scales.best])
 
 
 def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: str) -> Noise:
@@ -131,54 +147,154 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
         vertices = np.arange(mesh.n_vertices)
     chosen = sampled_regions(faces.points, faces.points[:, vertices], regions, SAMPLE_SIZE)
     chosen = chosen[~mesh.topology.boundary_vertex[vertices[chosen]]]
-    sample, regions = vertices[chosen], listed(regions, chosen)
-    if len(sample) < MIN_NEIGHBOURS:
+    if len(chosen) < MIN_NEIGHBOURS:
         return Noise(None)
-    cubic, quartic = polynomial_residuals(faces.points, normal, regions, sample, (3, 4))
+    sample, some = vertices[chosen], listed(regions, chosen)
     edge = float(mesh.side_length.mean())
-    deviation, detailed, partial = _deviation(cubic, quartic)
-    stepped = is_staircase(mesh, faces, dihedral)
-    flat = float((np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean())
-    creased, detailed = flat > MIN_CREASED_FLAT_SHARE and not stepped, detailed and not stepped
-    if stepped:  # fits over two rings lie on a step; heights within a voxel are uniform
-        deviation = max(deviation, VOXEL_DEVIATION * edge)
-    if creased or detailed:
-        return Noise(deviation / edge, stepped, creased, detailed=detailed)
+    residuals = polynomial_residuals(faces.points, normal, some, sample, (3, 4))
+    deviation, detail_ratio, partial = _deviation(*residuals)
+    kind = "partial" if partial else "noise"
+    if is_staircase(mesh, faces, dihedral):
+        # fits over two rings lie on a step; heights within a voxel are uniform
+        kind, deviation = "voxels", max(deviation, VOXEL_DEVIATION * edge)
+    elif _is_rounded(faces.points, normal[:, sample], deviation, edge):
+        kind = "rounded"
+    elif _has_spikes(faces.points, normal, regions, vertices, edge):
+        kind, deviation = "spikes", float(np.sqrt(np.nanmean(residuals[0] ** 2)))
+    few = np.arange(0, len(sample), max(1, len(sample) // BENDING_SAMPLE_SIZE))
+    doubtful = (
+        detail_ratio > MIN_DETAIL_RATIO
+        or (np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean() > MIN_CREASED_FLAT_SHARE
+    )
+    if kind in ("noise", "partial"):
+        gridded = on_grid_edges(faces.points, edge)
+        signed = 1.0 if gridded else cancellation(mesh, faces, dihedral, some)
+        if gridded:
+            kind = "grid"
+        elif signed > _largest_cancellation(kind, doubtful, detail_ratio, deviation / edge):
+            return Noise(deviation / edge)
+        elif doubtful:
+            kind = "rough"
+    scales = _scales(mesh, faces, normal, listed(some, few), sample[few], scheme)
+    if scales is None or (
+        (kind == "rough" and not _falls_as_noise(faces, normal, listed(some, few), scales))
+        or (kind == "grid" and scales.median_share < MIN_MEDIAN_SHARE)  # creases of a part
+    ):
+        return Noise(deviation / edge)
+    noise = Noise(deviation / edge, kind, scales)
+    if scales.default_rms < MAX_ERROR:
+        return noise
+    return replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme))
+
+
+def _falls_as_noise(faces: Faces, normal: NDArray, regions: Regions, scales: Scales) -> bool:
+    """Whether quadratic fits settle with the radius, as at creases and on terrain they do not."""
+    if len(scales.change) < 3 or scales.error > MAX_ROUGH_ERROR:
+        return False
+    few = scales.vertices
+    first = fits_at(faces.points, normal, few, normal[:, few], regions, QUADRATIC_PENALTY).mean
+    return typical_size(first - scales.first_mean) > MIN_FALL * scales.change[2]
+
+
+def _largest_cancellation(kind: str, doubtful: bool, detail_ratio: float, relative: float) -> float:
+    """Cancellation up to which residuals of a relative deviation are noise."""
+    if doubtful:
+        return MAX_ROUGH_CANCELLATION if detail_ratio < MAX_ROUGH_DETAIL_RATIO else -1.0
+    if kind == "partial":
+        return np.inf
+    return min(MAX_CANCELLATION, MAX_CANCELLATION_OF_NOISE / max(relative, 1e-300))
+
+
+def _is_rounded(points: NDArray, normal: NDArray, deviation: float, edge: float) -> bool:
+    """Whether coordinates are whole multiples of a step that explains the residuals."""
+    expected = rounding_deviation(points, normal, edge)
+    least, most = ROUNDING_RANGE
+    return least * expected < deviation < most * expected
+
+
+def _has_spikes(points: NDArray, normal: NDArray, regions: Regions, vertices: NDArray, edge: float) -> bool:
+    """Whether some vertices in a thousand lie far off a surface that is smooth around them."""
+    some = np.arange(0, len(vertices), max(1, len(vertices) // SPIKE_SAMPLE_SIZE))
+    is_spike = spikes_among(points, normal, listed(regions, some), vertices[some], edge)
+    return bool(is_spike.sum() >= max(MIN_SPIKES, MIN_SPIKE_SHARE * len(some)))
+
+
+def _scales(
+    mesh: TriangleMesh, faces: Faces, normal: NDArray, regions: Regions, few: NDArray, scheme: str
+) -> Scales | None:
+    """Mean curvature of a few vertices, over their regions and in balls."""
+    from scipy.spatial import cKDTree  # a sixth of a small run's time
+
     area = float(faces.area.sum())
     vertex_area = area / int(mesh.topology.referenced_vertex.sum())
-    few = sample[:: max(1, len(sample) // BENDING_SAMPLE_SIZE)]
-    lengths = (deviation, vertex_area, edge)
-    radius, bend, mean = _fits_at_best_radius(mesh, normal, few, lengths, area, scheme)
     spread = float(np.sqrt(vertex_area * np.median(regions.count) / np.pi))
-    return Noise(
-        deviation / edge,
-        stepped,
-        error=noise_error(deviation, vertex_area, bend, spread),
-        error_at_radius=float(
-            np.hypot(noise_error(deviation, vertex_area, bend, radius), BIAS_FACTOR * (bend * radius) ** 2)
-        ),
-        radius=radius,
-        partial=partial and not stepped,
-        sample=few,
-        mean=mean,
-        bend=bend,
+    penalty = chosen_penalty(faces.points, normal, regions, few)
+    default = fits_at(faces.points, normal, few, normal[:, few], regions, penalty).mean
+    largest = min(np.sqrt(MAX_SURFACE_SHARE * area / np.pi), 0.99 * largest_radius(mesh, area, scheme))
+    tree = cKDTree(mesh.points, balanced_tree=False, compact_nodes=False)
+    return measure_scales(
+        lambda radius: fits_in_balls(faces.points, normal, few, tree, radius),
+        few,
+        default,
+        spread,
+        float(largest),
     )
 
 
-def _deviation(cubic: NDArray, quartic: NDArray) -> tuple[float, bool, bool]:
-    """Deviation of the vertices, whether details cause it, and whether it is that of a part of the surface.
+def _voting_scales(
+    mesh: TriangleMesh, faces: Faces, normal: NDArray, scales: Scales, scheme: str
+) -> Scales | None:
+    """The same by averaged normals, at fewer vertices."""
+    from scipy.spatial import cKDTree
+
+    from ddgcli.algorithms.curvature.voting import normal_voting_at  # imports scipy.sparse
+
+    area = float(faces.area.sum())
+    tree = cKDTree(mesh.points, balanced_tree=False, compact_nodes=False)
+    step = max(1, len(scales.vertices) // VOTING_SAMPLE_SIZE)
+    some, default = scales.vertices[::step], scales.default[::step]
+    first = float(scales.radius[0]) / RADIUS_RATIO
+    # each ball of the sample has balls around all its members
+    density = mesh.n_vertices / area * np.pi
+    affordable = (MAX_VOTING_PAIRS / len(some)) ** 0.25 / np.sqrt(density)
+    largest = min(
+        np.sqrt(MAX_SURFACE_SHARE * area / np.pi), 0.99 * largest_radius(mesh, area, scheme), affordable
+    )
+    return measure_scales(
+        lambda radius: normal_voting_at(faces, normal, some, tree, radius),
+        some,
+        default,
+        first,
+        float(largest),
+    )
+
+
+def _deviation(cubic: NDArray, quartic: NDArray) -> tuple[float, float, bool]:
+    """Deviation of the vertices, ratio of the residuals, and whether a part of the surface has the noise.
 
     `cubic` and `quartic` are the residuals of fits of degree three and four over the sample.
     """
     both = np.isfinite(cubic) & np.isfinite(quartic)
     if not both.any():
-        return float(np.nanmedian(cubic)), False, False
+        return float(np.nanmedian(cubic)), 1.0, False
     (middle, tail), (quartic_middle, quartic_tail) = (
         np.quantile(residuals[both], (0.5, PARTIAL_QUANTILE)) for residuals in (cubic, quartic)
     )
     if tail > MIN_PARTIAL_RATIO * middle and tail <= MIN_DETAIL_RATIO * quartic_tail:
-        return float(tail), False, True
-    return float(np.nanmedian(cubic)), bool(middle > MIN_DETAIL_RATIO * quartic_middle), False
+        return float(tail), 1.0, True
+    ratio = float(middle / quartic_middle) if quartic_middle > 0 else 1.0
+    return float(np.nanmedian(cubic)), ratio, False
+
+
+KINDS = {
+    "voxels": "is a staircase of voxels",
+    "rounded": "has rounded coordinates (noise of {:.2g} of an edge)",
+    "grid": "comes from marching cubes of a coarse image (deviations of {:.2g} of an edge, slivers)",
+    "spikes": "has spikes (noise of {:.2g} of an edge in a part of it)",
+    "partial": "has noise of {:.2g} of an edge in a part of it",
+    "rough": "has noise of {:.2g} of an edge",
+    "noise": "has noise of {:.2g} of an edge",
+}
 
 
 def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> None:
@@ -187,30 +303,29 @@ def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> Non
     Parameters
     ----------
     noise : Noise
+        Whose kind is not empty.
     scheme : str
     mean : (n,) ndarray
         Mean curvature at the default region; its error is the mean difference to that in balls of the radius.
     scale : float
         Length unit of the input over that of `noise` and `mean`.
     """
-    size = max(float(np.mean(np.abs(noise.mean))), MIN_MEAN_SHARE * noise.bend)
-    measured = float(np.mean(np.abs(mean[noise.sample] - noise.mean))) / size
-    error = float(np.hypot(measured, noise.error_at_radius))
-    place = " in a part of it" if noise.partial else ""
-    kind = f"has noise of {noise.relative:.2g} of an edge{place}"
-    if noise.stepped:
-        kind = "is a staircase of voxels"
-    cure = "use `scheme=quadric` with" if scheme == "cotan" else "use"
-    if noise.stepped and scheme != "normal-voting":
-        cure = "use `scheme=normal-voting` with"
+    reference = noise.scales_of(noise.best_scheme)
+    if reference is None or noise.relative is None:
+        return
+    measured = float(np.mean(np.abs(mean[reference.vertices] - reference.mean))) / reference.size
+    # a scheme that measures in balls stays, unless the stairs or the noise suit the averaged normals better
+    best = "normal-voting" if scheme == "normal-voting" else noise.best_scheme
+    proposed = noise.scales_of(best) or reference
+    cure = "use" if best == scheme else f"use `scheme={best}` with"
     logging.getLogger("ddgcli").warning(
         "the surface %s: at the default region the error of the mean curvature is about %.0f %%; "
         "%s `radius=%.3g` (or `radius=auto`), where it is about %.0f %%",
-        kind,
-        100 * error,
+        KINDS[noise.kind].format(noise.relative),
+        100 * float(np.hypot(measured, reference.error)),
         cure,
-        noise.radius * scale,
-        100 * noise.error_at_radius,
+        noise.radius_of(best) * scale,
+        100 * proposed.error,
     )
 
 
@@ -221,59 +336,3 @@ def _candidates(mesh: TriangleMesh, faces: Faces) -> NDArray[np.int64] | None:
     used = np.flatnonzero(mesh.topology.referenced_vertex)
     order = np.argsort(faces.stars(faces.area[None])[0][used], kind="stable")
     return used[order[:: max(1, len(used) // (CANDIDATES_PER_SAMPLE * SAMPLE_SIZE))]]
-
-
-def _fits_at_best_radius(
-    mesh: TriangleMesh,
-    normal: NDArray,
-    few: NDArray,
-    lengths: tuple[float, float, float],
-    area: float,
-    scheme: str,
-) -> tuple[float, float, NDArray[np.float64]]:
-    """Radius of the least predicted error and the curvature there, each from the other, twice.
-
-    The curvature is the median of the larger principal one; behind them the mean curvature at each vertex.
-    """
-    from scipy.spatial import cKDTree  # a sixth of a small run's time
-
-    deviation, vertex_area, edge = lengths
-    tree = cKDTree(mesh.points, balanced_tree=False, compact_nodes=False)
-    bend, most = float(np.sqrt(4 * np.pi / area)), 0.99 * largest_radius(mesh, area, scheme)
-    for _ in range(2):
-        radius = min(best_radius(deviation, vertex_area, bend, edge), most)
-        fits = _fits_in_balls(mesh, normal, few, tree, radius)
-        larger = float(np.median(np.maximum(np.abs(fits.low), np.abs(fits.high))))
-        bend = max(larger, 0.1 * bend)
-    return radius, bend, fits.mean
-
-
-def noise_error(deviation: float, vertex_area: float, bend: float, radius: float) -> float:
-    """Relative standard deviation of the mean curvature of a quadratic fit in a disk."""
-    return float(DEVIATION_FACTOR * 4 * np.sqrt(3 * vertex_area / np.pi) * deviation / (radius**3 * bend))
-
-
-def best_radius(deviation: float, vertex_area: float, bend: float, edge: float) -> float:
-    """Radius of the least predicted error, between two edges and 0.8 radii of curvature."""
-    noise = noise_error(deviation, vertex_area, bend, 1.0)
-    radius = (1.5 * (noise / (BIAS_FACTOR * bend**2)) ** 2) ** 0.1
-    return float(max(min(radius, MAX_RELATIVE_RADIUS / bend), 2 * edge))
-
-
-def _fits_in_balls(
-    mesh: TriangleMesh, normal: NDArray, few: NDArray, tree: cKDTree, radius: float
-) -> PrincipalCurvatures:
-    """Principal curvatures of quadratic fits in the balls around a few vertices."""
-    members = [np.sort(ball) for ball in tree.query_ball_point(mesh.points[few], radius)]
-    start = list_starts([len(own) for own in members])
-    member = np.concatenate(members).astype(np.int64)
-    # the mean normal of the ball: single normals of noise and of voxels are far off
-    around = np.take(normal, member, axis=1)
-    same = np.einsum("ij,ij->j", around, np.repeat(normal[:, few], np.diff(start), axis=1)) > 0
-    mean = unit_rows(np.add.reduceat(np.where(same, around, 0.0), start[:-1], axis=1).T).T
-    columns = np.concatenate([mesh.points[few].T, mesh.points[member].T], axis=1)
-    normals = np.concatenate([mean, around], axis=1)
-    regions = Regions(start, len(few) + np.arange(len(member)))
-    gradient, hessian = fit_forms(columns, normals, regions, QUADRATIC_PENALTY)
-    k = slice(0, len(few))
-    return principal_of_forms(gradient[:, k], hessian[:, k], normals[:, k])

@@ -30,6 +30,7 @@ _MOMENT_POWERS = [(a, b) for a in range(9) for b in range(9 - a)]
 _MOMENT_INDEX = np.array([[_MOMENT_POWERS.index((a + c, b + d)) for c, d in _TERMS] for a, b in _TERMS])
 
 _PENALTIES = (1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4)  # from a quartic fit to a quadratic one
+QUADRATIC_PENALTY = _PENALTIES[-1]
 _PENALTY_SAMPLE_SIZE = 96  # vertices whose fits choose among the penalties
 _LOW_TERM_PENALTY = 1e-12  # of the low terms, so that three neighbours determine a fit too
 _MIN_NEIGHBOURS = 15  # below which a third ring is added
@@ -37,7 +38,13 @@ _MAX_PAIRS = 40_000  # neighbours handled at once: the working arrays stay in th
 
 
 def quadric(
-    mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | None = None, *, jobs: int = 1
+    mesh: TriangleMesh,
+    faces: Faces,
+    normal: NDArray,
+    radius: float | None = None,
+    *,
+    noisy: bool = False,
+    jobs: int = 1,
 ) -> PrincipalCurvatures:
     """Principal curvatures of polynomial fits over rings of neighbours (`neighbourhoods`) or a ball.
 
@@ -48,6 +55,9 @@ def quadric(
         Approximate unit normals.
     radius : float, optional
         Of the ball; a vertex whose ball holds fewer neighbours than its two rings keeps the rings.
+    noisy : bool
+        Whether noise is averaged in balls: by quadratic fits, over planes normal to the area vectors of the
+        balls, as single normals are far off and stairs are no noise of single vertices.
     jobs : int
         Threads that fit blocks of vertices; the result does not depend on it.
     """
@@ -55,7 +65,12 @@ def quadric(
     if radius is not None:
         regions = larger(regions, vertex_balls(mesh, radius, jobs=jobs))
     columns = faces.points
-    penalty = _chosen_penalty(columns, normal, regions)
+    if noisy and radius is not None:
+        from ddgcli.algorithms.curvature.area_vectors import averaged_normals  # imports scipy.sparse
+
+        normal, penalty = averaged_normals(faces, normal, regions), QUADRATIC_PENALTY
+    else:
+        penalty = _chosen_penalty(columns, normal, regions)
     logging.getLogger("ddgcli").info("quadric: penalty %g on the terms of degree three and four", penalty)
     gradient, hessian = fit_forms(columns, normal, regions, penalty, jobs=jobs)
     return principal_of_forms(gradient, hessian, normal)
@@ -222,15 +237,20 @@ def _unscaled(low: NDArray, axes: tuple[NDArray, ...]) -> tuple[NDArray, NDArray
 
 
 def _chosen_penalty(columns: NDArray, normal: NDArray, regions: Regions) -> float:
-    """The penalty whose fits predict their data best, on vertices with small and large neighbourhoods.
+    """The penalty of `chosen_penalty` over vertices with small and large neighbourhoods."""
+    able = sampled_regions(columns, columns, regions, _PENALTY_SAMPLE_SIZE)
+    return chosen_penalty(columns, normal, listed(regions, able), able)
+
+
+def chosen_penalty(columns: NDArray, normal: NDArray, some: Regions, vertices: NDArray) -> float:
+    """The penalty whose fits over the regions of some vertices predict their data best.
 
     Generalised cross-validation: the least of residual / (data - degrees of freedom)^2, in the mean of the
     logarithms, so that a few creases do not decide for all.
     """
-    able = sampled_regions(columns, columns, regions, _PENALTY_SAMPLE_SIZE)
-    if len(able) == 0:
+    if len(vertices) == 0:
         return _PENALTIES[-1]
-    return _best_penalty(*_systems(columns, normal, listed(regions, able), able))
+    return _best_penalty(*_systems(columns, normal, some, vertices))
 
 
 def sampled_regions(columns: NDArray, centre: NDArray, regions: Regions, most: int) -> NDArray[np.int64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.ragged import expand_lists, list_starts
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,3 +106,9 @@ def chosen(one: Regions, other: Regions, takes_other: NDArray[np.bool_]) -> Regi
         np.concatenate([one.member, other.member]),
     )
     return listed(both, np.arange(n) + np.where(takes_other, n, 0))
+
+
+def balls_around(points: NDArray, few: NDArray, tree: cKDTree, radius: float) -> Regions:
+    """Vertices in the balls around a few vertices, connected or not."""
+    members = [np.sort(ball) for ball in tree.query_ball_point(points[:, few].T, radius)]
+    return Regions(list_starts([len(own) for own in members]), np.concatenate(members).astype(np.int64))

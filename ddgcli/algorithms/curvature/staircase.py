@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.regions import Regions
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 STEP_ANGLE = np.pi / 12  # dihedral angle from which an edge is a crease of a staircase
@@ -49,3 +51,19 @@ def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
     count = np.sort(np.unique(keys, axis=1, return_counts=True)[1])[::-1]
     frequent = count[: min(FACE_SHAPES, len(sample) // MIN_FACES_OF_A_SHAPE)]
     return bool(frequent.sum() > MIN_SHAPE_SHARE * len(sample))
+
+
+def cancellation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, regions: Regions) -> float:
+    """Median over regions of the total signed bending over the total bending: 1 where all creases are convex.
+
+    Noise and stairs have as many concave creases beside convex ones; a crease of a part, a fold or a rounded
+    detail has one sign over two rings.
+    """
+    start, end = mesh.topology.edges.T
+    length = np.sqrt(((faces.points[:, start] - faces.points[:, end]) ** 2).sum(axis=0))
+    totals = []
+    for bending in (length * dihedral, length * np.abs(dihedral)):
+        at_vertex = sum_by_index(mesh.topology.edges.ravel(), np.repeat(bending, 2), mesh.n_vertices)
+        totals.append(np.add.reduceat(at_vertex[regions.member], regions.start[:-1]))
+    signed, absolute = totals
+    return float(np.median(np.divide(np.abs(signed), absolute, out=np.ones_like(signed), where=absolute > 0)))

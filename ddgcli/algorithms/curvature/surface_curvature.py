@@ -110,11 +110,12 @@ def measure_curvature(
     noise = estimate_noise(surface.mesh, surface.faces, surface.dihedral, scheme)
     unreliable = radius is None and noise.dominates_curvature
     if radius == "auto":
-        radius = noise.radius * surface.scale if noise.dominates_curvature else None
+        radius = noise.radius_of(scheme) * surface.scale if noise.dominates_curvature else None
     if radius is not None:
         area = float(surface.faces.area.sum())
         check_radius(mesh, area, radius / surface.scale, surface.scale, scheme)
-    principal = _pointwise(surface, scheme, None if radius is None else radius / surface.scale, jobs, full)
+    in_ball = None if radius is None else radius / surface.scale
+    principal = _pointwise(surface, scheme, in_ball, noise.dominates_curvature, jobs, full)
     if unreliable:
         warn_of_noise(noise, scheme, principal.mean, surface.scale)
     vertex = _vertex_arrays(surface, principal) if full else _curvature_arrays(surface, principal)
@@ -135,7 +136,7 @@ def measure_curvature(
 
 
 def _pointwise(
-    surface: UnitSurface, scheme: str, radius: float | None, jobs: int, directions: bool
+    surface: UnitSurface, scheme: str, radius: float | None, noisy: bool, jobs: int, directions: bool
 ) -> PrincipalCurvatures:
     """Principal curvatures by the scheme, at unit size."""
     mesh, faces, area, defect = surface.mesh, surface.faces, surface.area, surface.defect
@@ -160,7 +161,7 @@ def _pointwise(
 
         principal = normal_voting(mesh, faces, normal, radius)
     else:
-        principal = quadric(mesh, faces, normal, radius, jobs=jobs)
+        principal = quadric(mesh, faces, normal, radius, noisy=noisy, jobs=jobs)
     undefined = (area <= 0) | ~mesh.topology.referenced_vertex
     gaussian = np.where(undefined | mesh.topology.boundary_vertex, 0.0, principal.gaussian)
     low, high = (np.where(undefined, 0.0, k) for k in (principal.low, principal.high))

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
+from ddgcli.algorithms.curvature.area_vectors import averaged_normals, region_sums
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, tangent_frame
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.quadric import principal_of_forms
-from ddgcli.algorithms.curvature.regions import Regions, chunks, larger
+from ddgcli.algorithms.curvature.regions import Regions, balls_around, larger
 from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot, ratio
 
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
 MIN_NEIGHBOURS = 15
-MEMBERS_PER_BLOCK = 4_000_000
 MIN_DETERMINANT = 1e-12  # of the scatter of a region over its squared trace: below, the points lie on a line
 
 
@@ -48,40 +52,45 @@ def normal_voting(
     regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS)
     if radius is not None:
         regions = larger(regions, vertex_balls(mesh, radius))
-    vectors = faces.stars(faces.doubled)
-    averaged = region_sums(regions, vectors)
-    length = np.sqrt(dot(averaged, averaged))
-    averaged = np.where(length > 0, ratio(averaged, length), normal)
-    weight = faces.stars(np.sqrt(dot(faces.doubled, faces.doubled))[None])[0]
-    gradient = np.zeros((2, mesh.n_vertices))
-    return principal_of_forms(gradient, _differential(faces.points, averaged, weight, regions), averaged)
+    averaged = averaged_normals(faces, normal, regions)
+    hessian = _differential(faces.points, averaged, _weights(faces), regions, averaged)
+    return principal_of_forms(np.zeros((2, mesh.n_vertices)), hessian, averaged)
 
 
-def region_sums(regions: Regions, columns: NDArray) -> NDArray[np.float64]:
-    """(d, n) sums over the region of each vertex of (d, n) values."""
-    n = columns.shape[1]
-    rows, total = np.ascontiguousarray(columns.T), np.zeros((n, len(columns)))
-    for first, last in chunks(regions, MEMBERS_PER_BLOCK):
-        start = regions.start[first : last + 1]
-        member = regions.member[start[0] : start[-1]]
-        start = (start - start[0]).astype(member.dtype)
-        block = csr_array((np.ones(len(member)), member, start), shape=(last - first, n))
-        total[first:last] = block @ rows
-    return np.ascontiguousarray(total.T)
+def normal_voting_at(
+    faces: Faces, normal: NDArray, few: NDArray, tree: cKDTree, radius: float
+) -> PrincipalCurvatures:
+    """Principal curvatures of `normal_voting` at a few vertices, in balls that need not be connected."""
+    regions = balls_around(faces.points, few, tree, radius)
+    around, place = np.unique(regions.member, return_inverse=True)
+    own = balls_around(faces.points, around, tree, radius)
+    averaged = averaged_normals(faces, normal[:, around], own)
+    local = Regions(regions.start, place.astype(np.int64))
+    centre = averaged[:, np.searchsorted(around, few)]
+    weight = _weights(faces)[around]
+    hessian = _differential(faces.points[:, around], averaged, weight, local, centre)
+    return principal_of_forms(np.zeros((2, len(few))), hessian, centre)
 
 
-def _differential(points: NDArray, normal: NDArray, weight: NDArray, regions: Regions) -> NDArray[np.float64]:
-    """(3, n) second derivatives of heights over the tangent planes: minus the symmetric differential."""
+def _weights(faces: Faces) -> NDArray[np.float64]:
+    return faces.stars(np.sqrt(dot(faces.doubled, faces.doubled))[None])[0]
+
+
+def _differential(
+    points: NDArray, normal: NDArray, weight: NDArray, regions: Regions, centre_normal: NDArray
+) -> NDArray[np.float64]:
+    """(3, k) second derivatives of heights over the tangent planes: minus the symmetric differential."""
     n = points.shape[1]
     pairs = [(points[i], points[j]) for i in range(3) for j in range(3)]
     pairs += [(normal[i], points[j]) for i in range(3) for j in range(3)]
     columns = [np.ones(n), *points, *normal, *(a * b for a, b in pairs)]
     sums = region_sums(regions, weight * np.stack(columns))
+    k = sums.shape[1]
     mean = ratio(sums, np.broadcast_to(sums[0], sums.shape))
     centre, middle = mean[1:4], mean[4:7]
-    scatter = mean[7:16].reshape(3, 3, n) - centre[:, None] * centre[None]
-    change = mean[16:25].reshape(3, 3, n) - middle[:, None] * centre[None]
-    axes = np.stack(tangent_frame(normal))
+    scatter = mean[7:16].reshape(3, 3, k) - centre[:, None] * centre[None]
+    change = mean[16:25].reshape(3, 3, k) - middle[:, None] * centre[None]
+    axes = np.stack(tangent_frame(centre_normal))
     c, d = (np.einsum("ain,ijn,bjn->abn", axes, matrix, axes) for matrix in (scatter, change))
     determinant, trace = c[0, 0] * c[1, 1] - c[0, 1] ** 2, c[0, 0] + c[1, 1]
     sound = determinant > MIN_DETERMINANT * trace**2

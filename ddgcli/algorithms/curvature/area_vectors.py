@@ -1,0 +1,33 @@
+"""Sums over regions of vertices, and the normals of their total area vectors."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.regions import Regions, chunks
+from ddgcli.mesh.vectors import dot, ratio
+
+MEMBERS_PER_BLOCK = 4_000_000
+
+
+def averaged_normals(faces: Faces, normal: NDArray, regions: Regions) -> NDArray[np.float64]:
+    """(3, k) directions of the total area vectors of regions; `normal` (3, k) where that is zero."""
+    total = region_sums(regions, faces.stars(faces.doubled))
+    length = np.sqrt(dot(total, total))
+    return np.where(length > 0, ratio(total, length), normal)
+
+
+def region_sums(regions: Regions, columns: NDArray) -> NDArray[np.float64]:
+    """(d, k) sums over k regions of (d, n) values."""
+    n = columns.shape[1]
+    rows, total = np.ascontiguousarray(columns.T), np.zeros((len(regions.start) - 1, len(columns)))
+    for first, last in chunks(regions, MEMBERS_PER_BLOCK):
+        start = regions.start[first : last + 1]
+        member = regions.member[start[0] : start[-1]]
+        start = (start - start[0]).astype(member.dtype)
+        block = csr_array((np.ones(len(member)), member, start), shape=(last - first, n))
+        total[first:last] = block @ rows
+    return np.ascontiguousarray(total.T)

@@ -1,0 +1,56 @@
+"""Coordinates on grids: rounded ones, and vertices that marching cubes places on the edges of voxels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+EQUAL_SHARE = 1e-5  # of an edge: coordinates that differ by less count as equal
+MULTIPLE_TOLERANCE = 0.01  # of a step, from whole multiples of it
+MAX_VALUE_SHARE = 0.5  # of the vertices: so many different values of a coordinate at most
+MAX_STEPS = 1_000_000  # of the extent of a surface
+MAX_STEP = 0.75  # of rounding, in edges
+# of vertices on the edges of a grid: two coordinates are each shared by so many vertices, and by so many
+# times more than the third; their share, and that of each axis among the directions of these edges
+MIN_SHARING, MIN_SHARING_RATIO = 8, 4
+MIN_GRID_SHARE, MIN_AXIS_SHARE = 0.8, 0.08
+
+
+def rounding_deviation(points: NDArray, normal: NDArray, edge: float) -> float:
+    """Standard deviation along the normals (3, k) by which coordinates (3, n) were rounded; 0 where not.
+
+    Rounded coordinates are whole multiples of a step, up to a shift, and the step of each axis is the least
+    difference of its coordinates.
+    """
+    variance = np.zeros(3)
+    for axis, values in enumerate(points):
+        step = np.diff(_distinct(values, edge))
+        if len(step) == 0 or len(step) > MAX_VALUE_SHARE * len(values):
+            return 0.0
+        least = float(step.min())
+        if step.sum() > MAX_STEPS * least or (
+            np.abs(step / least - np.rint(step / least)).max() > MULTIPLE_TOLERANCE * (1 + len(step) ** 0.5)
+        ):
+            return 0.0
+        if least < MAX_STEP * edge:  # the places of a regular grid are not rounded
+            variance[axis] = least * least / 12
+    return float(np.sqrt(np.mean(variance @ (normal * normal))))
+
+
+def _distinct(values: NDArray, edge: float) -> NDArray[np.float64]:
+    """Sorted values; of equal ones the first."""
+    ordered = np.sort(values)
+    return ordered[np.concatenate([[True], np.diff(ordered) > EQUAL_SHARE * edge])]
+
+
+def on_grid_edges(points: NDArray, edge: float) -> bool:
+    """Whether nearly all vertices share two coordinates with many others and the third with few."""
+    n_shared = np.zeros(points.shape, dtype=np.int64)
+    for axis, values in enumerate(points):
+        order = np.argsort(values, kind="stable")
+        group = np.cumsum(np.concatenate([[0], np.diff(values[order]) > EQUAL_SHARE * edge]))
+        n_shared[axis, order] = np.bincount(group)[group]
+    third, second, _ = np.sort(n_shared, axis=0)
+    on_edge = (second >= MIN_SHARING) & (MIN_SHARING_RATIO * third <= second)
+    shares = np.bincount(n_shared.argmin(axis=0)[on_edge], minlength=3) / points.shape[1]
+    return bool(on_edge.mean() > MIN_GRID_SHARE and shares.min() > MIN_AXIS_SHARE)

@@ -1,0 +1,55 @@
+"""Spikes: single vertices far off a surface that is smooth around them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.curvature.regions import Regions, listed
+from ddgcli.mesh.vectors import dot
+
+MIN_HEIGHT = 0.05  # edges
+MIN_DEVIATIONS = 12  # of a spike's height, in deviations of the others from a fit of degree two
+
+
+def spikes_among(
+    points: NDArray, normal: NDArray, regions: Regions, vertices: NDArray, edge: float
+) -> NDArray[np.bool_]:
+    """(k,) whether vertices lie far off the fit to the others of their regions, whose residuals are small.
+
+    The vertices of a crease are none: the others of their regions do not lie on a smooth surface either.
+    """
+    is_spike = np.zeros(len(vertices), dtype=bool)
+    for size in np.unique(regions.count):
+        if size < 10:
+            continue
+        same = np.flatnonzero(regions.count == size)
+        block = listed(regions, same)
+        centre = vertices[same]
+        member = block.member.reshape(len(same), size)
+        others = np.where(member == centre[:, None], np.roll(member, 1, axis=1), member)
+        weight = (member != centre[:, None]).astype(np.float64)
+        offset = points[:, others] - points[:, centre][:, :, None]
+        # the normal of a spike's star is far off: that of the mean of the others is not
+        around = (normal[:, others] * weight).sum(axis=2)
+        up = around / np.maximum(np.sqrt(dot(around, around)), 1e-300)
+        height = np.einsum("dks,dk->ks", offset, up)
+        flat = offset - height * up[:, :, None]
+        first = np.cross(up.T, np.eye(3)[np.abs(up).argmin(axis=0)]).T
+        first /= np.sqrt(dot(first, first))
+        second = np.cross(up.T, first.T).T
+        x, y = (np.einsum("dks,dk->ks", flat, axis) for axis in (first, second))
+        unit = [
+            np.sqrt((c * c * weight).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True))
+            for c in (x, y)
+        ]
+        x, y = (c / np.maximum(u, 1e-300) for c, u in zip((x, y), unit))
+        terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2)
+        weighted = terms * weight[..., None]
+        matrix = weighted.transpose(0, 2, 1) @ terms + 1e-9 * size * np.eye(6)
+        solution = np.linalg.solve(matrix, (weighted * height[..., None]).sum(axis=1)[..., None])
+        residual = (height - (terms @ solution)[..., 0]) * weight
+        deviation = np.sqrt((residual**2).sum(axis=1) / max(1, size - 7))
+        off = np.abs(solution[:, 0, 0])
+        is_spike[same] = (off > MIN_HEIGHT * edge) & (off > MIN_DEVIATIONS * deviation)
+    return is_spike
