@@ -58,7 +58,9 @@ PARTIAL_QUANTILE, MIN_PARTIAL_RATIO = 0.9, 5
 VOXEL_DEVIATION = 12**-0.5  # of heights within a voxel, in edges
 ROUNDING_RANGE = 0.6, 1.6  # of the residuals over the deviation of rounded coordinates
 MIN_SPIKES, MIN_SPIKE_SHARE = 3, 0.003
-VOTING_SAMPLE_SIZE, MAX_VOTING_PAIRS = 50, 2e6  # vertices, and members of all balls
+# vertices, and members of all balls; the stairs of large bodies need wide balls
+VOTING_SAMPLE_SIZE, MAX_VOTING_PAIRS = 50, 2e6
+VOXEL_SAMPLE_SIZE, MAX_VOXEL_PAIRS = 25, 1.2e7
 SPIKE_SAMPLE_SIZE = 2000  # vertices among which spikes are counted
 # creases of both signs within two rings: their sum over that of their sizes. Noise of more than a twentieth
 # of an edge has 0.05 to 0.8, and less the larger it is; scans have 0.2 to 0.6, mechanical parts 0.4 to 0.9
@@ -184,7 +186,7 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
     noise = Noise(deviation / edge, kind, scales)
     if scales.default_rms < MAX_ERROR:
         return noise
-    return replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme))
+    return replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme, kind == "voxels"))
 
 
 def _falls_as_noise(faces: Faces, normal: NDArray, regions: Regions, scales: Scales) -> bool:
@@ -242,7 +244,7 @@ def _scales(
 
 
 def _voting_scales(
-    mesh: TriangleMesh, faces: Faces, normal: NDArray, scales: Scales, scheme: str
+    mesh: TriangleMesh, faces: Faces, normal: NDArray, scales: Scales, scheme: str, stepped: bool
 ) -> Scales | None:
     """The same by averaged normals, at fewer vertices."""
     from scipy.spatial import cKDTree
@@ -251,12 +253,13 @@ def _voting_scales(
 
     area = float(faces.area.sum())
     tree = cKDTree(mesh.points, balanced_tree=False, compact_nodes=False)
-    step = max(1, len(scales.vertices) // VOTING_SAMPLE_SIZE)
+    size, pairs = (VOXEL_SAMPLE_SIZE, MAX_VOXEL_PAIRS) if stepped else (VOTING_SAMPLE_SIZE, MAX_VOTING_PAIRS)
+    step = max(1, len(scales.vertices) // size)
     some, default = scales.vertices[::step], scales.default[::step]
     first = float(scales.radius[0]) / RADIUS_RATIO
     # each ball of the sample has balls around all its members
     density = mesh.n_vertices / area * np.pi
-    affordable = (MAX_VOTING_PAIRS / len(some)) ** 0.25 / np.sqrt(density)
+    affordable = (pairs / len(some)) ** 0.25 / np.sqrt(density)
     largest = min(
         np.sqrt(MAX_SURFACE_SHARE * area / np.pi), 0.99 * largest_radius(mesh, area, scheme), affordable
     )
