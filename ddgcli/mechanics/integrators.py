@@ -214,15 +214,14 @@ def _implicit_newmark(system: System, motion: Motion, dt: float, beta: float, ga
     target = (dt**2 * (0.5 - beta)) * a
     target += dt * v
     target += x
-    known = (dt * (1 - gamma)) * a
-    known += v
+    speed = (dt * (1 - gamma)) * a
+    speed += v
     c = gamma / (beta * dt)
     frozen = system.frozen(x, dt, motion.time)
-    increment = Increment(1 / (beta * dt**2), target, c, target - known / c if frozen else None, frozen)
+    increment = Increment(1 / (beta * dt**2), target, c, target - speed / c if frozen else None, frozen)
     y, count = newton_of(system).minimise(increment, _swinging(system, increment, motion))
     new = system.only_free(y - target)
     new *= increment.a
-    speed = known
     speed += (dt * gamma) * new
     return checked(system, _after(system, y, speed, new, motion.newton + count))
 

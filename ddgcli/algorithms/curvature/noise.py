@@ -126,11 +126,39 @@ class Noise:
         return 0.0 if scales is None else float(scales.radius[scales.best])
 
 
-def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: str) -> Noise:
-    """Estimate the noise of the vertices from residuals of cubic fits over two rings.
+@dataclass(frozen=True, eq=False)
+class Deviation:
+    """Residuals of cubic fits over two rings, at a sample of vertices.
 
-    Takes the median over a sample of vertices, which ignores creases, or a high quantile where that is far
-    above the median and not due to details. The radius is one that the scheme can measure in.
+    Parameters
+    ----------
+    relative : float
+        Their size over the mean edge length: the median, which ignores creases, or a high quantile where that
+        is far above the median and not due to details.
+    kind : str
+        'voxels', 'rounded', 'spikes', 'partial' or 'noise', as in `Noise`.
+    detail_ratio : float
+        Median residual of cubic fits over that of quartic ones.
+    doubtful : bool
+        Whether residuals or flat faces are like those of details and creases.
+    sample : (k,) ndarray of int
+    regions : Regions
+        Two rings around the sample.
+    normal : (3, n) ndarray
+        Of all vertices, averaged by areas.
+    """
+
+    relative: float
+    kind: str
+    detail_ratio: float
+    doubtful: bool
+    sample: NDArray[np.int64]
+    regions: Regions
+    normal: NDArray[np.float64]
+
+
+def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Deviation | None:
+    """Measure the deviation of the vertices from smooth surfaces; None where too few have enough neighbours.
 
     Parameters
     ----------
@@ -139,8 +167,6 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
         Of the mesh.
     dihedral : (e,) ndarray
         Dihedral angles of the edges in radians, positive where convex.
-    scheme : str
-        Name of the scheme of curvature.
     """
     normal = area_normals(faces)
     vertices = _candidates(mesh, faces)
@@ -150,7 +176,7 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
     chosen = sampled_regions(faces.points, faces.points[:, vertices], regions, SAMPLE_SIZE)
     chosen = chosen[~mesh.topology.boundary_vertex[vertices[chosen]]]
     if len(chosen) < MIN_NEIGHBOURS:
-        return Noise(None)
+        return None
     sample, some = vertices[chosen], listed(regions, chosen)
     edge = float(mesh.side_length.mean())
     residuals = polynomial_residuals(faces.points, normal, some, sample, (3, 4))
@@ -163,30 +189,55 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
         kind = "rounded"
     elif _has_spikes(faces.points, normal, regions, vertices, edge):
         kind, deviation = "spikes", float(np.sqrt(np.nanmean(residuals[0] ** 2)))
-    few = np.arange(0, len(sample), max(1, len(sample) // BENDING_SAMPLE_SIZE))
-    doubtful = (
-        detail_ratio > MIN_DETAIL_RATIO
-        or (np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean() > MIN_CREASED_FLAT_SHARE
-    )
-    if kind in ("noise", "partial"):
-        gridded = on_grid_edges(faces.points, edge)
-        signed = 1.0 if gridded else cancellation(mesh, faces, dihedral, some)
-        if gridded:
-            kind = "grid"
-        elif signed > _largest_cancellation(kind, doubtful, detail_ratio, deviation / edge):
-            return Noise(deviation / edge)
-        elif doubtful:
-            kind = "rough"
-    scales = _scales(mesh, faces, normal, listed(some, few), sample[few], scheme)
+    flat_share = float((np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean())
+    doubtful = detail_ratio > MIN_DETAIL_RATIO or flat_share > MIN_CREASED_FLAT_SHARE
+    return Deviation(deviation / edge, kind, detail_ratio, doubtful, sample, some, normal)
+
+
+def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: str) -> Noise:
+    """Estimate the noise of the vertices and what it does to the mean curvature.
+
+    The radius is one that the scheme can measure in.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
+    dihedral : (e,) ndarray
+        Dihedral angles of the edges in radians, positive where convex.
+    scheme : str
+        Name of the scheme of curvature.
+    """
+    deviation = vertex_deviation(mesh, faces, dihedral)
+    if deviation is None:
+        return Noise(None)
+    kind = _kind(mesh, faces, dihedral, deviation)
+    if not kind:
+        return Noise(deviation.relative)
+    few = np.arange(0, len(deviation.sample), max(1, len(deviation.sample) // BENDING_SAMPLE_SIZE))
+    regions, normal = listed(deviation.regions, few), deviation.normal
+    scales = _scales(mesh, faces, normal, regions, deviation.sample[few], scheme)
     if scales is None or (
-        (kind == "rough" and not _falls_as_noise(faces, normal, listed(some, few), scales))
+        (kind == "rough" and not _falls_as_noise(faces, normal, regions, scales))
         or (kind == "grid" and scales.median_share < MIN_MEDIAN_SHARE)  # creases of a part
     ):
-        return Noise(deviation / edge)
-    noise = Noise(deviation / edge, kind, scales)
+        return Noise(deviation.relative)
+    noise = Noise(deviation.relative, kind, scales)
     if scales.default_rms < MAX_ERROR:
         return noise
     return replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme, kind == "voxels"))
+
+
+def _kind(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviation) -> str:
+    """Kind of the noise as far as residuals and creases show it; '' where they are those of a surface."""
+    if deviation.kind not in ("noise", "partial"):
+        return deviation.kind
+    if on_grid_edges(faces.points, float(mesh.side_length.mean())):
+        return "grid"
+    if cancellation(mesh, faces, dihedral, deviation.regions) > _largest_cancellation(deviation):
+        return ""
+    return "rough" if deviation.doubtful else deviation.kind
 
 
 def _falls_as_noise(faces: Faces, normal: NDArray, regions: Regions, scales: Scales) -> bool:
@@ -198,13 +249,13 @@ def _falls_as_noise(faces: Faces, normal: NDArray, regions: Regions, scales: Sca
     return typical_size(first - scales.first_mean) > MIN_FALL * scales.change[2]
 
 
-def _largest_cancellation(kind: str, doubtful: bool, detail_ratio: float, relative: float) -> float:
-    """Cancellation up to which residuals of a relative deviation are noise."""
-    if doubtful:
-        return MAX_ROUGH_CANCELLATION if detail_ratio < MAX_ROUGH_DETAIL_RATIO else -1.0
-    if kind == "partial":
+def _largest_cancellation(deviation: Deviation) -> float:
+    """Cancellation of creases up to which residuals are noise."""
+    if deviation.doubtful:
+        return MAX_ROUGH_CANCELLATION if deviation.detail_ratio < MAX_ROUGH_DETAIL_RATIO else -1.0
+    if deviation.kind == "partial":
         return np.inf
-    return min(MAX_CANCELLATION, MAX_CANCELLATION_OF_NOISE / max(relative, 1e-300))
+    return min(MAX_CANCELLATION, MAX_CANCELLATION_OF_NOISE / max(deviation.relative, 1e-300))
 
 
 def _is_rounded(points: NDArray, normal: NDArray, deviation: float, edge: float) -> bool:

@@ -7,7 +7,7 @@ import logging
 import numpy as np
 
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.noise import estimate_noise
+from ddgcli.algorithms.curvature.noise import vertex_deviation
 from ddgcli.geometry.extrinsic import dihedral_angle, face_normal
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
@@ -25,7 +25,7 @@ def noise_energy(mesh: TriangleMesh) -> tuple[float, float]:
     Returns
     -------
     tuple of float
-        Zeros where residuals are creases or details, or too few vertices have enough neighbours.
+        Zeros where residuals are creases, details or stairs, or too few vertices have enough neighbours.
 
     Notes
     -----
@@ -33,8 +33,8 @@ def noise_energy(mesh: TriangleMesh) -> tuple[float, float]:
     |L x|^2 / (4 M): 4 n (s / edge)^2 on n vertices with equilateral triangles, and up to twenty times as much
     on irregular ones. That is what they add to `cotan`; to the other energies, 0.3 to 1.9 times as much.
     """
-    noise = estimate_noise(mesh, Faces.of(mesh), dihedral_angle(mesh, face_normal(mesh)), "corrected")
-    if noise.relative is None or noise.creased or noise.detailed or noise.stepped:
+    noise = vertex_deviation(mesh, Faces.of(mesh), dihedral_angle(mesh, face_normal(mesh)))
+    if noise is None or noise.doubtful or noise.kind == "voxels":
         return 0.0, 0.0
     deviation = noise.relative * float(mesh.side_length.mean())
     area = lumped_vertex_area(mesh)
