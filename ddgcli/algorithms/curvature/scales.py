@@ -28,7 +28,7 @@ TYPICAL_SHARE = 0.65  # of the vertices, by whose changes the radius is chosen
 MAX_GROWTH = 3.0  # of the change of curvature over the least one, behind which wider balls are not tried
 BIAS_RATIO, NOISE_RATIO = 2.0, 2.8  # least ones of the errors at neighbouring radii, against chance
 MIN_MEAN_SHARE = 0.25  # of the larger principal curvature: what counts as size of the mean curvature
-MAX_SURFACE_SHARE = 0.15  # of the surface's area that a ball may hold
+MAX_SURFACE_SHARE = 0.17  # of the surface's area that a ball may hold
 MIN_ERROR = 0.01  # relative; all balls share some errors, as of the place of a staircase
 
 
