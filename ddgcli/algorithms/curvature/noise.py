@@ -194,7 +194,9 @@ def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Dev
     return Deviation(deviation / edge, kind, detail_ratio, doubtful, sample, some, normal)
 
 
-def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: str) -> Noise:
+def estimate_noise(
+    mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: str, *, compare: bool = True
+) -> Noise:
     """Estimate the noise of the vertices and what it does to the mean curvature.
 
     The radius is one that the scheme can measure in.
@@ -208,6 +210,8 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
         Dihedral angles of the edges in radians, positive where convex.
     scheme : str
         Name of the scheme of curvature.
+    compare : bool
+        False: without averaged normals, which cost more than the fits.
     """
     deviation = vertex_deviation(mesh, faces, dihedral)
     if deviation is None:
@@ -224,7 +228,7 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: 
     ):
         return Noise(deviation.relative)
     noise = Noise(deviation.relative, kind, scales)
-    if scales.default_rms < MAX_ERROR:
+    if scales.default_rms < MAX_ERROR or not compare:
         return noise
     return replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme, kind == "voxels"))
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals, unit_normals
-from ddgcli.algorithms.curvature.noise import estimate_noise, warn_of_noise
+from ddgcli.algorithms.curvature.noise import Noise, estimate_noise, vertex_deviation, warn_of_noise
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.regions import check_radius
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
@@ -107,7 +107,7 @@ def measure_curvature(
         raise ParameterError(f"the radius must be a positive length, not {radius}")
     require(mesh, "curvature")
     surface = prepare_surface(mesh, scheme)
-    noise = estimate_noise(surface.mesh, surface.faces, surface.dihedral, scheme)
+    noise = _noise(surface, scheme, radius)
     unreliable = radius is None and noise.dominates_curvature
     if radius == "auto":
         radius = noise.radius_of(scheme) * surface.scale if noise.dominates_curvature else None
@@ -133,6 +133,15 @@ def measure_curvature(
         accuracy, tuple(accuracy), "faces without area leave curvatures undetermined; repair the mesh"
     )
     return CurvatureResult(vertex, edge, results, accuracy, converged)
+
+
+def _noise(surface: UnitSurface, scheme: str, radius: float | str | None) -> Noise:
+    """The noise as far as it matters: at a stated radius only the fits of 'quadric' depend on its effect."""
+    parts, stated = (surface.mesh, surface.faces, surface.dihedral), isinstance(radius, (int, float))
+    if stated and scheme != "quadric":
+        deviation = vertex_deviation(*parts)
+        return Noise(None if deviation is None else deviation.relative)
+    return estimate_noise(*parts, scheme, compare=not stated)
 
 
 def _pointwise(
