@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,18 +38,17 @@ from ddgcli.algorithms.curvature.spikes import spikes_among
 from ddgcli.algorithms.curvature.staircase import cancellation, is_staircase
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
+Effort = Literal["fits", "warn", "auto"]
+
 SAMPLE_SIZE, BENDING_SAMPLE_SIZE = 400, 100  # vertices sampled for residuals, and for curvature
 MAX_UNSAMPLED_VERTICES = 6400  # up to which all vertices may be in the sample
-CANDIDATES_PER_SAMPLE = (
-    4  # vertices, by the areas of their stars, among which the sample is chosen on larger meshes
-)
+# vertices, by the areas of their stars, among which the sample is chosen on larger meshes
+CANDIDATES_PER_SAMPLE = 4
 MIN_NEIGHBOURS = 15
-FLAT_ANGLE_TOLERANCE = (
-    1e-3  # dihedral angle up to which two faces count as one plane (files of single precision)
-)
-MIN_CREASED_FLAT_SHARE = (
-    0.1  # share of flat edges from which large residuals are creases of a part, not noise
-)
+# dihedral angle up to which two faces count as one plane (files of single precision)
+FLAT_ANGLE_TOLERANCE = 1e-3
+# share of flat edges from which large residuals are creases of a part, not noise
+MIN_CREASED_FLAT_SHARE = 0.1
 # residual of cubic fits over that of quartic ones: noise has 0.98 to 1.08, as measured on spheres, tori and
 # voxels; scanned and modelled surfaces with details of four to ten edges have 1.2 to 2.9
 MIN_DETAIL_RATIO = 1.15
@@ -58,7 +58,7 @@ PARTIAL_QUANTILE, MIN_PARTIAL_RATIO = 0.9, 5
 VOXEL_DEVIATION = 12**-0.5  # of heights within a voxel, in edges
 ROUNDING_RANGE = 0.6, 1.6  # of the residuals over the deviation of rounded coordinates
 MIN_SPIKES, MIN_SPIKE_SHARE = 3, 0.003
-# vertices, and members of all balls; the stairs of large bodies need wide balls
+# vertices, and members of all balls: the stairs of large bodies need wide ones
 VOTING_SAMPLE_SIZE, MAX_VOTING_PAIRS = 50, 2e6
 VOXEL_SAMPLE_SIZE, MAX_VOXEL_PAIRS = 25, 1.2e7
 SPIKE_SAMPLE_SIZE = 2000  # vertices among which spikes are counted
@@ -72,9 +72,8 @@ MIN_MEDIAN_SHARE = 0.1  # median error of grids of voxels over the mean one, whi
 MAX_ROUGH_ERROR = 0.25  # at the best radius: terrain and scans with details of all sizes have more
 MAX_ERROR = 0.08  # of curvature, root mean square, by noise, above which the default region is unreliable
 MAX_REMAINING_ERROR_SHARE = 0.75  # largest share of that error at the proposed radius
-MAX_VOTING_SHARE = (
-    0.8  # of the error of averaged normals over that of fits, below which the scheme is proposed
-)
+# of the error of averaged normals over that of fits, below which the scheme is proposed
+MAX_VOTING_SHARE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +194,7 @@ def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Dev
 
 
 def estimate_noise(
-    mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: str, *, compare: bool = True
+    mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: str, *, effort: Effort = "warn"
 ) -> Noise:
     """Estimate the noise of the vertices and what it does to the mean curvature.
 
@@ -210,8 +209,9 @@ def estimate_noise(
         Dihedral angles of the edges in radians, positive where convex.
     scheme : str
         Name of the scheme of curvature.
-    compare : bool
-        False: without averaged normals, which cost more than the fits.
+    effort : {'fits', 'warn', 'auto'}
+        'fits': without averaged normals, which cost more; 'auto': with wide balls of them on voxels, which
+        take several times as long as the measurement.
     """
     deviation = vertex_deviation(mesh, faces, dihedral)
     if deviation is None:
@@ -228,9 +228,11 @@ def estimate_noise(
     ):
         return Noise(deviation.relative)
     noise = Noise(deviation.relative, kind, scales)
-    if scales.default_rms < MAX_ERROR or not compare:
+    if scales.default_rms < MAX_ERROR or effort == "fits":
         return noise
-    return replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme, kind == "voxels"))
+    size = VOXEL_SAMPLE_SIZE if kind == "voxels" else VOTING_SAMPLE_SIZE
+    pairs = MAX_VOXEL_PAIRS if kind == "voxels" and effort == "auto" else MAX_VOTING_PAIRS
+    return replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme, size, pairs))
 
 
 def _kind(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviation) -> str:
@@ -299,16 +301,15 @@ def _scales(
 
 
 def _voting_scales(
-    mesh: TriangleMesh, faces: Faces, normal: NDArray, scales: Scales, scheme: str, stepped: bool
+    mesh: TriangleMesh, faces: Faces, normal: NDArray, scales: Scales, scheme: str, size: int, pairs: float
 ) -> Scales | None:
-    """The same by averaged normals, at fewer vertices."""
+    """The same by averaged normals, at about `size` vertices, in balls of `pairs` members in all."""
     from scipy.spatial import cKDTree
 
     from ddgcli.algorithms.curvature.voting import normal_voting_at  # imports scipy.sparse
 
     area = float(faces.area.sum())
     tree = cKDTree(mesh.points, balanced_tree=False, compact_nodes=False)
-    size, pairs = (VOXEL_SAMPLE_SIZE, MAX_VOXEL_PAIRS) if stepped else (VOTING_SAMPLE_SIZE, MAX_VOTING_PAIRS)
     step = max(1, len(scales.vertices) // size)
     some, default = scales.vertices[::step], scales.default[::step]
     first = float(scales.radius[0]) / RADIUS_RATIO

@@ -141,7 +141,7 @@ def _noise(surface: UnitSurface, scheme: str, radius: float | str | None) -> Noi
     if stated and scheme != "quadric":
         deviation = vertex_deviation(*parts)
         return Noise(None if deviation is None else deviation.relative)
-    return estimate_noise(*parts, scheme, compare=not stated)
+    return estimate_noise(*parts, scheme, effort="fits" if stated else "auto" if radius == "auto" else "warn")
 
 
 def _pointwise(
