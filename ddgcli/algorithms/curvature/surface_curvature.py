@@ -137,11 +137,14 @@ def measure_curvature(
 
 def _noise(surface: UnitSurface, scheme: str, radius: float | str | None) -> Noise:
     """The noise as far as it matters: at a stated radius only the fits of 'quadric' depend on its effect."""
-    parts, stated = (surface.mesh, surface.faces, surface.dihedral), isinstance(radius, (int, float))
+    mesh, faces, dihedral = surface.mesh, surface.faces, surface.dihedral
+    stated = isinstance(radius, (int, float))
     if stated and scheme != "quadric":
-        deviation = vertex_deviation(*parts)
+        deviation = vertex_deviation(mesh, faces, dihedral)
         return Noise(None if deviation is None else deviation.relative)
-    return estimate_noise(*parts, scheme, effort="fits" if stated else "auto" if radius == "auto" else "warn")
+    return estimate_noise(
+        mesh, faces, dihedral, scheme, effort="fits" if stated else "auto" if radius == "auto" else "warn"
+    )
 
 
 def _pointwise(
