@@ -86,7 +86,7 @@ def logarithmic_map(
     source : int
         Vertex.
     method : {'exact', 'fast-marching', 'heat'}
-        Distance that the map follows; by 'heat' the map is the fastest, and ten times less accurate.
+        Distance that the map follows; the map by 'heat' is the fastest and the least accurate.
 
     Returns
     -------

@@ -17,10 +17,11 @@ MIN_GRID_SHARE, MIN_AXIS_SHARE = 0.8, 0.08
 
 
 def rounding_deviation(points: NDArray, normal: NDArray, edge: float) -> float:
-    """Standard deviation along the normals (3, k) by which coordinates (3, n) were rounded; 0 where not.
+    """Standard deviation along the normals by which coordinates were rounded, in length units; 0 where not.
 
     Rounded coordinates are whole multiples of a step, up to a shift, and the step of each axis is the least
-    difference of its coordinates.
+    difference of its coordinates. `points` (3, n) are positions, `normal` (3, k) unit normals, and `edge` is
+    the mean edge length.
     """
     variance = np.zeros(3)
     for axis, values in enumerate(points):
@@ -44,7 +45,7 @@ def _distinct(values: NDArray, edge: float) -> NDArray[np.float64]:
 
 
 def on_grid_edges(points: NDArray, edge: float) -> bool:
-    """Whether nearly all vertices share two coordinates with many others and the third with few."""
+    """Whether nearly all vertices (3, n) share two coordinates with many others and the third with few."""
     n_shared = np.zeros(points.shape, dtype=np.int64)
     for axis, values in enumerate(points):
         order = np.argsort(values, kind="stable")

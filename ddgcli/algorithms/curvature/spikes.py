@@ -18,6 +18,16 @@ def spikes_among(
     """(k,) whether vertices lie far off the fit to the others of their regions, whose residuals are small.
 
     The vertices of a crease are none: the others of their regions do not lie on a smooth surface either.
+
+    Parameters
+    ----------
+    points, normal : (3, n) ndarray
+        Positions in length units, and unit normals, of all vertices.
+    regions : Regions
+        Of the k vertices.
+    vertices : (k,) ndarray of int
+    edge : float
+        Mean edge length, in length units.
     """
     is_spike = np.zeros(len(vertices), dtype=bool)
     for size in np.unique(regions.count):

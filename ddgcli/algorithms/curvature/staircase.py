@@ -58,6 +58,8 @@ def cancellation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, regions: R
 
     Noise and stairs have as many concave creases beside convex ones; a crease of a part, a fold or a rounded
     detail has one sign over two rings.
+
+    `dihedral` (e,) are dihedral angles in radians, positive where convex.
     """
     start, end = mesh.topology.edges.T
     length = np.sqrt(((faces.points[:, start] - faces.points[:, end]) ** 2).sum(axis=0))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals, unit_normals
-from ddgcli.algorithms.curvature.noise import Noise, estimate_noise, vertex_deviation, warn_of_noise
+from ddgcli.algorithms.curvature.noise import Effort, Noise, estimate_noise, vertex_deviation, warn_of_noise
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.regions import check_radius
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
@@ -95,16 +95,7 @@ def measure_curvature(
     ParameterError
         Unknown scheme; a radius for 'cotan'.
     """
-    if scheme not in CURVATURE_SCHEMES:
-        raise ParameterError(f"{scheme!r} is not one of {', '.join(CURVATURE_SCHEMES)}", parameter="scheme")
-    if radius is not None and scheme == "cotan":
-        raise ParameterError(
-            "`scheme=cotan` measures at the vertex star and takes no radius; use `scheme=normal-cycle`, "
-            "`scheme=corrected` or `scheme=quadric`",
-            parameter="radius",
-        )
-    if isinstance(radius, (int, float)) and not (math.isfinite(radius) and radius > 0):
-        raise ParameterError(f"the radius must be a positive length, not {radius}")
+    _check_parameters(scheme, radius)
     require(mesh, "curvature")
     surface = prepare_surface(mesh, scheme)
     noise = _noise(surface, scheme, radius)
@@ -135,6 +126,20 @@ def measure_curvature(
     return CurvatureResult(vertex, edge, results, accuracy, converged)
 
 
+def _check_parameters(scheme: str, radius: float | str | None) -> None:
+    """ParameterError for an unknown scheme, or a radius that is no length or not for the scheme."""
+    if scheme not in CURVATURE_SCHEMES:
+        raise ParameterError(f"{scheme!r} is not one of {', '.join(CURVATURE_SCHEMES)}", parameter="scheme")
+    if radius is not None and scheme == "cotan":
+        raise ParameterError(
+            "`scheme=cotan` measures at the vertex star and takes no radius; use `scheme=normal-cycle`, "
+            "`scheme=corrected` or `scheme=quadric`",
+            parameter="radius",
+        )
+    if isinstance(radius, (int, float)) and not (math.isfinite(radius) and radius > 0):
+        raise ParameterError(f"the radius must be a positive length, not {radius}")
+
+
 def _noise(surface: UnitSurface, scheme: str, radius: float | str | None) -> Noise:
     """The noise as far as it matters: at a stated radius only the fits of 'quadric' depend on its effect."""
     mesh, faces, dihedral = surface.mesh, surface.faces, surface.dihedral
@@ -142,9 +147,8 @@ def _noise(surface: UnitSurface, scheme: str, radius: float | str | None) -> Noi
     if stated and scheme != "quadric":
         deviation = vertex_deviation(mesh, faces, dihedral)
         return Noise(None if deviation is None else deviation.relative)
-    return estimate_noise(
-        mesh, faces, dihedral, scheme, effort="fits" if stated else "auto" if radius == "auto" else "warn"
-    )
+    effort: Effort = "fits" if stated else "warn"
+    return estimate_noise(mesh, faces, dihedral, scheme, effort="auto" if radius == "auto" else effort)
 
 
 def _pointwise(

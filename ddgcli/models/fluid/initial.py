@@ -139,9 +139,9 @@ def balanced(space: SurfaceSpace, vorticity: NDArray, terms: NDArray) -> NDArray
             "on a closed surface the vorticity sums to zero: its mean (%.6g 1/s) was subtracted", worst
         )
     used = label >= 0
-    balanced = np.where(used, vorticity - space.mass * mean[np.maximum(label, 0)], 0.0)
-    rounding = np.where(closed, space.component_vorticity(balanced) / area, 0.0)
-    return np.where(used, balanced - space.mass * rounding[np.maximum(label, 0)], 0.0)
+    without_mean = np.where(used, vorticity - space.mass * mean[np.maximum(label, 0)], 0.0)
+    rounding = np.where(closed, space.component_vorticity(without_mean) / area, 0.0)
+    return np.where(used, without_mean - space.mass * rounding[np.maximum(label, 0)], 0.0)
 
 
 EFFECT = Effect("initial", InitialSection, build, "none after the start", ("fluid",), repeatable=True)
