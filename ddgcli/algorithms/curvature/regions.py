@@ -109,6 +109,12 @@ def chosen(one: Regions, other: Regions, takes_other: NDArray[np.bool_]) -> Regi
 
 
 def balls_around(points: NDArray, few: NDArray, tree: cKDTree, radius: float) -> Regions:
-    """Vertices in the balls around a few vertices, connected or not."""
-    members = [np.sort(ball) for ball in tree.query_ball_point(points[:, few].T, radius)]
-    return Regions(list_starts([len(own) for own in members]), np.concatenate(members).astype(np.int64))
+    """Vertices in the balls around a few vertices, connected or not, in ascending order."""
+    # a matrix of distances takes a third of the time of lists of members
+    centres = type(tree)(points[:, few].T, balanced_tree=False, compact_nodes=False)
+    pairs = centres.sparse_distance_matrix(tree, radius, output_type="ndarray")
+    n = points.shape[1]
+    order = pairs["i"].astype(np.int64) * n + pairs["j"]
+    order.sort()
+    centre, member = np.divmod(order, n)
+    return Regions(list_starts(np.bincount(centre, minlength=len(few))), member)
