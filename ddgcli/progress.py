@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-ProgressCallback = Callable[[float, float], Any]  # called with (done, total), in any unit of work
+ProgressCallback = Callable[[float, float], Any]  # called with (completed, total), in any unit of work
 StageProgress = Callable[[str], ProgressCallback]  # called with the name of a stage; its callback
 
 
-def no_progress(done: float, total: float) -> None:
+def no_progress(completed: float, total: float) -> None:
     """Progress callback that does nothing."""
 
 

@@ -36,7 +36,7 @@ def known_truth(
 ) -> Trial:
     """A trial whose truth is known."""
     values = np.atleast_1d(np.asarray(truth, dtype=np.float64))
-    reference = Reference("known truth", values, 0.0, known=True)
+    reference = Reference("known truth", values, 0.0, is_truth=True)
     return Trial(faces, h, Problem(candidates, [(0.0, lambda: reference)], error, "the truth"))
 
 

@@ -108,11 +108,11 @@ def _watch(
     reason, peak = "", None
     try:
         while process.poll() is None:
-            used, highest = _resident(process.pid)
+            resident, highest = _resident(process.pid)
             peak = highest if highest is not None else peak
             if limits.seconds is not None and time.perf_counter() - began > limits.seconds:
                 reason = "timeout"
-            elif limits.mebibytes is not None and used is not None and used > limits.mebibytes:
+            elif limits.mebibytes is not None and resident is not None and resident > limits.mebibytes:
                 reason = "memory"
             elif stop is not None and stop.is_set():
                 reason = "killed"

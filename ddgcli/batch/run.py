@@ -28,7 +28,7 @@ def run_batch(
     table: str | None = None,
     resume: bool = False,
     cluster: str | None = None,
-    progress: Callable[[float, float], Any] = lambda done, total: None,
+    progress: Callable[[float, float], Any] = lambda completed, total: None,
 ) -> list[TaskRow]:
     """Rows of all tasks in their order; a task that fails does not stop the others.
 
@@ -42,7 +42,7 @@ def run_batch(
         Keep the runs that the table or its journal holds as done; the rest is run.
     cluster : str, optional
         Address of a Dask scheduler whose workers see the same files.
-    progress : callable (done, total)
+    progress : callable (completed, total)
     """
     rows: dict[int, TaskRow] = {}
     journal = journal_path(table) if table is not None else None

@@ -134,11 +134,11 @@ def _check_template(template: str | None, sweeps: Mapping[str, Any]) -> None:
         fields = [field for _, field, _, _ in string.Formatter().parse(template) if field is not None]
     except ValueError as error:
         raise ParameterError(f"{template!r}: {error}; write a brace as {{{{", parameter="output") from error
-    known = [*FIELDS, *sweeps]
-    unknown = [field for field in fields if field not in known]
+    names = [*FIELDS, *sweeps]
+    unknown = [field for field in fields if field not in names]
     if unknown:
         raise ParameterError(
-            f"{template!r}: unknown field {{{unknown[0]}}}; known: {', '.join(known)}", parameter="output"
+            f"{template!r}: unknown field {{{unknown[0]}}}; known: {', '.join(names)}", parameter="output"
         )
 
 

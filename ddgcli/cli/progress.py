@@ -47,15 +47,15 @@ class Progress:
         if self.active and is_terminal:
             threading.Thread(target=self._redraw_when_idle, daemon=True).start()
 
-    def __call__(self, done: float, total: float = 1.0) -> None:
-        """Report that `done` of `total` is done; cheap if no redraw is due.
+    def __call__(self, completed: float, total: float = 1.0) -> None:
+        """Report that `completed` of `total` is complete; cheap if no redraw is due.
 
         The exception of a signal is raised here where a library dropped it.
         """
         raise_received()
         if not self.active:
             return
-        self._share = min(max(done / total, 0.0), 1.0) if total > 0 else 1.0
+        self._share = min(max(completed / total, 0.0), 1.0) if total > 0 else 1.0
         if time.perf_counter() >= self.due:
             self._draw()
 

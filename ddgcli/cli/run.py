@@ -163,7 +163,7 @@ class Run:
             check_place(path, inputs=(*self._inputs, *self._further_inputs))
 
     def progress(self, label: str) -> Callable[..., None]:
-        """Callback `progress(done, total)` of long work, drawn as a progress bar on standard error."""
+        """Callback `progress(completed, total)` of long work, drawn as a progress bar on standard error."""
         self._progress.clear()
         terminal = False if self.common.quiet else None
         self._progress = Progress(label, terminal, self.common.progress, since=self.clock.began)

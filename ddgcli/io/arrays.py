@@ -35,9 +35,9 @@ def input_array(source: Any, name: str) -> tuple[NDArray, str]:
             return np.asarray(getattr(source, place)[name]), place
     if Path(name).suffix.lower() in READERS:
         return read_array(name), ""
-    known = [f"{array} ({place})" for place in ELEMENTS for array in getattr(source, place)]
+    names = [f"{array} ({place})" for place in ELEMENTS for array in getattr(source, place)]
     raise ParameterError(
-        f"no array {name!r} in the input (its arrays: {', '.join(known) or 'none'}), and no such file; "
+        f"no array {name!r} in the input (its arrays: {', '.join(names) or 'none'}), and no such file; "
         f"name one of these, or a {', '.join(READERS)} file"
     )
 

@@ -167,10 +167,10 @@ def format_of(path: str, input_format: str | None = None) -> str:
     from ddgcli.io.readers import foreign  # imports what starts processes
 
     if suffix not in foreign.suffixes():
-        known = " ".join(sorted({*READERS, *foreign.suffixes()}))
+        suffixes = " ".join(sorted({*READERS, *foreign.suffixes()}))
         raise MeshFileError(
             f"{path}: unknown format {excerpt(suffix, 20) or '(no extension)'}; set `input_format`; "
-            f"known: {known}"
+            f"known: {suffixes}"
         )
     return suffix
 
@@ -245,10 +245,10 @@ def check_output(path: str, output_format: str | None = None, *, formats: Sequen
     )
     if path == "-" and not output_format:
         raise OutputError("standard output (-) needs `output_format`, such as `output_format=ply`")
-    known = tuple(WRITERS) if formats is None else tuple(formats)
-    if suffix not in known:
+    suffixes = tuple(WRITERS) if formats is None else tuple(formats)
+    if suffix not in suffixes:
         raise OutputError(
-            f"{path}: unknown format {suffix or '(no extension)'}; known here: {' '.join(known)}"
+            f"{path}: unknown format {suffix or '(no extension)'}; known here: {' '.join(suffixes)}"
         )
     if path != "-":
         check_place(path)

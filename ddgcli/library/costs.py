@@ -114,9 +114,11 @@ def tradeoff_table(
 def _check_options(question: str, options: dict[str, Any], has_sources: bool) -> None:
     if question not in OPTIONS_OF_QUESTION:
         raise ParameterError(f"unknown question {question!r}; choose one of {', '.join(OPTIONS_OF_QUESTION)}")
-    known = OPTIONS_OF_QUESTION[question]
-    unknown = [name for name in options if name not in known]
+    own_options = OPTIONS_OF_QUESTION[question]
+    unknown = [name for name in options if name not in own_options]
     if unknown:
-        raise ParameterError(f"{question!r} has no option {unknown[0]!r}; its options: {', '.join(known)}")
+        raise ParameterError(
+            f"{question!r} has no option {unknown[0]!r}; its options: {', '.join(own_options)}"
+        )
     if has_sources and question != "geodesic":
         raise ParameterError(f"sources belong to 'geodesic', not to {question!r}")

@@ -246,8 +246,8 @@ def _distance_options(method: str, options: dict[str, Any]) -> distances.Distanc
     own = OPTIONS_OF_METHOD.get(method, tuple(options))
     for name, value in options.items():
         if name not in own:
-            known = ", ".join(own) or "none"
-            raise ParameterError(f"method {method!r} has no option {name!r}; its options: {known}")
+            names = ", ".join(own) or "none"
+            raise ParameterError(f"method {method!r} has no option {name!r}; its options: {names}")
         if name == "heat_time" and not (np.isfinite(value) and value > 0):
             raise ParameterError(f"heat_time must be positive, not {value}")
         if name == "heat_refine" and not (isinstance(value, (int, np.integer)) and value >= 0):
@@ -275,8 +275,8 @@ def surface_sources(
     """
     points = edge = curve = None
     if source_edges is not None:
-        chosen = edge_set(mesh, np.asarray(source_edges))
-        edge, curve = chosen.edge, chosen.curves(mesh)
+        edges = edge_set(mesh, np.asarray(source_edges))
+        edge, curve = edges.edge, edges.curves(mesh)
     if source_points is not None:
         position = np.atleast_2d(np.asarray(source_points, dtype=np.float64))
         if position.ndim != 2 or position.shape[1] != 3 or not np.isfinite(position).all():

@@ -116,8 +116,8 @@ def heat_kernel_signature(
     time = np.asarray(times, dtype=np.float64)
     if time.ndim != 1 or not len(time) or not (np.isfinite(time) & (time > 0)).all():
         raise ParameterError("times must be a list of positive numbers")
-    chosen = laplace_operator(mesh, operator, mass)
-    pairs = spectrum.spectrum(chosen, spectrum.signature_pairs(chosen, time.tolist()), seed=seed)
+    laplacian = laplace_operator(mesh, operator, mass)
+    pairs = spectrum.spectrum(laplacian, spectrum.signature_pairs(laplacian, time.tolist()), seed=seed)
     return spectrum.heat_kernel_signature(pairs, time)
 
 

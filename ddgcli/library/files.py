@@ -199,10 +199,10 @@ def write_trajectory(
     """
     target = os.fspath(path)
     mesh_file.check_output(target, formats=(".vtkhdf", ".h5"))
-    held: Any = getattr(trajectory_frames, "mesh", None) if mesh is None else mesh
-    if held is None:
+    any_mesh: Any = getattr(trajectory_frames, "mesh", None) if mesh is None else mesh
+    if any_mesh is None:
         raise MeshError("the frames carry no mesh; pass it as mesh=...")
-    surface = mesh_of_kind(held, ("surface",), "a trajectory")
+    surface = mesh_of_kind(any_mesh, ("surface",), "a trajectory")
     writer, count, status = None, 0, "failed"
     try:
         for trajectory_frame in trajectory_frames:

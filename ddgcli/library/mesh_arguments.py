@@ -79,9 +79,9 @@ def as_mesh(mesh: MeshLike) -> AnyMesh:
             raise
         except (TypeError, ValueError) as error:
             raise MeshError(f"the pair (points, cells) holds no arrays of numbers: {error}") from error
-    held = getattr(mesh, "mesh", None)
-    if isinstance(held, AnyMesh):
-        return held
+    own_mesh = getattr(mesh, "mesh", None)
+    if isinstance(own_mesh, AnyMesh):
+        return own_mesh
     raise MeshError(
         f"{type(mesh).__name__} is no mesh; give a mesh, a pair (points, faces) of arrays, or what "
         "read_mesh returns"

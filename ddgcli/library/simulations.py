@@ -171,5 +171,5 @@ def _fluids(scene: Scene, account: Account) -> tuple[dict[str, Model], list[Any]
         scene, lambda name: read_mesh(str(folder / name)), lambda name: read_array(str(folder / name))
     )
     fluids = {name: context for name, (context, _) in contexts.items()}
-    built = fluid_model.build(scene, fluids, account)
-    return {name: one.model() for name, one in built.items()}, [c.mesh for c in fluids.values()]
+    models = fluid_model.build(scene, fluids, account)
+    return {name: one.model() for name, one in models.items()}, [c.mesh for c in fluids.values()]

@@ -70,7 +70,7 @@ class TrajectoryFrame:
 def frames_of_equal_change(
     positions: Sequence[NDArray | None], values: Sequence[NDArray | None], count: int
 ) -> list[int]:
-    """Numbers of `count` frames between which a motion changes equally, with the first and the last.
+    """Numbers of `count` frames between which a motion changes by equal amounts; first and last are included.
 
     The change of a step is the root mean square of the displacements over the extent, and that of the values
     over their range.
@@ -85,14 +85,14 @@ def frames_of_equal_change(
         return list(range(n))
     change = np.zeros(n - 1)
     for states in (positions, values):
-        known = [np.nan_to_num(np.asarray(state, dtype=np.float64)) for state in states if state is not None]
-        if len(known) < n or any(state.shape != known[0].shape for state in known):
+        arrays = [np.nan_to_num(np.asarray(state, dtype=np.float64)) for state in states if state is not None]
+        if len(arrays) < n or any(state.shape != arrays[0].shape for state in arrays):
             continue
-        step = np.array([np.sqrt(np.mean((b - a) ** 2)) for a, b in zip(known, known[1:])])
-        reach = max(float(state.max(initial=0.0) - state.min(initial=0.0)) for state in known)
+        step = np.array([np.sqrt(np.mean((b - a) ** 2)) for a, b in zip(arrays, arrays[1:])])
+        reach = max(float(state.max(initial=0.0) - state.min(initial=0.0)) for state in arrays)
         change += step / (reach or 1.0)
     total = np.concatenate([[0.0], np.cumsum(change)])
     if total[-1] <= 0:
         return [int(k) for k in np.linspace(0, n - 1, count).round()]
-    chosen = np.searchsorted(total, total[-1] * np.arange(1, count - 1) / (count - 1))
-    return sorted({0, n - 1, *(int(k) for k in chosen)})
+    inner_frames = np.searchsorted(total, total[-1] * np.arange(1, count - 1) / (count - 1))
+    return sorted({0, n - 1, *(int(k) for k in inner_frames)})

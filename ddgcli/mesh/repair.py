@@ -22,11 +22,11 @@ def merged_points(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.int6
     order, is_first = _equal_positions(columns)
     run = np.flatnonzero(is_first)
     first = order[run]
-    kept = np.zeros(len(order), dtype=bool)
-    kept[first] = True
+    is_unique = np.zeros(len(order), dtype=bool)
+    is_unique[first] = True
     index = np.empty(len(order), dtype=np.int64)
-    index[order] = np.repeat((np.cumsum(kept) - 1)[first], np.diff(run, append=len(order)))
-    return np.ascontiguousarray(columns[:, kept].T), index
+    index[order] = np.repeat((np.cumsum(is_unique) - 1)[first], np.diff(run, append=len(order)))
+    return np.ascontiguousarray(columns[:, is_unique].T), index
 
 
 def _equal_positions(columns: NDArray) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

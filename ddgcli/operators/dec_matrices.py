@@ -159,12 +159,14 @@ def _inverse(complex_: Complex, degree: int, star: Star) -> csr_array:
     kind: Star = "barycentric" if star == "galerkin" else star
     diagonal = hodge_star(complex_, degree, kind).diagonal()
     simplices = (complex_.corners, complex_.cell_edge, complex_.cell_face)[degree]
-    used = np.bincount(simplices.ravel(), minlength=len(diagonal)) > 0
-    bad = np.flatnonzero(used & (np.abs(diagonal) <= LEAST_STAR_ENTRY * np.abs(diagonal).max(initial=0.0)))
+    is_referenced = np.bincount(simplices.ravel(), minlength=len(diagonal)) > 0
+    bad = np.flatnonzero(
+        is_referenced & (np.abs(diagonal) <= LEAST_STAR_ENTRY * np.abs(diagonal).max(initial=0.0))
+    )
     if len(bad):
         simplex = ("vertex", "edge", "face")[degree]
         raise MeshError(
             f"the {kind} star is zero at {len(bad)} simplices (first: {simplex} {bad[0]}) and has no "
             "inverse: use `star=barycentric` or `star=galerkin`"
         )
-    return _compact(diags_array(np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=used)))
+    return _compact(diags_array(np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=is_referenced)))

@@ -108,8 +108,8 @@ def _tet_star2(c: Complex, kind: str) -> NDArray:
     length = np.zeros_like(area)
     for i in range(4):
         a, b, d = (x for x in range(4) if x != i)
-        spread = (s[:, a, b] + s[:, b, d] + s[:, d, a]) / 9.0
-        length[:, i] = np.sqrt((s[:, i, a] + s[:, i, b] + s[:, i, d]) / 3.0 - spread) / 4.0
+        variance = (s[:, a, b] + s[:, b, d] + s[:, d, a]) / 9.0
+        length[:, i] = np.sqrt((s[:, i, a] + s[:, i, b] + s[:, i, d]) / 3.0 - variance) / 4.0
     return length / area
 
 

@@ -51,15 +51,15 @@ def draw_curves(
 
     flags = [closed] * len(curves) if isinstance(closed, bool) else list(closed)
     start, stop, shade = _segments(curves, values, flags)
-    used = np.concatenate([start, stop]) if len(start) else np.zeros((1, 3))
-    placed = unit_box(used)
-    start, stop, used = placed(start), placed(stop), placed(used)
-    axes3 = view_axes(used, view, up or "z")
+    segment_ends = np.concatenate([start, stop]) if len(start) else np.zeros((1, 3))
+    placed = unit_box(segment_ends)
+    start, stop, segment_ends = placed(start), placed(stop), placed(segment_ends)
+    axes3 = view_axes(segment_ends, view, up or "z")
     with page(path, width, height, dpi) as figure:
         axes = picture_axes(figure, coloured=values is not None)
         box = axes.get_position()
         camera = fitted_camera(
-            used,
+            segment_ends,
             axes3,
             int(box.width * width * dpi),
             int(box.height * height * dpi),

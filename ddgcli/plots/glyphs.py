@@ -61,14 +61,14 @@ def frame_arrows(
     vectors : mapping of str to (p, 3) ndarray
         Unit vectors by colour.
     """
-    chosen = [np.zeros(0, dtype=np.int64)]
+    numbers = [np.zeros(0, dtype=np.int64)]
     for first, last in zip(start[:-1], start[1:]):
         steps = np.linalg.norm(np.diff(points[first:last], axis=0), axis=1)
         along = np.concatenate([[0.0], np.cumsum(steps)])
         count = max(2, int(along[-1] / (FRAME_SPACING * (extent or 1.0))) + 1)
         at = np.searchsorted(along, np.linspace(0.0, along[-1], count)).clip(max=len(along) - 1)
-        chosen.append(first + np.unique(at))
-    places = np.concatenate(chosen)
+        numbers.append(first + np.unique(at))
+    places = np.concatenate(numbers)
     return [Arrows(points[places], values[places], colour) for colour, values in vectors.items()]
 
 
@@ -109,15 +109,15 @@ def draw_glyphs(axes: Any, camera: Camera, visible: PixelFaces, glyphs: Glyphs) 
     if glyphs.faces is not None:
         _draw_streamlines(axes, camera, streamlines(camera, visible, glyphs.faces, glyphs.vectors))
         return
-    chosen = thin_glyphs(camera, visible, glyphs)
-    if len(chosen) == 0:
+    numbers = thin_glyphs(camera, visible, glyphs)
+    if len(numbers) == 0:
         return
-    vectors = glyphs.vectors[chosen]
+    vectors = glyphs.vectors[numbers]
     length = np.linalg.norm(vectors, axis=1)
     scale = 1.05 * SPACING * max(camera.width, camera.height) / float(np.quantile(length, 0.98))
     vectors = vectors * (scale * np.minimum(1.0, np.quantile(length, 0.98) / length))[:, None]
     flat = (vectors @ camera.axes.T)[:, :2] * [1.0, -1.0]
-    middle = camera.project(glyphs.places[chosen])[:, :2]
+    middle = camera.project(glyphs.places[numbers])[:, :2]
     tail, tip = middle - flat / 2, middle + flat / 2
     _draw_lines(axes, np.stack([tail, tip], axis=1) if glyphs.stripes else _with_heads(tail, tip))
 

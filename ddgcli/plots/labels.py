@@ -43,7 +43,7 @@ def place_labels(
     )
     axes.get_xlim(), axes.get_ylim()  # the limits are set here, if they have not been
     unit = figure.dpi / POINTS_PER_INCH
-    taken = np.concatenate(
+    occupied = np.concatenate(
         [_boxes(np.concatenate([_pixels(axes, p) for p in points] or [np.zeros((0, 2))]), MARKER_SIZE * unit)]
         + [_boxes_along(_pixels(axes, line), LINE_BOX * unit) for line in lines]
     )
@@ -56,13 +56,13 @@ def place_labels(
         extent = np.array([size.width, size.height])
         centre = axes.transData.transform((x, y))
         label.remove()
-        box, distance = _free_place(centre, extent, unit, turn, taken, placed, window)
+        box, distance = _free_place(centre, extent, unit, turn, occupied, placed, window)
         if box is None:
             continue
-        taken, placed = np.concatenate([taken, box[None]]), np.concatenate([placed, box[None]])
+        occupied, placed = np.concatenate([occupied, box[None]]), np.concatenate([placed, box[None]])
         far = distance > unit * NEAR
         if far:  # no later text may touch the line from this one to its point
-            taken = np.concatenate([taken, _line_to_point(box, centre, unit)])
+            occupied = np.concatenate([occupied, _line_to_point(box, centre, unit)])
         line = {"arrowstyle": "-", "color": "0.4", "linewidth": 0.6, "shrinkA": 0, "shrinkB": 2}
         axes.annotate(
             text, (x, y), tuple((box[:2] - centre) / unit), textcoords="offset points", fontsize=FONT_SIZE,
@@ -95,17 +95,23 @@ def _line_to_point(box: NDArray, centre: NDArray, unit: float) -> NDArray:
     return _boxes_along(np.stack([nearest, centre]), LINE_BOX * unit)
 
 
-def _free(boxes: NDArray, taken: NDArray) -> NDArray:
+def _free(boxes: NDArray, others: NDArray) -> NDArray:
     """(n,) whether a box overlaps none of others."""
     apart = (
-        (boxes[:, None, 0] >= taken[None, :, 2]) | (boxes[:, None, 2] <= taken[None, :, 0])
-        | (boxes[:, None, 1] >= taken[None, :, 3]) | (boxes[:, None, 3] <= taken[None, :, 1])
+        (boxes[:, None, 0] >= others[None, :, 2]) | (boxes[:, None, 2] <= others[None, :, 0])
+        | (boxes[:, None, 1] >= others[None, :, 3]) | (boxes[:, None, 3] <= others[None, :, 1])
     )  # fmt: skip
     return np.asarray(apart.all(axis=1))
 
 
 def _free_place(
-    centre: NDArray, extent: NDArray, unit: float, turn: NDArray, taken: NDArray, placed: NDArray, window: Any
+    centre: NDArray,
+    extent: NDArray,
+    unit: float,
+    turn: NDArray,
+    occupied: NDArray,
+    placed: NDArray,
+    window: Any,
 ) -> tuple[NDArray | None, float]:
     """(box, distance) of the first place round a point that touches nothing; (None, 0) if there is none.
 
@@ -121,7 +127,7 @@ def _free_place(
         boxes = np.concatenate([low - gap, low + extent + gap], axis=1)
         inside = (boxes[:, 1] >= window.y0) & (boxes[:, 3] <= window.y1)
         inside &= (boxes[:, 0] >= window.x0) & (boxes[:, 2] <= window.x1)
-        for k in np.flatnonzero(_free(boxes, taken) & inside):
+        for k in np.flatnonzero(_free(boxes, occupied) & inside):
             box = np.concatenate([low[k], low[k] + extent])
             if distance <= unit * NEAR or _free(_line_to_point(box, centre, unit), placed).all():
                 return box, float(distance)

@@ -195,17 +195,17 @@ def draw_motion(
         [plot_frame.values for plot_frame in plot_frames],
         MAX_PICTURE_FRAMES,
     )
-    chosen = [plot_frames[k] for k in numbers]
+    picture_frames = [plot_frames[k] for k in numbers]
     with tempfile.TemporaryDirectory() as folder:
         pictures = []
-        for k, plot_frame in enumerate(chosen):
+        for k, plot_frame in enumerate(picture_frames):
             draw_frame(f"{folder}/{k}.png", plot_frame, style, 4.5, 3.6)
             pictures.append(imread(f"{folder}/{k}.png"))
         xlabel = f"time [{style.time_unit}]"
         draw_chart(f"{folder}/chart.png", series, xlabel=xlabel, ylabel=ylabel, width=9.0, height=3.6)
         pictures.append(imread(f"{folder}/chart.png"))
     with page(path, width, height, dpi) as figure:
-        places = [(0.0, 0.667), (0.5, 0.667), (0.0, 0.333), (0.5, 0.333)][: len(chosen)]
+        places = [(0.0, 0.667), (0.5, 0.667), (0.0, 0.333), (0.5, 0.333)][: len(picture_frames)]
         boxes = [(x, y, 0.5, 0.333) for x, y in places] + [(0.0, 0.0, 1.0, 0.333)]
         for picture, box in zip(pictures, boxes):
             axes = figure.add_axes(box)
@@ -219,12 +219,12 @@ def draw_animation(
     style: SequenceStyle,
     frames_per_second: float,
     size: tuple[int, int] | None = None,
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Callable[[int], None] = lambda n_frames: None,
     jobs: int = 1,
 ) -> None:
     """Write a looping animated GIF or an MP4 (H.264), by default of 1280 x 960 pixels.
 
-    `progress(done)` is called after each frame; `jobs` processes draw.
+    `progress(n_frames)` is called after each frame with the number of frames so far; `jobs` processes draw.
     """
     across, down = size or (1280, 960)
     pictures = _pictures(plot_frames, style, across, down, progress, jobs)

@@ -218,6 +218,6 @@ def visible_runs(camera: Camera, visible: PixelFaces, curves: Sequence[NDArray])
     owner = name[point]
     cuts = np.flatnonzero((shown[1:] != shown[:-1]) | (owner[1:] != owner[:-1])) + 1
     first, last = np.append(0, cuts), np.append(cuts, len(shown))
-    kept = np.flatnonzero(shown[first] & (last - first > 1))
+    visible_run = np.flatnonzero(shown[first] & (last - first > 1))
     flat = samples[:, :2]
-    return [flat[i:j] for i, j in zip(first[kept].tolist(), last[kept].tolist())]
+    return [flat[i:j] for i, j in zip(first[visible_run].tolist(), last[visible_run].tolist())]

@@ -97,14 +97,14 @@ def _followed(flow: Field, depth: NDArray, seeds: NDArray, step: float) -> NDArr
 def _spaced(ahead: NDArray, back: NDArray, spacing: float) -> list[NDArray[np.float64]]:
     """The lines, the longest first, each as far as it keeps its distance from those before."""
     length = np.isfinite(ahead[..., 0]).sum(axis=1) + np.isfinite(back[..., 0]).sum(axis=1)
-    taken: set[tuple[int, int]] = set()
+    occupied: set[tuple[int, int]] = set()
     lines = []
     for k in np.argsort(-length, kind="stable"):
         halves = []
         for track in (back[k], ahead[k]):
             places = track[np.isfinite(track[:, 0])]
             cells = np.floor(places / (0.5 * spacing)).astype(np.int64).tolist()
-            halves.append(places[: _free_length(cells, taken)])
+            halves.append(places[: _free_length(cells, occupied)])
         if not len(halves[0]) or not len(halves[1]):
             continue
         line = np.concatenate([halves[0][:0:-1], halves[1]])
@@ -112,14 +112,14 @@ def _spaced(ahead: NDArray, back: NDArray, spacing: float) -> list[NDArray[np.fl
             continue
         lines.append(line)
         for c, r in set(map(tuple, np.floor(line / (0.5 * spacing)).astype(np.int64).tolist())):
-            taken |= {(c + i, r + j) for i in (-1, 0, 1) for j in (-1, 0, 1)}
+            occupied |= {(c + i, r + j) for i in (-1, 0, 1) for j in (-1, 0, 1)}
     return lines
 
 
-def _free_length(cells: list[list[int]], taken: set[tuple[int, int]]) -> int:
+def _free_length(cells: list[list[int]], occupied: set[tuple[int, int]]) -> int:
     """Points before the line meets another one, or itself after `LOOP_LENGTH`."""
     visited: dict[tuple[int, int], int] = {}
     for i, (c, r) in enumerate(cells):
-        if (c, r) in taken or i - visited.setdefault((c, r), i) > LOOP_LENGTH / STEP:
+        if (c, r) in occupied or i - visited.setdefault((c, r), i) > LOOP_LENGTH / STEP:
             return i
     return len(cells)

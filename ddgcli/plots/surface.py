@@ -149,9 +149,9 @@ def _paint(
     mesh, fit_points, placed = _in_unit_box(mesh, fit)
     axes = picture_axes(figure, values is not None and values.ndim == 1, x_range)
     squares = values is not None and values.ndim == 2
-    known = None if values is None or squares else _relevant(mesh, values)
-    if known is not None and limits is None:
-        low, high, signed = robust_limits(known, signed, value_size)
+    plot_values = None if values is None or squares else _relevant(mesh, values)
+    if plot_values is not None and limits is None:
+        low, high, signed = robust_limits(plot_values, signed, value_size)
         limits = low, high
     if fit is None:
         up = up or up_axis_of(fit_points)
@@ -183,9 +183,9 @@ def _paint(
         draw_glyphs(axes, camera, visible, replace(glyphs, places=placed(glyphs.places)))
     draw_arrows(axes, camera, visible, [replace(one, places=placed(one.places)) for one in arrows])
     axes.set(xlim=(0, size[0]), ylim=(size[1], 0))
-    if known is not None and limits is not None:
-        colour_bar(figure, mappable, label, _beyond(known, *limits))
-        caption = "; ".join(filter(None, [caption, extremes(label, known)]))
+    if plot_values is not None and limits is not None:
+        colour_bar(figure, mappable, label, _beyond(plot_values, *limits))
+        caption = "; ".join(filter(None, [caption, extremes(label, plot_values)]))
     draw_texts(figure, title, caption, x_range)
 
 
@@ -268,11 +268,11 @@ def _colours(
     return np.where(finite[:, None], table[(place * 1023).astype(np.int64)], _UNKNOWN_COLOUR), mappable
 
 
-def _beyond(known: NDArray, low: float, high: float) -> str:
+def _beyond(plot_values: NDArray, low: float, high: float) -> str:
     """Ends of the colour bar that values exceed."""
-    known = known[np.isfinite(known)]
+    plot_values = plot_values[np.isfinite(plot_values)]
     slack = 1e-9 * (high - low)
-    beyond = 2 * bool((known < low - slack).any()) + bool((known > high + slack).any())
+    beyond = 2 * bool((plot_values < low - slack).any()) + bool((plot_values > high + slack).any())
     return ("neither", "max", "min", "both")[beyond]
 
 

@@ -204,9 +204,9 @@ def _with_models(document: Document, kind: SceneKind, models: Sequence[str]) -> 
         effect, equals, name = text.partition("=")
         key, table = MODEL_KEYS.get(effect), data.get("effects", {}).get(effect)
         if not equals or key is None or effect not in kind.effects.entries:
-            known = ", ".join(e for e in MODEL_KEYS if e in kind.effects.entries)
+            effects = ", ".join(e for e in MODEL_KEYS if e in kind.effects.entries)
             raise ParameterError(
-                f"{text!r}: write EFFECT=NAME; effects with models: {known}", parameter="model"
+                f"{text!r}: write EFFECT=NAME; effects with models: {effects}", parameter="model"
             )
         if table is None:
             raise ParameterError(f"{text!r}: the scene has no effect {effect}; add it", parameter="model")

@@ -87,7 +87,7 @@ class Reference:
     values : ndarray
     uncertainty : float
         Bound or estimate of its own largest relative error, in the scale of the rows' errors.
-    known : bool
+    is_truth : bool
         True for an analytic truth.
     mean_uncertainty : float, optional
         The same for the mean error; by default that of the largest.
@@ -96,13 +96,13 @@ class Reference:
     name: str
     values: NDArray
     uncertainty: float
-    known: bool = False
+    is_truth: bool = False
     mean_uncertainty: float | None = None
 
     @classmethod
     def from_truth(cls, name: str, values: NDArray) -> Reference:
         """Analytic answer; its uncertainty is rounding."""
-        return cls(f"known truth: {name}", values, 1e-15, known=True)
+        return cls(f"known truth: {name}", values, 1e-15, is_truth=True)
 
     @classmethod
     def from_agreement(cls, name: str, values: NDArray, gap: NDArray) -> Reference:

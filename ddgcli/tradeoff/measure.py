@@ -49,7 +49,7 @@ def run_problem(
     clock : callable, optional
         Clock of the rows' seconds; the budget counts wall-clock seconds.
     progress : callable, optional
-        Called with (done, total).
+        Called with (completed, total).
 
     Returns
     -------
@@ -63,7 +63,9 @@ def run_problem(
     """
     time_budget, table = TimeBudget(budget, began), Table(left_out=list(problem.left_out))
     steps = len(problem.candidates) + 1  # the reference is the first
-    report_progress = (lambda done: None) if progress is None else (lambda done: progress(done, steps))
+    report_progress = (
+        (lambda completed: None) if progress is None else (lambda completed: progress(completed, steps))
+    )
     try:
         report_progress(0)
         _calibrate(problem, time_budget)
@@ -82,11 +84,11 @@ def _calibrate(problem: Problem, time_budget: TimeBudget) -> None:
     cheapest = problem.candidates[0]
     setup, solve = 0.0, time_budget.seconds  # recorded if the run is stopped
     try:
-        with time_budget.limit_time(REFERENCE_SHARE * time_budget.left()):
+        with time_budget.limit_time(REFERENCE_SHARE * time_budget.seconds_left()):
             for _ in range(2):  # the first also includes imports
                 state, setup = _timed(cheapest.setup, time.perf_counter)
                 solve = _timed(partial(cheapest.solve, state), time.perf_counter)[1]
-                if setup + solve > 0.1 * time_budget.left():
+                if setup + solve > 0.1 * time_budget.seconds_left():
                     break
     except DdgError:  # reported with its row
         return
@@ -107,13 +109,17 @@ def _run_candidates(
     references = {"": reference}
     for number, candidate in enumerate(problem.candidates, 1):
         report_progress(number)
-        estimate, left, began = time_budget.estimate(candidate), time_budget.left(), time.perf_counter()
-        if estimate * 1.2 > left:
-            why = f"estimated {estimate:.3g} s, {max(left, 0):.3g} s are left"
+        estimate, seconds_left, began = (
+            time_budget.estimate(candidate),
+            time_budget.seconds_left(),
+            time.perf_counter(),
+        )
+        if estimate * 1.2 > seconds_left:
+            why = f"estimated {estimate:.3g} s, {max(seconds_left, 0):.3g} s are left"
             table.left_out.append((label_of(candidate), why))
             continue
         try:
-            with time_budget.limit_time(left), _prefix_warnings(label_of(candidate)):
+            with time_budget.limit_time(seconds_left), _prefix_warnings(label_of(candidate)):
                 if candidate.model not in references and candidate.model_reference is not None:
                     references[candidate.model] = candidate.model_reference()
                 own = references[candidate.model]
@@ -153,7 +159,7 @@ def _reference(problem: Problem, time_budget: TimeBudget, table: Table) -> Refer
     """
     failure, needed = "", 0.0
     for work, compute in problem.references:
-        share = REFERENCE_SHARE * time_budget.left()
+        share = REFERENCE_SHARE * time_budget.seconds_left()
         estimate = (
             time_budget.estimate_like(problem.candidates[0], work) if work and problem.candidates else work
         )
@@ -199,10 +205,10 @@ def measure_candidate(
         raise SolveError(f"its answer is not finite at {problem.place} {worst}")
     seconds, setups, memory = [first], [cold_setup], False
     if repeat:
-        repeats = int(max(1, min(repeat, 0.15 * time_budget.left() / max(first, 1e-9))))
+        repeats = int(max(1, min(repeat, 0.15 * time_budget.seconds_left() / max(first, 1e-9))))
         seconds = [_timed(lambda: candidate.solve(state), clock)[1] for _ in range(repeats)]
-        memory = cold_setup + first < 0.1 * time_budget.left()
-        if 1e-4 < cold_setup < 0.1 * time_budget.left():  # the first also included imports
+        memory = cold_setup + first < 0.1 * time_budget.seconds_left()
+        if 1e-4 < cold_setup < 0.1 * time_budget.seconds_left():  # the first also included imports
             setups = [_timed(candidate.setup, clock)[1] for _ in range(min(3, repeats))]
     whole = whole_error(problem, errors, reference, mesh_limit)
     return Row(

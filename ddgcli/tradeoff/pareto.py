@@ -53,19 +53,23 @@ def assign_verdicts(table: Table, within: float | None, norm: str = "max") -> Ro
     """
     limit = blur(table, norm)
     mark_pareto_front(table.rows, norm, limit)
-    chosen = cheapest_within(table.rows, within, norm) if within is not None else None
+    cheapest = cheapest_within(table.rows, within, norm) if within is not None else None
     table.undecided = _no_ranking(table, norm, limit)
     ranked = not table.undecided
-    if within is not None and chosen is None and any(is_within(r, within, norm) is None for r in table.rows):
+    if (
+        within is not None
+        and cheapest is None
+        and any(is_within(r, within, norm) is None for r in table.rows)
+    ):
         table.undecided = table.undecided or f"the errors are uncertain by {limit:.1e}"
     for row in table.rows:
         row.on_front &= ranked
-        row.verdict = _verdict(row, table, chosen, within, norm, limit, ranked)
+        row.verdict = _verdict(row, table, cheapest, within, norm, limit, ranked)
         if row.is_reference:
             row.verdict += "; its answer is the reference, and its error the uncertainty"
         elif row.error(norm) <= table.uncertainty(norm) < math.inf:
             row.verdict += "; within the error of the reference"
-    return chosen
+    return cheapest
 
 
 def _no_ranking(table: Table, norm: str, limit: float) -> str:
@@ -83,9 +87,9 @@ def _no_ranking(table: Table, norm: str, limit: float) -> str:
 
 
 def _verdict(
-    row: Row, table: Table, chosen: Row | None, within: float | None, norm: str, limit: float, ranked: bool
+    row: Row, table: Table, cheapest: Row | None, within: float | None, norm: str, limit: float, ranked: bool
 ) -> str:
-    if row is chosen:
+    if row is cheapest:
         return f"cheapest within {within:g}"
     inside = is_within(row, within, norm) if within is not None else True
     if inside is False:
@@ -114,8 +118,10 @@ def _dominating_row(row: Row, rows: list[Row], norm: str, limit: float) -> Row:
 
 def _equal_up_to_noise(row: Row, other: Row, norm: str) -> bool:
     """Whether two rows of the same error differ by less than the spread of their seconds."""
-    spread = max(high - low for low, high in (row.seconds_spread, other.seconds_spread))
-    return row.error(norm) == other.error(norm) and abs(row.total_seconds - other.total_seconds) <= spread
+    timing_noise = max(high - low for low, high in (row.seconds_spread, other.seconds_spread))
+    return (
+        row.error(norm) == other.error(norm) and abs(row.total_seconds - other.total_seconds) <= timing_noise
+    )
 
 
 def _like(other: float, error: float) -> bool:

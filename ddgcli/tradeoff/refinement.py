@@ -66,14 +66,14 @@ class RefinedScene:
     document : Document
     read, array : callable
         Readers of its meshes and arrays.
-    kept : dict of str to ndarray
+    input_vertices : dict of str to ndarray
         Vertices of each object that are those of the input, in its order.
     """
 
     document: Document
     read: Callable[[str], Any]
     array: Callable[[str], NDArray]
-    kept: dict[str, NDArray[np.int64]]
+    input_vertices: dict[str, NDArray[np.int64]]
 
 
 def refined_scene(
@@ -98,7 +98,7 @@ def refined_scene(
         raise SolveError("obstacles are cut out of the mesh, so a finer mesh has other vertices")
     data = copy.deepcopy(dict(document.data))
     finer: dict[str, Any] = {}
-    kept: dict[str, NDArray[np.int64]] = {}
+    input_vertices: dict[str, NDArray[np.int64]] = {}
     splits: dict[str, list[Any]] = {}
     for number, section in enumerate(objects):
         if section.role != role:
@@ -107,7 +107,7 @@ def refined_scene(
         table["name"] = section.name
         periodic = section.grid is not None and section.grid.periodic
         if periodic or (section.box is not None and role == "fluid"):
-            kept[section.name] = _double_cells(table, section, times)
+            input_vertices[section.name] = _double_cells(table, section, times)
             continue
         source = _source(section, read)
         meshes, name = [source.mesh], PREFIX + section.name
@@ -121,7 +121,7 @@ def refined_scene(
         for shape in ("mesh", "grid", "sphere", "box", "cylinder"):
             table.pop(shape, None)
         table["mesh"] = name
-        kept[section.name] = np.arange(source.mesh.n_vertices)
+        input_vertices[section.name] = np.arange(source.mesh.n_vertices)
         splits[section.name] = meshes
     _extend_vertex_lists(data.get("effects", {}), splits)
     changed = dataclasses.replace(document, data=data)  # type: ignore[type-var]
@@ -131,7 +131,9 @@ def refined_scene(
         meshes = next((m for m in splits.values() if len(values) == m[0].n_vertices), None)
         return values if meshes is None else prolonged(values, meshes)
 
-    return RefinedScene(changed, lambda name: finer[name] if name in finer else read(name), load, kept)
+    return RefinedScene(
+        changed, lambda name: finer[name] if name in finer else read(name), load, input_vertices
+    )
 
 
 def _source(section: Any, read: Callable[[str], Any]) -> Any:
@@ -162,7 +164,7 @@ def prolonged(values: NDArray, meshes: list[TriangleMesh]) -> NDArray:
 
 
 def _double_cells(table: dict[str, Any], section: Any, times: int) -> NDArray[np.int64]:
-    """Double the cells of a periodic grid or a box of tetrahedra; the vertices that stay."""
+    """Double the cells of a periodic grid or a box of tetrahedra; return the numbers of the old vertices."""
     from scipy.spatial import cKDTree
 
     def points(shape: Any) -> NDArray:
@@ -176,10 +178,10 @@ def _double_cells(table: dict[str, Any], section: Any, times: int) -> NDArray[np
     cells = [count * 2**times for count in shape.cells]
     table[key] = {**table[key], "cells": cells}
     coarse = points(shape)
-    distance, kept = cKDTree(points(shape.model_copy(update={"cells": cells}))).query(coarse)
+    distance, nearest = cKDTree(points(shape.model_copy(update={"cells": cells}))).query(coarse)
     if distance.max(initial=0.0) > SAME_POINT * float(np.ptp(coarse, axis=0).max()):
         raise SolveError(f"object {section.name!r}: a grid of twice the cells has other vertices")
-    return np.asarray(kept, dtype=np.int64)
+    return np.asarray(nearest, dtype=np.int64)
 
 
 def _extend_vertex_lists(effects: Mapping[str, Any], splits: dict[str, list[TriangleMesh]]) -> None:

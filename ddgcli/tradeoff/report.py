@@ -27,7 +27,7 @@ def results_of(
     problem: Problem,
     command_of: Callable[[Row], str],
     *,
-    chosen: Row | None,
+    cheapest: Row | None,
     within: float | None,
     norm: str,
 ) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def results_of(
         "query": problem.query,
         "norm": norm,
         "within": within,
-        "chosen": row_of(chosen, command_of, norm) if chosen else None,
+        "chosen": row_of(cheapest, command_of, norm) if cheapest else None,
         "mesh_bound_methods": mesh_bound_methods(table, norm),
         "break_even": break_even(table.rows, norm),
         "left_out": [{"row": name, "why": why} for name, why in table.left_out],
@@ -183,10 +183,10 @@ def _remarks(results: dict[str, Any]) -> list[str]:
     ]
     lines += _left_out(results["left_out"])
     if results["within"] is not None:
-        chosen = results["chosen"]
+        cheapest = results["chosen"]
         surely = " for certain" if results["undecided"] else ""
         missed = f"no row is within {results['within']:g}{surely}"
-        lines.append(f"run: {chosen['command']}" if chosen else missed)
+        lines.append(f"run: {cheapest['command']}" if cheapest else missed)
     return lines
 
 

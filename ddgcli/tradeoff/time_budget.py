@@ -31,8 +31,8 @@ class TimeBudget:
         self._began = time.perf_counter() if began is None else began
         self._runs: dict[str, list[tuple[float, float, float]]] = {}  # method: work, set-up, solve
 
-    def left(self) -> float:
-        """Seconds left; infinite without a budget."""
+    def seconds_left(self) -> float:
+        """Remaining seconds; infinite without a budget."""
         return float("inf") if self.seconds is None else self.seconds - (time.perf_counter() - self._began)
 
     def record(self, method: str, work: float, setup: float, solve: float) -> None:

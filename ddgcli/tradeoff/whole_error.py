@@ -74,7 +74,7 @@ def find_mesh_limit(problem: Problem, time_budget: TimeBudget, table: Table) -> 
     if problem.error_part not in ("mesh", "both"):
         return
     for work, compute in problem.mesh_limits:
-        share = REFERENCE_SHARE * time_budget.left()
+        share = REFERENCE_SHARE * time_budget.seconds_left()
         estimate = time_budget.estimate_like(problem.candidates[0], work)
         if estimate > share:
             table.mesh_failure = f"estimated {estimate:.3g} s of the {time_budget.seconds or 0:g} s budget"

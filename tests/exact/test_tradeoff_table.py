@@ -46,7 +46,7 @@ def planted(name: str, error: float, seconds: float, setup: float = 0.0, work: f
 
 
 def problem(*candidates: Candidate) -> Problem:
-    reference = Reference("the truth", TRUTH, 1e-15, known=True)
+    reference = Reference("the truth", TRUTH, 1e-15, is_truth=True)
     return Problem(candidates, [(0.0, lambda: reference)], relative_to_largest, "the largest value")
 
 
@@ -276,7 +276,7 @@ def test_csv_holds_every_row_with_its_command_quoted_for_a_shell():
         table,
         problem(),
         partial(row_command, "geodesic", CommandCall("m y.ply", {}, "--source 3")),
-        chosen=None,
+        cheapest=None,
         within=None,
         norm="max",
     )

@@ -101,7 +101,7 @@ def test_the_mesh_error_of_a_shell_covers_a_finer_mesh_and_its_models_are_rows()
     table = run_problem(problem, repeat=0)
     assert "bending=midedge" in table.mesh_limit.name
     finest = refined_scene(document, SHELL, None, None, 3)
-    moved = simulate._displacement(list(frames_of(finest, 8)), finest.kept)
+    moved = simulate._displacement(list(frames_of(finest, 8)), finest.input_vertices)
     error = problem.error(table.mesh_limit.values, moved)
     assert error.max() <= table.mesh_limit.uncertainty.max < 0.2
     assert all(0 < row.mesh_error.max < row.max_error for row in table.rows)
@@ -147,10 +147,10 @@ def test_a_finer_periodic_grid_keeps_the_vertices_of_the_input(cells):
     )
     document = parse_scene(text)
     finer = refined_scene(document, FLUID, None, None, 1)
-    (kept,) = finer.kept.values()
+    (number,) = finer.input_vertices.values()
     coarse, fine = (place(resolve(d, FLUID).objects[0], None).mesh for d in (document, finer.document))
-    assert fine.n_faces == 4 * coarse.n_faces and len(np.unique(kept)) == coarse.n_vertices
-    assert np.allclose(fine.points[kept], coarse.points, atol=1e-12)
+    assert fine.n_faces == 4 * coarse.n_faces and len(np.unique(number)) == coarse.n_vertices
+    assert np.allclose(fine.points[number], coarse.points, atol=1e-12)
 
 
 def test_midpoints_of_a_mesh_lie_on_the_sphere_to_fourth_order_and_those_of_a_cube_in_its_faces():

@@ -349,7 +349,7 @@ def test_a_run_that_breaks_off_leaves_a_part(tmp_path):
 
 def test_tradeoff_judges_rows_against_a_known_truth():
     table = ddg.tradeoff_table("geodesic", SQUARE, truth="plane", within=0.5, repeat=1)
-    assert table.reference is not None and table.reference.known
+    assert table.reference is not None and table.reference.is_truth
     assert any(row.on_front for row in table.rows) and any(row.verdict for row in table.rows)
     options = {"sources": [5], "method": "dijkstra", "norm": "mean", "repeat": 1}
     mean = ddg.tradeoff_table("geodesic", SPHERE, **options)

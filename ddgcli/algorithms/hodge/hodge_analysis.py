@@ -50,7 +50,7 @@ def hodge_analysis(
     field: tuple[NDArray, str] | None,
     boundary: Boundary,
     with_basis: bool,
-    progress: ProgressCallback = lambda done, total: None,
+    progress: ProgressCallback = lambda completed, total: None,
 ) -> HodgeAnalysis:
     """Decompose a field, with the Betti numbers, homology generators and harmonic basis of the mesh.
 

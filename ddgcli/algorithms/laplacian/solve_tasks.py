@@ -51,7 +51,7 @@ def solve_laplacian_tasks(
     tasks : LaplacianTasks
         Of tetrahedra without `smooth` and `parameterize`.
     progress : callable, optional
-        Called with (done, total).
+        Called with (completed, total).
 
     Returns
     -------
@@ -96,8 +96,8 @@ def solve_laplacian_tasks(
         (tasks.smooth, _smooth),
     ]
     selected = [solve for requested, solve in solvers if requested]
-    for n_done, solve in enumerate(selected, start=1):
-        part_progress = _progress_of_part(progress, n_done, len(selected) + 1)
+    for n_finished, solve in enumerate(selected, start=1):
+        part_progress = _progress_of_part(progress, n_finished, len(selected) + 1)
         part_progress(0, 1)
         solve(result, tasks, part_progress)
     # the maximum principle holds for non-negative weights only
@@ -119,11 +119,11 @@ def _size(mesh: TriangleMesh | TetMesh, operator: LaplaceOperator, vertex_size: 
     return {"area": float(vector_length(face_area_vector(mesh)).sum())}
 
 
-def _progress_of_part(progress: ProgressCallback | None, n_done: int, n_parts: int) -> ProgressCallback:
-    """Progress callback of one part of the work, after `n_done` of `n_parts` parts."""
+def _progress_of_part(progress: ProgressCallback | None, n_finished: int, n_parts: int) -> ProgressCallback:
+    """Progress callback of one part of the work, after `n_finished` of `n_parts` parts."""
     if progress is None:
-        return lambda done, total: None
-    return lambda done, total: progress(n_done + done / total, n_parts)
+        return lambda completed, total: None
+    return lambda completed, total: progress(n_finished + completed / total, n_parts)
 
 
 def _eigen(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCallback) -> None:

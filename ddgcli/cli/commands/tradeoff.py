@@ -157,7 +157,7 @@ def command(
     table = run_problem(problem, repeat=repeat, budget=budget, began=run.clock.began, progress=progress)
     chosen = assign_verdicts(table, within, norm)
     results = results_of(
-        table, problem, partial(row_command, compared, call), chosen=chosen, within=within, norm=norm
+        table, problem, partial(row_command, compared, call), cheapest=chosen, within=within, norm=norm
     )
     write(run, results)
     if table.rows:

@@ -125,14 +125,14 @@ def _spawned(call: tuple, wall: float) -> tuple[bytes, int | None]:
     paths = [str(SOURCE_FOLDER), *filter(None, [os.environ.get("PYTHONPATH")])]
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-P", "-m", "ddgcli.io.readers.guarded"],
             input=pickle.dumps(call), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=wall,
             env=env,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         return b"", None
-    return done.stdout if done.returncode == 0 else b"", done.returncode
+    return process.stdout if process.returncode == 0 else b"", process.returncode
 
 
 def _function(call: tuple) -> Callable[..., Any]:
@@ -174,10 +174,10 @@ def _limit(size: int) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     with contextlib.suppress(OSError, ValueError):
-        used = 0
+        used_bytes = 0
         with open("/proc/self/statm") as statm:
-            used = int(statm.read().split()[0]) * resource.getpagesize()
-        limit = used + memory_bytes(size)
+            used_bytes = int(statm.read().split()[0]) * resource.getpagesize()
+        limit = used_bytes + memory_bytes(size)
         hard = resource.getrlimit(resource.RLIMIT_AS)[1]
         resource.setrlimit(
             resource.RLIMIT_AS, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard)

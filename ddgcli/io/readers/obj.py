@@ -67,14 +67,14 @@ def _elements(lines: TextLines) -> list[_Element]:
     elements = []
     for keyword, follows in (("v", ends), ("f", ends), ("l", ends), ("v", second == ord("t"))):
         place = np.flatnonzero((first == ord(keyword)) & follows)
-        chosen = lines.select(place)
-        if b"#" in chosen.text:
-            chosen = chosen.without(rb"#[^\n]*")
-        bare = np.frombuffer(bytearray(chosen.text), dtype=np.uint8)
-        bare[chosen.begin[:-1]] = ord(" ")
+        element_lines = lines.select(place)
+        if b"#" in element_lines.text:
+            element_lines = element_lines.without(rb"#[^\n]*")
+        bare = np.frombuffer(bytearray(element_lines.text), dtype=np.uint8)
+        bare[element_lines.begin[:-1]] = ord(" ")
         if keyword == "v" and len(place) and follows is not ends:
-            bare[chosen.begin[:-1] + 1] = ord(" ")
-        elements.append(_Element(replace(chosen, text=bare.tobytes()), place))
+            bare[element_lines.begin[:-1] + 1] = ord(" ")
+        elements.append(_Element(replace(element_lines, text=bare.tobytes()), place))
     return elements
 
 

@@ -128,12 +128,12 @@ def _binary(data: bytes) -> RawMesh:
 
 def _binary_faces(flat: NDArray, n_faces: int) -> tuple[NDArray, NDArray]:
     try:  # pmp and others write no colour count after each face, Geomview does
-        corners, sizes, used = ragged(flat, n_faces, "face")
-        if used == len(flat):
+        corners, sizes, n_numbers = ragged(flat, n_faces, "face")
+        if n_numbers == len(flat):
             return corners.astype(np.int64), sizes
     except MeshFileError:
-        used = -1
-    with_colours = [(flat, 1)] if used != len(flat) else []
+        n_numbers = -1
+    with_colours = [(flat, 1)] if n_numbers != len(flat) else []
     for values, extra in with_colours:
         try:
             corners_c, sizes_c, used_c = ragged(values, n_faces, "face", extra)

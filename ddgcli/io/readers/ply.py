@@ -119,8 +119,8 @@ class _Ascii:
             self.at += table.size
             return {p.name: _typed(table[:, k], p) for k, p in enumerate(element.properties)}
         if width == 1:
-            members, sizes, used = ragged(rest, element.count, element.name)
-            self.at += used
+            members, sizes, n_numbers = ragged(rest, element.count, element.name)
+            self.at += n_numbers
             return {element.properties[0].name: (members, sizes)}
         return self._mixed(element)
 

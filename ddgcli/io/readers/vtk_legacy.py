@@ -191,7 +191,7 @@ def _attribute(words: _Words, word: str, length: int, into: dict[str, NDArray]) 
             name, width, rows, kind = words.next(), words.count(), words.count(), words.next()
             if kind.lower() not in TYPES:  # text, say
                 return False
-            _put(into, name, words.values(width * rows, kind), width)
+            _store(into, name, words.values(width * rows, kind), width)
             _pass_metadata(words)
         return True
     if word not in ("SCALARS", "COLOR_SCALARS", "TEXTURE_COORDINATES", "LOOKUP_TABLE", *WIDTHS):
@@ -208,7 +208,7 @@ def _attribute(words: _Words, word: str, length: int, into: dict[str, NDArray]) 
         width, kind = WIDTHS.get(word, 1), words.next()
     if word == "SCALARS":
         width = _scalar_width(words)
-    _put(into, name, words.values(width * length, kind), width)
+    _store(into, name, words.values(width * length, kind), width)
     return True
 
 
@@ -237,5 +237,5 @@ def _pass_metadata(words: _Words) -> None:
         words.at = before
 
 
-def _put(into: dict[str, NDArray], name: str, values: NDArray, width: int) -> None:
+def _store(into: dict[str, NDArray], name: str, values: NDArray, width: int) -> None:
     into[unquote(name)] = values.reshape(-1, width) if width > 1 else values

@@ -87,8 +87,8 @@ def _check(file: Any) -> None:
     own_face = json.loads(ours.attrs.get(CHANGING_CELL, "[]"))
     for name in own_face:
         starts = _rows(_group(steps, "CellDataOffsets"), str(name), count, "iu")[:count]
-        held = _rows(_group(root, "CellData"), str(name), int(sizes.sum()) // width, "f", None)
-        if (starts < 0).any() or (starts > len(held) - sizes // width).any():
+        rows = _rows(_group(root, "CellData"), str(name), int(sizes.sum()) // width, "f", None)
+        if (starts < 0).any() or (starts > len(rows) - sizes // width).any():
             raise MeshFileError("a frame's arrays on faces are outside the file's")
     for obstacle in ours.get("obstacles", {}).values():
         points, faces = _rows(obstacle, "points", 0, "f", (3,)), _rows(obstacle, "faces", 0, "iu", (3,))

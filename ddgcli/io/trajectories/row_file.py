@@ -124,11 +124,11 @@ class RowFile:
     def copy_rows(self, name: str, other: RowFile, count: int) -> None:
         """Copy the first rows of the same dataset of another file."""
         row, source = self.rows[name], other.rows[name]
-        done, total = 0, count * row.row_bytes
-        while done < total:
-            piece = os.pread(other._fd, min(1 << 24, total - done), source.offset + done)
-            _pwrite(self._fd, piece, row.offset + done, self.path)
-            done += len(piece)
+        copied_bytes, total = 0, count * row.row_bytes
+        while copied_bytes < total:
+            piece = os.pread(other._fd, min(1 << 24, total - copied_bytes), source.offset + copied_bytes)
+            _pwrite(self._fd, piece, row.offset + copied_bytes, self.path)
+            copied_bytes += len(piece)
 
     def sync(self) -> None:
         """Flush everything to the disk."""
@@ -215,9 +215,9 @@ def _pwrite(fd: int, data: Any, offset: int, path: str) -> None:
     view = memoryview(data)
     while len(view):
         try:
-            done = os.pwrite(fd, view, offset)
+            n_bytes = os.pwrite(fd, view, offset)
         except OSError as error:
             raise OutputError(
                 f"{path}: cannot be written ({error.strerror}); free space or choose another place"
             ) from error
-        view, offset = view[done:], offset + done
+        view, offset = view[n_bytes:], offset + n_bytes

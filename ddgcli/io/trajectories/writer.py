@@ -95,7 +95,7 @@ class TrajectoryWriter:
         if self._file is None:
             self.header = replace(self.header, changing_cell=tuple(trajectory_frame.face))
         if self._file is not None and shapes == self._shapes and self._has_capacity(trajectory_frame):
-            self._put(trajectory_frame, checkpoint, effect_rows)
+            self._write_frame(trajectory_frame, checkpoint, effect_rows)
             return
         n_frames = self.expected if self._file is None else max(self.expected, 2 * self.n_frames + 16)
         whole = self._rows.plus(trajectory_frame, self.header, n_frames - self.n_frames)
@@ -108,7 +108,7 @@ class TrajectoryWriter:
             self.header,
             whole,
         )
-        self._lay_out(rows, lambda: self._put(trajectory_frame, checkpoint, effect_rows))
+        self._lay_out(rows, lambda: self._write_frame(trajectory_frame, checkpoint, effect_rows))
         self._shapes = shapes
 
     def _has_capacity(self, trajectory_frame: TrajectoryFrame) -> bool:
@@ -118,7 +118,7 @@ class TrajectoryWriter:
         whole = all(after.of(name, self.header) <= rows[name].capacity for name in names)
         return whole and len(self._log) <= rows["ddgcli/log"].capacity
 
-    def _put(
+    def _write_frame(
         self, trajectory_frame: TrajectoryFrame, checkpoint: dict[str, NDArray], effects: NDArray
     ) -> None:
         file, k = self._file, self.n_frames
@@ -157,8 +157,8 @@ class TrajectoryWriter:
         file.set_mark("NSteps", np.int64(count).tobytes())
         self.n_frames = count
 
-    def _lay_out(self, rows: dict[str, RowLayout], put: Callable[[], None]) -> None:
-        """A new file: the old one's rows, then what `put` adds; only then it takes the old one's place."""
+    def _lay_out(self, rows: dict[str, RowLayout], write_rows: Callable[[], None]) -> None:
+        """Write a new file: the old one's rows, then those of `write_rows`. It then replaces the old one."""
         before = self._file, self._rows, self.n_frames, self._logged
         old, temporary = self._file, temporary_name(Path(self.partial_path))
         marks = {"NSteps": np.int64(NSTEPS_MARK).tobytes(), "status": STATUS_MARK.encode()}
@@ -171,7 +171,7 @@ class TrajectoryWriter:
                 if old is not None and old.rows[name].row_bytes == rows[name].row_bytes:
                     new.copy_rows(name, old, min(old.rows[name].count, rows[name].capacity))
             self._logged = 0
-            put()
+            write_rows()
             os.replace(temporary, self.partial_path)
             new.path = self.partial_path
         except BaseException as error:
@@ -239,12 +239,12 @@ class TrajectoryWriter:
             self._rows,
         )
 
-        def put() -> None:
+        def write_frames() -> None:
             self.n_frames -= 1
             self._rows = self._rows.plus(trajectory_frame, self.header, -1)
-            self._put(trajectory_frame, checkpoint, effects)
+            self._write_frame(trajectory_frame, checkpoint, effects)
 
-        self._lay_out(rows, put)
+        self._lay_out(rows, write_frames)
 
     @classmethod
     def resume(cls, partial_path: str, path: str, header: Header, n_frames: int) -> TrajectoryWriter:
@@ -263,11 +263,11 @@ class TrajectoryWriter:
                 first, checkpoint, len(effects), capacity, 2 * len(writer._log) + 64, header, whole
             )
 
-            def put() -> None:
+            def write_frames() -> None:
                 for k in range(last + 1):
-                    writer._put(old.read_frame(k), checkpoint if k == last else {}, effects)
+                    writer._write_frame(old.read_frame(k), checkpoint if k == last else {}, effects)
 
-            writer._lay_out(rows, put)
+            writer._lay_out(rows, write_frames)
         if os.path.abspath(partial_path) != os.path.abspath(writer.partial_path):
             os.unlink(partial_path)
         return writer

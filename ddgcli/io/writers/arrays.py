@@ -15,12 +15,12 @@ def npz_bytes(data: CellData) -> bytes:
     arrays: dict[str, Any] = {"points": data.points, data.kind: data.cells}
     if data.kind == "tetrahedra":
         arrays["faces"] = _boundary_faces(data)
-    used = {"points", "faces", "tetrahedra", "lines", "metadata", "edges"}
+    used_names = {"points", "faces", "tetrahedra", "lines", "metadata", "edges"}
     if "edges" in data.edge:
         arrays["edges"] = data.edge["edges"]
     for group in (data.vertex, data.cell, data.edge, data.whole):
         own = {name: value for name, value in group.items() if group is not data.edge or name != "edges"}
-        arrays |= {free_name(name, used, ".npz"): value for name, value in own.items()}
+        arrays |= {free_name(name, used_names, ".npz"): value for name, value in own.items()}
     arrays["metadata"] = np.array(data.provenance)
     out = io.BytesIO()
     np.savez(out, **arrays)
@@ -66,9 +66,9 @@ def vtkhdf_bytes(data: CellData) -> bytes:
             ("FieldData", data.edge | data.whole),
         ):
             group = root.create_group(name)
-            used: set[str] = set()
+            used_names: set[str] = set()
             for key, value in arrays.items():
-                group[free_name(_key(key), used, ".vtkhdf")] = two_dimensional(np.atleast_1d(value))
+                group[free_name(_key(key), used_names, ".vtkhdf")] = two_dimensional(np.atleast_1d(value))
         own = file.create_group("ddgcli")
         own.attrs["schema"] = "ddgcli-mesh/1"
         own.attrs["metadata"] = data.provenance

@@ -90,15 +90,15 @@ def _check(data: CellData) -> None:
                 raise ValueError(f"array {name} has {len(value)} entries where the mesh has {length}")
 
 
-def free_name(name: str, used: set[str], suffix: str) -> str:
-    """The name, or with a warning the first of `name_2`, `name_3`, ... that is not used; it is then used."""
+def free_name(name: str, used_names: set[str], suffix: str) -> str:
+    """The name, or with a warning the first free one of `name_2`, `name_3`, ...; `used_names` gains it."""
     free, number = name, 1
-    while free in used:
+    while free in used_names:
         number += 1
         free = f"{name}_{number}"
     if free != name:
         log.warning(f"{suffix} has another meaning or array for the name {name!r}: written as {free!r}")
-    used.add(free)
+    used_names.add(free)
     return free
 
 
@@ -122,12 +122,12 @@ def short_integers(value: NDArray) -> NDArray:
 
 
 def warn_of_lost_arrays(
-    data: CellData, suffix: str, *, held: tuple[str, ...] = (), what: str = "arrays"
+    data: CellData, suffix: str, *, writable_names: tuple[str, ...] = (), what: str = "arrays"
 ) -> None:
-    """Warn about arrays that a format cannot hold; it holds those of the names `held`."""
-    lost = [name for name in (*data.vertex, *data.cell) if name not in held]
-    if lost:
-        names = ", ".join(lost[:4]) + (", ..." if len(lost) > 4 else "")
+    """Warn about arrays that a format cannot hold: all but those of `writable_names`."""
+    missing = [name for name in (*data.vertex, *data.cell) if name not in writable_names]
+    if missing:
+        names = ", ".join(missing[:4]) + (", ..." if len(missing) > 4 else "")
         log.warning(f"{suffix} cannot hold {what} ({names}); write .vtu, .ply or .npz to keep them")
 
 

@@ -26,7 +26,7 @@ def glb_bytes(data: CellData) -> bytes:
     glTF has one texture coordinate a vertex: the attribute `_INPUT_VERTEX` then holds the vertex of the mesh.
     """
     data = surface_only(data, ".glb")
-    warn_of_lost_arrays(data, ".glb", held=("uv", "corner_uv", "color"))
+    warn_of_lost_arrays(data, ".glb", writable_names=("uv", "corner_uv", "color"))
     faces, uv, colors = data.cells, vertex_uv(data.vertex), color(data.vertex)
     seams = corner_uv(data.cell)
     source = None

@@ -10,18 +10,19 @@ def csv_bytes(data: CellData) -> bytes:
 
     Numbers are in the shortest form that reads back equal; faces and arrays on faces are left out.
     """
-    warn_of_lost_arrays(data, ".csv", held=tuple(data.vertex), what="faces and their arrays")
+    warn_of_lost_arrays(data, ".csv", writable_names=tuple(data.vertex), what="faces and their arrays")
     columns: list[tuple[str, list]] = [("vertex", list(range(len(data.points))))]
     columns += [(name, data.points[:, k].tolist()) for k, name in enumerate("xyz")]
-    used = {name for name, _ in columns}
+    used_names = {name for name, _ in columns}
     for name, value in data.vertex.items():
         table = two_dimensional(value)
         if table.ndim == 1:
-            columns.append((free_name(name, used, ".csv"), table.tolist()))
+            columns.append((free_name(name, used_names, ".csv"), table.tolist()))
             continue
         ends = "xyz" if table.shape[1] == 3 else [str(k) for k in range(table.shape[1])]
         columns += [
-            (free_name(f"{name}_{end}", used, ".csv"), table[:, k].tolist()) for k, end in enumerate(ends)
+            (free_name(f"{name}_{end}", used_names, ".csv"), table[:, k].tolist())
+            for k, end in enumerate(ends)
         ]
     head = ",".join(_quoted(name) for name, _ in columns)
     form = ",".join(["%r"] * len(columns)) + "\n"

@@ -78,22 +78,24 @@ def _properties(columns: list[tuple[str, NDArray]]) -> list[str]:
     return [f"property {PLY_TYPES[value.dtype.str[1:]]} {name}" for name, value in columns]
 
 
-def _columns(arrays: dict[str, NDArray], used: set[str]) -> list[tuple[str, NDArray]]:
-    """Scalar properties of arrays, in types that PLY has; names that are `used` get a number."""
+def _columns(arrays: dict[str, NDArray], used_names: set[str]) -> list[tuple[str, NDArray]]:
+    """Scalar properties of arrays, in types that PLY has; a name of `used_names` gets a number."""
     columns = []
     for name, value in arrays.items():
         flat = short_integers(two_dimensional(value))
         name = "_".join(name.split())
         standard = _standard_names(arrays, name)
-        if standard and not used & set(standard):
-            used |= set(standard)
+        if standard and not used_names & set(standard):
+            used_names |= set(standard)
             columns += [(end, flat[:, k]) for k, end in enumerate(standard)]
             continue
         if flat.ndim == 1:
-            columns.append((free_name(name, used, ".ply"), flat))
+            columns.append((free_name(name, used_names, ".ply"), flat))
             continue
         ends = "xyz" if flat.shape[1] == 3 else [str(k) for k in range(flat.shape[1])]
-        columns += [(free_name(f"{name}_{end}", used, ".ply"), flat[:, k]) for k, end in enumerate(ends)]
+        columns += [
+            (free_name(f"{name}_{end}", used_names, ".ply"), flat[:, k]) for k, end in enumerate(ends)
+        ]
     return columns
 
 
@@ -111,7 +113,7 @@ def obj_bytes(data: CellData) -> bytes:
     """
     if data.kind == "tetrahedra":
         data = surface_only(data, ".obj")
-    warn_of_lost_arrays(data, ".obj", held=NAMES)
+    warn_of_lost_arrays(data, ".obj", writable_names=NAMES)
     colors = color(data.vertex)
     lines = [f"# ddgcli {data.provenance}\n"]
     if colors is None:

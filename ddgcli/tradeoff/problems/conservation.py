@@ -116,10 +116,10 @@ class _Example:
 def _example(name: str) -> _Example:
     """Pendulum released at 2 rad; two bodies on a spring that turn, swing and drift."""
     if name == "pendulum":
-        held = np.ones((2, 3), dtype=bool)
-        held[1, 0] = False
+        is_fixed = np.ones((2, 3), dtype=bool)
+        is_fixed[1, 0] = False
         x = np.array([[0.0, 0, 0], [2.0, 0, 0]])
-        return _Example((Weight(), FixedCoordinates(held)), x, np.zeros((2, 3)), 0.1, 40.0)
+        return _Example((Weight(), FixedCoordinates(is_fixed)), x, np.zeros((2, 3)), 0.1, 40.0)
     x = np.array([[-0.65, 0, 0], [0.65, 0, 0]])
     v = np.array([[0.2, -0.4, 0.1], [0.2, 0.4, 0.1]])
     return _Example((Spring(4.0, 1.0),), x, v, 0.1, 30.0)
@@ -194,8 +194,8 @@ def _check(quantity: str, options: CommandOptions, accepted: Sequence[str] = ())
         if name == "tolerance" or (accepted and name not in accepted):
             raise ParameterError("changes nothing that `conserved` compares; leave it out", parameter=name)
     if quantity not in CONSERVED_QUANTITIES:
-        known = ", ".join(CONSERVED_QUANTITIES)
-        raise ParameterError(f"{quantity!r} is not one of {known}", parameter="conserved")
+        quantities = ", ".join(CONSERVED_QUANTITIES)
+        raise ParameterError(f"{quantity!r} is not one of {quantities}", parameter="conserved")
 
 
 def _span(options: CommandOptions, step: float, duration: float) -> float:
@@ -213,8 +213,8 @@ def _model(example: _Example, name: str) -> Model[Motion]:
 
     def stepped(step: Step, motion: Motion, time: float, dt: float) -> Motion:
         after = step(system, replace(motion, time=time), dt, NEWMARK)
-        kept = (motion.x, motion.v, np.array([dt])) if integrator.multistep else ()
-        return replace(after, past=kept, time=time + dt)
+        previous = (motion.x, motion.v, np.array([dt])) if integrator.multistep else ()
+        return replace(after, past=previous, time=time + dt)
 
     rescue = None if integrator.rescue is None else partial(stepped, integrator.rescue)
 

@@ -38,8 +38,8 @@ def problem(
     edge = float(mesh.side_length.mean())
     if truth is not None and truth.mean_curvature is not None:
         values = np.where(inside, truth.mean_curvature(mesh.points), np.nan)
-        known = Reference.from_truth(truth.name, values)
-        references = [(0.0, lambda: known)]
+        truth_reference = Reference.from_truth(truth.name, values)
+        references = [(0.0, lambda: truth_reference)]
     else:
         work = _work(mesh, None)
         references = [

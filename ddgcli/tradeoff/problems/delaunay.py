@@ -48,7 +48,7 @@ def problem(
             *(_flipped(mesh, times, work) for times in ((0, 1) if level is None else (level,))),
             *(_refined(mesh, degrees, max_points, level or 0, work) for degrees in angles),
         ],
-        references=[(0.0, lambda: _known(mesh, truth))]
+        references=[(0.0, lambda: _analytic_reference(mesh, truth))]
         if truth is not None
         else [(40 * work, lambda: _reference(mesh, 2)), (8 * work, lambda: _reference(mesh, 1))],
         error=relative_to_largest,
@@ -109,7 +109,7 @@ def solution(triangulation, mesh: TriangleMesh) -> NDArray[np.float64]:
     return values - values[mesh.topology.referenced_vertex].mean()
 
 
-def _known(mesh: TriangleMesh, truth: Truth) -> Reference:
+def _analytic_reference(mesh: TriangleMesh, truth: Truth) -> Reference:
     """Analytic solution: the load is an eigenfunction, so the solution is the load over the eigenvalue."""
     if truth.linear_eigenvalue is None:
         raise ParameterError(f"no Poisson solution is known on the {truth.name}; drop `truth`")

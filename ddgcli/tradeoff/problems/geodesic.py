@@ -48,8 +48,8 @@ def problem(
         )
     if truth is not None and truth.distance is not None:
         values = truth.distance(mesh.points, sources.positions(mesh)[0])
-        known = Reference.from_truth(truth.name, values)
-        references = [(0.0, lambda: known)]
+        truth_reference = Reference.from_truth(truth.name, values)
+        references = [(0.0, lambda: truth_reference)]
     else:
         references = [
             (_work(mesh, "exact", 0.0) * 2, lambda: _exact_reference(mesh, sources)),

@@ -37,8 +37,8 @@ def problem(
     if truth is not None and truth.eigenvalues is None:
         raise ParameterError(f"no eigenvalues are known of the {truth.name}; drop `truth`")
     if truth is not None and truth.eigenvalues is not None:
-        known = Reference.from_truth(truth.name, truth.eigenvalues(k))
-        references = [(0.0, lambda: known)]
+        truth_reference = Reference.from_truth(truth.name, truth.eigenvalues(k))
+        references = [(0.0, lambda: truth_reference)]
     else:
         references = [
             (_work(mesh, k) * 30, lambda: _refined_reference(mesh, k, 2)),

@@ -32,7 +32,7 @@ REFERENCE_STEP_FACTORS = (1 / 8, 1 / 2, 2.0)
 TOLERANCES = (1e-3, 1e-5)
 TIME_OPTIONS = ("steps", "duration", "step", "tolerance", "integrator")
 ObservationSeries = Sequence[Mapping[str, Any]]  # observations by object, of each frame
-Kept = Mapping[str, NDArray[np.int64]]  # vertices of the input in finer meshes, by object
+InputVertices = Mapping[str, NDArray[np.int64]]  # vertices of the input in finer meshes, by object
 MAX_STEPS = 16  # of the scene's own length: later, chaos dominates the errors
 REFINEMENTS = (2, 1)  # of the meshes of limits
 MESH_STEP_FACTOR = 1 / 2  # step on them, in units of the scene's step
@@ -63,7 +63,7 @@ class Simulator:
     integrators : list of str
     reference_integrator : str
     answer : callable
-        Observations, and the vertices kept of each object (None for all) -> answer.
+        Observations, and the vertices of each object to compare (None for all) -> answer.
     noun : str
         What the answer is.
     """
@@ -76,7 +76,7 @@ class Simulator:
     models: Callable[..., dict[str, Any]]
     integrators: list[str]
     reference_integrator: str
-    answer: Callable[[ObservationSeries, Kept | None], NDArray]
+    answer: Callable[[ObservationSeries, InputVertices | None], NDArray]
     noun: str
 
     def setup(self, overrides: Mapping[str, Any]) -> Any:
@@ -85,17 +85,17 @@ class Simulator:
         contexts = self.contexts(scene, self.read, self.array)
         return self.models(scene, contexts, account), scene.schedule(), account
 
-    def solve(self, state: Any, kept: Kept | None = None) -> NDArray[np.float64]:
+    def solve(self, state: Any, input_vertices: InputVertices | None = None) -> NDArray[np.float64]:
         """Answer at the end of a run."""
         models, schedule, account = state
         observations = [snapshot.observations for snapshot in evolve(models, schedule, account)]
-        return self.answer(observations, kept)
+        return self.answer(observations, input_vertices)
 
     def finer_answer(self, overrides: Mapping[str, Any], times: int) -> NDArray[np.float64]:
         """Answer on meshes refined `times` times, at the vertices of the input."""
         finer = refined_scene(self.document, self.kind, self.read, self.array, times)
         one = replace(self, document=finer.document, read=finer.read, array=finer.array)
-        return one.solve(one.setup(overrides), finer.kept)
+        return one.solve(one.setup(overrides), finer.input_vertices)
 
 
 def shell_problem(
@@ -144,25 +144,29 @@ def fluid_problem(
     return _problem(simulator, options, error_part)
 
 
-def _displacement(observations: ObservationSeries, kept: Kept | None = None) -> NDArray[np.float64]:
+def _displacement(
+    observations: ObservationSeries, input_vertices: InputVertices | None = None
+) -> NDArray[np.float64]:
     first, last = observations[0], observations[-1]
     displacements = {name: last[name].points - first[name].points for name in first}
-    return np.concatenate([_at(kept, name, values) for name, values in displacements.items()])
+    return np.concatenate([_at(input_vertices, name, values) for name, values in displacements.items()])
 
 
-def _vorticity(observations: ObservationSeries, kept: Kept | None = None) -> NDArray[np.float64]:
+def _vorticity(
+    observations: ObservationSeries, input_vertices: InputVertices | None = None
+) -> NDArray[np.float64]:
     last = observations[-1]
-    return np.concatenate([_at(kept, name, last[name].vertex["vorticity"]) for name in last])
+    return np.concatenate([_at(input_vertices, name, last[name].vertex["vorticity"]) for name in last])
 
 
-def _at(kept: Kept | None, name: str, values: NDArray) -> NDArray:
-    return values if kept is None else values[kept[name]]
+def _at(input_vertices: InputVertices | None, name: str, values: NDArray) -> NDArray:
+    return values if input_vertices is None else values[input_vertices[name]]
 
 
-def _other_models(simulator: Simulator, chosen: Sequence[str]) -> dict[str, tuple[str, ...]]:
+def _other_models(simulator: Simulator, own_models: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Models that rows vary: those of effects with their default parameters, without the scene's own."""
     effects = simulator.document.data.get("effects", {})
-    names = {text.partition("=")[0] for text in chosen}
+    names = {text.partition("=")[0] for text in own_models}
     others = {}
     for effect, models in MODELS.items():
         table = effects.get(effect)
@@ -172,14 +176,14 @@ def _other_models(simulator: Simulator, chosen: Sequence[str]) -> dict[str, tupl
     return others
 
 
-def _truth_models(others: Mapping[str, tuple[str, ...]], chosen: Sequence[str]) -> tuple[str, ...]:
+def _truth_models(others: Mapping[str, tuple[str, ...]], own_models: Sequence[str]) -> tuple[str, ...]:
     """Models of the limit: where one of an effect converges on any mesh, that one."""
     best = [
         f"{effect}={MODELS[effect][0]}"
         for effect, models in others.items()
         if effect not in LAWS and MODELS[effect][0] in models
     ]
-    return (*chosen, *best)
+    return (*own_models, *best)
 
 
 @dataclass(frozen=True)
