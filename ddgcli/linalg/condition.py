@@ -8,6 +8,7 @@ from scipy.sparse import coo_array, csr_array, eye_array, sparray
 
 from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.indices import compact
 
 DENSE_SIZE = 200  # unknowns of a component up to which all its eigenvalues are computed
 BATCH_ENTRIES = 4_000_000  # entries of the dense blocks that are held at a time
@@ -33,7 +34,7 @@ def condition_number(matrix: sparray) -> float | None:
     from scipy.sparse.csgraph import connected_components
 
     used = np.flatnonzero(matrix.diagonal() != 0.0)
-    inner = csr_array(csr_array(matrix)[used][:, used])
+    inner = compact(csr_array(matrix)[used][:, used])
     count, label = connected_components(inner, directed=False)
     size = np.bincount(label, minlength=count)
     extremes = [_small_extremes(inner, label, size, int(s)) for s in np.unique(size) if 1 < s <= DENSE_SIZE]

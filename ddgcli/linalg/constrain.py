@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.indices import compact
 
 log = logging.getLogger("ddgcli")
 
@@ -20,7 +21,7 @@ BALANCE_TOLERANCE = 1e-10  # relative sum of a right-hand side over a component
 
 def components(matrix: sparray) -> tuple[int, NDArray[np.int64]]:
     """Number of connected components of the non-zero pattern, and (n,) component of each unknown."""
-    graph = csc_array(matrix).T  # the same graph by rows, which csgraph takes without a copy
+    graph = compact(csc_array(matrix)).T  # the same graph by rows, which csgraph takes without a copy
     if (graph.data == 0).any():
         graph = graph.copy()
         graph.eliminate_zeros()

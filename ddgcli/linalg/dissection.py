@@ -17,6 +17,7 @@ from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ddgcli.linalg.separators import separator_level
+from ddgcli.mesh.indices import compact
 
 N_LANDMARKS = 5
 N_SMOOTHING_STEPS = 3
@@ -62,14 +63,16 @@ def nested_dissection(matrix: csc_array) -> Dissection | None:
     Unknowns with the same neighbours (the coordinates of one vertex) stay together. Components are
     dissected one after the other; small ones share leaves.
     """
-    graph = _symmetric_graph(matrix)
+    graph = compact(_symmetric_graph(matrix))
     if graph.nnz < MIN_CONDENSED_ROW * graph.shape[0]:
         return _graph_dissection(graph)
     alike = _indistinguishable(graph)
     tail = np.repeat(alike, np.diff(graph.indptr))
     count = int(alike.max(initial=-1)) + 1
     condensed = coo_array((graph.data, (tail, alike[graph.indices])), shape=(count, count))
-    dissection = _graph_dissection(csr_array(condensed), max(2, LEAF_SIZE * count // max(len(alike), 1)))
+    dissection = _graph_dissection(
+        compact(csr_array(condensed)), max(2, LEAF_SIZE * count // max(len(alike), 1))
+    )
     return dissection and Dissection(dissection.leaf[alike], dissection.height[alike])
 
 
@@ -104,7 +107,7 @@ def _graph_dissection(graph: csr_array, leaf_size: int = LEAF_SIZE) -> Dissectio
     )
     for vertices in members:
         if len(vertices):
-            result = _component_dissection(_connected(graph[vertices][:, vertices]), leaf_size)
+            result = _component_dissection(_connected(compact(graph[vertices][:, vertices])), leaf_size)
             if result is None:
                 return None
             dissected, levels = result
@@ -143,13 +146,13 @@ def _connected(graph: csr_array) -> csr_array:
     _, first = np.unique(connected_components(graph, directed=False)[1], return_index=True)
     a, b = first[:-1], first[1:]
     links = coo_array((np.ones(2 * len(a)), (np.append(a, b), np.append(b, a))), shape=(n, n))
-    return csr_array(graph + links)
+    return compact(csr_array(graph + links))
 
 
 def _breadth_first(graph: csr_array) -> tuple[csr_array, NDArray[np.int64]]:
     """The graph renumbered breadth first, and the old number of each vertex."""
     order = breadth_first_order(graph, 0, return_predecessors=False).astype(np.int64)
-    return csr_array(graph[order][:, order]), order
+    return compact(graph[order][:, order]), order
 
 
 def _landmark_distances(graph: csr_array) -> NDArray[np.float32]:

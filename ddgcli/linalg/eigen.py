@@ -19,6 +19,7 @@ from ddgcli.linalg.constrain import Poisson
 from ddgcli.linalg.lanczos import MIN_BLOCK_WIDTH, BlockLanczos
 from ddgcli.linalg.ordering import fill_reducing_ordering
 from ddgcli.memory import check_memory
+from ddgcli.mesh.indices import compact
 from ddgcli.progress import ProgressCallback
 
 log = logging.getLogger("ddgcli")
@@ -212,7 +213,7 @@ def count_below(L: sparray, M: sparray, shift: float, order: NDArray | None = No
         ordering = fill_reducing_ordering(shifted)
         order, final = ordering.order, ordering.final
     lu = splu(
-        shifted[order][:, order].tocsc(),
+        compact(shifted[order][:, order].tocsc()),
         permc_spec="NATURAL" if final else "MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},

@@ -17,6 +17,7 @@ from ddgcli.linalg.backends import (
     choose_solver,
     make_backend,
 )
+from ddgcli.mesh.indices import compact
 
 log = logging.getLogger("ddgcli")
 
@@ -267,7 +268,7 @@ def _checked(matrix: sparray) -> csc_array:
     """The matrix in sorted CSC form, square and finite."""
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise SolveError(f"the matrix is not square: {matrix.shape}")
-    csc = csc_array(matrix)
+    csc = compact(csc_array(matrix))
     if csc.dtype not in (np.float64, np.complex128):
         csc = csc.astype(np.result_type(csc.dtype, np.float64))
     if not csc.has_canonical_format:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 
 from ddgcli.errors import MissingExtraError, SolveError
+from ddgcli.mesh.indices import compact
 
 __all__ = ["ITERATIVE_SOLVERS", "Iterative", "preferred_iterative_solver"]
 
@@ -139,6 +140,7 @@ def _local_order(matrix: csc_array) -> NDArray[np.intp]:
     """Order in which neighbours are near each other in memory: products and smoothing miss the cache less."""
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+    matrix = compact(matrix)
     pattern = csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=matrix.shape)
     return reverse_cuthill_mckee(pattern, symmetric_mode=True)
 

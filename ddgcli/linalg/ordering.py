@@ -10,6 +10,7 @@ from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 
 from ddgcli.linalg.dissection import nested_dissection
+from ddgcli.mesh.indices import matrix_indices
 
 # below this number of unknowns minimum degree has less fill than dissection, or not much more
 MIN_DISSECTION_UNKNOWNS = 20_000
@@ -64,9 +65,11 @@ def postorder(matrix: csc_array, step: NDArray) -> NDArray[np.int64]:
     column = step[np.repeat(np.arange(n), np.diff(matrix.indptr))]
     row = step[matrix.indices]
     early = row < column
-    edges = csr_array((column[early] + 1.0, (row[early], column[early])), shape=(n, n))
+    ends = matrix_indices(row[early], n), matrix_indices(column[early], n)
+    edges = csr_array((column[early] + 1.0, ends), shape=(n, n))
     parent = np.array(_elimination_tree(minimum_spanning_tree(edges).tocoo(), n))
-    tree = csr_array((np.ones(n), (parent, np.arange(n))), shape=(n + 1, n + 1))
+    ends = matrix_indices(parent, n + 1), matrix_indices(np.arange(n), n + 1)
+    tree = csr_array((np.ones(n), ends), shape=(n + 1, n + 1))
     after = depth_first_order(tree, n, return_predecessors=False)[:0:-1]
     return np.argsort(step)[after].astype(np.int64)
 

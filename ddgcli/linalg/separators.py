@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
+from ddgcli.mesh.indices import matrix_indices
+
 MAX_SEPARATOR_RATIO = 3.0  # length over the square root of the entries of the part (surfaces: near 1)
 MIN_CHECKED_SIZE = 2000  # parts up to this size may have longer separators
 
@@ -70,7 +72,8 @@ def _vertex_cover(lower: NDArray, upper: NDArray) -> NDArray:
     source, sink = a + b, a + b + 1
     tail = np.concatenate([i, np.full(a, source), a + np.arange(b)])
     head = np.concatenate([a + j, np.arange(a), np.full(b, sink)])
-    network = csr_array((np.ones(len(tail), dtype=np.int32), (tail, head)), shape=(sink + 1, sink + 1))
+    ends = matrix_indices(tail, sink + 1), matrix_indices(head, sink + 1)
+    network = csr_array((np.ones(len(tail), dtype=np.int32), ends), shape=(sink + 1, sink + 1))
     residual = csr_array(network - maximum_flow(network, source, sink).flow)
     residual.eliminate_zeros()
     reached = np.zeros(sink + 1, dtype=bool)

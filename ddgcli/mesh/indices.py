@@ -8,8 +8,15 @@ assembled in 0.85 of the time, multiply in 0.8 to 0.9, and solvers, which take 4
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array, csr_array
+
+    Compressed = TypeVar("Compressed", csr_array, csc_array)
 
 LARGEST_INT32 = 2**31 - 1
 
@@ -25,3 +32,15 @@ def matrix_indices(index: NDArray, *sizes: int) -> NDArray[np.integer]:
         Numbers of rows, of columns, of entries: whatever the matrix has to count.
     """
     return index.astype(np.int32 if max(sizes) <= LARGEST_INT32 else np.int64, copy=False)
+
+
+def compact(matrix: Compressed) -> Compressed:
+    """A matrix by rows or columns with indices of `matrix_indices`, which share its values.
+
+    Products inherit them; graph algorithms and factorisations of scipy before 1.17 take no others.
+    """
+    sizes = (*matrix.shape, len(matrix.indices))
+    index, start = matrix_indices(matrix.indices, *sizes), matrix_indices(matrix.indptr, *sizes)
+    if index is matrix.indices and start is matrix.indptr:
+        return matrix
+    return type(matrix)((matrix.data, index, start), shape=matrix.shape)

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array, diags_array
 
 from ddgcli.errors import MeshError
 from ddgcli.memory import check_memory
-from ddgcli.mesh.indices import matrix_indices
+from ddgcli.mesh.indices import compact
 from ddgcli.operators.dec import Complex
 from ddgcli.operators.stars import Star, hodge_star
 
@@ -73,8 +73,8 @@ def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
         A vertex of high valence makes a Laplacian of 1-forms too large for the memory.
     """
     n = complex_.dimension
-    derivative = [_compact(d.astype(np.int64)) for d in complex_.derivatives]
-    stars = [_compact(hodge_star(complex_, k, star)) for k in range(n + 1)]
+    derivative = [compact(csr_array(d.astype(np.int64))) for d in complex_.derivatives]
+    stars = [compact(csr_array(hodge_star(complex_, k, star))) for k in range(n + 1)]
     inverse = [_inverse(complex_, k, star) for k in range(n)]
     matrices = {f"d{k}": d for k, d in enumerate(derivative)}
     matrices |= {f"star{k}": matrix for k, matrix in enumerate(stars)}
@@ -99,9 +99,9 @@ def form_laplacian(complex_: Complex, degree: int, star: Star = "galerkin") -> t
         A vertex of high valence makes the Laplacian and its factor too large for the memory.
     """
     degrees = range(degree, min(degree + 1, complex_.dimension) + 1)
-    stars = {k: _compact(hodge_star(complex_, k, star)) for k in degrees}
+    stars = {k: compact(csr_array(hodge_star(complex_, k, star))) for k in degrees}
     inverse = {degree - 1: _inverse(complex_, degree - 1, star)} if degree else {}
-    derivative = [_compact(d.astype(np.int64)) for d in complex_.derivatives]
+    derivative = [compact(csr_array(d.astype(np.int64))) for d in complex_.derivatives]
     return _laplacian(degree, derivative, stars, inverse, factorised=True), stars[degree]
 
 
@@ -117,14 +117,6 @@ def _laplacian(
         _check_fill(weak, k, factorised)
         terms.append(csr_array(weak.T) @ inverse[k - 1] @ weak)
     return csr_array(sum(terms[1:], terms[0]))
-
-
-def _compact(matrix: Any) -> csr_array:
-    """The matrix by rows, with indices of 4 bytes where they fit: products inherit them."""
-    rows = csr_array(matrix)
-    sizes = (*rows.shape, rows.nnz)
-    rows.indices, rows.indptr = matrix_indices(rows.indices, *sizes), matrix_indices(rows.indptr, *sizes)
-    return rows
 
 
 def _asymmetry(matrix: csr_array) -> float:
@@ -169,4 +161,5 @@ def _inverse(complex_: Complex, degree: int, star: Star) -> csr_array:
             f"the {kind} star is zero at {len(bad)} simplices (first: {simplex} {bad[0]}) and has no "
             "inverse: use `star=barycentric` or `star=galerkin`"
         )
-    return _compact(diags_array(np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=is_referenced)))
+    reciprocal = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=is_referenced)
+    return compact(csr_array(diags_array(reciprocal)))

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
+from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -287,8 +286,7 @@ def _corner_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
     a, b = (np.stack([s, 3 * (s // 3) + (s % 3 + 1) % 3], axis=1) for s in (smooth, twin[smooth]))
     corner = mesh.faces.ravel()
     b = np.where((corner[a[:, :1]] == corner[b[:, :1]]), b, b[:, ::-1])
-    graph = coo_array((np.ones(a.size, dtype=np.int8), (a.ravel(), b.ravel())), shape=(n, n))
-    count, group = connected_components(graph, directed=False)
+    count, group = connected_labels(a, b, n)
     total = sum_by_index(group, np.repeat(area_vector, 3, axis=0), count)
     size = np.linalg.norm(total, axis=1, keepdims=True)
     mean = (total / np.maximum(size, 1e-300))[group].reshape(-1, 3, 3)

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse.csgraph import breadth_first_order
 
 from ddgcli.geometry.intrinsic import half_angle_tangent
+from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.ragged import group_by_key
 from ddgcli.mesh.scatter import sum_by_index
@@ -62,11 +64,8 @@ def flat_layout(mesh: IntrinsicMesh, cone: NDArray) -> Layout:
     side = np.flatnonzero((twin >= 0) & ~seam)
     following = 3 * (side // 3) + NEXT[side % 3]
     other = twin[side]
-    n = len(twin)
-    graph = coo_array(
-        (np.ones(len(side), dtype=np.int8), (following, other)), shape=(n, n)
-    )  # the head of a side is the tail of its twin
-    count, label = connected_components(graph, directed=False)
+    # the head of a side is the tail of its twin
+    count, label = connected_labels(following, other, len(twin))
     flat = corners.ravel()
     weight = np.bincount(label, minlength=count)
     z = (sum_by_index(label, flat.real, count) + 1j * sum_by_index(label, flat.imag, count)) / weight
@@ -78,7 +77,8 @@ def _developed(mesh: IntrinsicMesh) -> tuple[NDArray[np.complex128], NDArray[np.
     """(m, 3) corners laid out along a breadth-first tree of faces, and the sides that the tree crosses."""
     twin, m = mesh.topology.side_twin.ravel(), mesh.n_faces
     side = np.flatnonzero(twin >= 0)
-    graph = coo_array((np.ones(len(side)), (side // 3, twin[side] // 3)), shape=(m, m)).tocsr()
+    ends = matrix_indices(side // 3, m), matrix_indices(twin[side] // 3, m)
+    graph = coo_array((np.ones(len(side)), ends), shape=(m, m)).tocsr()
     root = int(mesh.side_length.sum(axis=1).argmax())
     _, parent = breadth_first_order(graph, root, directed=False)
     entry = np.full(m, -1, dtype=np.int64)  # the side through which the tree enters a face

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import enclosed_volume, face_normal
+from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
@@ -162,8 +163,6 @@ def _quads(a: NDArray, b: NDArray, c: NDArray, d: NDArray) -> NDArray[np.int64]:
 
 def _welded(points: NDArray, faces: NDArray, part_of_face: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """Points at one place joined, and faces without area through that left out."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     size = float(np.abs(points - points.mean(axis=0)).max())
@@ -171,8 +170,7 @@ def _welded(points: NDArray, faces: NDArray, part_of_face: NDArray) -> tuple[NDA
     cell = np.round(points / (WELD_DISTANCE * size))
     _, kept, place = np.unique(cell, axis=0, return_index=True, return_inverse=True)
     pairs = cKDTree(points[kept]).query_pairs(2 * WELD_DISTANCE * size, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(kept),) * 2)
-    label = connected_components(graph, directed=False)[1][place.reshape(-1)]
+    label = connected_labels(pairs[:, 0], pairs[:, 1], len(kept))[1][place.reshape(-1)]
     first = np.unique(label, return_index=True)[1]
     faces = label[faces]
     used = (faces != faces[:, NEXT]).all(axis=1)

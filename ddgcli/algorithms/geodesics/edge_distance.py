@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, corner_distance
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -54,7 +55,7 @@ def edge_graph(mesh: SurfaceMesh) -> csr_array:
 def _graph(i: NDArray, j: NDArray, length: NDArray, n: int) -> csr_array:
     from scipy.sparse import coo_array
 
-    ends = np.concatenate([i, j]).astype(np.int32), np.concatenate([j, i]).astype(np.int32)
+    ends = matrix_indices(np.concatenate([i, j]), n), matrix_indices(np.concatenate([j, i]), n)
     return coo_array((np.tile(length, 2), ends), shape=(n, n)).tocsr()
 
 
@@ -94,7 +95,8 @@ def edge_distance(
         wide = coo_array(graph)
         value = np.concatenate([wide.data, spokes.data])
         row, col = np.concatenate([wide.row, spokes.row]), np.concatenate([wide.col, spokes.col])
-        graph = coo_array((value, (row, col)), shape=(size, size)).tocsr()
+        ends = matrix_indices(row, size), matrix_indices(col, size)
+        graph = coo_array((value, ends), shape=(size, size)).tocsr()
     of_curves, number_of_curve = sources.curve_vertices(mesh)
     start = np.concatenate([sources.vertex, n + np.arange(len(points)), of_curves])
     numbers = np.concatenate([np.arange(sources.first_curve), number_of_curve])

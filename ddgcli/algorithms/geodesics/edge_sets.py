@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -34,15 +35,10 @@ class EdgeSet:
 
     def curves(self, mesh: SurfaceMesh) -> NDArray[np.int64]:
         """(k,) number of the connected curve of each edge, in the order of the lowest vertices."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
         ends = mesh.topology.edges[self.edge]
         vertex, local = np.unique(ends, return_inverse=True)
         i, j = local.reshape(-1, 2).T
-        graph = coo_array((np.ones(len(i)), (i, j)), shape=(len(vertex),) * 2)
-        label = connected_components(graph, directed=False)[1]
-        return label[i].astype(np.int64)
+        return connected_labels(i, j, len(vertex))[1][i]
 
     def is_closed(self, mesh: SurfaceMesh) -> bool:
         """Whether an even number of edges meets at every vertex: no curve has an end."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.vectors import vector_length
 
@@ -161,10 +162,7 @@ class EdgeGraph:
         key = key[order]
         first = np.concatenate([[True], key[1:] != key[:-1]])
         self.key, self.side = key[first], order[first]
-        ends = (
-            tail[self.side].astype(np.int32),
-            head[self.side].astype(np.int32),
-        )  # scipy's type
+        ends = matrix_indices(tail[self.side], n), matrix_indices(head[self.side], n)
         self.graph = coo_array((length[self.side], ends), shape=(n, n)).tocsr()
 
     def between(self, a: int, b: int) -> int:

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import (
     breadth_first_order,
-    connected_components,
     dijkstra,
     minimum_spanning_tree,
 )
 
+from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
@@ -60,8 +61,7 @@ def _solid_betti(mesh: TetMesh) -> BettiNumbers:
     tets = mesh.tetrahedra
     n = mesh.n_vertices
     rows, cols = tets[:, [0, 0, 0]].ravel(), tets[:, 1:].ravel()
-    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(n, n))
-    label = connected_components(graph, directed=False)[1]
+    label = connected_labels(rows, cols, n)[1]
     count = len(np.unique(label[tets[:, 0]]))
     surface = mesh.boundary.topology
     cavities = surface.n_components - count
@@ -176,11 +176,11 @@ def _shortest_tree(
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Shortest-path forest from the first node of each component: parents, parent edges, distances."""
     chosen = _lightest(ends, length, allowed)
-    a, b = ends[chosen].T
+    a, b = matrix_indices(ends[chosen].T, n)
     # the sparse graph drops edges of length zero
     weight = np.maximum(length[chosen], np.finfo(float).tiny)
     graph = csr_array((weight, (a, b)), shape=(n, n))
-    label = connected_components(graph, directed=False)[1]
+    label = connected_labels(a, b, n)[1]
     _, root = np.unique(label, return_index=True)
     distance, predecessor, _ = dijkstra(
         graph, directed=False, indices=root, min_only=True, return_predecessors=True
@@ -207,16 +207,17 @@ def _spanning_forest(ends: NDArray, weight: NDArray, usable: NDArray) -> tuple[N
     chosen = _lightest(ends, weight, usable)
     rank = np.empty(len(chosen))
     rank[np.lexsort((chosen, weight[chosen]))] = np.arange(1, len(chosen) + 1)
-    graph = csr_array((rank, tuple(ends[chosen].T)), shape=(n, n))
+    graph = csr_array((rank, tuple(matrix_indices(ends[chosen].T, n))), shape=(n, n))
     tree = minimum_spanning_tree(graph)
-    label = connected_components(tree, directed=False)[1]
+    tail, head = tree.nonzero()
+    count, label = connected_labels(tail, head, n)
     # the root is an outer node, if there is one: cochains need not balance there
-    root = np.full(label.max(initial=-1) + 1, -1, dtype=np.int64)
+    root = np.full(count, -1, dtype=np.int64)
     np.maximum.at(root, label, np.arange(n))
     # one more node joins all roots: a search for each component would cost their number squared
-    tail, head = tree.nonzero()
-    rows = np.concatenate([tail, np.full(len(root), n)])
-    joined = csr_array((np.ones(len(rows)), (rows, np.concatenate([head, root]))), shape=(n + 1, n + 1))
+    rows, columns = np.append(tail, np.full(count, n)), np.append(head, root)
+    places = matrix_indices(rows, n + 1), matrix_indices(columns, n + 1)
+    joined = csr_array((np.ones(len(rows)), places), shape=(n + 1, n + 1))
     _, before = breadth_first_order(joined, n, directed=False)
     parent = np.where((before[:n] >= 0) & (before[:n] < n), before[:n], -1).astype(np.int64)
     return parent, _edges_between(parent, ends, chosen)

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
+from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.repair import merged_points, reverse_faces
 from ddgcli.mesh.require import FLAT_AREA_TOLERANCE
 from ddgcli.mesh.topology import NEXT
@@ -58,8 +60,7 @@ def weld(repaired: RepairedMesh, distance: float = 0.0) -> RepairedMesh:
         _, group = merged_points(points)
     else:
         pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")
-        graph = coo_array((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(len(points),) * 2)
-        label = connected_components(graph, directed=False)[1]
+        label = connected_labels(pairs[:, 0], pairs[:, 1], len(points))[1]
         _, first, group = np.unique(label, return_index=True, return_inverse=True)
         group = np.argsort(np.argsort(first))[group]
     first = np.full(int(group.max(initial=-1)) + 1, len(points))
@@ -123,8 +124,7 @@ def separated(repaired: RepairedMesh, joined: NDArray[np.bool_]) -> RepairedMesh
     opposite = topology.side_tail[side] != topology.side_tail[twin]
     rows = np.concatenate([side, head[side]])
     cols = np.concatenate([np.where(opposite, head[twin], twin), np.where(opposite, twin, head[twin])])
-    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(3 * mesh.n_faces,) * 2)
-    fan = connected_components(graph, directed=False)[1]
+    fan = connected_labels(rows, cols, 3 * mesh.n_faces)[1]
     _, first = np.unique(fan, return_index=True)
     vertex = mesh.faces.ravel()[first]
     order = np.lexsort((first, vertex))
@@ -186,8 +186,8 @@ def _cut_graph(mesh: TriangleMesh) -> NDArray[np.bool_]:
     last = np.argsort(_shortest_forest(mesh)[edge], kind="stable")
     rank = np.empty(len(edge))
     rank[last] = 1.0 + np.arange(len(edge))  # positive: zero is no edge of a sparse graph
-    graph = coo_array((rank, (side // 3, twin // 3)), shape=(mesh.n_faces,) * 2)
-    crossed = np.isin(rank, minimum_spanning_tree(_simple(graph)).data)
+    graph = _lightest_edges(side // 3, twin // 3, rank, mesh.n_faces)
+    crossed = np.isin(rank, minimum_spanning_tree(graph).data)
     cut = np.zeros(topology.n_edges, dtype=bool)
     cut[edge[~crossed]] = True
     while True:
@@ -209,18 +209,18 @@ def _shortest_forest(mesh: TriangleMesh) -> NDArray[np.bool_]:
     roots[first[(component >= 0) & ~np.isin(component, open_component)]] = True
     low, high = topology.edges.T
     length = np.linalg.norm(mesh.points[high] - mesh.points[low], axis=1) + np.finfo(float).tiny
-    graph = coo_array((length, (low, high)), shape=(mesh.n_vertices,) * 2).tocsr()
+    graph = _lightest_edges(low, high, length, mesh.n_vertices)
     before = dijkstra(
         graph, directed=False, indices=np.flatnonzero(roots), return_predecessors=True, min_only=True
     )[1]
     return (before[low] == high) | (before[high] == low)
 
 
-def _simple(graph: coo_array) -> coo_array:
-    """The graph with the lightest of several edges between two nodes."""
-    low, high = np.minimum(*graph.coords), np.maximum(*graph.coords)
-    order = np.lexsort((graph.data, high, low))
-    low, high, weight = low[order], high[order], graph.data[order]
+def _lightest_edges(tail: NDArray, head: NDArray, weight: NDArray, n: int) -> csr_array:
+    """(n, n) graph with the lightest of several edges between two nodes."""
+    low, high = (matrix_indices(end, n) for end in (np.minimum(tail, head), np.maximum(tail, head)))
+    order = np.lexsort((weight, high, low))
+    low, high, weight = low[order], high[order], weight[order]
     first = np.ones(len(low), dtype=bool)
     first[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
-    return coo_array((weight[first], (low[first], high[first])), shape=graph.shape)
+    return csr_array((weight[first], (low[first], high[first])), shape=(n, n))

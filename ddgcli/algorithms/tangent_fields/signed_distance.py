@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csc_array
+from scipy.sparse import csc_array
 
 from ddgcli.algorithms.geodesics.edge_sets import EdgeSet
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
@@ -20,6 +20,7 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import unfold
 from ddgcli.linalg.constrain import Dirichlet
+from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.connection import side_angles
 from ddgcli.operators.gradient import divergence
@@ -104,8 +105,6 @@ def region_signs(mesh: TriangleMesh, curves: EdgeSet) -> NDArray[np.float64] | N
 
     Faces joined across other edges have one sign, faces on both sides of a curve have opposite signs.
     """
-    from scipy.sparse.csgraph import connected_components
-
     topology, m = mesh.topology, mesh.n_faces
     on_curve = np.zeros(topology.n_edges, dtype=np.int64)
     on_curve[curves.edge] = 1
@@ -117,9 +116,7 @@ def region_signs(mesh: TriangleMesh, curves: EdgeSet) -> NDArray[np.float64] | N
     j = np.where(
         np.tile(crossing, 2), np.concatenate([across + m, across]), np.concatenate([across, across + m])
     )
-    count, label = connected_components(
-        coo_array((np.ones(len(i)), (i, j)), shape=(2 * m, 2 * m)), directed=False
-    )
+    count, label = connected_labels(i, j, 2 * m)
     if (label[:m] == label[m:]).any():
         return None
     sign = np.where(label[:m] < label[m:], 1.0, -1.0)

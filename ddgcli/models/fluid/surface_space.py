@@ -25,6 +25,7 @@ from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.unfolding import corner_position, unfold
 from ddgcli.linalg.constrain import Dirichlet
+from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
@@ -354,13 +355,9 @@ class SurfaceSpace:
     @cached_property
     def loops(self) -> tuple[int, NDArray[np.int64]]:
         """Number of boundary loops, and (n,) the loop of each vertex (-1 inside)."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
         topology = self.mesh.topology
-        ends = topology.edges[topology.boundary_edges]
-        graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(self.n, self.n))
-        _, label = connected_components(graph, directed=False)
+        tail, head = topology.edges[topology.boundary_edges].T
+        _, label = connected_labels(tail, head, self.n)
         loop = np.full(self.n, -1, dtype=np.int64)
         rim = np.flatnonzero(topology.boundary_vertex)
         names, loop[rim] = np.unique(label[rim], return_inverse=True)

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ddgcli.geometry.hinges import hinge_sides
+from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
@@ -38,7 +37,7 @@ class SplitSurface:
     def pieces(self) -> int:
         """Number of parts that hang together."""
         tail, head = self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()
-        return _components(tail, head, len(self.origin))[0]
+        return connected_labels(tail, head, len(self.origin))[0]
 
 
 def split_surface(topology: Topology, opened: NDArray[np.bool_]) -> SplitSurface:
@@ -61,13 +60,13 @@ def split_surface(topology: Topology, opened: NDArray[np.bool_]) -> SplitSurface
     b = np.concatenate([_following(other), other])
     closed = np.tile(~opened, 2)
     # fans that share a vertex of the whole surface already belong together
-    whole = _components(a, b, len(vertex))[1]
+    whole = connected_labels(a, b, len(vertex))[1]
     first = np.unique(whole, return_index=True)[1]
     first = first[np.argsort(vertex[first], kind="stable")]
     same = vertex[first[1:]] == vertex[first[:-1]]
     a = np.concatenate([a[closed], first[:-1][same]])
     b = np.concatenate([b[closed], first[1:][same]])
-    count, fan = _components(a, b, len(vertex))
+    count, fan = connected_labels(a, b, len(vertex))
     first = np.sort(np.unique(fan, return_index=True)[1])
     number = vertex[first]
     new = np.ones(count, dtype=bool)
@@ -82,11 +81,6 @@ def split_surface(topology: Topology, opened: NDArray[np.bool_]) -> SplitSurface
 def _following(side: NDArray) -> NDArray[np.int64]:
     """The corner at the head of a side; the one at its tail has the side's own number."""
     return side - side % 3 + (side + 1) % 3
-
-
-def _components(a: NDArray, b: NDArray, count: int) -> tuple[int, NDArray]:
-    graph = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
-    return connected_components(graph, directed=False)
 
 
 class Strength:
