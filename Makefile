@@ -13,7 +13,7 @@ DDGCLI ?= $(BIN)/ddgcli
 CURVATURE_OPTIONS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels fuzz mutants bench-page \
+.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels lowest fuzz mutants bench-page \
   docs man dist hardcases hardcases-peers clean
 
 help:  ## this list
@@ -98,6 +98,13 @@ accuracy-check: $(STAMP_TEST)  ## rerun the atlas's small meshes; fails if an er
 
 kernels: $(STAMP_TEST)  ## results under OpenBLAS's Haswell, Sandybridge, SkylakeX kernels and without AVX agree
 	$(BIN)/python -m benchmarks.kernels
+
+LOWEST = $(shell sed -nE '/^dependencies/,/^\]/s/^ *"([a-z0-9]+)>=(.*)",/\1==\2/p' pyproject.toml)
+lowest: pyproject.toml  ## the tests of exact values, commands and the library with the oldest dependencies allowed
+	$(PYTHON) -m venv $(VENV)-lowest
+	$(VENV)-lowest/bin/python -m pip install --quiet --disable-pip-version-check -e '.[plot,test]'
+	$(VENV)-lowest/bin/python -m pip install --quiet --disable-pip-version-check $(LOWEST)
+	$(VENV)-lowest/bin/python -m pytest -n 2 -m 'not slow' tests/library tests/cli tests/io tests/exact
 
 docs: $(STAMP_DOCS)  ## build the site into build/site (warnings are errors); make missing pictures
 	$(BIN)/python docs/make_pictures.py --missing

@@ -1,5 +1,6 @@
 """--view, --show and --size; vectors as arrows, signed colours, creases, up axis and side."""
 
+import re
 import struct
 
 import numpy as np
@@ -75,7 +76,7 @@ def test_pictures_show_paths_level_lines_generators_and_fields(summary, tmp_path
 @pytest.mark.parametrize("command", ["dec", "view", "batch", "examples", "check"])
 def test_commands_that_draw_nothing_have_no_options_of_pictures(run, command):
     assert not {"--plot", "--view", "--show", "--size"} & set(run(command, "--help-all").stdout.split())
-    assert "No such option '--plot'" in run(command, "x", "--plot", "x.png").stderr
+    assert re.search("No such option:? '?--plot", run(command, "x", "--plot", "x.png").stderr)
 
 
 @pytest.mark.parametrize("value", ["300", "300x", "axb", "10x10", "300x99999", "-300x300"])

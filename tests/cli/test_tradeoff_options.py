@@ -211,8 +211,8 @@ def test_an_option_makes_its_difference(command, name, compare):
     "command, words, message_part",
     [
         ("geodesic", ["--gradient"], "--gradient changes nothing that tradeoff geodesic compares; it takes"),
-        ("geodesic", ["--eigen", 3], "No such option '--eigen'"),
-        ("laplacian", ["--source", 3], "No such option '--source'"),
+        ("geodesic", ["--eigen", 3], "No such option"),
+        ("laplacian", ["--source", 3], "No such option"),
         ("laplacian", ["--budgett", 3], "--budget"),
         ("laplacian", ["--operator", "uniform"], "it uses no lengths"),
         ("geodesic", ["--source", 99999], "99999"),

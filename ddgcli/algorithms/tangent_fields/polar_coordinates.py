@@ -23,6 +23,7 @@ from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tangent_fields.log_map import LogMap, SourceFrame, require_single_source
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -169,7 +170,8 @@ class _Parents:
         place = np.empty(n, dtype=np.int64)
         place[order] = np.arange(n)
         rows, columns = (
-            place[np.concatenate([*ends, order])] for ends in ((self.child, self.child), (self.a, self.b))
+            matrix_indices(place[np.concatenate([*ends, order])], n)
+            for ends in ((self.child, self.child), (self.a, self.b))
         )
         values = np.concatenate([-self.weight_a, -self.weight_b, np.ones(n)])
         system = csr_array((values, (rows, columns)), shape=(n, n))
