@@ -2,7 +2,7 @@
 
     python -m benchmarks.peers.indices [SUBDIVISIONS]
 
-It decides what `ddgcli.mesh.indices` does: arrays of numpy keep 8 bytes, sparse matrices have 4.
+It decides what `ddgcli.linalg.indices` does: arrays of numpy keep 8 bytes, sparse matrices have 4.
 """
 
 from __future__ import annotations

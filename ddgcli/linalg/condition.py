@@ -8,7 +8,7 @@ from scipy.sparse import coo_array, csr_array, eye_array, sparray
 
 from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import Factor
-from ddgcli.mesh.indices import compact
+from ddgcli.linalg.indices import compact
 
 DENSE_SIZE = 200  # unknowns of a component up to which all its eigenvalues are computed
 BATCH_ENTRIES = 4_000_000  # entries of the dense blocks that are held at a time

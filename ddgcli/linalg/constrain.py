@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import Factor
-from ddgcli.mesh.indices import compact
+from ddgcli.linalg.indices import compact
 
 log = logging.getLogger("ddgcli")
 

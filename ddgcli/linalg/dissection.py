@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from ddgcli.linalg.indices import compact
 from ddgcli.linalg.separators import separator_level
-from ddgcli.mesh.indices import compact
 
 N_LANDMARKS = 5
 N_SMOOTHING_STEPS = 3

@@ -16,10 +16,10 @@ from scipy.sparse.linalg import splu
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.backends import direct_fits, solver_name
 from ddgcli.linalg.constrain import Poisson
+from ddgcli.linalg.indices import compact
 from ddgcli.linalg.lanczos import MIN_BLOCK_WIDTH, BlockLanczos
 from ddgcli.linalg.ordering import fill_reducing_ordering
 from ddgcli.memory import check_memory
-from ddgcli.mesh.indices import compact
 from ddgcli.progress import ProgressCallback
 
 log = logging.getLogger("ddgcli")

@@ -17,7 +17,7 @@ from ddgcli.linalg.backends import (
     choose_solver,
     make_backend,
 )
-from ddgcli.mesh.indices import compact
+from ddgcli.linalg.indices import compact
 
 log = logging.getLogger("ddgcli")
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 
 from ddgcli.errors import MissingExtraError, SolveError
-from ddgcli.mesh.indices import compact
+from ddgcli.linalg.indices import compact
 
 __all__ = ["ITERATIVE_SOLVERS", "Iterative", "preferred_iterative_solver"]
 

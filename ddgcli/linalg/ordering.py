@@ -10,7 +10,7 @@ from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 
 from ddgcli.linalg.dissection import nested_dissection
-from ddgcli.mesh.indices import matrix_indices
+from ddgcli.linalg.indices import matrix_indices
 
 # below this number of unknowns minimum degree has less fill than dissection, or not much more
 MIN_DISSECTION_UNKNOWNS = 20_000

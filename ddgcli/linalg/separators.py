@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from ddgcli.mesh.indices import matrix_indices
+from ddgcli.linalg.indices import matrix_indices
 
 MAX_SEPARATOR_RATIO = 3.0  # length over the square root of the entries of the part (surfaces: near 1)
 MIN_CHECKED_SIZE = 2000  # parts up to this size may have longer separators

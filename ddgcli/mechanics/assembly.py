@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 
+from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mechanics.pair_blocks import vertex_pairs
-from ddgcli.mesh.indices import matrix_indices
 
 
 class Assembly:

@@ -15,8 +15,8 @@ from ddgcli.errors import MeshError
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import corner_cotan
 from ddgcli.geometry.unfolding import Fans, vertex_fans
+from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.cures import cure
-from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.geometry.cells import TET_EDGES, CellMetric, tetrahedron_metric, triangle_metric
-from ddgcli.mesh.indices import matrix_indices
+from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh, parity
 from ddgcli.mesh.topology import Topology

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from ddgcli.errors import MeshError
+from ddgcli.linalg.indices import compact
 from ddgcli.memory import check_memory
-from ddgcli.mesh.indices import compact
 from ddgcli.operators.dec import Complex
 from ddgcli.operators.stars import Star, hodge_star
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from ddgcli.geometry.intrinsic import face_area
-from ddgcli.mesh.indices import matrix_indices
+from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import unit_vectors

@@ -17,7 +17,7 @@ from ddgcli.choices import HODGE_STARS
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.geometry.cells import TET_EDGES, TRIANGLE_EDGES
 from ddgcli.linalg.factor import Factor
-from ddgcli.mesh.indices import matrix_indices
+from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.operators.dec import Complex
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
+from ddgcli.linalg.indices import LARGEST_INT32, matrix_indices
 from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mesh import shapes
-from ddgcli.mesh.indices import LARGEST_INT32, matrix_indices
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.connection import connection_laplacian
 from ddgcli.operators.dec import d0, d1

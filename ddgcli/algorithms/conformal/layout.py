@@ -10,8 +10,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order
 
 from ddgcli.geometry.intrinsic import half_angle_tangent
+from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.ragged import group_by_key
 from ddgcli.mesh.scatter import sum_by_index

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.regions import Regions
-from ddgcli.mesh.indices import matrix_indices
+from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.ragged import expand_lists, group_by_key, list_starts
 from ddgcli.mesh.topology import NEXT, Topology
 

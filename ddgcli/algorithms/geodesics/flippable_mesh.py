@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.mesh.indices import matrix_indices
+from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.vectors import vector_length
 

@@ -18,8 +18,8 @@ from scipy.sparse.csgraph import (
     minimum_spanning_tree,
 )
 
+from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology

@@ -10,8 +10,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
+from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.repair import merged_points, reverse_faces
 from ddgcli.mesh.require import FLAT_AREA_TOLERANCE
 from ddgcli.mesh.topology import NEXT

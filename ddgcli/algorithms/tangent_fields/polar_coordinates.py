@@ -23,7 +23,7 @@ from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tangent_fields.log_map import LogMap, SourceFrame, require_single_source
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.geometry.surface_points import SurfacePoints
-from ddgcli.mesh.indices import matrix_indices
+from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh

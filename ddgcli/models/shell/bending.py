@@ -14,9 +14,9 @@ from pydantic import Field
 from scipy.sparse import coo_array, csr_array
 
 from ddgcli.geometry.hinges import hinge_cotans, hinges
+from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mechanics.pair_blocks import PairBlocks, vertex_pairs, whole_blocks
 from ddgcli.mechanics.terms import Mode, Potential, at_last_point, row_blocks
-from ddgcli.mesh.indices import matrix_indices
 from ddgcli.mesh.scatter import sum_columns_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell import hinge
