@@ -13,6 +13,7 @@ __all__ = [
     "dissection",
     "eigen",
     "factor",
+    "indices",
     "iterative",
     "lanczos",
     "modes",

@@ -12,7 +12,6 @@ __all__ = [
     "curve",
     "double_cover",
     "fields",
-    "indices",
     "intrinsic_mesh",
     "ragged",
     "repair",
