@@ -84,7 +84,7 @@ def cotan_kernel(mesh: TriangleMesh) -> Any:
     faces = Faces.of(mesh)
     area, defect = measures.area_of(faces), measures.defect_of(faces, mesh.topology)
     vector = measures.vector_of(faces, mesh.topology)
-    return cotan(faces, unit_normals(faces), area, defect, vector)
+    return cotan(faces, mesh.topology, unit_normals(faces), area, defect, vector)
 
 
 def quadric_kernel(mesh: TriangleMesh) -> Any:

@@ -46,7 +46,7 @@ def our_calls(mesh: TriangleMesh) -> dict[str, Callable]:
         m = fresh(mesh)
         f = Faces.of(m)
         vector, defect = exact.vector_of(f, m.topology), exact.defect_of(f, m.topology)
-        return star.cotan(f, unit_normals(f), exact.area_of(f), defect, vector)
+        return star.cotan(f, m.topology, unit_normals(f), exact.area_of(f), defect, vector)
 
     def normal_cycle():
         m = fresh(mesh)

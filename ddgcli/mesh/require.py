@@ -17,6 +17,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 FLAT_AREA_TOLERANCE = 1e-12  # of the longest side squared
 FLAT_VOLUME_TOLERANCE = 1e-8  # of the longest edge cubed; rounding of volumes from edge lengths
+SAMPLE_SIZE = 1000  # faces
 LENGTH_RANGE = (1e-140, 1e140)  # lengths whose squares, and sums of them, do not overflow
 
 
@@ -52,7 +53,7 @@ def require(
     topology = mesh.topology
     if faces and topology.n_faces == 0:
         raise MeshError(f"no triangles; {verb} needs a surface")
-    if (sized or extent) and topology.n_faces:
+    if (sized or extent) and topology.n_faces and not _surely_sized(mesh):
         check_size(float(mesh.side_length.max()), in_range=sized)
     if (manifold or manifold_edges) and len(topology.nonmanifold_edges):
         bad = topology.nonmanifold_edges
@@ -91,6 +92,13 @@ def _orientation_cure(mesh: TriangleMesh, one_sided: bool = False) -> str:
         return f"this surface is one-sided and has no orientation: {cure('one side', mesh.topology)}"
     first = int(np.argmax(turn))
     return f"reverse {int(turn.sum())} of them (first: face {first}) {with_repair('orientation')}"
+
+
+def _surely_sized(mesh: TriangleMesh) -> bool:
+    """Whether the first faces and the extent show, at little cost, that `check_size` accepts the size."""
+    ends = mesh.points[mesh.faces[:SAMPLE_SIZE, :2]]
+    least, most = np.abs(ends[:, 0] - ends[:, 1]).max(), np.ptp(mesh.points, axis=0).max()
+    return bool(LENGTH_RANGE[0] < least and most < 0.5 * LENGTH_RANGE[1])
 
 
 def check_size(longest: float, *, in_range: bool = True) -> None:

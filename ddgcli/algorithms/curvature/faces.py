@@ -76,6 +76,11 @@ class Faces:
         return np.stack([dot(s, s) for s in self.side])
 
     @cached_property
+    def length(self) -> NDArray[np.float64]:
+        """(3, m) of each side."""
+        return np.sqrt(self.squared_length)
+
+    @cached_property
     def doubled(self) -> NDArray[np.float64]:
         """(3, m) normal times twice the area; for needles from the two shortest sides, which rounds least."""
         product = cross(self.side[0], self.side[1])
@@ -92,6 +97,11 @@ class Faces:
     def doubled_area(self) -> NDArray[np.float64]:
         """(m,) twice the area of each face."""
         return np.sqrt(dot(self.doubled, self.doubled))
+
+    @cached_property
+    def doubled_star(self) -> NDArray[np.float64]:
+        """(3, n) sum of `doubled` over the star of each vertex."""
+        return self.stars(self.doubled)
 
     @cached_property
     def area(self) -> NDArray[np.float64]:

@@ -54,7 +54,7 @@ def unit_normals(faces: Faces) -> NDArray[np.float64]:
 
 def area_normals(faces: Faces) -> NDArray[np.float64]:
     """(3, n) vertex normals weighted by area: coarser than Max's, but robust to tiny noisy faces."""
-    return _unit_columns(faces.stars(faces.doubled))
+    return _unit_columns(faces.doubled_star)
 
 
 def _unit_columns(total: NDArray) -> NDArray[np.float64]:

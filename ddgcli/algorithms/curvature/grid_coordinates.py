@@ -46,6 +46,8 @@ def _distinct(values: NDArray, edge: float) -> NDArray[np.float64]:
 
 def on_grid_edges(points: NDArray, edge: float) -> bool:
     """Whether nearly all vertices (3, n) share two coordinates with many others and the third with few."""
+    if not _may_lie_on_grid_edges(points, edge):
+        return False
     n_shared = np.zeros(points.shape, dtype=np.int64)
     for axis, values in enumerate(points):
         order = np.argsort(values, kind="stable")
@@ -55,3 +57,20 @@ def on_grid_edges(points: NDArray, edge: float) -> bool:
     on_edge = (second >= MIN_SHARING) & (MIN_SHARING_RATIO * third <= second)
     shares = np.bincount(n_shared.argmin(axis=0)[on_edge], minlength=3) / points.shape[1]
     return bool(on_edge.mean() > MIN_GRID_SHARE and shares.min() > MIN_AXIS_SHARE)
+
+
+def _may_lie_on_grid_edges(points: NDArray, edge: float) -> bool:
+    """Whether the numbers of equal coordinates allow a grid: False needs no order of the vertices."""
+    n = points.shape[1]
+    sizes = []
+    for values in points:
+        is_last = np.append(np.diff(np.sort(values)) > EQUAL_SHARE * edge, True)
+        sizes.append(np.diff(np.flatnonzero(is_last), prepend=-1))
+    if sum(int(size[size >= MIN_SHARING].sum()) for size in sizes) <= 2 * MIN_GRID_SHARE * n:
+        return False
+    largest = [int(size.max()) for size in sizes]
+    for axis, size in enumerate(sizes):
+        most = max(largest[:axis] + largest[axis + 1 :])
+        if size[MIN_SHARING_RATIO * size <= most].sum() <= MIN_AXIS_SHARE * n:
+            return False
+    return True

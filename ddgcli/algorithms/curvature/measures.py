@@ -89,6 +89,15 @@ def area_of(faces: Faces) -> NDArray[np.float64]:
     return faces.at_vertices(mixed_voronoi_share(faces.squared_length, faces.cotan, faces.area))
 
 
+def volume_of(faces: Faces) -> float:
+    """Signed volume of a closed surface, positive for outward orientation: cones over the faces.
+
+    The apex is the origin, which should lie near the surface.
+    """
+    first = faces.corner[0]
+    return float(sum(np.take(p, first) @ normal for p, normal in zip(faces.points, faces.doubled)) / 6.0)
+
+
 def boundary_length(mesh: SurfaceMesh) -> NDArray[np.float64]:
     """(n,) half the length of the boundary edges at each vertex."""
     topology = mesh.topology
@@ -154,5 +163,8 @@ def link_integral(faces: Faces) -> NDArray[np.float64]:
     Equals the integral of the mean curvature vector (sum of the principal curvatures) over an interior
     vertex's star: the force balance of chapter 3, 1.4.
     """
-    conormal = np.stack([cross(faces.side[NEXT[k]], faces.normal) for k in range(3)])
-    return faces.at_vertices(conormal.transpose(1, 0, 2))
+    total = np.zeros((3, faces.n_vertices))
+    for k in range(3):
+        for sums, conormal in zip(total, cross(faces.side[NEXT[k]], faces.normal)):
+            sums += sum_by_index(faces.corner[k], conormal, faces.n_vertices)
+    return total

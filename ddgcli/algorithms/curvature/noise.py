@@ -177,7 +177,7 @@ def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Dev
     if len(chosen) < MIN_NEIGHBOURS:
         return None
     sample, some = vertices[chosen], listed(regions, chosen)
-    edge = float(mesh.side_length.mean())
+    edge = float(faces.length.mean())
     residuals = polynomial_residuals(faces.points, normal, some, sample, (3, 4))
     deviation, detail_ratio, partial = _deviation(*residuals)
     kind = "partial" if partial else "noise"
@@ -239,7 +239,7 @@ def _kind(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviat
     """Kind of the noise as far as residuals and creases show it; '' where they are those of a surface."""
     if deviation.kind not in ("noise", "partial"):
         return deviation.kind
-    if on_grid_edges(faces.points, float(mesh.side_length.mean())):
+    if on_grid_edges(faces.points, float(faces.length.mean())):
         return "grid"
     if cancellation(mesh, faces, dihedral, deviation.regions) > _largest_cancellation(deviation):
         return ""

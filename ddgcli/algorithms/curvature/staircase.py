@@ -61,11 +61,15 @@ def cancellation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, regions: R
 
     `dihedral` (e,) are dihedral angles in radians, positive where convex.
     """
+    is_member = np.zeros(mesh.n_vertices, dtype=bool)
+    is_member[regions.member] = True
     start, end = mesh.topology.edges.T
-    length = np.sqrt(((faces.points[:, start] - faces.points[:, end]) ** 2).sum(axis=0))
+    near = np.flatnonzero(is_member[start] | is_member[end])
+    edges, angle = mesh.topology.edges[near], dihedral[near]
+    length = np.sqrt(((faces.points[:, edges[:, 0]] - faces.points[:, edges[:, 1]]) ** 2).sum(axis=0))
     totals = []
-    for bending in (length * dihedral, length * np.abs(dihedral)):
-        at_vertex = sum_by_index(mesh.topology.edges.ravel(), np.repeat(bending, 2), mesh.n_vertices)
+    for bending in (length * angle, length * np.abs(angle)):
+        at_vertex = sum_by_index(edges.ravel(), np.repeat(bending, 2), mesh.n_vertices)
         totals.append(np.add.reduceat(at_vertex[regions.member], regions.start[:-1]))
     signed, absolute = totals
     return float(np.median(np.divide(np.abs(signed), absolute, out=np.ones_like(signed), where=absolute > 0)))

@@ -13,13 +13,15 @@ from ddgcli.algorithms.curvature.frames import (
     tangent_frame,
     turned,
 )
+from ddgcli.geometry.extrinsic import EDGES_PER_BLOCK
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.topology import NEXT, PREVIOUS
+from ddgcli.mesh.topology import PREVIOUS, Topology
 from ddgcli.mesh.vectors import cross, dot, ratio
 
 
 def cotan(
     faces: Faces,
+    topology: Topology,
     normal: NDArray,
     area: NDArray,
     defect: NDArray,
@@ -54,32 +56,41 @@ def cotan(
         none = np.zeros((3, 0))
         return PrincipalCurvatures(mean - reach, mean + reach, none, none, gaussian)
     first, second = tangent_frame(normal)
-    half_difference, off = _fitted_form(faces, normal, first, second, mean)
+    half_difference, off = _fitted_form(faces, topology, normal, first, second, mean)
     angle = 0.5 * np.arctan2(off, half_difference)
     high, low = turned(first, second, np.cos(angle), np.sin(angle))
     return PrincipalCurvatures(mean - reach, mean + reach, low, high, gaussian)
 
 
 def _fitted_form(
-    faces: Faces, normal: NDArray, first: NDArray, second: NDArray, mean: NDArray
+    faces: Faces, topology: Topology, normal: NDArray, first: NDArray, second: NDArray, mean: NDArray
 ) -> tuple[NDArray, NDArray]:
     """Half the difference of the diagonal entries, and the other entry, of the fitted form of trace 2 H."""
     sums, n = np.zeros((5, faces.n_vertices)), faces.n_vertices
-    corner_frame = faces.at_corners(np.concatenate([normal, first, second, mean[None]]))
+    ends = np.ascontiguousarray(topology.edges.T)
+    side_edge, n_edges = np.ascontiguousarray(topology.side_edge.T), ends.shape[1]
+    weight = np.zeros(n_edges)
     for j in range(3):
-        side, squared = faces.side[j], faces.squared_length[j]
-        weight = np.maximum(faces.cotan[PREVIOUS[j]] * squared, 0.0)
-        inverse = ratio(-2.0, squared)
-        for end, sign in ((j, 1.0), (NEXT[j], -1.0)):
-            at = corner_frame[end]
-            curve = sign * dot(side, at[0:3]) * inverse
-            u, v = dot(side, at[3:6]), dot(side, at[6:9])
-            unit = ratio(1.0, u * u + v * v)
-            c, s = (u * u - v * v) * unit, 2.0 * u * v * unit
-            rest = weight * (curve - at[9])
-            wc = weight * c
-            for row, values in zip(sums, (wc * c, wc * s, weight * s * s, c * rest, s * rest)):
-                row += sum_by_index(faces.corner[end], values, n)
+        share = np.maximum(faces.cotan[PREVIOUS[j]] * faces.squared_length[j], 0.0)
+        weight += sum_by_index(side_edge[j], share, n_edges)
+    terms = np.empty((2, 5, n_edges))
+    for begin in range(0, n_edges, EDGES_PER_BLOCK):
+        block = slice(begin, begin + EDGES_PER_BLOCK)
+        edge = np.take(faces.points, ends[1, block], axis=1) - np.take(faces.points, ends[0, block], axis=1)
+        inverse = ratio(-2.0, dot(edge, edge))
+        for end, sign in ((0, 1.0), (1, -1.0)):
+            vertex = ends[end, block]
+            x, y, z = (dot(edge, np.take(axis, vertex, axis=1)) for axis in (normal, first, second))
+            rest = weight[block] * (sign * x * inverse - np.take(mean, vertex))
+            xx, yy = y * y, z * z
+            unit = ratio(1.0, xx + yy)
+            c, s = (xx - yy) * unit, 2.0 * y * z * unit
+            wc, ws = weight[block] * c, weight[block] * s
+            row = terms[end, :, block]
+            row[0], row[1], row[2], row[3], row[4] = wc * c, wc * s, ws * s, c * rest, s * rest
+    for end in range(2):
+        for total, values in zip(sums, terms[end]):
+            total += sum_by_index(ends[end], values, n)
     cc, cs, ss, rc, rs = sums
     determinant = cc * ss - cs * cs
     regular = determinant > 1e-12 * (cc + ss) ** 2

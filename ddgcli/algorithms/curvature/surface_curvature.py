@@ -159,7 +159,7 @@ def _pointwise(
     normals = area_normals if scheme == "quadric" else unit_normals
     normal = normals(faces) if surface.orientable else _unsigned_normals(surface)
     if scheme == "cotan":
-        principal = cotan(faces, normal, area, defect, surface.vector, directions=directions)
+        principal = cotan(faces, mesh.topology, normal, area, defect, surface.vector, directions=directions)
     elif scheme == "normal-cycle" and radius is not None:
         from ddgcli.algorithms.curvature.ball import normal_cycle_in_balls  # imports scipy.sparse
 

@@ -7,18 +7,16 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.measures import link_integral
-from ddgcli.geometry.extrinsic import hinge_bending
+from ddgcli.geometry.extrinsic import EDGES_PER_BLOCK, hinge_bending
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, PREVIOUS_OFFSET, Topology
 from ddgcli.mesh.vectors import cross, dot, ratio
-
-EDGES_PER_BLOCK = 16_384  # edges handled at once: the working arrays stay in the cache
 
 
 def edge_length(faces: Faces, topology: Topology) -> NDArray[np.float64]:
     """(e,) lengths of the edges."""
     length = np.zeros(topology.n_edges)
-    length[topology.side_edge.T] = np.sqrt(faces.squared_length)
+    length[topology.side_edge.T] = faces.length
     return length
 
 
@@ -90,7 +88,7 @@ def willmore_energies(
 
 def _sullivan(faces: Faces, squared: NDArray, inside: NDArray) -> float | None:
     third = faces.stars(faces.area[None] / 3)[0]
-    gradient = faces.stars(faces.doubled / 6)
+    gradient = faces.doubled_star / 6
     volume_squared = dot(gradient, gradient)
     usable = inside & (third > 0)
     # a vertex between two coincident sheets has no volume gradient: the ratio is not defined
@@ -166,35 +164,47 @@ def balances(
         `force`, `torque`, `area`: relative to the sum of the absolute values of the terms.
     """
     twin = topology.side_twin.ravel()
-    owner = np.arange(len(twin)) // 3
-    inner = (twin >= 0) & region[owner] & region[np.maximum(twin, 0) // 3]
-    rim = np.flatnonzero(region[owner] & ~inner)
+    in_region = np.repeat(region, 3)
+    inner = in_region & (twin >= 0)
+    inner &= np.take(in_region, twin)
+    rim = np.flatnonzero(in_region & ~inner)
     edge_side = np.flatnonzero(inner & (np.arange(len(twin)) < twin))
-    tail, head = topology.side_tail, topology.side_head
+    # signed and absolute sums of each component
+    force, torque, area = np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 1))
 
-    def middle_and_side(side: NDArray) -> tuple[NDArray, NDArray]:
-        vector = _between(faces.points, tail[side], head[side])
-        return faces.points[:, tail[side]] + vector / 2, vector
+    def add(position: NDArray, pull: NDArray) -> None:
+        moments = (force, pull), (torque, cross(position, pull)), (area, dot(position, pull)[None])
+        for sums, terms in moments:
+            sums[0] += terms.sum(axis=1)
+            sums[1] += np.abs(terms).sum(axis=1)
 
-    rim_middle, rim_vector = middle_and_side(rim)
-    conormal = cross(rim_vector, normal[:, rim // 3])
-    middle, vector = middle_and_side(edge_side)
-    bisector = normal[:, edge_side // 3] + normal[:, twin[edge_side] // 3]
-    bisector = ratio(bisector, np.sqrt(dot(bisector, bisector)))
-    half_angle = 0.5 * dihedral[topology.side_edge.ravel()[edge_side]]
-    force = -2.0 * np.sin(half_angle) * np.sqrt(dot(vector, vector)) * bisector
+    for begin in range(0, len(rim), EDGES_PER_BLOCK):
+        side = rim[begin : begin + EDGES_PER_BLOCK]
+        middle, vector = _middle_and_side(faces.points, topology, side)
+        add(middle, cross(vector, np.take(normal, side // 3, axis=1)))
+    side_edge = topology.side_edge.ravel()
+    for begin in range(0, len(edge_side), EDGES_PER_BLOCK):
+        side = edge_side[begin : begin + EDGES_PER_BLOCK]
+        middle, vector = _middle_and_side(faces.points, topology, side)
+        bisector = np.take(normal, side // 3, axis=1) + np.take(normal, twin[side] // 3, axis=1)
+        # of the bisector at unit length
+        size = ratio(np.sqrt(dot(vector, vector)), np.sqrt(dot(bisector, bisector)))
+        add(middle, 2.0 * np.sin(0.5 * dihedral[side_edge[side]]) * size * bisector)
     doubled = 2.0 * faces.area[region].sum()
-    return {
-        "force": _residual(conormal, -force),
-        "torque": _residual(cross(rim_middle, conormal), -cross(middle, force)),
-        "area": _residual(dot(rim_middle, conormal)[None], -dot(middle, force)[None], np.array([[-doubled]])),
-    }
+    area[:, 0] += -doubled, doubled
+    return {"force": _residual(force), "torque": _residual(torque), "area": _residual(area)}
 
 
-def _residual(*summands: NDArray) -> float:
-    """Largest component of the sum of all columns, relative to the sum of their absolute values."""
-    total = np.abs(sum(summand.sum(axis=1) for summand in summands)).max()
-    scale = np.abs(sum(np.abs(summand).sum(axis=1) for summand in summands)).max()
+def _middle_and_side(points: NDArray, topology: Topology, side: NDArray) -> tuple[NDArray, NDArray]:
+    """(3, k) middles and vectors of sides."""
+    tail = np.take(points, topology.side_tail[side], axis=1)
+    vector = np.take(points, topology.side_head[side], axis=1) - tail
+    return tail + 0.5 * vector, vector
+
+
+def _residual(sums: NDArray) -> float:
+    """Largest component of a sum over that of the sum of absolute values; `sums` has both as rows."""
+    total, scale = np.abs(sums[0]).max(), sums[1].max()
     return float(total / scale) if scale > 0 else 0.0
 
 
@@ -225,5 +235,5 @@ def nonconformality(faces: Faces, image: NDArray) -> dict[str, float]:
 def star_balance(faces: Faces, vector: NDArray, inside: NDArray) -> float:
     """Largest gap between the mean curvature vector of a star and the conormals of its link, relative."""
     gap = 4 * vector - link_integral(faces)
-    link = faces.at_vertices(np.sqrt(faces.squared_length)[NEXT])
+    link = faces.at_vertices(faces.length[NEXT])
     return float(ratio(np.sqrt(dot(gap, gap)), link)[inside].max(initial=0.0))

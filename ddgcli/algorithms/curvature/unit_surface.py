@@ -13,7 +13,7 @@ from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.errors import MeshError
-from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume
+from ddgcli.geometry.extrinsic import dihedral_angle
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.repair import reverse_faces
 from ddgcli.mesh.require import check_size
@@ -53,7 +53,7 @@ def prepare_surface(mesh: TriangleMesh, scheme: str) -> UnitSurface:
     if not mesh.topology.is_oriented:
         unit = _oriented(unit, mesh.topology.faces_to_turn)
     faces = Faces.of(unit)
-    volume = enclosed_volume(unit) if unit.topology.is_closed and orientable else None
+    volume = exact.volume_of(faces) if unit.topology.is_closed and orientable else None
     _warn_of_defects(unit, faces, orientable, scheme, volume)
     normal = totals.filled_normals(faces, unit.topology)
     return UnitSurface(
