@@ -184,8 +184,8 @@ def use_solver(name: str | None) -> None:
 def named_array(arrays: dict[str, Any], name: str, what: str = "array") -> Any:
     """Array of a name; raise ParameterError that lists the names if it is missing."""
     if name not in arrays:
-        known = ", ".join(sorted(arrays)) or "none"
-        raise ParameterError(f"no {what} {name!r}; choose one of: {known}")
+        names = ", ".join(sorted(arrays)) or "none"
+        raise ParameterError(f"no {what} {name!r}; choose one of: {names}")
     return arrays[name]
 
 

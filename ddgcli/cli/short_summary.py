@@ -77,18 +77,18 @@ INPUT_DEFECTS = ("manifold", "oriented")  # shown where they are false
 
 def short_body(summary: dict[str, Any]) -> tuple[dict[str, Any], int]:
     """The summary with the short fields only, and how many fields of results and accuracy are left out."""
-    chosen = SHORT_FIELDS.get(summary["command"])
+    short_fields = SHORT_FIELDS.get(summary["command"])
     facts = summary["input"]
     own = {name: facts[name] for name in INPUT_FIELDS.split() if facts.get(name) is not None}
     defects = {name: facts[name] for name in INPUT_DEFECTS if facts.get(name) is False}
     body = {**summary, "input": {"path": facts.get("path"), **(own or facts), **defects}}
-    if chosen is None:
+    if short_fields is None:
         return body, 0
     hidden = 0
     for section in ("results", "accuracy"):
-        kept = _selected(summary[section], chosen.get(section, "").split())
-        hidden += _count(summary[section]) - _count(kept)
-        body[section] = kept
+        selection = _selected(summary[section], short_fields.get(section, "").split())
+        hidden += _count(summary[section]) - _count(selection)
+        body[section] = selection
     if "accepts" in body["results"]:
         body["results"]["accepts"] = _accepted(body["results"]["accepts"])
     return body, hidden
@@ -100,20 +100,20 @@ def _selected(values: dict[str, Any], names: list[str]) -> dict[str, Any]:
     for name in names:
         head, _, tail = name.partition(".")
         inner_names.setdefault(head, []).append(tail)
-    kept = {}
+    selection = {}
     for name, value in values.items():
         if name in PERMANENT_FIELDS or "" in inner_names.get(name, ()):
-            kept[name] = value
+            selection[name] = value
         elif name in inner_names and isinstance(value, dict):
-            kept[name] = {key: value[key] for key in value if key in inner_names[name]}
+            selection[name] = {key: value[key] for key in value if key in inner_names[name]}
         elif name in inner_names and isinstance(value, list):
-            kept[name] = [
+            selection[name] = [
                 {key: v for key, v in row.items() if key in inner_names[name]}
                 if isinstance(row, dict)
                 else row
                 for row in value
             ]
-    return {name: value for name, value in kept.items() if value is not None}
+    return {name: value for name, value in selection.items() if value is not None}
 
 
 def _count(values: dict[str, Any]) -> int:

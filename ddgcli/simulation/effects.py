@@ -78,7 +78,7 @@ class EffectTable:
         return f"no effect {name!r}{hint}; {self.command} has {', '.join(self.entries)}"
 
 
-def nearest(name: str, known: list[str]) -> str:
+def nearest(name: str, names: list[str]) -> str:
     """`; did you mean 'x'?` or nothing."""
-    near = difflib.get_close_matches(name, known, 1, cutoff=0.55)
+    near = difflib.get_close_matches(name, names, 1, cutoff=0.55)
     return f"; did you mean {near[0]!r}?" if near else ""

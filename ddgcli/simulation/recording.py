@@ -79,12 +79,12 @@ class Recorder:
             values = [
                 next(iter(trajectory_frame.vertex.values()), None) for trajectory_frame in trajectory_frames
             ]
-            chosen = frames_of_equal_change(
+            numbers = frames_of_equal_change(
                 [trajectory_frame.points for trajectory_frame in trajectory_frames],
                 values,
                 MAX_PICTURE_FRAMES,
             )
-            outcome.picture_frames = [trajectory_frames[k] for k in chosen]
+            outcome.picture_frames = [trajectory_frames[k] for k in numbers]
 
 
 def run_models(

@@ -43,30 +43,30 @@ class ActiveModel:
     model: Model
     state: Any
     next_dt: float
-    taken: int = 0
+    n_steps: int = 0
     smallest: float = math.inf
     stopped: str = ""
     divided: bool = False
-    rescued: bool = False
+    rescue_reported: bool = False
     allowed: float = math.inf  # longest part of the step under way that is tried
     shortest: float = math.inf  # taken of the step under way
     reached: float = 0.0  # in steps
     report_progress: Callable[[], None] = field(default=lambda: None)
 
     def pack(self) -> Arrays:
-        clock = np.array([self.next_dt, self.taken, self.smallest])
+        clock = np.array([self.next_dt, self.n_steps, self.smallest])
         reason = np.zeros(STOP_REASON_BYTES, dtype=np.uint8)
         text = self.stopped.encode()[:STOP_REASON_BYTES]
         reason[: len(text)] = np.frombuffer(text, dtype=np.uint8)
         return {"clock": clock, "stopped": reason, **self.model.pack(self.state)}
 
     def restore(self, arrays: Arrays) -> None:
-        self.next_dt, self.taken, self.smallest = (
+        self.next_dt, self.n_steps, self.smallest = (
             float(arrays["clock"][0]),
             int(arrays["clock"][1]),
             float(arrays["clock"][2]),
         )
-        self.divided = self.rescued = True
+        self.divided = self.rescue_reported = True
         self.stopped = _reason_text(arrays["stopped"])
         self.state = self.model.unpack({k: v for k, v in arrays.items() if k not in ("clock", "stopped")})
 
@@ -198,8 +198,8 @@ def _snapshot(
     with account.within("output"):
         observations: dict[str, Observation] = {}
         for active in active_models:
-            seen = active.model.observe(active.state)
-            observations |= seen if isinstance(seen, dict) else {active.name: seen}
+            observation = active.model.observe(active.state)
+            observations |= observation if isinstance(observation, dict) else {active.name: observation}
         checkpoint = {f"{m.name}/{key}": value for m in active_models for key, value in m.pack().items()}
         reasons = [active.stopped for active in active_models]
         clocks = [
@@ -212,7 +212,7 @@ def _snapshot(
             observations,
             checkpoint,
             tuple(events),
-            max((active.taken for active in active_models), default=0),
+            max((active.n_steps for active in active_models), default=0),
             min((active.smallest for active in active_models), default=math.inf),
             reasons[0] if reasons and all(reasons) else "",
         )
@@ -283,7 +283,7 @@ def _step_or_halves(
         return _two_halves(active, schedule, step, time, dt, depth, events)
     active.reached = (time + dt) / schedule.dt
     active.report_progress()
-    active.taken += 1
+    active.n_steps += 1
     active.smallest = min(active.smallest, dt)
     active.shortest = min(active.shortest, dt)
     active.allowed *= STEP_GROWTH
@@ -299,7 +299,7 @@ def _advanced(
     dt: float,
     events: list[Event],
 ) -> Any:
-    """The state one step later, by the scheme or by what rescues its step; StepRejected where neither can."""
+    """The state one step later, by the scheme or its fallback; StepRejected if both fail."""
     model = active.model
     try:
         return model.advance(state, time, dt)
@@ -313,9 +313,9 @@ def _advanced(
         raise cause from None
     detail = f"{active.name}: step of {dt:.3g} s rejected: {cause}; taken by the composite scheme"
     events.append(Event(step, time, cause.cause, cause.place, cause.value, detail))
-    log_event = log.info if active.rescued else log.warning
+    log_event = log.info if active.rescue_reported else log.warning
     log_event("t = %.6g s, %s, and so are those after it that must", time, detail)
-    active.rescued = True
+    active.rescue_reported = True
     return later
 
 
@@ -380,7 +380,7 @@ def _advance_adaptively(
         active.state = state
         active.reached = (time + dt) / schedule.dt
         active.report_progress()
-        active.taken += 2
+        active.n_steps += 2
         active.smallest = min(active.smallest, dt / 2)
         time = end if pieces == 1 else time + dt
         grown = dt * max(0.2, min(growth, 2.0))

@@ -71,12 +71,12 @@ def test_orientation_of_single_faces_does_not_matter():
 def test_any_soup_has_a_laplacian(shared_meshes, name):
     mesh = read_mesh(str(shared_meshes / "hard" / name)).mesh
     operator = laplace_operator(mesh, "tufted")
-    L, M, used = operator.stiffness, operator.mass, operator.used
+    L, M, vertices = operator.stiffness, operator.mass, operator.referenced_vertices
     assert np.isfinite(L.data).all() and np.isfinite(M.data).all()
     assert negative_weights(L) == 0
     assert abs(L - L.T).max() == 0
-    scale = L.diagonal()[used]
-    assert (np.abs(L @ np.ones(L.shape[0]))[used] <= 1e-9 * scale.max()).all()
+    scale = L.diagonal()[vertices]
+    assert (np.abs(L @ np.ones(L.shape[0]))[vertices] <= 1e-9 * scale.max()).all()
 
 
 @pytest.mark.parametrize(

@@ -80,22 +80,22 @@ def cone_metric(
     A step of Newton's method is halved until the convex function still falls at its end, or nearly so, hence
     falls all along it; the function itself is not evaluated.
     """
-    used = np.zeros(n_vertices, dtype=bool)
-    used[state.tail] = True
+    referenced = np.zeros(n_vertices, dtype=bool)
+    referenced[state.tail] = True
     u = np.where(targets.fixed, targets.scale, 0.0)
-    free = used & ~targets.fixed
+    free = referenced & ~targets.fixed
     work = _Newton(state, n_vertices, targets.angle, free, ~free)
-    if not (targets.fixed & used).any():
-        work.held = ~free
-        work.held[np.flatnonzero(free)[0]] = True  # u is unique up to a constant
+    if not (targets.fixed & referenced).any():
+        work.fixed = ~free
+        work.fixed[np.flatnonzero(free)[0]] = True  # u is unique up to a constant
     best = work.measure(u)
     iterations = 0
     while best > STOP_RESIDUAL and iterations < MAX_NEWTON_ITERATIONS and free.any():
-        taken = work.step(u)
+        next_u = work.step(u)
         iterations += 1
-        if taken is None:
+        if next_u is None:
             break
-        u, before, best = taken, best, work.measure(taken)
+        u, before, best = next_u, best, work.measure(next_u)
         if progress is not None:
             progress(iterations, MAX_NEWTON_ITERATIONS)
         if best < ANGLE_TOLERANCE and best > 0.5 * before:
@@ -113,9 +113,9 @@ class _Newton:
     """Angle sums and steps of Newton's method."""
 
     def __init__(
-        self, state: DecoratedTriangulation, n: int, target: NDArray, free: NDArray, held: NDArray
+        self, state: DecoratedTriangulation, n: int, target: NDArray, free: NDArray, fixed: NDArray
     ) -> None:
-        self.state, self.n, self.target, self.free, self.held = state, n, target, free, held
+        self.state, self.n, self.target, self.free, self.fixed = state, n, target, free, fixed
         self.angle = np.zeros(n)
         self.length = np.zeros((state.n_faces, 3))
         self.degenerate: NDArray[np.bool_] = np.zeros(state.n_faces, dtype=bool)
@@ -156,9 +156,9 @@ class _Newton:
         L = stiffness(self.state.mesh(self.length.ravel(), self.n))
         if self.degenerate.any():  # angles of degenerate faces are constant, others keep the matrix definite
             L = _without_faces(L, self.state, self.length, self.degenerate)
-        problem = Dirichlet(L, np.flatnonzero(self.held))
-        direction = problem.solve(np.zeros(int(self.held.sum())), excess)
-        if self.held[self.free].any():
+        problem = Dirichlet(L, np.flatnonzero(self.fixed))
+        direction = problem.solve(np.zeros(int(self.fixed.sum())), excess)
+        if self.fixed[self.free].any():
             direction -= np.where(self.free, direction[self.free].mean(), 0.0)
         return direction
 

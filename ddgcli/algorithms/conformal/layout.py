@@ -126,13 +126,13 @@ def _seams(mesh: IntrinsicMesh, cone: NDArray, crossed: NDArray) -> NDArray[np.b
     twin = topology.side_twin.ravel()
     side = np.flatnonzero((twin > np.arange(len(twin))) & ~crossed)
     ends = np.stack([topology.side_tail[side], topology.side_head[side]], axis=1)
-    kept = cone | topology.boundary_vertex
+    is_seam_end = cone | topology.boundary_vertex
     remaining = np.ones(len(side), dtype=bool)
     degree = np.bincount(ends.ravel(), minlength=mesh.n_vertices)
     # each edge of a forest: xor of the edges at a vertex of degree one is its edge
     last = np.zeros(mesh.n_vertices, dtype=np.int64)
     np.bitwise_xor.at(last, ends.ravel(), np.repeat(np.arange(len(side)), 2))
-    leaf = np.flatnonzero((degree == 1) & ~kept)
+    leaf = np.flatnonzero((degree == 1) & ~is_seam_end)
     while len(leaf):
         edge = np.unique(last[leaf])
         edge = edge[remaining[edge]]
@@ -140,7 +140,7 @@ def _seams(mesh: IntrinsicMesh, cone: NDArray, crossed: NDArray) -> NDArray[np.b
         np.subtract.at(degree, ends[edge].ravel(), 1)
         np.bitwise_xor.at(last, ends[edge].ravel(), np.repeat(edge, 2))
         touched = np.unique(ends[edge])
-        leaf = touched[(degree[touched] == 1) & ~kept[touched]]
+        leaf = touched[(degree[touched] == 1) & ~is_seam_end[touched]]
     seam = np.zeros(len(twin), dtype=bool)
     seam[side[remaining]] = seam[twin[side[remaining]]] = True
     return seam

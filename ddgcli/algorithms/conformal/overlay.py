@@ -103,13 +103,17 @@ def flat_overlay_mesh(cut: CommonSubdivision, layout: Layout) -> AnnotatedMesh:
     vertex[cut.corner.ravel()] = cut.mesh.faces.ravel()
     at = cut.corner.ravel()
     _, first, number = np.unique(names[at], return_index=True, return_inverse=True)
-    chosen = at[first]
+    first_corner = at[first]
     faces = number.reshape(-1, 3)
-    uv = np.stack([z[chosen].real, z[chosen].imag], axis=1)
-    opened = TriangleMesh(cut.mesh.points[vertex[chosen]], Topology(faces, len(chosen)))
+    uv = np.stack([z[first_corner].real, z[first_corner].imag], axis=1)
+    opened = TriangleMesh(cut.mesh.points[vertex[first_corner]], Topology(faces, len(first_corner)))
     return AnnotatedMesh(
         opened,
-        vertex={"uv": uv, "vertex_kind": cut.vertex_kind[vertex[chosen]], "overlay_vertex": vertex[chosen]},
+        vertex={
+            "uv": uv,
+            "vertex_kind": cut.vertex_kind[vertex[first_corner]],
+            "overlay_vertex": vertex[first_corner],
+        },
         face={
             "input_face": cut.input_face,
             "intrinsic_face": cut.intrinsic_face,

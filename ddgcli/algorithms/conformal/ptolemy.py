@@ -89,9 +89,9 @@ def flip_by_ptolemy(state: DecoratedTriangulation, u: NDArray, *, max_rounds: in
         active, value = _violating(state, length, active)
         if len(active) == 0:
             return
-        chosen = _independent(state, active, value)
-        rim = _flip(state, length, u, active[chosen])
-        active = np.unique(np.concatenate([active[~chosen], rim]))
+        independent = _independent(state, active, value)
+        rim = _flip(state, length, u, active[independent])
+        active = np.unique(np.concatenate([active[~independent], rim]))
     raise SolveError("the Ptolemy flips do not end: the scale factors leave the range of numbers")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.regions import Regions, chosen, chunks
+from ddgcli.algorithms.curvature.regions import Regions, chunks, select_regions
 from ddgcli.algorithms.curvature.rings import two_rings
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS
@@ -47,7 +47,7 @@ def neighbourhoods(
     rounder = two_rings(flip_to_delaunay(mesh).mesh.topology, at_least, vertices)
     centre = normal if vertices is None else normal[:, vertices]
     turns_less = _turning(centre, normal, rounder) < _MAX_TURNING_RATIO * _turning(centre, normal, rings)
-    return chosen(rings, rounder, turns_less)
+    return select_regions(rings, rounder, turns_less)
 
 
 def _sheared(mesh: TriangleMesh, faces: Faces) -> bool:

@@ -20,7 +20,7 @@ from ddgcli.algorithms.curvature.grid_coordinates import on_grid_edges, rounding
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.quadric import (
     QUADRATIC_PENALTY,
-    chosen_penalty,
+    cross_validated_penalty,
     polynomial_residuals,
     sampled_regions,
 )
@@ -172,11 +172,11 @@ def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Dev
     regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS, vertices)
     if vertices is None:
         vertices = np.arange(mesh.n_vertices)
-    chosen = sampled_regions(faces.points, faces.points[:, vertices], regions, SAMPLE_SIZE)
-    chosen = chosen[~mesh.topology.boundary_vertex[vertices[chosen]]]
-    if len(chosen) < MIN_NEIGHBOURS:
+    sample_rows = sampled_regions(faces.points, faces.points[:, vertices], regions, SAMPLE_SIZE)
+    sample_rows = sample_rows[~mesh.topology.boundary_vertex[vertices[sample_rows]]]
+    if len(sample_rows) < MIN_NEIGHBOURS:
         return None
-    sample, some = vertices[chosen], listed(regions, chosen)
+    sample, some = vertices[sample_rows], listed(regions, sample_rows)
     edge = float(faces.length.mean())
     residuals = polynomial_residuals(faces.points, normal, some, sample, (3, 4))
     deviation, detail_ratio, partial = _deviation(*residuals)
@@ -286,8 +286,8 @@ def _scales(
 
     area = float(faces.area.sum())
     vertex_area = area / int(mesh.topology.referenced_vertex.sum())
-    spread = float(np.sqrt(vertex_area * np.median(regions.count) / np.pi))
-    penalty = chosen_penalty(faces.points, normal, regions, few)
+    region_radius = float(np.sqrt(vertex_area * np.median(regions.count) / np.pi))
+    penalty = cross_validated_penalty(faces.points, normal, regions, few)
     default = fits_at(faces.points, normal, few, normal[:, few], regions, penalty).mean
     largest = min(np.sqrt(MAX_SURFACE_SHARE * area / np.pi), 0.99 * largest_radius(mesh, area, scheme))
     tree = cKDTree(mesh.points, balanced_tree=False, compact_nodes=False)
@@ -295,7 +295,7 @@ def _scales(
         lambda radius: fits_in_balls(faces.points, normal, few, tree, radius),
         few,
         default,
-        spread,
+        region_radius,
         float(largest),
     )
 
@@ -392,6 +392,6 @@ def _candidates(mesh: TriangleMesh, faces: Faces) -> NDArray[np.int64] | None:
     """Vertices to choose the sample from, in the order of the areas of their stars; None for all."""
     if mesh.n_vertices <= MAX_UNSAMPLED_VERTICES:
         return None
-    used = np.flatnonzero(mesh.topology.referenced_vertex)
-    order = np.argsort(faces.stars(faces.area[None])[0][used], kind="stable")
-    return used[order[:: max(1, len(used) // (CANDIDATES_PER_SAMPLE * SAMPLE_SIZE))]]
+    vertices = np.flatnonzero(mesh.topology.referenced_vertex)
+    order = np.argsort(faces.stars(faces.area[None])[0][vertices], kind="stable")
+    return vertices[order[:: max(1, len(vertices) // (CANDIDATES_PER_SAMPLE * SAMPLE_SIZE))]]

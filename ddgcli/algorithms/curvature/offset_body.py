@@ -96,9 +96,11 @@ def offset_body(mesh: TriangleMesh, distance: float, resolution: float = 6.0) ->
     if not centre[mesh.topology.referenced_vertex].any(axis=1).all():
         bad = int(np.flatnonzero(mesh.topology.referenced_vertex & ~centre.any(axis=1))[0])
         raise MeshError(f"the normals around vertex {bad} cancel; move it")
-    spread = np.arccos(np.clip(row_dot(np.repeat(normal, 3, axis=0), centre[mesh.faces.ravel()]), -1, 1))
+    normal_angle = np.arccos(
+        np.clip(row_dot(np.repeat(normal, 3, axis=0), centre[mesh.faces.ravel()]), -1, 1)
+    )
     step = np.radians(resolution)
-    arc, rings = (max(1, int(np.ceil(angle / step - 1e-9))) for angle in (fold.max(), spread.max()))
+    arc, rings = (max(1, int(np.ceil(angle / step - 1e-9))) for angle in (fold.max(), normal_angle.max()))
     count = mesh.n_faces + 2 * len(side) * arc + 2 * len(side) * arc * (2 * rings - 1)
     if count > MAX_OFFSET_FACES:
         raise ParameterError(
@@ -162,16 +164,16 @@ def _quads(a: NDArray, b: NDArray, c: NDArray, d: NDArray) -> NDArray[np.int64]:
 
 
 def _welded(points: NDArray, faces: NDArray, part_of_face: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Points at one place joined, and faces without area through that left out."""
+    """Merge points at one place; drop the faces that lose their area by it."""
     from scipy.spatial import cKDTree
 
     size = float(np.abs(points - points.mean(axis=0)).max())
     # thousands of points lie at one place where a surface is flat: one of each cell of a grid is enough
     cell = np.round(points / (WELD_DISTANCE * size))
-    _, kept, place = np.unique(cell, axis=0, return_index=True, return_inverse=True)
-    pairs = cKDTree(points[kept]).query_pairs(2 * WELD_DISTANCE * size, output_type="ndarray")
-    label = connected_labels(pairs[:, 0], pairs[:, 1], len(kept))[1][place.reshape(-1)]
+    _, representative, place = np.unique(cell, axis=0, return_index=True, return_inverse=True)
+    pairs = cKDTree(points[representative]).query_pairs(2 * WELD_DISTANCE * size, output_type="ndarray")
+    label = connected_labels(pairs[:, 0], pairs[:, 1], len(representative))[1][place.reshape(-1)]
     first = np.unique(label, return_index=True)[1]
     faces = label[faces]
-    used = (faces != faces[:, NEXT]).all(axis=1)
-    return points[first], faces[used], part_of_face[used]
+    has_area = (faces != faces[:, NEXT]).all(axis=1)
+    return points[first], faces[has_area], part_of_face[has_area]

@@ -142,11 +142,11 @@ def measure_curve(
     """
     n, planar = len(points), normal is not None
     following = np.roll(points, -1, axis=0) - points
-    used = vector_length(following) > 0
+    has_length = vector_length(following) > 0
     if not closed and n:
-        used[-1] = False
+        has_length[-1] = False
     # a point is kept where a segment of positive length leaves it; an open curve's last one too
-    keep = np.flatnonzero(used)
+    keep = np.flatnonzero(has_length)
     if not closed and len(keep):
         keep = np.append(keep, min(keep[-1] + 1, n - 1))
     arrays = {name: np.zeros(n) for name in ("turning_angle", "curvature", "vertex_length", "gauss_angle")}

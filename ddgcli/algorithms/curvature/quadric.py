@@ -70,7 +70,7 @@ def quadric(
 
         normal, penalty = averaged_normals(faces, normal, regions), QUADRATIC_PENALTY
     else:
-        penalty = _chosen_penalty(columns, normal, regions)
+        penalty = _sampled_penalty(columns, normal, regions)
     logging.getLogger("ddgcli").info("quadric: penalty %g on the terms of degree three and four", penalty)
     gradient, hessian = fit_forms(columns, normal, regions, penalty, jobs=jobs)
     return principal_of_forms(gradient, hessian, normal)
@@ -236,13 +236,13 @@ def _unscaled(low: NDArray, axes: tuple[NDArray, ...]) -> tuple[NDArray, NDArray
     return gradient, hessian
 
 
-def _chosen_penalty(columns: NDArray, normal: NDArray, regions: Regions) -> float:
-    """The penalty of `chosen_penalty` over vertices with small and large neighbourhoods."""
+def _sampled_penalty(columns: NDArray, normal: NDArray, regions: Regions) -> float:
+    """`cross_validated_penalty` of a sample of vertices with small and large neighbourhoods."""
     able = sampled_regions(columns, columns, regions, _PENALTY_SAMPLE_SIZE)
-    return chosen_penalty(columns, normal, listed(regions, able), able)
+    return cross_validated_penalty(columns, normal, listed(regions, able), able)
 
 
-def chosen_penalty(columns: NDArray, normal: NDArray, some: Regions, vertices: NDArray) -> float:
+def cross_validated_penalty(columns: NDArray, normal: NDArray, some: Regions, vertices: NDArray) -> float:
     """The penalty whose fits over the regions of some vertices predict their data best.
 
     Generalised cross-validation: the least of residual / (data - degrees of freedom)^2, in the mean of the
@@ -261,7 +261,7 @@ def sampled_regions(columns: NDArray, centre: NDArray, regions: Regions, most: i
     count = regions.count
     able = np.flatnonzero((count > len(_TERMS) + 3) & (count <= 400))
     if len(able) > most:
-        size = _spread(columns, centre, regions)[able]
+        size = _squared_offset(columns, centre, regions)[able]
         able = able[np.argsort(size, kind="stable")][:: len(able) // most]
     return able
 
@@ -319,7 +319,7 @@ def _inverse(matrix: NDArray) -> NDArray[np.float64]:
         return np.linalg.pinv(matrix, hermitian=True)
 
 
-def _spread(columns: NDArray, centre: NDArray, regions: Regions) -> NDArray[np.float64]:
+def _squared_offset(columns: NDArray, centre: NDArray, regions: Regions) -> NDArray[np.float64]:
     """(k,) squared distance from each centre to the mean of its region: a size that needs no frame."""
     total = np.zeros(len(regions.start) - 1)
     for begin, end in chunks(regions, _MAX_PAIRS):

@@ -93,10 +93,10 @@ def listed(regions: Regions, vertices: NDArray) -> Regions:
 
 def larger(one: Regions, other: Regions) -> Regions:
     """The region with more members for each vertex."""
-    return chosen(one, other, other.count > one.count)
+    return select_regions(one, other, other.count > one.count)
 
 
-def chosen(one: Regions, other: Regions, takes_other: NDArray[np.bool_]) -> Regions:
+def select_regions(one: Regions, other: Regions, takes_other: NDArray[np.bool_]) -> Regions:
     """The region of each vertex from `other` where `takes_other` is True, else from `one`."""
     if takes_other.all():
         return other

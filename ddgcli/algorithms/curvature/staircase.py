@@ -34,11 +34,11 @@ def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
     dihedral : (e,) ndarray
         Dihedral angles of the edges in radians, positive where convex.
     """
-    edges, used = mesh.topology.edges, int(mesh.topology.referenced_vertex.sum())
+    edges, n_referenced = mesh.topology.edges, int(mesh.topology.referenced_vertex.sum())
     for sign in (1, -1):
         ends = np.zeros(mesh.n_vertices, dtype=bool)
         ends[edges[sign * dihedral > STEP_ANGLE].ravel()] = True
-        if ends.sum() < MIN_STEPPED_SHARE * used:
+        if ends.sum() < MIN_STEPPED_SHARE * n_referenced:
             return False
     sound = np.flatnonzero(~faces.flat)
     sample = sound[:: max(1, len(sound) // SHAPE_SAMPLE_SIZE)]

@@ -284,8 +284,8 @@ def _statistics(
     Vertices that no face uses are left out; pointwise curvatures leave out the boundary too, and the
     geodesic curvature everything else.
     """
-    used = mesh.topology.referenced_vertex
-    inside = used & ~mesh.topology.boundary_vertex
+    referenced = mesh.topology.referenced_vertex
+    inside = referenced & ~mesh.topology.boundary_vertex
     everywhere = {"angle_defect", "vertex_area", "combinatorial_curvature"}
     statistics = {}
     for name, values in vertex.items():
@@ -293,7 +293,7 @@ def _statistics(
             continue
         if values.ndim == 2:
             values = np.sqrt(np.einsum("ij,ij->i", values, values))
-        where = used if name in everywhere else inside
+        where = referenced if name in everywhere else inside
         if name == "geodesic_curvature":
             where = mesh.topology.boundary_vertex
         if where.any():

@@ -43,9 +43,9 @@ class UnitSurface:
 
 def prepare_surface(mesh: TriangleMesh, scheme: str) -> UnitSurface:
     """Scale the surface to unit size (by a power of two, which is exact), and warn of its defects."""
-    used = mesh.points[mesh.topology.referenced_vertex]
-    middle = used.min(axis=0) / 2 + used.max(axis=0) / 2
-    extent = float(np.abs(used - middle).max())
+    points = mesh.points[mesh.topology.referenced_vertex]
+    middle = points.min(axis=0) / 2 + points.max(axis=0) / 2
+    extent = float(np.abs(points - middle).max())
     check_size(extent)
     scale = 2.0 ** round(math.log2(extent))
     unit = mesh.moved((mesh.points - middle) / scale)

@@ -24,8 +24,8 @@ class Targets:
     corners: NDArray[np.complex128]  # (k, 3) tail, head and apex of the side
     centre: NDArray[np.complex128]
 
-    def __getitem__(self, chosen: NDArray) -> Targets:
-        return Targets(self.status[chosen], self.side[chosen], self.corners[chosen], self.centre[chosen])
+    def __getitem__(self, rows: NDArray) -> Targets:
+        return Targets(self.status[rows], self.side[rows], self.corners[rows], self.centre[rows])
 
 
 def triangle_share(corners: NDArray, point: NDArray) -> NDArray[np.float64]:

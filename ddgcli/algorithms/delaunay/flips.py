@@ -218,11 +218,11 @@ def flip_until_delaunay(
         active, violation = _violating(state, active)
         if len(active) == 0:
             return flips, rounds, True
-        chosen = _independent(state, active, violation)
-        flipped = flip(state, active.take(chosen.nonzero()[0]))
+        independent = _independent(state, active, violation)
+        flipped = flip(state, active.take(independent.nonzero()[0]))
         flips += len(flipped)
         rounds += 1
-        active = np.concatenate([active.take((~chosen).nonzero()[0]), _rim(state, flipped)])
+        active = np.concatenate([active.take((~independent).nonzero()[0]), _rim(state, flipped)])
     return flips, rounds, False
 
 
@@ -253,9 +253,9 @@ def _independent(state: SideArrays, side: NDArray, violation: NDArray) -> NDArra
     wins = claim.take(one) == rank
     wins &= claim.take(other) == rank
     wins &= one != other
-    chosen = np.zeros(len(side), dtype=bool)
-    chosen[order] = wins
-    return chosen
+    independent = np.zeros(len(side), dtype=bool)
+    independent[order] = wins
+    return independent
 
 
 def _rim(state: SideArrays, flipped: NDArray) -> NDArray:

@@ -173,9 +173,9 @@ class Refinement:
         claim = self.state.claim
         order = np.argsort(-cavity.item, kind="stable")
         claim[cavity.face[order]] = cavity.item[order]
-        lost = np.zeros(len(targets.side), dtype=bool)
-        lost[cavity.item[claim[cavity.face] != cavity.item]] = True
-        wins = ~lost & (np.cumsum(~lost) <= self.limit - self.places.n_steiner)
+        overlaps = np.zeros(len(targets.side), dtype=bool)
+        overlaps[cavity.item[claim[cavity.face] != cavity.item]] = True
+        wins = ~overlaps & (np.cumsum(~overlaps) <= self.limit - self.places.n_steiner)
         return targets[np.flatnonzero(wins)]
 
     # boundary edges

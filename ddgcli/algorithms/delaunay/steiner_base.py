@@ -99,11 +99,11 @@ class _Insertion:
         while len(waiting):
             edge = self.steiner.edge[waiting]
             first = np.append(True, edge[1:] != edge[:-1])
-            chosen = np.flatnonzero(first)
-            _, alone = np.unique(where[edge[chosen]] // 3, return_index=True)
-            chosen = chosen[np.sort(alone)]
-            point = waiting[chosen]
-            side = where[edge[chosen]]
+            rows = np.flatnonzero(first)
+            _, alone = np.unique(where[edge[rows]] // 3, return_index=True)
+            rows = rows[np.sort(alone)]
+            point = waiting[rows]
+            side = where[edge[rows]]
             face, jk, ki = around(side)
             new = self.gluing.split_boundary(side, self.n + point)
             self._grow(face)
@@ -114,7 +114,7 @@ class _Insertion:
             standing[where] = np.arange(len(where))
             moved = standing[jk]
             where[moved[moved >= 0]] = (p + 1)[moved >= 0]
-            waiting = np.delete(waiting, chosen)
+            waiting = np.delete(waiting, rows)
         self._flip(np.arange(len(self.gluing.tail)), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
 
     def cut_faces(self) -> None:
@@ -125,8 +125,8 @@ class _Insertion:
             depth = self._depth(waiting, face)
             order = np.lexsort((-depth, face))
             first = np.append(True, face[order][1:] != face[order][:-1])
-            chosen = order[first]
-            point, cut = waiting[chosen], face[chosen]
+            rows = order[first]
+            point, cut = waiting[rows], face[rows]
             new = self.gluing.split_faces(cut, self.n + point)
             self._grow(np.tile(cut, 2))
             a, b, c = (self.corner[3 * cut + k].copy() for k in range(3))
@@ -139,7 +139,7 @@ class _Insertion:
                 for k in range(3):
                     self.corner[3 * face_rows + k] = corners[k]
             rest = np.ones(len(waiting), dtype=bool)
-            rest[chosen] = False
+            rest[rows] = False
             thirds = np.full((len(self.input_face), 3), -1)
             thirds[cut] = np.stack([cut, new[0], new[1]], axis=1)
             waiting, face = waiting[rest], face[rest]

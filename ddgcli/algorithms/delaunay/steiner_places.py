@@ -38,8 +38,8 @@ class SurfaceLocations:
     turn: NDArray[np.float64]
     clear: NDArray[np.bool_]
 
-    def __getitem__(self, chosen: NDArray) -> SurfaceLocations:
-        return SurfaceLocations(**{name: value[chosen] for name, value in vars(self).items()})
+    def __getitem__(self, rows: NDArray) -> SurfaceLocations:
+        return SurfaceLocations(**{name: value[rows] for name, value in vars(self).items()})
 
     def replace(self, place: NDArray, other: SurfaceLocations) -> None:
         for name, value in vars(other).items():

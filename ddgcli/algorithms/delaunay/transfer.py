@@ -44,9 +44,9 @@ def transfer(cut: CommonSubdivision, values: NDArray, *, to: str) -> NDArray[np.
     mass = galerkin_mass(cut.mesh)
     normal = csr_array(target.T @ mass @ target)
     rhs = target.T @ (mass @ (source @ np.asarray(values, dtype=np.float64)))
-    used = np.flatnonzero(normal.diagonal() > 0)
+    vertices = np.flatnonzero(normal.diagonal() > 0)
     result = np.zeros((target.shape[1], *rhs.shape[1:]))
-    result[used] = Factor(normal[used][:, used]).solve(rhs[used])
+    result[vertices] = Factor(normal[vertices][:, vertices]).solve(rhs[vertices])
     return result
 
 

@@ -169,9 +169,9 @@ def symmetry(
         symmetry_residual : largest |d(a, b) - d(b, a)| relative to the largest of the distances;
         triangle_residual : largest d(a, c) - d(a, b) - d(b, c), relative to the same; sampled_pairs.
     """
-    used = np.flatnonzero(mesh.topology.referenced_vertex)
-    chosen = np.random.default_rng(seed).choice(used, size=min(samples, len(used)), replace=False)
-    table = np.stack([measure(Sources(np.array([v])))[chosen] for v in chosen])
+    vertices = np.flatnonzero(mesh.topology.referenced_vertex)
+    sample = np.random.default_rng(seed).choice(vertices, size=min(samples, len(vertices)), replace=False)
+    table = np.stack([measure(Sources(np.array([v])))[sample] for v in sample])
     finite = np.isfinite(table) & np.isfinite(table.T)
     scale = float(table[finite].max(initial=0.0)) or 1.0
     skew = np.abs(np.where(finite, table, 0.0) - np.where(finite, table, 0.0).T)

@@ -322,7 +322,7 @@ def compare(
         solver = prepare_solver(mesh, method, replace(options, tolerance=0.0))
         ready = time.perf_counter()
         other = solver(sources).distance
-        done = time.perf_counter()
+        end = time.perf_counter()
         both = np.isfinite(distance) & np.isfinite(other)
         error = np.where(both, np.abs(np.where(both, distance, 0.0) - np.where(both, other, 0.0)), 0.0)
         scale = float(other[both].max(initial=0.0)) or 1.0
@@ -331,7 +331,7 @@ def compare(
             "max_error_at": int(np.argmax(error)) if len(error) else None,
             "mean_error": float(error[both].mean()) / scale if both.any() else 0.0,
             "setup_seconds": ready - start,
-            "seconds": done - ready,
+            "seconds": end - ready,
         }
     return table
 

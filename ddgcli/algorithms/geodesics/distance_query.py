@@ -48,9 +48,9 @@ def query_sources(mesh: TriangleMesh, query: DistanceQuery, source_edges: EdgeSe
     sets = [source_edges] if source_edges is not None else []
     sets += [boundary_set(mesh)] if query.source_boundary else []
     edges, curves, count = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], 0
-    for chosen in sets:
-        curve = chosen.curves(mesh)
-        edges.append(chosen.edge)
+    for source_set in sets:
+        curve = source_set.curves(mesh)
+        edges.append(source_set.edge)
         curves.append(curve + count)
         count += int(curve.max(initial=-1)) + 1
     return check_sources(

@@ -70,7 +70,7 @@ def edge_set(mesh: SurfaceMesh, array: NDArray, place: str = "", *, parameter: s
     array = np.asarray(array)
     topology = mesh.topology
     if array.ndim == 2 and array.shape[1] == 2 and place in ("", "pairs"):
-        chosen = _of_pairs(mesh, array, parameter)
+        edges = _of_pairs(mesh, array, parameter)
     else:
         if array.ndim == 2 and array.shape[1] == 1:
             array = array[:, 0]
@@ -83,10 +83,10 @@ def edge_set(mesh: SurfaceMesh, array: NDArray, place: str = "", *, parameter: s
                 "one of these",
                 parameter=parameter,
             )
-        chosen = _of_marks(mesh, array, place)
-    if not len(chosen):
+        edges = _of_marks(mesh, array, place)
+    if not len(edges):
         raise ParameterError("the set has no edge; mark at least one", parameter=parameter)
-    return chosen
+    return edges
 
 
 def _of_pairs(mesh: SurfaceMesh, pairs: NDArray, parameter: str | None) -> EdgeSet:
@@ -131,9 +131,9 @@ def _of_marks(mesh: SurfaceMesh, marks: NDArray, place: str) -> EdgeSet:
         return EdgeSet(edge, np.zeros(len(edge), dtype=np.int64))
     side = topology.interior_sides
     label, across = marks[side // 3], marks[topology.side_twin.ravel()[side] // 3]
-    chosen = side[label != across]
-    edge, first = np.unique(topology.side_edge.ravel()[chosen], return_index=True)
-    along = topology.side_sign.ravel()[chosen[first]].astype(np.int64)
+    border_side = side[label != across]
+    edge, first = np.unique(topology.side_edge.ravel()[border_side], return_index=True)
+    along = topology.side_sign.ravel()[border_side[first]].astype(np.int64)
     higher = label[label != across][first] > across[label != across][first]
     return EdgeSet(edge, np.where(higher, along, -along))
 

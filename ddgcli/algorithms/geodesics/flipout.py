@@ -224,14 +224,14 @@ class Straightener:
     def curves(self, waypoints: list[list[int]], closed: list[bool]) -> Curves:
         """Straighten curves as the function `straighten_curves` does."""
         mesh, flipping = self.mesh, self.flipping
-        traced_paths, kinds, done = [], [], True
+        traced_paths, kinds, converged = [], [], True
         for stops, is_closed in zip(waypoints, closed, strict=True):
             sides = edge_path(self.graph, stops, is_closed)
             flipping.rewind()
             before = flipping.scale * sum(flipping.length[h] for h in sides)
             path = PathStraightener(flipping, sides, is_closed)
             finished = path.straighten()
-            done &= finished
+            converged &= finished
             if not finished:
                 why = ": it overlaps itself; other way-points may help" if path.is_self_blocked else ""
                 _log.warning(f"the path through {stops[:5]} could not be straightened everywhere{why}")
@@ -246,7 +246,7 @@ class Straightener:
         joint = joints(mesh, paths, shortest=1e-6)
         sharpest = float(np.nanmin(np.concatenate([joint.left, joint.right]), initial=np.pi))
         accuracy = {"path_angle_deficit": np.pi - sharpest}
-        return Curves(paths, describe_paths(mesh, paths, kinds), accuracy, done)
+        return Curves(paths, describe_paths(mesh, paths, kinds), accuracy, converged)
 
 
 def straighten_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: list[bool]) -> Curves:

@@ -175,10 +175,10 @@ def _shortest_tree(
     ends: NDArray, length: NDArray, allowed: NDArray, n: int
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Shortest-path forest from the first node of each component: parents, parent edges, distances."""
-    chosen = _lightest(ends, length, allowed)
-    a, b = matrix_indices(ends[chosen].T, n)
+    lightest = _lightest(ends, length, allowed)
+    a, b = matrix_indices(ends[lightest].T, n)
     # the sparse graph drops edges of length zero
-    weight = np.maximum(length[chosen], np.finfo(float).tiny)
+    weight = np.maximum(length[lightest], np.finfo(float).tiny)
     graph = csr_array((weight, (a, b)), shape=(n, n))
     label = connected_labels(a, b, n)[1]
     _, root = np.unique(label, return_index=True)
@@ -186,28 +186,28 @@ def _shortest_tree(
         graph, directed=False, indices=root, min_only=True, return_predecessors=True
     )
     parent = np.where(predecessor < 0, -1, predecessor).astype(np.int64)
-    return parent, _edges_between(parent, ends, chosen), distance
+    return parent, _edges_between(parent, ends, lightest), distance
 
 
-def _edges_between(parent: NDArray, ends: NDArray, chosen: NDArray) -> NDArray[np.int64]:
-    """(n,) chosen edge between each node and its parent; -1 at roots."""
+def _edges_between(parent: NDArray, ends: NDArray, lightest: NDArray) -> NDArray[np.int64]:
+    """(n,) the edge of `lightest` between each node and its parent; -1 at roots."""
     n = np.int64(len(parent))
-    key = ends[chosen].min(axis=1) * n + ends[chosen].max(axis=1)
+    key = ends[lightest].min(axis=1) * n + ends[lightest].max(axis=1)
     order = np.argsort(key)
     child = np.flatnonzero(parent >= 0)
     tree_key = np.minimum(child, parent[child]) * n + np.maximum(child, parent[child])
     result = np.full(len(parent), -1, dtype=np.int64)
-    result[child] = chosen[order[np.searchsorted(key[order], tree_key)]]
+    result[child] = lightest[order[np.searchsorted(key[order], tree_key)]]
     return result
 
 
 def _spanning_forest(ends: NDArray, weight: NDArray, usable: NDArray) -> tuple[NDArray, NDArray]:
     """Minimum spanning forest, rooted: parents and parent edges of the nodes 0 .. max."""
     n = int(ends.max(initial=-1)) + 1
-    chosen = _lightest(ends, weight, usable)
-    rank = np.empty(len(chosen))
-    rank[np.lexsort((chosen, weight[chosen]))] = np.arange(1, len(chosen) + 1)
-    graph = csr_array((rank, tuple(matrix_indices(ends[chosen].T, n))), shape=(n, n))
+    lightest = _lightest(ends, weight, usable)
+    rank = np.empty(len(lightest))
+    rank[np.lexsort((lightest, weight[lightest]))] = np.arange(1, len(lightest) + 1)
+    graph = csr_array((rank, tuple(matrix_indices(ends[lightest].T, n))), shape=(n, n))
     tree = minimum_spanning_tree(graph)
     tail, head = tree.nonzero()
     count, label = connected_labels(tail, head, n)
@@ -220,7 +220,7 @@ def _spanning_forest(ends: NDArray, weight: NDArray, usable: NDArray) -> tuple[N
     joined = csr_array((np.ones(len(rows)), places), shape=(n + 1, n + 1))
     _, before = breadth_first_order(joined, n, directed=False)
     parent = np.where((before[:n] >= 0) & (before[:n] < n), before[:n], -1).astype(np.int64)
-    return parent, _edges_between(parent, ends, chosen)
+    return parent, _edges_between(parent, ends, lightest)
 
 
 def closed_cochains(mesh: SurfaceMesh, boundary: Boundary = "tangential") -> csr_array:
@@ -339,17 +339,17 @@ def loops_with_periods(
     size = np.abs(period).max(axis=1)
     candidates = np.flatnonzero(size > 1e-6 * size.max())
     candidates = candidates[np.argsort(distance[edges[candidates]].sum(axis=1) + length[candidates])]
-    chosen: list[int] = []
+    generator_edges: list[int] = []
     spanned = np.zeros((count, 0))
     for edge in candidates:
         row = period[edge] / np.linalg.norm(period[edge])
         rest = row - spanned @ (spanned.T @ row)
         if np.linalg.norm(rest) > 1e-6:
-            chosen.append(int(edge))
+            generator_edges.append(int(edge))
             spanned = np.column_stack([spanned, rest / np.linalg.norm(rest)])
-        if len(chosen) == count:
+        if len(generator_edges) == count:
             break
-    return [_tree_loop(parent, *edges[edge]) for edge in chosen]
+    return [_tree_loop(parent, *edges[edge]) for edge in generator_edges]
 
 
 def _tree_integral(

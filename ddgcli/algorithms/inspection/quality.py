@@ -90,9 +90,9 @@ def duplicates(rows: NDArray) -> NDArray[np.int64]:
     return np.sort(order[1:][same]).astype(np.int64)
 
 
-def coincident(points: NDArray, used: NDArray[np.bool_]) -> NDArray[np.int64]:
+def coincident(points: NDArray, referenced: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Used points at exactly the position of an earlier used one."""
-    number = np.flatnonzero(used)
+    number = np.flatnonzero(referenced)
     _, index = merged_points(points[number])
     first = np.zeros(len(number), dtype=bool)
     first[np.unique(index, return_index=True)[1]] = True
@@ -228,8 +228,8 @@ def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
     angle = dihedral_degrees(mesh)
     faces = np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1)
     _, count = np.unique(faces, axis=0, return_counts=True)
-    used = np.zeros(mesh.n_vertices, dtype=bool)
-    used[mesh.tetrahedra] = True
+    referenced = np.zeros(mesh.n_vertices, dtype=bool)
+    referenced[mesh.tetrahedra] = True
     defects: dict[str, Any] = {
         "min_dihedral_degrees": np.nanmin(angle) if np.isfinite(angle).any() else None,
         "max_dihedral_degrees": np.nanmax(angle) if np.isfinite(angle).any() else None,
@@ -240,8 +240,8 @@ def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
         ("inverted_tetrahedra", np.flatnonzero((volume < 0) & ~flat)),
         ("flat_tetrahedra", np.flatnonzero(flat)),
         ("duplicate_tetrahedra", duplicates(np.sort(mesh.tetrahedra, axis=1))),
-        ("unreferenced_vertices", np.flatnonzero(~used)),
-        ("coincident_vertices", coincident(mesh.points, used)),
+        ("unreferenced_vertices", np.flatnonzero(~referenced)),
+        ("coincident_vertices", coincident(mesh.points, referenced)),
     ):
         defects[name] = len(elements)
         if len(elements):
@@ -261,15 +261,15 @@ def curve_quality(curves: CurveSet) -> dict[str, Any]:
     """Lengths, unused and coincident points of curves."""
     segment = curves.points[curves.lines]
     length = vector_length(segment[:, 1] - segment[:, 0])
-    used = np.zeros(curves.n_vertices, dtype=bool)
-    used[curves.lines] = True
+    referenced = np.zeros(curves.n_vertices, dtype=bool)
+    referenced[curves.lines] = True
     return {
         "length": length.sum(),
         "planar": curves.planar,
         "curve_vertices": [len(path) for path, _ in curves.paths()],
         "degenerate_segments": int((length == 0).sum()),
-        "unreferenced_vertices": int((~used).sum()),
-        "coincident_vertices": len(coincident(curves.points, used)),
+        "unreferenced_vertices": int((~referenced).sum()),
+        "coincident_vertices": len(coincident(curves.points, referenced)),
     }
 
 

@@ -59,7 +59,7 @@ class LaplaceOperator:
     dimension: int = 2
 
     @property
-    def used(self) -> NDArray[np.int64]:
+    def referenced_vertices(self) -> NDArray[np.int64]:
         """Vertices that a face or tetrahedron uses."""
         return np.flatnonzero(self.mass.diagonal() > 0)
 

@@ -76,13 +76,13 @@ def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Para
     angle = _arc_length_angle(mesh.points[loop])
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     order = np.argsort(loop)
-    used = operator.used
-    local = _local_numbers(mesh.n_vertices, used, loops)
-    filled = _with_fans(operator.stiffness[used][:, used], [local[hole] for hole in loops[1:]])
+    vertices = operator.referenced_vertices
+    local = _local_numbers(mesh.n_vertices, vertices, loops)
+    filled = _with_fans(operator.stiffness[vertices][:, vertices], [local[hole] for hole in loops[1:]])
     problem = Dirichlet(filled, local[loop])
     inside = problem.solve(circle[order])
     uv = np.zeros((mesh.n_vertices, 2))
-    uv[used] = inside[: len(used)]
+    uv[vertices] = inside[: len(vertices)]
     return _with_quality(mesh, operator.surface, uv, problem.residual(inside), True)
 
 
@@ -93,14 +93,14 @@ def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Par
     centre at the origin and its longer axis along u.
     """
     loops = boundary_loops(mesh, "`parameterize=conformal`")
-    used = operator.used
-    local = _local_numbers(mesh.n_vertices, used, loops)
-    H, B = _conformal_energy(mesh, operator.stiffness[used][:, used], loops, local)
+    vertices = operator.referenced_vertices
+    local = _local_numbers(mesh.n_vertices, vertices, loops)
+    H, B = _conformal_energy(mesh, operator.stiffness[vertices][:, vertices], loops, local)
     z, residual, converged = _smallest_complex(H, B, local[loops[0]])
     if not converged:
         log.warning("the conformal map did not converge: residual %.2g", residual)
     uv = np.zeros((mesh.n_vertices, 2))
-    uv[used] = _principal_axes(z, operator.mass.diagonal()[used])
+    uv[vertices] = _principal_axes(z, operator.mass.diagonal()[vertices])
     total = 0.5 * planar_area(uv[mesh.faces]).sum()
     uv *= np.sqrt(face_area(mesh.side_length).sum() / total) if total > 0 else 1.0
     return _with_quality(mesh, operator.surface, uv, residual, converged)
@@ -122,14 +122,14 @@ def boundary_loops(mesh: TriangleMesh, verb: str) -> list[NDArray[np.int64]]:
     return sorted(loops, key=lambda loop: -_perimeter(mesh.points[loop]))
 
 
-def _local_numbers(n_vertices: int, used: NDArray, loops: list[NDArray]) -> NDArray[np.int64]:
+def _local_numbers(n_vertices: int, vertices: NDArray, loops: list[NDArray]) -> NDArray[np.int64]:
     """(n,) number of each vertex among those of the operator; MeshError where a boundary vertex has none."""
     local = np.full(n_vertices, -1)
-    local[used] = np.arange(len(used))
-    lost = [int(v) for loop in loops for v in loop[local[loop] < 0]]
-    if lost:
+    local[vertices] = np.arange(len(vertices))
+    missing = [int(v) for loop in loops for v in loop[local[loop] < 0]]
+    if missing:
         raise MeshError(
-            f"{len(lost)} boundary vertices have only faces without area (first: vertex {lost[0]}); "
+            f"{len(missing)} boundary vertices have only faces without area (first: vertex {missing[0]}); "
             f"{cure('no area')}"
         )
     return local

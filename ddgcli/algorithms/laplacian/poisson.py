@@ -79,32 +79,32 @@ def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDAr
         raise ParameterError(
             f"vertex {outside[0]} does not exist; vertices are 0 to {n - 1}", parameter="fix"
         )
-    used = operator.used
+    vertices = operator.referenced_vertices
     _require_a_value_per_component(operator, fixed)
     vertex = np.array(sorted(fixed))
     values = np.array([fixed[v] for v in vertex], dtype=np.float64)
     local = np.full(n, -1)
-    local[used] = np.arange(len(used))
+    local[vertices] = np.arange(len(vertices))
     inside = local[vertex] >= 0
-    problem = Dirichlet(operator.stiffness[used][:, used], local[vertex[inside]])
-    load = None if rhs is None else rhs[used]
+    problem = Dirichlet(operator.stiffness[vertices][:, vertices], local[vertex[inside]])
+    load = None if rhs is None else rhs[vertices]
     boundary_values = (
         values[inside] if rhs is None or rhs.ndim == 1 else np.tile(values[inside, None], rhs.shape[1])
     )
     component_values = problem.solve(boundary_values, load)
     u = np.zeros((n, *component_values.shape[1:]))
-    u[used] = component_values
+    u[vertices] = component_values
     u[vertex[~inside]] = values[~inside] if u.ndim == 1 else values[~inside, None]
     return Solution(u, problem.residual(component_values, load), solver=problem.factor.solver)
 
 
 def _require_a_value_per_component(operator: LaplaceOperator, fixed: Mapping[int, float]) -> None:
     """Refuse a component without a fixed value: its values would be arbitrary."""
-    used = operator.used
+    vertices = operator.referenced_vertices
     _, label = components(operator.stiffness)
-    missing = np.setdiff1d(label[used], label[np.array(list(fixed))])
+    missing = np.setdiff1d(label[vertices], label[np.array(list(fixed))])
     if len(missing):
-        first = used[label[used] == missing[0]][0]
+        first = vertices[label[vertices] == missing[0]][0]
         raise ParameterError(
             f"{len(missing)} components of the mesh have no fixed value (one holds vertex {first}); "
             f"add `fix={first}=VALUE`"

@@ -24,17 +24,18 @@ def spectrum(
     operator: LaplaceOperator, k: int, *, seed: int = 0, progress: ProgressCallback | None = None
 ) -> Eigenpairs:
     """The k smallest eigenpairs of L x = lambda M x; eigenvectors vanish on vertices without faces."""
-    used = operator.used
+    vertices = operator.referenced_vertices
     n = len(operator.mass.diagonal())
-    if k > len(used):
+    if k > len(vertices):
         raise ParameterError(
-            f"{k} eigenpairs exceed the {len(used)} vertices that belong to faces; use at most {len(used)}",
+            f"{k} eigenpairs exceed the {len(vertices)} vertices that belong to faces; "
+            f"use at most {len(vertices)}",
             parameter="eigen",
         )
-    L, M = (matrix[used][:, used] for matrix in (operator.stiffness, operator.mass))
+    L, M = (matrix[vertices][:, vertices] for matrix in (operator.stiffness, operator.mass))
     pairs = smallest_eigenpairs(L, M, k, seed=seed, progress=progress)
     vectors = np.zeros((n, k))
-    vectors[used] = pairs.vectors
+    vectors[vertices] = pairs.vectors
     return replace(pairs, vectors=vectors)
 
 
@@ -58,7 +59,7 @@ def signature_pairs(operator: LaplaceOperator, times: Sequence[float]) -> int:
     """Number of eigenpairs to resolve the heat kernel at the shortest time, by Weyl's law; at most 300."""
     measure, largest = float(operator.mass.sum()), -np.log(SIGNATURE_TAIL) / min(times)
     n_pairs = measure * (largest / (4 * np.pi) if operator.dimension == 2 else largest**1.5 / (6 * np.pi**2))
-    return int(min(np.ceil(n_pairs) + 10, MAX_SIGNATURE_PAIRS, len(operator.used)))
+    return int(min(np.ceil(n_pairs) + 10, MAX_SIGNATURE_PAIRS, len(operator.referenced_vertices)))
 
 
 def heat_kernel_signature(pairs: Eigenpairs, times: NDArray) -> HeatKernelSignature:

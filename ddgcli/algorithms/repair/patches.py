@@ -73,12 +73,12 @@ def _patch(mesh: TriangleMesh, loop: NDArray) -> tuple[NDArray[np.float64], NDAr
     angle = 2.0 * np.pi * (np.cumsum(step) - step) / step.sum()
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     inner = _lattice(2.0 * np.pi / len(loop))
-    taken = _edge_keys(mesh.topology.edges, mesh.n_vertices)
+    mesh_edge_keys = _edge_keys(mesh.topology.edges, mesh.n_vertices)
     for _ in range(MAX_CHORD_ROUNDS):
         flat = np.concatenate([circle, inner])
         patch = _oriented(flat, Delaunay(flat, qhull_options="Qbb Qc Qz Qt").simplices.astype(np.int64))
         chords = _chords(patch, len(loop))
-        double = np.isin(_edge_keys(loop[chords], mesh.n_vertices), taken)
+        double = np.isin(_edge_keys(loop[chords], mesh.n_vertices), mesh_edge_keys)
         if not double.any():
             break
         # an edge of the mesh already joins the ends of such a chord: a vertex goes between

@@ -45,8 +45,8 @@ class RepairSteps:
 def steps_for(command: str) -> RepairSteps:
     """Steps that make a surface acceptable to a command, as far as repairs can."""
     if command not in REQUIREMENTS or "surface" not in REQUIREMENTS[command].kinds:
-        known = ", ".join(name for name, need in REQUIREMENTS.items() if "surface" in need.kinds)
-        raise ParameterError(f"{command!r} takes no surface; known: {known}", parameter="for_command")
+        commands = ", ".join(name for name, need in REQUIREMENTS.items() if "surface" in need.kinds)
+        raise ParameterError(f"{command!r} takes no surface; known: {commands}", parameter="for_command")
     need = REQUIREMENTS[command]
     manifold = need.surface.get("manifold", False) or need.surface.get("manifold_edges", False)
     return RepairSteps(
@@ -86,11 +86,11 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
         ("cut_to_disk", chosen_steps.cut_to_disk, steps.cut_to_disk),
         ("drop_unused", chosen_steps.drop_unused, steps.drop_unused),
     ]
-    if not any(chosen for _, chosen, _ in plan):
+    if not any(is_requested for _, is_requested, _ in plan):
         raise ParameterError("no repair is chosen; name one, such as `orient`, or a command by `for_command`")
     repaired, changes = RepairedMesh.unchanged(mesh), {}
-    for name, chosen, step in plan:
-        if chosen:
+    for name, is_requested, step in plan:
+        if is_requested:
             if name in ("fill_holes", "cut_to_disk"):
                 _require_manifold(repaired.mesh, name)
             repaired = step(repaired)
@@ -113,6 +113,6 @@ def refusals(mesh: TriangleMesh) -> dict[str, str]:
     return {name: reason for name, reason in reasons.items() if reason is not None}
 
 
-def carried(values: np.ndarray, source: np.ndarray) -> np.ndarray | None:
+def repaired_array(values: np.ndarray, source: np.ndarray) -> np.ndarray | None:
     """Array of the input at the repaired mesh's vertices or faces; None where the repair added some."""
     return None if (source < 0).any() else values[source]

@@ -44,10 +44,10 @@ class RepairedMesh:
         return cls(mesh, np.arange(mesh.n_vertices), np.arange(mesh.n_faces))
 
 
-def _of_faces(repaired: RepairedMesh, kept: NDArray[np.bool_]) -> RepairedMesh:
-    """The mesh with the faces of an (m,) mask; all vertices stay."""
-    mesh = TriangleMesh.from_arrays(repaired.mesh.points, repaired.mesh.faces[kept])
-    return RepairedMesh(mesh, repaired.input_vertex, repaired.input_face[kept], int((~kept).sum()))
+def _of_faces(repaired: RepairedMesh, face_mask: NDArray[np.bool_]) -> RepairedMesh:
+    """Mesh of the faces of an (m,) mask, with all vertices."""
+    mesh = TriangleMesh.from_arrays(repaired.mesh.points, repaired.mesh.faces[face_mask])
+    return RepairedMesh(mesh, repaired.input_vertex, repaired.input_face[face_mask], int((~face_mask).sum()))
 
 
 def weld(repaired: RepairedMesh, distance: float = 0.0) -> RepairedMesh:
@@ -82,17 +82,19 @@ def drop_degenerate(repaired: RepairedMesh) -> RepairedMesh:
 def drop_duplicates(repaired: RepairedMesh) -> RepairedMesh:
     """Remove faces whose three vertices an earlier face has."""
     _, first = np.unique(np.sort(repaired.mesh.faces, axis=1), axis=0, return_index=True)
-    kept = np.zeros(repaired.mesh.n_faces, dtype=bool)
-    kept[first] = True
-    return _of_faces(repaired, kept)
+    is_first = np.zeros(repaired.mesh.n_faces, dtype=bool)
+    is_first[first] = True
+    return _of_faces(repaired, is_first)
 
 
 def drop_unused(repaired: RepairedMesh) -> RepairedMesh:
     """Remove vertices that no face uses."""
-    used = repaired.mesh.topology.referenced_vertex
-    number = np.cumsum(used) - 1
-    mesh = TriangleMesh.from_arrays(repaired.mesh.points[used], number[repaired.mesh.faces])
-    return RepairedMesh(mesh, repaired.input_vertex[used], repaired.input_face, int((~used).sum()))
+    referenced = repaired.mesh.topology.referenced_vertex
+    number = np.cumsum(referenced) - 1
+    mesh = TriangleMesh.from_arrays(repaired.mesh.points[referenced], number[repaired.mesh.faces])
+    return RepairedMesh(
+        mesh, repaired.input_vertex[referenced], repaired.input_face, int((~referenced).sum())
+    )
 
 
 def keep_largest(repaired: RepairedMesh) -> RepairedMesh:
@@ -178,7 +180,7 @@ def cut_to_disk(repaired: RepairedMesh) -> RepairedMesh:
 
 
 def _cut_graph(mesh: TriangleMesh) -> NDArray[np.bool_]:
-    """(e,) edges to cut so that what is left is a disk a component; none for closed spheres and disks."""
+    """(e,) edges to cut so that each component becomes a disk; none for closed spheres and disks."""
     topology = mesh.topology
     side = np.flatnonzero(topology.side_twin.ravel() > np.arange(3 * mesh.n_faces))
     twin, edge = topology.side_twin.ravel()[side], topology.side_edge.ravel()[side]
@@ -191,9 +193,9 @@ def _cut_graph(mesh: TriangleMesh) -> NDArray[np.bool_]:
     cut = np.zeros(topology.n_edges, dtype=bool)
     cut[edge[~crossed]] = True
     while True:
-        kept = cut.copy()
-        kept[topology.boundary_edges] = True
-        degree = np.bincount(topology.edges[kept].ravel(), minlength=mesh.n_vertices)
+        cut_or_boundary = cut.copy()
+        cut_or_boundary[topology.boundary_edges] = True
+        degree = np.bincount(topology.edges[cut_or_boundary].ravel(), minlength=mesh.n_vertices)
         leaf_edge = cut & (degree[topology.edges] == 1).any(axis=1)
         if not leaf_edge.any():
             return cut

@@ -259,20 +259,20 @@ class _CurveIntegrator:
         """Move curves to the ends of the last traced lines."""
         if not len(curves):
             return
-        left = np.zeros(len(curves), dtype=bool)
+        at_boundary = np.zeros(len(curves), dtype=bool)
         stalled = np.zeros(len(curves), dtype=bool)
         for lines in traced_halves:  # a curve that stopped in the first half has no second
-            rows = np.flatnonzero(~left)
+            rows = np.flatnonzero(~at_boundary)
             line_ends = _rows(lines, rows)
             self.lines.append((curves[rows], line_ends))
-            left[rows] |= line_ends.status == BOUNDARY_STATUS
+            at_boundary[rows] |= line_ends.status == BOUNDARY_STATUS
             stalled[rows] |= line_ends.status == FAILURE_STATUS
             self.at.face[curves[rows]] = line_ends.face
             self.at.barycentric[curves[rows]] = line_ends.barycentric
         self.time[curves] += h
         self.steps[curves] += 1
         self.stop_reason[curves[self.time[curves] >= self.duration * (1 - 1e-12)]] = TIME_STOP
-        self.stop_reason[curves[left]] = BOUNDARY_STOP
+        self.stop_reason[curves[at_boundary]] = BOUNDARY_STOP
         self.stop_reason[curves[stalled]] = STALL_STOP
         self._stop_at_critical_points()
         self._abandon()
@@ -285,8 +285,8 @@ class _CurveIntegrator:
 
     def _report_progress(self) -> None:
         if self.progress is not None:
-            done = np.where(self.stop_reason == "", self.time, self.duration)
-            self.progress(float(done.sum()), len(done) * self.duration)
+            elapsed = np.where(self.stop_reason == "", self.time, self.duration)
+            self.progress(float(elapsed.sum()), len(elapsed) * self.duration)
 
     def _abandon(self) -> None:
         stuck = np.flatnonzero((self.stop_reason == "") & (self.steps >= self.max_steps))
@@ -349,8 +349,8 @@ def default_duration(mesh: TriangleMesh, values: NDArray) -> float:
     speed = float(np.sqrt(np.mean(np.einsum("ij,ij->i", values, values))))
     if not speed > 0:
         raise ParameterError("the field is zero everywhere and has no integral curves; give another field")
-    used = mesh.points[mesh.topology.referenced_vertex]
-    return float(np.linalg.norm(used.max(axis=0) - used.min(axis=0))) / speed
+    points = mesh.points[mesh.topology.referenced_vertex]
+    return float(np.linalg.norm(points.max(axis=0) - points.min(axis=0))) / speed
 
 
 def _end(lines: Traces) -> _CurvePositions:

@@ -128,8 +128,8 @@ def region_signs(mesh: TriangleMesh, curves: EdgeSet) -> NDArray[np.float64] | N
     left = side_direction[directed] > 0  # the face of the side lies on the left of the curve
     vote = np.where(left, -1.0, 1.0) * sign[directed // 3]
     total = np.bincount(face_component[directed // 3], vote, minlength=count)
-    agreed = np.abs(total) == np.bincount(face_component[directed // 3], minlength=count)
-    if not agreed.all():
+    is_consistent = np.abs(total) == np.bincount(face_component[directed // 3], minlength=count)
+    if not is_consistent.all():
         return None
     area = np.bincount(face_component, sign * face_area(mesh.side_length), minlength=count)
     flip = np.where(total != 0, np.sign(total), np.where(area < 0, -1.0, 1.0))

@@ -85,9 +85,9 @@ class VectorHeat:
 
     def _factorise(self, time: float) -> None:
         self.time, mesh = time, self.mesh
-        used = mesh.topology.referenced_vertex
+        referenced = mesh.topology.referenced_vertex
         self._t = time * float(np.mean(mesh.side_length)) ** 2
-        idle = csr_array((np.where(used, 0.0, 1.0), (np.arange(mesh.n_vertices),) * 2))
+        idle = csr_array((np.where(referenced, 0.0, 1.0), (np.arange(mesh.n_vertices),) * 2))
         self._mass = lumped_mass(mesh) + idle
         self._vector = Factor(csc_array(self._mass + self._t * connection_laplacian(mesh)))
         self._scalar: Factor | None = None

@@ -104,9 +104,9 @@ def transport_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) 
             f"vector {vectors[bad[0]].tolist()} has no tangential component at vertex "
             f"{sources.vertex[bad[0]]}; give one that is not normal to the surface"
         )
-    spread = VectorHeat(mesh).transport(sources.vertex, start)
+    transport = VectorHeat(mesh).transport(sources.vertex, start)
     return VertexVectors(
-        {"transported_vector": from_vertex_frames(mesh, spread.vector)},
+        {"transported_vector": from_vertex_frames(mesh, transport.vector)},
         {},
-        {"transport_residual": spread.residual},
+        {"transport_residual": transport.residual},
     )

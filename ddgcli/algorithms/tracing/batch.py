@@ -102,8 +102,10 @@ class TraceBatch:
         inside = b > VERTEX_TOLERANCE
         at_vertex = inside[:, 0].astype(np.int8) + inside[:, 1] + inside[:, 2] == 1
         rest = self.left_over[line] - distance
-        done = np.flatnonzero((rest <= 0) & ~at_vertex)
-        self._finish_in_first_face(line[done], b[done], side[done], u[done], distance[done])
+        ends_here = np.flatnonzero((rest <= 0) & ~at_vertex)
+        self._finish_in_first_face(
+            line[ends_here], b[ends_here], side[ends_here], u[ends_here], distance[ends_here]
+        )
         on = np.flatnonzero((rest > 0) & ~at_vertex)
         self.starts_on_side[line[on]] = distance[on] <= 0
         self._leave(line[on], side[on], u[on], turned[on], rest[on])
@@ -216,15 +218,15 @@ class TraceBatch:
             self.side, self.x, self.heading, self.width
         )
         remaining_length = self.rest - distance
-        done = remaining_length <= 0
+        ends_here = remaining_length <= 0
         plain = (np.minimum(u, beyond_u) > VERTEX_TOLERANCE * exit_length) & (twin >= 0)
         state = (self.line, twin, u + right * (beyond_u - u), turned, remaining_length, exit_length)
         all_plain = bool(plain.all())
-        if all_plain and not done.any():
+        if all_plain and not ends_here.any():
             self._set_state(*state)
             self._record()
             return
-        ended = np.flatnonzero(done)
+        ended = np.flatnonzero(ends_here)
         self.ended.append(
             (*(column.take(ended) for column in self._state()), np.full(len(ended), self.steps))
         )

@@ -97,7 +97,7 @@ class Tracer:
         progress: ProgressCallback | None = None,
     ) -> Traces:  # fmt: skip
         """Trace lines from checked starts (unit directions in the planar frames of the faces)."""
-        batches, done, total = [], 0.0, float(start.length.sum())
+        batches, finished_length, total = [], 0.0, float(start.length.sum())
         for first in range(0, max(len(start.face), 1), BATCH_SIZE):
             starts = start.subset(first, first + BATCH_SIZE)
             batch = TraceBatch(self.unfolding, lambda: self.fans, starts, at_boundary == "reflect", record)
@@ -106,11 +106,11 @@ class Tracer:
                 while len(batch.line) and batch.steps < max_crossings:
                     batch.advance(min(PROGRESS_INTERVAL, max_crossings - batch.steps))
                     if progress is not None:
-                        progress(min(done + batch.traced_length(), total), total)
+                        progress(min(finished_length + batch.traced_length(), total), total)
                 batch.finish()
                 batch.abandon()
             batches.append(batch.result())
-            done += float(starts.length.sum())
+            finished_length += float(starts.length.sum())
         lines = Traces.concatenate(batches)
         abandoned = np.flatnonzero(lines.status == FAILURE_STATUS)
         if len(abandoned):

@@ -135,10 +135,14 @@ def batch_cost(tasks: Sequence[Task], jobs: int) -> dict[str, Any]:
 
 def warn_of_empty_columns(rows: Sequence[TaskRow], collect: Sequence[str]) -> None:
     """Warn of names that no run has in its summary: a misspelt name makes an empty column."""
-    done = [row for row in rows if row.status == "done"]
-    empty = [name for name in collect if done and all(row.collected.get(name) is None for row in done)]
+    completed_rows = [row for row in rows if row.status == "done"]
+    empty = [
+        name
+        for name in collect
+        if completed_rows and all(row.collected.get(name) is None for row in completed_rows)
+    ]
     if empty:
-        command = " ".join(done[0].command.split()[:2])
+        command = " ".join(completed_rows[0].command.split()[:2])
         log.warning(f"no run has {', '.join(empty)}: empty columns; `{command} ... --json` lists the names")
 
 

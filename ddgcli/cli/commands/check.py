@@ -95,7 +95,7 @@ def command(
     from ddgcli.io.mesh_file import WRITERS
 
     run = Run("check", common, formats=(".json", *WRITERS), arrays=arrays, update=update, **tolerances)
-    chosen = {name: value for name, value in tolerances.items() if value}
+    tolerance_options = {name: value for name, value in tolerances.items() if value}
     diff_paths = [path for path in common.outputs if Path(path).suffix.lower() != ".json"]
     if arrays is None and (expected_path is None or diff_paths):
         need = (
@@ -107,7 +107,7 @@ def command(
             raise ParameterError("the command needs EXPECTED.json to compare its summary with; name it first")
         run.set_input(arrays[0], "")  # type: ignore[index]
         check_cost(run, InputSize("surface", 0))
-        compared_arrays = compare_files(run, arrays, {**chosen, "keys": dict(stated)}, diff_paths)
+        compared_arrays = compare_files(run, arrays, {**tolerance_options, "keys": dict(stated)}, diff_paths)
         run.finish(compared_arrays, {}, converged=not compared_arrays["moved"])
         return
     if update and Path(expected_path).suffix.lower() != ".json":
@@ -120,20 +120,20 @@ def command(
     summary, exit_code = summary_of(words)
     from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare
 
-    chosen = {**stored.get("tolerances", {}), **chosen}
-    chosen["keys"] = {**chosen.get("keys", {}), **dict(stated)}
+    tolerance_options = {**stored.get("tolerances", {}), **tolerance_options}
+    tolerance_options["keys"] = {**tolerance_options.get("keys", {}), **dict(stated)}
     if update:
         store(run, expected_path, words, stored, summary)
         run.finish({"run": list(words), "run_exit_code": exit_code, "stored": True}, {})
         return
     try:
-        moved, compared = compare(stored["summary"], summary, Tolerances(**chosen))
+        moved, compared = compare(stored["summary"], summary, Tolerances(**tolerance_options))
     except RecursionError:
         raise MeshFileError(f"{expected_path}: nested too deeply; store it anew with --update") from None
     for path in set(common.outputs) - set(diff_paths):
         run.write_bytes(path, json.dumps(summary, indent=1, ensure_ascii=False).encode() + b"\n")
     if arrays is not None:
-        further = compare_files(run, arrays, chosen, diff_paths)
+        further = compare_files(run, arrays, tolerance_options, diff_paths)
         moved, compared = [*moved, *further["moved"]], compared + further["compared"]
     results = {"run": list(words), "run_exit_code": exit_code, "compared": compared, "moved": moved}
     run.finish(results, {}, converged=not moved)
@@ -253,16 +253,16 @@ def summary_of(words: tuple[str, ...]) -> tuple[dict[str, Any], int]:
         raise ParameterError("check cannot run itself, which would never end; write another command after --")
     call = [sys.executable, "-m", "ddgcli", *words, *([] if "--json" in words else ["--json"])]
     try:
-        done = subprocess.run(call, capture_output=True, encoding="utf-8", errors="replace")
+        process = subprocess.run(call, capture_output=True, encoding="utf-8", errors="replace")
     except (OSError, ValueError) as error:
         raise ParameterError(f"the command cannot be run ({excerpt(error)}); correct its words") from error
     try:
-        summary = json.loads(done.stdout) if done.returncode in (0, 1) else None
+        summary = json.loads(process.stdout) if process.returncode in (0, 1) else None
     except (ValueError, RecursionError):
         summary = None
     if not isinstance(summary, dict):
-        last = (done.stderr.strip().splitlines() or ["no summary"])[-1]
+        last = (process.stderr.strip().splitlines() or ["no summary"])[-1]
         raise ParameterError(
-            f"the command ended with exit code {done.returncode}: {last.removeprefix('Error: ')}"
+            f"the command ended with exit code {process.returncode}: {last.removeprefix('Error: ')}"
         )
-    return summary, done.returncode
+    return summary, process.returncode

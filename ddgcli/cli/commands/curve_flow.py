@@ -64,10 +64,10 @@ def command(
       ddgcli curve-flow ellipse.csv -o circle.vtkhdf --flow area-preserving
       ddgcli curve-flow trefoil.obj --flow elastic --plot trefoil.png
     """
-    chosen: dict[str, Any] = {"flow": flow, "redistribute": redistribute}
+    flow_options: dict[str, Any] = {"flow": flow, "redistribute": redistribute}
     if length_penalty is not None:
-        chosen["length_penalty"] = length_penalty
-    run = Run("curve-flow", common, **overrides, **chosen)
+        flow_options["length_penalty"] = length_penalty
+    run = Run("curve-flow", common, **overrides, **flow_options)
     source = run.read(mesh_path, accept=("curve",))
     from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
     from ddgcli.cli.simulation.simulate import Job, simulate
@@ -77,9 +77,9 @@ def command(
 
     curves = setup.without_repeated_points(cast(CurveSet, source.mesh))
     bounded = any(overrides.get(name) for name in ("steps", "duration"))
-    curve_flow, model = setup.build(curves, setup.CurveFlowOptions(**chosen, stop_at_rest=not bounded))
+    curve_flow, model = setup.build(curves, setup.CurveFlowOptions(**flow_options, stop_at_rest=not bounded))
     schedule = setup.schedule(curve_flow, overrides)
-    resolved, digest = fingerprint({"options": chosen, "time": overrides}, {"mesh": source.sha256})
+    resolved, digest = fingerprint({"options": flow_options, "time": overrides}, {"mesh": source.sha256})
     check_unchanged(resume, resolved)
     unit = "L⁴" if flow == "elastic" else "L²"  # L: the input's length unit
     job = Job(

@@ -125,10 +125,10 @@ def products_of(run: Run, source: MeshInput, products: dict[str, Any], path: str
         edge["edges"] = mesh.edges if isinstance(mesh, TetMesh) else mesh.topology.edges
     if whole and isinstance(mesh, TetMesh):
         whole["triangles"] = mesh.triangles
-    lost = [*computed.edge, *computed.triangle]
-    if lost and Path(path).suffix.lower() not in ALL_DEGREES:
+    names = [*computed.edge, *computed.triangle]
+    if names and Path(path).suffix.lower() not in ALL_DEGREES:
         log.warning(f"{path}: the format holds no arrays on {'triangles' if computed.triangle else 'edges'} "
-                    f"({', '.join(lost)}); write .npz or .vtkhdf to keep them")  # fmt: skip
+                    f"({', '.join(names)}); write .npz or .vtkhdf to keep them")  # fmt: skip
     run.write_file(
         path, AnnotatedMesh(mesh, vertex=computed.vertex, edge=edge, face=computed.face, whole=whole)
     )

@@ -92,7 +92,7 @@ class Fluids:
         self.largest, self.glyphs = 0.0, glyphs
 
     @cached_property
-    def built(self) -> dict[str, Any]:
+    def fluids(self) -> dict[str, Any]:
         from ddgcli.models.fluid import model
 
         return model.build(self.scene, self.contexts, self.account)
@@ -100,16 +100,16 @@ class Fluids:
     def assembled(self, schedule: Schedule) -> dict[str, Any]:
         from ddgcli.models.fluid import report
 
-        return report.assembled(self.scene, self.built, schedule, self.account)
+        return report.assembled(self.scene, self.fluids, schedule, self.account)
 
     def cost_facts(self) -> dict[str, Any]:
         return {}
 
     def step_limit(self) -> float:
-        return min((fluid.step_limit() for fluid in self.built.values()), default=math.inf)
+        return min((fluid.step_limit() for fluid in self.fluids.values()), default=math.inf)
 
     def models(self) -> dict[str, Model]:
-        return {name: fluid.model() for name, fluid in self.built.items()}
+        return {name: fluid.model() for name, fluid in self.fluids.items()}
 
     def face(self) -> dict[str, Any]:
         from ddgcli.models.fluid import report
@@ -131,7 +131,7 @@ class Fluids:
 
         reach = self.largest or 1.0  # vortices are small and count: no robust limits
         # vorticity at rough walls is large, that of volumes a length: robust limits there
-        robust = any(fluid.setting.no_slip or fluid.context.is_volume for fluid in self.built.values())
+        robust = any(fluid.setting.no_slip or fluid.context.is_volume for fluid in self.fluids.values())
         limits = None if robust else (-reach, reach)
         return Picture(
             "vorticity", "vorticity [1/s]", limits, shown=~wraps(list(self.meshes.values())),
@@ -146,6 +146,6 @@ class Fluids:
         from ddgcli.models.fluid import report
 
         self.largest = outcome.largest.get("vorticity", 0.0)
-        results, accuracy = report.summary(outcome, self.built)
+        results, accuracy = report.summary(outcome, self.fluids)
         reason = {"stopped_because": outcome.failure} if outcome.failure else {}
         return {**results, **reason}, accuracy

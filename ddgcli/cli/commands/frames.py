@@ -87,10 +87,10 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
         run_file = Trajectory(path)
     with run_file as source:
         run.set_input(path, str(source.attributes.get("input_sha256", "")), **input_facts(source.mesh))
-        chosen = _frame_numbers(source, settings)
+        frame_numbers = _frame_numbers(source, settings)
         for output in common.outputs:
-            _check_numbering(output, 1 if settings["paths"] else len(chosen))
-        exported = chosen if common.outputs else []
+            _check_numbering(output, 1 if settings["paths"] else len(frame_numbers))
+        exported = frame_numbers if common.outputs else []
         drawn = {".png", ".svg", ".pdf", *ANIMATIONS} & {
             Path(output).suffix.lower() for output in common.outputs
         }
@@ -98,10 +98,10 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
         check_cost(run, size, {"pictures": bool(drawn)})
         for output in common.outputs:
             if settings["paths"]:
-                run.write_file(output, _paths(source, chosen))
+                run.write_file(output, _paths(source, frame_numbers))
             else:
-                _export(run, source, output, chosen, settings)
-        run.plot(lambda target: _draw_plot(target, source, chosen, settings))
+                _export(run, source, output, frame_numbers, settings)
+        run.plot(lambda target: _draw_plot(target, source, frame_numbers, settings))
         results = {
             "frames": source.n_frames,
             "status": source.attributes.get("status"),
@@ -112,7 +112,7 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
             "arrays": sorted(source.vertex(0)),
             "scalars": sorted(source.scalars),
         }
-    run.finish(results, {"time_mismatch": _time_mismatch(source, chosen, settings)})
+    run.finish(results, {"time_mismatch": _time_mismatch(source, frame_numbers, settings)})
 
 
 def _check_picture_options(common: CommonOptions, settings: dict[str, Any]) -> None:
@@ -158,48 +158,54 @@ def _frame_numbers(source: Trajectory, settings: dict[str, Any]) -> list[int]:
     return inside[:: settings["every"]]
 
 
-def _time_mismatch(source: Trajectory, chosen: list[int], settings: dict[str, Any]) -> float:
+def _time_mismatch(source: Trajectory, frame_numbers: list[int], settings: dict[str, Any]) -> float:
     """Difference between the time of the exported frame and --at [s]."""
-    return 0.0 if settings["time"] is None else abs(float(source.times[chosen[0]]) - settings["time"])
+    return 0.0 if settings["time"] is None else abs(float(source.times[frame_numbers[0]]) - settings["time"])
 
 
-def _export(run: Run, source: Trajectory, output: str, chosen: list[int], settings: dict[str, Any]) -> None:
+def _export(
+    run: Run, source: Trajectory, output: str, frame_numbers: list[int], settings: dict[str, Any]
+) -> None:
     from ddgcli.plots.page import FORMATS
 
     suffix = Path(output).suffix.lower()
     if suffix == ".pvd":
-        _series(run, source, output, chosen)
+        _series(run, source, output, frame_numbers)
     elif suffix in ANIMATIONS:
         from ddgcli.plots.motion import draw_animation
 
         progress = run.progress("frames")
         with run.drawing(output, progress=False) as partial:
             draw_animation(
-                partial, _plot_frames(source, chosen, settings), _style(source, chosen, settings),
-                settings["fps"] or 25.0, settings["size"], lambda done: progress(done, len(chosen)),
+                partial,
+                _plot_frames(source, frame_numbers, settings),
+                _style(source, frame_numbers, settings),
+                settings["fps"] or 25.0,
+                settings["size"],
+                lambda n_drawn: progress(n_drawn, len(frame_numbers)),
                 settings["jobs"] or 1,
-            )  # fmt: skip
+            )
     elif suffix in FORMATS:
-        _pictures(run, source, output, chosen, settings)
+        _pictures(run, source, output, frame_numbers, settings)
     else:
-        span, progress = _colour_range(run, source, chosen), run.progress("frames")
-        for number, k in enumerate(chosen):
+        span, progress = _colour_range(run, source, frame_numbers), run.progress("frames")
+        for number, k in enumerate(frame_numbers):
             run.write_file(_numbered(output, number), _annotated(source, k), colour_range=span)
-            progress(number + 1, len(chosen))
+            progress(number + 1, len(frame_numbers))
 
 
-def _colour_range(run: Run, source: Trajectory, chosen: list[int]) -> tuple[float, float, bool] | None:
+def _colour_range(run: Run, source: Trajectory, frame_numbers: list[int]) -> tuple[float, float, bool] | None:
     """Range of the array of --colors over all exported frames."""
     name = run.common.colors
-    if name is None or name not in source.vertex(chosen[0]):
+    if name is None or name not in source.vertex(frame_numbers[0]):
         return None
     import numpy as np
 
     from ddgcli.cli.simulation.plot import magnitude
     from ddgcli.plots.colour import is_signed, robust_limits
 
-    values = np.concatenate([magnitude(source.vertex(k)[name]) for k in chosen])
-    return robust_limits(values, is_signed(name, source.vertex(chosen[0])[name].ndim))
+    values = np.concatenate([magnitude(source.vertex(k)[name]) for k in frame_numbers])
+    return robust_limits(values, is_signed(name, source.vertex(frame_numbers[0])[name].ndim))
 
 
 def _check_numbering(output: str, count: int) -> None:
@@ -233,44 +239,46 @@ def _annotated(source: Trajectory, k: int) -> AnnotatedMesh:
     return AnnotatedMesh(source.mesh_at(k), vertex=source.vertex(k), face=source.face(k), metadata=metadata)
 
 
-def _paths(source: Trajectory, chosen: list[int]) -> AnnotatedMesh:
+def _paths(source: Trajectory, frame_numbers: list[int]) -> AnnotatedMesh:
     from ddgcli.io.trajectories.paths import particle_paths
     from ddgcli.mesh.fields import AnnotatedMesh
 
-    paths = particle_paths(source, chosen)
+    paths = particle_paths(source, frame_numbers)
     return AnnotatedMesh(paths, vertex=paths.point_arrays, metadata={"trajectory": source.path})
 
 
-def _pictures(run: Run, source: Trajectory, output: str, chosen: list[int], settings: dict[str, Any]) -> None:
+def _pictures(
+    run: Run, source: Trajectory, output: str, frame_numbers: list[int], settings: dict[str, Any]
+) -> None:
     """Draw the frame of --at, or every frame as name_0000.png, name_0001.png, ..."""
     from ddgcli.plots.motion import draw_frames
 
     with run.clock.timed("write"):
-        style = _style(source, chosen, settings)
+        style = _style(source, frame_numbers, settings)
     target, progress = Path(output), run.progress("frames")
-    jobs = min(settings["jobs"] or 1, len(chosen))
+    jobs = min(settings["jobs"] or 1, len(frame_numbers))
     with tempfile.TemporaryDirectory() as folder:
         pictures = draw_frames(
-            _plot_frames(source, chosen, settings), style, folder, target.suffix.lower(),
+            _plot_frames(source, frame_numbers, settings), style, folder, target.suffix.lower(),
             options.page_size(settings["size"]), jobs,
         )  # fmt: skip
-        for k in range(len(chosen)):
+        for k in range(len(frame_numbers)):
             name = _numbered(output, k)
             if name == output and settings["time"] is None:
                 name = str(target.with_name(f"{target.stem}_{k:04d}{target.suffix}"))
             with run.drawing(name, progress=False) as partial:
                 shutil.move(next(pictures), partial)
-            progress(k + 1, len(chosen))
+            progress(k + 1, len(frame_numbers))
 
 
-def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> None:
+def _series(run: Run, source: Trajectory, output: str, frame_numbers: list[int]) -> None:
     """Write a .pvd and, in a folder of its name, one .vtp for each frame and one for each obstacle."""
     from ddgcli.mesh.fields import AnnotatedMesh
 
     folder = Path(output).with_suffix("")
     folder.mkdir(exist_ok=True)
     written = []
-    for k in chosen:
+    for k in frame_numbers:
         frame_meshes = {f"frame_{k:05d}": _annotated(source, k)}
         obstacles = source.obstacles(k).items()
         frame_meshes |= {f"obstacle_{n:02d}_{k:05d}": AnnotatedMesh(m) for n, (_, m) in enumerate(obstacles)}
@@ -283,14 +291,16 @@ def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> Non
     run.write_bytes(output, pvd_text(written).encode())
 
 
-def _plot_frames(source: Trajectory, chosen: list[int], settings: dict[str, Any]) -> Iterator[PlotFrame]:
+def _plot_frames(
+    source: Trajectory, frame_numbers: list[int], settings: dict[str, Any]
+) -> Iterator[PlotFrame]:
     from ddgcli.cli.simulation.plot import glyphs_of_velocity, magnitude, particle_lines, visible_part
     from ddgcli.plots.motion import PlotFrame
 
     name = _array_name(source, settings)
     hidden = source.face(0).get("wraps")  # faces of a periodic grid that would span the picture
     shown = None if hidden is None else hidden == 0
-    for k in chosen:
+    for k in frame_numbers:
         values = magnitude(source.vertex(k)[name]) if name else None
         whole, time = source.mesh_at(k), float(source.times[k])
         # of fluids; the velocity of a shell is seen in its motion
@@ -314,28 +324,32 @@ def _array_name(source: Trajectory, settings: dict[str, Any]) -> str | None:
     )
 
 
-def _style(source: Trajectory, chosen: list[int], settings: dict[str, Any]) -> SequenceStyle:
+def _style(source: Trajectory, frame_numbers: list[int], settings: dict[str, Any]) -> SequenceStyle:
     from ddgcli.plots.colour import is_signed
     from ddgcli.plots.motion import sequence_style
 
     name = _array_name(source, settings)
     unit = str(source.attributes.get("time_unit", "s"))
-    signed = None if name is None else is_signed(name, source.vertex(chosen[0])[name].ndim)
+    signed = None if name is None else is_signed(name, source.vertex(frame_numbers[0])[name].ndim)
     return sequence_style(
-        _plot_frames(source, chosen, settings), name or "", settings["view"], signed=signed, time_unit=unit
+        _plot_frames(source, frame_numbers, settings),
+        name or "",
+        settings["view"],
+        signed=signed,
+        time_unit=unit,
     )
 
 
-def _draw_plot(target: str, source: Trajectory, chosen: list[int], settings: dict[str, Any]) -> None:
+def _draw_plot(target: str, source: Trajectory, frame_numbers: list[int], settings: dict[str, Any]) -> None:
     from ddgcli.cli.simulation.plot import energy_series
     from ddgcli.plots.motion import draw_motion
 
     series = energy_series(source.times, source.scalars)
     draw_motion(
         target,
-        list(_plot_frames(source, chosen, settings)),
+        list(_plot_frames(source, frame_numbers, settings)),
         series,
-        _style(source, chosen, settings),
+        _style(source, frame_numbers, settings),
         "energy",
         **options.page_size(settings["size"], 9.0),
     )

@@ -43,7 +43,7 @@ from ddgcli.errors import ParameterError
 @click.option("--cut-to-disk", is_flag=True, help="Cut every component open to a disk.")
 @click.option("--for", "for_command", metavar="COMMAND", help="The steps that COMMAND needs.")
 @options.common
-def command(mesh_path: str, common: CommonOptions, for_command: str | None, **chosen: Any) -> None:
+def command(mesh_path: str, common: CommonOptions, for_command: str | None, **steps: Any) -> None:
     """Repair the surface MESH and write it with maps to the input.
 
     Every step has a flag; nothing else is changed. Steps run in this order: --weld, --drop-degenerate,
@@ -58,17 +58,23 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **ch
       ddgcli repair part.stl --split-fans --orient --fill-holes 40 -o closed.ply
       ddgcli repair torus.ply --cut-to-disk -o disk.obj
     """
-    run = Run("repair", common, for_command=for_command, **chosen)
-    if for_command is not None and any(value not in (None, False) for value in chosen.values()):
+    run = Run("repair", common, for_command=for_command, **steps)
+    if for_command is not None and any(value not in (None, False) for value in steps.values()):
         raise ParameterError("--for selects the steps; leave the other flags out")
     source = run.read(mesh_path)
-    from ddgcli.algorithms.repair.pipeline import RepairSteps, carried, refusals, repair_mesh, steps_for
+    from ddgcli.algorithms.repair.pipeline import (
+        RepairSteps,
+        refusals,
+        repair_mesh,
+        repaired_array,
+        steps_for,
+    )
     from ddgcli.mesh.fields import AnnotatedMesh
 
     mesh = source.surface
-    repaired, changes = repair_mesh(mesh, steps_for(for_command) if for_command else RepairSteps(**chosen))
-    vertex = {name: carried(values, repaired.input_vertex) for name, values in source.vertex.items()}
-    face = {name: carried(values, repaired.input_face) for name, values in source.face.items()}
+    repaired, changes = repair_mesh(mesh, steps_for(for_command) if for_command else RepairSteps(**steps))
+    vertex = {name: repaired_array(values, repaired.input_vertex) for name, values in source.vertex.items()}
+    face = {name: repaired_array(values, repaired.input_face) for name, values in source.face.items()}
     vertex |= {"input_vertex": repaired.input_vertex}
     face |= {"input_face": repaired.input_face}
     annotated = AnnotatedMesh(

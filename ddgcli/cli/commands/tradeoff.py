@@ -155,9 +155,9 @@ def command(
 
     progress = run.progress("tradeoff")
     table = run_problem(problem, repeat=repeat, budget=budget, began=run.clock.began, progress=progress)
-    chosen = assign_verdicts(table, within, norm)
+    cheapest = assign_verdicts(table, within, norm)
     results = results_of(
-        table, problem, partial(row_command, compared, call), cheapest=chosen, within=within, norm=norm
+        table, problem, partial(row_command, compared, call), cheapest=cheapest, within=within, norm=norm
     )
     write(run, results)
     if table.rows:
@@ -165,7 +165,7 @@ def command(
     run.finish(
         results,
         {"reference_uncertainty": results["reference_uncertainty"]},
-        converged=not table.interrupted and (within is None or chosen is not None),
+        converged=not table.interrupted and (within is None or cheapest is not None),
         text=text_table(table, problem, results),
         exit_code=130 if table.interrupted else 1,
     )
@@ -183,7 +183,7 @@ def _problem(run: Run, compared: str, call: CommandCall, truth: str | None, erro
     from ddgcli.tradeoff.truths import parse_truth
 
     mesh = run.read(call.path).surface
-    known = parse_truth(truth, mesh.points) if truth else None
+    known_truth = parse_truth(truth, mesh.points) if truth else None
     keywords: dict[str, Any] = {"error_part": error_part} if compared in SIMULATORS else {}
     if compared == "geodesic" and any(name in call.options for name in SOURCE_OPTIONS):
         from ddgcli.algorithms.geodesics.distance_query import query_sources
@@ -191,7 +191,7 @@ def _problem(run: Run, compared: str, call: CommandCall, truth: str | None, erro
 
         named = {name: call.options[name] for name in SOURCE_OPTIONS if name in call.options}
         keywords["sources"] = query_sources(mesh, DistanceQuery(**named))
-    return mesh_problem(compared, mesh, truth=known, options=call.options, **keywords)
+    return mesh_problem(compared, mesh, truth=known_truth, options=call.options, **keywords)
 
 
 def _map_problem(run: Run, compared: str, call: CommandCall, truth: str | None) -> Problem:

@@ -89,8 +89,10 @@ def command(
       ddgcli willmore-flow bumpy.obj --dt 1e-4 --duration 0.05 -o run.vtkhdf
       ddgcli willmore-flow cap.off --boundary clamped --fix-area --report-energy all
     """
-    chosen = {k: v for k, v in parameters.items() if v} | ({"subdivide": subdivide} if subdivide else {})
-    run = Run("willmore-flow", common, **overrides, **chosen)
+    stated_options = {k: v for k, v in parameters.items() if v} | (
+        {"subdivide": subdivide} if subdivide else {}
+    )
+    run = Run("willmore-flow", common, **overrides, **stated_options)
     source = run.read(mesh_path, flat_faces=True, subdivide=subdivide)
     from ddgcli.cli.simulation.plot import Picture, draw_run
     from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint

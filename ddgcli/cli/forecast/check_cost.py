@@ -50,12 +50,12 @@ def predict_run(run: Any, size: InputSize, options: Mapping[str, Any] | None = N
     from ddgcli.cli.forecast.prediction import predict
 
     common = run.common
-    chosen = {**run.options, **(options or {})}
+    all_options = {**run.options, **(options or {})}
     full = common.exceeds_short_summary
-    uses = kernels_of(run.command, chosen, size, common.outputs, common.plot is not None, full)
+    uses = kernels_of(run.command, all_options, size, common.outputs, common.plot is not None, full)
     prediction = predict(uses, size, calibrate=common.dry_run)
     if run.command == "tradeoff":  # as many methods and repetitions as the budget allows
-        return replace(prediction, seconds=prediction.read_seconds + chosen["budget"])
+        return replace(prediction, seconds=prediction.read_seconds + all_options["budget"])
     return prediction
 
 
@@ -94,10 +94,10 @@ def dry_run_of(words: Sequence[str]) -> dict[str, Any]:
     import sys
 
     call = [sys.executable, "-m", "ddgcli", *words, "--dry-run", "--json"]
-    done = subprocess.run(call, capture_output=True, encoding="utf-8", errors="replace")
+    process = subprocess.run(call, capture_output=True, encoding="utf-8", errors="replace")
     try:
-        answer = json.loads(done.stdout)
+        answer = json.loads(process.stdout)
         return answer.get("prediction") or answer["results"]
     except (ValueError, KeyError, AttributeError):
-        last = (done.stderr.strip().splitlines() or ["no prediction"])[-1]
+        last = (process.stderr.strip().splitlines() or ["no prediction"])[-1]
         raise ParameterError(excerpt(last.removeprefix("Error: "), 300)) from None

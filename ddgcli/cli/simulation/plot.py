@@ -107,8 +107,8 @@ def glyphs_of_velocity(mesh: Any, vectors: NDArray | None, style: str, shown: ND
     faces = visible_part(mesh, shown).faces
     if style == "streamlines":
         return Glyphs(mesh.points, np.asarray(vectors, dtype=np.float64), faces=faces)
-    seen = np.unique(faces)
-    return Glyphs(np.asarray(mesh.points)[seen], np.asarray(vectors, dtype=np.float64)[seen])
+    vertices = np.unique(faces)
+    return Glyphs(np.asarray(mesh.points)[vertices], np.asarray(vectors, dtype=np.float64)[vertices])
 
 
 LONGEST_STEP = 0.5  # of the size of a periodic grid: a longer step of a particle crosses its sides

@@ -89,8 +89,10 @@ def _candidate(mesh: TriangleMesh, k: int, operator: str, kind: str, level: int)
 
 def eigenvalues(laplacian: LaplaceOperator, k: int) -> NDArray[np.float64]:
     """(k,) smallest eigenvalues of an operator."""
-    used = laplacian.used
-    return smallest_eigenpairs(laplacian.stiffness[used][:, used], laplacian.mass[used][:, used], k).values
+    vertices = laplacian.referenced_vertices
+    return smallest_eigenpairs(
+        laplacian.stiffness[vertices][:, vertices], laplacian.mass[vertices][:, vertices], k
+    ).values
 
 
 def _refined_reference(mesh: TriangleMesh, k: int, levels: int) -> Reference:

@@ -178,11 +178,11 @@ class Bundles:
             halted |= self.halt.take(place[0] // 3)
             left &= ~halted
             right &= ~halted
-        chosen = [which.nonzero()[0] for which in (left, ~(left | right | halted), right, halted)]
-        (left, split, right, halted) = ((bundle.take(i, axis=1), place.take(i, axis=1)) for i in chosen)
+        rows = [which.nonzero()[0] for which in (left, ~(left | right | halted), right, halted)]
+        (left, split, right, halted) = ((bundle.take(i, axis=1), place.take(i, axis=1)) for i in rows)
         n_left = len(left[1][0])
-        if len(chosen[1]):
-            split, between, n_split_left = self._parted(*split, x.take(chosen[1]), y.take(chosen[1]))
+        if len(rows[1]):
+            split, between, n_split_left = self._parted(*split, x.take(rows[1]), y.take(rows[1]))
             left, n_left, halted = _joined(left, split), n_left + n_split_left, _joined(between, halted)
         self._hand_on(*_joined(left, right), n_left)
         return self._free(*halted)

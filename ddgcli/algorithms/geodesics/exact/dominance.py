@@ -65,10 +65,10 @@ def dominate(
         lines[1, i[root[~forward]] + 1] = hi_r[~forward]
     lines[0, i[p_wins] + 1] = hi[p_wins]
     lines[1, i[q_wins]] = lo[q_wins]
-    kept = (lines[1] - lines[0] > DOMINANCE_TOLERANCE).nonzero()[0]
-    if len(kept) == len(side):
+    nonempty = (lines[1] - lines[0] > DOMINANCE_TOLERANCE).nonzero()[0]
+    if len(nonempty) == len(side):
         return lines, where
-    return lines.take(kept, axis=1), where.take(kept, axis=1)
+    return lines.take(nonempty, axis=1), where.take(nonempty, axis=1)
 
 
 def _gap(x: NDArray, p: tuple, q: tuple) -> NDArray[np.float64]:

@@ -92,7 +92,7 @@ def _propagate(
     """Propagate strips across their faces: update the apex, then push the children that the filter keeps."""
     tables = wavefront.tables
     side, origin, crossings = where
-    carried = np.stack([origin, crossings + 1])
+    origin_and_crossings = np.stack([origin, crossings + 1])
     inside = crossings < max_crossings
     b0, b1, ux, uy, c = lines
     shape, ids = tables.shape.take(side, axis=0).T, tables.ids.take(side, axis=0).T
@@ -114,7 +114,9 @@ def _propagate(
     detour = np.hypot(length[left] - t0 * along, t0 * up)
     keep = inside[left] & _keep(t0, t1, r0, r1, edge, near[left], apex[left], far[left] + detour)
     left_by = 3 * (side[left] // 3) + (side[left] + 2) % 3
-    _push(tables, pool, np.stack(child), left_by, left, ids[3], carried, np.minimum(r0, r1), keep)
+    _push(
+        tables, pool, np.stack(child), left_by, left, ids[3], origin_and_crossings, np.minimum(r0, r1), keep
+    )
 
     right = (at < b1).nonzero()[0]
     x0, x1, rest = np.maximum(b0, at)[right], b1[right], length[right] - at[right]
@@ -128,7 +130,9 @@ def _propagate(
     # seen from the other end of the side: s is measured from v1
     keep = inside[right] & _keep(s0, s1, r1, r0, edge, far[right], apex[right], near[right] + detour)
     left_by = 3 * (side[right] // 3) + (side[right] + 1) % 3
-    _push(tables, pool, np.stack(child), left_by, right, ids[4], carried, np.minimum(r0, r1), keep)
+    _push(
+        tables, pool, np.stack(child), left_by, right, ids[4], origin_and_crossings, np.minimum(r0, r1), keep
+    )
 
 
 def _keep(
@@ -146,15 +150,20 @@ def _keep(
 
 def _push(
     tables: WindowTables, pool: WindowPool, child: NDArray, left_by: NDArray, parent: NDArray,
-    code: NDArray, carried: NDArray, key: NDArray, keep: NDArray,
+    code: NDArray, origin_and_crossings: NDArray, key: NDArray, keep: NDArray,
 ) -> None:  # fmt: skip
     """Push children into the neighbouring faces; `child` is in the frame that runs against side `left_by`.
 
-    `carried` holds origins and numbers of crossed faces.
+    Rows of `origin_and_crossings`: the source of each window, and the number of faces it crossed.
     """
-    code, carried = code[parent], carried[:, parent]
+    code, origin_and_crossings = code[parent], origin_and_crossings[:, parent]
     rows = (keep & (code != BOUNDARY)).nonzero()[0]
-    child, code, carried, key = child[:, rows], code[rows], carried[:, rows], key[rows]
+    child, code, origin_and_crossings, key = (
+        child[:, rows],
+        code[rows],
+        origin_and_crossings[:, rows],
+        key[rows],
+    )
     left_by = left_by[rows]
     child[3] = np.maximum(child[3], MIN_DIRECTION_HEIGHT)
     flip = np.zeros(len(code), dtype=bool)
@@ -163,12 +172,16 @@ def _push(
     many = code < BOUNDARY
     if many.any():
         row, beyond, same_way = tables.across_many(left_by[many])
-        chosen = np.concatenate([np.flatnonzero(~many), np.flatnonzero(many)[row]])
+        source_rows = np.concatenate([np.flatnonzero(~many), np.flatnonzero(many)[row]])
         code, flip = np.concatenate([code[~many], beyond]), np.concatenate([flip[~many], same_way])
-        child, carried, key = child[:, chosen], carried[:, chosen], key[chosen]
+        child, origin_and_crossings, key = (
+            child[:, source_rows],
+            origin_and_crossings[:, source_rows],
+            key[source_rows],
+        )
     i = flip.nonzero()[0]
     if len(i):
         width = tables.shape[code[i], 0]
         b0, b1, ux, _, c = child[:, i]
         child[0, i], child[1, i], child[2, i], child[4, i] = width - b1, width - b0, -ux, c + width * ux
-    pool.push(child, np.concatenate([code[None], carried]), key)
+    pool.push(child, np.concatenate([code[None], origin_and_crossings]), key)
