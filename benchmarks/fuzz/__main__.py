@@ -13,33 +13,36 @@ import argparse
 import sys
 from pathlib import Path
 
-from benchmarks.fuzz.inputs import kinds
-from benchmarks.fuzz.ledger import add_to_ledger, next_seed
-from benchmarks.fuzz.run import fuzz_in_processes
+from benchmarks.fuzz.coverage import LineCoverage
 
 
 def main() -> int:
     """Try every kind; 1 where an input escapes."""
+    blind = "--blind" in sys.argv
+    coverage = None if blind else LineCoverage()
+    if coverage is not None:
+        coverage.start()  # before the modules that it counts are imported
+    from benchmarks.fuzz.inputs import kinds
+    from benchmarks.fuzz.ledger import add_to_ledger, next_seed
+    from benchmarks.fuzz.run import fuzz_in_processes
+
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--format", choices=list(kinds()), help="one kind only")
     parser.add_argument("--seconds", type=float, default=5.0, help="of processor time, for each kind")
     parser.add_argument("--seed", type=int, help="0, or with --store the next one")
     parser.add_argument("--store", action="store_true", help="add the counts to the ledger")
+    parser.add_argument("--blind", action="store_true", help="mutate the valid inputs only, count no lines")
+    parser.add_argument("--unguided", action="store_true", help="mutate the valid inputs only, count lines")
     options = parser.parse_args()
     bad = 0
     for kind in kinds().values():
         if options.format not in (None, kind.name):
             continue
         seed = options.seed if options.seed is not None else next_seed(kind.name) if options.store else 0
-        account = fuzz_in_processes(kind, options.seconds, seed)
-        print(
-            f"{kind.name:12s} {account.inputs:7d} inputs, {account.accepted:6d} accepted, "
-            f"{account.refused:7d} refused, {len(account.escapes)} escapes, {account.cpu_seconds:.1f} s, "
-            f"slowest {account.slowest:.2f} s",
-            flush=True,
-        )
+        account = fuzz_in_processes(kind, options.seconds, seed, coverage, guided=not options.unguided)
+        print(f"{kind.name:12s} {account}", flush=True)
         if options.store:
-            add_to_ledger(kind.name, account)
+            add_to_ledger(kind.name, account, guided=not (blind or options.unguided))
         for number, (message, data) in enumerate(account.escapes):
             folder = Path("build/fuzz")
             folder.mkdir(parents=True, exist_ok=True)

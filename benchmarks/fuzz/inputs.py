@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import os
+import random
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterator
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from benchmarks.fuzz.seeds import EXPECTED_SUMMARY, EXPRESSIONS, FLUID_SCENES, ROW, SCENES
 from ddgcli.errors import DdgError, MeshFileError
 
+SECONDS_FOR_ONE = 20.0  # of processor time, for inputs of some kilobytes
 MAX_STEPS = 100  # of a scene in a trial
 LONGEST_EXCERPT = 500  # characters of a refusal of an expression
 
@@ -33,12 +35,18 @@ class Kind:
     guarded : bool
         Its reader runs in a process of its own, which a trial of many inputs leaves out: the input that
         stops such a trial is read again as the program reads it.
+    random_input : callable, optional
+        Makes a valid input from random numbers; else the valid inputs of `seeds` are mutated.
+    cpu_seconds : float
+        Processor time that an input may take.
     """
 
     name: str
     seeds: Callable[[], list[bytes]]
     reader: Callable[[], Callable[[bytes], object]]
     guarded: bool = False
+    random_input: Callable[[random.Random], bytes] | None = None
+    cpu_seconds: float = SECONDS_FOR_ONE
 
     @contextlib.contextmanager
     def without_guard(self) -> Iterator[None]:

@@ -12,7 +12,7 @@ LEDGER = Path(__file__).parent / "ledger.json"
 
 
 def ledger() -> dict[str, dict[str, Any]]:
-    """Runs, inputs, accepted, refused, escapes, cpu_seconds and slowest of every kind."""
+    """Runs, inputs (`guided` of them by coverage), results, lines, cpu_seconds and slowest."""
     return json.loads(LEDGER.read_text(encoding="utf-8")) if LEDGER.is_file() else {}
 
 
@@ -21,16 +21,21 @@ def next_seed(name: str) -> int:
     return ledger().get(name, {}).get("runs", 0) + 1
 
 
-def add_to_ledger(name: str, account: Account) -> None:
-    """Add the counts of one run of a kind."""
+def add_to_ledger(name: str, account: Account, guided: bool = False) -> None:
+    """Add the counts of one run of a kind; `guided` by the lines that inputs reach."""
     every = ledger()
     row = every.setdefault(name, {})
     counts = {"runs": 1, "inputs": account.inputs, "accepted": account.accepted, "refused": account.refused}
     counts["escapes"] = account.inputs - account.accepted - account.refused
+    if guided:
+        counts["guided"] = account.inputs
     for key, value in counts.items():
         row[key] = row.get(key, 0) + value
     row["cpu_seconds"] = round(row.get("cpu_seconds", 0.0) + account.cpu_seconds, 1)
     row["slowest"] = max(row.get("slowest", 0.0), round(account.slowest, 2))
+    for key in ("lines_of_seeds", "lines"):  # of the latest run that counted them: they belong to its code
+        if getattr(account, key):
+            row[key] = getattr(account, key)
     whole = LEDGER.with_suffix(".part")
     whole.write_text(json.dumps(every, indent=1) + "\n", encoding="utf-8")
     whole.replace(LEDGER)

@@ -1,7 +1,8 @@
 """The trial of mutated inputs: each is accepted, refused by our own error, or it escapes.
 
 `fuzz` runs in this process; `fuzz_in_processes` in children of some hundred inputs each, which a crash or a
-loop without end cannot take along.
+loop without end cannot take along. With `coverage`, later children also mutate the inputs that
+reached a line of the package first.
 """
 
 from __future__ import annotations
@@ -15,19 +16,25 @@ import signal
 import struct
 import time
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
-from benchmarks.fuzz.inputs import Kind
-from benchmarks.fuzz.mutate import mutated
+import numpy as np
+
+from benchmarks.fuzz.coverage import LineCoverage, tokens_of
+from benchmarks.fuzz.inputs import SECONDS_FOR_ONE, Kind
+from benchmarks.fuzz.mutate import WORDS, mutated
 from ddgcli.errors import DdgError
 
 LONGEST_MESSAGE = 600  # characters, beside the path
-SECONDS_FOR_ONE = 20.0  # of processor time, for inputs of some kilobytes
 WALL_FACTOR = 20  # on a busy machine the clock runs faster
 INPUTS_OF_A_CHILD = 200
 MEMORY_OF_A_CHILD = 2 << 30  # bytes beside what the parent has
 KEPT_ESCAPES = 20
+SHARE_OF_ACCEPTED, SHARE_OF_REFUSED = 0.45, 0.1  # of the mutated inputs; the others are the valid ones
+MAX_SLOWNESS = 4  # of an input that joins the pool, in mean times
+QUICK_SECONDS = 0.01  # any input that takes less joins the pool
+MAX_GROWTH = 4  # of an input that joins the pool, in sizes of the largest valid one
 
 
 @dataclass
@@ -40,6 +47,16 @@ class Account:
     slowest: float = 0.0
     cpu_seconds: float = 0.0
     escapes: list[tuple[str, bytes]] = field(default_factory=list)
+    lines: int = 0  # reached in functions of the package; 0 where they are not counted
+    lines_of_seeds: int = 0
+    pool: int = 0  # inputs that were mutated
+
+    def __str__(self) -> str:
+        lines = f", lines {self.lines_of_seeds} to {self.lines}, {self.pool} mutated" if self.lines else ""
+        return (
+            f"{self.inputs:7d} inputs, {self.accepted:6d} accepted, {self.refused:7d} refused, "
+            f"{len(self.escapes)} escapes, {self.cpu_seconds:.1f} s, slowest {self.slowest:.2f} s{lines}"
+        )
 
     def count(self, kind: str, message: str, data: bytes) -> None:
         """Count one input."""
@@ -50,7 +67,9 @@ class Account:
             self.escapes.append((message[:300], data))
 
 
-def outcome(read: Callable[[bytes], object], data: bytes) -> tuple[str, str]:
+def outcome(
+    read: Callable[[bytes], object], data: bytes, cpu_seconds: float = SECONDS_FOR_ONE
+) -> tuple[str, str]:
     """('accepted' | 'refused' | 'escape', message)."""
     began = time.process_time()
     try:
@@ -61,54 +80,144 @@ def outcome(read: Callable[[bytes], object], data: bytes) -> tuple[str, str]:
         kind = "refused" if len(message) <= LONGEST_MESSAGE else "escape"
     except Exception as error:
         kind, message = "escape", f"{type(error).__name__}: {error}"
-    if time.process_time() - began > SECONDS_FOR_ONE:
+    if time.process_time() - began > cpu_seconds:
         kind, message = "escape", f"took {time.process_time() - began:.0f} s"
     return kind, message
 
 
-def input_of(name: str, seeds: list[bytes], seed: int, number: int) -> bytes:
-    """The mutated input of this number: the same in every process."""
-    rng = random.Random(f"{name} {seed} {number}")
-    return mutated(rng.choice(seeds), rng, seeds)
+@dataclass(frozen=True)
+class Pool:
+    """What is mutated: valid inputs, inputs that reached further lines, and words of the format.
+
+    Of the latter, `accepted` ones are mutated more often than `refused` ones, most of whose mutations end in
+    the same refusal.
+    """
+
+    seeds: Sequence[bytes]
+    accepted: Sequence[bytes] = ()
+    refused: Sequence[bytes] = ()
+    tokens: Sequence[bytes] = WORDS
+
+    def with_inputs(self, inputs: Sequence[tuple[str, bytes]]) -> Pool:
+        """The pool with further inputs, each with its result, but those that have grown."""
+        longest = MAX_GROWTH * max(map(len, self.seeds), default=0)
+        new: dict[str, list[bytes]] = {"accepted": [*self.accepted], "refused": [*self.refused], "escape": []}
+        for result, data in inputs:
+            if len(data) <= longest:
+                new[result].append(data)
+        return replace(self, accepted=new["accepted"], refused=new["refused"])
+
+    @property
+    def size(self) -> int:
+        """Number of the inputs that are mutated."""
+        return len(self.seeds) + len(self.accepted) + len(self.refused)
+
+    def mutated_input(self, rng: random.Random) -> bytes:
+        """A mutation of one of the inputs, which may take pieces of all."""
+        every = [*self.seeds, *self.accepted, *self.refused]
+        share = rng.random()
+        origin = self.seeds
+        if share < SHARE_OF_ACCEPTED and self.accepted:
+            origin = self.accepted
+        elif share > 1 - SHARE_OF_REFUSED and self.refused:
+            origin = self.refused
+        return mutated(rng.choice(origin), rng, every, self.tokens)
 
 
-def fuzz(kind: Kind, count: int, seed: int, first: int = 0, notes: Notes | None = None) -> Account:
+def input_of(kind: Kind, pool: Pool, seed: int, number: int) -> bytes:
+    """The input of this number: from the same pool the same in every process."""
+    rng = random.Random(f"{kind.name} {seed} {number}")
+    if kind.random_input is not None:
+        return kind.random_input(rng)
+    return pool.mutated_input(rng)
+
+
+def fuzz(
+    kind: Kind,
+    count: int,
+    seed: int,
+    first: int = 0,
+    notes: Notes | None = None,
+    pool: Pool | None = None,
+    coverage: LineCoverage | None = None,
+    cpu_seconds: float = np.inf,
+) -> Account:
     """Try the inputs `first` … `first` + `count` of a kind; `notes` keep what a killed process knew."""
-    account, seeds, read = Account(), kind.seeds(), kind.reader()
+    account, read = Account(), kind.reader()
+    pool = Pool(kind.seeds()) if pool is None else pool
+    reached, whole = b"" if coverage is None else coverage.snapshot, 0.0
     for number in range(count):
-        data = input_of(kind.name, seeds, seed, first + number)
+        data = input_of(kind, pool, seed, first + number)
         began = time.monotonic()
-        result = outcome(read, data)
+        result = outcome(read, data, kind.cpu_seconds)
         account.count(*result, data)
-        account.slowest = max(account.slowest, time.monotonic() - began)
+        seconds = time.monotonic() - began
+        account.slowest, whole = max(account.slowest, seconds), whole + seconds
+        now = b"" if coverage is None else coverage.snapshot
         if notes is not None:
-            notes.add(number, result[0], account.slowest)
+            quick = seconds <= max(QUICK_SECONDS, MAX_SLOWNESS * whole / (number + 1))
+            notes.add(number, result[0], account.slowest, further=now != reached and quick)
+        reached = now
+        if time.process_time() > cpu_seconds:
+            break
     return account
 
 
-def fuzz_in_processes(kind: Kind, cpu_seconds: float, seed: int) -> Account:
-    """Try inputs of a kind in children until this processor time, theirs too, is over."""
-    total, seeds, number = Account(), kind.seeds(), 0
+def fuzz_in_processes(
+    kind: Kind, cpu_seconds: float, seed: int, coverage: LineCoverage | None = None, guided: bool = True
+) -> Account:
+    """Try inputs of a kind in children until this processor time, theirs too, is over.
+
+    Parameters
+    ----------
+    kind : Kind
+    cpu_seconds : float
+    seed : int
+    coverage : LineCoverage, optional
+        Counts the lines that the inputs reach.
+    guided : bool
+        Whether inputs that reach further lines join the pool.
+    """
+    total, pool, number = Account(), Pool(kind.seeds()), 0
+    read = kind.reader()
+    if coverage is not None:
+        pool = _with_coverage_of_seeds(kind, pool, coverage)
+        total.lines_of_seeds = coverage.count
     began = _cpu()
-    while _cpu() - began < cpu_seconds:
-        notes, code = _fuzz_in_child(kind, seed, number)
+    while (left := cpu_seconds - (_cpu() - began)) > 0:
+        notes, code = _fuzz_in_child(kind, seed, number, pool, coverage, left)
         total.slowest = max(total.slowest, notes.slowest)
         for k, result in enumerate(notes.results):
-            data = b"" if result != "escape" else input_of(kind.name, seeds, seed, number + k)
-            message = outcome(kind.reader(), data)[1] if result == "escape" else ""
+            data = b"" if result != "escape" else input_of(kind, pool, seed, number + k)
+            message = outcome(read, data, kind.cpu_seconds)[1] if result == "escape" else ""
             total.count(result, message, data)
+        further = [(notes.results[k], input_of(kind, pool, seed, number + k)) for k in notes.further]
         number += len(notes.results)
         if code:
-            data = input_of(kind.name, seeds, seed, number)
-            again = outcome(kind.reader(), data) if kind.guarded else ("escape", _reason(code))
+            data = input_of(kind, pool, seed, number)
+            again = outcome(read, data) if kind.guarded else ("escape", _reason(code, kind.cpu_seconds))
             total.count(*again, data)
             number += 1
+        if guided:
+            pool = pool.with_inputs(further)
     total.cpu_seconds = _cpu() - began
+    total.lines = coverage.count if coverage is not None else 0
+    total.pool = pool.size
     return total
 
 
-def _reason(code: int) -> str:
-    return f"took {SECONDS_FOR_ONE:.0f} s" if code == -signal.SIGKILL else f"the process ended with {code}"
+def _with_coverage_of_seeds(kind: Kind, pool: Pool, coverage: LineCoverage) -> Pool:
+    """Mark the lines that the valid inputs reach; the pool with the words of their files."""
+    coverage.clear()
+    read = kind.reader()
+    with kind.without_guard():
+        for data in pool.seeds:
+            outcome(read, data)
+    return replace(pool, tokens=tokens_of(coverage.files()) or WORDS)
+
+
+def _reason(code: int, seconds: float) -> str:
+    return f"took {seconds:.0f} s" if code == -signal.SIGKILL else f"the process ended with {code}"
 
 
 def _cpu() -> float:
@@ -121,20 +230,31 @@ class Notes:
 
     HEAD = struct.Struct("<qd")  # inputs read, slowest
     RESULTS = ("accepted", "refused", "escape")
+    FURTHER = 128  # added to the result of an input that reached a line first
 
     def __init__(self) -> None:
         self.memory = mmap.mmap(-1, self.HEAD.size + INPUTS_OF_A_CHILD)
 
-    def add(self, number: int, result: str, slowest: float) -> None:
+    def add(self, number: int, result: str, slowest: float, further: bool = False) -> None:
         """Note the result of an input of the child."""
-        self.memory[self.HEAD.size + number] = self.RESULTS.index(result)
+        self.memory[self.HEAD.size + number] = self.RESULTS.index(result) + self.FURTHER * further
         self.memory[: self.HEAD.size] = self.HEAD.pack(number + 1, slowest)
+
+    @property
+    def codes(self) -> bytes:
+        """Codes of the inputs that were read."""
+        count = self.HEAD.unpack(self.memory[: self.HEAD.size])[0]
+        return self.memory[self.HEAD.size : self.HEAD.size + count]
 
     @property
     def results(self) -> list[str]:
         """Results of the inputs that were read."""
-        count = self.HEAD.unpack(self.memory[: self.HEAD.size])[0]
-        return [self.RESULTS[code] for code in self.memory[self.HEAD.size : self.HEAD.size + count]]
+        return [self.RESULTS[code % self.FURTHER] for code in self.codes]
+
+    @property
+    def further(self) -> list[int]:
+        """Numbers of the inputs that reached a line first."""
+        return [number for number, code in enumerate(self.codes) if code >= self.FURTHER]
 
     @property
     def slowest(self) -> float:
@@ -142,7 +262,9 @@ class Notes:
         return self.HEAD.unpack(self.memory[: self.HEAD.size])[1]
 
 
-def _fuzz_in_child(kind: Kind, seed: int, first: int) -> tuple[Notes, int]:
+def _fuzz_in_child(
+    kind: Kind, seed: int, first: int, pool: Pool, coverage: LineCoverage | None, cpu_seconds: float
+) -> tuple[Notes, int]:
     """Notes of a child and its exit code; it is killed where one input takes too long."""
     notes = Notes()
     child = os.fork()
@@ -154,7 +276,7 @@ def _fuzz_in_child(kind: Kind, seed: int, first: int) -> tuple[Notes, int]:
             logging.disable()  # of writers of the seeds: what a format cannot hold
             warnings.simplefilter("ignore")  # the command line captures them
             with kind.without_guard():
-                fuzz(kind, INPUTS_OF_A_CHILD, seed, first, notes)
+                fuzz(kind, INPUTS_OF_A_CHILD, seed, first, notes, pool, coverage, cpu_seconds)
             code = 0
         finally:
             os._exit(code)
@@ -166,7 +288,7 @@ def _fuzz_in_child(kind: Kind, seed: int, first: int) -> tuple[Notes, int]:
         cpu, count = time.clock_gettime((~child << 3) | 2), len(notes.results)  # clock of another process
         if count != done:
             done, since, used = count, time.monotonic(), cpu
-        elif max(cpu - used, (time.monotonic() - since) / WALL_FACTOR) > SECONDS_FOR_ONE:
+        elif max(cpu - used, (time.monotonic() - since) / WALL_FACTOR) > kind.cpu_seconds:
             os.killpg(child, signal.SIGKILL)
         time.sleep(0.01)
 

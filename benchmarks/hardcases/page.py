@@ -15,7 +15,10 @@ from ddgcli.cli.main import COMMANDS
 PAGE = ROOT / "docs" / "hard-cases.md"
 MARKS = {RIGHT_VERDICT: "✓", DEGRADED_VERDICT: "~", REFUSED_VERDICT: "–", WRONG_VERDICT: "**✗**"}
 PEER_COUNTS = ("right", "refused", "crashed", "hung", "over memory", "silently wrong")
-FUZZ_COLUMNS = ("kind", "runs", "inputs", "accepted", "refused", "escapes", "processor s", "slowest s")
+FUZZ_COLUMNS = (
+    "kind", "runs", "inputs", "coverage-guided", "accepted", "refused", "escapes", "lines", "processor s",
+    "slowest s",
+)  # fmt: skip
 UNKNOWN_MARK, BLANK_MARK, TOO_LARGE_MARK = "?", "", "▫"
 
 HEAD = """# Hard cases
@@ -169,12 +172,16 @@ def _fuzz(runs: dict[str, dict[str, Any]]) -> str:
         "Written by `make fuzz STORE=1`, which adds its counts with a seed that no earlier run had. An input "
         "is accepted, refused by one line of ours, or it escapes: a foreign exception, a message of more "
         "than 600 characters, more than 20 s or 2 GiB, the end of the process. Every escape of an earlier "
-        "run is repaired, with a test.\n"
+        "run is repaired, with a test.\n\n"
+        "Coverage-guided inputs are mutations of the valid files and of inputs that reached a line of the "
+        "package first; the others are mutations of the valid files. Lines: of functions of the package, by "
+        "the valid files and by all inputs of the latest run that counted them.\n"
     )
     lines += [_row(FUZZ_COLUMNS), _row(["---"] * len(FUZZ_COLUMNS))]
     for name, row in runs.items():
-        counts = [row[key] for key in ("runs", "inputs", "accepted", "refused", "escapes")]
-        lines.append(_row([name, *counts, f"{row['cpu_seconds']:.0f}", f"{row['slowest']:.2f}"]))
+        counts = [row.get(key, 0) for key in ("runs", "inputs", "guided", "accepted", "refused", "escapes")]
+        reached = f"{row['lines_of_seeds']}, {row['lines']}" if "lines" in row else ""
+        lines.append(_row([name, *counts, reached, f"{row['cpu_seconds']:.0f}", f"{row['slowest']:.2f}"]))
     return "\n".join(lines)
 
 

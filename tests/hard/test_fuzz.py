@@ -36,8 +36,7 @@ def test_a_foreign_exception_a_long_message_and_a_slow_reader_escape(monkeypatch
 
     assert run.outcome(read, b"1")[0] == "escape"
     assert run.outcome(read, b"12")[0] == "escape"
-    monkeypatch.setattr(run, "SECONDS_FOR_ONE", 0.0)
-    assert run.outcome(read, b"123") == ("escape", "took 0 s")
+    assert run.outcome(read, b"123", cpu_seconds=0.0) == ("escape", "took 0 s")
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="limits children as Linux does")
@@ -53,10 +52,9 @@ def test_a_crash_a_loop_and_a_foreign_exception_in_a_child_are_counted_with_thei
             raise DdgError("bad")
 
     inputs = [b"good", b"bad", b"crash", b"bug", b"good", b"loop", b"bad"]
-    monkeypatch.setattr(run, "input_of", lambda name, seeds, seed, k: inputs[k % len(inputs)])
+    monkeypatch.setattr(run, "input_of", lambda kind, pool, seed, k: inputs[k % len(inputs)])
     monkeypatch.setattr(run, "INPUTS_OF_A_CHILD", len(inputs))
-    monkeypatch.setattr(run, "SECONDS_FOR_ONE", 0.2)
-    account = run.fuzz_in_processes(Kind("any", lambda: [b""], lambda: read), 0.2, seed=0)
+    account = run.fuzz_in_processes(Kind("any", lambda: [b""], lambda: read, cpu_seconds=0.2), 0.2, seed=0)
     assert account.inputs % len(inputs) == 6  # one loop takes all the time
     assert [message.split(":")[0] for message, _ in account.escapes[:3]] == [
         "the process ended with -15", "KeyError", "took 0 s",
@@ -77,6 +75,6 @@ def test_stored_runs_add_up_and_take_another_seed_each(monkeypatch, tmp_path):
 
 def test_the_same_number_gives_the_same_input_and_another_seed_another_one():
     kind = kinds()["npz"]
-    seeds = kind.seeds()
-    assert run.input_of("npz", seeds, 1, 5) == run.input_of("npz", seeds, 1, 5)
-    assert len({run.input_of("npz", seeds, seed, 5) for seed in range(9)}) > 5
+    pool = run.Pool(kind.seeds())
+    assert run.input_of(kind, pool, 1, 5) == run.input_of(kind, pool, 1, 5)
+    assert len({run.input_of(kind, pool, seed, 5) for seed in range(9)}) > 5
