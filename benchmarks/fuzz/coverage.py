@@ -96,7 +96,7 @@ class _Finder(MetaPathFinder):
 
 
 class _Loader(importlib.machinery.SourceFileLoader):
-    """Compiles a module with marks; what it has compiled is kept for later processes."""
+    """Compiles a module with marks; what it has compiled is cached for later processes."""
 
     def __init__(self, fullname: str, path: str, coverage: LineCoverage) -> None:
         super().__init__(fullname, path)
@@ -108,14 +108,14 @@ class _Loader(importlib.machinery.SourceFileLoader):
 
     def get_code(self, fullname: str) -> CodeType | None:
         own = Path(__file__).stat().st_mtime_ns
-        kept = COMPILED / f"{fullname}.{os.stat(self.path).st_mtime_ns}.{own}.{sys.hexversion}"
-        if kept.is_file():
-            return marshal.loads(kept.read_bytes())
+        cached = COMPILED / f"{fullname}.{os.stat(self.path).st_mtime_ns}.{own}.{sys.hexversion}"
+        if cached.is_file():
+            return marshal.loads(cached.read_bytes())
         code = compile(marked(ast.parse(self.get_data(self.path))), self.path, "exec", dont_inherit=True)
         COMPILED.mkdir(parents=True, exist_ok=True)
-        part = kept.with_name(f".{os.getpid()}")
-        part.write_bytes(marshal.dumps(code))
-        part.replace(kept)
+        temporary = cached.with_name(f".{os.getpid()}")
+        temporary.write_bytes(marshal.dumps(code))
+        temporary.replace(cached)
         return code
 
 
