@@ -250,7 +250,7 @@ def _is_long_run(path: str) -> bool:
         with open(path, "rb") as file:
             time = tomllib.load(file)["time"]
         return float(time["duration"]) > MAX_STEPS * float(time["step"])
-    except (ValueError, TypeError, KeyError, RecursionError):
+    except (ValueError, TypeError, KeyError, RecursionError, OverflowError):
         return False  # the command reports it
 
 

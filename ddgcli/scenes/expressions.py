@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import excerpt
+
 _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide,
     ast.Pow: np.power, ast.Mod: np.mod,
@@ -57,7 +59,9 @@ def evaluate(text: str, variables: Mapping[str, NDArray]) -> NDArray[np.float64]
     bad = np.flatnonzero(~np.isfinite(result))
     if len(bad):
         where = ", ".join(f"{name} = {array[bad[0]]:g}" for name, array in variables.items())
-        raise ValueError(f"the expression {text!r} is not finite at {len(bad)} points (first: {where})")
+        raise ValueError(
+            f"the expression '{excerpt(text)}' is not finite at {len(bad)} points (first: {where})"
+        )
     return result
 
 
@@ -66,13 +70,13 @@ def parse(text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> ast.expr:
     if len(text) > MAX_LENGTH:
         raise ValueError(f"the expression is longer than {MAX_LENGTH} characters")
     if "#" in text:
-        raise ValueError(f"cannot read the expression {text!r}: it may not hold a comment")
+        raise ValueError(f"cannot read the expression '{excerpt(text)}': it may not hold a comment")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Python's opinion of the spelling, such as "1or 2"
             tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        raise ValueError(f"cannot read the expression {text!r}") from error
+        raise ValueError(f"cannot read the expression '{excerpt(text)}'") from error
     _check(tree, text, variables, 0)
     return tree
 
@@ -83,7 +87,7 @@ def _check(node: ast.AST, text: str, variables: tuple[str, ...], depth: int) -> 
     children: list[ast.AST] = []
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
         if isinstance(node.value, int) and abs(node.value) > 2**53:
-            raise ValueError(f"the number {str(node.value)[:20]}... of {text!r} is too large")
+            raise ValueError(f"the number {str(node.value)[:20]}... of '{excerpt(text)}' is too large")
     elif isinstance(node, ast.Name):
         allowed = [*variables, *CONSTANTS]
         if node.id not in allowed:
@@ -104,7 +108,8 @@ def _check(node: ast.AST, text: str, variables: tuple[str, ...], depth: int) -> 
         children = list(node.args)
     else:
         raise ValueError(
-            f"the expression {text!r} holds something other than arithmetic in {', '.join(variables)}"
+            f"the expression '{excerpt(text)}' holds something other than arithmetic in "
+            f"{', '.join(variables)}"
         )
     for child in children:
         _check(child, text, variables, depth + 1)

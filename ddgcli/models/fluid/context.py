@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import excerpt
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.surface_space import SurfaceSpace
@@ -71,18 +72,20 @@ class FluidContext:
         elif source.endswith(".npy"):
             values = np.asarray(self.load(source), dtype=np.float64)
         elif source in self.face:
-            raise ValueError(f"{what} {source!r} is an array on faces; give one number a vertex")
+            raise ValueError(f"{what} '{excerpt(source)}' is an array on faces; give one number a vertex")
         else:
             try:
                 values = evaluate(source, dict(zip("xyz", self.points.T)))
             except ValueError as error:
                 known = ", ".join(self.vertex) or "none"
                 raise ValueError(
-                    f"{what} {source!r} is no vertex array of the mesh (there: {known}), no .npy file and no "
-                    f"expression: {error}"
+                    f"{what} '{excerpt(source)}' is no vertex array of the mesh (there: {known}), no .npy file "
+                    f"and no expression: {error}"
                 ) from error
         if values.shape != (n,):
-            raise ValueError(f"{what} {source!r} has shape {values.shape}; one number a vertex is ({n},)")
+            raise ValueError(
+                f"{what} '{excerpt(source)}' has shape {values.shape}; one number a vertex is ({n},)"
+            )
         return _finite(values, what, source)
 
     def face_vectors(self, source: str | list[Any]) -> NDArray[np.float64]:
@@ -98,13 +101,15 @@ class FluidContext:
             values = np.asarray(self.face.get(source, self.vertex.get(source)), dtype=np.float64)
         else:
             known = ", ".join([*self.vertex, *self.face]) or "none"
-            raise ValueError(f"velocity {source!r} is no array of the mesh (there: {known}) and no .npy file")
+            raise ValueError(
+                f"velocity '{excerpt(source)}' is no array of the mesh (there: {known}) and no .npy file"
+            )
         if values.shape == (n, 3) and values.shape != (len(cells), 3):
             values = values[cells].mean(axis=1)
         if values.shape != (len(cells), 3):
             raise ValueError(
-                f"velocity {source!r} has shape {values.shape}; give three numbers a cell ({len(cells)}) "
-                f"or a vertex ({n})"
+                f"velocity '{excerpt(source)}' has shape {values.shape}; give three numbers a cell "
+                f"({len(cells)}) or a vertex ({n})"
             )
         return _finite(values, "velocity", source)
 
@@ -160,5 +165,5 @@ class FluidContext:
 def _finite(values: NDArray, what: str, source: str) -> NDArray[np.float64]:
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
-        raise ValueError(f"{what} {source!r} is not finite at entry {bad[0][0]}")
+        raise ValueError(f"{what} '{excerpt(source)}' is not finite at entry {bad[0][0]}")
     return values
