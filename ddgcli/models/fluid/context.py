@@ -79,8 +79,8 @@ class FluidContext:
             except ValueError as error:
                 known = ", ".join(self.vertex) or "none"
                 raise ValueError(
-                    f"{what} '{excerpt(source)}' is no vertex array of the mesh (there: {known}), no .npy file "
-                    f"and no expression: {error}"
+                    f"{what} '{excerpt(source)}' is no vertex array of the mesh (there: {known}), no .npy "
+                    f"file and no expression: {error}"
                 ) from error
         if values.shape != (n,):
             raise ValueError(
