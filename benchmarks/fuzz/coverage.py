@@ -59,7 +59,7 @@ class LineCoverage:
         return memoryview(self.marks)[first:after]
 
     def clear(self) -> None:
-        """Forget the lines of an earlier kind of input."""
+        """Clear the marks of all lines."""
         self.marks[:] = bytes(len(self.marks))
 
     @property
