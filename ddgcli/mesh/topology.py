@@ -91,11 +91,15 @@ class Topology:
         side_edge[order] = np.repeat(np.arange(len(first)), count)
         low = key[first] // n
         edges = np.stack([low, key[first] - low * n], axis=1)
-        sign = np.where(tail <= head, np.int8(1), np.int8(-1))
-        twin = np.full(len(key), -1)
+        sign = 2 * (tail <= head).view(np.int8) - np.int8(1)
         pair = first[count == 2]
-        one, other = order[pair], order[pair + 1]
-        twin[one], twin[other] = other, one
+        if 2 * len(pair) == len(key):  # a closed surface: one pass
+            twin = np.empty_like(order)
+            twin[order] = order.reshape(-1, 2)[:, ::-1].ravel()
+        else:
+            twin = np.full(len(key), -1)
+            one, other = order[pair], order[pair + 1]
+            twin[one], twin[other] = other, one
         by_face = (frozen(array.reshape(-1, 3)) for array in (side_edge, sign, twin))
         side_edge, sign, twin = by_face
         return frozen(edges), side_edge, sign, frozen(count), twin
@@ -140,7 +144,7 @@ class Topology:
     @property
     def side_twin(self) -> NDArray[np.int64]:
         """(m, 3) flat number of the side glued to side j; -1 on the boundary and on edges with 3+ faces."""
-        return self._edge_numbering[4]
+        return self._edge_numbering[4] if self.gluing is None else self.gluing
 
     @cached_property
     def interior_sides(self) -> NDArray[np.int64]:

@@ -53,11 +53,15 @@ def neighbourhoods(
 def _sheared(mesh: TriangleMesh, faces: Faces) -> bool:
     """Whether many edges are far from Delaunay, on a surface whose edges can be flipped."""
     topology = mesh.topology
+    most = _MIN_NON_DELAUNAY_SHARE * topology.n_edges
+    # of the two cotangents opposite such an edge one is at most half of the sum
+    if np.count_nonzero(faces.cotan < 0.5 * _NON_DELAUNAY_COTAN_SUM) <= most:
+        return False
     opposite = np.zeros(topology.n_edges)
     for side, cotan in zip(topology.side_edge.T, faces.cotan[PREVIOUS]):
         opposite += sum_by_index(side, cotan, topology.n_edges)
     far = (opposite < _NON_DELAUNAY_COTAN_SUM) & (topology.edge_face_count == 2)
-    if far.sum() <= _MIN_NON_DELAUNAY_SHARE * topology.n_edges:
+    if far.sum() <= most:
         return False
     return topology.is_oriented and not len(topology.nonmanifold_edges) and not faces.flat.any()
 

@@ -85,7 +85,7 @@ def solve_laplacian_tasks(
     result.accuracy = {
         "negative_weights": negative_weights(L),
         "symmetry_residual": symmetry_residual(L),
-        "row_sum_residual": float(row_sum / (abs(L).max() or 1.0)),
+        "row_sum_residual": float(row_sum / (np.abs(L.data).max(initial=0.0) or 1.0)),
     }
     solvers: list[tuple[Any, Callable[[LaplacianResult, LaplacianTasks, ProgressCallback], None]]] = [
         (tasks.eigen or tasks.hks, _eigen),
