@@ -26,7 +26,7 @@ class Assembly:
         potential, one scalar each, over which its energy is least; they are not shared between potentials,
         and come last in the matrix.
     by_pairs : sequence of bool, optional
-        Of each stencil, whose elements have distinct vertices: its blocks come as those of pairs (p, k, 9),
+        Of each stencil, whose elements have distinct vertices: its blocks come as those of pairs,
         see `pair_blocks`. Default: no; they come whole, (k, 3s, 3s).
 
     Attributes
@@ -58,34 +58,35 @@ class Assembly:
         ]
         low, high = keys % len(free), keys // len(free)
         self._layout = _layout(free, low, high)
-        other = np.flatnonzero(low < high)
-        self._at_low, self._at_high = (
-            _members(ends[other], other, len(free), len(keys)) for ends in (low, high)
-        )
+        self._members = _members(low, high, len(free))
 
     def matrix(self, blocks: list[NDArray], diagonal: NDArray) -> csc_array:
         """Sum of blocks of elements, in the order of the stencils, plus (n,) numbers times the identity."""
-        sums = np.zeros((self._count, 9))
+        sums = np.zeros((3, 3, self._count))
         entries = list(zip(self._gathers, blocks, self.by_pairs))
         for gather, block, paired in entries:
             if paired:
-                sums += gather @ block.reshape(-1, 9)
+                for i, j in np.ndindex(3, 3):
+                    sums[i, j] += gather @ block[i, j].ravel()
         if any(self.by_pairs):
-            sums[self._own] -= self._translated(sums)
+            self._subtract_translated(sums)
         for gather, block, paired in entries:
             if not paired:
-                sums += (gather @ block.reshape(-1, 3)).reshape(sums.shape)
+                sums += (gather @ block.reshape(-1, 3)).reshape(-1, 3, 3).transpose(1, 2, 0)
         for axis in range(3):
-            sums[self._own[: len(diagonal)], 4 * axis] += diagonal
+            sums[axis, axis, self._own[: len(diagonal)]] += diagonal
         layout = self._layout
         return csc_array((sums.ravel()[layout.data], layout.indices, layout.indptr), shape=layout.shape)
 
-    def _translated(self, sums: NDArray) -> NDArray[np.float64]:
-        """(n, 9) sums of each vertex's blocks with all others: what a translation of these does to it."""
-        first = (self._at_low @ sums).reshape(-1, 3, 3)
-        second = (self._at_high @ sums).reshape(-1, 3, 3)
-        both = first + second.transpose(0, 2, 1)
-        return (0.5 * (both + both.transpose(0, 2, 1))).reshape(-1, 9)
+    def _subtract_translated(self, sums: NDArray) -> None:
+        """Give each vertex minus its blocks with all others: a translation of all of them does nothing."""
+        for i in range(3):
+            for j in range(i, 3):
+                mean = sums[i, i] if i == j else 0.5 * (sums[i, j] + sums[j, i])
+                total = self._members @ mean
+                sums[i, j, self._own] -= total
+                if i < j:
+                    sums[j, i, self._own] -= total
 
     def vector(self, v: NDArray) -> NDArray[np.float64]:
         """Entries of a vector (n, 3) or (n, 3, k) in the matrix; 0 for internal unknowns."""
@@ -134,10 +135,11 @@ def _pair_sums(pair: NDArray, pairs: int) -> csr_array:
     return csr_array((np.ones(len(pair)), order, ends), shape=(pairs, len(pair)))
 
 
-def _members(vertex: NDArray, pair: NDArray, n: int, pairs: int) -> csr_array:
-    """(n, pairs) matrix of ones that sums the blocks of pairs to those of a vertex of each."""
-    ones = np.ones(len(pair))
-    return csr_array((ones, (vertex, pair)), shape=(n, pairs))
+def _members(low: NDArray, high: NDArray, n: int) -> csr_array:
+    """(n, pairs) matrix of ones that sums what belongs to pairs of different vertices to these."""
+    pair = np.flatnonzero(low < high)
+    place = (np.concatenate([low[pair], high[pair]]), np.concatenate([pair, pair]))
+    return csr_array((np.ones(2 * len(pair)), place), shape=(n, len(low)))
 
 
 def _row_sums(pair: NDArray, first: NDArray, step: int, pairs: int, size: int) -> csr_array:
@@ -155,13 +157,16 @@ def _row_sums(pair: NDArray, first: NDArray, step: int, pairs: int, size: int) -
 
 
 def _layout(free: NDArray[np.bool_], low: NDArray, high: NDArray) -> csc_array:
-    """Matrix over the free coordinates whose entries are the numbers of the values that belong there."""
+    """Matrix over the free coordinates whose entries are the numbers of the values that belong there.
+
+    Values are those of pairs, (3, 3, pairs).
+    """
     shape = (len(low), 3, 3)
     number = np.where(free.ravel(), np.cumsum(free.ravel()) - 1, -1)
     number, axis = matrix_indices(number, free.size, 18 * len(low)), np.arange(3)
     row = np.broadcast_to(number[3 * low[:, None] + axis][:, :, None], shape)
     column = np.broadcast_to(number[3 * high[:, None] + axis][:, None, :], shape)
-    value = np.arange(row.size).reshape(shape)
+    value = np.arange(row.size).reshape(3, 3, len(low)).transpose(2, 0, 1)
     off = low < high
     rows = np.concatenate([row.ravel(), column[off].ravel()])
     columns = np.concatenate([column.ravel(), row[off].ravel()])

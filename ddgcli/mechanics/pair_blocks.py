@@ -2,7 +2,9 @@
 
 The energy of such an element does not change by translation, so that the block of a vertex is minus the sum
 of its blocks with the others. Blocks are those of pairs (a, b), a < b, in the order of `vertex_pairs`; in an
-array (p, k, 9) of k elements, rows belong to the vertex of lesser number in the mesh, columns to the other.
+array (3, 3, p, k) of k elements, rows belong to the vertex of lesser number in the mesh, columns to the
+other. Each entry of the blocks has a plane of its own: numpy writes and sums numbers that lie together
+several times as fast as those that lie nine apart.
 """
 
 from __future__ import annotations
@@ -31,27 +33,29 @@ class PairBlocks:
 
     Attributes
     ----------
-    values : (p, k, 9) ndarray
+    values : (3, 3, p, k) ndarray
         p = s (s - 1) / 2 pairs.
     """
 
     def __init__(self, stencil: NDArray) -> None:
         pairs = vertex_pairs(stencil.shape[1])
-        self.values = np.zeros((len(pairs), len(stencil), 9))
-        self._descending = [stencil[:, a] > stencil[:, b] for a, b in pairs]
+        self.values = np.empty((3, 3, len(pairs), len(stencil)))
+        self._descending = _descending(stencil)
 
-    def write(self, pair: int, rows: slice, block: NDArray) -> None:
-        """Blocks (3, 3, c) of a pair (a, b) of the elements `rows`: rows belong to a, columns to b."""
-        turned = np.where(self._descending[pair][rows], block.transpose(1, 0, 2), block)
-        self.values[pair, rows] = turned.reshape(9, -1).T
+    def transpose_descending(self, rows: slice) -> None:
+        """Bring blocks of the elements `rows` into order, whose rows belong to a and columns to b so far."""
+        descending = self._descending[:, rows]
+        for i, j in ((0, 1), (0, 2), (1, 2)):
+            upper, lower = self.values[i, j, :, rows], self.values[j, i, :, rows]
+            kept = upper.copy()
+            np.copyto(upper, lower, where=descending)
+            np.copyto(lower, kept, where=descending)
 
 
 def whole_blocks(stencil: NDArray, pair_blocks: NDArray) -> NDArray[np.float64]:
-    """(k, 3s, 3s) blocks of elements from those of their pairs (p, k, 9)."""
-    k, s = stencil.shape
-    blocks = pair_blocks.reshape(len(pair_blocks), k, 3, 3)
-    descending = np.array([stencil[:, a] > stencil[:, b] for a, b in vertex_pairs(s)])
-    return whole_elements(s, np.where(descending[:, :, None, None], blocks.swapaxes(2, 3), blocks))
+    """(k, 3s, 3s) blocks of elements from those of their pairs (3, 3, p, k)."""
+    blocks = np.where(_descending(stencil), pair_blocks.swapaxes(0, 1), pair_blocks)
+    return whole_elements(stencil.shape[1], blocks.transpose(2, 3, 0, 1))
 
 
 def whole_elements(count: int, blocks: NDArray) -> NDArray[np.float64]:
@@ -67,6 +71,11 @@ def whole_elements(count: int, blocks: NDArray) -> NDArray[np.float64]:
         own = whole[:, a, :, a]
         whole[:, a, :, a] = 0.5 * (own + own.transpose(0, 2, 1))
     return whole.reshape(k, 3 * count, 3 * count)
+
+
+def _descending(stencil: NDArray) -> NDArray[np.bool_]:
+    """(p, k) pairs whose first vertex has the greater number."""
+    return np.array([stencil[:, a] > stencil[:, b] for a, b in vertex_pairs(stencil.shape[1])])
 
 
 def have_distinct_vertices(stencil: NDArray) -> bool:

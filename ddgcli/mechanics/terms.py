@@ -241,6 +241,6 @@ def at_last_point(method: Callable[[Any, NDArray], Value]) -> Callable[[Any, NDA
     return cached
 
 
-def row_blocks(count: int, size: int = 512) -> Iterator[slice]:
+def row_blocks(count: int, size: int = 4096) -> Iterator[slice]:
     """Slices of `size` elements: what is made of one of them stays in the cache until it is used."""
     return (slice(start, min(start + size, count)) for start in range(0, count, size))

@@ -15,7 +15,7 @@ from ddgcli.mechanics.hessian import assembly_of
 from ddgcli.mechanics.increment import Increment, shorter_fraction
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.newton import Newton
-from ddgcli.mechanics.pair_blocks import have_distinct_vertices, whole_blocks
+from ddgcli.mechanics.pair_blocks import PairBlocks, have_distinct_vertices, whole_blocks
 from ddgcli.mechanics.secant import Secants
 from ddgcli.mechanics.system import Motion
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -58,13 +58,26 @@ def test_assembly_by_pairs_equals_that_of_whole_blocks():
     rng = np.random.default_rng(1)
     n, stencils = 7, [rng.permuted(np.tile(np.arange(7), (5, 1)), axis=1)[:, :s] for s in (3, 4, 2)]
     free = rng.random((n, 3)) > 0.4
-    by_pairs = [rng.normal(size=(s.shape[1] * (s.shape[1] - 1) // 2, 5, 9)) for s in stencils]
+    by_pairs = [rng.normal(size=(3, 3, s.shape[1] * (s.shape[1] - 1) // 2, 5)) for s in stencils]
     whole = [whole_blocks(stencil, blocks) for stencil, blocks in zip(stencils, by_pairs)]
     expected = Assembly(free, stencils).matrix(whole, np.ones(n)).toarray()
     for flags in ([True, True, True], [False, True, True], [True, False, False]):
         blocks = [pairs if flag else full for flag, pairs, full in zip(flags, by_pairs, whole)]
         matrix = Assembly(free, stencils, flags).matrix(blocks, np.ones(n)).toarray()
         assert np.allclose(matrix, expected, atol=1e-13)
+
+
+def test_blocks_of_pairs_have_rows_of_the_lesser_vertex():
+    stencil = np.array([[2, 0, 5], [1, 4, 3], [6, 7, 8]])
+    pairs, blocks = PairBlocks(stencil), np.random.default_rng(2).normal(size=(3, 3, 3, 3))
+    pairs.values[:] = blocks
+    for rows in (slice(0, 2), slice(2, 3)):
+        pairs.transpose_descending(rows)
+    for p, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
+        for k, vertices in enumerate(stencil):
+            block = blocks[:, :, p, k]
+            expected = block if vertices[a] < vertices[b] else block.T
+            assert np.array_equal(pairs.values[:, :, p, k], expected)
 
 
 def test_hinge_whose_two_apexes_are_one_vertex_is_assembled():

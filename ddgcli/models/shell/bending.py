@@ -82,13 +82,14 @@ class HingeBending:
         for rows in row_blocks(len(self.stencil)):
             piece = hinge_frame[rows]
             slopes = hinge.angle_slopes(piece)
-            scaled = [2 * self.weight[rows] * slope for slope in slopes]
-            block = {(a, b): scaled[a][:, None] * slopes[b] for a, b in vertex_pairs(4)}
+            scaled = [2 * self.weight[rows] * slope for slope in slopes[:3]]
+            blocks = self._pairs.values[..., rows]
+            for k, (a, b) in enumerate(vertex_pairs(4)):
+                np.multiply(scaled[a][:, None], slopes[b], out=blocks[:, :, k])
             if mode == "exact":
                 for pair, summand in hinge.angle_second_derivatives(piece, moment[rows]):
-                    block[pair] += summand
-            for k, pair in enumerate(vertex_pairs(4)):
-                self._pairs.write(k, rows, block[pair])
+                    blocks[:, :, vertex_pairs(4).index(pair)] += summand
+            self._pairs.transpose_descending(rows)
         return self._pairs.values
 
     @cached_property
@@ -125,7 +126,7 @@ class QuadraticBending:
     def _pairs(self) -> PairBlocks:
         pairs = PairBlocks(self.stencil)
         for k, (a, b) in enumerate(vertex_pairs(4)):
-            pairs.write(k, slice(None), np.eye(3)[:, :, None] * self._local[:, a, b])
+            pairs.values[:, :, k] = np.eye(3)[:, :, None] * self._local[:, a, b]
         return pairs
 
 

@@ -77,10 +77,10 @@ class EdgeSprings:
         unit = vector / length
         for rows in row_blocks(len(self.stencil)):
             u = unit[:, rows]
-            block = ((across - along)[rows] * u)[:, None] * u
+            block = self._pairs.values[:, :, 0, rows]
+            np.multiply(((across - along)[rows] * u)[:, None], u, out=block)
             for axis in range(3):
                 block[axis, axis] -= across[rows]
-            self._pairs.write(0, rows, block)
         return self._pairs.values
 
     @cached_property
@@ -170,18 +170,18 @@ class StVK:
         s = self.area * (stress if mode == "exact" else _positive_part(*stress))
         for rows in row_blocks(len(self.stencil)):
             f1, f2 = f[:, rows], g[:, rows]
-            along, across, mixed = f1[:, None] * f1, f2[:, None] * f2, f1[:, None] * f2
-            turned = mixed.transpose(1, 0, 2)
             s11, s22, s12 = s[:, rows]
             for k, (i, j) in enumerate(vertex_pairs(3)):
                 p, q, r, t = self._moduli[k, :, rows]
-                block = p * along + q * across + r * mixed + t * turned
+                block = self._pairs.values[:, :, k, rows]
+                np.multiply(f1[:, None], p * f1 + r * f2, out=block)
+                block += f2[:, None] * (q * f2 + t * f1)
                 if mode != "material":
                     (bi, ci), (bj, cj) = self._rates[:, i, rows], self._rates[:, j, rows]
                     geometric = bi * (s11 * bj + s12 * cj) + ci * (s12 * bj + s22 * cj)
                     for axis in range(3):
                         block[axis, axis] += geometric
-                self._pairs.write(k, rows, block)
+            self._pairs.transpose_descending(rows)
         return self._pairs.values
 
     @cached_property
