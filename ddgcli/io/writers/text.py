@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,7 @@ from ddgcli.io.writers.cell_data import (
     two_dimensional,
     warn_of_lost_arrays,
 )
+from ddgcli.mesh.vectors import cross, dot, ratio
 
 PLY_TYPES = {
     "i1": "char",
@@ -169,15 +172,15 @@ def stl_bytes(data: CellData) -> bytes:
     """Binary STL: float32 corners, no shared vertices; the header names program and version."""
     data = surface_only(data, ".stl")
     warn_of_lost_arrays(data, ".stl")
-    corner = data.points[data.cells]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    table = np.zeros(
-        len(corner), dtype=[("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("attribute", "<u2")]
-    )
+    points = np.ascontiguousarray(data.points.T)
+    corners = [np.take(points, corner, axis=1) for corner in np.ascontiguousarray(data.cells.T)]
+    normal = cross(corners[1] - corners[0], corners[2] - corners[0])
+    normal = ratio(normal, np.sqrt(dot(normal, normal)))
+    table = np.zeros(len(data.cells), dtype=[("coordinates", "<f4", 12), ("attribute", "<u2")])
     with np.errstate(over="ignore"):
-        table["corner"] = corner
-        table["normal"] = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
+        # column by column: rows of three cost several times as much
+        for column, values in zip(table["coordinates"].T, itertools.chain(normal, *corners), strict=True):
+            column[:] = values
     sha = str(data.metadata.get("input_sha256", ""))[:16]
     head = f"ddgcli {data.metadata.get('version', '')} input sha256 {sha}".encode()
-    return head[:80].ljust(80, b"\0") + np.uint32(len(corner)).astype("<u4").tobytes() + table.tobytes()
+    return head[:80].ljust(80, b"\0") + np.uint32(len(table)).astype("<u4").tobytes() + table.tobytes()
