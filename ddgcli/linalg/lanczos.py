@@ -20,6 +20,7 @@ MIN_FREE_VECTORS = 32  # of a basis, beyond the eigenvectors that it keeps
 MIN_BASIS_SIZE = 200  # vectors
 RESIDUAL_TOLERANCE = 1e-10  # relative, before the last step; eigenvalues are accurate to its square
 MAX_RESTARTS = 60
+COLUMNS_PER_PRODUCT = 2048  # up to three times as fast as products of all columns at once
 
 
 class BlockLanczos:
@@ -144,7 +145,7 @@ class BlockLanczos:
         for first in (since, 0):
             block = block - (self._weighted(block) @ self.excluded.T) @ self.excluded
             Q = self.basis[first : self.used]
-            coefficients = self._weighted(block) @ Q.T
+            coefficients = _products(self._weighted(block), Q)
             block -= coefficients @ Q
             total[first:] += coefficients.T
         return block, total
@@ -161,3 +162,12 @@ class BlockLanczos:
             block = ((V / np.sqrt(w)).T / scale) @ block
             R = (np.sqrt(w)[:, None] * V.T) @ (scale[:, None] * R)
         return block, R
+
+
+def _products(a: NDArray, b: NDArray) -> NDArray[np.float64]:
+    """(w, m) scalar products of the rows of a (w, n) and b (m, n)."""
+    total = np.zeros((len(a), len(b)))
+    for begin in range(0, a.shape[1], COLUMNS_PER_PRODUCT):
+        columns = slice(begin, begin + COLUMNS_PER_PRODUCT)
+        total += a[:, columns] @ b[:, columns].T
+    return total
