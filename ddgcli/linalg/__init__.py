@@ -1,7 +1,8 @@
 """Linear algebra without meshes: factorisation, ordering, eigenpairs, constrained solves.
 
 `factor` is the only place where matrices are factorised; `backends` holds the solvers behind it, `eigen`
-smallest eigenpairs, `constrain` Dirichlet problems, `conjugate` conjugate gradients.
+smallest eigenpairs, `constrain` Dirichlet problems, `conjugate` conjugate gradients, `displacements` those of
+mechanical systems whose factors do not fit.
 """
 
 __all__ = [
@@ -10,6 +11,7 @@ __all__ = [
     "condition",
     "conjugate",
     "constrain",
+    "displacements",
     "dissection",
     "eigen",
     "factor",

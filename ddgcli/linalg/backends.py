@@ -6,12 +6,11 @@ backend of another matrix of the same pattern, whose analysis is used again, or 
 
 from __future__ import annotations
 
-import importlib.util
 import logging
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,6 +21,7 @@ from scipy.sparse.linalg import splu
 from ddgcli.choices import LINEAR_SOLVERS
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.assembly_tree import AssemblyLevel, assembly_levels
+from ddgcli.linalg.cholmod import Cholmod, NotPositiveDefinite, cholmod_available
 from ddgcli.linalg.dissection import Dissection, nested_dissection
 from ddgcli.linalg.iterative import ITERATIVE_SOLVERS, Iterative, preferred_iterative_solver
 from ddgcli.linalg.multifrontal import PivotOrder, cholesky_groups, cholesky_solve
@@ -39,14 +39,11 @@ MIN_CHOLMOD_UNKNOWNS = 3000
 MIN_MULTIFRONTAL_ENTRIES = 100_000
 
 
-class NotPositiveDefinite(SolveError):
-    """A Cholesky pivot is not positive; the caller factorises with pivoting instead."""
-
-
 class Backend(Protocol):
     """One analysed pattern with the values of the last `refactor`."""
 
     name: str
+    repeats: bool  # `refactor` of the same matrix gives the same bits
 
     @property
     def order(self) -> NDArray[np.int64] | None:
@@ -87,15 +84,6 @@ def analyse(matrix: csc_array) -> Analysis | None:
     return None if dissection is None else Analysis(dissection, assembly_levels(matrix, dissection))
 
 
-@cache
-def cholmod_available() -> bool:
-    """Whether the CHOLMOD wheel of the extra `fast` can be imported; reported once at level INFO."""
-    available = importlib.util.find_spec("cvxopt") is not None
-    if available:
-        log.info("CHOLMOD (cvxopt, GPL-3) is installed and used for large systems")
-    return available
-
-
 def solver_name(solver: str | None, matrix: csc_array, definite: bool, *, blocks: bool = False) -> str:
     """Name of the backend for a matrix: `solver`, else DDGCLI_SOLVER, else by size and installed packages."""
     return choose_solver(solver, matrix, definite, blocks=blocks)[0]
@@ -114,6 +102,34 @@ def choose_solver(
     `blocks` means many solves with several right-hand sides each: the multifrontal factor treats them
     together, CHOLMOD through cvxopt one by one. `entries` are `Analysis.entries` of the pattern, if known.
     """
+    name = _requested(solver)
+    if name == "pivoted" or not definite:
+        return "pivoted", None
+    if name != "auto":
+        return name, None
+    chosen, analysis = _without_memory(matrix, entries)
+    return (chosen, None) if chosen else (_by_size(matrix, blocks), analysis)
+
+
+def displacement_solver(graph: csc_array, size: int) -> str | None:
+    """Iterative solver of a system that has (size, size) blocks in the places of a graph's entries.
+
+    None where its factors fit into the available memory, or DDGCLI_SOLVER names a direct solver.
+    """
+    name = _requested(None)
+    if name != "auto":
+        return name if name in ITERATIVE_SOLVERS else None
+    return _without_memory(graph, None, size)[0]
+
+
+def direct_solver(matrix: csc_array) -> str:
+    """Direct solver of a definite matrix whose factors fit: that of DDGCLI_SOLVER, else by size."""
+    name = _requested(None)
+    return _by_size(matrix, False) if name == "auto" else name
+
+
+def _requested(solver: str | None) -> str:
+    """`solver`, else DDGCLI_SOLVER, else auto."""
     name = solver or os.environ.get("DDGCLI_SOLVER") or "auto"
     if name not in LINEAR_SOLVERS:
         raise ParameterError(
@@ -121,24 +137,36 @@ def choose_solver(
         )
     if name == "cholmod" and not cholmod_available():
         raise ParameterError("solver 'cholmod' is not installed; install ddgcli[fast] or use 'superlu'")
-    if name == "pivoted" or not definite:
-        return "pivoted", None
-    if name != "auto":
-        return name, None
-    available = available_memory() if matrix.shape[0] >= MIN_CHECKED_UNKNOWNS else np.inf
-    needed, analysis = _needed_bytes(matrix, available, entries)
-    if needed > available:
-        chosen = preferred_iterative_solver()
-        log.warning(
-            "the factors of %d unknowns need about %.3g GiB, %.3g GiB are available: %s solve instead",
-            matrix.shape[0], needed / 2**30, available / 2**30,
-            "conjugate gradients with multigrid" if chosen == "multigrid" else "conjugate gradients",
-        )  # fmt: skip
-        return chosen, None
+    return name
+
+
+def _by_size(matrix: csc_array, blocks: bool) -> str:
+    """Direct solver of a definite matrix."""
     large = matrix.nnz >= MIN_MULTIFRONTAL_ENTRIES
     if matrix.shape[0] >= MIN_CHOLMOD_UNKNOWNS and cholmod_available() and not (blocks and large):
-        return "cholmod", analysis
-    return ("multifrontal" if large else "superlu"), analysis
+        return "cholmod"
+    return "multifrontal" if large else "superlu"
+
+
+def _without_memory(
+    matrix: csc_array, entries: float | None, size: int = 1
+) -> tuple[str | None, Analysis | None]:
+    """Iterative solver where the factors do not fit, with a warning, else None; and the analysis if made.
+
+    Of a matrix that has (size, size) blocks in the places of the entries.
+    """
+    n = size * matrix.shape[0]
+    available = available_memory() if n >= MIN_CHECKED_UNKNOWNS else np.inf
+    needed, analysis = _needed_bytes(matrix, available, entries, size)
+    if needed <= available:
+        return None, analysis
+    chosen = preferred_iterative_solver()
+    log.warning(
+        "the factors of %d unknowns need about %.3g GiB, %.3g GiB are available: %s solve instead",
+        n, needed / 2**30, available / 2**30,
+        "conjugate gradients with multigrid" if chosen == "multigrid" else "conjugate gradients",
+    )  # fmt: skip
+    return chosen, None
 
 
 def direct_fits(matrix: csc_array) -> bool:
@@ -155,16 +183,18 @@ def factor_bytes(matrix: csc_array, enough: float) -> float:
     return _needed_bytes(matrix, enough, None)[0]
 
 
-def _needed_bytes(matrix: csc_array, enough: float, entries: float | None) -> tuple[float, Analysis | None]:
-    """`factor_bytes`, and the analysis if one was made."""
-    n, size = matrix.shape[0], matrix.dtype.itemsize
+def _needed_bytes(
+    matrix: csc_array, enough: float, entries: float | None, block: int = 1
+) -> tuple[float, Analysis | None]:
+    """`factor_bytes`, and the analysis if one was made; entries are blocks of block^2 numbers."""
+    n, size = block * matrix.shape[0], matrix.dtype.itemsize
     bound = min(MAX_FACTOR_BYTES * n ** (4 / 3), 4.0 * n * n) * (size / 8)
     if bound <= enough:
         return bound, None
     if entries is not None:
         return entries * size, None
     analysis = analyse(matrix)
-    return (bound, None) if analysis is None else (analysis.entries * size, analysis)
+    return (bound, None) if analysis is None else (block**2 * analysis.entries * size, analysis)
 
 
 def make_backend(name: str, matrix: csc_array, like: Backend | Analysis | None = None) -> Backend:
@@ -195,6 +225,7 @@ class Multifrontal:
     """Multifrontal Cholesky factorisation ordered by nested dissection; for definite matrices."""
 
     name = "multifrontal"
+    repeats = True
 
     def __init__(self, matrix: csc_array, dissection: Dissection, levels: list[AssemblyLevel]) -> None:
         self.dissection, self.levels = dissection, levels
@@ -221,6 +252,7 @@ class SymmetricLU:
     """SuperLU with diagonal pivots in a fill-reducing order of our own; for definite matrices."""
 
     name = "superlu"
+    repeats = False  # its first order is not post-ordered
 
     def __init__(self, matrix: csc_array, like: Backend | Analysis | None = None) -> None:
         order = like.order if like else None
@@ -275,6 +307,7 @@ class PivotedLU:
     """SuperLU with partial pivoting on an equilibrated matrix; for indefinite symmetric systems."""
 
     name = "pivoted"
+    repeats = True
     order = None  # depends on the values
 
     def __init__(self, matrix: csc_array, like: Backend | Analysis | None = None) -> None:
@@ -297,62 +330,6 @@ class PivotedLU:
     def solve(self, rhs: NDArray) -> NDArray:
         scale = self._scale if rhs.ndim == 1 else self._scale[:, None]
         return scale * self._lu.solve(scale * rhs)
-
-
-class Cholmod:
-    """Supernodal Cholesky of SuiteSparse through cvxopt (GPL-3); for definite matrices."""
-
-    name = "cholmod"
-
-    def __init__(self, matrix: csc_array, like: Backend | Analysis | None = None) -> None:
-        from cvxopt import cholmod, spmatrix
-        from cvxopt import matrix as dense
-
-        self._cholmod, self._dense = cholmod, dense
-        n = matrix.shape[0]
-        column = np.repeat(np.arange(n, dtype=np.int64), np.diff(matrix.indptr))
-        self._lower = np.flatnonzero(matrix.indices >= column)
-        rows = matrix.indices[self._lower].astype(np.int64)
-        values = dense(matrix.data[self._lower])
-        self._matrix = spmatrix(values, dense(rows), dense(column[self._lower]), (n, n))
-        order = like.order if like else None
-        if order is None:
-            self._symbolic = cholmod.symbolic(self._matrix)
-        else:
-            self._symbolic = self._symbolic_factorisation(dense(order.astype(np.int64)))
-        self._numeric()
-
-    def _symbolic_factorisation(self, order: Any) -> Any:
-        """Symbolic factorisation in `order` only; by default CHOLMOD also tries its own orders."""
-        before = dict(self._cholmod.options)
-        self._cholmod.options["nmethods"] = 1
-        try:
-            return self._cholmod.symbolic(self._matrix, p=order)
-        finally:
-            self._cholmod.options.clear()
-            self._cholmod.options.update(before)
-
-    @property
-    def order(self) -> NDArray[np.int64]:
-        kind = np.complex128 if self._matrix.typecode == "z" else np.float64
-        numbers = self._dense(np.arange(self._matrix.size[0]).astype(kind))
-        self._cholmod.solve(self._symbolic, numbers, sys=7)  # the permutation alone
-        return np.array(numbers).ravel().real.astype(np.int64)
-
-    def refactor(self, matrix: csc_array) -> None:
-        self._matrix.V = self._dense(matrix.data[self._lower])
-        self._numeric()
-
-    def _numeric(self) -> None:
-        try:
-            self._cholmod.numeric(self._matrix, self._symbolic)
-        except ArithmeticError as error:
-            raise NotPositiveDefinite(f"the matrix is not positive definite (column {error})") from error
-
-    def solve(self, rhs: NDArray) -> NDArray:
-        x = self._dense(rhs)
-        self._cholmod.solve(self._symbolic, x)
-        return np.array(x).reshape(rhs.shape)
 
 
 def _permuted(matrix: csc_array, order: NDArray) -> csc_array:

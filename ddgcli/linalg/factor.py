@@ -93,6 +93,11 @@ class Factor:
         return self._backend.name
 
     @property
+    def repeats(self) -> bool:
+        """Whether factors of the same matrix are the same bits, the first time and later."""
+        return self._backend.repeats
+
+    @property
     def order(self) -> NDArray[np.int64] | None:
         """Unknown eliminated at each step; None where pivoting decides."""
         return self._backend.order

@@ -13,15 +13,23 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import csc_array, csr_array, csr_matrix
 
 from ddgcli.errors import MissingExtraError, SolveError
 from ddgcli.linalg.indices import compact
 
-__all__ = ["ITERATIVE_SOLVERS", "Iterative", "preferred_iterative_solver"]
+__all__ = [
+    "ITERATIVE_SOLVERS",
+    "Iterative",
+    "jacobi",
+    "preferred_iterative_solver",
+    "require_multigrid",
+    "v_cycle",
+]
 
 ITERATIVE_SOLVERS = ("multigrid", "conjugate-gradients")
 ROUND_REDUCTION = 1e-10  # of the residual in one round of conjugate gradients
@@ -29,12 +37,21 @@ BACKWARD_ERROR = 4e-16  # componentwise, at which a row of the residual is round
 SMALL_ERROR = 1e-13  # backward error from which rounds end where they no longer halve it
 MAX_ROUNDS = 80  # ten digits each
 MAX_ITERATIONS = 20_000  # of one round
+MAX_COARSE = 500  # unknowns of the level that is solved densely
 FAILURE_ERROR = 1e-6  # componentwise backward error of a solution that is refused
 
 
 def preferred_iterative_solver() -> str:
     """`multigrid` where pyamg is installed, else `conjugate-gradients`."""
     return ITERATIVE_SOLVERS[0 if importlib.util.find_spec("pyamg") else 1]
+
+
+def require_multigrid(name: str) -> None:
+    """Raise MissingExtraError for `multigrid` without pyamg."""
+    if name == "multigrid" and not importlib.util.find_spec("pyamg"):
+        raise MissingExtraError(
+            "solver 'multigrid' needs pyamg; pip install 'ddgcli[multigrid]', or use 'conjugate-gradients'"
+        )
 
 
 class Iterative:
@@ -52,13 +69,10 @@ class Iterative:
     """
 
     order = None
+    repeats = True
 
     def __init__(self, matrix: csc_array, name: str) -> None:
-        if name == "multigrid" and not importlib.util.find_spec("pyamg"):
-            raise MissingExtraError(
-                "solver 'multigrid' needs pyamg; pip install 'ddgcli[multigrid]', "
-                "or use 'conjugate-gradients'"
-            )
+        require_multigrid(name)
         self.name = name
         self.iterations = 0  # of all solves since the last factorisation
         self._order = _local_order(matrix)
@@ -72,7 +86,10 @@ class Iterative:
         self._magnitude = csr_array(
             (np.abs(self._matrix.data), self._matrix.indices, self._matrix.indptr), shape=matrix.shape
         )
-        self._precondition = _multigrid(self._matrix) if self.name == "multigrid" else _jacobi(self._matrix)
+        if self.name == "multigrid":
+            self._precondition = v_cycle(csr_matrix(self._matrix), max_coarse=MAX_COARSE)
+        else:
+            self._precondition = jacobi(self._matrix)
         self.iterations = 0
 
     def solve(self, rhs: NDArray) -> NDArray:
@@ -145,18 +162,25 @@ def _local_order(matrix: csc_array) -> NDArray[np.intp]:
     return reverse_cuthill_mckee(pattern, symmetric_mode=True)
 
 
-def _jacobi(matrix: csr_array) -> Callable[[NDArray], NDArray]:
+def jacobi(matrix: csr_array) -> Callable[[NDArray], NDArray]:
+    """The inverse of the diagonal."""
     inverse = 1.0 / matrix.diagonal().real
     return lambda r: inverse * r
 
 
-def _multigrid(matrix: csr_array) -> Callable[[NDArray], NDArray]:
-    """One V-cycle of smoothed aggregation, symmetric, from zero."""
+def v_cycle(matrix: Any, **options: Any) -> Callable[[NDArray], NDArray]:
+    """One V-cycle of smoothed aggregation of pyamg, symmetric, from zero; the same bits each time."""
     import pyamg
-    from scipy.sparse import csr_matrix
 
-    hierarchy = pyamg.smoothed_aggregation_solver(
-        csr_matrix(matrix), symmetry="hermitian", presmoother=("gauss_seidel", {"sweep": "symmetric"}),
-        postsmoother=("gauss_seidel", {"sweep": "symmetric"}), max_coarse=500,
-    )  # fmt: skip
+    sweep = ("gauss_seidel", {"sweep": "symmetric"})
+    before = np.random.get_state()  # noqa: NPY002 (pyamg's estimates of norms start from such vectors)
+    try:
+        np.random.seed(0)  # noqa: NPY002
+        hierarchy = pyamg.smoothed_aggregation_solver(
+            matrix, symmetry="hermitian", presmoother=sweep, postsmoother=sweep, **options
+        )
+    finally:
+        np.random.set_state(before)  # noqa: NPY002
+    for level in hierarchy.levels:
+        level.B = None  # of the setup alone
     return hierarchy.aspreconditioner(cycle="V").matvec

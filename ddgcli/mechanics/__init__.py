@@ -1,7 +1,7 @@
 """Mechanical systems: masses, potentials, dissipation, constraints, and how they move.
 
 `system` and `terms` describe a system, `integrators` its time schemes, `newton` the implicit steps,
-`equilibrium` its static state. It has no particular physics.
+`hessian_solver` their linear systems, `equilibrium` its static state. It has no particular physics.
 """
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "embedding",
     "energy_balance",
     "equilibrium",
+    "hessian_solver",
     "integrators",
     "modes",
     "newton",

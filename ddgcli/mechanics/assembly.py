@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import bsr_array, csc_array, csr_array
 
-from ddgcli.linalg.indices import matrix_indices
+from ddgcli.mechanics.block_layout import BlockLayout
 from ddgcli.mechanics.pair_blocks import vertex_pairs
 
 
@@ -32,14 +32,16 @@ class Assembly:
     Attributes
     ----------
     by_pairs : list of bool
+    internal : int
+        Number of internal unknowns.
     """
 
     def __init__(
         self, free: NDArray[np.bool_], stencils: list[NDArray], by_pairs: Sequence[bool] = ()
     ) -> None:
         n, self._free = len(free), free
-        stencils, self._internal = _numbered(stencils, n)
-        scalar = np.broadcast_to([True, False, False], (self._internal, 3))
+        stencils, self.internal = _numbered(stencils, n)
+        scalar = np.broadcast_to([True, False, False], (self.internal, 3))
         free = np.concatenate([free, scalar])
         own = np.arange(len(free))
         self.by_pairs = by_pairs = list(by_pairs) or [False] * len(stencils)
@@ -57,26 +59,48 @@ class Assembly:
             for of_pair, (_, _, first), stencil, paired in zip(pairs, entries, stencils, by_pairs)
         ]
         low, high = keys % len(free), keys // len(free)
-        self._layout = _layout(free, low, high)
+        self._layout = BlockLayout(free, low, high, scalars=self.internal > 0)
         self._members = _members(low, high, len(free))
 
-    def matrix(self, blocks: list[NDArray], diagonal: NDArray) -> csc_array:
+    @property
+    def graph(self) -> csc_array:
+        """Vertices and internal unknowns with those whose blocks they share."""
+        return self._layout.graph()
+
+    @property
+    def by_vertex(self) -> bool:
+        """Whether the unknowns are the three coordinates of each vertex that is free."""
+        return self._layout.by_vertex
+
+    def matrix(self, blocks: Iterable[NDArray], diagonal: NDArray) -> csc_array:
         """Sum of blocks of elements, in the order of the stencils, plus (n,) numbers times the identity."""
+        return self._layout.scalar_matrix(self._sums(blocks, diagonal))
+
+    def block_matrix(self, blocks: Iterable[NDArray], diagonal: NDArray) -> bsr_array:
+        """`matrix` with (3, 3) blocks, a third less memory; where unknowns are `by_vertex`."""
+        return self._layout.block_matrix(self._sums(blocks, diagonal))
+
+    def _sums(self, blocks: Iterable[NDArray], diagonal: NDArray) -> NDArray[np.float64]:
+        """(3, 3, pairs) blocks of the pairs of vertices."""
         sums = np.zeros((3, 3, self._count))
-        entries = list(zip(self._gathers, blocks, self.by_pairs))
-        for gather, block, paired in entries:
+        whole, blocks = [], iter(blocks)
+        for gather, paired in zip(self._gathers, self.by_pairs):
+            block = next(blocks)
             if paired:
                 for i, j in np.ndindex(3, 3):
                     sums[i, j] += gather @ block[i, j].ravel()
+            else:
+                whole.append((gather, block))
+            del block  # before the next one is computed
+        for _ in blocks:  # what else is computed along with them
+            pass
         if any(self.by_pairs):
             self._subtract_translated(sums)
-        for gather, block, paired in entries:
-            if not paired:
-                sums += (gather @ block.reshape(-1, 3)).reshape(-1, 3, 3).transpose(1, 2, 0)
+        for gather, block in whole:
+            sums += (gather @ block.reshape(-1, 3)).reshape(-1, 3, 3).transpose(1, 2, 0)
         for axis in range(3):
             sums[axis, axis, self._own[: len(diagonal)]] += diagonal
-        layout = self._layout
-        return csc_array((sums.ravel()[layout.data], layout.indices, layout.indptr), shape=layout.shape)
+        return sums
 
     def _subtract_translated(self, sums: NDArray) -> None:
         """Give each vertex minus its blocks with all others: a translation of all of them does nothing."""
@@ -91,12 +115,12 @@ class Assembly:
     def vector(self, v: NDArray) -> NDArray[np.float64]:
         """Entries of a vector (n, 3) or (n, 3, k) in the matrix; 0 for internal unknowns."""
         entries = v[self._free]
-        return np.concatenate([entries, np.zeros((self._internal, *entries.shape[1:]))])
+        return np.concatenate([entries, np.zeros((self.internal, *entries.shape[1:]))])
 
     def spread(self, entries: NDArray) -> NDArray[np.float64]:
         """(n, 3) vector with these entries, 0 at coordinates that are not free."""
         v = np.zeros(self._free.shape)
-        v[self._free] = entries[: len(entries) - self._internal]
+        v[self._free] = entries[: len(entries) - self.internal]
         return v
 
 
@@ -154,25 +178,3 @@ def _row_sums(pair: NDArray, first: NDArray, step: int, pairs: int, size: int) -
         columns[place + row * np.repeat(count, count)] = first + row * step
     ends = np.concatenate([[0], np.cumsum(np.repeat(count, 3))]).astype(np.int32)
     return csr_array((np.ones(len(columns)), columns, ends), shape=(3 * pairs, size))
-
-
-def _layout(free: NDArray[np.bool_], low: NDArray, high: NDArray) -> csc_array:
-    """Matrix over the free coordinates whose entries are the numbers of the values that belong there.
-
-    Values are those of pairs, (3, 3, pairs).
-    """
-    shape = (len(low), 3, 3)
-    number = np.where(free.ravel(), np.cumsum(free.ravel()) - 1, -1)
-    number, axis = matrix_indices(number, free.size, 18 * len(low)), np.arange(3)
-    row = np.broadcast_to(number[3 * low[:, None] + axis][:, :, None], shape)
-    column = np.broadcast_to(number[3 * high[:, None] + axis][:, None, :], shape)
-    value = np.arange(row.size).reshape(3, 3, len(low)).transpose(2, 0, 1)
-    off = low < high
-    rows = np.concatenate([row.ravel(), column[off].ravel()])
-    columns = np.concatenate([column.ravel(), row[off].ravel()])
-    values = np.concatenate([value.ravel(), value[off].ravel()])  # int64: the sums are gathered by them
-    kept = (rows >= 0) & (columns >= 0)
-    n = int(free.sum())
-    layout = csc_array((values[kept], (rows[kept], columns[kept])), shape=(n, n))
-    layout.sort_indices()
-    return layout

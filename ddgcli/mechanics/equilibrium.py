@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import block_array, csc_array, eye_array
 
 from ddgcli.errors import SolveError
-from ddgcli.linalg.factor import Factor, negative_eigenvalues
-from ddgcli.mechanics import low_rank
+from ddgcli.linalg.factor import negative_eigenvalues
 from ddgcli.mechanics.newton import MOVE_TOLERANCE, Increment, Newton, newton_of, worst
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode
@@ -26,7 +23,6 @@ class Equilibrium:
 
     def __init__(self, newton: Newton) -> None:
         self.newton, self.system = newton, newton.system
-        self._factor: Factor | None = None
 
     def find(self, start: NDArray) -> tuple[NDArray, int]:
         """The equilibrium downhill from `start`, and the iterations.
@@ -63,6 +59,7 @@ class Equilibrium:
             exact_allowed = shift < 1e-3 * unit and t == 1.0
             quick = exact_used and t == 1.0 and size < before < np.inf
             following = size * size / before if quick else size * max(t, 1e-3)
+            following = max(following, newton.solver(increment).error * size)
             before = size if t == 1.0 else np.inf
             if following <= enough:
                 return point.y, iteration
@@ -78,20 +75,17 @@ class Equilibrium:
     ) -> tuple[NDArray, bool]:
         """Descent direction: with the exact Hessian where that descends, else with the projected one."""
         modes: tuple[Mode, ...] = ("exact", "projected") if exact_allowed else ("projected",)
+        solver = self.newton.solver(increment)
         for mode in modes:
             matrix = self.newton.matrix(increment, y, mode, shift)
             with self.system.account.within("solver"):
                 try:
-                    if self._factor is None:
-                        self._factor = Factor(matrix, pivot=False)
-                    else:
-                        self._factor.refactor(matrix)
+                    solver.factorise(self.system, matrix, y, self.newton.columns(y))
+                    move = self.newton.spread(solver.solve(self.newton.entries(-g)))
                 except SolveError:
                     if mode == "exact":
                         continue
                     raise
-                solve = low_rank.solver(partial(self._factor.solve, refine=False), self.newton.columns(y))
-                move = self.newton.spread(solve(self.newton.entries(-g)))
             downhill = float(np.vdot(g, move))
             if np.isfinite(downhill) and downhill <= 0:
                 return move, mode == "exact"
@@ -103,8 +97,10 @@ def unstable_directions(system: System, x: NDArray) -> int | None:
 
     0 at a minimum; more at a saddle point, which a disturbance leaves. Rounding moves the forces by eps of
     the stiffness, and the stress by eps max |x| over the length of an edge: eigenvalues within that count as
-    zero (the rigid motions of what nothing holds). None where the factorisation fails.
+    zero (the rigid motions of what nothing holds). None where the factorisation fails or does not fit.
     """
+    if newton_of(system).solver(Increment(0.0, x)).by_blocks:
+        return None  # its factors do not fit
     matrix = newton_of(system).matrix(Increment(0.0, x), x, "exact")
     edges = np.sqrt(len(x)) * float(np.abs(x).max()) / system.size
     norm = float(abs(matrix).sum(axis=0).max(initial=0.0))

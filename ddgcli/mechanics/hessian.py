@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
+from scipy.sparse import bsr_array, csc_array
 
 from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mechanics.increment import Increment
@@ -25,38 +25,62 @@ def assembly_of(system: System, increment: Increment) -> Assembly:
 
 
 def total_hessian(
-    system: System, increment: Increment, assembly: Assembly, y: NDArray, mode: Mode, shift: float
-) -> csc_array:
-    """Hessian over the free coordinates and the internal unknowns, plus `shift` times the masses."""
-    blocks: list[NDArray] = []
-    changing = []
+    system: System,
+    increment: Increment,
+    assembly: Assembly,
+    y: NDArray,
+    mode: Mode,
+    shift: float,
+    *,
+    by_blocks: bool = False,
+) -> csc_array | bsr_array:
+    """Hessian over the free coordinates and the internal unknowns, plus `shift` times the masses.
+
+    `by_blocks`: with (3, 3) blocks if the unknowns are those of whole vertices.
+    """
+    changing: list[Any] = []
+    blocks = _blocks(system, increment, assembly, y, mode, changing)
+    with system.account.within("solver"):
+        build = assembly.block_matrix if by_blocks and assembly.by_vertex else assembly.matrix
+        matrix = build(blocks, (increment.a + shift) * system.mass)
+        return with_changing(matrix, system.free, changing)
+
+
+def _blocks(
+    system: System, increment: Increment, assembly: Assembly, y: NDArray, mode: Mode, changing: list[Any]
+) -> Iterator[NDArray]:
+    """Blocks of each term in turn, computed when they are asked for; Hessians are added to `changing`."""
+    count = 0
     for potential in system.potentials:
         if not is_dead(potential):
             with system.account.within(potential.name):
                 if hasattr(potential, "hessian"):
                     changing.append(potential.hessian(y, mode))
-                elif assembly.by_pairs[len(blocks)]:
-                    blocks.append(potential.pair_blocks(y, mode))  # type: ignore[attr-defined]
-                else:
-                    blocks.append(potential.blocks(y, mode))
+                    continue
+                by_pairs = assembly.by_pairs[count]
+                block = potential.pair_blocks(y, mode) if by_pairs else potential.blocks(y, mode)  # type: ignore[attr-defined]
+            count += 1
+            yield block
+            del block
     for potential in increment.frozen:
         with system.account.within(potential.name):
             if hasattr(potential, "hessian"):
                 hessian = potential.hessian(increment.velocity(y), mode)
                 changing.append(None if hessian is None else increment.c * hessian)
-            else:
-                blocks.append(increment.c * potential.blocks(increment.velocity(y), mode))
-    with system.account.within("solver"):
-        matrix = assembly.matrix(blocks, (increment.a + shift) * system.mass)
-        return with_changing(matrix, system.free, changing)
+                continue
+            block = increment.c * potential.blocks(increment.velocity(y), mode)
+        yield block
+        del block
 
 
-def with_changing(matrix: csc_array, free: NDArray[np.bool_], hessians: Sequence[Any]) -> csc_array:
+def with_changing(
+    matrix: csc_array | bsr_array, free: NDArray[np.bool_], hessians: Sequence[Any]
+) -> csc_array | bsr_array:
     """The Hessian over the unknowns plus those of elements that change from place to place.
 
     Parameters
     ----------
-    matrix : (f, f) csc_array
+    matrix : (f, f) csc_array or bsr_array
         The free coordinates, then internal unknowns.
     free : (n, 3) ndarray of bool
     hessians : sequence of (3n, 3n) sparse arrays or None
@@ -65,5 +89,8 @@ def with_changing(matrix: csc_array, free: NDArray[np.bool_], hessians: Sequence
         if hessian is not None and hessian.nnz:
             free_block = csc_array(hessian if free.all() else hessian[free.ravel()][:, free.ravel()])
             free_block.resize(matrix.shape)
-            matrix = csc_array(matrix + free_block)
+            if isinstance(matrix, bsr_array):
+                matrix = bsr_array(matrix + free_block.tobsr((3, 3)))
+            else:
+                matrix = csc_array(matrix + free_block)
     return matrix

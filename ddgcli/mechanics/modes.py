@@ -79,7 +79,7 @@ def _hessian(system: System, x: NDArray) -> csc_array:
     """Exact Hessian over the unknowns; dense parts of low rank are refused."""
     if system.low_rank(x) is not None:
         raise SolveError("modes of a shell with a gas are not implemented; use pressure without gas")
-    return newton_of(system).matrix(Increment(0.0, x), x, "exact")
+    return csc_array(newton_of(system).matrix(Increment(0.0, x), x, "exact"))
 
 
 def _stress_part(system: System, x: NDArray) -> csc_array:

@@ -10,19 +10,17 @@ V the potentials and R the dissipation frozen at the start of the step: its stat
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
 
 from ddgcli.errors import SolveError
 from ddgcli.linalg.conjugate import NewtonStep, truncated_conjugate_gradients
-from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics import low_rank
-from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mechanics.constant_matrices import ConstantMatrices
 from ddgcli.mechanics.hessian import assembly_of, total_hessian
+from ddgcli.mechanics.hessian_solver import HessianSolver
 from ddgcli.mechanics.increment import Increment, Point, shorter_fraction
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.secant import MAX_SECANT_RATIO, Secants
@@ -55,10 +53,8 @@ class Newton:
 
     def __init__(self, system: System) -> None:
         self.system = system
-        self._assembly: Assembly | None = None
-        self._factor: Factor | None = None
+        self._solver: HessianSolver | None = None
         self._fresh = False  # whether the factorisation belongs to the step under way
-        self._solve: low_rank.Operator | None = None  # with that factorisation and its part of low rank
         self._secants = Secants()
         self._constant = ConstantMatrices()
 
@@ -87,12 +83,19 @@ class Newton:
                 total += potential.gradient(increment.velocity(y))
         return system.only_free(total)
 
-    def matrix(self, increment: Increment, y: NDArray, mode: Mode, shift: float = 0.0) -> csc_array:
-        """Hessian over the free coordinates."""
-        if self._assembly is None:
+    def matrix(self, increment: Increment, y: NDArray, mode: Mode, shift: float = 0.0) -> Any:
+        """Hessian over the free coordinates and internal unknowns, in the format that `solver` prefers."""
+        solver = self.solver(increment)
+        return total_hessian(
+            self.system, increment, solver.assembly, y, mode, shift, by_blocks=solver.by_blocks
+        )
+
+    def solver(self, increment: Increment) -> HessianSolver:
+        """Solver of the systems of the steps, with the pattern of the Hessians; found once."""
+        if self._solver is None:
             with self.system.account.within("solver"):
-                self._assembly = assembly_of(self.system, increment)
-        return total_hessian(self.system, increment, self._assembly, y, mode, shift)
+                self._solver = HessianSolver(assembly_of(self.system, increment))
+        return self._solver
 
     # ------------------------------------------------------------ the iteration
 
@@ -242,11 +245,11 @@ class Newton:
 
     def spread(self, step: NDArray) -> NDArray:
         """(n, 3) move of the vertices in a solution over the unknowns of the last matrix."""
-        return self._assembly.spread(step)  # type: ignore[union-attr]
+        return self._solver.assembly.spread(step)  # type: ignore[union-attr]
 
     def entries(self, g: NDArray) -> NDArray:
         """Right-hand side of a vector (n, 3): internal unknowns are in balance."""
-        return self._assembly.vector(g)  # type: ignore[union-attr]
+        return self._solver.assembly.vector(g)  # type: ignore[union-attr]
 
     def columns(self, y: NDArray) -> NDArray | None:
         """Columns of the part of low rank, over the unknowns of the last matrix."""
@@ -273,9 +276,10 @@ class Newton:
         matrix, rhs, columns = self.matrix(increment, y, "exact"), self.entries(-g), self.columns(y)
         if not self._fresh:
             self._secants.add(self.entries(y), -rhs)
-            step = self._solved(matrix, columns, rhs)
+            step = self._solved(y, matrix, columns, rhs)
             if step is not None:
-                return NewtonStep(step, 0.0, 0, True)
+                left = self.solver(increment).error * float(np.abs(step).max(initial=0.0))
+                return NewtonStep(step, left, 0, True)
             self._factorise_projected(increment, y, g)
         with self.system.account.within("solver"):
             direction = truncated_conjugate_gradients(
@@ -317,38 +321,35 @@ class Newton:
         with self.system.account.within("solver"):
             return NewtonStep(self._precondition(self.entries(-g)), 0.0, 0, False)
 
-    def _solved(self, matrix: csc_array, columns: NDArray | None, rhs: NDArray) -> NDArray | None:
+    def _solved(self, y: NDArray, matrix: Any, columns: NDArray | None, rhs: NDArray) -> NDArray | None:
         """Solution with a new factorisation, or None where the matrix is not positive definite."""
         with self.system.account.within("solver"):
             try:
-                self._factorise(matrix, columns)
+                self._factorise(matrix, y, columns)
+                step = self._solver.solve(rhs)  # type: ignore[union-attr]
             except SolveError:
                 return None
-            step = self._precondition(rhs)
             return step if float(rhs @ step) > 0 or not rhs.any() else None
 
     def _factorise_projected(self, increment: Increment, y: NDArray, g: NDArray) -> None:
         matrix = self.matrix(increment, y, "projected")
         with self.system.account.within("solver"):
             try:
-                self._factorise(matrix, self.columns(y))
+                self._factorise(matrix, y, self.columns(y))
             except SolveError as error:
                 raise StepRejected("singular", worst(g)) from error
 
-    def _factorise(self, matrix: csc_array, columns: NDArray | None) -> None:
+    def _factorise(self, matrix: Any, y: NDArray, columns: NDArray | None) -> None:
         self._fresh = False
-        if self._factor is None:
-            # factorised twice: what comes after must not depend on where a run was resumed
-            self._factor = Factor(matrix, pivot=False)
-        elif not self._factor.same_pattern(matrix):
-            self._factor.refactor(matrix)  # the analysis of a new pattern; likewise
-        self._factor.refactor(matrix)
-        self._solve = low_rank.solver(partial(self._factor.solve, refine=False), columns)
+        self._solver.factorise(self.system, matrix, y, columns)  # type: ignore[union-attr]
         self._fresh = True
         self._secants.restart()
 
     def _precondition(self, rhs: NDArray) -> NDArray:
-        return self._solve(rhs)  # type: ignore[misc]
+        try:
+            return self._solver.solve(rhs)  # type: ignore[union-attr]
+        except SolveError as error:
+            raise StepRejected(str(error)) from error
 
     def _reach(self, y: NDArray, move: NDArray) -> float:
         """Largest fraction of a move that stays inside every barrier."""

@@ -14,6 +14,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+MAX_KEPT = 2**27  # bytes of an array of blocks that stays in memory between two matrices
+
 
 @cache
 def vertex_pairs(count: int) -> tuple[tuple[int, int], ...]:
@@ -24,7 +26,8 @@ def vertex_pairs(count: int) -> tuple[tuple[int, int], ...]:
 class PairBlocks:
     """Array of the blocks of every pair of every element, written piece by piece.
 
-    It is written to again and again: fresh memory costs more than the arithmetic.
+    It is written to again and again, because fresh memory costs more than the arithmetic; above MAX_KEPT
+    bytes it is given away instead.
 
     Parameters
     ----------
@@ -39,8 +42,15 @@ class PairBlocks:
 
     def __init__(self, stencil: NDArray) -> None:
         pairs = vertex_pairs(stencil.shape[1])
-        self.values = np.empty((3, 3, len(pairs), len(stencil)))
+        self._shape = (3, 3, len(pairs), len(stencil))
+        self._values: NDArray[np.float64] | None = None
         self._descending = _descending(stencil)
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        if self._values is None:
+            self._values = np.empty(self._shape)
+        return self._values
 
     def transpose_descending(self, rows: slice) -> None:
         """Bring blocks of the elements `rows` into order, whose rows belong to a and columns to b so far."""
@@ -50,6 +60,13 @@ class PairBlocks:
             kept = upper.copy()
             np.copyto(upper, lower, where=descending)
             np.copyto(lower, kept, where=descending)
+
+    def written(self) -> NDArray[np.float64]:
+        """The array, once all pairs of all elements are written; a large one is not kept here."""
+        values = self.values
+        if values.nbytes > MAX_KEPT:
+            self._values = None
+        return values
 
 
 def whole_blocks(stencil: NDArray, pair_blocks: NDArray) -> NDArray[np.float64]:

@@ -90,7 +90,7 @@ class HingeBending:
                 for pair, summand in hinge.angle_second_derivatives(piece, moment[rows]):
                     blocks[:, :, vertex_pairs(4).index(pair)] += summand
             self._pairs.transpose_descending(rows)
-        return self._pairs.values
+        return self._pairs.written()
 
     @cached_property
     def _pairs(self) -> PairBlocks:

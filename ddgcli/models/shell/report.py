@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
+from ddgcli.mechanics.hessian_solver import linear_solver_accuracy
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.system import System
@@ -100,8 +101,9 @@ def summary(
 
     Scales of the drifts: energy, the largest kinetic energy or change of a part of the energy; momentum, the
     mass times the largest speed; angular momentum, that times the size of the shells. Within rounding a
-    drift is 0. The gain is the largest rise of the energy above its lowest so far. `static` adds the
-    stability of the equilibrium; `order` is that of the shells, see `_split`.
+    drift is 0. The gain is the largest rise of the energy above its lowest so far. Conjugate gradients in
+    place of a factorisation are named. `static` adds the stability of the equilibrium; `order` is that of the
+    shells, see `_split`.
     """
     series, last = outcome.series, outcome.end
     energies = {
@@ -157,6 +159,7 @@ def summary(
             series["angular_momentum"], momentum_scale * size, least.angular_momentum
         ),
         "max_strain": outcome.largest.get("strain", 0.0),
+        **linear_solver_accuracy(systems),
     }
     if "rigid_error" in series:
         accuracy["rigid_error"] = float(series["rigid_error"].max())

@@ -81,7 +81,7 @@ class EdgeSprings:
             np.multiply(((across - along)[rows] * u)[:, None], u, out=block)
             for axis in range(3):
                 block[axis, axis] -= across[rows]
-        return self._pairs.values
+        return self._pairs.written()
 
     @cached_property
     def _pairs(self) -> PairBlocks:
@@ -182,7 +182,7 @@ class StVK:
                     for axis in range(3):
                         block[axis, axis] += geometric
             self._pairs.transpose_descending(rows)
-        return self._pairs.values
+        return self._pairs.written()
 
     @cached_property
     def _rates(self) -> NDArray[np.float64]:

@@ -1,0 +1,93 @@
+"""CHOLMOD of SuiteSparse through cvxopt, the extra `fast` (GPL-3)."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+from functools import cache
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+
+from ddgcli.errors import SolveError
+
+log = logging.getLogger("ddgcli")
+
+
+class NotPositiveDefinite(SolveError):
+    """A Cholesky pivot is not positive; the caller factorises with pivoting instead."""
+
+
+@cache
+def cholmod_available() -> bool:
+    """Whether the CHOLMOD wheel of the extra `fast` can be imported; reported once at level INFO."""
+    available = importlib.util.find_spec("cvxopt") is not None
+    if available:
+        log.info("CHOLMOD (cvxopt, GPL-3) is installed and used for large systems")
+    return available
+
+
+class Ordered(Protocol):
+    """What has an elimination order, or None."""
+
+    @property
+    def order(self) -> NDArray[np.int64] | None: ...
+
+
+class Cholmod:
+    """Supernodal Cholesky of SuiteSparse through cvxopt (GPL-3); for definite matrices."""
+
+    name = "cholmod"
+    repeats = True
+
+    def __init__(self, matrix: csc_array, like: Ordered | None = None) -> None:
+        from cvxopt import cholmod, spmatrix
+        from cvxopt import matrix as dense
+
+        self._cholmod, self._dense = cholmod, dense
+        n = matrix.shape[0]
+        column = np.repeat(np.arange(n, dtype=np.int64), np.diff(matrix.indptr))
+        self._lower = np.flatnonzero(matrix.indices >= column)
+        rows = matrix.indices[self._lower].astype(np.int64)
+        values = dense(matrix.data[self._lower])
+        self._matrix = spmatrix(values, dense(rows), dense(column[self._lower]), (n, n))
+        order = like.order if like else None
+        if order is None:
+            self._symbolic = cholmod.symbolic(self._matrix)
+        else:
+            self._symbolic = self._symbolic_factorisation(dense(order.astype(np.int64)))
+        self._numeric()
+
+    def _symbolic_factorisation(self, order: Any) -> Any:
+        """Symbolic factorisation in `order` only; by default CHOLMOD also tries its own orders."""
+        before = dict(self._cholmod.options)
+        self._cholmod.options["nmethods"] = 1
+        try:
+            return self._cholmod.symbolic(self._matrix, p=order)
+        finally:
+            self._cholmod.options.clear()
+            self._cholmod.options.update(before)
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        kind = np.complex128 if self._matrix.typecode == "z" else np.float64
+        numbers = self._dense(np.arange(self._matrix.size[0]).astype(kind))
+        self._cholmod.solve(self._symbolic, numbers, sys=7)  # the permutation alone
+        return np.array(numbers).ravel().real.astype(np.int64)
+
+    def refactor(self, matrix: csc_array) -> None:
+        self._matrix.V = self._dense(matrix.data[self._lower])
+        self._numeric()
+
+    def _numeric(self) -> None:
+        try:
+            self._cholmod.numeric(self._matrix, self._symbolic)
+        except ArithmeticError as error:
+            raise NotPositiveDefinite(f"the matrix is not positive definite (column {error})") from error
+
+    def solve(self, rhs: NDArray) -> NDArray:
+        x = self._dense(rhs)
+        self._cholmod.solve(self._symbolic, x)
+        return np.array(x).reshape(rhs.shape)

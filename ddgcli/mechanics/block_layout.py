@@ -1,0 +1,114 @@
+"""Places of the (3, 3) blocks of pairs of vertices in a symmetric matrix over the free coordinates."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import bsr_array, csc_array
+
+from ddgcli.linalg.indices import matrix_indices
+
+TAKEN = 1 << 18  # values that are gathered at a time: numpy converts indices of 4 bytes
+
+
+class BlockLayout:
+    """Pattern of a matrix from the blocks of vertex pairs i <= j, whose rows belong to i.
+
+    Parameters
+    ----------
+    free : (n, 3) ndarray of bool
+        Coordinates that are unknowns.
+    low, high : (pairs,) ndarray of int
+        Vertices of the pairs, ascending by `high`, then by `low`; every vertex has a pair with itself.
+    scalars : bool
+        Some of the n are scalars, of which only the first coordinate is free.
+
+    Attributes
+    ----------
+    by_vertex : bool
+        The unknowns are the three coordinates of each vertex that is free.
+    """
+
+    def __init__(self, free: NDArray[np.bool_], low: NDArray, high: NDArray, scalars: bool = False) -> None:
+        n, self._free, self._pairs = len(free), free, len(low)
+        self.by_vertex = not scalars and bool((free.all(axis=1) == free.any(axis=1)).all())
+        off = np.flatnonzero(low < high)
+        off = off[np.argsort(low[off], kind="stable")]  # by low, then by high
+        above, below = np.bincount(high, minlength=n), np.bincount(low[off], minlength=n)
+        size = len(low) + len(off)
+        start = np.concatenate([[0], np.cumsum(above + below)])
+        # of a column: first the rows up to it, where it is the high vertex, then those beyond
+        at_high = np.arange(len(low)) + np.repeat(np.cumsum(below) - below, above)
+        at_low = np.arange(len(off)) + np.repeat(np.cumsum(above), below)
+        self._start = matrix_indices(start, size)
+        self._row, self._pair = np.empty(size, dtype=np.int32), np.empty(size, dtype=np.int32)
+        self._beyond = np.zeros(size, dtype=bool)  # rows beyond the column
+        self._row[at_high], self._pair[at_high] = low, np.arange(len(low))
+        self._row[at_low], self._pair[at_low] = high[off], off
+        self._beyond[at_low] = True
+
+    def graph(self) -> csc_array:
+        """(n, n) matrix of ones, with the pattern of the blocks."""
+        n = len(self._free)
+        return csc_array((np.ones(len(self._row)), self._row, self._start), shape=(n, n))
+
+    def scalar_matrix(self, sums: NDArray) -> csc_array:
+        """Matrix over the free coordinates, from the blocks (3, 3, pairs)."""
+        value, row, start = self._scalars
+        data, numbers = np.empty(len(value)), sums.reshape(-1)
+        for first in range(0, len(value), TAKEN):
+            piece = slice(first, first + TAKEN)
+            np.take(numbers, value[piece], out=data[piece], mode="clip")
+        return csc_array((data, row, start), shape=(len(start) - 1, len(start) - 1))
+
+    @cached_property
+    def _scalars(self) -> tuple[NDArray, NDArray, NDArray]:
+        """Of every entry, by columns: its number among those of the blocks, its row; starts of columns."""
+        count = np.diff(self._start)
+        column = np.repeat(np.arange(len(count), dtype=np.int32), count)
+        size = 9 * len(self._row)
+        value = np.empty(size, dtype=np.int32 if size < 2**31 else np.int64)
+        row = np.empty(size, dtype=np.int32)
+        # entry (b, a) of the k-th block of a column of m is at 9 start + 3 m a + 3 k + b
+        place = 3 * np.arange(len(self._row)) + 6 * self._start[:-1].astype(np.int64)[column]
+        height = 3 * count[column]
+        for a in range(3):
+            for b in range(3):
+                at = place + height * a + b
+                turned = np.where(self._beyond, 3 * a + b, 3 * b + a).astype(value.dtype)
+                value[at] = self._pair + self._pairs * turned
+                row[at] = 3 * self._row + b
+        start = np.concatenate([[0], np.cumsum(np.repeat(3 * count, 3))])
+        free = self._free.ravel()
+        if not free.all():
+            of_column = np.concatenate([[0], np.cumsum(free[row] & np.repeat(free, np.diff(start)))])
+            kept = np.flatnonzero(np.diff(of_column))
+            number = np.cumsum(free) - 1
+            value, row = value[kept], number.astype(np.int32)[row[kept]]
+            start = np.concatenate([of_column[start[:-1][free]], of_column[-1:]])
+        return value, row, matrix_indices(start, len(row))
+
+    def block_matrix(self, sums: NDArray) -> bsr_array:
+        """The matrix with (3, 3) blocks, where it is `by_vertex`."""
+        pair, beyond, column, start = self._blocks
+        data = np.empty((len(pair), 3, 3))
+        for i, j in np.ndindex(3, 3):  # a column of blocks is a row of their transposes
+            data[:, i, j] = (
+                sums[i, j][pair] if i == j else np.where(beyond, sums[i, j][pair], sums[j, i][pair])
+            )
+        shape = (3 * (len(start) - 1), 3 * (len(start) - 1))
+        return bsr_array((data, column, start), shape=shape)
+
+    @cached_property
+    def _blocks(self) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+        """Of every block, by rows: its pair, whether its column is beyond its row, its column; starts."""
+        free = self._free[:, 0]
+        if free.all():
+            return self._pair, self._beyond, self._row, self._start
+        kept = free[self._row] & np.repeat(free, np.diff(self._start))
+        before = np.concatenate([[0], np.cumsum(kept)])
+        start = matrix_indices(before[self._start[np.append(free, True)]], len(self._row))
+        number = np.cumsum(free) - 1
+        return self._pair[kept], self._beyond[kept], number[self._row[kept]].astype(np.int32), start

@@ -1,0 +1,105 @@
+"""Linear systems of Newton's iteration: factorised, or by conjugate gradients where factors do not fit."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.linalg.backends import direct_solver, displacement_solver
+from ddgcli.linalg.factor import Factor
+from ddgcli.mechanics import low_rank
+from ddgcli.mechanics.assembly import Assembly
+from ddgcli.mechanics.system import System
+
+STATISTICS = "linear solver"  # in the cache of a system
+
+
+class HessianSolver:
+    """Solver of systems with the Hessians of one assembly; for positive definite ones.
+
+    Which kind is decided once, from the pattern, before a matrix is assembled. Conjugate gradients end at a
+    part of the error (`linalg.displacements`): Newton's iteration measures what is left.
+
+    Attributes
+    ----------
+    assembly : Assembly
+    error : float
+        Largest error of a solution that is to be expected, relative to its largest entry.
+    """
+
+    def __init__(self, assembly: Assembly) -> None:
+        self.assembly = assembly
+        self._factor: Factor | None = None
+        self._solve: low_rank.Operator | None = None  # with the part of low rank
+        name = displacement_solver(assembly.graph, 3)
+        self._iterative: Any = None
+        if name:
+            from ddgcli.linalg.displacements import BlockIterative  # few runs need it
+
+            self._iterative = BlockIterative(name)
+        self.error = 10 * self._iterative.reduction if name else 0.0
+
+    @property
+    def by_blocks(self) -> bool:
+        """Whether matrices with (3, 3) blocks are preferred."""
+        return self._iterative is not None
+
+    def factorise(self, system: System, matrix: Any, y: NDArray, columns: NDArray | None) -> None:
+        """Prepare solutions with a matrix plus U U^T, U the columns; `y` (n, 3) are the positions.
+
+        Raises
+        ------
+        SolveError
+            The matrix is not positive definite, where the factorisation detects it.
+        """
+        if self._iterative:
+            from ddgcli.linalg.displacements import RigidMotions
+
+            motions = RigidMotions(self._rigid_motions(y), self.assembly.by_vertex)
+            self._iterative.prepare(matrix, motions)
+            system.cache[STATISTICS] = self._iterative
+            self._solve = low_rank.solver(self._iterative.solve, columns)
+            return
+        if self._factor is None:
+            self._factor = Factor(matrix, pivot=False, solver=direct_solver(matrix))
+            again = True
+        else:
+            again = not self._factor.same_pattern(matrix)  # with a new analysis
+            self._factor.refactor(matrix)
+        if again and not self._factor.repeats:
+            self._factor.refactor(matrix)  # what comes after must not depend on where a run was resumed
+        self._solve = low_rank.solver(partial(self._factor.solve, refine=False), columns)
+
+    def solve(self, rhs: NDArray) -> NDArray[np.float64]:
+        """Solution with the last matrix; SolveError where conjugate gradients do not converge."""
+        return self._solve(rhs)  # type: ignore[misc]
+
+    def _rigid_motions(self, y: NDArray) -> NDArray[np.float64]:
+        """Columns over the unknowns: translations, rotations, and 1 at the internal unknowns if there are."""
+        from_middle = y - y.mean(axis=0)
+        motions = np.zeros((len(y), 3, 6))
+        for axis in range(3):
+            motions[:, axis, axis] = 1.0
+            motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], from_middle)
+        modes = self.assembly.vector(motions)
+        internal = self.assembly.internal
+        if internal:
+            own = np.zeros((len(modes), 1))
+            own[-internal:] = 1.0
+            modes = np.hstack([modes, own])
+        return modes
+
+
+def linear_solver_accuracy(systems: dict[str, System]) -> dict[str, Any]:
+    """Fields of `accuracy` of a run whose steps were solved by conjugate gradients; none otherwise."""
+    used = [system.cache[STATISTICS] for system in systems.values() if STATISTICS in system.cache]
+    if not used:
+        return {}
+    return {
+        "step_solver": used[0].name,
+        "step_solver_iterations": max(solver.most_iterations for solver in used),
+        "step_solver_residual": max(solver.residual for solver in used),
+    }
