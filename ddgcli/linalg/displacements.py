@@ -3,7 +3,7 @@
 Preconditioners: smoothed aggregation of pyamg whose levels all represent the rigid motions (the extra
 `multigrid`), and the inverses of the (3, 3) blocks of the vertices, which need no further library and many
 more iterations. A solution ends at a stated part of the first error in the norm of the preconditioner: the
-iteration of Newton that asks for it measures its own residual.
+iteration of Newton that uses it measures its own residual.
 
 P. Vanek, J. Mandel, M. Brezina, "Algebraic multigrid by smoothed aggregation for second and fourth order
 elliptic problems", 1996.
@@ -33,7 +33,7 @@ LOCAL_DISTANCE = 10.0  # mean difference of neighbours' numbers, in roots of n, 
 
 @dataclass(frozen=True, eq=False)
 class RigidMotions:
-    """What multigrid must know of a system beside its matrix.
+    """Vectors that the levels of multigrid represent, and the order of the unknowns.
 
     Parameters
     ----------

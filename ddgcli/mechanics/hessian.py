@@ -49,7 +49,7 @@ def total_hessian(
 def _blocks(
     system: System, increment: Increment, assembly: Assembly, y: NDArray, mode: Mode, changing: list[Any]
 ) -> Iterator[NDArray]:
-    """Blocks of each term in turn, computed when they are asked for; Hessians are added to `changing`."""
+    """Blocks of each term in turn, each when the one before is summed; Hessians are added to `changing`."""
     count = 0
     for potential in system.potentials:
         if not is_dead(potential):
