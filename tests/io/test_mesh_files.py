@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from ddgcli.errors import OutputError
+from ddgcli.errors import MeshFileError, OutputError
 from ddgcli.io.mesh_file import WRITERS, read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.curve import CurveSet
@@ -231,6 +231,20 @@ def test_a_binary_ply_whose_header_ends_its_lines_with_cr_lf_keeps_every_byte_of
     windows.write_bytes((header + mark).replace(b"\n", b"\r\n") + body)
     assert np.array_equal(read_mesh(str(windows)).mesh.points, mesh.points)
     assert np.array_equal(read_mesh(str(windows)).mesh.faces, mesh.faces)
+
+
+@pytest.mark.parametrize("line", ["property float y", "element vertex 12\nproperty float x"])
+@pytest.mark.parametrize("binary", [False, True])
+def test_a_ply_with_two_properties_or_elements_of_one_name_is_refused(tmp_path, line, binary):
+    path = tmp_path / "twice.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(0)))
+    header, _, body = path.read_bytes().partition(b"end_header\n")
+    if not binary:
+        header = header.replace(b"binary_little_endian", b"ascii")
+    first = header.index(b"element face")
+    path.write_bytes(header[:first] + line.encode() + b"\n" + header[first:] + b"end_header\n" + body)
+    with pytest.raises(MeshFileError, match="twice; rename or remove one"):
+        read_mesh(str(path))
 
 
 def test_the_digest_of_an_input_is_that_of_the_bytes_that_were_read(tmp_path):

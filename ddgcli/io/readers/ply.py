@@ -89,7 +89,17 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
             ) from None
     if order is None:
         raise MeshFileError("the PLY header has no format line; the file is damaged")
+    _require_distinct("element", [e.name for e in elements], "the PLY header")
+    for element in elements:
+        place = f"the PLY element '{excerpt(element.name, 40)}'"
+        _require_distinct("property", [p.name for p in element.properties], place)
     return order, elements, body
+
+
+def _require_distinct(what: str, names: list[str], place: str) -> None:
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise MeshFileError(f"{place} has {what} '{excerpt(name, 40)}' twice; rename or remove one")
 
 
 def _short(element: _Element) -> MeshFileError:
