@@ -18,10 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.fuzz.scenes import fluid_scene, shell_scene
 from benchmarks.fuzz.seeds import EXPECTED_SUMMARY, EXPRESSIONS, FLUID_SCENES, ROW, SCENES
 from ddgcli.errors import DdgError, MeshFileError
 
 SECONDS_FOR_ONE = 20.0  # of processor time, for inputs of some kilobytes
+SECONDS_FOR_A_RUN = 60.0  # of some ten steps, each with adaptive halves
 MAX_STEPS = 100  # of a scene in a trial
 LONGEST_EXCERPT = 500  # characters of a refusal of an expression
 
@@ -254,8 +256,11 @@ def _is_long_run(path: str) -> bool:
         return False  # the command reports it
 
 
-def read_by_command(name: str, *words: str) -> Callable[[], Callable[[bytes], object]]:
-    """The command line in this process; its refusals become DdgError."""
+def read_by_command(name: str, *words: str, output: str = "") -> Callable[[], Callable[[bytes], object]]:
+    """The command line in this process; its refusals become DdgError.
+
+    `output` is a trajectory that the command writes: it is finite, and absent after a refusal.
+    """
 
     def reader() -> Callable[[bytes], object]:
         from click.testing import CliRunner
@@ -268,17 +273,37 @@ def read_by_command(name: str, *words: str) -> Callable[[], Callable[[bytes], ob
             folder = str(Path(path).parent)
             line = [word.format(input=path, folder=folder) for word in words]
             line += ["--dry-run"] if path.endswith(".toml") and _is_long_run(path) else []
-            done = runner.invoke(command_line, [*line, "--json"])
-            message = done.stderr.strip().replace(folder, "")
-            if done.exit_code == 0:
-                return done
-            if "internal error" in message or done.exit_code not in (1, 2):
-                raise RuntimeError(message or repr(done.exception))
+            if output:
+                Path(folder, output).unlink(missing_ok=True)
+                line += ["-o", f"{folder}/{output}"]
+            result = runner.invoke(command_line, [*line, "--json"])
+            lines = result.stderr.strip().replace(folder, "").splitlines()
+            message = "\n".join(text for text in lines if not text.startswith("Warning: "))
+            if "internal error" in message or result.exit_code not in (0, 1, 2):
+                raise RuntimeError(message or repr(result.exception))
+            if output:
+                _check_trajectory(Path(folder, output), result.exit_code)
+            if result.exit_code == 0:
+                return result
             raise DdgError(message)
 
         return _by_path(name, read)
 
     return reader
+
+
+def _check_trajectory(path: Path, exit_code: int) -> None:
+    """Raise an error where a refused run left a file, or a run wrote a point that is not finite."""
+    from ddgcli.io.trajectories.trajectory import Trajectory
+
+    if not path.exists():
+        return
+    if exit_code == 2:
+        raise RuntimeError("exit code 2, but there is an output")
+    with Trajectory(str(path)) as trajectory:
+        for frame in range(trajectory.n_frames):
+            if not np.isfinite(trajectory.points(frame)).all():
+                raise RuntimeError(f"frame {frame} is not finite")
 
 
 def array_seeds(suffix: str) -> list[bytes]:
@@ -319,6 +344,12 @@ def kinds() -> dict[str, Kind]:
         *(Kind(f"array{s}", partial(array_seeds, s), partial(read_array_bytes, s)) for s in ARRAYS),
         Kind("scene", lambda: SCENES, read_by_command("scene.toml", "shell-sim", "{input}")),
         Kind("fluid scene", lambda: FLUID_SCENES, read_by_command("scene.toml", "fluid-sim", "{input}")),
+        Kind("valid shell scene", lambda: SCENES,
+             read_by_command("scene.toml", "shell-sim", "{input}", output="run.vtkhdf"),
+             guarded=True, random_input=shell_scene, cpu_seconds=SECONDS_FOR_A_RUN),
+        Kind("valid fluid scene", lambda: FLUID_SCENES,
+             read_by_command("scene.toml", "fluid-sim", "{input}", output="run.vtkhdf"),
+             guarded=True, random_input=fluid_scene, cpu_seconds=SECONDS_FOR_A_RUN),
         Kind("trajectory", trajectory_seeds,
              read_by_command("r.vtkhdf", "frames", "{input}", "--at", "0.001", "-o", "{folder}/f.npz"), True),
         Kind("expression", lambda: EXPRESSIONS, read_expression),
