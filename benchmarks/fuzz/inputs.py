@@ -301,9 +301,9 @@ def _check_trajectory(path: Path, exit_code: int) -> None:
     if exit_code == 2:
         raise RuntimeError("exit code 2, but there is an output")
     with Trajectory(str(path)) as trajectory:
-        for frame in range(trajectory.n_frames):
-            if not np.isfinite(trajectory.points(frame)).all():
-                raise RuntimeError(f"frame {frame} is not finite")
+        for frame_number in range(trajectory.n_frames):
+            if not np.isfinite(trajectory.points(frame_number)).all():
+                raise RuntimeError(f"frame {frame_number} is not finite")
 
 
 def array_seeds(suffix: str) -> list[bytes]:

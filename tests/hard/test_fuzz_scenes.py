@@ -55,8 +55,8 @@ def test_an_output_after_a_refusal_and_a_point_that_is_not_finite_are_escapes(tm
         def __exit__(self, *error):
             pass
 
-        def points(self, frame):
-            return np.full((4, 3), np.nan if frame else 0.0)
+        def points(self, frame_number):
+            return np.full((4, 3), np.nan if frame_number else 0.0)
 
     monkeypatch.setattr("ddgcli.io.trajectories.trajectory.Trajectory", Trajectory)
     with pytest.raises(RuntimeError, match="frame 1 is not finite"):
