@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shlex
 import statistics
 import subprocess
@@ -46,6 +47,7 @@ class Task:
     exponent: float = 1.05
     suffix: str = ""  # of the kernel's name: kind of elements other than faces
     short: bool = False  # the command computes its short summary only
+    solver: str = "auto"  # of linear systems
 
 
 SURFACE = [
@@ -131,6 +133,22 @@ SURFACE = [
         SHELL_SIZES,
         mesh="disk",
         exponent=1.15,
+    ),
+    Task(
+        "shell-sim iterative implicit step",
+        f"shell-sim {{mesh}} {SHELL} --effect bending --dt 1e-3 --pin 0 --steps 5",
+        SHELL_SIZES,
+        mesh="disk",
+        exponent=1.15,
+        solver="multigrid",
+    ),
+    Task(
+        "shell-sim iterative midedge step",
+        f"shell-sim {{mesh}} {SHELL} --effect \"bending model='midedge'\" --dt 1e-3 --pin 0 --steps 5",
+        SMALL_SIZES,
+        mesh="disk",
+        exponent=1.15,
+        solver="multigrid",
     ),
     Task(
         "shell-sim midedge step",
@@ -386,6 +404,7 @@ def main() -> None:
                 continue
             if arguments.missing and name in table:
                 continue
+            os.environ["DDGCLI_SOLVER"] = task.solver
             rows = measured_kernel(task, folder, table, probe_seconds)
             table[name] = fitted(rows, task.exponent, task.kernel)
             print(

@@ -12,9 +12,7 @@ from ddgcli.linalg.backends import direct_solver, displacement_solver
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics import low_rank
 from ddgcli.mechanics.assembly import Assembly
-from ddgcli.mechanics.system import System
-
-STATISTICS = "linear solver"  # in the cache of a system
+from ddgcli.mechanics.system import LINEAR_SOLVER, System
 
 
 class HessianSolver:
@@ -60,7 +58,7 @@ class HessianSolver:
 
             motions = RigidMotions(self._rigid_motions(y), self.assembly.by_vertex)
             self._iterative.prepare(matrix, motions)
-            system.cache[STATISTICS] = self._iterative
+            system.cache[LINEAR_SOLVER] = self._iterative
             self._solve = low_rank.solver(self._iterative.solve, columns)
             return
         if self._factor is None:
@@ -91,15 +89,3 @@ class HessianSolver:
             own[-internal:] = 1.0
             modes = np.hstack([modes, own])
         return modes
-
-
-def linear_solver_accuracy(systems: dict[str, System]) -> dict[str, Any]:
-    """Fields of `accuracy` of a run whose steps were solved by conjugate gradients; none otherwise."""
-    used = [system.cache[STATISTICS] for system in systems.values() if STATISTICS in system.cache]
-    if not used:
-        return {}
-    return {
-        "step_solver": used[0].name,
-        "step_solver_iterations": max(solver.most_iterations for solver in used),
-        "step_solver_residual": max(solver.residual for solver in used),
-    }

@@ -46,8 +46,7 @@ class Rounding:
         for potential in potentials:
             force += float(np.abs(potential.gradient(x)).sum())
             if len(potential.stencil):
-                blocks = potential.blocks(x, "material")
-                stiffness += float(np.einsum("kii->", blocks))
+                stiffness += _trace(potential, x)
         return cls(float(np.finfo(float).eps * np.abs(x).max()), 3 * float(mass.sum()), stiffness, force)
 
     def energy(self, dt: float = np.inf, steps: int = 0) -> float:
@@ -61,6 +60,13 @@ class Rounding:
     def momentum(self, dt: float = np.inf, steps: int = 0) -> float:
         """Momentum in kg m/s that rounding adds at most in a run of steps of length dt."""
         return (1 + steps) * self.length * (self.mass / dt + 2 * np.sqrt(self.mass * self.stiffness))
+
+
+def _trace(potential: Potential, x: NDArray) -> float:
+    """Sum of the traces of the blocks of a potential's elements."""
+    if hasattr(potential, "pair_blocks"):  # the block of a vertex is minus the sum of those with the others
+        return -2.0 * float(np.einsum("iipk->", potential.pair_blocks(x, "material")))
+    return float(np.einsum("kii->", potential.blocks(x, "material")))
 
 
 def sum_rounding(scale: float, count: int) -> float:

@@ -27,6 +27,7 @@ from ddgcli.mechanics.terms import (
 from ddgcli.simulation.account import Account
 
 NO_MULTIPLIERS = np.zeros(0)
+LINEAR_SOLVER = "linear solver"  # key of a cache: conjugate gradients that solve the systems of steps
 
 
 @dataclass(frozen=True, eq=False)

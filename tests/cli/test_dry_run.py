@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.common.process import measured_command
 from ddgcli import memory
-from ddgcli.cli.forecast import prediction
+from ddgcli.cli.forecast import check_cost, prediction
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
 from ddgcli.cli.forecast.kernels import CONTACT_STEPS, InputSize, Use, kernels_of
 from ddgcli.cli.forecast.prediction import predict
@@ -101,9 +101,29 @@ def test_a_run_that_cannot_fit_is_refused_in_one_line_before_it_starts(inputs, t
     assert not (tmp_path / "d.ply").exists()
 
 
-def test_without_a_dry_run_only_large_inputs_are_checked(inputs, run, monkeypatch):
-    from ddgcli.cli.forecast import check_cost
+def test_shell_steps_whose_factors_do_not_fit_are_predicted_with_conjugate_gradients(
+    tmp_path, run, summary, monkeypatch
+):
+    path = tmp_path / "sheet.npz"
+    write_mesh(str(path), AnnotatedMesh(shapes.grid(110, 110)))
+    words = ("shell-sim", path, *SHELL.split(), "--steps", 3, "--dry-run")
 
+    def kernel(mib):
+        monkeypatch.setattr(prediction, "available_memory", lambda: mib * MIB)
+        return facts_of(summary(*words))["kernels"][-1]
+
+    direct, iterative = kernel(1e4), kernel(260)
+    assert direct["kernel"] == "shell-sim implicit step" and direct["mib"] > 260
+    assert iterative["kernel"] == "shell-sim iterative implicit step" and iterative["mib"] < 260
+    monkeypatch.setattr(prediction, "available_memory", lambda: 100 * MIB)
+    monkeypatch.setattr(check_cost, "MIN_CHECKED_ELEMENTS", 1)
+    refusal = run(*words[:-1])
+    assert refusal.exit_code == 2 and "needs about" in refusal.stderr
+    monkeypatch.setenv("DDGCLI_SOLVER", "conjugate-gradients")
+    assert kernel(1e4)["kernel"] == iterative["kernel"]
+
+
+def test_without_a_dry_run_only_large_inputs_are_checked(inputs, run, monkeypatch):
     monkeypatch.setattr(prediction, "available_memory", lambda: 0.1 * MIB)
     assert run("info", inputs["mesh"]).exit_code == 0
     monkeypatch.setattr(check_cost, "MIN_CHECKED_ELEMENTS", 200)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -46,14 +47,26 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
 
 
 def predict_run(run: Any, size: InputSize, options: Mapping[str, Any] | None = None) -> Prediction:
-    """Cost of a run on an input of a size; `options` replace those of the summary."""
-    from ddgcli.cli.forecast.prediction import predict
+    """Cost of a run on an input of a size; `options` replace those of the summary.
+
+    Where factors do not fit into memory, conjugate gradients take their place, as they do in the run.
+    """
+    from ddgcli.cli.forecast.prediction import fits, predict
 
     common = run.common
     all_options = {**run.options, **(options or {})}
-    full = common.exceeds_short_summary
-    uses = kernels_of(run.command, all_options, size, common.outputs, common.plot is not None, full)
-    prediction = predict(uses, size, calibrate=common.dry_run)
+    all_options["solver"] = all_options.get("solver") or os.environ.get("DDGCLI_SOLVER")
+
+    def prediction_of(solver: str | None) -> Prediction:
+        uses = kernels_of(
+            run.command, all_options | {"solver": solver}, size, common.outputs, common.plot is not None,
+            common.exceeds_short_summary,
+        )  # fmt: skip
+        return predict(uses, size, calibrate=common.dry_run)
+
+    prediction = prediction_of(all_options["solver"])
+    if all_options["solver"] in (None, "auto") and not fits(prediction):
+        prediction = min(prediction, prediction_of("multigrid"), key=lambda p: p.peak_mib)
     if run.command == "tradeoff":  # as many methods and repetitions as the budget allows
         return replace(prediction, seconds=prediction.read_seconds + all_options["budget"])
     return prediction

@@ -95,4 +95,6 @@ COEFFICIENTS: dict[str, Cost] = {
     "curvature further results": Cost(0.04535, 0.1309, 1.05, 14.6, 46.97),
     "shell-sim midedge step": Cost(0, 16.54, 1.15, 24.01, 3537),
     "shell-sim pairs step": Cost(0, 5.995, 1.05, 24.27, 1254),
+    "shell-sim iterative implicit step": Cost(0.06006, 9.748, 1.15, 6.959, 937.6),
+    "shell-sim iterative midedge step": Cost(0.5421, 43.12, 1.15, 4.458, 2969),
 }

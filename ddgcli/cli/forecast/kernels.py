@@ -16,6 +16,7 @@ MEASURED_EVOLUTION_STEPS = 100
 DEFAULT_FLOW_STEPS = 100  # a guess: flows end at rest
 CERTIFICATE_RUNS = 4
 PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
+ITERATIVE_SOLVERS = ("multigrid", "conjugate-gradients")
 NEWTON_STEPS_AT_REST = 20  # a guess
 CONTACT_STEPS = 2.0  # steps without contact that cost as much as one with it, for its Newton iterations
 
@@ -156,7 +157,7 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if options.get("mass_matrix"):
         yield Use("laplacian matrix", 0.2)
     if options.get("poisson") or options.get("harmonic"):
-        way = " multigrid" if options.get("solver") in ("multigrid", "conjugate-gradients") else ""
+        way = " multigrid" if options.get("solver") in ITERATIVE_SOLVERS else ""
         yield Use(f"laplacian poisson{way}")
     pairs = options.get("eigen") or (100 if options.get("hks") else 0)
     if pairs:
@@ -217,7 +218,10 @@ def _curve_flow(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
 
 
 def _shell(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
-    """A shell scene; `contact` and `midedge` are facts of it, `pair_elements` the faces that pairs search."""
+    """A shell scene; `contact` and `midedge` are facts of it, `pair_elements` the faces that pairs search.
+
+    `solver` is that of its linear systems where one is fixed.
+    """
     integrator = options.get("integrator")
     yield Use("shell-sim")
     steps = _steps(size)
@@ -225,6 +229,7 @@ def _shell(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         yield Use("shell-sim explicit step", steps)
     else:
         way = "midedge" if options.get("midedge") else "implicit"
+        way = f"iterative {way}" if options.get("solver") in ITERATIVE_SOLVERS else way
         steps = NEWTON_STEPS_AT_REST if integrator == "static" else steps
         yield Use(f"shell-sim {way} step", steps * (CONTACT_STEPS if options.get("contact") else 1.0))
     if options.get("pair_elements"):

@@ -13,7 +13,7 @@ from ddgcli.cli.forecast.kernels import InputSize, Use
 from ddgcli.errors import ParameterError
 from ddgcli.memory import available_memory, resident_memory
 
-__all__ = ["Prediction", "predict", "probe", "refuse_without_memory", "with_halved_steps"]
+__all__ = ["Prediction", "fits", "predict", "probe", "refuse_without_memory", "with_halved_steps"]
 
 UNCERTAINTY = 0.5  # relative, of a prediction
 # kernels whose factors fill up: share of their cost that grows with the logarithm of a component
@@ -128,11 +128,16 @@ def probe() -> float:
     return sorted(runs)[N_PROBES // 2]
 
 
+def fits(prediction: Prediction, certainly: bool = True) -> bool:
+    """Whether a run fits into the available memory; not `certainly`: at the low end of its prediction."""
+    further = prediction.peak_mib - prediction.read_mib
+    return further / (1.0 if certainly else 1 + UNCERTAINTY) <= available_memory() / MIB
+
+
 def refuse_without_memory(prediction: Prediction, what: str, cure: str) -> None:
     """Raise ParameterError for a run that cannot fit: even the low end of the prediction is too much."""
-    available = available_memory() / MIB
-    least = prediction.read_mib + (prediction.peak_mib - prediction.read_mib) / (1 + UNCERTAINTY)
-    if least - prediction.read_mib > available:
+    if not fits(prediction, certainly=False):
+        available = available_memory() / MIB
         raise ParameterError(
             f"{what} needs about {prediction.peak_mib / 1024:.3g} GiB of memory, and "
             f"{(available + prediction.read_mib) / 1024:.3g} GiB are available; {cure}"

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
-from ddgcli.mechanics.hessian_solver import linear_solver_accuracy
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.rounding import Rounding
-from ddgcli.mechanics.system import System
+from ddgcli.mechanics.system import LINEAR_SOLVER, System
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.groups import groups
 from ddgcli.scenes.scene import Scene
@@ -159,7 +158,7 @@ def summary(
             series["angular_momentum"], momentum_scale * size, least.angular_momentum
         ),
         "max_strain": outcome.largest.get("strain", 0.0),
-        **linear_solver_accuracy(systems),
+        **_linear_solver_accuracy(systems),
     }
     if "rigid_error" in series:
         accuracy["rigid_error"] = float(series["rigid_error"].max())
@@ -310,3 +309,15 @@ def _term_text(term: Any) -> str:
     kind = type(getattr(term, "part", term)).__name__
     changing = not len(term.stencil) and hasattr(getattr(term, "part", term), "near")
     return f"{kind}, elements found in each step" if changing else f"{kind}, {len(term.stencil)} elements"
+
+
+def _linear_solver_accuracy(systems: dict[str, System]) -> dict[str, Any]:
+    """Fields of `accuracy` of a run whose steps were solved by conjugate gradients; none otherwise."""
+    solvers = [system.cache[LINEAR_SOLVER] for system in systems.values() if LINEAR_SOLVER in system.cache]
+    if not solvers:
+        return {}
+    return {
+        "step_solver": solvers[0].name,
+        "step_solver_iterations": max(solver.most_iterations for solver in solvers),
+        "step_solver_residual": max(solver.residual for solver in solvers),
+    }
