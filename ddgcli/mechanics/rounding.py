@@ -54,7 +54,8 @@ class Rounding:
 
         Rounding errors may be alike in every step: then momenta add up, and energies grow with the square.
         """
-        second = 2 * self.length**2 * (self.stiffness + self.mass / dt**2)
+        # a product of floats becomes infinite where a power raises OverflowError
+        second = 2 * self.length * self.length * (self.stiffness + self.mass / dt / dt)
         return (1 + steps) * self.force * self.length + (1 + steps) ** 2 * second
 
     def momentum(self, dt: float = np.inf, steps: int = 0) -> float:

@@ -307,12 +307,16 @@ def _objects(document: Document, kind: SceneKind) -> tuple[Any, ...]:
     written = document.data.get("object", [])
     if not written:
         raise SceneError(located(document, (), f"no [[object]]; a scene of {kind.command} needs one"))
+    main_role = next(iter(kind.roles))
+    if all(isinstance(table, dict) and table.get("role") == "obstacle" for table in written):
+        message = f"every [[object]] is an obstacle; a scene of {kind.command} needs one of role {main_role}"
+        raise SceneError(located(document, ("object", 0), message))
     objects: list[Any] = []
     for k, table in enumerate(written):
         key: Key = ("object", k)
         if not isinstance(table, dict):
             raise SceneError(located(document, key, "object must be an array of tables [[object]]"))
-        role = table.get("role", next(iter(kind.roles)))
+        role = table.get("role", main_role)
         if not isinstance(role, str) or role not in kind.roles:
             other = (kind.elsewhere or {}).get(str(role))
             hint = f"; {role!r} belongs to {other}" if other else nearest(str(role), list(kind.roles))

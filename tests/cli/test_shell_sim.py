@@ -312,3 +312,26 @@ def test_picture_shows_chosen_frames_and_the_energies_of_all_three(
         assert any("energy" in name for name in series) and min(series.values()) >= 9
         assert (on.limits is None) == (words[0] == "willmore-flow")
     assert drawn[1][2].limits == pytest.approx((-5, 5), rel=0.1)
+
+
+def test_a_scene_of_obstacles_alone_is_refused(tmp_path, run):
+    path = tmp_path / "floor.toml"
+    path.write_text('[time]\n[[object]]\nname = "floor"\nrole = "obstacle"\nplane = {}\n')
+    result = run("shell-sim", path)
+    assert result.exit_code == 2 and result.stderr.count("\n") == 1
+    assert (
+        "line 2: every [[object]] is an obstacle; a scene of shell-sim needs one of role shell"
+        in result.stderr
+    )
+
+
+def test_energies_beyond_the_range_of_numbers_end_with_exit_1(tmp_path, run):
+    path = tmp_path / "huge.toml"
+    path.write_text(
+        '[time]\nduration = 0.01\nstep = 0.01\nintegrator = "verlet"\n[[object]]\nname = "ball"\n'
+        'role = "shell"\nsphere = { radius = 0.1, subdivisions = 0 }\n'
+        "[effects]\npin = { vertices = [0, 1] }\ngravity = { acceleration = [-1e308, 0, -9.81] }\n"
+    )
+    result = run("shell-sim", path)
+    assert result.exit_code == 1
+    assert "the energy is beyond the range of numbers; use smaller velocities" in result.stderr

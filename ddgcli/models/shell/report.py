@@ -247,13 +247,19 @@ def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | N
 
 
 def failure_reason(outcome: Outcome, least: RunRounding) -> str:
-    """Reason why the result is unreliable: the energy more than doubled. A smaller rise is a warning.
+    """Reason why the result is unreliable: the energy more than doubled, or cannot be represented.
+
+    A smaller rise is a warning.
 
     Energy that rises above the start and the work of handles, of loads that change in time and of wind comes
     from the scheme. The scale is the energy at hand: that of the start above the lowest potential energy of
     the run, and the largest work from outside.
     """
     total, kinetic = outcome.series["energy"], outcome.series["energy_kinetic"]
+    if not np.isfinite(total).all():
+        message = "the energy is beyond the range of numbers; use smaller velocities, forces or accelerations"
+        log.warning(message)
+        return message
     work = np.zeros_like(total) + _work(outcome.series)
     energy = total - work
     growth, at_hand = float(np.max(energy) - energy[0]), float(total[0] - np.min(total - kinetic))
