@@ -15,6 +15,11 @@ def excerpt(value: object, max_length: int = MAX_EXCERPT_LENGTH) -> str:
     return text if len(text) <= max_length else text[: max_length - 3] + "..."
 
 
+def encodable(text: str) -> str:
+    r"""Text for UTF-8: bytes of file names that are no UTF-8 become escapes such as \udce9, as in JSON."""
+    return text.encode(errors="backslashreplace").decode()
+
+
 class DdgError(Exception):
     """Base of all exceptions of the project; the command line exits with `exit_code`."""
 

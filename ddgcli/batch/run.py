@@ -67,7 +67,7 @@ def run_batch(
 def _append(journal: Path, line: str) -> None:
     """Add a line; one after a torn line begins a new one."""
     incomplete = journal.exists() and not journal.read_bytes().endswith(b"\n") and journal.stat().st_size > 0
-    with open(journal, "a", encoding="utf-8") as file:
+    with open(journal, "a", encoding="utf-8", errors="backslashreplace") as file:
         file.write(("\n" if incomplete else "") + line)
 
 

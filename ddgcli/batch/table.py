@@ -22,7 +22,9 @@ def table_bytes(path: str, rows: Sequence[TaskRow]) -> bytes:
     """Content of the table at `path`: a JSON object a line, or CSV with a column a parameter and value."""
     ordered = sorted(rows, key=lambda row: row.index)
     if Path(path).suffix.lower() == ".jsonl":
-        return "".join(json.dumps(asdict(row), ensure_ascii=False) + "\n" for row in ordered).encode()
+        return "".join(json.dumps(asdict(row), ensure_ascii=False) + "\n" for row in ordered).encode(
+            errors="backslashreplace"
+        )
     parameters = list(dict.fromkeys(name for row in ordered for name in row.parameters))
     collected = list(dict.fromkeys(name for row in ordered for name in row.collected))
     plain = [name for name in COLUMNS if name not in ("parameters", "collected")]
@@ -33,7 +35,7 @@ def table_bytes(path: str, rows: Sequence[TaskRow]) -> bytes:
         values: list[Any] = [getattr(row, name) for name in plain]
         values += [row.parameters.get(name, "") for name in parameters]
         writer.writerow(values + [_cell(row.collected.get(name)) for name in collected])
-    return out.getvalue().encode()
+    return out.getvalue().encode(errors="backslashreplace")
 
 
 def _cell(value: Any) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import errno
 import importlib
+import io
 import os
 import signal
 import sys
@@ -103,6 +104,7 @@ class CommandGroup(click.Group):
         return name, command, repeat_options(command, words) if command is not None else words
 
     def invoke(self, ctx: click.Context) -> Any:
+        _escape_undecodable_names()
         try:
             with signals_as_exceptions(), ImportClock() as clock:
                 ctx.meta["ddgcli.imports"] = clock
@@ -172,6 +174,12 @@ def _usage(error: click.UsageError) -> str:
     for name, number in NUMBER_WORDS.items():
         message = message.replace(f"is not a valid {name}", f"is not {number}")
     return message + where
+
+
+def _escape_undecodable_names() -> None:
+    """Print bytes of file names that are no UTF-8 as escapes, which JSON readers turn back into the name."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def _discard_output() -> None:

@@ -69,7 +69,9 @@ def page_bytes(
     }
     text = json.dumps(data, allow_nan=False, ensure_ascii=False).replace("<", "\\u003c")
     template = files("ddgcli.plots").joinpath("viewer.html").read_text("utf-8")
-    return template.replace("@TITLE@", escape(title)).replace("@DATA@", text).encode()
+    return (
+        template.replace("@TITLE@", escape(title)).replace("@DATA@", text).encode(errors="backslashreplace")
+    )
 
 
 def _bounds(clouds: Sequence[NDArray]) -> tuple[NDArray, float]:

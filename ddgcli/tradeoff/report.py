@@ -114,7 +114,7 @@ def csv_of(rows: list[dict[str, Any]]) -> bytes:
     for row in rows:
         parameters = " ".join(f"{k}={v}" for k, v in row["parameters"].items())
         writer.writerow({**row, "parameters": parameters})
-    return text.getvalue().encode()
+    return text.getvalue().encode(errors="backslashreplace")
 
 
 def machine() -> str:

@@ -131,7 +131,9 @@ def command(
     except RecursionError:
         raise MeshFileError(f"{expected_path}: nested too deeply; store it anew with --update") from None
     for path in set(common.outputs) - set(diff_paths):
-        run.write_bytes(path, json.dumps(summary, indent=1, ensure_ascii=False).encode() + b"\n")
+        run.write_bytes(
+            path, json.dumps(summary, indent=1, ensure_ascii=False).encode(errors="backslashreplace") + b"\n"
+        )
     if arrays is not None:
         further = compare_files(run, arrays, tolerance_options, diff_paths)
         moved, compared = [*moved, *further["moved"]], compared + further["compared"]
@@ -145,7 +147,7 @@ def store(
     """Write the command and its summary to EXPECTED.json, which keeps its tolerances."""
     tolerances = {"tolerances": stored["tolerances"]} if "tolerances" in stored else {}
     text = json.dumps({"run": list(words), **tolerances, "summary": summary}, indent=1, ensure_ascii=False)
-    run.write_bytes(path, text.encode() + b"\n", in_place=True)
+    run.write_bytes(path, text.encode(errors="backslashreplace") + b"\n", in_place=True)
 
 
 def compare_files(

@@ -288,7 +288,7 @@ def _series(run: Run, source: Trajectory, output: str, frame_numbers: list[int])
             written.append((float(source.times[k]), part_number, f"{folder.name}/{name.name}"))
     from ddgcli.io.trajectories.trajectory import pvd_text
 
-    run.write_bytes(output, pvd_text(written).encode())
+    run.write_bytes(output, pvd_text(written).encode(errors="backslashreplace"))
 
 
 def _plot_frames(

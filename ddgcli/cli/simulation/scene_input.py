@@ -14,7 +14,7 @@ import click
 
 from ddgcli.cli.input_facts import input_facts
 from ddgcli.cli.run import Run
-from ddgcli.errors import ParameterError, SceneError
+from ddgcli.errors import ParameterError, SceneError, encodable
 from ddgcli.simulation.effects import EffectTable
 from ddgcli.simulation.frames import joined_mesh
 
@@ -41,7 +41,7 @@ def quick_scene(mesh: str, role: str, lines: tuple[str, ...], extra: Mapping[str
         'format = "ddgcli-scene/1"',
         "",
         "[[object]]",
-        f"name = {_toml(Path(mesh).stem)}",
+        f"name = {_toml(encodable(Path(mesh).stem))}",
         f'role = "{role}"',
     ]
     text += [f"mesh = {_toml(str(Path(mesh).absolute()))}"]
@@ -212,7 +212,8 @@ def print_dry_run(run: Run, scene: Scene, assembled: dict[str, Any], prediction:
 
 def fingerprint(resolved: dict[str, Any], meshes: Mapping[str, str]) -> tuple[str, str]:
     """Resolved scene as JSON, and its SHA-256 with the mesh files; both must be unchanged to resume a run."""
-    text = json.dumps({"scene": resolved, "mesh_sha256": dict(meshes)}, sort_keys=True, ensure_ascii=False)
+    content = {"scene": resolved, "mesh_sha256": dict(meshes)}
+    text = encodable(json.dumps(content, sort_keys=True, ensure_ascii=False))
     return text, hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import encodable
 from ddgcli.io.trajectories.layout_check import CHANGING_CELL, TOPOLOGIES
 from ddgcli.io.trajectories.row_file import RowLayout
 from ddgcli.mesh.curve import CurveSet
@@ -279,14 +280,15 @@ def static(file: h5py.File, header: Header) -> None:
     root.attrs["Type"] = np.bytes_("UnstructuredGrid" if solid else "PolyData")
     ours.attrs["schema"] = SCHEMA
     for name, value in header.attributes.items():
-        ours.attrs[name] = value if isinstance(value, (int, float, str)) else json.dumps(value)
+        text = value if isinstance(value, str) else json.dumps(value)
+        ours.attrs[name] = value if isinstance(value, (int, float)) else encodable(text)
     if header.changing_cell:
         ours.attrs[CHANGING_CELL] = json.dumps(header.changing_cell)
     for name, text in header.texts.items():
-        ours.create_dataset(name, data=text, dtype=h5py.string_dtype("utf-8"))
+        ours.create_dataset(name, data=encodable(text), dtype=h5py.string_dtype("utf-8"))
     for number, (name, obstacle) in enumerate(header.obstacles.items()):
         group = ours.create_group(f"obstacles/{number:03d}")
-        group.attrs["name"] = name
+        group.attrs["name"] = encodable(name)
         group.create_dataset("points", data=np.asarray(obstacle.points))
         group.create_dataset("faces", data=np.asarray(obstacle.faces))
     mesh = header.mesh

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ddgcli.errors import encodable
 from ddgcli.io.writers.cell_data import CellData, free_name, two_dimensional
 
 
@@ -71,9 +72,10 @@ def vtkhdf_bytes(data: CellData) -> bytes:
                 group[free_name(_key(key), used_names, ".vtkhdf")] = two_dimensional(np.atleast_1d(value))
         own = file.create_group("ddgcli")
         own.attrs["schema"] = "ddgcli-mesh/1"
-        own.attrs["metadata"] = data.provenance
+        own.attrs["metadata"] = encodable(data.provenance)
         for key, value in data.metadata.items():
-            own.attrs[key] = value if isinstance(value, (str, int, float)) else _json(value)
+            text = value if isinstance(value, str) else _json(value)
+            own.attrs[key] = value if isinstance(value, (int, float)) else encodable(text)
     return out.getvalue()
 
 
