@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ddgcli.errors import SceneError
 from ddgcli.io.arrays import read_array
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.io.scene_file import SceneDocument, read_scene
@@ -129,8 +128,6 @@ def simulate(
     )
     account = Account()
     models, meshes = (_fluids if checked.kind is FLUID else _shells)(checked, account)
-    if not models:
-        raise SceneError("no object moves or carries a flow; give one the role 'shell' or 'fluid'")
     schedule = checked.schedule()
     return Simulation(
         joined_mesh(meshes)[0],

@@ -315,7 +315,7 @@ def test_integrator_of_a_simulation_is_used():
         ({"object": [{**SHELL, "role": "sheet"}]}, "no role 'sheet'"),
         (
             {"object": [{"role": "obstacle", "plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}]},
-            "no object moves",
+            "is an obstacle; a scene of shell-sim needs one of role shell",
         ),
     ],
 )
