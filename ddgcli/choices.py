@@ -46,4 +46,5 @@ VELOCITY_GLYPHS = ("arrows", "streamlines", "none")  # of fluids in pictures; th
 NO_VERDICT = "no verdict possible"
 
 # of sparse definite systems: chosen by size and memory, direct ones, iterative ones
-LINEAR_SOLVERS = ("auto", "multifrontal", "superlu", "cholmod", "pivoted", "multigrid", "conjugate-gradients")
+ITERATIVE_SOLVERS = ("multigrid", "conjugate-gradients")
+LINEAR_SOLVERS = ("auto", "multifrontal", "superlu", "cholmod", "pivoted", *ITERATIVE_SOLVERS)

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-from ddgcli.choices import LINEAR_SOLVERS
+from ddgcli.choices import ITERATIVE_SOLVERS, LINEAR_SOLVERS
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.assembly_tree import AssemblyLevel, assembly_levels
 from ddgcli.linalg.cholmod import Cholmod, NotPositiveDefinite, cholmod_available
 from ddgcli.linalg.dissection import Dissection, nested_dissection
-from ddgcli.linalg.iterative import ITERATIVE_SOLVERS, Iterative, preferred_iterative_solver
+from ddgcli.linalg.iterative import Iterative, preferred_iterative_solver
 from ddgcli.linalg.multifrontal import PivotOrder, cholesky_groups, cholesky_solve
 from ddgcli.linalg.ordering import Ordering, fill_reducing_ordering, postorder
 from ddgcli.memory import available_memory
@@ -102,12 +102,12 @@ def choose_solver(
     `blocks` means many solves with several right-hand sides each: the multifrontal factor treats them
     together, CHOLMOD through cvxopt one by one. `entries` are `Analysis.entries` of the pattern, if known.
     """
-    name = _requested(solver)
+    name = _solver_setting(solver)
     if name == "pivoted" or not definite:
         return "pivoted", None
     if name != "auto":
         return name, None
-    chosen, analysis = _without_memory(matrix, entries)
+    chosen, analysis = _solver_of_little_memory(matrix, entries)
     return (chosen, None) if chosen else (_by_size(matrix, blocks), analysis)
 
 
@@ -116,19 +116,19 @@ def displacement_solver(graph: csc_array, size: int) -> str | None:
 
     None where its factors fit into the available memory, or DDGCLI_SOLVER names a direct solver.
     """
-    name = _requested(None)
+    name = _solver_setting(None)
     if name != "auto":
         return name if name in ITERATIVE_SOLVERS else None
-    return _without_memory(graph, None, size)[0]
+    return _solver_of_little_memory(graph, None, size)[0]
 
 
 def direct_solver(matrix: csc_array) -> str:
     """Direct solver of a definite matrix whose factors fit: that of DDGCLI_SOLVER, else by size."""
-    name = _requested(None)
+    name = _solver_setting(None)
     return _by_size(matrix, False) if name == "auto" else name
 
 
-def _requested(solver: str | None) -> str:
+def _solver_setting(solver: str | None) -> str:
     """`solver`, else DDGCLI_SOLVER, else auto."""
     name = solver or os.environ.get("DDGCLI_SOLVER") or "auto"
     if name not in LINEAR_SOLVERS:
@@ -148,7 +148,7 @@ def _by_size(matrix: csc_array, blocks: bool) -> str:
     return "multifrontal" if large else "superlu"
 
 
-def _without_memory(
+def _solver_of_little_memory(
     matrix: csc_array, entries: float | None, size: int = 1
 ) -> tuple[str | None, Analysis | None]:
     """Iterative solver where the factors do not fit, with a warning, else None; and the analysis if made.

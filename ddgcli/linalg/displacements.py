@@ -59,8 +59,8 @@ class BlockIterative:
     name : str
     reduction : float
         Of the error of a solution, in the norm of the preconditioner.
-    solves, most_iterations : int
-        Since the start, and of the longest of them.
+    most_iterations : int
+        Of one solution since the start.
     residual : float
         Largest |A x - b| / |b| of all solves, Euclidean norms.
     """
@@ -70,8 +70,7 @@ class BlockIterative:
     def __init__(self, name: str) -> None:
         require_multigrid(name)
         self.name = name
-        self.solves = self.most_iterations = 0
-        self.residual = 0.0
+        self.most_iterations, self.residual = 0, 0.0
 
     def prepare(self, matrix: sparray, motions: RigidMotions) -> None:
         """Preconditioner of a symmetric matrix: BSR with (3, 3) blocks, or any format."""
@@ -119,7 +118,7 @@ class BlockIterative:
             p += z
         if not np.isfinite(rz):
             raise SolveError(f"{self.name}: the system holds values that are not finite")
-        self.solves, self.most_iterations = self.solves + 1, max(self.most_iterations, k)
+        self.most_iterations = max(self.most_iterations, k)
         size = float(np.linalg.norm(b)) or 1.0
         self.residual = max(self.residual, float(np.linalg.norm(r)) / size)
         return x

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, csr_matrix
 
+from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.errors import MissingExtraError, SolveError
 from ddgcli.linalg.indices import compact
 
 __all__ = [
-    "ITERATIVE_SOLVERS",
     "Iterative",
     "jacobi",
     "preferred_iterative_solver",
@@ -31,7 +31,6 @@ __all__ = [
     "v_cycle",
 ]
 
-ITERATIVE_SOLVERS = ("multigrid", "conjugate-gradients")
 ROUND_REDUCTION = 1e-10  # of the residual in one round of conjugate gradients
 BACKWARD_ERROR = 4e-16  # componentwise, at which a row of the residual is rounding
 SMALL_ERROR = 1e-13  # backward error from which rounds end where they no longer halve it

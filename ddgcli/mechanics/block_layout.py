@@ -10,7 +10,7 @@ from scipy.sparse import bsr_array, csc_array
 
 from ddgcli.linalg.indices import matrix_indices
 
-TAKEN = 1 << 18  # values that are gathered at a time: numpy converts indices of 4 bytes
+GATHER_SIZE = 1 << 18  # values that are gathered at a time: numpy converts indices of 4 bytes
 
 
 class BlockLayout:
@@ -58,8 +58,8 @@ class BlockLayout:
         """Matrix over the free coordinates, from the blocks (3, 3, pairs)."""
         value, row, start = self._scalars
         data, numbers = np.empty(len(value)), sums.reshape(-1)
-        for first in range(0, len(value), TAKEN):
-            piece = slice(first, first + TAKEN)
+        for first in range(0, len(value), GATHER_SIZE):
+            piece = slice(first, first + GATHER_SIZE)
             np.take(numbers, value[piece], out=data[piece], mode="clip")
         return csc_array((data, row, start), shape=(len(start) - 1, len(start) - 1))
 
@@ -77,8 +77,8 @@ class BlockLayout:
         for a in range(3):
             for b in range(3):
                 at = place + height * a + b
-                turned = np.where(self._beyond, 3 * a + b, 3 * b + a).astype(value.dtype)
-                value[at] = self._pair + self._pairs * turned
+                entry = np.where(self._beyond, 3 * a + b, 3 * b + a).astype(value.dtype)
+                value[at] = self._pair + self._pairs * entry
                 row[at] = 3 * self._row + b
         start = np.concatenate([[0], np.cumsum(np.repeat(3 * count, 3))])
         free = self._free.ravel()

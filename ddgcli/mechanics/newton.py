@@ -91,7 +91,7 @@ class Newton:
         )
 
     def solver(self, increment: Increment) -> HessianSolver:
-        """Solver of the systems of the steps, with the pattern of the Hessians; found once."""
+        """Solver of the systems of the steps, with the pattern of the Hessians; made once."""
         if self._solver is None:
             with self.system.account.within("solver"):
                 self._solver = HessianSolver(assembly_of(self.system, increment))
@@ -278,8 +278,8 @@ class Newton:
             self._secants.add(self.entries(y), -rhs)
             step = self._solved(y, matrix, columns, rhs)
             if step is not None:
-                left = self.solver(increment).error * float(np.abs(step).max(initial=0.0))
-                return NewtonStep(step, left, 0, True)
+                error = self.solver(increment).error * float(np.abs(step).max(initial=0.0))
+                return NewtonStep(step, error, 0, True)
             self._factorise_projected(increment, y, g)
         with self.system.account.within("solver"):
             direction = truncated_conjugate_gradients(

@@ -27,7 +27,7 @@ class PairBlocks:
     """Array of the blocks of every pair of every element, written piece by piece.
 
     It is written to again and again, because fresh memory costs more than the arithmetic; above MAX_KEPT
-    bytes it is given away instead.
+    bytes it is released instead.
 
     Parameters
     ----------
@@ -57,9 +57,9 @@ class PairBlocks:
         descending = self._descending[:, rows]
         for i, j in ((0, 1), (0, 2), (1, 2)):
             upper, lower = self.values[i, j, :, rows], self.values[j, i, :, rows]
-            kept = upper.copy()
+            upper_before = upper.copy()
             np.copyto(upper, lower, where=descending)
-            np.copyto(lower, kept, where=descending)
+            np.copyto(lower, upper_before, where=descending)
 
     def written(self) -> NDArray[np.float64]:
         """The array, once all pairs of all elements are written; a large one is not kept here."""

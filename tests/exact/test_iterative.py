@@ -7,13 +7,14 @@ import pytest
 from scipy.sparse import csc_array, diags_array
 
 from ddgcli.algorithms.geodesics.heat import HeatSolver
+from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.errors import SolveError
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.linalg import backends
 from ddgcli.linalg.constrain import Poisson
 from ddgcli.linalg.eigen import smallest_eigenpairs
 from ddgcli.linalg.factor import Factor
-from ddgcli.linalg.iterative import ITERATIVE_SOLVERS, Iterative
+from ddgcli.linalg.iterative import Iterative
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness

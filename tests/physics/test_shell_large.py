@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.sparse import bsr_array, csc_array
 
+from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.errors import SolveError
 from ddgcli.linalg import backends, displacements
 from ddgcli.linalg.displacements import BlockIterative, RigidMotions
-from ddgcli.linalg.iterative import ITERATIVE_SOLVERS
 from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mesh import shapes
 from tests.simulate import FALLING_CLOTH, HANGING_CLOTH, shell_run

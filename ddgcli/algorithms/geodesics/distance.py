@@ -177,7 +177,7 @@ def describe_targets(mesh: SurfaceMesh, targets: SurfacePoints, exact: ExactDist
 
 def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
     from ddgcli.algorithms.geodesics.heat import HeatSolver
-    from ddgcli.linalg.iterative import ITERATIVE_SOLVERS
+    from ddgcli.choices import ITERATIVE_SOLVERS
 
     operator, base = _heat_mesh(mesh, options.operator)
     solver = HeatSolver(base, time_factor=options.heat_time, refine=options.heat_refine, source_mesh=mesh)

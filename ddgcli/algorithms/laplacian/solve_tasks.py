@@ -16,10 +16,9 @@ from ddgcli.algorithms.laplacian.laplace_operator import (
     symmetry_residual,
 )
 from ddgcli.algorithms.laplacian.tasks import LaplacianResult, LaplacianTasks
-from ddgcli.choices import CONFORMAL_BOUNDARIES, SMOOTHING_FLOWS
+from ddgcli.choices import CONFORMAL_BOUNDARIES, ITERATIVE_SOLVERS, SMOOTHING_FLOWS
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_area_vector
-from ddgcli.linalg.iterative import ITERATIVE_SOLVERS
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh

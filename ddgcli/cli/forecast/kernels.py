@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ddgcli.choices import ITERATIVE_SOLVERS
+
 __all__ = ["InputSize", "Use", "kernels_of"]
 
 MEASURED_EIGENPAIRS = 8  # of the kernel `laplacian eigen`
@@ -16,7 +18,6 @@ MEASURED_EVOLUTION_STEPS = 100
 DEFAULT_FLOW_STEPS = 100  # a guess: flows end at rest
 CERTIFICATE_RUNS = 4
 PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
-ITERATIVE_SOLVERS = ("multigrid", "conjugate-gradients")
 NEWTON_STEPS_AT_REST = 20  # a guess
 CONTACT_STEPS = 2.0  # steps without contact that cost as much as one with it, for its Newton iterations
 
