@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ddgcli.io.scene_file import parse_scene
+from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.terms import Dissipation, Potential
 from ddgcli.mesh.shapes import icosphere
 from ddgcli.models.shell import model
@@ -172,6 +173,15 @@ def test_projected_blocks_are_positive(name):
         if len(p.stencil):
             least = np.linalg.eigvalsh(p.blocks(x, "projected"))
             assert least.min() >= -1e-10 * np.abs(least).max()
+
+
+@pytest.mark.parametrize("name", FORCES)
+def test_scale_of_rounding_has_the_trace_of_the_hessian(name):
+    for p, x in potentials(name):
+        if len(p.stencil):
+            trace = np.einsum("kii->", p.blocks(x, "material"))
+            stiffness = Rounding.at([p], np.ones(len(x)), x).stiffness
+            assert stiffness == pytest.approx(trace, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", [n for n in TERMS if n.startswith(("stretching", "bending"))])
