@@ -4,7 +4,10 @@ An `InputError` is caused by the call or the input (exit 2, no output file); a `
 computation with valid input (exit 1). Messages say what is wrong, where, and what to do.
 """
 
+import re
+
 MAX_EXCERPT_LENGTH = 100  # characters of a file, or of another program's message, in a message
+LONG_NUMBER = re.compile(r"(\d{20})\d{40,}")  # its first digits and the others
 
 
 def excerpt(value: object, max_length: int = MAX_EXCERPT_LENGTH) -> str:
@@ -20,10 +23,18 @@ def encodable(text: str) -> str:
     return text.encode(errors="backslashreplace").decode()
 
 
+def _with_short_numbers(message: str) -> str:
+    """The message with numbers of 60 digits and more cut, which damaged files and long options hold."""
+    return LONG_NUMBER.sub(r"\1...", message)
+
+
 class DdgError(Exception):
     """Base of all exceptions of the project; the command line exits with `exit_code`."""
 
     exit_code = 1
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(_with_short_numbers(message))
 
 
 class InputError(DdgError, ValueError):
@@ -54,7 +65,7 @@ class ParameterError(InputError):
 
     def __init__(self, message: str, *, parameter: str | None = None) -> None:
         super().__init__(message if parameter is None else f"{parameter}: {message}")
-        self.message, self.parameter = message, parameter
+        self.message, self.parameter = _with_short_numbers(message), parameter
 
 
 class SceneError(InputError):

@@ -239,6 +239,17 @@ def test_messages_do_not_repeat_the_file(tmp_path, suffix):
     assert "\x1b" not in message and message.count("long") <= MAX_EXCERPT_LENGTH / 4 + 1
 
 
+@pytest.mark.parametrize(
+    "suffix, text", [(".off", "OFF\n3 {} 0\n"), (".ply", ply("|").replace("3\n", "{}\n", 1))]
+)
+def test_numbers_of_many_digits_are_cut_in_messages(tmp_path, suffix, text):
+    path = tmp_path / f"a{suffix}"
+    path.write_text(text.format("7" * 300))
+    with pytest.raises(InputError) as refusal:
+        read_mesh(str(path))
+    assert len(str(refusal.value)) <= 300 + len(str(path))
+
+
 def test_many_rows_of_a_scene_cost_one_pass(monkeypatch):
     """4,000 pins, one a row: the scene's text was parsed again for each row."""
     from ddgcli.io import scene_file
