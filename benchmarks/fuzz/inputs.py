@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from benchmarks.fuzz.mesh_seeds import mesh_seeds
 from benchmarks.fuzz.scenes import fluid_scene, shell_scene
 from benchmarks.fuzz.seeds import EXPECTED_SUMMARY, EXPRESSIONS, FLUID_SCENES, ROW, SCENES
 from ddgcli.errors import DdgError, MeshFileError
@@ -87,101 +87,6 @@ def scratch_folder() -> Path:
     """A folder in memory where there is one: opening a file on a disk costs more than reading it."""
     memory = "/dev/shm"
     return Path(tempfile.mkdtemp(prefix="ddgcli-fuzz-", dir=memory if os.path.isdir(memory) else None))
-
-
-def mesh_seeds(suffix: str) -> list[bytes]:
-    """Small valid files of a format: as we write them, with arrays; texts; tetrahedra and curves."""
-    from ddgcli.mesh import shapes
-    from ddgcli.mesh.curve import CurveSet
-    from ddgcli.mesh.fields import AnnotatedMesh
-    from ddgcli.mesh.tet_mesh import TetMesh
-
-    ball = shapes.icosphere(0)
-    arrays = {"f": ball.points[:, 2], "v": ball.points, "k": np.arange(ball.n_vertices)}
-    corners = np.vstack([np.zeros(3), np.eye(3)])
-    meshes = [
-        AnnotatedMesh(ball, arrays, {"face": np.arange(20)}),
-        AnnotatedMesh(TetMesh.from_arrays(corners, np.array([[0, 1, 2, 3]])), {"f": np.arange(4.0)}),
-        AnnotatedMesh(CurveSet.from_arrays(corners, np.array([[0, 1], [1, 2], [2, 0]]))),
-    ]
-    if suffix == ".csv":  # what we write there is a table of vertices, which holds no mesh
-        return [CLOSED_CURVE.encode()]
-    texts = [TEXTS[suffix](ball.points, ball.faces)] if suffix in TEXTS else []
-    return [text.encode() for text in texts] + [data for mesh in meshes for data in _written(mesh, suffix)]
-
-
-def _written(mesh: Any, suffix: str) -> list[bytes]:
-    """The file of a mesh; none in a format that cannot hold it."""
-    from ddgcli.io.mesh_file import WRITERS, write_mesh
-
-    if suffix not in WRITERS:
-        return []
-    with tempfile.TemporaryDirectory() as folder, contextlib.suppress(DdgError):
-        path = Path(folder) / f"a{suffix}"
-        write_mesh(str(path), mesh)
-        return [path.read_bytes()]
-    return []
-
-
-def _rows(numbers: NDArray, first: str = "") -> str:
-    return "\n".join(first + " ".join(f"{x:.3g}" for x in row) for row in numbers)
-
-
-def _ply_text(points: NDArray, faces: NDArray) -> str:
-    axes = "".join(f"property float {c}\n" for c in "xyz")
-    return (
-        f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n{axes}element face {len(faces)}\n"
-        f"property list uchar int vertex_indices\nend_header\n{_rows(points)}\n{_rows(faces, '3 ')}\n"
-    )
-
-
-def _vtk_text(points: NDArray, faces: NDArray) -> str:
-    return (
-        f"# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS {len(points)} float\n"
-        f"{_rows(points)}\nPOLYGONS {len(faces)} {4 * len(faces)}\n{_rows(faces, '3 ')}\n"
-        f"POINT_DATA {len(points)}\nSCALARS s int 1\nLOOKUP_TABLE default\n{'1 ' * len(points)}\n"
-    )
-
-
-def _xml_array(name: str, kind: str, values: NDArray, components: int = 1) -> str:
-    return (
-        f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="ascii">\n'
-        f"{_rows(values.reshape(len(values), -1))}\n</DataArray>\n"
-    )
-
-
-def _xml_text(kind: str, counts: str, cells: str) -> Callable[[NDArray, NDArray], str]:
-    def text(points: NDArray, faces: NDArray) -> str:
-        types = _xml_array("types", "UInt8", np.full(len(faces), 5)) if kind == "UnstructuredGrid" else ""
-        numbers = counts.format(len(points), len(faces))
-        return (
-            f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian"><{kind}><Piece {numbers}>\n'
-            f"<Points>{_xml_array('Points', 'Float64', points, 3)}</Points>\n"
-            f"<PointData>{_xml_array('f', 'Float32', points[:, 0])}</PointData>\n"
-            f"<{cells}>{_xml_array('connectivity', 'Int64', faces)}"
-            f"{_xml_array('offsets', 'Int32', 3 * np.arange(1, len(faces) + 1))}{types}</{cells}>\n"
-            f"</Piece></{kind}></VTKFile>\n"
-        )
-
-    return text
-
-
-CLOSED_CURVE = "x,y,z\n0,0,0\n1,0,0\n1,1,0\n0,0,0\n"
-TEXTS: dict[str, Callable[[NDArray, NDArray], str]] = {
-    ".wkt": lambda points, faces: "TIN (((0 0 0, 1 0 0, 0 1 0, 0 0 0)), ((1 0 0, 1 1 0, 0 1 0, 1 0 0)))",
-    ".stl": lambda points, faces: (
-        "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n"
-        "endfacet\nendsolid a\n"
-    ),
-    ".obj": lambda points, faces: (
-        "mtllib a.mtl\nv 0 0 0 1 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvt 0 0\nvn 0 0 1\no a\ng b\nusemtl m\n"
-        "f 1/1/1 2/1/1 -2/-1/-1\nf 2//1 4//1 3//1\nl 1 2 3\n"
-    ),
-    ".ply": _ply_text,
-    ".vtk": _vtk_text,
-    ".vtu": _xml_text("UnstructuredGrid", 'NumberOfPoints="{}" NumberOfCells="{}"', "Cells"),
-    ".vtp": _xml_text("PolyData", 'NumberOfPoints="{}" NumberOfPolys="{}"', "Polys"),
-}
 
 
 def read_mesh_bytes(suffix: str) -> Callable[[bytes], object]:
