@@ -6,6 +6,7 @@ mechanical systems whose factors do not fit.
 """
 
 __all__ = [
+    "aggregation",
     "assembly_tree",
     "backends",
     "condition",

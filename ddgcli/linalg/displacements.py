@@ -1,6 +1,6 @@
 """Conjugate gradients for displacements of vertices, where the factors of a mechanical system do not fit.
 
-Preconditioners: smoothed aggregation of pyamg whose levels all represent the rigid motions (the extra
+Preconditioners: smoothed aggregation (`aggregation`) whose levels all represent the rigid motions (the extra
 `multigrid`), and the inverses of the (3, 3) blocks of the vertices, which need no further library and many
 more iterations. A solution ends at a stated part of the first error in the norm of the preconditioner: the
 iteration of Newton that uses it measures its own residual.
@@ -17,17 +17,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_array, bsr_matrix, csr_array, csr_matrix, sparray
+from scipy.sparse import bsr_array, csr_array, sparray
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from ddgcli.errors import SolveError
-from ddgcli.linalg.iterative import jacobi, require_multigrid, v_cycle
+from ddgcli.linalg.aggregation import aggregation_cycle
+from ddgcli.linalg.iterative import jacobi, require_multigrid
 
 __all__ = ["BlockIterative", "RigidMotions"]
 
 REDUCTION = 1e-6  # of the error of a solution, in the norm of the preconditioner
 MAX_ITERATIONS = 3000
-MAX_COARSE = 80  # aggregates that are solved densely
 LOCAL_DISTANCE = 10.0  # mean difference of neighbours' numbers, in roots of n, that caches bear
 
 
@@ -78,7 +78,7 @@ class BlockIterative:
         self._order = _local_order(rows, 3 if motions.by_vertex else 1)
         self._matrix = rows if self._order is None else _reordered(rows, self._order)
         modes = motions.modes if self._order is None else motions.modes[self._order]
-        build = _multigrid if self.name == "multigrid" else _block_jacobi
+        build = aggregation_cycle if self.name == "multigrid" else _block_jacobi
         self._precondition = build(self._matrix, modes)
 
     def solve(self, rhs: NDArray) -> NDArray[np.float64]:
@@ -167,10 +167,3 @@ def _block_jacobi(rows: Any, modes: NDArray) -> Callable[[NDArray], NDArray]:
     row = np.repeat(np.arange(len(rows.indptr) - 1), np.diff(rows.indptr))
     blocks = np.linalg.inv(rows.data[rows.indices == row])
     return lambda r: (blocks @ r.reshape(-1, 3, 1)).ravel()
-
-
-def _multigrid(rows: Any, modes: NDArray) -> Callable[[NDArray], NDArray]:
-    """`v_cycle` whose levels represent the modes."""
-    kind = bsr_matrix if rows.format == "bsr" else csr_matrix
-    matrix = kind((rows.data, rows.indices, rows.indptr), shape=rows.shape)
-    return v_cycle(matrix, B=modes, strength=None, improve_candidates=None, max_coarse=MAX_COARSE)
