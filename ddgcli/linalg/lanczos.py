@@ -42,9 +42,6 @@ class BlockLanczos:
         Orthonormal vectors; the search is in their complement.
     seed : int
         Of the starting block.
-    min_width : int
-        Least number of vectors a step. Four are faster where `apply` treats them together; two need fewer
-        applications for few pairs, and are faster where `apply` treats them one by one.
     """
 
     def __init__(
@@ -53,9 +50,8 @@ class BlockLanczos:
         mass: csr_array | None,
         excluded: NDArray,
         seed: int,
-        min_width: int = MIN_BLOCK_WIDTH,
     ) -> None:
-        self.apply, self.mass, self.excluded, self.min_width = apply, mass, excluded, min_width
+        self.apply, self.mass, self.excluded = apply, mass, excluded
         self.rng = np.random.default_rng(seed)
         self.n = excluded.shape[1]
 
@@ -64,7 +60,7 @@ class BlockLanczos:
     ) -> tuple[NDArray, NDArray, bool]:
         """Eigenvalues (k,) descending, vectors (k, n), and whether none is missing at the end."""
         self.progress, self.n_converged = progress, 0
-        self.width = min(max(self.min_width, k // 25), MAX_BLOCK_WIDTH)
+        self.width = min(max(MIN_BLOCK_WIDTH, k // 25), MAX_BLOCK_WIDTH)
         free = max(MIN_FREE_VECTORS, 8 * self.width)
         limit = min(self.n - len(self.excluded), max(2 * k, min(4 * k, MIN_BASIS_SIZE)) + free)
         self.basis = np.empty((limit + self.width, self.n))

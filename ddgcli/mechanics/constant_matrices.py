@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
-from ddgcli.linalg.backends import solver_name
 from ddgcli.linalg.factor import REFINEMENT_TOLERANCE, Factor
 from ddgcli.mechanics.system import System
 
@@ -48,7 +47,7 @@ class _ConstantMatrix:
         coupled = csc_array(diags_array(free.astype(float)) @ whole @ diags_array(free.astype(float)))
         coupled.eliminate_zeros()
         matrix = csc_array(coupled + diags_array(np.where(free, 0.0, a * system.mass)))
-        self._factor = Factor(matrix, solver=solver_name(None, matrix, True, blocks=True))
+        self._factor = Factor(matrix)
         probe = np.random.default_rng(0).normal(size=self._factor.n)
         error = self._factor.backward_error(self._factor.solve(probe, refine=False), probe)
         self._refine = not error <= REFINEMENT_TOLERANCE

@@ -32,10 +32,11 @@ def definite(n_subdivisions=3):
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-@pytest.mark.parametrize("columns", [(), (1,), (3,)])
+@pytest.mark.parametrize("columns", [(), (1,), (3,), (7,)])
 def test_solution_of_a_known_right_hand_side(solver, columns):
     A = definite()
     x = np.random.default_rng(0).normal(size=(A.shape[0], *columns))
+    x[..., 1:2] = 0.0  # a column, or an entry
     factor = Factor(A, solver=solver)
     assert factor.solver == solver
     solution = factor.solve(A @ x)
