@@ -105,8 +105,8 @@ def choose_solver(
         return "pivoted", None
     if name != "auto":
         return name, None
-    chosen, analysis = _solver_of_little_memory(matrix, entries)
-    return (chosen, None) if chosen else (_by_size(matrix), analysis)
+    iterative, analysis = _solver_of_little_memory(matrix, entries)
+    return (iterative, None) if iterative else (_by_size(matrix), analysis)
 
 
 def displacement_solver(graph: csc_array, size: int) -> str | None:
@@ -157,13 +157,13 @@ def _solver_of_little_memory(
     needed, analysis = _needed_bytes(matrix, available, entries, size)
     if needed <= available:
         return None, analysis
-    chosen = preferred_iterative_solver()
+    iterative = preferred_iterative_solver()
     log.warning(
         "the factors of %d unknowns need about %.3g GiB, %.3g GiB are available: %s solve instead",
         n, needed / 2**30, available / 2**30,
-        "conjugate gradients with multigrid" if chosen == "multigrid" else "conjugate gradients",
+        "conjugate gradients with multigrid" if iterative == "multigrid" else "conjugate gradients",
     )  # fmt: skip
-    return chosen, None
+    return iterative, None
 
 
 def direct_fits(matrix: csc_array) -> bool:

@@ -33,8 +33,8 @@ def condition_number(matrix: sparray) -> float | None:
     """
     from scipy.sparse.csgraph import connected_components
 
-    used = np.flatnonzero(matrix.diagonal() != 0.0)
-    inner = compact(csr_array(matrix)[used][:, used])
+    nonzero = np.flatnonzero(matrix.diagonal() != 0.0)
+    inner = compact(csr_array(matrix)[nonzero][:, nonzero])
     count, label = connected_components(inner, directed=False)
     size = np.bincount(label, minlength=count)
     extremes = [_small_extremes(inner, label, size, int(s)) for s in np.unique(size) if 1 < s <= DENSE_SIZE]

@@ -18,7 +18,7 @@ class NewtonStep:
     Parameters
     ----------
     x : (n,) ndarray
-    left : float
+    error : float
         Estimate of the largest entry of the error.
     rounds : int
     convex : bool
@@ -26,7 +26,7 @@ class NewtonStep:
     """
 
     x: NDArray[np.float64]
-    left: float
+    error: float
     rounds: int
     convex: bool
 
@@ -74,12 +74,12 @@ def truncated_conjugate_gradients(
     if not rz > 0:
         return NewtonStep(x, 0.0, 0, True) if first == 0.0 else None
     allowed = enough(first)
-    guess, p, left, truncated = z, z, first, None
+    guess, p, error, truncated = z, z, first, None
     for k in range(1, most + 1):
         ap = apply(p)
         curvature = float(p @ ap)
         if not curvature > 0 and truncated is None:
-            truncated = NewtonStep(x.copy() if float(rhs @ x) > 0 else guess, left, k, False)
+            truncated = NewtonStep(x.copy() if float(rhs @ x) > 0 else guess, error, k, False)
             if not through(first) or curvature == 0.0:
                 return truncated
         step = rz / curvature
@@ -88,8 +88,8 @@ def truncated_conjugate_gradients(
         x += step * p
         r -= step * ap
         z = precondition(r)
-        left = max(float(np.abs(z).max()), abs(step) * float(np.abs(p).max()) if k > 1 else 0.0)
-        if left <= allowed:
+        error = max(float(np.abs(z).max()), abs(step) * float(np.abs(p).max()) if k > 1 else 0.0)
+        if error <= allowed:
             break
         before, rz = rz, float(r @ z)
         if not rz > 0:
@@ -97,4 +97,4 @@ def truncated_conjugate_gradients(
         p = z if whole else z + rz / before * p
     if not float(rhs @ x) > 0:
         return truncated or NewtonStep(guess, first, k, False)
-    return NewtonStep(x, left, k, True)
+    return NewtonStep(x, error, k, True)

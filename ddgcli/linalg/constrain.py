@@ -37,10 +37,10 @@ def floating_components(matrix: sparray) -> NDArray[np.int64]:
     count, label = components(matrix)
     ones = np.ones(matrix.shape[0])
     row_sum, row_size = np.abs(matrix @ ones), np.abs(matrix) @ ones
-    held = np.zeros(count, dtype=bool)
-    held[label[row_sum > 1e-9 * row_size]] = True
-    number = np.cumsum(~held) - 1
-    return np.where(held[label], -1, number[label])
+    fixed = np.zeros(count, dtype=bool)
+    fixed[label[row_sum > 1e-9 * row_size]] = True
+    number = np.cumsum(~fixed) - 1
+    return np.where(fixed[label], -1, number[label])
 
 
 class Dirichlet:
@@ -62,15 +62,21 @@ class Dirichlet:
         self, matrix: sparray, fixed: NDArray, *, like: Factor | None = None, **options: Any
     ) -> None:
         columns = csc_array(matrix)
-        held = np.zeros(columns.shape[0], dtype=bool)
-        held[np.asarray(fixed)] = True
-        self.fixed, self.free = np.flatnonzero(held), np.flatnonzero(~held)
-        self._kept = like is not None and like.same_pattern(columns) and _all_stored(columns, held)
+        is_fixed = np.zeros(columns.shape[0], dtype=bool)
+        is_fixed[np.asarray(fixed)] = True
+        self.fixed, self.free = np.flatnonzero(is_fixed), np.flatnonzero(~is_fixed)
+        self._whole_pattern = (
+            like is not None and like.same_pattern(columns) and _all_stored(columns, is_fixed)
+        )
         self.factor = Factor(self._split(columns), like=like, **options)
 
     def _split(self, columns: csc_array) -> csc_array:
         self._coupling = columns[:, self.fixed]
-        return _decoupled(columns, self.fixed) if self._kept else csc_array(columns[self.free][:, self.free])
+        return (
+            _decoupled(columns, self.fixed)
+            if self._whole_pattern
+            else csc_array(columns[self.free][:, self.free])
+        )
 
     def refactor(self, matrix: sparray) -> Dirichlet:
         """New values of the same pattern."""
@@ -96,7 +102,7 @@ class Dirichlet:
 
     def solve_held_at_zero(self, rhs: NDArray, *, refine: bool = True) -> NDArray:
         """(n,) or (n, c) solution that vanishes on the fixed unknowns, whose rows of `rhs` are not read."""
-        if self._kept:
+        if self._whole_pattern:
             b = np.array(rhs)
             b[self.fixed] = 0.0
             return self.factor.solve(b, refine=refine)
@@ -109,11 +115,11 @@ class Dirichlet:
     def residual(self, x: NDArray, rhs: NDArray | None = None) -> float:
         """Largest |A x - b| on the free rows, relative to the largest term of the right-hand side."""
         load = self._load(x[self.fixed], rhs)
-        left = x.copy()
-        if self._kept:
-            left[self.fixed] = load[self.fixed] = 0.0
-            return self.factor.residual(left, load)
-        return self.factor.residual(left[self.free], load[self.free])
+        solution = x.copy()
+        if self._whole_pattern:
+            solution[self.fixed] = load[self.fixed] = 0.0
+            return self.factor.residual(solution, load)
+        return self.factor.residual(solution[self.free], load[self.free])
 
     def _load(self, values: NDArray, rhs: NDArray | None) -> NDArray:
         """Right-hand side less what the fixed values cause."""
@@ -121,20 +127,20 @@ class Dirichlet:
         return load if rhs is None else load + np.asarray(rhs)
 
 
-def _all_stored(columns: csc_array, held: NDArray) -> bool:
-    """Whether the diagonal entries of the held unknowns are part of the pattern."""
-    column = np.repeat(np.arange(len(held)), np.diff(columns.indptr))
-    return np.count_nonzero(held[column] & (columns.indices == column)) == np.count_nonzero(held)
+def _all_stored(columns: csc_array, is_fixed: NDArray) -> bool:
+    """Whether the diagonal entries of the fixed unknowns are part of the pattern."""
+    column = np.repeat(np.arange(len(is_fixed)), np.diff(columns.indptr))
+    return np.count_nonzero(is_fixed[column] & (columns.indices == column)) == np.count_nonzero(is_fixed)
 
 
-def _decoupled(matrix: csc_array, held: NDArray) -> csc_array:
-    """The same pattern, with nothing but the largest entry on the diagonal in held rows and columns."""
-    lost = np.zeros(matrix.shape[0], dtype=bool)
-    lost[held] = True
+def _decoupled(matrix: csc_array, fixed: NDArray) -> csc_array:
+    """The same pattern, with nothing but the largest entry on the diagonal in fixed rows and columns."""
+    is_fixed = np.zeros(matrix.shape[0], dtype=bool)
+    is_fixed[fixed] = True
     column = np.repeat(np.arange(matrix.shape[0], dtype=matrix.indices.dtype), np.diff(matrix.indptr))
-    clear = lost[matrix.indices] | lost[column]
-    data = np.where(clear, 0.0, matrix.data)
-    data[clear & (matrix.indices == column)] = np.abs(matrix.data).max(initial=0.0) or 1.0
+    in_fixed = is_fixed[matrix.indices] | is_fixed[column]
+    data = np.where(in_fixed, 0.0, matrix.data)
+    data[in_fixed & (matrix.indices == column)] = np.abs(matrix.data).max(initial=0.0) or 1.0
     return csc_array((data, matrix.indices, matrix.indptr), shape=matrix.shape)
 
 

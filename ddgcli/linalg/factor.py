@@ -165,20 +165,20 @@ class Factor:
         if not refine:
             return x
         x = self._refined(x, b)
-        failed = self._has_failed(x, b)
-        if failed and self.solver != "pivoted":
+        is_wrong = self._is_wrong(x, b)
+        if is_wrong and self.solver != "pivoted":
             log.info("the solution by %s has no correct digit: factorised with pivoting", self.solver)
             self._backend = make_backend("pivoted", self.matrix)
             x = self._refined(self._backend.solve(b), b)
-            failed = self._has_failed(x, b)
-        if failed:
+            is_wrong = self._is_wrong(x, b)
+        if is_wrong:
             raise SolveError(
                 "the matrix is singular to working precision: no solution with a small residual was found; "
                 "fix an unknown of every component, or remove degenerate faces"
             )
         return x
 
-    def _has_failed(self, x: NDArray, b: NDArray) -> bool:
+    def _is_wrong(self, x: NDArray, b: NDArray) -> bool:
         """Whether the residual, rows scaled by the diagonal, is not small relative to the right-hand side."""
         if self._row_scale is None:
             diagonal = np.abs(self.matrix.diagonal())

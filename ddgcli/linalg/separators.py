@@ -76,9 +76,9 @@ def _vertex_cover(lower: NDArray, upper: NDArray) -> NDArray:
     network = csr_array((np.ones(len(tail), dtype=np.int32), ends), shape=(sink + 1, sink + 1))
     residual = csr_array(network - maximum_flow(network, source, sink).flow)
     residual.eliminate_zeros()
-    reached = np.zeros(sink + 1, dtype=bool)
-    reached[breadth_first_order(residual, source, return_predecessors=False)] = True
-    return np.append(left[~reached[:a]], right[reached[a:source]])
+    from_source = np.zeros(sink + 1, dtype=bool)
+    from_source[breadth_first_order(residual, source, return_predecessors=False)] = True
+    return np.append(left[~from_source[:a]], right[from_source[a:source]])
 
 
 def _are_short(half: NDArray, separator: NDArray, row_length: float) -> bool:

@@ -83,17 +83,17 @@ def _gradient(system: System, batches: list[Batch], x: NDArray, k: int, count: i
 
     At the start of a run, or of a resumed one, it is computed but not counted, so that both count alike.
     """
-    kept = system.cache.get("asynchronous gradients", (None, {}))
-    if kept[0] is x and id(batches) in kept[1]:
-        return kept[1][id(batches)]
+    cached = system.cache.get("asynchronous gradients", (None, {}))
+    if cached[0] is x and id(batches) in cached[1]:
+        return cached[1][id(batches)]
     total = np.zeros_like(x)
     for batch in batches:
         with system.account.within(batch.name, 1 if k else 0):
             batch.add(x, system.time, total)
     if k == count:
-        if kept[0] is not x:
-            kept = system.cache["asynchronous gradients"] = (x, {})
-        kept[1][id(batches)] = total
+        if cached[0] is not x:
+            cached = system.cache["asynchronous gradients"] = (x, {})
+        cached[1][id(batches)] = total
     return total
 
 
@@ -155,9 +155,9 @@ def _divided(system: System, dt: float) -> Levels:
         steps = limit * np.sqrt(largest / np.maximum(own, 1e-300 * largest))
         level = np.minimum(_level(steps, dt), finest)
         for k in np.unique(level):
-            chosen = np.flatnonzero(level == k)
-            vertices, stencil = np.unique(potential.stencil[chosen], return_inverse=True)
-            own_term = potential.subset(chosen, stencil.reshape(-1, potential.stencil.shape[1]))
+            members = np.flatnonzero(level == k)
+            vertices, stencil = np.unique(potential.stencil[members], return_inverse=True)
+            own_term = potential.subset(members, stencil.reshape(-1, potential.stencil.shape[1]))
             batches[k].append(Batch(own_term, vertices, potential.name))
     return Levels(system.all_terms, batches)
 

@@ -61,21 +61,21 @@ def reactions(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDAr
     for edges in system.constraints:
         force = force - edges.pull(motion.x, motion.multipliers)
     ends, couples = _couples(system, motion.x)
-    seen, counted, forces = np.zeros_like(system.free), np.zeros(len(ends), dtype=bool), {}
+    fixed, counted, forces = np.zeros_like(system.free), np.zeros(len(ends), dtype=bool), {}
     for term in system.supports:
-        own = np.where(term.mask & ~seen, force, 0.0)
-        seen |= term.mask
-        held = np.asarray(term.mask.any(axis=1))[ends].all(axis=1) & ~counted
-        couple, counted = couples[held], counted | held
+        own = np.where(term.mask & ~fixed, force, 0.0)
+        fixed |= term.mask
+        in_term = np.asarray(term.mask.any(axis=1))[ends].all(axis=1) & ~counted
+        couple, counted = couples[in_term], counted | in_term
         forces[term.name] = own.sum(axis=0), np.cross(motion.x, own).sum(axis=0) + couple.sum(axis=0)
     return forces
 
 
 def _couples(system: System, x: NDArray) -> tuple[NDArray, NDArray]:
     """((c, 2) vertices, (c, 3) moments) of the supports on directions of edges that they hold."""
-    held = [p.couples(x) for p in system.potentials if hasattr(p, "couples")]
-    ends = [np.zeros((0, 2), dtype=np.int64), *(e for e, _ in held)]
-    return np.concatenate(ends), np.concatenate([np.zeros((0, 3)), *(moment for _, moment in held)])
+    couples = [p.couples(x) for p in system.potentials if hasattr(p, "couples")]
+    ends = [np.zeros((0, 2), dtype=np.int64), *(e for e, _ in couples)]
+    return np.concatenate(ends), np.concatenate([np.zeros((0, 3)), *(moment for _, moment in couples)])
 
 
 def obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> float:

@@ -69,10 +69,12 @@ def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
     ahead = _stress_part(_with_loads(system, step), x + step * move)
     behind = _stress_part(_with_loads(system, -step), x - step * move)
     ratio, vectors = largest_ratios(csc_array((behind - ahead) / (2 * step)), stiffness, k)
-    kept = ratio > SMALLEST_RATIO * np.abs(ratio).max(initial=0.0)
-    if not kept.any():
+    significant = ratio > SMALLEST_RATIO * np.abs(ratio).max(initial=0.0)
+    if not significant.any():
         raise SolveError("no multiple of the loads makes the shell buckle: they only stiffen it")
-    return Modes(1 / ratio[kept], np.stack([_shape(newton.spread(column)) for column in vectors.T[kept]]))
+    return Modes(
+        1 / ratio[significant], np.stack([_shape(newton.spread(column)) for column in vectors.T[significant]])
+    )
 
 
 def _hessian(system: System, x: NDArray) -> csc_array:

@@ -170,7 +170,7 @@ class Newton:
             exact = 0.1 * (self._moved(increment, point.y) if near else enough)
             direction = self._direction(increment, point.y, g, before, exact)
             move = self.spread(direction.x)
-            short = direction.convex and max(float(np.abs(move).max()), direction.left) <= enough
+            short = direction.convex and max(float(np.abs(move).max()), direction.error) <= enough
             if short and self._reach(point.y, move) == 1.0:
                 # too short for values to judge: they differ by rounding
                 point, near = self.at(increment, point.y + move), near + 1
@@ -190,7 +190,7 @@ class Newton:
                 break
             # the next move is to this one as this one to the last: near the end, Newton does better than that
             quick = direction.convex and t == 1.0 and size < before < np.inf
-            following = max(size * size / before, direction.left) if quick else size * max(t, 1e-3)
+            following = max(size * size / before, direction.error) if quick else size * max(t, 1e-3)
             before = size if t == 1.0 else np.inf
             near = near + 1 if following <= enough else 0
         raise StepRejected("newton", worst(g), size)

@@ -117,7 +117,7 @@ def test_conjugate_gradients_stop_at_the_tolerance():
     truth = np.linalg.solve(A, b)
     for share in (1e-2, 1e-5, 1e-10):
         move = truncated_conjugate_gradients(A.__matmul__, inverse.__matmul__, b, share.__mul__, 60)
-        assert move.convex and move.left <= share * np.abs(inverse @ b).max()
+        assert move.convex and move.error <= share * np.abs(inverse @ b).max()
         assert np.abs(move.x - truth).max() <= 20 * share * np.abs(truth).max()
 
 

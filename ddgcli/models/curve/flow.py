@@ -317,9 +317,9 @@ class NormalStep:
         matrix = polygon.stiffness(mesh, shape.length)
         if self.flow.kind != "elastic":
             return matrix
-        bent = matrix[mesh.joint]
+        joint_matrix = matrix[mesh.joint]
         weight = diags_array(2.0 / np.maximum(shape.dual_length[mesh.joint], np.finfo(float).tiny))
-        return bent.T @ weight @ bent + (self.flow.length_penalty or 0.0) * matrix
+        return joint_matrix.T @ weight @ joint_matrix + (self.flow.length_penalty or 0.0) * matrix
 
     def _gradient(self) -> NDArray[np.float64]:
         mesh = self.flow.mesh

@@ -65,17 +65,17 @@ def without_repeated_points(curves: CurveSet) -> CurveSet:
         if not closed:
             distinct[0] = True
         repeated += int((~distinct).sum())
-        kept = points[distinct]
+        distinct_points = points[distinct]
         least = 3 if closed else 2
-        if len(kept) < least:
+        if len(distinct_points) < least:
             raise MeshError(
-                f"curve {number} (first point {path[0]}) has {len(kept)} different points; "
+                f"curve {number} (first point {path[0]}) has {len(distinct_points)} different points; "
                 f"{'a closed' if closed else 'an open'} curve needs {least}: remove it or correct its points"
             )
-        at = start + np.arange(len(kept))
+        at = start + np.arange(len(distinct_points))
         lines.append(np.stack([at, np.roll(at, -1)], axis=1)[: len(at) if closed else -1])
-        paths.append(kept)
-        start += len(kept)
+        paths.append(distinct_points)
+        start += len(distinct_points)
     if not paths:
         raise MeshError("no segments; curve-flow needs a curve")
     if repeated:

@@ -57,8 +57,8 @@ def build(parameters: BoundarySection, context: FluidContext) -> list[BoundaryPa
     if not context.is_volume and context.mesh.topology.is_closed:
         raise MeshError("the surface has no boundary; take the effect out")
     if parameters.obstacle is not None and parameters.obstacle not in context.obstacles:
-        known = ", ".join(context.obstacles) or "none"
-        raise ValueError(f"no obstacle {parameters.obstacle!r} cuts {context.name!r} (there: {known})")
+        names = ", ".join(context.obstacles) or "none"
+        raise ValueError(f"no obstacle {parameters.obstacle!r} cuts {context.name!r} (there: {names})")
     velocity = None if parameters.velocity is None else [str(text) for text in parameters.velocity]
     boundary_part = BoundaryPart(
         parameters.kind, velocity, parameters.flux, parameters.where, parameters.obstacle

@@ -61,8 +61,8 @@ class TemperaturePhase(TracerPhase):
     def advance(self, step: Step, state: FluidState) -> FluidState:
         values = self.carried(step, state, state[ARRAY])
         if self.diffusion is not None:
-            held = np.zeros((len(self.diffusion.fixed), 1))
-            values = self.diffusion.step(values[:, None], held, step.dt)[:, 0]
+            wall_values = np.zeros((len(self.diffusion.fixed), 1))
+            values = self.diffusion.step(values[:, None], wall_values, step.dt)[:, 0]
         return state.with_passive(**{ARRAY: values})
 
     def observed(self, state: FluidState) -> Observation:

@@ -178,10 +178,10 @@ class CirculationTransport(FlowPhase):
         if folded > SMALL_DEFORMATION and not rise <= ENERGY_RISE_TOLERANCE:
             raise StepRejected("energy rises", value=rise)
         after = state.replaced(vorticity=vorticity, coefficients=coefficients)
-        lost = space.energy(state) - space.energy(after)
+        loss = space.energy(state) - space.energy(after)
         smoothed = space.enstrophy(before[0]) - space.enstrophy(vorticity)
         return after.with_passive(
-            loss=state["loss"] + np.array([lost, smoothed]),
+            loss=state["loss"] + np.array([loss, smoothed]),
             corrections=state["corrections"] + np.array([1, *acted]),
         )
 

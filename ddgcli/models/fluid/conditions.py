@@ -104,10 +104,10 @@ def _rest(sections: Sequence[BoundaryPart]) -> str:
     return "no-slip" if any(section.kind != "free-slip" for section in sections) else "free-slip"
 
 
-def _ends(n: int, tail: NDArray, head: NDArray, chosen: NDArray) -> NDArray[np.bool_]:
+def _ends(n: int, tail: NDArray, head: NDArray, selection: NDArray) -> NDArray[np.bool_]:
     """(n,) ends of the chosen sides."""
     marked = np.zeros(n, dtype=bool)
-    marked[tail[chosen]] = marked[head[chosen]] = True
+    marked[tail[selection]] = marked[head[selection]] = True
     return marked
 
 
@@ -200,16 +200,16 @@ def _stream_function(
     values, free = np.zeros(n), np.zeros(n, dtype=bool)
     leaving = np.full(n, -1, dtype=np.int64)  # the boundary side that leaves a vertex
     leaving[tail] = np.arange(len(tail))
-    seen = np.zeros(len(tail), dtype=bool)
+    visited = np.zeros(len(tail), dtype=bool)
     free[head[natural & natural[leaving[head]]]] = True
     ends = np.flatnonzero(natural & ~natural[leaving[head]])  # last sides of natural outflows
     for start in [*leaving[head[ends]].tolist(), *range(len(tail))]:
-        if seen[start]:
+        if visited[start]:
             continue
         loop = [start]
         while (following := int(leaving[head[loop[-1]]])) != start:
             loop.append(following)
-        seen[loop] = True
+        visited[loop] = True
         _refuse_imbalance(tail[loop], flux[loop], natural[loop])
         share = np.where(natural[loop], 0.0, np.abs(flux[loop]))
         excess = 0.0 if natural[loop].any() or not share.any() else float(flux[loop].sum() / share.sum())

@@ -77,9 +77,9 @@ class FluidContext:
             try:
                 values = evaluate(source, dict(zip("xyz", self.points.T)))
             except ValueError as error:
-                known = ", ".join(self.vertex) or "none"
+                names = ", ".join(self.vertex) or "none"
                 raise ValueError(
-                    f"{what} '{excerpt(source)}' is no vertex array of the mesh (there: {known}), no .npy "
+                    f"{what} '{excerpt(source)}' is no vertex array of the mesh (there: {names}), no .npy "
                     f"file and no expression: {error}"
                 ) from error
         if values.shape != (n,):
@@ -100,9 +100,9 @@ class FluidContext:
         elif source in self.face or source in self.vertex:
             values = np.asarray(self.face.get(source, self.vertex.get(source)), dtype=np.float64)
         else:
-            known = ", ".join([*self.vertex, *self.face]) or "none"
+            names = ", ".join([*self.vertex, *self.face]) or "none"
             raise ValueError(
-                f"velocity '{excerpt(source)}' is no array of the mesh (there: {known}) and no .npy file"
+                f"velocity '{excerpt(source)}' is no array of the mesh (there: {names}) and no .npy file"
             )
         if values.shape == (n, 3) and values.shape != (len(cells), 3):
             values = values[cells].mean(axis=1)

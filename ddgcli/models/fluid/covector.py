@@ -90,8 +90,8 @@ class CovectorAdvection:
         """The discrete flow nearest to the pull-back of a flow without inflow."""
         space = self.space
         flux = space.side_flux(space.stream_function_change(flow[0]), flow[1])
-        met = self.transport.end_velocity(self.transport.corners(flux), paths)
-        velocity = met[space.faces] * self.turn
+        end_velocity = self.transport.end_velocity(self.transport.corners(flux), paths)
+        velocity = end_velocity[space.faces] * self.turn
         shift = paths.shift[space.faces] * self.turn
         side = space.side + shift[:, NEXT] - shift
         along = 0.5 * ((velocity + velocity[:, NEXT]) * np.conj(side)).real
@@ -152,8 +152,10 @@ class CovectorTransport(FlowPhase):
         advection = self.advection
         flow = state["vorticity"], state["coefficients"]
         now = np.concatenate(flow)
-        used = np.count_nonzero(state["map_dt"])
-        past = state["map_flow"][:used] if np.array_equal(now, state["map_end"]) else state["map_flow"][:0]
+        map_steps = np.count_nonzero(state["map_dt"])
+        past = (
+            state["map_flow"][:map_steps] if np.array_equal(now, state["map_end"]) else state["map_flow"][:0]
+        )
         spans = state["map_dt"][: len(past)]
         velocity = [
             advection.middle_velocity(self._flow(then), dt, self.evolve)
@@ -172,7 +174,7 @@ class CovectorTransport(FlowPhase):
         changed = state.replaced(vorticity=after[0], coefficients=after[1])
         return changed.with_passive(
             **self._map(np.concatenate(start), np.concatenate(after), np.vstack([past, now[None]]), spans),
-            loss=state["loss"] + self._lost(flow, after),
+            loss=state["loss"] + self._loss(flow, after),
             corrections=state["corrections"] + np.array([1, *acted]),
         )
 
@@ -187,7 +189,7 @@ class CovectorTransport(FlowPhase):
             "map_flow": np.vstack([flows, np.zeros((rest, len(start)))]),
         }  # fmt: skip
 
-    def _lost(self, before: Flow, after: Flow) -> NDArray[np.float64]:
+    def _loss(self, before: Flow, after: Flow) -> NDArray[np.float64]:
         """Energy and enstrophy that the step lost."""
         space, energy = self.advection.space, self.advection.limits.energy
         smoothed = space.enstrophy(before[0]) - space.enstrophy(after[0])

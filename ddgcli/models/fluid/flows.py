@@ -14,13 +14,13 @@ from ddgcli.models.fluid.context import FluidContext
 
 
 def _middle(context: FluidContext) -> NDArray[np.float64]:
-    used = context.points[context.mesh.topology.referenced_vertex]
-    return 0.5 * (used.min(axis=0) + used.max(axis=0))
+    points = context.points[context.mesh.topology.referenced_vertex]
+    return 0.5 * (points.min(axis=0) + points.max(axis=0))
 
 
 def _extent(context: FluidContext) -> float:
-    used = context.points[context.mesh.topology.referenced_vertex]
-    return float(np.ptp(used, axis=0).max())
+    points = context.points[context.mesh.topology.referenced_vertex]
+    return float(np.ptp(points, axis=0).max())
 
 
 def _pair(context: FluidContext, parameters: Any, apart: float) -> tuple[NDArray, NDArray]:

@@ -60,11 +60,11 @@ class InitialSection(Section):
         return self
 
     def _refuse_ignored(self) -> None:
-        known = NAMED_FLOWS[self.flow].keys if self.flow is not None else ()
+        keys = NAMED_FLOWS[self.flow].keys if self.flow is not None else ()
         for key in (*KEYS, "strength"):
-            if key in self.model_fields_set and key not in (*known, *(("strength",) if self.flow else ())):
+            if key in self.model_fields_set and key not in (*keys, *(("strength",) if self.flow else ())):
                 what = f"flow {self.flow!r}" if self.flow is not None else "vorticity or velocity"
-                takes = ", ".join(("strength", *known)) if self.flow is not None else "none of such keys"
+                takes = ", ".join(("strength", *keys)) if self.flow is not None else "none of such keys"
                 raise ValueError(f"{key} has no effect on {what}, which takes {takes}; take it out")
 
 
@@ -111,12 +111,12 @@ def _warn_of_lost_harmonic(
     if len(space.harmonic) or not harmonic_count(space.mesh):
         return
     whole = 0.5 * float(np.sum(space.area * np.abs(velocity) ** 2))
-    kept = space.kinetic_energy(space.stream_function(vorticity), vorticity, np.zeros(0))
-    if whole - kept > MAX_LOST_ENERGY_SHARE * whole:
+    energy_without = space.kinetic_energy(space.stream_function(vorticity), vorticity, np.zeros(0))
+    if whole - energy_without > MAX_LOST_ENERGY_SHARE * whole:
         log.warning(
             "%.3g %% of the energy of the initial velocity of %s is left out: its gradient part, and its "
             "harmonic part, which the effect harmonic = {} keeps",
-            100.0 * (whole - kept) / whole, context.name,
+            100.0 * (whole - energy_without) / whole, context.name,
         )  # fmt: skip
 
 
@@ -138,10 +138,10 @@ def balanced(space: SurfaceSpace, vorticity: NDArray, terms: NDArray) -> NDArray
         log.warning(
             "on a closed surface the vorticity sums to zero: its mean (%.6g 1/s) was subtracted", worst
         )
-    used = label >= 0
-    without_mean = np.where(used, vorticity - space.mass * mean[np.maximum(label, 0)], 0.0)
+    in_component = label >= 0
+    without_mean = np.where(in_component, vorticity - space.mass * mean[np.maximum(label, 0)], 0.0)
     rounding = np.where(closed, space.component_vorticity(without_mean) / area, 0.0)
-    return np.where(used, without_mean - space.mass * rounding[np.maximum(label, 0)], 0.0)
+    return np.where(in_component, without_mean - space.mass * rounding[np.maximum(label, 0)], 0.0)
 
 
 EFFECT = Effect("initial", InitialSection, build, "none after the start", ("fluid",), repeatable=True)

@@ -53,15 +53,15 @@ class FlowLimits:
         """
         space = self.space
         energy, enstrophy = self.energy(before), space.enstrophy(before[0])
-        after, reached = self._without_rise(advected, energy, smooth)
-        rise = reached / energy - 1.0 if energy > 0 else 0.0
+        after, energy_after = self._without_rise(advected, energy, smooth)
+        rise = energy_after / energy - 1.0 if energy > 0 else 0.0
         mixed = after is not advected
         filtered = space.enstrophy(after[0]) > (1.0 + ENERGY_ROUNDING) * enstrophy
         after = self._without_enstrophy_rise(after, enstrophy)
-        reached, scaled = self.energy(after), False
-        if reached > energy and (folded <= SMALL_DEFORMATION or rise <= ENERGY_ROUNDING):
-            scaled = reached > (1.0 + ENERGY_ROUNDING) * energy
-            after = self._at_energy(after, reached, energy)
+        energy_after, scaled = self.energy(after), False
+        if energy_after > energy and (folded <= SMALL_DEFORMATION or rise <= ENERGY_ROUNDING):
+            scaled = energy_after > (1.0 + ENERGY_ROUNDING) * energy
+            after = self._at_energy(after, energy_after, energy)
         return after, rise, np.array([mixed, filtered, scaled])
 
     def energy(self, flow: Flow) -> float:
@@ -73,17 +73,17 @@ class FlowLimits:
         """Mixed with just as much of the smooth step as keeps the energy from rising; the energy reached."""
         space = self.space
         phi = space.stream_function(after[0])
-        reached = space.kinetic_energy(phi, *after)
-        if reached <= energy:
-            return after, reached
+        energy_after = space.kinetic_energy(phi, *after)
+        if energy_after <= energy:
+            return after, energy_after
         smooth = smooth_step()
         change, turn = smooth[0] - after[0], smooth[1] - after[1]
         phi_change = space.stream_function_change(change)
         slope = float(phi @ (space.stiffness @ phi_change) + after[1] @ turn)
         curvature = space.kinetic_energy(phi_change, change, turn)
-        share = first_root(reached - energy, slope, curvature)
+        share = first_root(energy_after - energy, slope, curvature)
         mixed = after[0] + share * change, after[1] + share * turn
-        return mixed, reached + share * (slope + share * curvature)
+        return mixed, energy_after + share * (slope + share * curvature)
 
     def _without_enstrophy_rise(self, flow: Flow, most: float) -> Flow:
         """Filtered until the enstrophy is at most `most`; the energy that the filter takes is put back.
@@ -120,12 +120,12 @@ class FlowLimits:
             scaled = filtered
         return self.smoothing.without_rise(scaled, most), flow[1]
 
-    def _at_energy(self, flow: Flow, reached: float, energy: float) -> Flow:
+    def _at_energy(self, flow: Flow, energy_before: float, energy: float) -> Flow:
         """The vorticity scaled to `energy`, a last resort on bad meshes."""
         fixed = 0.5 * float(flow[1] @ flow[1])
-        if not reached > fixed:
+        if not energy_before > fixed:
             return flow
-        share = (max(energy - fixed, 0.0) / (reached - fixed)) ** 0.5
+        share = (max(energy - fixed, 0.0) / (energy_before - fixed)) ** 0.5
         scaled = np.where(self.space.inside, share * flow[0], flow[0])
         keep_total(self.space, scaled, flow[0])
         return scaled, flow[1]

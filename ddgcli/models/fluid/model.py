@@ -45,21 +45,21 @@ def contexts(
         if section.role != "fluid":
             continue
         try:
-            placed = place(section, read, volumes=True)
-            _require_mesh(placed.mesh)
+            placement = place(section, read, volumes=True)
+            _require_mesh(placement.mesh)
         except ValueError as error:
             scene.refuse(("object", number), f"object {section.name!r}: {error}")
         period = np.zeros(3)
         if section.grid is not None:
             size = np.array(section.grid.size) * section.scale
             period[:2] = [size[k] if axis in section.grid.periodic else 0.0 for k, axis in enumerate("xy")]
-        context = FluidContext(section.name, placed.mesh, placed.vertex, placed.face, period, load)
+        context = FluidContext(section.name, placement.mesh, placement.vertex, placement.face, period, load)
         context = _cut(scene, number, context, read)
         try:
             context = with_triangulation(context, section.triangulation)
         except ValueError as error:
             scene.refuse(("object", number), f"object {section.name!r}: {error}")
-        by_name[section.name] = context, placed.sha256
+        by_name[section.name] = context, placement.sha256
     return by_name
 
 
@@ -219,8 +219,8 @@ class FluidModel:
         scene, dimension = self.scene, self.flows.dimension
         modules = TRANSPORTS[scene.time.integrator]
         if dimension not in modules:
-            known = " or ".join(name for name, dimensions in TRANSPORTS.items() if dimension in dimensions)
-            message = f"{scene.time.integrator} does not exist in {dimension}-D; take {known}"
+            names = " or ".join(name for name, dimensions in TRANSPORTS.items() if dimension in dimensions)
+            message = f"{scene.time.integrator} does not exist in {dimension}-D; take {names}"
             scene.refuse(("time", "integrator"), message)
         if self.setting.is_open and scene.time.integrator not in OPEN_TRANSPORTS:
             scene.refuse(

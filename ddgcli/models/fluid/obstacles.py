@@ -108,21 +108,21 @@ def without_obstacles(
             raise ValueError(
                 f"obstacle {name!r} cuts no cell of {context.name!r}; move it, or refine the mesh"
             )
-    removed = np.stack([_inside(context, points, faces, at, d) for at, (_, d, _) in zip(sides, obstacles)])
-    kept = ~removed.any(axis=0)
+    inside = np.stack([_inside(context, points, faces, at, d) for at, (_, d, _) in zip(sides, obstacles)])
+    kept = ~inside.any(axis=0)
     if not kept.any():
         raise ValueError(f"the obstacles leave nothing of {context.name!r}")
-    used = np.zeros(len(points), dtype=bool)
-    used[faces[kept]] = True
+    referenced = np.zeros(len(points), dtype=bool)
+    referenced[faces[kept]] = True
     marks = {}
-    for (name, _, _), cut in zip(obstacles, removed):
+    for (name, _, _), cut in zip(obstacles, inside):
         touched = np.zeros(len(points), dtype=bool)
         touched[faces[cut]] = True
-        marks[name] = touched[used]
-    number = np.cumsum(used) - 1
+        marks[name] = touched[referenced]
+    number = np.cumsum(referenced) - 1
     return FluidContext(
-        context.name, _mesh(context, points[used], number[faces[kept]]),
-        {name: values[used] for name, values in context.vertex.items()},
+        context.name, _mesh(context, points[referenced], number[faces[kept]]),
+        {name: values[referenced] for name, values in context.vertex.items()},
         {name: values[kept] for name, values in context.face.items()},
         context.period, context.load, marks,
     )  # fmt: skip
@@ -175,10 +175,10 @@ def _fitted(
     return _smoothed(context, moved, on_outline | topology.boundary_vertex, at), at
 
 
-def _projected(points: NDArray, chosen: NDArray, distance: SignedDistance) -> NDArray[np.float64]:
+def _projected(points: NDArray, selection: NDArray, distance: SignedDistance) -> NDArray[np.float64]:
     """Points of the outline nearest to the chosen vertices, in the plane of the mesh."""
     step = DIFFERENCE_STEP * float(np.ptp(points, axis=0).max())
-    x = points[chosen]
+    x = points[selection]
     for _ in range(PROJECTION_STEPS):
         slope = np.stack([distance(x + step * e) - distance(x - step * e) for e in np.eye(3)[:2]], axis=1)
         slope /= 2.0 * step
@@ -208,8 +208,8 @@ def _smoothed(context: FluidContext, points: NDArray, fixed: NDArray, at: NDArra
     for _ in range(SMOOTHING_PASSES):
         apart = context.unwrapped(points[b] - points[a])
         mean = np.stack([np.bincount(a, w, len(points)) - np.bincount(b, w, len(points)) for w in apart.T], 1)
-        tried = np.where(free[:, None], points + 0.5 * mean / np.maximum(count, 1)[:, None], points)
-        if not worst(tried) > best:
+        smoothed = np.where(free[:, None], points + 0.5 * mean / np.maximum(count, 1)[:, None], points)
+        if not worst(smoothed) > best:
             break
-        points, best = tried, worst(tried)
+        points, best = smoothed, worst(smoothed)
     return points

@@ -81,9 +81,9 @@ class SurfacePressure(PressurePhase):
         self.open = open_vertices
         label = topology.vertex_component
         self.closed = ~np.isin(np.arange(topology.n_components), label[open_vertices])
-        used = np.flatnonzero(label >= 0)
-        _, first = np.unique(label[used], return_index=True)
-        pinned = used[first][self.closed]
+        vertices = np.flatnonzero(label >= 0)
+        _, first = np.unique(label[vertices], return_index=True)
+        pinned = vertices[first][self.closed]
         fixed = open_vertices | ~topology.referenced_vertex
         fixed[pinned] = True
         self.solver = Dirichlet(space.stiffness, np.flatnonzero(fixed))
@@ -123,10 +123,10 @@ class SurfacePressure(PressurePhase):
     def _centred(self, pressure: NDArray) -> NDArray[np.float64]:
         space = self.space
         label, count = space.mesh.topology.vertex_component, len(self.closed)
-        used = label >= 0
-        weight = sum_by_index(label[used], space.mass[used], count)
-        mean = sum_by_index(label[used], (space.mass * pressure)[used], count) / weight
-        return np.where(used, pressure - np.where(self.closed, mean, 0.0)[np.maximum(label, 0)], 0.0)
+        in_component = label >= 0
+        weight = sum_by_index(label[in_component], space.mass[in_component], count)
+        mean = sum_by_index(label[in_component], (space.mass * pressure)[in_component], count) / weight
+        return np.where(in_component, pressure - np.where(self.closed, mean, 0.0)[np.maximum(label, 0)], 0.0)
 
 
 class VolumePressure(PressurePhase):

@@ -89,8 +89,8 @@ def _scheme_losses(
     ):
         if f"lost_{name}" not in series:
             continue
-        lost = float(series[f"lost_{name}"][-1])
-        share = lost / (max(float(series[total].max()), least) or 1.0)
+        loss = float(series[f"lost_{name}"][-1])
+        share = loss / (max(float(series[total].max()), least) or 1.0)
         losses[f"{name}_lost_by_scheme"] = share
         if share > MAX_LOSS_SHARE:
             log.warning(
@@ -210,8 +210,8 @@ def wraps(meshes: Sequence[SurfaceMesh]) -> NDArray[np.bool_]:
         return np.zeros(0, dtype=bool)
     for mesh in meshes:
         corner = np.asarray(mesh.points)[mesh.faces]
-        drawn = np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2)
-        wraps_around.append((drawn > 1.01 * mesh.side_length).any(axis=1))
+        edge_length = np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2)
+        wraps_around.append((edge_length > 1.01 * mesh.side_length).any(axis=1))
     return np.concatenate(wraps_around)
 
 

@@ -55,11 +55,11 @@ class Smoothing:
             for _ in range(order):
                 rest = rest - space.mass * factor.solve(rest, refine=False)
         label = space.mesh.topology.vertex_component
-        used = label >= 0
+        in_component = label >= 0
         excess = space.component_vorticity(rest)
-        area = sum_by_index(label[used], space.mass[used], len(excess))
+        area = sum_by_index(label[in_component], space.mass[in_component], len(excess))
         share = np.divide(excess, area, out=np.zeros_like(excess), where=area > 0)
-        return rest - np.where(used, space.mass * share[np.maximum(label, 0)], 0.0)
+        return rest - np.where(in_component, space.mass * share[np.maximum(label, 0)], 0.0)
 
     def change(self, vorticity: NDArray) -> NDArray[np.float64]:
         """What the finest filter adds to a flow."""
@@ -94,10 +94,10 @@ def share_at_constant_energy(
 
     if not (energy[0] > 0.0 and (np.polyval(energy[::-1], t) > 0.0).all()):
         return 0.0, 1.0
-    reached = np.flatnonzero(scaled(t) <= most)
-    last = int(reached[0]) if len(reached) else int(np.argmin(scaled(t)))
+    below = np.flatnonzero(scaled(t) <= most)
+    last = int(below[0]) if len(below) else int(np.argmin(scaled(t)))
     share = t[last]
-    if len(reached) and last > 0:  # bisection within the interval, down to rounding
+    if len(below) and last > 0:  # bisection within the interval, down to rounding
         low, high = t[last - 1], t[last]
         for _ in range(50):
             middle = 0.5 * (low + high)

@@ -165,9 +165,9 @@ class SurfaceSpace:
         topology = self.mesh.topology
         label = topology.vertex_component
         pinned = np.zeros(self.n, dtype=bool)
-        used = np.flatnonzero(label >= 0)
-        _, first = np.unique(label[used], return_index=True)
-        pinned[used[first]] = True
+        vertices = np.flatnonzero(label >= 0)
+        _, first = np.unique(label[vertices], return_index=True)
+        pinned[vertices[first]] = True
         open_ = np.unique(label[topology.boundary_vertex])
         pinned[np.isin(label, open_)] = False
         return pinned
@@ -219,11 +219,11 @@ class SurfaceSpace:
         topology = self.mesh.topology
         label = topology.vertex_component
         count = topology.n_components
-        used = label >= 0
-        weight = sum_by_index(label[used], self.mass[used], count)
-        mean = sum_by_index(label[used], (self.mass * phi)[used], count) / weight
+        in_component = label >= 0
+        weight = sum_by_index(label[in_component], self.mass[in_component], count)
+        mean = sum_by_index(label[in_component], (self.mass * phi)[in_component], count) / weight
         mean[np.unique(label[topology.boundary_vertex])] = 0.0
-        return np.where(used, phi - mean[np.maximum(label, 0)], 0.0)
+        return np.where(in_component, phi - mean[np.maximum(label, 0)], 0.0)
 
     # ------------------------------------------------------------------ from velocity to vorticity
 
@@ -304,8 +304,8 @@ class SurfaceSpace:
         enstrophy = max(self.enstrophy(start["vorticity"]), self.enstrophy(b["vorticity"]))
         enstrophy = max(enstrophy, energy / float(self.area.sum()))
         apart = np.sqrt(self.enstrophy(a["vorticity"] - b["vorticity"]) / (enstrophy or 1.0))
-        turned = np.linalg.norm(a["coefficients"] - b["coefficients"])
-        return float(apart + turned / (np.sqrt(2.0 * energy) or 1.0))
+        harmonic_distance = np.linalg.norm(a["coefficients"] - b["coefficients"])
+        return float(apart + harmonic_distance / (np.sqrt(2.0 * energy) or 1.0))
 
     def observed(self, state: FluidState) -> Observation:
         """Vorticity, stream function, velocity; energies and circulations."""
@@ -375,9 +375,9 @@ class SurfaceSpace:
     def component_vorticity(self, vorticity: NDArray) -> NDArray[np.float64]:
         """(components,) total vorticity of each component."""
         label = self.mesh.topology.vertex_component
-        used = label >= 0
+        in_component = label >= 0
         count = self.mesh.topology.n_components
-        return sum_by_index(label[used], vorticity[used], count)
+        return sum_by_index(label[in_component], vorticity[in_component], count)
 
 
 def harmonic_count(mesh: SurfaceMesh) -> int:

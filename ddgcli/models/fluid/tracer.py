@@ -32,20 +32,22 @@ class SurfaceTracer:
 
     def __init__(self, space: SurfaceSpace, transport: Transport) -> None:
         self.space, self.transport = space, transport
-        self.used = np.flatnonzero(space.mesh.topology.referenced_vertex)
-        self.face, corner = corner_of(space, self.used)
+        self.vertices = np.flatnonzero(space.mesh.topology.referenced_vertex)
+        self.face, corner = corner_of(space, self.vertices)
         self.at_corner = np.eye(3)[corner]
 
     def advance(self, values: NDArray, side_flux: NDArray, dt: float) -> NDArray[np.float64]:
         """(n,) values after a time dt in the flow with side fluxes (m, 3)."""
-        transport, used = self.transport, self.used
+        transport, vertices = self.transport, self.vertices
         moved = transport.backwards(transport.corners(side_flux), self.face, self.at_corner, dt)
         corners = values[self.space.faces[moved.face]]
         low, high = corners.min(axis=1), corners.max(axis=1)
         after = np.array(values)
-        after[used] = np.clip(self._interpolated(values, moved), low, high)
-        label = self.space.mesh.topology.vertex_component[used]
-        after[used] = conserved(values[used], after[used], Bounds(low, high), self.space.mass[used], label)
+        after[vertices] = np.clip(self._interpolated(values, moved), low, high)
+        label = self.space.mesh.topology.vertex_component[vertices]
+        after[vertices] = conserved(
+            values[vertices], after[vertices], Bounds(low, high), self.space.mass[vertices], label
+        )
         return after
 
     def _interpolated(self, values: NDArray, moved: BackwardPaths) -> NDArray[np.float64]:

@@ -39,9 +39,11 @@ class VolumeCovectorTransport(FlowPhase):
     def _pulled_back(self, ends: tuple, velocity: NDArray) -> NDArray[np.float64]:
         """(F,) fluxes of the discrete flow nearest to the pull-back of cell velocities."""
         space = self.space
-        met = self.paths.interpolated(space.vertex_means(velocity), *ends)[space.cells]
+        end_velocity = self.paths.interpolated(space.vertex_means(velocity), *ends)[space.cells]
         place = ends[1][space.cells]
-        along = 0.5 * np.einsum("kea,kea->ke", met[:, TAIL] + met[:, HEAD], place[:, HEAD] - place[:, TAIL])
+        along = 0.5 * np.einsum(
+            "kea,kea->ke", end_velocity[:, TAIL] + end_velocity[:, HEAD], place[:, HEAD] - place[:, TAIL]
+        )
         return space.projected(np.einsum("ke,kea->ka", along, self.of_edge), inflow=False)
 
     def _sharpened(self, velocity: NDArray) -> NDArray[np.float64]:
@@ -58,14 +60,14 @@ class VolumeCovectorTransport(FlowPhase):
         back, forth = (self.paths.carried(carrier, *self.here, span) for span in (dt, -dt))
         again = self._carried(forth, self._carried(back, velocity))
         flux = self._pulled_back(back, self._sharpened(1.5 * velocity - 0.5 * again))
-        energy, reached = space.kinetic_energy(velocity), space.kinetic_energy(space.velocity(flux))
-        if not np.isfinite(reached):
+        energy, energy_after = space.kinetic_energy(velocity), space.kinetic_energy(space.velocity(flux))
+        if not np.isfinite(energy_after):
             raise StepRejected("not finite")
-        if reached > energy:
+        if energy_after > energy:
             flux = without_rise(space, flux, self._pulled_back(back, velocity), energy)
         after = state.replaced(flux=flux)
-        lost = np.array([energy - space.energy(after), 0.0])
-        return after.with_passive(loss=state["loss"] + lost)
+        loss = np.array([energy - space.energy(after), 0.0])
+        return after.with_passive(loss=state["loss"] + loss)
 
     def observed(self, state: FluidState) -> Observation:
         return Observation(None, {}, {"lost_energy": float(state["loss"][0])})

@@ -35,8 +35,8 @@ def initial(parameters: Any, context: FluidContext) -> Initial:
     elif parameters.flow in VOLUME_FLOWS:
         vectors = VOLUME_FLOWS[parameters.flow].velocity(context, parameters)
     else:
-        known = ", ".join(VOLUME_FLOWS)
-        raise ValueError(f"flow {parameters.flow!r} is one of surfaces; volumes have {known}")
+        names = ", ".join(VOLUME_FLOWS)
+        raise ValueError(f"flow {parameters.flow!r} is one of surfaces; volumes have {names}")
     return Initial(lambda space: {"flux": space.projected(vectors, inflow=False)})
 
 
@@ -55,13 +55,13 @@ class ImplicitDiffusion:
         self.mass, self.stiffness, self.fixed = mass, stiffness, fixed
         self._solvers: dict[float, Dirichlet] = {}
 
-    def step(self, values: NDArray, held: NDArray, dt: float) -> NDArray[np.float64]:
+    def step(self, values: NDArray, wall_values: NDArray, dt: float) -> NDArray[np.float64]:
         """(k, c) values after dt, `held` (f, c) at the fixed ones; one factorisation a step length."""
         if dt not in self._solvers:
             if len(self._solvers) > 3:
                 self._solvers.clear()
             self._solvers[dt] = Dirichlet(diags_array(self.mass) + dt * self.stiffness, self.fixed)
-        return self._solvers[dt].solve(held, self.mass[:, None] * values, refine=False)
+        return self._solvers[dt].solve(wall_values, self.mass[:, None] * values, refine=False)
 
 
 def vertex_stiffness(space: VolumeSpace) -> csr_array:
@@ -82,11 +82,11 @@ class VolumeDiffusion(FlowPhase):
 
     def __init__(self, setting: FluidSetting, nu: float) -> None:
         self.space = space = setting.volume
-        held, self.wall = _wall_vertices(space)
+        wall_vertices, self.wall = _wall_vertices(space)
         unused = np.flatnonzero(space.mass == 0)
         self.wall = np.concatenate([self.wall, np.zeros((len(unused), 3))])
-        order = np.argsort(np.concatenate([held, unused]))
-        fixed = np.concatenate([held, unused])[order]
+        order = np.argsort(np.concatenate([wall_vertices, unused]))
+        fixed = np.concatenate([wall_vertices, unused])[order]
         self.wall = self.wall[order]
         self.diffusion = ImplicitDiffusion(space.mass, nu * vertex_stiffness(space), fixed)
         self.cell_rate = nu / np.cbrt(space.volume) ** 2
@@ -128,8 +128,8 @@ def _wall_vertices(space: VolumeSpace) -> tuple[NDArray[np.int64], NDArray[np.fl
     wall = np.repeat(space.conditions.velocity[rough], 3, axis=0) * weight[:, None]
     total = np.bincount(vertex, weight, space.n)
     mean = np.stack([np.bincount(vertex, w, space.n) for w in wall.T], axis=1)
-    held = np.flatnonzero(total > 0)
-    return held, mean[held] / total[held, None]
+    vertices = np.flatnonzero(total > 0)
+    return vertices, mean[vertices] / total[vertices, None]
 
 
 class VolumeTracer:
@@ -138,7 +138,7 @@ class VolumeTracer:
     def __init__(self, setting: FluidSetting) -> None:
         self.space, self.paths = setting.volume, setting.volume_paths
         space = self.space
-        self.used = np.flatnonzero(space.mass > 0)
+        self.vertices = np.flatnonzero(space.mass > 0)
         self.cell = np.zeros(space.n, dtype=np.int64)
         self.cell[space.cells.ravel()] = np.repeat(np.arange(len(space.cells)), 4)
 
@@ -146,17 +146,19 @@ class VolumeTracer:
         self, before: FluidState, after: FluidState, values: NDArray, dt: float
     ) -> NDArray[np.float64]:
         """(n,) values after dt, in the mean of the velocities of two states."""
-        space, paths, used = self.space, self.paths, self.used
+        space, paths, vertices = self.space, self.paths, self.vertices
         velocity = space.vertex_means(0.5 * (space.cell_velocity(before) + space.cell_velocity(after)))
-        points, cell = np.asarray(space.mesh.points)[used], self.cell[used]
+        points, cell = np.asarray(space.mesh.points)[vertices], self.cell[vertices]
         back, forth = paths.carried(velocity, cell, points, dt), paths.carried(velocity, cell, points, -dt)
         there, again = np.array(values), np.array(values)
-        there[used] = paths.interpolated(values, *back)
-        again[used] = paths.interpolated(there, *forth)
+        there[vertices] = paths.interpolated(values, *back)
+        again[vertices] = paths.interpolated(there, *forth)
         moved = paths.interpolated(1.5 * values - 0.5 * again, *back)
         corners = values[space.cells[back[0]]]
         bounds = Bounds(corners.min(axis=1), corners.max(axis=1))
         result = np.array(values)
-        label = np.zeros(len(used), dtype=np.int64)
-        result[used] = conserved(values[used], np.clip(moved, *bounds), bounds, space.mass[used], label)
+        label = np.zeros(len(vertices), dtype=np.int64)
+        result[vertices] = conserved(
+            values[vertices], np.clip(moved, *bounds), bounds, space.mass[vertices], label
+        )
         return result

@@ -65,8 +65,8 @@ def without_rise(space: VolumeSpace, flux: NDArray, smooth: NDArray, energy: flo
     slope = float(np.sum(space.volume[:, None] * velocity * change))
     excess = space.kinetic_energy(velocity) - energy
     mixed = flux + first_root(excess, slope, space.kinetic_energy(change)) * (smooth - flux)
-    reached = space.kinetic_energy(space.velocity(mixed))
-    return mixed * min(1.0, (energy / reached) ** 0.5) if reached > 0 else mixed
+    energy_after = space.kinetic_energy(space.velocity(mixed))
+    return mixed * min(1.0, (energy / energy_after) ** 0.5) if energy_after > 0 else mixed
 
 
 class VolumeCirculationTransport(FlowPhase):
@@ -122,14 +122,14 @@ class VolumeCirculationTransport(FlowPhase):
         there = space.velocity(self._carried(velocity, back, here))
         again = space.velocity(self._carried(there, forth, here))
         flux = self._carried(1.5 * velocity - 0.5 * again, back, here)
-        energy, reached = space.kinetic_energy(velocity), space.kinetic_energy(space.velocity(flux))
-        if not np.isfinite(reached):
+        energy, energy_after = space.kinetic_energy(velocity), space.kinetic_energy(space.velocity(flux))
+        if not np.isfinite(energy_after):
             raise StepRejected("not finite")
-        if reached > energy:
+        if energy_after > energy:
             flux = without_rise(space, flux, self._carried(velocity, back, here, smooth=True), energy)
         after = state.replaced(flux=flux)
-        lost = np.array([energy - space.energy(after), 0.0])
-        return after.with_passive(loss=state["loss"] + lost)
+        loss = np.array([energy - space.energy(after), 0.0])
+        return after.with_passive(loss=state["loss"] + loss)
 
     def observed(self, state: FluidState) -> Observation:
         return Observation(None, {}, {"lost_energy": float(state["loss"][0])})

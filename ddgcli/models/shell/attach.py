@@ -80,7 +80,7 @@ def build(parameters: Attach, context: ShellContext) -> list[Any]:
     other = scene.find(parameters.to, (*KEY, "to"), ("shell", "obstacle"))
     if parameters.object == parameters.to:
         raise ValueError("object and to name the same shell; a shell is attached to another one")
-    vertices = context.chosen(parameters.vertices, parameters.box, KEY)
+    vertices = context.selection(parameters.vertices, parameters.box, KEY)
     if other.role == "shell":
         return []  # made between the shells of the group
     if parameters.to_vertices is not None or parameters.stiffness is not None:
@@ -125,7 +125,7 @@ def between(parameters: Attach, contexts: dict[str, tuple[ShellContext, NDArray]
     x, y = np.asarray(context.mesh.points), np.asarray(other.mesh.points)
     whole, other_whole = context.vertices_at_start, other.vertices_at_start
     if parameters.to_vertices is None:
-        vertices = np.unique(whole[context.chosen(parameters.vertices, parameters.box, KEY)])
+        vertices = np.unique(whole[context.selection(parameters.vertices, parameters.box, KEY)])
         # the first n vertices of a broken shell are those of the whole one
         sites = y[: other_whole.max() + 1]
         targets = np.array([int(np.argmin(((sites - x[v]) ** 2).sum(axis=1))) for v in vertices])
@@ -135,7 +135,7 @@ def between(parameters: Attach, contexts: dict[str, tuple[ShellContext, NDArray]
         outside = [v for v in parameters.to_vertices if not 0 <= v <= other_whole.max()]
         if outside:
             raise ValueError(f"vertex {outside[0]} is outside 0..{other_whole.max()} of {parameters.to!r}")
-        context.chosen(parameters.vertices, None, KEY)
+        context.selection(parameters.vertices, None, KEY)
         vertices, targets = np.array(parameters.vertices), np.array(parameters.to_vertices)
     length = np.sqrt(((y[targets] - x[vertices]) ** 2).sum(axis=1))
     shell = context.shell

@@ -21,15 +21,15 @@ def clamped_sides(context: ShellContext) -> ClampedSides:
     """
     mesh = context.mesh
     sides, directions = [NO_CLAMP.side], [NO_CLAMP.direction]
-    taken = np.zeros(3 * mesh.n_faces, dtype=bool)
+    is_clamped = np.zeros(3 * mesh.n_faces, dtype=bool)
     for effect, pin, _ in context.scene.effects:
         if effect.name != "pin" or not pin.clamp or pin.object not in (None, context.shell.name):
             continue
-        chosen = np.zeros(mesh.n_vertices, dtype=bool)
-        chosen[context.chosen(pin.vertices, pin.box, ("effects", "pin"))] = True
+        is_pinned = np.zeros(mesh.n_vertices, dtype=bool)
+        is_pinned[context.selection(pin.vertices, pin.box, ("effects", "pin"))] = True
         tail, head = mesh.topology.side_tail, mesh.topology.side_head
-        own = np.flatnonzero(chosen[tail] & chosen[head] & ~taken)
-        taken[own] = True
+        own = np.flatnonzero(is_pinned[tail] & is_pinned[head] & ~is_clamped)
+        is_clamped[own] = True
         sides.append(own)
         directions.append(_directions(mesh, own, np.array([axis in pin.axes for axis in "xyz"])))
     return ClampedSides(np.concatenate(sides), np.concatenate(directions))

@@ -89,8 +89,8 @@ def _with_obstacle(parameters: Contact, context: ShellContext, obstacle: Obstacl
     if obstacle.moving:
         barrier = MovingBarrier(surface, motion, gap, weight, closest, 0.0)
     else:
-        placed = obstacle.rotation is None and not any(obstacle.position)
-        barrier = Barrier(surface if placed else start, gap, weight, closest)
+        at_origin = obstacle.rotation is None and not any(obstacle.position)
+        barrier = Barrier(surface if at_origin else start, gap, weight, closest)
     barrier.obstacle = obstacle.name
     inside = barrier.outside(np.asarray(context.mesh.points))
     if inside is not None:

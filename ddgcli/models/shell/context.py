@@ -85,10 +85,10 @@ class ShellContext:
     def mass(self) -> NDArray[np.float64]:
         """(n,) kilograms; of a vertex that no face uses (and that is held), the mean."""
         mass = float(self.shell.density or 0) * self.vertex_area
-        used = self.mesh.topology.referenced_vertex
-        return np.where(used, mass, mass[used].mean())
+        referenced = self.mesh.topology.referenced_vertex
+        return np.where(referenced, mass, mass[referenced].mean())
 
-    def chosen(self, vertices: list[int] | None, box: Any, key: Key) -> NDArray[np.int64]:
+    def selection(self, vertices: list[int] | None, box: Any, key: Key) -> NDArray[np.int64]:
         """Vertices by number, or inside a box of two opposite corners; a refusal where there are none."""
         n = self.mesh.n_vertices if self.input_vertex is None else int(self.input_vertex.max()) + 1
         if (vertices is None) == (box is None):

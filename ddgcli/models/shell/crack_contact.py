@@ -90,5 +90,5 @@ def inset_weights(mesh: TriangleMesh, origin: NDArray, margin: float) -> csr_arr
     rows, columns = np.tile(faces.ravel(), 2), [np.roll(faces, -1, axis=1), np.roll(faces, 1, axis=1)]
     values = scale[rows] * np.concatenate([ahead.ravel(), behind.ravel()])
     moved = csr_array((values, (rows, np.concatenate([c.ravel() for c in columns]))), shape=(n, n))
-    kept = csr_array((1 - sum_by_index(rows, values, n), (np.arange(n), np.arange(n))), shape=(n, n))
-    return csr_array(moved + kept)
+    own_weight = csr_array((1 - sum_by_index(rows, values, n), (np.arange(n), np.arange(n))), shape=(n, n))
+    return csr_array(moved + own_weight)

@@ -154,16 +154,16 @@ class Breaking:
 
     def _observe(self, state: BreakingMotion) -> dict[str, Observation]:
         epoch = self._epoch(state.opened)
-        seen: Any = observed_with_faces(epoch.model, epoch.group.shells, state.motion)
-        first = next(iter(seen))
+        observation: Any = observed_with_faces(epoch.model, epoch.group.shells, state.motion)
+        first = next(iter(observation))
         whole = len(self._group.shells) - len(epoch.surfaces)
         scalar = {
-            **seen[first].scalar,
+            **observation[first].scalar,
             "cracks": float(state.opened.sum()),
             "pieces": float(whole + sum(surface.pieces for surface in epoch.surfaces.values())),
             "fracture_energy": state.released,
         }
-        return {**seen, first: replace(seen[first], scalar=scalar)}
+        return {**observation, first: replace(observation[first], scalar=scalar)}
 
     def _pack(self, state: BreakingMotion) -> Arrays:
         own = {"opened": state.opened.astype(np.uint8), "released": np.array([state.released])}
@@ -239,7 +239,7 @@ def whole_model(model: Model, shells: dict[str, ShellContext]) -> Model:
 def observed_with_faces(model: Model, shells: dict[str, ShellContext], state: Any) -> dict[str, Observation]:
     """Observations of shells that carry their faces."""
     observation: Any = model.observe(state)
-    return {name: with_faces(seen, shells[name]) for name, seen in observation.items()}
+    return {name: with_faces(arrays, shells[name]) for name, arrays in observation.items()}
 
 
 def contexts_of_frame(

@@ -86,5 +86,5 @@ def _tangent_values(tensor: NDArray) -> NDArray[np.float64]:
     """(m, 2) eigenvalues, descending, of symmetric (m, 3, 3) tensors without the one of the normal, zero."""
     values = np.linalg.eigvalsh(tensor)
     normal = np.argmin(np.abs(values), axis=1)
-    kept = np.arange(3) != normal[:, None]
-    return values[kept].reshape(-1, 2)[:, ::-1]
+    in_tangent = np.arange(3) != normal[:, None]
+    return values[in_tangent].reshape(-1, 2)[:, ::-1]

@@ -54,7 +54,7 @@ class Handle(Section):
 
 
 def build(parameters: Handle, context: ShellContext) -> list[PrescribedMotion]:
-    vertices = context.chosen(parameters.vertices, parameters.box, ("effects", "handle"))
+    vertices = context.selection(parameters.vertices, parameters.box, ("effects", "handle"))
     for name, terms in context.terms.items():
         for term in terms:
             if isinstance(term, FixedCoordinates | PrescribedMotion):

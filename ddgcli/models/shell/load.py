@@ -73,8 +73,8 @@ class HingeMoment:
         return HingeMoment(self.stencil, factor * self.moment, self.rest)
 
     def energy(self, x: NDArray) -> float:
-        turned = hinge.wrapped(hinge.hinge_frame(x, self.stencil).angle - self.rest)
-        return -float(np.sum(self.moment * turned))
+        angle = hinge.wrapped(hinge.hinge_frame(x, self.stencil).angle - self.rest)
+        return -float(np.sum(self.moment * angle))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         slope = hinge.angle_gradient(hinge.hinge_frame(x, self.stencil))
@@ -102,24 +102,24 @@ def _constant_load(parameters: Load, context: ShellContext) -> Potential:
     if parameters.moment is not None and parameters.edge is None:
         from ddgcli.models.shell.edge_moment import edge_moment
 
-        chosen = context.chosen(parameters.vertices, parameters.box, ("effects", "load"))
-        return edge_moment(context, chosen, float(parameters.moment))
+        vertices = context.selection(parameters.vertices, parameters.box, ("effects", "load"))
+        return edge_moment(context, vertices, float(parameters.moment))
     if parameters.moment is not None:
         return _moment(parameters, context)
     area = context.vertex_area
     everywhere = parameters.traction is not None and parameters.vertices is None and parameters.box is None
-    chosen = (
+    vertices = (
         np.arange(len(area))
         if everywhere
-        else context.chosen(parameters.vertices, parameters.box, ("effects", "load"))
+        else context.selection(parameters.vertices, parameters.box, ("effects", "load"))
     )
     force = np.zeros((len(area), 3))
     if parameters.force is not None:
-        force[chosen] = (area[chosen] / area[chosen].sum())[:, None] * np.array(parameters.force)
+        force[vertices] = (area[vertices] / area[vertices].sum())[:, None] * np.array(parameters.force)
     elif parameters.line_force is not None:
-        force = boundary_share(context, chosen)[:, None] * np.array(parameters.line_force)
+        force = boundary_share(context, vertices)[:, None] * np.array(parameters.line_force)
     else:
-        force[chosen] = area[chosen, None] * np.array(parameters.traction)
+        force[vertices] = area[vertices, None] * np.array(parameters.traction)
     return DeadLoad("load", force)
 
 

@@ -42,16 +42,16 @@ def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellC
         if section.role != "shell":
             continue
         try:
-            placed = place(section, read)
+            placement = place(section, read)
         except ValueError as error:
             scene.refuse(("object", number), f"object {section.name!r}: {error}")
-        if not isinstance(placed.mesh, TriangleMesh):
+        if not isinstance(placement.mesh, TriangleMesh):
             scene.refuse(
                 ("object", number), f"object {section.name!r}: a periodic grid is not a shell; use fluid-sim"
             )
-        context = ShellContext(section, placed.mesh, scene, placed.vertex, obstacles=obstacles)
+        context = ShellContext(section, placement.mesh, scene, placement.vertex, obstacles=obstacles)
         _require_sound(scene, number, context)
-        by_name[section.name] = context, placed.sha256
+        by_name[section.name] = context, placement.sha256
     return by_name
 
 

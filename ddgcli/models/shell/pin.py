@@ -39,7 +39,7 @@ class Pin(Section):
 
 
 def build(parameters: Pin, context: ShellContext) -> list[FixedCoordinates]:
-    vertices = context.chosen(parameters.vertices, parameters.box, ("effects", "pin"))
+    vertices = context.selection(parameters.vertices, parameters.box, ("effects", "pin"))
     # mid-edge bending has found the edges between the vertices and holds their directions
     directions = any(hasattr(term, "couples") for term in context.terms.get("bending", []))
     if parameters.clamp and not directions:

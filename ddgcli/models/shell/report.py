@@ -85,7 +85,7 @@ def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any
             searched |= {name for pair in parameters.pairs if meshes.issuperset(pair) for name in pair}
     faces = {name: context.mesh.n_faces for name, context in contexts.items()}
     for context in contexts.values():
-        faces |= {name: len(placed.mesh.faces) for name, placed in context.obstacles.items()}
+        faces |= {name: len(obstacle.mesh.faces) for name, obstacle in context.obstacles.items()}
     return {
         "contact": any(name == "contact" and bool(p.pairs) for name, p in effects),
         "midedge": any(name == "bending" and p.model == "midedge" for name, p in effects),

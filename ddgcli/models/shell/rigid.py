@@ -43,40 +43,40 @@ def build(parameters: Rigid, context: ShellContext) -> list[RigidEdges]:
             raise ValueError(
                 f"rigid edges together with {effect.name} are not computed; leave one of them out"
             )
-    edges = _chosen(parameters, context)
-    edges = edges[~_held(context)[edges].all(axis=1)]
+    edges = _selected_edges(parameters, context)
+    edges = edges[~_fixed_vertices(context)[edges].all(axis=1)]
     if not len(edges):
         raise ValueError("pins hold every one of these edges")
     x = np.asarray(context.mesh.points)
     return [RigidEdges(edges, np.linalg.norm(x[edges[:, 1]] - x[edges[:, 0]], axis=1))]
 
 
-def _chosen(parameters: Rigid, context: ShellContext) -> NDArray[np.int64]:
+def _selected_edges(parameters: Rigid, context: ShellContext) -> NDArray[np.int64]:
     """(e, 2) edges; ValueError for pairs that are none, and where there is none."""
     edges = np.asarray(context.mesh.topology.edges)
     if parameters.edges is not None:
         if parameters.vertices is not None or parameters.box is not None:
             raise ValueError("give edges, or vertices, or a box, or none of them for all edges")
-        named = np.sort(np.array(parameters.edges, dtype=np.int64).reshape(-1, 2), axis=1)
-        known = {(int(a), int(b)) for a, b in np.sort(edges, axis=1)}
-        for a, b in named:
-            if (int(a), int(b)) not in known:
+        edge_rows = np.sort(np.array(parameters.edges, dtype=np.int64).reshape(-1, 2), axis=1)
+        mesh_edges = {(int(a), int(b)) for a, b in np.sort(edges, axis=1)}
+        for a, b in edge_rows:
+            if (int(a), int(b)) not in mesh_edges:
                 raise ValueError(f"no edge joins the vertices [{a}, {b}]")
-        edges = np.unique(named, axis=0)
+        edges = np.unique(edge_rows, axis=0)
     elif parameters.vertices is not None or parameters.box is not None:
-        chosen = context.chosen(parameters.vertices, parameters.box, ("effects", "rigid"))
-        edges = edges[np.isin(edges, chosen).all(axis=1)]
+        vertices = context.selection(parameters.vertices, parameters.box, ("effects", "rigid"))
+        edges = edges[np.isin(edges, vertices).all(axis=1)]
     if not len(edges):
         raise ValueError("no edge joins two of these vertices")
     return edges
 
 
-def _held(context: ShellContext) -> NDArray[np.bool_]:
+def _fixed_vertices(context: ShellContext) -> NDArray[np.bool_]:
     """(n,) vertices that pins hold in all directions; an edge between two of them is rigid already."""
-    held = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
+    fixed = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
     for term in context.terms.get("pin", []):
-        held |= term.mask
-    return np.asarray(held.all(axis=1))
+        fixed |= term.mask
+    return np.asarray(fixed.all(axis=1))
 
 
 EFFECT = Effect("rigid", Rigid, build, "one factorisation of an e x e matrix a step, e edges", ("shell",))

@@ -252,13 +252,13 @@ def _integrated(mesh: TriangleMesh, spin: NDArray) -> NDArray[np.float64]:
     e = _imaginary(faces.opposite)  # from corner k + 1 to corner k + 2
     tail, head = spin[mesh.faces][:, NEXT], spin[mesh.faces][:, PREVIOUS]
     conj = np.array([1.0, -1.0, -1.0, -1.0])
-    turned = (
+    rotated = (
         _product(_product(conj * tail, e), tail) / 3.0
         + _product(_product(conj * tail, e), head) / 6.0
         + _product(_product(conj * head, e), tail) / 6.0
         + _product(_product(conj * head, e), head) / 3.0
     )[..., 1:]
-    flux = 0.5 * _corner_cotan(faces)[..., None] * turned
+    flux = 0.5 * _corner_cotan(faces)[..., None] * rotated
     right = sum_by_index(mesh.faces[:, PREVIOUS], flux, mesh.n_vertices)
     right -= sum_by_index(mesh.faces[:, NEXT], flux, mesh.n_vertices)
     right -= right.mean(axis=0)

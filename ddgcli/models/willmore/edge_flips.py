@@ -58,21 +58,21 @@ def _flippable(points: NDArray, topology: Topology, movable: NDArray) -> tuple[N
     quad = np.stack([topology.side_tail[side], topology.side_head[side], *(flat[a] for a in apex)], axis=1)
     faces = np.stack([side // 3, twin // 3], axis=1)
     excess = _opposite_angles(points, quad) - np.pi
-    chosen = np.flatnonzero((excess > FLIP_TOLERANCE) & movable[quad].all(axis=1))
-    chosen = chosen[_keeps_surface(points[quad[chosen]])]
-    low, high = np.sort(quad[chosen, 2:], axis=1).T
+    edges = np.flatnonzero((excess > FLIP_TOLERANCE) & movable[quad].all(axis=1))
+    edges = edges[_keeps_surface(points[quad[edges]])]
+    low, high = np.sort(quad[edges, 2:], axis=1).T
     tail, head = np.sort(topology.edges, axis=1).T
     key = low * topology.n_vertices + high
-    chosen, key = (a[(low != high) & ~np.isin(key, tail * topology.n_vertices + head)] for a in (chosen, key))
-    worst = np.argsort(-excess[chosen], kind="stable")
-    chosen, key = chosen[worst], key[worst]
-    rank = np.arange(len(chosen))
-    claim = np.full(topology.n_faces, len(chosen))
-    np.minimum.at(claim, faces[chosen].ravel(), np.repeat(rank, 2))
-    first = np.zeros(len(chosen), dtype=bool)
+    edges, key = (a[(low != high) & ~np.isin(key, tail * topology.n_vertices + head)] for a in (edges, key))
+    worst = np.argsort(-excess[edges], kind="stable")
+    edges, key = edges[worst], key[worst]
+    rank = np.arange(len(edges))
+    claim = np.full(topology.n_faces, len(edges))
+    np.minimum.at(claim, faces[edges].ravel(), np.repeat(rank, 2))
+    first = np.zeros(len(edges), dtype=bool)
     first[np.unique(key, return_index=True)[1]] = True
-    chosen = chosen[first & (claim[faces[chosen]] == rank[:, None]).all(axis=1)]
-    return quad[chosen], faces[chosen]
+    edges = edges[first & (claim[faces[edges]] == rank[:, None]).all(axis=1)]
+    return quad[edges], faces[edges]
 
 
 def _opposite_angles(points: NDArray, quad: NDArray) -> NDArray[np.float64]:

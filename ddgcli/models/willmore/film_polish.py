@@ -35,10 +35,10 @@ def mean_curvature_spread(mesh: TriangleMesh) -> float:
     -----
     J. M. Sullivan, "Curvatures of smooth and discrete surfaces", 2006.
     """
-    used = mesh.topology.referenced_vertex
-    pull = vector_length(AreaEnergy(mesh.topology).value_and_gradient(mesh.points)[1][used])
+    referenced = mesh.topology.referenced_vertex
+    pull = vector_length(AreaEnergy(mesh.topology).value_and_gradient(mesh.points)[1][referenced])
     with np.errstate(divide="ignore", invalid="ignore"):
-        curvature = 0.5 * pull / vector_length(volume_gradient(mesh)[used])
+        curvature = 0.5 * pull / vector_length(volume_gradient(mesh)[referenced])
     return float(np.ptp(curvature) * np.sqrt(area(mesh) / (4.0 * np.pi)))
 
 
@@ -74,19 +74,19 @@ def polished_film(
     spread : float
         `mean_curvature_spread` to reach.
     """
-    kept = replace(constraints, in_place=False)
+    relaxed = replace(constraints, in_place=False)
     radius, least = FIRST_RADIUS * area(mesh), LEAST_ANGLE_SHARE * corner_angle(mesh.side_length).min()
     for _ in range(MAX_STEPS):
         if mean_curvature_spread(mesh) <= spread:
             return mesh
         value, gradient = energy.value_and_gradient(mesh.points)
-        columns = np.stack([row.ravel() for row in kept.gradients(mesh, free)], axis=1)
+        columns = np.stack([row.ravel() for row in relaxed.gradients(mesh, free)], axis=1)
         share = np.linalg.lstsq(columns, gradient[free].ravel(), rcond=None)[0]
         balance = gradient[free] - np.reshape(columns @ share, (-1, 3))
         at = EnergyGradient(mesh, free, value, balance, lumped_vertex_area(mesh)[free], share)
         metric = Preconditioner(at, Factor(second_order_matrix(mesh, free, METRIC_STEP)))
         step = descending_newton_step(
-            energy, metric, kept, radius, LEAST_RADIUS * area(mesh), along_normals=False
+            energy, metric, relaxed, radius, LEAST_RADIUS * area(mesh), along_normals=False
         )
         if step is None or step.mesh is mesh or corner_angle(step.mesh.side_length).min() < least:
             return None

@@ -174,12 +174,12 @@ class Flow(FlowTerms):
 
     def _guided(self, state: FlowState, metric: Preconditioner, plain: NDArray, dt: float) -> list[NDArray]:
         """The motion by secant pairs, or that with momentum, where what it adds goes downhill."""
-        at, added = metric.at, None if state.motion is None else state.motion[metric.at.free]
+        at, motion = metric.at, None if state.motion is None else state.motion[metric.at.free]
         if self.by_pairs:
-            added = secant_motion(metric, dt, self.constraints, state.pairs)
-        if added is None or float(np.sum(at.gradient * added)) >= 0.0:
+            motion = secant_motion(metric, dt, self.constraints, state.pairs)
+        if motion is None or float(np.sum(at.gradient * motion)) >= 0.0:
             return []
-        return [added if self.by_pairs else plain + rules.MOMENTUM_SHARE * added]
+        return [motion if self.by_pairs else plain + rules.MOMENTUM_SHARE * motion]
 
     def _other_step(self, state: FlowState, at: EnergyGradient) -> FlowState:
         step: ConformalStep | trust_region.TrustRegionStep | None

@@ -105,8 +105,8 @@ def is_film(options: FlowOptions, topology: Topology) -> bool:
 
     Otherwise the surface shrinks to a point, and steps follow the flow in time.
     """
-    kept = options.fix_area or options.fix_volume
-    return options.flow == "mean-curvature" and (kept or not (topology.is_closed or options.timed))
+    conserved = options.fix_area or options.fix_volume
+    return options.flow == "mean-curvature" and (conserved or not (topology.is_closed or options.timed))
 
 
 def with_stop(options: FlowOptions, topology: Topology, bounded: bool) -> FlowOptions:

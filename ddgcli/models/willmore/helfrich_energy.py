@@ -44,13 +44,13 @@ class HelfrichEnergy:
     def _addition(self, points: NDArray) -> tuple[float, FaceSides, BentHinges, NDArray[np.float64]]:
         """-2 H0 M + H0^2 A, and what its gradient needs: faces, hinges, edge lengths."""
         faces = FaceSides.at(points, self.topology.faces)
-        bent = self._hinges.bent(points, faces)
-        length = np.sqrt(bent.squared)
-        total = 0.5 * float((length * bent.angle).sum())
+        hinges = self._hinges.bent(points, faces)
+        length = np.sqrt(hinges.squared)
+        total = 0.5 * float((length * hinges.angle).sum())
         return (
             self.curvature * (self.curvature * float(faces.area.sum()) - 2.0 * total),
             faces,
-            bent,
+            hinges,
             length,
         )
 
@@ -61,9 +61,9 @@ class HelfrichEnergy:
     def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]:
         """Energy and its exact gradient (n, 3)."""
         value, gradient = self.bending.value_and_gradient(points)
-        addition, faces, bent, length = self._addition(points)
+        addition, faces, hinges, length = self._addition(points)
         corners = self.topology.faces
         by_area = self.curvature**2 * area_gradient(faces)
         gradient = gradient + sum_by_index(corners, by_area, self.topology.n_vertices)
-        gradient += bent.gradient(-self.curvature * length, -0.5 * self.curvature * bent.angle / length)
+        gradient += hinges.gradient(-self.curvature * length, -0.5 * self.curvature * hinges.angle / length)
         return value + addition, gradient

@@ -62,7 +62,7 @@ class QuadraticEnergy:
     def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]:
         """Energy and its exact gradient (n, 3)."""
         cotan, weight, constant = self._coefficients
-        bent = self._bent(points)
-        pull = weight[:, None] * bent
+        curvature = self._bent(points)
+        pull = weight[:, None] * curvature
         gradient = sum_by_index(self._hinges.vertex, 2.0 * cotan[:, :, None] * pull[:, None], len(points))
-        return float(np.sum(pull * bent)) + constant, gradient
+        return float(np.sum(pull * curvature)) + constant, gradient

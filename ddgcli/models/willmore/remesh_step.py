@@ -74,21 +74,21 @@ def remeshed_state(
     if waiting or past.count >= MAX_REMESHES or not _is_due(mesh, target):
         return None
     origin = np.arange(mesh.n_vertices) if past.origin is None else past.origin
-    done = remeshed(Remesh(mesh, origin), movable, target.length, target.adaptive, vertex_normals)
-    if done is None or not _same_surface(mesh, done.mesh):
+    result = remeshed(Remesh(mesh, origin), movable, target.length, target.adaptive, vertex_normals)
+    if result is None or not _same_surface(mesh, result.mesh):
         return None
     changed = replace(
-        state, points=done.mesh.points, topology=done.mesh.topology, motion=None,
-        remeshing=replace(past, origin=done.origin), lowest_second=math.inf, energy_then=math.inf,
+        state, points=result.mesh.points, topology=result.mesh.topology, motion=None,
+        remeshing=replace(past, origin=result.origin), lowest_second=math.inf, energy_then=math.inf,
     )  # fmt: skip
     try:
         points = restored(changed).points
     except SolveError:
         return None
-    after = energy(TriangleMesh(points, done.mesh.topology))
+    after = energy(TriangleMesh(points, result.mesh.topology))
     if not (math.isfinite(after) and (past.count == 0 or after < past.energy)):
         return None
-    record = Remeshing(done.origin, past.count + 1, past.change + after - state.energy, state.steps, after)
+    record = Remeshing(result.origin, past.count + 1, past.change + after - state.energy, state.steps, after)
     return replace(changed, points=points, energy=after, remeshing=record)
 
 

@@ -67,17 +67,17 @@ def remeshed(
     M. Botsch, L. Kobbelt, "A remeshing approach to multiresolution modeling", 2004. New and moved vertices
     lie on the quadratic patch of the vertex normals at the edge's ends, O(h^3) from a smooth surface.
     """
-    now, held = start, ~movable
+    now, fixed = start, ~movable
     for _ in range(MAX_SWEEPS):
         before = now
         for operation in (_split_round, _collapse_round):
             for _ in range(MAX_ROUNDS):
                 target = target_length(now.mesh, length, adaptive, normals)
-                done = operation(now, held, target, normals(now.mesh))
-                if done is None:
+                result = operation(now, fixed, target, normals(now.mesh))
+                if result is None:
                     break
-                now, held = done
-        inside = ~held & ~now.mesh.topology.boundary_vertex
+                now, fixed = result
+        inside = ~fixed & ~now.mesh.topology.boundary_vertex
         topology = delaunay_flips(now.mesh, inside)
         if topology is not None:
             now = Remesh(TriangleMesh(now.mesh.points, topology), now.origin)
@@ -86,7 +86,7 @@ def remeshed(
             now = Remesh(slid, now.origin)
         if now is before:
             break
-    better = improved(now.mesh, normals, ~held & ~now.mesh.topology.boundary_vertex)
+    better = improved(now.mesh, normals, ~fixed & ~now.mesh.topology.boundary_vertex)
     if better is not None:
         now = Remesh(better, now.origin)
     return None if now is start else now
@@ -107,8 +107,8 @@ def target_length(mesh: TriangleMesh, length: float, adaptive: bool, normals: No
         curvature = (
             0.5 * curvature + 0.5 * sum_by_index(edges, curvature[edges[:, ::-1]], len(degree)) / degree
         )
-    used = curvature[mesh.topology.referenced_vertex]
-    middle = float(np.sqrt(np.mean(used**2)))
+    referenced = curvature[mesh.topology.referenced_vertex]
+    middle = float(np.sqrt(np.mean(referenced**2)))
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(curvature > 0.0, middle / curvature, MOST_SHARE)
     return target * np.clip(share, LEAST_SHARE, MOST_SHARE)
@@ -131,21 +131,21 @@ class _Edges:
     ratio: NDArray[np.float64]
 
     @classmethod
-    def of(cls, mesh: TriangleMesh, held: NDArray, target: NDArray) -> _Edges:
+    def of(cls, mesh: TriangleMesh, fixed: NDArray, target: NDArray) -> _Edges:
         topology, flat = mesh.topology, mesh.faces.ravel()
         side = topology.interior_sides
         twin = topology.side_twin.ravel()[side]
         apex = (flat[s - s % 3 + (s + 2) % 3] for s in (side, twin))
         quad = np.stack([topology.side_tail[side], topology.side_head[side], *apex], axis=1)
-        blocked = held | topology.boundary_vertex
+        blocked = fixed | topology.boundary_vertex
         free = ~blocked[quad].any(axis=1) & (quad[:, 2] != quad[:, 3])
         quad, side, twin = quad[free], side[free], twin[free]
         span = vector_length(mesh.points[quad[:, 1]] - mesh.points[quad[:, 0]])
         aim = 0.5 * (target[quad[:, 0]] + target[quad[:, 1]])
         return cls(quad, np.stack([side // 3, twin // 3], axis=1), span / aim)
 
-    def rows(self, chosen: NDArray) -> _Edges:
-        return _Edges(self.quad[chosen], self.face[chosen], self.ratio[chosen])
+    def rows(self, rows: NDArray) -> _Edges:
+        return _Edges(self.quad[rows], self.face[rows], self.ratio[rows])
 
 
 def _middle(mesh: TriangleMesh, normal: NDArray, edge: NDArray) -> NDArray[np.float64]:
@@ -156,11 +156,11 @@ def _middle(mesh: TriangleMesh, normal: NDArray, edge: NDArray) -> NDArray[np.fl
 
 
 def _split_round(
-    now: Remesh, held: NDArray, target: NDArray, normal: NDArray
+    now: Remesh, fixed: NDArray, target: NDArray, normal: NDArray
 ) -> tuple[Remesh, NDArray] | None:
     """Split an independent set of the longest edges; no two have a face in common."""
     mesh, n = now.mesh, now.mesh.n_vertices
-    edges = _Edges.of(mesh, held, target)
+    edges = _Edges.of(mesh, fixed, target)
     edges = edges.rows(np.flatnonzero(edges.ratio > LONGEST))
     edges = edges.rows(np.argsort(-edges.ratio, kind="stable"))
     rank = np.arange(len(edges.ratio))
@@ -177,31 +177,33 @@ def _split_round(
     points = np.concatenate([mesh.points, _middle(mesh, normal, edges.quad[:, :2])])
     origin = np.concatenate([now.origin, np.full(len(m), -1)])
     split = TriangleMesh(points, Topology(faces, len(points)))
-    return Remesh(split, origin), np.concatenate([held, np.zeros(len(m), dtype=bool)])
+    return Remesh(split, origin), np.concatenate([fixed, np.zeros(len(m), dtype=bool)])
 
 
 def _collapse_round(
-    now: Remesh, held: NDArray, target: NDArray, normal: NDArray
+    now: Remesh, fixed: NDArray, target: NDArray, normal: NDArray
 ) -> tuple[Remesh, NDArray] | None:
     """Collapse an independent set of the shortest edges; no vertex of one is a neighbour of another's."""
     mesh = now.mesh
-    edges = _Edges.of(mesh, held, target)
-    edges = edges.rows(np.flatnonzero((edges.ratio < SHORTEST) & _keeps_topology(mesh.topology, edges, held)))
+    edges = _Edges.of(mesh, fixed, target)
+    edges = edges.rows(
+        np.flatnonzero((edges.ratio < SHORTEST) & _keeps_topology(mesh.topology, edges, fixed))
+    )
     edges = edges.rows(np.argsort(edges.ratio, kind="stable"))
     for _ in range(MAX_ROUNDS):  # what an edge that must stay has claimed is free again
         if not len(edges.ratio):
             return None
-        chosen = edges.rows(_independent(mesh.topology, edges.quad))
-        good, points = _collapsed(mesh, normal, target, chosen)
+        independent = edges.rows(_independent(mesh.topology, edges.quad))
+        good, points = _collapsed(mesh, normal, target, independent)
         if good.any():
-            return _joined(now, held, chosen.quad[good], points[good])
-        key = chosen.quad[:, 0] * mesh.n_vertices + chosen.quad[:, 1]
+            return _joined(now, fixed, independent.quad[good], points[good])
+        key = independent.quad[:, 0] * mesh.n_vertices + independent.quad[:, 1]
         own = edges.quad[:, 0] * mesh.n_vertices + edges.quad[:, 1]
         edges = edges.rows(np.flatnonzero(~np.isin(own, key)))
     return None
 
 
-def _keeps_topology(topology: Topology, edges: _Edges, held: NDArray) -> NDArray[np.bool_]:
+def _keeps_topology(topology: Topology, edges: _Edges, fixed: NDArray) -> NDArray[np.bool_]:
     """(e,) whether an edge's ends have no common neighbours but the two apexes, and these keep three faces.
 
     No neighbour of the ends is on the boundary or stays: their faces change.
@@ -213,7 +215,7 @@ def _keeps_topology(topology: Topology, edges: _Edges, held: NDArray) -> NDArray
     i, j, k, other = edges.quad.T
     common = np.asarray(neighbours[i].multiply(neighbours[j]).sum(axis=1)).ravel()
     degree = np.bincount(topology.edges.ravel(), minlength=n)
-    near = neighbours @ (held | topology.boundary_vertex).astype(np.float64) > 0
+    near = neighbours @ (fixed | topology.boundary_vertex).astype(np.float64) > 0
     return (
         (common == 2) & (np.minimum(degree[k], degree[other]) >= LEAST_DEGREE) & ~near[i] & ~near[j]
     )  # fmt: skip
@@ -250,11 +252,11 @@ def _collapsed(
     star = np.flatnonzero((owner < count) & ~dead)
     before, after = mesh.points[mesh.faces[star]], moved[faces[star]]
     old, new = (np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]) for c in (before, after))
-    turned = row_dot(unit_vectors(old), unit_vectors(new)) < MAX_TURN
+    folds = row_dot(unit_vectors(old), unit_vectors(new)) < MAX_TURN
     sides = vector_length(after[:, [1, 2, 0]] - after)
     aim = target[mesh.faces[star]].mean(axis=1)
     good = np.ones(count, dtype=bool)
-    good[owner[star[turned | (sides.max(axis=1) > LONGEST * aim)]]] = False
+    good[owner[star[folds | (sides.max(axis=1) > LONGEST * aim)]]] = False
     least = np.full((2, count), np.inf)
     whole = np.flatnonzero(owner < count)
     np.minimum.at(least[0], owner[whole], corner_angle(mesh.side_length[whole]).min(axis=1))
@@ -262,7 +264,7 @@ def _collapsed(
     return good & (least[1] >= np.minimum(least[0], GOOD_ANGLE)), points
 
 
-def _joined(now: Remesh, held: NDArray, quad: NDArray, points: NDArray) -> tuple[Remesh, NDArray[np.bool_]]:
+def _joined(now: Remesh, fixed: NDArray, quad: NDArray, points: NDArray) -> tuple[Remesh, NDArray[np.bool_]]:
     """The mesh with edges (k, 2) collapsed to points (k, 3), without the vertices at their second ends."""
     mesh, (i, j) = now.mesh, quad[:, :2].T
     onto = np.arange(mesh.n_vertices)
@@ -271,8 +273,8 @@ def _joined(now: Remesh, held: NDArray, quad: NDArray, points: NDArray) -> tuple
     moved[i], origin[i] = points, np.where(origin[i] >= 0, origin[i], origin[j])
     faces = onto[mesh.faces]
     alive = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    kept = np.delete(np.arange(mesh.n_vertices), j)
+    others = np.delete(np.arange(mesh.n_vertices), j)
     number = np.full(mesh.n_vertices, -1)
-    number[kept] = np.arange(len(kept))
-    joined = TriangleMesh(moved[kept], Topology(number[faces[alive]], len(kept)))
-    return Remesh(joined, origin[kept]), held[kept]
+    number[others] = np.arange(len(others))
+    joined = TriangleMesh(moved[others], Topology(number[faces[alive]], len(others)))
+    return Remesh(joined, origin[others]), fixed[others]

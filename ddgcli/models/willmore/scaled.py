@@ -24,9 +24,9 @@ def centred_at_unit_size(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.f
         its squares to be represented.
     """
     require(mesh, "willmore-flow", manifold=True, oriented=True)
-    used = mesh.points[mesh.topology.referenced_vertex]
-    centre = 0.5 * (used.min(axis=0) + used.max(axis=0))
-    extent = float(np.abs(used - centre).max())
+    points = mesh.points[mesh.topology.referenced_vertex]
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    extent = float(np.abs(points - centre).max())
     if not 1e-60 < extent < 1e60:
         raise MeshError(
             f"the surface measures {extent:.3g} from its centre; willmore-flow takes 1e-60 to 1e60: rescale"

@@ -73,8 +73,8 @@ class SecantPairs:
         if "pair_motions" not in arrays:
             return cls()
         motions, changes = (np.asarray(arrays[f"pair_{name}"])[:, :count] for name in ("motions", "changes"))
-        used = [k for k in range(len(motions)) if motions[k].any()]
-        return cls(tuple(motions[k] for k in used), tuple(changes[k] for k in used))
+        nonzero = [k for k in range(len(motions)) if motions[k].any()]
+        return cls(tuple(motions[k] for k in nonzero), tuple(changes[k] for k in nonzero))
 
 
 def _product(a: NDArray, b: NDArray) -> float:

@@ -42,11 +42,11 @@ def free_vertices(topology: Topology, boundary: str, region: NDArray | None = No
 
     `fixed` holds the boundary, `clamped` also its neighbours (and so the normals), `free` nothing.
     """
-    held = np.array(topology.boundary_vertex) & (boundary != "free")
+    fixed = np.array(topology.boundary_vertex) & (boundary != "free")
     if boundary == "clamped":
-        held[topology.faces[held[topology.faces].any(axis=1)]] = True
+        fixed[topology.faces[fixed[topology.faces].any(axis=1)]] = True
     inside = True if region is None else region
-    return np.flatnonzero(topology.referenced_vertex & ~held & inside)
+    return np.flatnonzero(topology.referenced_vertex & ~fixed & inside)
 
 
 def region_mask(values: NDArray, topology: Topology) -> NDArray[np.bool_]:
@@ -86,9 +86,9 @@ def region_mask(values: NDArray, topology: Topology) -> NDArray[np.bool_]:
     return mask
 
 
-def _require_known(value: str, known: tuple[str, ...], what: str) -> None:
-    if value not in known:
-        raise ParameterError(f"{what} {value!r} is not available; choose one of {', '.join(known)}")
+def _require_known(value: str, names: tuple[str, ...], what: str) -> None:
+    if value not in names:
+        raise ParameterError(f"{what} {value!r} is not available; choose one of {', '.join(names)}")
 
 
 def schemes_of(flow: str) -> tuple[str, ...]:
@@ -145,22 +145,22 @@ def _is_spheres(topology: Topology) -> bool:
     return topology.is_closed and topology.euler_characteristic == 2 * topology.n_components
 
 
-def second_energy(chosen: str, mesh: TriangleMesh, constraints: Constraints) -> EnergyBuilder | None:
+def second_energy(name: str, mesh: TriangleMesh, constraints: Constraints) -> EnergyBuilder | None:
     """A second energy to look at where `gauss-map` may fall by crumpling.
 
     Where nothing is kept on closed parts of genus 0 it cannot: there it is never below 4 pi, and at 4 pi only
     on round spheres.
     """
     round_only = _is_spheres(mesh.topology) and not constraints.active
-    if chosen != DEFAULT_ENERGY or round_only or not mesh.topology.is_closed:
+    if name != DEFAULT_ENERGY or round_only or not mesh.topology.is_closed:
         return None
     return ENERGIES[SECOND_ENERGY].builder(mesh)
 
 
-def _require_rest(topology: Topology, chosen: str, options: FlowOptions) -> None:
+def _require_rest(topology: Topology, name: str, options: FlowOptions) -> None:
     """Raise ParameterError where steps to rest would shrink a closed surface to a point."""
-    kept = options.fix_area or options.fix_volume or options.timed
-    if chosen == "quadratic" and options.flow != "mean-curvature" and topology.is_closed and not kept:
+    conserved = options.fix_area or options.fix_volume or options.timed
+    if name == "quadratic" and options.flow != "mean-curvature" and topology.is_closed and not conserved:
         raise ParameterError(
             "energy 'quadratic' grows with the square of the size: a closed surface would shrink to a point; "
             "use `fix_area`, `dt` or another `energy`"
@@ -258,11 +258,11 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     MeshError, ParameterError
         On a mesh or an option that the flow cannot take.
     """
-    chosen = chosen_energy(mesh.topology, options)
-    _require_known(chosen, WILLMORE_ENERGIES, "energy")
+    energy_name = chosen_energy(mesh.topology, options)
+    _require_known(energy_name, WILLMORE_ENERGIES, "energy")
     boundary = chosen_boundary(options)
     _require_known(boundary, WILLMORE_BOUNDARIES, "boundary")
-    _require_rest(mesh.topology, chosen, options)
+    _require_rest(mesh.topology, energy_name, options)
     scheme = chosen_scheme(options)
     unit, centre, scale = centred_at_unit_size(mesh)
     topology = mesh.topology
@@ -278,12 +278,12 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         )
     constraints = film_constraints(unit, options, film)
     curvature = _unit_curvature(unit, options, scale)
-    definition = ENERGIES[chosen]
+    definition = ENERGIES[energy_name]
     energy_kind = film_energy(unit, options) if film else _with_curvature(definition.builder(unit), curvature)
     started = energy_kind(topology).value(unit.points)
     if not math.isfinite(started):
         raise MeshError(
-            f"the {chosen} energy is not finite here: at some vertex the faces' normals cancel; "
+            f"the {energy_name} energy is not finite here: at some vertex the faces' normals cancel; "
             "unfold it or use `energy=cotan`"
         )
     convention = definition.convention
@@ -291,19 +291,19 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         convention = FILM_CONVENTIONS[options.fix_area]
     if curvature:
         convention = f"int (H - H0)^2 dA, H0 = {options.spontaneous_curvature:g}; int H^2 dA: {convention}"
-    unbounded = chosen in ("hinge", "quadratic", "circle-angle") or curvature != 0.0 or film
+    unbounded = energy_name in ("hinge", "quadratic", "circle-angle") or curvature != 0.0 or film
     unwatched = options.flow in ("conformal", "mean-curvature")
-    second = None if unwatched else second_energy(chosen, unit, constraints)
+    second = None if unwatched else second_energy(energy_name, unit, constraints)
     reported = ENERGIES.items() if options.report_energies else ()
     to_rest = kind == "descent" and not (options.timed or film)
-    cannot_crumple = second is None and topology.is_closed and chosen == DEFAULT_ENERGY
+    cannot_crumple = second is None and topology.is_closed and energy_name == DEFAULT_ENERGY
     flow = Flow(
         topology, energy_kind, convention, free, constraints, mean_curvature, scheme,
         options.timed, options.stop, centre, scale, area(unit), mesh.points,
         0.0 if unbounded else least_energy(topology),
         keeps_triangles=not options.timed and kind != "conformal" and (film or definition.keeps_triangles),
         of_area=film, kind=kind, of_surface=definition.of_surface,
-        remesh=_remesh_target(unit, options, scale, kind, chosen),
+        remesh=_remesh_target(unit, options, scale, kind, energy_name),
         by_pairs=to_rest and cannot_crumple and not options.remesh,
         to_spheres=kind != "conformal" and not (options.timed or film) and cannot_crumple
         and len(free) == np.count_nonzero(topology.referenced_vertex),

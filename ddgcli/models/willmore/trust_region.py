@@ -93,11 +93,11 @@ def newton_motion(
     dd, dp, pp, promised = 0.0, 0.0, rz, 0.0
     for _ in range(MAX_CG_ITERATIONS):
         hp = product(p)
-        bent = float(np.sum(p * hp))
-        alpha = rz / bent if bent > 0.0 else math.inf
+        curvature = float(np.sum(p * hp))
+        alpha = rz / curvature if curvature > 0.0 else math.inf
         if alpha == math.inf or dd + 2.0 * alpha * dp + alpha**2 * pp >= radius**2:
             tau = (-dp + math.sqrt(max(dp**2 + pp * (radius**2 - dd), 0.0))) / pp
-            promised += tau * rz - 0.5 * tau**2 * bent
+            promised += tau * rz - 0.5 * tau**2 * curvature
             return NewtonMotion(d + tau * p, promised, True)
         d, r = d + alpha * p, r + alpha * hp
         promised += 0.5 * alpha * rz

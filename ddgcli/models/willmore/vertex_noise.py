@@ -44,10 +44,10 @@ def noise_energy(mesh: TriangleMesh) -> tuple[float, float]:
 
 def warn_of_noise(mesh: TriangleMesh, energy: float) -> None:
     """A warning where noise makes a large part of an energy at the start."""
-    relative, added = noise_energy(mesh)
-    if added > SHARE_WARNING * energy:
+    relative, energy_of_noise = noise_energy(mesh)
+    if energy_of_noise > SHARE_WARNING * energy:
         logging.getLogger("ddgcli").warning(
             "the vertices have noise of %.2g of an edge, which makes about %.2g of the energy %.4g at the "
             "start, whichever energy: only values after the first steps, which smooth it, are of the surface",
-            relative, added, energy,
+            relative, energy_of_noise, energy,
         )  # fmt: skip
