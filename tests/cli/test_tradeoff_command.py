@@ -261,7 +261,7 @@ def test_the_error_of_the_willmore_energy_falls_with_the_step(tmp_path, summary)
     path = tmp_path / "ellipsoid.ply"
     mesh = shapes.icosphere(2)
     write_mesh(str(path), AnnotatedMesh(mesh.moved(mesh.points * [1.0, 1.0, 1.3])))
-    report = summary("tradeoff", "willmore-flow", path, "--repeat", 1, "--error", "time")
+    report = summary("tradeoff", "willmore-flow", path, "--repeat", 1, "--budget", 300, "--error", "time")
     errors = [row["max_error"] for row in report["results"]["rows"]]
     assert errors[-1] < errors[0] and errors[-1] < 1e-3
     assert report["accuracy"]["reference_uncertainty"] < 1e-3
