@@ -92,7 +92,18 @@ def test_conservation_that_a_system_does_not_have_is_refused():
 
 
 def test_the_command_ranks_integrators_of_the_pendulum(summary, run, tmp_path):
-    words = ("--conserved", "energy", "--duration", 4, "--integrator", "verlet", "--repeat", 1, "--budget", 600)
+    words = (
+        "--conserved",
+        "energy",
+        "--duration",
+        4,
+        "--integrator",
+        "verlet",
+        "--repeat",
+        1,
+        "--budget",
+        600,
+    )
     report = summary("tradeoff", "shell-sim", "pendulum", *words, "--plot", tmp_path / "p.png")
     results = report["results"]
     rows = results["rows"]
