@@ -72,6 +72,10 @@ class BlockIterative:
         self.name = name
         self.most_iterations, self.residual = 0, 0.0
 
+    def release(self) -> None:
+        """Free the matrix and its preconditioner."""
+        self._matrix = self._precondition = None
+
     def prepare(self, matrix: sparray, motions: RigidMotions) -> None:
         """Preconditioner of a symmetric matrix: BSR with (3, 3) blocks, or any format."""
         rows = _by_rows(matrix, motions.by_vertex)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csc_array, csr_array
 
-from ddgcli.mechanics.block_layout import BlockLayout
+from ddgcli.linalg.indices import matrix_indices
+from ddgcli.mechanics.block_layout import BlockLayout, ones
 from ddgcli.mechanics.pair_blocks import vertex_pairs
 
 
@@ -43,24 +45,21 @@ class Assembly:
         stencils, self.internal = _numbered(stencils, n)
         scalar = np.broadcast_to([True, False, False], (self.internal, 3))
         free = np.concatenate([free, scalar])
-        own = np.arange(len(free))
         self.by_pairs = by_pairs = list(by_pairs) or [False] * len(stencils)
-        entries = [_pairs(s) if paired else _sub_blocks(s) for s, paired in zip(stencils, by_pairs)]
-        low = np.concatenate([own, *(low for low, _, _ in entries)])
-        high = np.concatenate([own, *(high for _, high, _ in entries)])
-        keys, pair = np.unique(high * len(free) + low, return_inverse=True)
-        self._count = len(keys)
-        ends = np.cumsum([len(own), *(len(low) for low, _, _ in entries)])[:-1]
-        self._own, *pairs = np.split(pair, ends)
+        entries = [_pairs if paired else _sub_blocks for paired in by_pairs]
+        own = np.arange(len(free)) * (len(free) + 1)
+        keys = [np.unique(_keys(of(s), len(free))) for of, s in zip(entries, stencils)]
+        key = np.unique(np.concatenate([own, *keys]))
+        del keys
+        self._count = len(key)
+        self._own = np.searchsorted(key, own)
         self._gathers = [
-            _pair_sums(of_pair, len(keys))
-            if paired
-            else _row_sums(of_pair, first, stencil.shape[1], len(keys), 3 * stencil.size * stencil.shape[1])
-            for of_pair, (_, _, first), stencil, paired in zip(pairs, entries, stencils, by_pairs)
+            _gather(np.searchsorted(key, _keys(of(s), len(free))), of(s)[2], s, paired)
+            for of, s, paired in zip(entries, stencils, by_pairs)
         ]
-        low, high = keys % len(free), keys // len(free)
+        low, high = (matrix_indices(index, len(free)) for index in (key % len(free), key // len(free)))
+        del key
         self._layout = BlockLayout(free, low, high, scalars=self.internal > 0)
-        self._members = _members(low, high, len(free))
 
     @property
     def graph(self) -> csc_array:
@@ -88,7 +87,7 @@ class Assembly:
             block = next(blocks)
             if paired:
                 for i, j in np.ndindex(3, 3):
-                    sums[i, j] += gather @ block[i, j].ravel()
+                    sums[i, j][gather.pairs] += gather.matrix @ block[i, j].ravel()
             else:
                 whole.append((gather, block))
             del block  # before the next one is computed
@@ -97,7 +96,8 @@ class Assembly:
         if any(self.by_pairs):
             self._subtract_translated(sums)
         for gather, block in whole:
-            sums += (gather @ block.reshape(-1, 3)).reshape(-1, 3, 3).transpose(1, 2, 0)
+            rows = (gather.matrix @ block.reshape(-1, 3)).reshape(-1, 3, 3)
+            sums[:, :, gather.pairs] += rows.transpose(1, 2, 0)
         for axis in range(3):
             sums[axis, axis, self._own[: len(diagonal)]] += diagonal
         return sums
@@ -107,10 +107,15 @@ class Assembly:
         for i in range(3):
             for j in range(i, 3):
                 mean = sums[i, i] if i == j else 0.5 * (sums[i, j] + sums[j, i])
-                total = self._members @ mean
+                total = self._layout.sums_of_vertices(mean)
                 sums[i, j, self._own] -= total
                 if i < j:
                     sums[j, i, self._own] -= total
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return int(np.count_nonzero(self._free)) + self.internal
 
     def vector(self, v: NDArray) -> NDArray[np.float64]:
         """Entries of a vector (n, 3) or (n, 3, k) in the matrix; 0 for internal unknowns."""
@@ -152,29 +157,47 @@ def _pairs(stencil: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     return low, high, np.arange(len(low))
 
 
-def _pair_sums(pair: NDArray, pairs: int) -> csr_array:
-    """(pairs, size) matrix of ones that sums blocks of elements' pairs to the blocks of the pairs."""
-    order = np.argsort(pair, kind="stable").astype(np.int32)
-    ends = np.concatenate([[0], np.cumsum(np.bincount(pair, minlength=pairs))]).astype(np.int32)
-    return csr_array((np.ones(len(pair)), order, ends), shape=(pairs, len(pair)))
+def _keys(entries: tuple[NDArray, NDArray, NDArray], n: int) -> NDArray[np.int64]:
+    """One number for each pair of vertices."""
+    low, high, _ = entries
+    return high * np.int64(n) + low
 
 
-def _members(low: NDArray, high: NDArray, n: int) -> csr_array:
-    """(n, pairs) matrix of ones that sums what belongs to pairs of different vertices to these."""
-    pair = np.flatnonzero(low < high)
-    place = (np.concatenate([low[pair], high[pair]]), np.concatenate([pair, pair]))
-    return csr_array((np.ones(2 * len(pair)), place), shape=(n, len(low)))
+class _Gather(NamedTuple):
+    """Sums of blocks of elements: to which pairs of vertices they belong, and a matrix of ones."""
+
+    pairs: slice | NDArray[np.int64]
+    matrix: csr_array
 
 
-def _row_sums(pair: NDArray, first: NDArray, step: int, pairs: int, size: int) -> csr_array:
-    """(3 pairs, size) matrix of ones that sums rows of sub-blocks to the rows of the pairs' (3, 3) blocks."""
+def _gather(pair: NDArray, first: NDArray, stencil: NDArray, paired: bool) -> _Gather:
+    """`_Gather` of the blocks of a stencil, whose pairs and `first` entries are given."""
+    begin, end = int(pair.min(initial=0)), int(pair.max(initial=-1)) + 1
+    count = np.bincount(pair - begin, minlength=end - begin)
+    pairs: slice | NDArray = slice(begin, end)
+    if np.count_nonzero(count) < 0.5 * len(count):  # far from each other
+        present = np.flatnonzero(count)
+        pairs, count = begin + present, count[present]
     order = np.argsort(pair, kind="stable")
-    first, count = first[order], np.bincount(pair, minlength=pairs)
+    if paired:
+        return _Gather(pairs, _pair_sums(order, count))
+    k, s = stencil.shape
+    return _Gather(pairs, _row_sums(first[order], count, s, 3 * k * s * s))
+
+
+def _pair_sums(order: NDArray, count: NDArray) -> csr_array:
+    """(pairs, size) matrix of ones that sums blocks of elements' pairs to the blocks of the pairs."""
+    ends = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
+    return csr_array((ones(len(order)), order.astype(np.int32), ends), shape=(len(count), len(order)))
+
+
+def _row_sums(first: NDArray, count: NDArray, step: int, size: int) -> csr_array:
+    """(3 pairs, size) matrix of ones that sums rows of sub-blocks to the rows of the pairs' (3, 3) blocks."""
     begin = np.concatenate([[0], np.cumsum(count)])[:-1]
     # the three rows of a pair follow each other: entry k of row a is at 3 begin + a count + k
-    place = 2 * np.repeat(begin, count) + np.arange(len(pair))
-    columns = np.empty(3 * len(pair), dtype=np.int32)
+    place = 2 * np.repeat(begin, count) + np.arange(len(first))
+    columns = np.empty(3 * len(first), dtype=np.int32)
     for row in range(3):
         columns[place + row * np.repeat(count, count)] = first + row * step
     ends = np.concatenate([[0], np.cumsum(np.repeat(count, 3))]).astype(np.int32)
-    return csr_array((np.ones(len(columns)), columns, ends), shape=(3 * pairs, size))
+    return csr_array((ones(len(columns)), columns, ends), shape=(3 * len(count), size))

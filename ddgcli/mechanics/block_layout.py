@@ -6,11 +6,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_array, csc_array
+from scipy.sparse import bsr_array, csc_array, csr_array
 
 from ddgcli.linalg.indices import matrix_indices
 
 GATHER_SIZE = 1 << 18  # values that are gathered at a time: numpy converts indices of 4 bytes
+SUM_SIZE = 1 << 20  # of a matrix of ones
 
 
 class BlockLayout:
@@ -54,6 +55,17 @@ class BlockLayout:
         n = len(self._free)
         return csc_array((np.ones(len(self._row)), self._row, self._start), shape=(n, n))
 
+    def sums_of_vertices(self, values: NDArray) -> NDArray[np.float64]:
+        """(n,) sums of the (pairs,) values of each vertex, with others and with itself."""
+        n, total = len(self._free), np.empty(len(self._free))
+        step = max(1, SUM_SIZE * n // max(len(self._row), 1))
+        for first in range(0, n, step):
+            start = self._start[first : first + step + 1]
+            pair = self._pair[start[0] : start[-1]]
+            matrix = csr_array((ones(len(pair)), pair, start - start[0]), shape=(len(start) - 1, len(values)))
+            total[first : first + step] = matrix @ values
+        return total
+
     def scalar_matrix(self, sums: NDArray) -> csc_array:
         """Matrix over the free coordinates, from the blocks (3, 3, pairs)."""
         value, row, start = self._scalars
@@ -94,10 +106,13 @@ class BlockLayout:
         """The matrix with (3, 3) blocks, where it is `by_vertex`."""
         pair, beyond, column, start = self._blocks
         data = np.empty((len(pair), 3, 3))
-        for i, j in np.ndindex(3, 3):  # a column of blocks is a row of their transposes
-            data[:, i, j] = (
-                sums[i, j][pair] if i == j else np.where(beyond, sums[i, j][pair], sums[j, i][pair])
-            )
+        for first in range(0, len(pair), GATHER_SIZE):
+            piece = slice(first, first + GATHER_SIZE)
+            own, block = pair[piece], data[piece]
+            for i, j in np.ndindex(3, 3):  # a column of blocks is a row of their transposes
+                block[:, i, j] = sums[i, j][own]
+                if i != j:
+                    np.copyto(block[:, i, j], sums[j, i][own], where=~beyond[piece])
         shape = (3 * (len(start) - 1), 3 * (len(start) - 1))
         return bsr_array((data, column, start), shape=shape)
 
@@ -112,3 +127,15 @@ class BlockLayout:
         start = matrix_indices(before[self._start[np.append(free, True)]], len(self._row))
         number = np.cumsum(free) - 1
         return self._pair[kept], self._beyond[kept], number[self._row[kept]].astype(np.int32), start
+
+
+_ONES = np.ones(0)
+
+
+def ones(count: int) -> NDArray[np.float64]:
+    """`count` ones, shared by all matrices of ones."""
+    global _ONES
+    if len(_ONES) < count:
+        _ONES = np.ones(count)
+        _ONES.flags.writeable = False
+    return _ONES[:count]

@@ -12,16 +12,32 @@ from scipy.sparse import bsr_array, csc_array
 from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mechanics.increment import Increment
 from ddgcli.mechanics.pair_blocks import have_distinct_vertices
+from ddgcli.mechanics.pieces import pieces_of, stencils_of
 from ddgcli.mechanics.system import System
-from ddgcli.mechanics.terms import Mode, is_dead
+from ddgcli.mechanics.terms import Mode, Potential, is_dead
 
 
 def assembly_of(system: System, increment: Increment) -> Assembly:
     """Pattern of the Hessian of a system, with the stencils of its terms."""
     terms = [p for p in system.potentials if len(p.stencil)]
     terms += [p for p in increment.frozen if not hasattr(p, "hessian")]
-    by_pairs = [hasattr(p, "pair_blocks") and have_distinct_vertices(p.stencil) for p in terms]
-    return Assembly(system.free, [p.stencil for p in terms], by_pairs)
+    return assembly_of_terms(system.free, terms)
+
+
+def assembly_of_terms(free: NDArray[np.bool_], terms: Sequence[Potential]) -> Assembly:
+    """Pattern of the Hessian of potentials over the free coordinates (n, 3)."""
+    by_pairs, stencils = [], []
+    for p in terms:
+        own = stencils_of(p)
+        stencils += own
+        by_pairs += [hasattr(p, "pair_blocks") and all(map(have_distinct_vertices, own))] * len(own)
+    return Assembly(free, stencils, by_pairs)
+
+
+def blocks_of(potential: Any, by_pairs: Iterator[bool], x: NDArray, mode: Mode) -> Iterator[NDArray]:
+    """Blocks of the elements of each piece of a potential, those of pairs where `by_pairs` of the piece."""
+    for piece, own_x in pieces_of(potential, x):
+        yield piece.pair_blocks(own_x, mode) if next(by_pairs) else piece.blocks(own_x, mode)
 
 
 def total_hessian(
@@ -50,16 +66,18 @@ def _blocks(
     system: System, increment: Increment, assembly: Assembly, y: NDArray, mode: Mode, changing: list[Any]
 ) -> Iterator[NDArray]:
     """Blocks of each term in turn, each when the one before is summed; Hessians are added to `changing`."""
-    count = 0
+    by_pairs = iter(assembly.by_pairs)
     for potential in system.potentials:
-        if not is_dead(potential):
+        if is_dead(potential):
+            continue
+        if hasattr(potential, "hessian"):
             with system.account.within(potential.name):
-                if hasattr(potential, "hessian"):
-                    changing.append(potential.hessian(y, mode))
-                    continue
-                by_pairs = assembly.by_pairs[count]
-                block = potential.pair_blocks(y, mode) if by_pairs else potential.blocks(y, mode)  # type: ignore[attr-defined]
-            count += 1
+                changing.append(potential.hessian(y, mode))
+            continue
+        pieces = blocks_of(potential, by_pairs, y, mode)
+        for _ in stencils_of(potential):
+            with system.account.within(potential.name):
+                block = next(pieces)
             yield block
             del block
     for potential in increment.frozen:

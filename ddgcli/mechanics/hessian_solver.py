@@ -45,6 +45,12 @@ class HessianSolver:
         """Whether matrices with (3, 3) blocks are preferred."""
         return self._iterative is not None
 
+    def release(self) -> None:
+        """Free what conjugate gradients keep of the last matrix, before another one is assembled."""
+        if self._iterative:
+            self._solve = None
+            self._iterative.release()
+
     def factorise(self, system: System, matrix: Any, y: NDArray, columns: NDArray | None) -> None:
         """Prepare solutions with a matrix plus U U^T, U the columns; `y` (n, 3) are the positions.
 
@@ -77,12 +83,12 @@ class HessianSolver:
 
     def _rigid_motions(self, y: NDArray) -> NDArray[np.float64]:
         """Columns over the unknowns: translations, rotations, and 1 at the internal unknowns if there are."""
-        from_middle = y - y.mean(axis=0)
-        motions = np.zeros((len(y), 3, 6))
+        from_middle, motion = y - y.mean(axis=0), np.empty_like(y)
+        modes = np.empty((self.assembly.size, 6))
         for axis in range(3):
-            motions[:, axis, axis] = 1.0
-            motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], from_middle)
-        modes = self.assembly.vector(motions)
+            motion[:] = np.eye(3)[axis]
+            modes[:, axis] = self.assembly.vector(motion)
+            modes[:, 3 + axis] = self.assembly.vector(np.cross(np.eye(3)[axis], from_middle))
         internal = self.assembly.internal
         if internal:
             own = np.zeros((len(modes), 1))

@@ -86,6 +86,8 @@ class Newton:
     def matrix(self, increment: Increment, y: NDArray, mode: Mode, shift: float = 0.0) -> Any:
         """Hessian over the free coordinates and internal unknowns, in the format that `solver` prefers."""
         solver = self.solver(increment)
+        if mode == "projected" or not self._fresh:  # it will be factorised, or nothing is
+            solver.release()
         return total_hessian(
             self.system, increment, solver.assembly, y, mode, shift, by_blocks=solver.by_blocks
         )
@@ -262,9 +264,7 @@ class Newton:
         """Descent direction by the factorisation at hand and secants, or by the exact Hessian.
 
         The first one of a step is that of the projected Hessian, which costs half and always factorises; in
-        contact it is that of the exact one where it is definite.
-
-        `before` is the length of the last move, `least` what may be missing of this one at any rate.
+        contact that of the exact one where definite. `before`: length of the last move; `least`: its error.
         """
         if not self._fresh and not self._in_contact(y):
             first = self._projected_direction(increment, y, g).x

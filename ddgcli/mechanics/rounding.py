@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mechanics.pieces import pieces_of
 from ddgcli.mechanics.terms import Potential
 
 # relative rounding of a sum of n terms of about fifty operations each, divided by the root of n
@@ -46,7 +47,7 @@ class Rounding:
         for potential in potentials:
             force += float(np.abs(potential.gradient(x)).sum())
             if len(potential.stencil):
-                stiffness += _trace(potential, x)
+                stiffness += sum(_trace(piece, own_x) for piece, own_x in pieces_of(potential, x))
         return cls(float(np.finfo(float).eps * np.abs(x).max()), 3 * float(mass.sum()), stiffness, force)
 
     def energy(self, dt: float = np.inf, steps: int = 0) -> float:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import chain
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mechanics.hessian import assembly_of_terms, blocks_of
 from ddgcli.mechanics.system import System
-from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mechanics.terms import Mode, Potential
+
+MAX_POWERS = 60  # of the matrix, in its power iteration
 
 
 def stable_step(system: System, x: NDArray, reach: float) -> float:
@@ -17,36 +23,38 @@ def stable_step(system: System, x: NDArray, reach: float) -> float:
     """
     if not np.isfinite(reach):
         return np.inf
-    elastic = [(p.stencil, p.blocks(x, "material")) for p in system.potentials if len(p.stencil)]
+    elastic = [p for p in system.potentials if len(p.stencil)]
     barrier = sum((b.stiffest() for b in system.barriers), np.zeros(len(x)))
-    square = _largest_rate(system, elastic) + float((barrier / system.mass).max())
+    square = _largest_rate(system, elastic, x, "material") + float((barrier / system.mass).max())
     for p in system.potentials:
         if hasattr(p, "low_rank"):
             square += float(np.sum(p.low_rank(x) ** 2 / system.mass[:, None]))
     frozen = system.frozen(x, 0.0)
-    c = _largest_rate(system, [(p.stencil, p.blocks(np.zeros_like(x), "exact")) for p in frozen])
+    c = _largest_rate(system, frozen, np.zeros_like(x), "exact")
     if not square + c > 0:
         return np.inf
     return 0.9 * 2 * reach / (c + np.sqrt(c * c + 4 * square))
 
 
-def _largest_rate(system: System, elements: list[tuple[NDArray, NDArray]]) -> float:
-    """Largest eigenvalue of M^-1 K by power iteration, K the sum of element blocks."""
-    w = np.random.default_rng(0).normal(size=(len(system.mass), 3))
-    largest = 0.0
-    for _ in range(60 if elements else 0):
-        w = np.where(system.free, w, 0.0)
-        norm = np.sqrt(np.sum(system.mass[:, None] * w**2))
+def _largest_rate(system: System, terms: Sequence[Potential], x: NDArray, mode: Mode) -> float:
+    """Largest eigenvalue of M^-1 K by power iteration, K the sum of element blocks at x."""
+    if not terms:
+        return 0.0
+    assembly = assembly_of_terms(system.free, terms)
+    build = assembly.block_matrix if assembly.by_vertex else assembly.matrix
+    by_pairs = iter(assembly.by_pairs)
+    blocks = chain.from_iterable(blocks_of(p, by_pairs, x, mode) for p in terms)
+    stiffness = build(blocks, np.zeros(len(x)))
+    mass = np.repeat(system.mass, 3).reshape(-1, 3)
+    w, largest = np.random.default_rng(0).normal(size=x.shape), 0.0
+    for _ in range(MAX_POWERS):
+        w = system.only_free(w)
+        norm = np.sqrt(np.sum(mass * w**2))
         if not norm > 0:
             return 0.0
         w /= norm
-        kw = np.zeros_like(w)
-        for stencil, blocks in elements:
-            # internal unknowns are held: free, they could only lower the rate
-            inner = np.zeros((max(int(stencil.max(initial=0)) + 1 - len(w), 0), 3))
-            whole = np.concatenate([w, inner])
-            local = np.einsum("kij,kj->ki", blocks, whole[stencil].reshape(len(stencil), -1))
-            kw += sum_by_index(stencil, local.reshape(*stencil.shape, 3), len(whole))[: len(w)]
+        # internal unknowns are held: free, they could only lower the rate
+        kw = assembly.spread(stiffness @ assembly.vector(w))
         largest = float(np.sum(w * kw))
-        w = kw / system.mass[:, None]
+        w = kw / mass
     return largest

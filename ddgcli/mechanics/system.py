@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mechanics.pieces import in_pieces
 from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.terms import (
     Arrays,
@@ -129,7 +130,7 @@ class System:
     def _choose(self, all_terms: Sequence[Any]) -> None:
         """Sort the terms by kind, those that depend on time at `self.time`."""
         terms = [p.at(self.time) if isinstance(p, TimeDependent) else p for p in all_terms]
-        self.potentials: list[Potential] = [p for p in terms if isinstance(p, Potential)]
+        self.potentials: list[Potential] = [in_pieces(p) for p in terms if isinstance(p, Potential)]
         self.dissipations: list[Dissipation] = [p for p in terms if isinstance(p, Dissipation)]
         self.barriers: list[BarrierPotential] = [p for p in terms if isinstance(p, BarrierPotential)]
 

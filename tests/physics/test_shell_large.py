@@ -8,10 +8,16 @@ from scipy.sparse import bsr_array, csc_array
 
 from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.errors import SolveError
+from ddgcli.geometry.hinges import hinges
 from ddgcli.linalg import backends, displacements
 from ddgcli.linalg.displacements import BlockIterative, RigidMotions
+from ddgcli.mechanics import pieces
 from ddgcli.mechanics.assembly import Assembly
+from ddgcli.mechanics.hessian import assembly_of_terms, blocks_of
+from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mesh import shapes
+from ddgcli.models.shell.bending import HingeBending
+from ddgcli.models.shell.stretching import StVK, face_basis
 from tests.simulate import FALLING_CLOTH, HANGING_CLOTH, shell_run
 
 SOLVERS = pytest.mark.parametrize("solver", ITERATIVE_SOLVERS)
@@ -129,3 +135,33 @@ def test_an_indefinite_matrix_is_refused():
     iterative.prepare(csc_array(np.array([[1.0, 2.0], [2.0, 1.0]])), RigidMotions(np.ones((2, 1)), False))
     with pytest.raises(SolveError, match="not positive definite"):
         iterative.solve(np.array([1.0, -1.0]))
+
+
+@pytest.mark.parametrize("mesh", [shapes.grid(9, 7), shapes.random_sphere(90, 0)], ids=["grid", "random"])
+def test_pieces_of_a_potential_have_the_sums_of_the_whole(mesh, monkeypatch):
+    """Vertices of a piece lie together in a grid, and anywhere in a sphere whose vertices are random."""
+    x = np.asarray(mesh.points) + 0.01 * np.random.default_rng(0).normal(size=mesh.points.shape)
+    faces, stencil = np.asarray(mesh.faces), hinges(mesh.topology)
+    terms = [
+        StVK(faces, face_basis(mesh), np.ones(len(faces)), 1.0, 2.0),
+        HingeBending(stencil, np.ones(len(stencil)), np.zeros(len(stencil))),
+    ]
+    free = np.arange(3 * len(x)).reshape(-1, 3) >= 12
+
+    def sums():
+        potentials = [pieces.in_pieces(p) for p in terms]
+        assembly = assembly_of_terms(free, potentials)
+        by_pairs = iter(assembly.by_pairs)
+        blocks = (block for p in potentials for block in blocks_of(p, by_pairs, x, "exact"))
+        hessian = assembly.block_matrix(blocks, np.arange(len(x), dtype=float)).toarray()
+        trace = np.array(Rounding.at(potentials, np.ones(len(x)), x).stiffness)
+        energy = np.array([p.energy(x) for p in potentials])
+        return len(assembly.by_pairs), [hessian, trace, energy, *(p.gradient(x) for p in potentials)]
+
+    n_whole, whole = sums()
+    monkeypatch.setattr(pieces, "MIN_PIECE", 20)
+    monkeypatch.setattr(pieces, "MAX_PIECES", 100)
+    n_pieces, summed = sums()
+    assert n_whole == 2 and n_pieces > 12
+    for a, b in zip(whole, summed):
+        assert np.abs(a - b).max() <= 1e-13 * np.abs(a).max()

@@ -1,0 +1,81 @@
+"""Potentials of many elements, some at a time: an element needs many times its data on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mechanics.terms import Mode, Potential
+
+MIN_PIECE = 1 << 19  # elements
+MAX_PIECES = 16
+
+
+class Pieces:
+    """A potential whose energy and gradient are summed over pieces of its elements; else it is as it was.
+
+    Unlike a potential of few elements, it keeps nothing between two evaluations.
+
+    Parameters
+    ----------
+    whole : potential with the methods `subset` and `pair_blocks`
+    """
+
+    def __init__(self, whole: Any) -> None:
+        self._whole = whole
+        self.name: str = whole.name
+        self.stencil: NDArray[np.int64] = whole.stencil
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.__dict__["_whole"], name)
+
+    def rows(self) -> Iterator[slice]:
+        """Elements of each piece."""
+        size = max(MIN_PIECE, -(-len(self.stencil) // MAX_PIECES))
+        return (slice(begin, begin + size) for begin in range(0, len(self.stencil), size))
+
+    def pieces(self) -> Iterator[tuple[slice, Any]]:
+        """Of each piece: the vertices from its first to its last, and the potential of these."""
+        for rows in self.rows():
+            stencil = self.stencil[rows]
+            vertices = slice(int(stencil.min()), int(stencil.max()) + 1)
+            yield vertices, self._whole.subset(rows, stencil - vertices.start)
+
+    def energy(self, x: NDArray) -> float:
+        return float(sum(piece.energy(x[vertices]) for vertices, piece in self.pieces()))
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        total = np.zeros_like(x)
+        for vertices, piece in self.pieces():
+            total[vertices] += piece.gradient(x[vertices])
+        return total
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        return self._whole.blocks(x, mode)
+
+
+def in_pieces(potential: Potential) -> Potential:
+    """The potential, by pieces where it has many elements."""
+    many = len(potential.stencil) > MIN_PIECE
+    if many and hasattr(potential, "subset") and hasattr(potential, "pair_blocks"):
+        return Pieces(potential)
+    return potential
+
+
+def pieces_of(potential: Any, x: NDArray) -> Iterator[tuple[Any, NDArray]]:
+    """The potential of each piece and the positions of its vertices; itself and x where it is not divided."""
+    if not isinstance(potential, Pieces):
+        yield potential, x
+        return
+    for vertices, piece in potential.pieces():
+        yield piece, x[vertices]
+
+
+def stencils_of(potential: Any) -> list[NDArray[np.int64]]:
+    """Stencils of the pieces, by the vertices of the whole system."""
+    if not isinstance(potential, Pieces):
+        return [potential.stencil]
+    return [potential.stencil[rows] for rows in potential.rows()]
