@@ -18,6 +18,7 @@ from ddgcli.linalg.backends import (
     make_backend,
 )
 from ddgcli.linalg.indices import compact
+from ddgcli.linalg.iterative import Iterative
 
 log = logging.getLogger("ddgcli")
 
@@ -91,6 +92,11 @@ class Factor:
     @property
     def solver(self) -> str:
         return self._backend.name
+
+    @property
+    def iterative(self) -> Iterative | None:
+        """Conjugate gradients that take the place of the factorisation; None where there is one."""
+        return self._backend if isinstance(self._backend, Iterative) else None
 
     @property
     def repeats(self) -> bool:

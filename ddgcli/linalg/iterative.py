@@ -61,6 +61,15 @@ class Iterative:
     matrix : (n, n) csc_array
     name : {'multigrid', 'conjugate-gradients'}
 
+    Attributes
+    ----------
+    iterations : int
+        Of all solves since the last `refactor`.
+    most_iterations : int
+        Of one solution since the start.
+    residual : float
+        Largest |A x - b| / |b| of all solves, Euclidean norms.
+
     Raises
     ------
     MissingExtraError
@@ -73,7 +82,7 @@ class Iterative:
     def __init__(self, matrix: csc_array, name: str) -> None:
         require_multigrid(name)
         self.name = name
-        self.iterations = 0  # of all solves since the last factorisation
+        self.most_iterations, self.residual = 0, 0.0
         self._order = _local_order(matrix)
         self.refactor(matrix)
 
@@ -102,7 +111,8 @@ class Iterative:
     def _solve(self, b: NDArray) -> NDArray:
         """Rounds of conjugate gradients on the rows whose residual is more than rounding."""
         x = np.zeros(b.shape, dtype=np.result_type(b, self._matrix.dtype))
-        least, best = np.inf, x
+        least, best, before = np.inf, x, self.iterations
+        norm, left = float(np.linalg.norm(b)) or 1.0, np.inf
         for _ in range(MAX_ROUNDS):
             residual = b - self._matrix @ x
             size = self._magnitude @ np.abs(x) + np.abs(b)
@@ -114,7 +124,7 @@ class Iterative:
                 not inexact.any() or not np.isfinite(error) or (error <= SMALL_ERROR and error > 0.5 * least)
             )
             if error < least:
-                least, best = error, x
+                least, best, left = error, x, float(np.linalg.norm(residual)) / norm
             if ends:
                 break
             unit = float(np.abs(residual[inexact]).max())
@@ -127,6 +137,8 @@ class Iterative:
                 f"{self.name} did not converge (backward error {least:.2g}); use a direct solver, or repair "
                 "degenerate faces"
             )
+        self.most_iterations = max(self.most_iterations, self.iterations - before)
+        self.residual = max(self.residual, left)
         return best
 
     def _round(self, b: NDArray) -> NDArray | None:

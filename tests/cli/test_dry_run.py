@@ -101,6 +101,23 @@ def test_a_run_that_cannot_fit_is_refused_in_one_line_before_it_starts(inputs, t
     assert not (tmp_path / "d.ply").exists()
 
 
+@pytest.mark.parametrize(
+    "call",
+    [f"shell-sim {{mesh}} {SHELL}", "fluid-sim {mesh} --vorticity f --dt 1e-2"],
+    ids=["shell", "fluid"],
+)
+def test_a_scene_that_cannot_fit_is_refused_in_one_line_before_it_starts(
+    call, inputs, tmp_path, run, monkeypatch
+):
+    monkeypatch.setattr(prediction, "available_memory", lambda: 0.01 * MIB)
+    words = [*call.format(**inputs).split(), "--steps", 1, "-o", tmp_path / "a.vtkhdf"]
+    refusal = run(*words, "--dry-run")
+    assert refusal.exit_code == 2 and refusal.stdout == "" and refusal.stderr.count("\n") == 1
+    assert refusal.stderr.startswith(f"Error: {inputs['mesh']}: {words[0]} on 236 elements needs about")
+    monkeypatch.setattr(check_cost, "MIN_CHECKED_ELEMENTS", 1)
+    assert run(*words).stderr == refusal.stderr and list(tmp_path.iterdir()) == []
+
+
 def test_shell_steps_whose_factors_do_not_fit_are_predicted_with_conjugate_gradients(
     tmp_path, run, summary, monkeypatch
 ):

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ddgcli.cli.forecast.prediction import Prediction
     from ddgcli.mesh.fields import AnyMesh
 
-__all__ = ["check_cost", "dry_run_of", "predict_run", "size_of"]
+__all__ = ["check_cost", "dry_run_of", "predict_run", "refuse_run", "size_of"]
 
 MIN_CHECKED_ELEMENTS = 100_000  # smaller inputs fit, and their runs need no prediction
 CURES = {
@@ -82,16 +82,21 @@ def check_cost(run: Any, size: InputSize, options: Mapping[str, Any] | None = No
     """
     if not run.common.dry_run and size.elements * size.frame_count < MIN_CHECKED_ELEMENTS:
         return
-    from ddgcli.cli.forecast.prediction import as_results, refuse_without_memory  # not for small inputs
+    from ddgcli.cli.forecast.prediction import as_results  # not for small inputs
 
     prediction = predict_run(run, size, options)
-    path = run.input.get("path") or run.command
-    refuse_without_memory(
-        prediction, f"{path}: {run.command} on {size.elements:,} elements",
-        CURES.get(run.command, DEFAULT_CURE),
-    )  # fmt: skip
+    refuse_run(run, size, prediction)
     if run.common.dry_run:
         run.end_dry_run(as_results(prediction, size))
+
+
+def refuse_run(run: Any, size: InputSize, prediction: Prediction) -> None:
+    """Raise ParameterError for a run that needs more memory than is available."""
+    from ddgcli.cli.forecast.prediction import refuse_without_memory
+
+    path = run.input.get("path") or run.command
+    what = f"{path}: {run.command} on {size.elements:,} elements"
+    refuse_without_memory(prediction, what, CURES.get(run.command, DEFAULT_CURE))
 
 
 def dry_run_of(words: Sequence[str]) -> dict[str, Any]:

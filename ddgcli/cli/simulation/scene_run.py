@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from ddgcli.cli.forecast.check_cost import check_cost, predict_run
+from ddgcli.cli.forecast.check_cost import check_cost, predict_run, refuse_run
 from ddgcli.cli.forecast.kernels import InputSize
 from ddgcli.cli.forecast.prediction import as_results, with_halved_steps
 from ddgcli.cli.run import Run
@@ -128,6 +128,7 @@ def run_scene(
     facts = {"integrator": scene.time.integrator, **simulator.cost_facts()}
     if call.common.dry_run:
         prediction = predict_run(run, size, facts)
+        refuse_run(run, size, prediction)
         if schedule.tolerance is None:
             prediction = with_halved_steps(prediction, schedule.dt, simulator.step_limit())
         print_dry_run(run, scene, simulator.assembled(schedule), as_results(prediction, size))

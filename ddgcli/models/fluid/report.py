@@ -75,7 +75,21 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
         accuracy["dye_drift"] = _drift(series["total_dye"], float(series["absolute_dye"][0]))
     # of the integrators that keep energy, volumes have `energy` alone
     alternative = "energy" if any(m.context.is_volume for m in models.values()) else "conservative"
-    return results, {**accuracy, **_scheme_losses(series, enstrophy, integrator, alternative)}
+    accuracy |= _scheme_losses(series, enstrophy, integrator, alternative)
+    return results, accuracy | _linear_solver_accuracy(models)
+
+
+def _linear_solver_accuracy(models: Mapping[str, FluidModel]) -> dict[str, Any]:
+    """Fields of `accuracy` of a run whose steps were solved by conjugate gradients; none otherwise."""
+    solvers = [model.space.factor.iterative for model in models.values()]
+    used = [solver for solver in solvers if solver is not None]
+    if not used:
+        return {}
+    return {
+        "step_solver": used[0].name,
+        "step_solver_iterations": max(solver.most_iterations for solver in used),
+        "step_solver_residual": max(solver.residual for solver in used),
+    }
 
 
 def _scheme_losses(

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
+from ddgcli.linalg.factor import Factor
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.simulation.model import Observation
 
@@ -23,6 +24,11 @@ class FlowSpace(Protocol):
 
     @property
     def mesh(self) -> Any: ...
+
+    @property
+    def factor(self) -> Factor:
+        """Solver of the potential or the stream function of a flow."""
+        ...
 
     def rest(self) -> dict[str, NDArray]:
         """Named arrays of a fluid at rest."""

@@ -25,6 +25,7 @@ from scipy.sparse import coo_array, csr_array
 
 from ddgcli.errors import MeshError
 from ddgcli.linalg.constrain import Dirichlet, components
+from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.models.fluid.state import FluidState
@@ -106,6 +107,11 @@ class VolumeSpace:
     def solver(self) -> Dirichlet:
         """Factorisation of the potential's matrix, made once."""
         return Dirichlet(self.face_stiffness, np.flatnonzero(self._fixed_potentials()))
+
+    @property
+    def factor(self) -> Factor:
+        """Factorisation of the same matrix, over the potentials that are not fixed."""
+        return self.solver.factor
 
     @cached_property
     def face_stiffness(self) -> csr_array:
