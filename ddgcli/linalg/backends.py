@@ -33,6 +33,7 @@ log = logging.getLogger("ddgcli")
 # bytes of a factor: at most this times n^(4/3) in meshes of tetrahedra, less on surfaces
 MAX_FACTOR_BYTES = 250.0
 MIN_CHECKED_UNKNOWNS = 20_000  # smaller factors fit
+MATRIX_BYTES = 24.0  # of an entry of a matrix while it is assembled: value, row, place, sums
 # unknowns below which importing the CHOLMOD wheel costs more than it saves
 MIN_CHOLMOD_UNKNOWNS = 3000
 # entries below which dissection costs more than minimum degree (8,600 vertices of a mesh, 350 of a shell)
@@ -112,12 +113,13 @@ def choose_solver(
 def displacement_solver(graph: csc_array, size: int) -> str | None:
     """Iterative solver of a system that has (size, size) blocks in the places of a graph's entries.
 
-    None where its factors fit into the available memory, or DDGCLI_SOLVER names a direct solver.
+    None where its factors and the matrix, which is not there yet, fit into the available memory, or
+    DDGCLI_SOLVER names a direct solver.
     """
     name = _solver_setting(None)
     if name != "auto":
         return name if name in ITERATIVE_SOLVERS else None
-    return _solver_of_little_memory(graph, None, size)[0]
+    return _solver_of_little_memory(graph, None, size, MATRIX_BYTES * size**2 * graph.nnz)[0]
 
 
 def direct_solver(matrix: csc_array) -> str:
@@ -146,14 +148,14 @@ def _by_size(matrix: csc_array) -> str:
 
 
 def _solver_of_little_memory(
-    matrix: csc_array, entries: float | None, size: int = 1
+    matrix: csc_array, entries: float | None, size: int = 1, further: float = 0.0
 ) -> tuple[str | None, Analysis | None]:
     """Iterative solver where the factors do not fit, with a warning, else None; and the analysis if made.
 
-    Of a matrix that has (size, size) blocks in the places of the entries.
+    Of a matrix that has (size, size) blocks in the places of the entries. `further` bytes come on top.
     """
     n = size * matrix.shape[0]
-    available = available_memory() if n >= MIN_CHECKED_UNKNOWNS else np.inf
+    available = max(available_memory() - further, 0.0) if n >= MIN_CHECKED_UNKNOWNS else np.inf
     needed, analysis = _needed_bytes(matrix, available, entries, size)
     if needed <= available:
         return None, analysis

@@ -8,7 +8,6 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.hessian import assembly_of_terms, blocks_of
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode, Potential
 
@@ -40,6 +39,8 @@ def _largest_rate(system: System, terms: Sequence[Potential], x: NDArray, mode: 
     """Largest eigenvalue of M^-1 K by power iteration, K the sum of element blocks at x."""
     if not terms:
         return 0.0
+    from ddgcli.mechanics.hessian import assembly_of_terms, blocks_of  # a scene of loads alone needs none
+
     assembly = assembly_of_terms(system.free, terms)
     build = assembly.block_matrix if assembly.by_vertex else assembly.matrix
     by_pairs = iter(assembly.by_pairs)

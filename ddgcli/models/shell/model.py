@@ -15,7 +15,7 @@ from ddgcli.errors import SolveError
 from ddgcli.mechanics.driving import driving_work
 from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Integrator, Step
 from ddgcli.mechanics.stability import stable_step
-from ddgcli.mechanics.system import NO_MULTIPLIERS, Motion, System
+from ddgcli.mechanics.system import LINEAR_SOLVER, NO_MULTIPLIERS, Motion, System
 from ddgcli.mechanics.terms import FixedCoordinates, Memory, PrescribedMotion, ProportionalLoad, RampedLoad
 from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -266,6 +266,8 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         current = system.with_memory_at(motion.memory)
         current.begin_step()
         after = step(current, before, dt, parameters)
+        if LINEAR_SOLVER in system.cache:
+            system.cache[LINEAR_SOLVER].release()  # the next step has a matrix of its own
         memory = system.committed(after.x, motion.memory)
         past = (before.x, before.v, np.array([dt])) if integrator.multistep else ()
         end = after.time if integrator.own_time else time + dt
