@@ -71,6 +71,8 @@ class BlockIterative:
         require_multigrid(name)
         self.name = name
         self.most_iterations, self.residual = 0, 0.0
+        self._matrix: Any = None
+        self._precondition: Any = None
 
     def release(self) -> None:
         """Free the matrix and its preconditioner."""

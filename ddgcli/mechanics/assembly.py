@@ -163,15 +163,15 @@ def _keys(entries: tuple[NDArray, NDArray, NDArray], n: int) -> NDArray[np.int64
     return high * np.int64(n) + low
 
 
-class _Gather(NamedTuple):
+class _BlockSums(NamedTuple):
     """Sums of blocks of elements: to which pairs of vertices they belong, and a matrix of ones."""
 
     pairs: slice | NDArray[np.int64]
     matrix: csr_array
 
 
-def _gather(pair: NDArray, first: NDArray, stencil: NDArray, paired: bool) -> _Gather:
-    """`_Gather` of the blocks of a stencil, whose pairs and `first` entries are given."""
+def _gather(pair: NDArray, first: NDArray, stencil: NDArray, paired: bool) -> _BlockSums:
+    """`_BlockSums` of the blocks of a stencil, whose pairs and `first` entries are given."""
     begin, end = int(pair.min(initial=0)), int(pair.max(initial=-1)) + 1
     count = np.bincount(pair - begin, minlength=end - begin)
     pairs: slice | NDArray = slice(begin, end)
@@ -180,9 +180,9 @@ def _gather(pair: NDArray, first: NDArray, stencil: NDArray, paired: bool) -> _G
         pairs, count = begin + present, count[present]
     order = np.argsort(pair, kind="stable")
     if paired:
-        return _Gather(pairs, _pair_sums(order, count))
+        return _BlockSums(pairs, _pair_sums(order, count))
     k, s = stencil.shape
-    return _Gather(pairs, _row_sums(first[order], count, s, 3 * k * s * s))
+    return _BlockSums(pairs, _row_sums(first[order], count, s, 3 * k * s * s))
 
 
 def _pair_sums(order: NDArray, count: NDArray) -> csr_array:

@@ -14,7 +14,7 @@ MIN_PIECE = 1 << 19  # elements
 MAX_PIECES = 16
 
 
-class Pieces:
+class PotentialPieces:
     """A potential whose energy and gradient are summed over pieces of its elements; else it is as it was.
 
     Unlike a potential of few elements, it keeps nothing between two evaluations.
@@ -61,13 +61,13 @@ def in_pieces(potential: Potential) -> Potential:
     """The potential, by pieces where it has many elements."""
     many = len(potential.stencil) > MIN_PIECE
     if many and hasattr(potential, "subset") and hasattr(potential, "pair_blocks"):
-        return Pieces(potential)
+        return PotentialPieces(potential)
     return potential
 
 
 def pieces_of(potential: Any, x: NDArray) -> Iterator[tuple[Any, NDArray]]:
     """The potential of each piece and the positions of its vertices; itself and x where it is not divided."""
-    if not isinstance(potential, Pieces):
+    if not isinstance(potential, PotentialPieces):
         yield potential, x
         return
     for vertices, piece in potential.pieces():
@@ -76,6 +76,6 @@ def pieces_of(potential: Any, x: NDArray) -> Iterator[tuple[Any, NDArray]]:
 
 def stencils_of(potential: Any) -> list[NDArray[np.int64]]:
     """Stencils of the pieces, by the vertices of the whole system."""
-    if not isinstance(potential, Pieces):
+    if not isinstance(potential, PotentialPieces):
         return [potential.stencil]
     return [potential.stencil[rows] for rows in potential.rows()]
