@@ -138,7 +138,7 @@ hardcases-peers: $(STAMP_TEST)  ## the peers on the same meshes; ONLY=FAMILY, MI
 
 SECONDS ?= 60
 
-fuzz: $(STAMP_TEST)  ## mutated inputs cause only our own errors; FORMAT=ply SECONDS=3600 STORE=1
+fuzz: $(STAMP_TEST)  ## mutated inputs, random scenes and calls cause only our own errors; FORMAT=ply SECONDS=3600 STORE=1
 	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.fuzz --seconds $(SECONDS) $(if $(FORMAT),--format "$(FORMAT)") \
 	  $(if $(STORE),--store)
 	$(if $(STORE),$(HARDCASES).run --page)

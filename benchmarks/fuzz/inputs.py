@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.fuzz.call_checks import read_call
+from benchmarks.fuzz.call_options import random_call
 from benchmarks.fuzz.mesh_seeds import mesh_seeds
 from benchmarks.fuzz.scenes import fluid_scene, shell_scene
 from benchmarks.fuzz.seeds import EXPECTED_SUMMARY, EXPRESSIONS, FLUID_SCENES, ROW, SCENES
@@ -255,6 +257,8 @@ def kinds() -> dict[str, Kind]:
         Kind("valid fluid scene", lambda: FLUID_SCENES,
              read_by_command("scene.toml", "fluid-sim", "{input}", output="run.vtkhdf"),
              guarded=True, random_input=fluid_scene, cpu_seconds=SECONDS_FOR_A_RUN),
+        Kind("valid call", lambda: [], read_call, guarded=True, random_input=random_call,
+             cpu_seconds=SECONDS_FOR_A_RUN),
         Kind("trajectory", trajectory_seeds,
              read_by_command("r.vtkhdf", "frames", "{input}", "--at", "0.001", "-o", "{folder}/f.npz"), True),
         Kind("expression", lambda: EXPRESSIONS, read_expression),

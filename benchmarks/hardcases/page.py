@@ -175,7 +175,14 @@ def _fuzz(runs: dict[str, dict[str, Any]]) -> str:
         "run is repaired, with a test.\n\n"
         "Coverage-guided inputs are mutations of the valid files and of inputs that reached a line of the "
         "package first; the others are mutations of the valid files. Lines: of functions of the package, by "
-        "the valid files and by all inputs of the latest run that counted them.\n"
+        "the valid files and by all inputs of the latest run that counted them.\n\n"
+        "Valid scenes and valid calls are not mutated but made from random numbers. A call is a command with "
+        "random options, by their types, on a small random mesh: closed and bounded surfaces, handles, "
+        "tetrahedra, curves, needles, degenerate, duplicate and turned faces, soups, Möbius bands, scales of "
+        "1e±100, far from the origin. It also escapes where a result or a written array is not finite, a "
+        "refused run leaves a file, the summary lists other files than there are, an identity is violated "
+        "without a warning (area, Gauss-Bonnet, distances along edges, falling energies), or a refusal names "
+        "an option or a repair that does not cure it: the fuzz does what the message says and runs again.\n"
     )
     lines += [_row(FUZZ_COLUMNS), _row(["---"] * len(FUZZ_COLUMNS))]
     for name, row in runs.items():

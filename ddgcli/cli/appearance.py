@@ -9,6 +9,7 @@ import numpy as np
 
 from ddgcli.cli.options import named_array
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_matrix
 
 if TYPE_CHECKING:
     from ddgcli.io.mesh_file import MeshInput
@@ -43,7 +44,7 @@ def with_baked_colours(
     from ddgcli.plots.colour import baked_colours, is_signed, robust_limits
 
     values = named_array({**annotated.face, **annotated.vertex}, name)
-    size = values if values.ndim == 1 else np.linalg.norm(values.reshape(len(values), -1), axis=1)
+    size = values if values.ndim == 1 else np.linalg.norm(row_matrix(values), axis=1)
     low, high, signed = colour_range or robust_limits(size, is_signed(name, values.ndim))
     colours, colour_map = baked_colours(size, low, high, signed)
     place = "vertex" if name in annotated.vertex else "face"

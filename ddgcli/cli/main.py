@@ -110,21 +110,26 @@ class CommandGroup(click.Group):
                 ctx.meta["ddgcli.imports"] = clock
                 return super().invoke(ctx)
         except DdgError as error:
+            if error.exit_code != 2:
+                _commit_outputs(ctx)
             raise CommandError(_error_line(error, ctx), error.exit_code) from error
         except click.UsageError as error:
             raise CommandError(_usage(error), 2) from error
         except BrokenPipeError:
+            _commit_outputs(ctx)
             _discard_output()
             ctx.exit(0)
         except (KeyboardInterrupt, Terminated):
             _end_by_signal(ctx)
         except MemoryError as error:
+            _commit_outputs(ctx)
             raise CommandError(f"out of memory ({error}); use a smaller mesh or fewer outputs", 1) from error
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except OSError as error:
             if error.errno not in OUTPUT_ERRNOS or ctx.params.get("debug"):
                 raise _internal(error, ctx) from error
+            _commit_outputs(ctx)
             _discard_output()
             raise CommandError(
                 f"the output cannot be written ({os.strerror(error.errno)}); free some disk space", 1
@@ -135,7 +140,14 @@ class CommandGroup(click.Group):
             raise _internal(error, ctx) from error
 
 
+def _commit_outputs(ctx: click.Context) -> None:
+    """Put the outputs that are complete in their places: nothing is wrong with the call or the input."""
+    if "ddgcli.outputs" in ctx.meta:
+        ctx.meta["ddgcli.outputs"].commit()
+
+
 def _end_by_signal(ctx: click.Context) -> None:
+    _commit_outputs(ctx)
     number = received_signal() or signal.SIGINT
     click.echo("Interrupted" if number == signal.SIGINT else f"Ended by {number.name}", err=True)
     ctx.exit(128 + number)

@@ -293,9 +293,18 @@ common_without_pictures = grouped_options("common", CommonOptions, (*_OUTPUT_OPT
 
 
 def refuse_options(reason: str, *names: str) -> None:
-    """Raise ParameterError for the first of these parameters that is on the command line."""
+    """Raise ParameterError that names all of these parameters that are on the command line.
+
+    All at once: one of them may need another, which the next error would refuse.
+    """
     context = click.get_current_context()
-    for parameter in context.command.params:
-        source = context.get_parameter_source(parameter.name or "")
-        if parameter.name in names and source is ParameterSource.COMMANDLINE:
-            raise ParameterError(f"{parameter.opts[0]} {reason}")
+    words = [
+        parameter.opts[0]
+        for parameter in context.command.params
+        if parameter.name in names
+        and context.get_parameter_source(parameter.name) is ParameterSource.COMMANDLINE
+    ]
+    if len(words) == 1:
+        raise ParameterError(f"{words[0]} is {reason}; leave it out")
+    if words:
+        raise ParameterError(f"{', '.join(words[:-1])} and {words[-1]} are {reason}; leave them out")

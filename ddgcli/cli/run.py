@@ -21,12 +21,12 @@ from ddgcli.cli.parameters import option_names, with_repair_command
 from ddgcli.cli.progress import Progress
 from ddgcli.cli.summary import plain, print_summary
 from ddgcli.errors import MeshError, OutputError, ParameterError
+from ddgcli.io.temporary import StagedOutputs
 
 if TYPE_CHECKING:
     from ddgcli.io.mesh_file import MeshInput
     from ddgcli.mesh.fields import AnnotatedMesh
 
-MAX_SUBDIVIDED_FACES = 20_000_000
 COLOUR_FORMATS = (".ply", ".glb", ".obj")  # formats whose colours other programs show
 
 log = logging.getLogger("ddgcli")
@@ -76,6 +76,7 @@ class Run:
         self._input_vertex: Any = None
         self._source: MeshInput | None = None
         self._planned_outputs: list[str] = []
+        self._staged = meta["ddgcli.outputs"] = StagedOutputs()
         self._progress = Progress(command, False, None)
         self._messages = MessageHandler(common.verbose, common.quiet, option_names(self._context.command))
         self._messages.install()
@@ -83,6 +84,7 @@ class Run:
         self._check_picture(pictures)
         self.progress(command)
         self._context.call_on_close(lambda: self._progress.clear())
+        self._context.call_on_close(self._staged.discard)
 
     def _check_outputs(self, formats: Sequence[str] | None) -> None:
         common = self.common
@@ -217,7 +219,9 @@ class Run:
                 "gives another surface; use the mesh that it was made from"
             )
         if subdivide:
-            source = _subdivided(source, subdivide)
+            from ddgcli.cli.subdivided_input import subdivided_input
+
+            source = subdivided_input(source, subdivide)
         self._source = source
         self.input = {"path": path, **input_facts(source.mesh)}
         if self.input.get("faces") and self.input["genus"] is None:
@@ -301,7 +305,8 @@ class Run:
                 whole = {"input_vertex": self._input_vertex, **whole}
             metadata = {**self.metadata, "converged": converged, **annotated.metadata}
             output_format = self.common.output_format if path == "-" else None
-            write_mesh(path, replace(annotated, whole=whole, metadata=metadata), output_format=output_format)
+            annotated = replace(annotated, whole=whole, metadata=metadata)
+            write_mesh(path, annotated, output_format=output_format, staged=self._staged)
             self.outputs.append(path)
 
     def write_bytes(self, path: str, data: bytes | memoryview, *, in_place: bool = False) -> None:
@@ -314,8 +319,16 @@ class Run:
 
             if not in_place:
                 self._protect_inputs(path)
-            write_atomically(path, data)
+            write_atomically(path, data, staged=self._staged)
             self.outputs.append(path)
+
+    def make_folder(self, folder: Path) -> None:
+        """Make a folder for outputs; a run with an error removes it."""
+        self._staged.make_folder(folder)
+
+    def commit_outputs(self) -> None:
+        """Put the complete outputs in their places: all at once, so that an error in one leaves none."""
+        self._staged.commit()
 
     def plot(self, draw: Callable[[str], Any]) -> None:
         """Draw the picture of --plot, if there is one, with `draw(path)`."""
@@ -335,7 +348,7 @@ class Run:
             self._protect_inputs(path)
             if progress:
                 self.progress("picture")
-            with atomic_output(path) as partial:
+            with atomic_output(path, self._staged) as partial:
                 yield partial
             self.outputs.append(path)
 
@@ -370,6 +383,7 @@ class Run:
         if missing:
             shown = ", ".join(missing[:5]) + (", ..." if len(missing) > 5 else "")
             log.warning(f"could not be computed and is null: {shown}")
+        self.commit_outputs()
         self._messages.print_warnings()
         body["seconds"] = self.clock.seconds()
         body |= {"warnings": list(self._messages.warnings), "outputs": list(self.outputs)}
@@ -378,23 +392,3 @@ class Run:
             print_summary(body, self.common.as_json, to_error, text, full=self.common.full)
         if not converged:
             self._context.exit(exit_code)
-
-
-def _subdivided(source: MeshInput, times: int) -> MeshInput:
-    """The input with every face split in four `times` times, without its arrays."""
-    from ddgcli.mesh.shapes import midpoint_subdivided
-
-    if source.kind == "tetrahedra":
-        raise ParameterError("splits the faces of a surface, and MESH holds tetrahedra; leave it out",
-                             parameter="subdivide")  # fmt: skip
-    dropped = sorted({*source.vertex, *source.face, *source.edge})
-    if dropped:
-        log.warning("`subdivide` drops the arrays %s", ", ".join(dropped))
-    n_faces = source.surface.n_faces * 4**times
-    if n_faces > MAX_SUBDIVIDED_FACES:
-        raise ParameterError(
-            f"{times} would make {n_faces:,} faces, more than {MAX_SUBDIVIDED_FACES:,}; use a smaller number",
-            parameter="subdivide",
-        )
-    finer = midpoint_subdivided(source.surface, times)
-    return replace(source, mesh=finer, vertex={}, face={}, edge={}, input_face=None)

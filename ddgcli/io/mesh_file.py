@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import InputError, MeshError, MeshFileError, OutputError, excerpt
 from ddgcli.io.readers.raw_mesh import RawMesh, assembled
-from ddgcli.io.temporary import create_new, temporary_name
+from ddgcli.io.temporary import StagedOutputs, create_new, temporary_name
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
@@ -280,10 +280,16 @@ def _check_regular(path: str) -> None:
         raise OutputError(f"{path}: is a pipe or device, not a file; name a file, or - for standard output")
 
 
-def write_mesh(path: str, annotated: AnnotatedMesh, *, output_format: str | None = None) -> None:
+def write_mesh(
+    path: str,
+    annotated: AnnotatedMesh,
+    *,
+    output_format: str | None = None,
+    staged: StagedOutputs | None = None,
+) -> None:
     """Write a mesh with its arrays, whole or not at all; the extension chooses the format.
 
-    A `path` of `-` writes to standard output in `output_format`.
+    A `path` of `-` writes to standard output in `output_format`; `staged` as in `atomic_output`.
     """
     suffix = check_output(path, output_format)
     from ddgcli.io.writers.cell_data import cell_data_of
@@ -298,32 +304,38 @@ def write_mesh(path: str, annotated: AnnotatedMesh, *, output_format: str | None
         sys.stdout.buffer.write(data)
         sys.stdout.buffer.flush()
         return
-    write_atomically(path, data)
+    write_atomically(path, data, staged=staged)
 
 
-def write_atomically(path: str, data: bytes | memoryview) -> None:
-    """Write bytes to a path, all or nothing."""
-    with atomic_output(path) as partial:
+def write_atomically(path: str, data: bytes | memoryview, *, staged: StagedOutputs | None = None) -> None:
+    """Write bytes to a path, all or nothing; `staged` as in `atomic_output`."""
+    with atomic_output(path, staged) as partial:
         Path(partial).write_bytes(data)
 
 
 @contextlib.contextmanager
-def atomic_output(path: str) -> Iterator[str]:
+def atomic_output(path: str, staged: StagedOutputs | None = None) -> Iterator[str]:
     """A temporary path beside `path` (same extension) that is renamed to it if the block raises nothing.
 
     A link is followed; the permissions of a replaced file are kept. After an error no file remains.
+    With `staged` the file is added to it, and its `commit` renames it.
     """
     _check_regular(path)
     target = Path(os.path.realpath(path))
     try:
         partial = temporary_name(target, target.suffix)
+        completed = False
         try:
             create_new(partial)
             yield partial
             os.chmod(partial, _mode(target))
-            os.replace(partial, target)
+            if staged is None:
+                os.replace(partial, target)
+            else:
+                staged.add(partial, target)
+            completed = True
         finally:
-            if os.path.exists(partial):
+            if not completed and os.path.exists(partial):
                 os.unlink(partial)
     except OSError as error:
         raise OutputError(

@@ -6,6 +6,54 @@ import contextlib
 import os
 from pathlib import Path
 
+from ddgcli.errors import OutputError
+
+
+class StagedOutputs:
+    """Complete files beside their targets, which they replace together: all outputs of a run, or none."""
+
+    def __init__(self) -> None:
+        self._files: list[tuple[str, Path]] = []  # temporary path, target
+        self._folders: list[Path] = []  # made for them
+
+    def add(self, partial: str, target: Path) -> None:
+        """Keep a complete file until `commit` or `discard`."""
+        self._files.append((partial, target))
+
+    def make_folder(self, folder: Path) -> None:
+        """Make a folder and those above it; `discard` removes them."""
+        missing = [path for path in (folder, *folder.parents) if not path.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folders += missing[::-1]
+
+    def commit(self) -> None:
+        """Rename every file to its target.
+
+        Raises
+        ------
+        OutputError
+            A file that cannot be renamed; those before it are in place.
+        """
+        while self._files:
+            partial, target = self._files[0]
+            try:
+                os.replace(partial, target)
+            except OSError as error:
+                raise OutputError(f"{target}: cannot be written ({error.strerror or error})") from error
+            del self._files[0]
+        self._folders.clear()
+
+    def discard(self) -> None:
+        """Remove the files that have not replaced their targets, and the empty folders made for them."""
+        while self._files:
+            with contextlib.suppress(OSError):
+                os.unlink(self._files[-1][0])
+            del self._files[-1]
+        while self._folders:
+            with contextlib.suppress(OSError):
+                self._folders[-1].rmdir()
+            del self._folders[-1]
+
 
 def temporary_beside(target: Path, suffix: str = "") -> str:
     """Path of a new empty file in the target's folder; leftovers of killed processes for it are removed."""

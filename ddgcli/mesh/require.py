@@ -216,7 +216,11 @@ def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None
 def _require_area(mesh: TriangleMesh) -> None:
     side = mesh.side_vector / mesh.side_length.max()
     if (np.abs(np.cross(side[:, 0], side[:, 1])) <= FLAT_AREA_TOLERANCE).all():
-        raise MeshError(f"none of the {mesh.n_faces} faces has an area; check the coordinates")
+        raise _no_area_error(mesh.n_faces)
+
+
+def _no_area_error(n_faces: int) -> MeshError:
+    return MeshError(f"none of the {n_faces} faces has an area; check the coordinates")
 
 
 def _require_every_area(mesh: TriangleMesh, *, manifold: bool = False, oriented: bool = False) -> None:
@@ -234,6 +238,8 @@ def refuse_flat_faces(
     """
     if len(flat) == 0:
         return
+    if topology is not None and len(flat) == topology.n_faces:  # their removal would leave nothing
+        raise _no_area_error(len(flat))
     corners = "" if topology is None else f", vertices {', '.join(str(v) for v in topology.faces[flat[0]])}"
     raise MeshError(
         f"{len(flat)} faces have no area (first: face {flat[0]}{corners}); "

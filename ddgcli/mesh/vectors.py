@@ -15,6 +15,11 @@ def vector_length(vectors: NDArray) -> NDArray[np.float64]:
     return largest * np.sqrt(np.einsum("...i,...i->...", scaled, scaled))
 
 
+def row_matrix(values: NDArray) -> NDArray:
+    """(n, k) entries of each of n rows, of any shape; `reshape(n, -1)` fails where n is 0."""
+    return values.reshape(len(values), int(np.prod(values.shape[1:])))
+
+
 def unit_vectors(vectors: NDArray) -> NDArray[np.float64]:
     """(..., d) vectors at unit length; zero where they are zero."""
     length = vector_length(vectors)[..., None]

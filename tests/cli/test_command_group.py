@@ -270,7 +270,7 @@ def test_a_mesh_is_written_to_standard_output(torus, tmp_path, suffix):
 
 
 def test_too_many_subdivided_faces_are_an_error(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("ddgcli.cli.run.MAX_SUBDIVIDED_FACES", 1000)
+    monkeypatch.setattr("ddgcli.cli.subdivided_input.MAX_SUBDIVIDED_FACES", 1000)
     sphere = tmp_path / "sphere.ply"
     write_mesh(str(sphere), AnnotatedMesh(shapes.icosphere(1)))
     assert run("laplacian", sphere, "--subdivide", 1).exit_code == 0

@@ -9,6 +9,7 @@ from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME, SCHEME
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from tests.cli.test_command_group import refused
 
 VERTEX = {
     "angle_defect", "vertex_area", "gaussian_curvature", "geodesic_curvature", "mean_curvature",
@@ -172,3 +173,14 @@ def test_fits_in_blocks_are_the_same_bits_for_any_number_of_jobs(run, torus, tmp
     assert all(np.array_equal(arrays[0][name], arrays[1][name]) for name in VERTEX)
     refusal = run("curvature", torus, "--jobs", 2, "--scheme", "cotan")
     assert refusal.exit_code == 2 and "--jobs: is for --scheme quadric" in refusal.stderr
+
+
+def test_options_for_surfaces_are_refused_together_for_a_curve(run, tmp_path):
+    curve = tmp_path / "curve.csv"
+    curve.write_text("0,0\n1,0\n1,1\n0,0\n")
+    words = ("--offset", 0.1, "--offset-output", tmp_path / "o.ply")
+    # the second needs the first: leaving out one of them only would be refused again
+    refused(
+        run("curvature", curve, *words), "--offset and --offset-output are for surfaces", "leave them out"
+    )
+    refused(run("curvature", curve, "--jobs", 2), "--jobs is for surfaces", "leave it out")

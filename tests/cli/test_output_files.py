@@ -83,6 +83,40 @@ def test_a_failed_write_leaves_the_old_file(run, torus, tmp_path, monkeypatch):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.vtu", "torus.ply"]
 
 
+def test_an_error_in_a_later_output_leaves_none(run, torus, tmp_path):
+    before = sorted(tmp_path.iterdir())
+    wrong = ("-o", tmp_path / "a.ply", "--colors", "missing")  # known when this output is written
+    refused(run("laplacian", torus, "--mass-matrix", tmp_path / "m.mtx", *wrong), "missing")
+    refused(run("geodesic", torus, "--source", 0, "-o", tmp_path / "b.npz", *wrong), "missing")
+    refused(run("shell-sim", torus, "--effect", "gravity", "--steps", 1, "--dt", 1e-3,
+                "-o", tmp_path / "c.vtkhdf", *wrong), "missing")  # fmt: skip
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_outputs_of_a_run_that_did_not_converge_are_written(run, torus, tmp_path):
+    call = ("delaunay", torus, "--refine", 30, "--max-points", 1)
+    result = run(*call, "-o", tmp_path / "a.npz", "--overlay", tmp_path / "b.vtu")
+    assert result.exit_code == 1
+    assert {"a.npz", "b.vtu"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_a_folder_for_outputs_that_are_refused_is_removed(tmp_path):
+    from ddgcli.io.mesh_file import write_atomically
+    from ddgcli.io.temporary import StagedOutputs
+
+    staged, old = StagedOutputs(), tmp_path / "old"
+    old.mkdir()
+    staged.make_folder(tmp_path / "new" / "inner")
+    for path in (tmp_path / "new" / "inner" / "a", old / "a"):
+        write_atomically(str(path), b"1", staged=staged)
+    staged.discard()
+    assert [*tmp_path.rglob("*")] == [old]
+    write_atomically(str(old / "a"), b"2", staged=staged)
+    assert not (old / "a").exists()
+    staged.commit()
+    assert [path.read_bytes() for path in old.iterdir()] == [b"2"]
+
+
 def test_the_same_run_writes_the_same_bytes(run, torus, tmp_path):
     output, written = tmp_path / "a.vtu", []
     for _ in range(2):

@@ -163,10 +163,11 @@ def _half_edges(dual: CircumcentricDual, mesh: IntrinsicMesh) -> tuple[NDArray, 
     """Sides from whose middles dual edges run into their faces, the distances to their starts, their lengths.
 
     Where the circumcentre of the other face lies on the same side of the edge, the dual edge starts there.
+    The circumcentre of a face without area may lie at infinity: its dual edges have no end.
     """
     twin, distance = mesh.topology.side_twin.ravel(), dual.side_distance.ravel()
     start = np.where(twin >= 0, np.maximum(-distance[twin], 0.0), 0.0)
-    side = np.flatnonzero(distance > start)
+    side = np.flatnonzero((distance > start) & np.isfinite(distance))
     return side, start[side], (distance - start)[side]
 
 

@@ -35,7 +35,7 @@ from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import vector_length
+from ddgcli.mesh.vectors import row_matrix, vector_length
 from ddgcli.operators.laplacian import stiffness
 from ddgcli.operators.mollify import mollify_mesh
 
@@ -291,7 +291,7 @@ def dirichlet_energy(matrix: Any, values: NDArray) -> float:
     For the positions on the input triangulation it is the area; every Delaunay flip lowers it (Rippa 1990).
     A sum over edges: the product with the matrix would cancel where cotangents are large (needles).
     """
-    values, entries = values.reshape(len(values), -1), matrix.tocoo()
+    values, entries = row_matrix(values), matrix.tocoo()
     difference = values[entries.row] - values[entries.col]
     return float(-0.25 * np.einsum("e,ek,ek->", entries.data, difference, difference))
 

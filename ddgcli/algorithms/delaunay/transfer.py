@@ -13,6 +13,7 @@ from ddgcli.algorithms.delaunay.common_subdivision import CommonSubdivision
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.vectors import row_matrix
 from ddgcli.operators.laplacian import galerkin_mass, lumped_vertex_area
 
 
@@ -81,7 +82,7 @@ def check_transferable(arrays: dict[str, NDArray], reserved: Collection[str]) ->
             raise ParameterError(
                 f"the array {name!r} has type {values.dtype}; use an array of numbers", parameter="transfer"
             )
-        bad = np.flatnonzero(~np.isfinite(values).reshape(len(values), -1).all(axis=1))
+        bad = np.flatnonzero(~row_matrix(np.isfinite(values)).all(axis=1))
         if len(bad):
             raise ParameterError(
                 f"the array {name!r} is not finite at vertex {bad[0]} ({len(bad)} such vertices); correct it",
@@ -91,7 +92,7 @@ def check_transferable(arrays: dict[str, NDArray], reserved: Collection[str]) ->
 
 def transfer_to_intrinsic(cut: CommonSubdivision, arrays: dict[str, NDArray]) -> dict[str, TransferResult]:
     """Transfer arrays on the input's vertices to the intrinsic triangulation, by `transfer` in one solve."""
-    columns = {name: np.asarray(a, dtype=np.float64).reshape(len(a), -1) for name, a in arrays.items()}
+    columns = {name: row_matrix(np.asarray(a, dtype=np.float64)) for name, a in arrays.items()}
     whole = np.concatenate(list(columns.values()), axis=1)
     transferred = transfer(cut, whole, to="intrinsic")
     bounds = np.cumsum([0, *(c.shape[1] for c in columns.values())])

@@ -187,7 +187,7 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
         if not heat.heat_residual <= MAX_HEAT_RESIDUAL:
             raise ParameterError(
                 f"heat of time {solver.time:g} is lost to rounding (residual {heat.heat_residual:.2g}); give "
-                "a shorter `heat_time`, or use `method=exact`"
+                "a shorter `heat_time`, or use another method"
             )
         accuracy: dict[str, Any] = {
             "heat_residual": heat.heat_residual,

@@ -24,6 +24,7 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_matrix
 from ddgcli.operators.dec import Complex, complex_of
 from ddgcli.operators.whitney import barycentric_gradients, sharp, whitney_load
 
@@ -185,7 +186,7 @@ def _finite(values: NDArray, count: int, place: str) -> NDArray[np.float64]:
         raise ParameterError(
             f"an array of {len(values)} values; the mesh has {count} at kind {place}", parameter="field"
         )
-    bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+    bad = np.flatnonzero(~np.isfinite(row_matrix(values)).all(axis=1))
     if len(bad):
         raise ParameterError(f"not finite at {place} {bad[0]} ({len(bad)} such values)", parameter="field")
     return values

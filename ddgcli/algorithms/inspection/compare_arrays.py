@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.inspection.compare_summaries import Tolerances
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.vectors import row_matrix
 
 PLACES = ("vertex", "face", "edge")
 
@@ -85,7 +86,7 @@ def _difference(
     before: NDArray, after: NDArray, tolerance: tuple[float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(k,) length of the difference and what is allowed; infinite where only one is finite or NaN."""
-    rows = [values.astype(np.float64).reshape(len(values), -1) for values in (before, after)]
+    rows = [row_matrix(values.astype(np.float64)) for values in (before, after)]
     same = (rows[0] == rows[1]) | (np.isnan(rows[0]) & np.isnan(rows[1]))
     with np.errstate(invalid="ignore", over="ignore"):
         step = np.where(same, 0.0, rows[1] - rows[0])

@@ -118,7 +118,7 @@ def _matrix(
 
     if sources.first_curve != len(sources.vertex) or len(sources.edge):
         raise ParameterError(
-            "has rows for source vertices only; drop other sources", parameter="distance_matrix"
+            "has rows for source vertices only; name each source by its vertex", parameter="distance_matrix"
         )
     targets = np.array(query.targets, dtype=np.int64)
     distance = distance_matrix(

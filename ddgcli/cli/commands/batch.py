@@ -101,6 +101,7 @@ def command(
     )  # fmt: skip
     if table is not None:
         run.write_bytes(table, table_bytes(table, rows))
+        run.commit_outputs()
         journal_path(table).unlink(missing_ok=True)
     warn_of_empty_columns(rows, collect)
     counts = Counter(row.status for row in rows)

@@ -127,14 +127,12 @@ def command(
 
     if isinstance(source.mesh, CurveSet):
         options.refuse_options(
-            "is for surfaces, and this is a curve; leave it out",
+            "for surfaces, and this is a curve",
             *("scheme", "radius", "map_name", "jobs", *MEASURE_NAMES),
         )
         _curves(run, source.mesh, with_frames, resample)
     else:
-        options.refuse_options(
-            "is for curves, and this is a surface; leave it out", "with_frames", "resample"
-        )
+        options.refuse_options("for curves, and this is a surface", "with_frames", "resample")
         _surface(run, source, scheme, radius, map_name, jobs or 1, measures)
 
 

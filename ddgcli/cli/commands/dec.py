@@ -156,7 +156,7 @@ def write_matrix_market(run: Run, folder: Path, operators: DecMatrices) -> None:
     from ddgcli.io.matrix_file import matrix_bytes
 
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        run.make_folder(folder)
     except OSError as error:
         raise OutputError(f"{folder}: {error.strerror}; name another folder") from error
     for name, matrix in operators.matrices.items():

@@ -77,6 +77,7 @@ class Fluids:
 
     moving = False
     splits = False
+    final_names = ()
 
     def __init__(
         self, scene: Scene, account: Account, read_mesh: ReadMesh, read_array: ReadArray,

@@ -276,7 +276,7 @@ def _series(run: Run, source: Trajectory, output: str, frame_numbers: list[int])
     from ddgcli.mesh.fields import AnnotatedMesh
 
     folder = Path(output).with_suffix("")
-    folder.mkdir(exist_ok=True)
+    run.make_folder(folder)
     written = []
     for k in frame_numbers:
         frame_meshes = {f"frame_{k:05d}": _annotated(source, k)}

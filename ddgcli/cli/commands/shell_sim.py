@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ddgcli.choices import SHELL_FACE_ARRAYS
 from ddgcli.cli.simulation.options import SceneCall, scene_options
 from ddgcli.errors import ParameterError
 
@@ -109,6 +110,13 @@ class Shells:
 
         return model.systems(self.scene, self.contexts, self.account)
 
+    @property
+    def final_names(self) -> tuple[str, ...]:
+        """Names that arrays of `final` may have."""
+        counts = {"mode": self.n_modes, "buckling": self.n_buckling}
+        shapes = [f"{name}_{k:03d}" for name, count in counts.items() for k in range(count or 0)]
+        return (*SHELL_FACE_ARRAYS, *shapes)
+
     @cached_property
     def order(self) -> list[tuple[str, int]]:
         """System and number of vertices of each shell."""
@@ -131,8 +139,10 @@ class Shells:
         return min((model.largest_step for model in self.models().values()), default=math.inf)
 
     def models(self) -> dict[str, Model]:
-        from ddgcli.models.shell import model
+        from ddgcli.models.shell import model, report
 
+        if self.n_modes or self.n_buckling:
+            report.check_analysis(self.systems)
         return model.models(self.scene, self.contexts, self.systems)
 
     def _at_end(

@@ -71,6 +71,11 @@ class Physics(Protocol):
         """(vertex, face) arrays of the last frame, for meshes."""
         ...
 
+    @property
+    def final_names(self) -> tuple[str, ...]:
+        """Names that arrays of `final` may have."""
+        ...
+
     def obstacle_poses(self, time: float) -> dict[str, NDArray]:
         """(12,) rotation by rows and translation of each moving obstacle from its start."""
         ...
@@ -141,7 +146,7 @@ def run_scene(
         {"input_sha256": digest, "overrides": overrides, "folder": document.folder},
         {"scene_source": document.source, "scene_resolved": resolved}, simulator.face(),
         obstacle_meshes(scene.objects, meshes, mesh_reader(run, document)), simulator.obstacle_poses,
-        simulator.failure_reason, simulator.final, simulator.splits, simulator.splits,
+        simulator.failure_reason, simulator.final, simulator.final_names, simulator.splits, simulator.splits,
     )  # fmt: skip
     _report(run, scene, simulator, account, simulate(run, job), job.obstacles_at)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,17 +11,18 @@ import click
 from numpy.typing import NDArray
 
 from ddgcli import __version__
+from ddgcli.cli.options import named_array
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.fields import AnnotatedMesh, TrajectoryFrame
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import moved_rigidly
 from ddgcli.simulation.account import Account
-from ddgcli.simulation.frames import joined_mesh, mesh_of_frame
+from ddgcli.simulation.frames import joined_frame, joined_mesh, mesh_of_frame
 from ddgcli.simulation.model import Arrays, Event, Model, Schedule
 from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.recording import Recorder, run_models
-from ddgcli.simulation.time_loop import Snapshot, stop_reason
+from ddgcli.simulation.time_loop import Snapshot, evolve, stop_reason
 
 TRAJECTORIES = (".vtkhdf", ".h5")
 
@@ -54,6 +55,8 @@ class Job:
         Reason why a complete run is unreliable, or "".
     final : callable Outcome -> (dict, dict)
         Vertex and face arrays of the last frame, for meshes.
+    final_names : sequence of str
+        Names that these may have.
     changing_faces, changing_vertices : bool
         Whether the faces change, and the number of vertices.
     """
@@ -71,6 +74,7 @@ class Job:
     obstacle_poses: Callable[[float], Mapping[str, NDArray]] = lambda time: {}
     failure_reason: Callable[[Outcome], str] = lambda outcome: ""
     final: Callable[[Outcome], tuple[dict[str, NDArray], dict[str, NDArray]]] = lambda outcome: ({}, {})
+    final_names: Sequence[str] = ()
     changing_faces: bool = False
     changing_vertices: bool = False
 
@@ -97,6 +101,7 @@ def simulate(run: Run, job: Job) -> Outcome:
     """
     mesh, number = joined_mesh(job.meshes)
     cell = {"object_id": number, **job.face} if len(job.meshes) > 1 else dict(job.face)
+    _check_array_names(run, job, cell)
     outcome = Outcome(mesh=mesh)
     recorder = Recorder(outcome, picture=bool(run.common.plot))
     paths = [p for p in run.common.outputs if Path(p).suffix.lower() in TRAJECTORIES]
@@ -165,6 +170,18 @@ def _open_trajectory(
         recorder.restore(_without_poses(partial_run.read_frame(k)) for k in range(partial_run.n_frames))
         recorder.outcome.events = partial_run.log_rows - 1  # the first row is the start
     return TrajectoryWriter.resume(job.resume, target, header, job.schedule.n_frames), start
+
+
+def _check_array_names(run: Run, job: Job, cell: Mapping[str, NDArray]) -> None:
+    """Raise ParameterError for an array of --show or --colors that frames do not have, before the run."""
+    shown, coloured = run.common.show, run.common.colors
+    if shown is None and coloured is None:
+        return
+    first = joined_frame(next(evolve(job.models, job.schedule, Account())))
+    if shown is not None:
+        named_array(first.vertex, shown)
+    if coloured is not None and coloured not in job.final_names:
+        named_array({**first.face, **cell, **first.vertex}, coloured)
 
 
 def _without_poses(trajectory_frame: TrajectoryFrame) -> TrajectoryFrame:

@@ -15,6 +15,7 @@ from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.vectors import row_matrix
 
 log = logging.getLogger("ddgcli")
 
@@ -109,7 +110,7 @@ def two_dimensional(value: NDArray) -> NDArray:
         value = value.astype(np.uint8)
     if value.dtype == np.float16:
         value = value.astype(np.float32)
-    return np.ascontiguousarray(value.reshape(len(value), -1) if value.ndim != 1 else value)
+    return np.ascontiguousarray(row_matrix(value) if value.ndim != 1 else value)
 
 
 def short_integers(value: NDArray) -> NDArray:

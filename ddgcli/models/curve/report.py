@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.vectors import row_matrix
 from ddgcli.models.curve.flow import CurveFlow
 
 MAX_RESOLVED_TURNING = np.pi / 3  # radians at a point; a hexagon's
@@ -86,7 +87,7 @@ def _keeps_length(flow: CurveFlow) -> bool:
 
 def _drift(values: NDArray) -> float:
     """Largest relative change of a quantity of each curve since the start."""
-    values = values.reshape(len(values), -1)
+    values = row_matrix(values)
     size = np.maximum(np.abs(values).max(axis=0), 1e-300)
     return float((np.abs(values - values[0]) / size).max())
 

@@ -167,6 +167,19 @@ def summary(
     return results, accuracy
 
 
+def _yields(systems: dict[str, System]) -> bool:
+    """Whether a shell has plasticity."""
+    return any("work" in memory.initial() for system in systems.values() for memory in system.memories)
+
+
+def check_analysis(systems: dict[str, System]) -> None:
+    """Raise ParameterError for shells whose modes are not computed."""
+    if any(system.constraints for system in systems.values()):
+        raise ParameterError("modes of shells with rigid edges are not computed; leave rigid out")
+    if _yields(systems):
+        raise ParameterError("modes of shells with plasticity are not computed; leave plasticity out")
+
+
 def final(
     outcome: Outcome,
     contexts: dict[str, ShellContext],
@@ -180,16 +193,12 @@ def final(
         return {}, {}, {}
     end, time = _split(outcome.end.points, systems, order), outcome.end.time
     systems = {name: _unbooked(system.at(time)) for name, system in systems.items()}
-    yields = any("work" in memory.initial() for system in systems.values() for memory in system.memories)
+    yields = _yields(systems)
     vertex: dict[str, NDArray] = {}
     results: dict[str, Any] = {}
     if n_modes or n_buckling:
         from ddgcli.models.shell import analysis
 
-        if any(system.constraints for system in systems.values()):
-            raise ParameterError("modes of shells with rigid edges are not computed; leave rigid out")
-        if yields:
-            raise ParameterError("modes of shells with plasticity are not computed; leave plasticity out")
         if n_modes:
             values, shapes = analysis.vibrations(systems, end, order, n_modes)
             results, vertex = {**results, **values}, {**vertex, **shapes}

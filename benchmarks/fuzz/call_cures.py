@@ -1,0 +1,129 @@
+"""Cures that a refusal names, applied to the call: an option to add, to replace or to leave out, a repair."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+from dataclasses import dataclass
+from random import Random
+
+import click
+
+from benchmarks.fuzz.call_options import MEASURES, SIMULATIONS, Place, command_of, value_of
+
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
+USED = re.compile(
+    r"(use|or|e\.g\.|add|give|needs) (--[a-z][a-z-]+)(?: ((?!or\b|and\b|to\b|is\b|for\b)[\w.:=-]+))?"
+)
+REPAIR = re.compile(r"ddgcli repair (?:[^;]|;(?! ))*?-o \S+-repaired\.ply")
+DROPS = re.compile(
+    r"leave (?:it|them|this|that|one|--[a-z-]+) out|leave out|drop|exclude each other|give one|keep one"
+)
+LEAVE = re.compile(r"(?:leave|drop) (--[a-z-]+(?:(?:, | and | or )--[a-z-]+)*)")
+ADDS = re.compile(r"add |give that|give it|give both|needs? ")
+
+
+@dataclass(frozen=True)
+class Cure:
+    """What a refusal names, and the words of the call that follows it.
+
+    Parameters
+    ----------
+    reason : str
+    words : list of str
+    before : list of str
+        A call that runs first: a repair.
+    """
+
+    reason: str
+    words: list[str]
+    before: tuple[str, ...] = ()
+
+
+def subject_of(words: list[str]) -> str:
+    """The command whose options the words are: the inner one of a comparison."""
+    inner = [word for word in words[1:] if word in (*MEASURES, *SIMULATIONS)]
+    return inner[0] if words[0] in ("tradeoff", "batch", "check") and inner else words[0]
+
+
+def spans(words: list[str], command: click.Command) -> list[tuple[str, int, int]]:
+    """Options in the words: long name, first word, end."""
+    by_word = {word: o for o in command.params if isinstance(o, click.Option)
+               for word in (*o.opts, *o.secondary_opts)}  # fmt: skip
+    result, k = [], 1
+    while k < len(words):
+        option = by_word.get(words[k])
+        if option is None:
+            k += 1
+            continue
+        end = k + 1 + (0 if option.is_flag or option.count else option.nargs)
+        if option.metavar and option.metavar.startswith("[") and end <= len(words):
+            end -= end - 1 < len(words) and words[end - 1].startswith("-") or end - 1 >= len(words)
+        result.append((max(option.opts, key=len), k, min(end, len(words))))
+        k = max(end, k + 1)
+    return result
+
+
+def without(words: list[str], name: str, command: click.Command) -> list[str]:
+    """The words without an option."""
+    cut = {k for option, first, end in spans(words, command) if option == name for k in range(first, end)}
+    return [word for k, word in enumerate(words) if k not in cut]
+
+
+def cures(words: list[str], message: str, place: Place, mesh_name: str) -> Iterator[Cure]:
+    """The cures of a refusal, those that its text is surest about first."""
+    command = command_of(subject_of(words))
+    named = {o.opts[-1] if o.opts[-1].startswith("--") else max(o.opts, key=len): o
+             for o in command.params if isinstance(o, click.Option)}  # fmt: skip
+    present = {name for name, _, _ in spans(words, command)}
+    for match in REPAIR.finditer(message):
+        repair = shlex.split(match.group(0))[1:]
+        if repair[1] == mesh_name:
+            fixed = "{folder}/repaired.ply"
+            before = ("repair", "{input}", *repair[2:-1], fixed)
+            yield Cure("repair", [fixed if word == "{input}" else word for word in words], before)
+            return
+    head, _, tail = re.sub(r": (?=use --)", "; ", message).rpartition("; ")
+    left = [name for group in LEAVE.findall(tail) for name in OPTION.findall(group) if name in present]
+    if left:
+        rest = words
+        for name in left:
+            rest = without(rest, name, command)
+        used = [(name, value) for _, name, value in USED.findall(tail) if name in named and value][:1]
+        for name, value in used:
+            rest = [*without(rest, name, command), name, value]
+        yield Cure(f"without {' '.join(left)}", rest)
+        return
+    for _, name, value in USED.findall(tail):
+        if name in named and not named[name].is_flag and value:
+            yield Cure(f"{name} {value}", [*without(words, name, command), name, value])
+        elif name in named and name not in present:
+            yield Cure(f"with {name}", [*words, *value_of(named[name], place)])
+    if suffixes := re.findall(r"(?<!\S)\.[a-z0-9]+", head) if "with -o" in tail else []:
+        yield Cure(
+            f"-o {suffixes[0]}", [*words, "-o", place.output("outputs").partition(".")[0] + suffixes[0]]
+        )
+    mentioned = list(dict.fromkeys(name for name in OPTION.findall(message) if name in named))
+    if drop := DROPS.search(tail):
+        here = [name for name in OPTION.findall(tail) if name in present] or mentioned
+        if " them " in drop.group(0):
+            rest = words
+            for name in here:
+                rest = without(rest, name, command)
+            yield Cure(f"without {' '.join(here)}", rest)
+            return
+        for name in here[:1] if " it" in drop.group(0) else here:
+            if name in present:
+                yield Cure(f"without {name}", without(words, name, command))
+    elif ADDS.search(tail):
+        for name in mentioned:
+            if name not in present:
+                yield Cure(f"with {name}", [*words, *value_of(named[name], place)])
+
+
+def place_of(rng: Random, words: list[str], mesh: dict) -> Place:
+    """Where values of added options come from."""
+    place = Place(rng, subject_of(words), mesh)
+    place.outputs = 50  # names of files that no earlier option has
+    return place

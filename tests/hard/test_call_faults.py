@@ -1,0 +1,45 @@
+"""Faults that random valid calls met: each call here once ended in an internal error or a wrong message."""
+
+import numpy as np
+
+from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def written(path, mesh):
+    write_mesh(str(path), AnnotatedMesh(mesh))
+    return path
+
+
+def test_a_surface_without_generators_writes_an_empty_file_of_curves(summary, tmp_path):
+    disk, curves = written(tmp_path / "a.npz", shapes.grid(2, 2)), tmp_path / "c.vtp"
+    assert summary("hodge", disk, "--generators", curves)["results"]["generators"] == []
+    assert curves.is_file()
+
+
+def test_dual_edges_to_a_circumcentre_at_infinity_are_left_out(run, tmp_path):
+    points = np.array([[0.0, 0, 0], [2, 0, 0], [1, 0, 0], [0, 1, 0], [5, 0, 0], [6, 0, 0], [5, 1, 0]])
+    mesh = TriangleMesh.from_arrays(points, np.array([[0, 2, 1], [4, 5, 6]]))  # the first has no area
+    result = run("delaunay", written(tmp_path / "a.npz", mesh), "--dual", tmp_path / "d.vtp")
+    assert result.exit_code == 1  # its residuals are not finite, as a warning says
+    lines = read_mesh(str(tmp_path / "d.vtp")).mesh
+    assert np.isfinite(lines.points).all()
+    assert len(lines.points)
+
+
+def test_a_heat_distance_lost_to_rounding_names_a_cure_for_comparisons_too(run, tmp_path):
+    needles = shapes.grid(20, 1)
+    path = written(tmp_path / "a.npz", needles.moved(needles.points * [1.0, 5e-10, 1.0]))
+    for words in (("--method", "heat"), ("--compare", "heat")):
+        result = run("geodesic", path, "--source", 1, *words)
+        assert result.exit_code == 2
+        assert result.stderr.strip().endswith("give a shorter --heat-time, or use another method")
+
+
+def test_a_surface_without_any_area_is_not_sent_to_a_repair_that_leaves_no_face(run, tmp_path):
+    mesh = TriangleMesh.from_arrays(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.array([[0, 1, 2]]))
+    result = run("shell-sim", written(tmp_path / "a.npz", mesh), "--effect", "stretching", "--steps", 1)
+    assert "none of the 1 faces has an area" in result.stderr
+    assert "repair" not in result.stderr
