@@ -1,10 +1,11 @@
 """Mutated inputs of every kind we read ourselves: nothing but our own errors, within time and memory.
 
-`python -m benchmarks.fuzz [--format NAME] [--seconds S] [--seed N] [--store]`: mutates valid inputs of a kind,
-or makes random scenes and calls, until this processor time is over. It prints one line a kind (inputs tried,
-accepted, refused, the slowest) and every escape: an exception that is not ours, a message over two lines' length, an input that takes too long,
-or one that ends the process. They are in `build/fuzz/`, and the exit code is 1. `--store` adds the counts to
-the ledger that docs/hard-cases.md shows, with a seed that no stored run had.
+`python -m benchmarks.fuzz [--format NAME] [--seconds S] [--seed N] [--store]`: mutates valid inputs of a
+kind, or makes random scenes and calls, until this processor time is over. It prints one line a kind (inputs
+tried, accepted, refused, the slowest) and every escape: an exception that is not ours, a message over two
+lines' length, an input that takes too long, or one that ends the process. They are in `build/fuzz/`, and the
+exit code is 1. `--store` adds the counts to the ledger that docs/hard-cases.md shows, with a seed that no
+stored run had.
 """
 
 from __future__ import annotations
