@@ -11,6 +11,7 @@ __all__ = [
     "mesh_file",
     "readers",
     "scene_file",
+    "temporary",
     "trajectories",
     "writers",
 ]
