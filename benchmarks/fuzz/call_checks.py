@@ -267,8 +267,8 @@ def written_arrays(path: Path) -> Iterator[tuple[str, NDArray]]:
             yield from (
                 (name, np.asarray(group[name])) for name in group if isinstance(group[name], h5py.Dataset)
             )
-            for part in ("PointData", "CellData", "FieldData"):
-                yield from ((name, np.asarray(v)) for name, v in group.get(part, {}).items())
+            for place in ("PointData", "CellData", "FieldData"):
+                yield from ((name, np.asarray(v)) for name, v in group.get(place, {}).items())
     elif path.suffix in READERS and path.suffix != ".csv":
         try:
             source = read_mesh(str(path))
