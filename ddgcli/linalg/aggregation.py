@@ -23,6 +23,7 @@ SMOOTHING = 4.0 / 3.0  # of prolongations, over the largest eigenvalue of D^-1 A
 LANCZOS_STEPS = 12  # for that eigenvalue
 MAX_COARSE = 80  # nodes that are solved densely
 MAX_LEVELS = 12
+MAX_TRANSPOSE = 1 << 28  # bytes of a prolongation whose transpose is stored; it saves a tenth of a cycle
 PIECE_ENTRIES = 1 << 24  # numbers of a matrix whose coarse matrix is computed at a time
 
 
@@ -50,12 +51,28 @@ def aggregation_cycle(matrix: Any, modes: NDArray) -> Callable[[NDArray], NDArra
         if len(a.indptr) - 1 <= MAX_COARSE or len(levels) == MAX_LEVELS:
             break
         level.P, modes = _prolongation(a, modes)
-        level.R = level.P.T.tobsr()
+        level.R = _Restriction(level.P) if level.P.data.nbytes > MAX_TRANSPOSE else level.P.T.tobsr()
         a = _coarse(a, level.P)
     hierarchy = MultilevelSolver(levels)
     sweep = ("gauss_seidel", {"sweep": "symmetric"})
     change_smoothers(hierarchy, sweep, sweep)
     return hierarchy.aspreconditioner(cycle="V").matvec
+
+
+class _Restriction:
+    """The transpose of a prolongation, made for each product some rows at a time."""
+
+    def __init__(self, prolongation: bsr_matrix) -> None:
+        self._prolongation = prolongation
+
+    def __matmul__(self, r: NDArray) -> NDArray[np.float64]:
+        p, size = self._prolongation, self._prolongation.blocksize[0]
+        total = np.zeros(p.shape[1])
+        for rows in _row_pieces(p):
+            total += _rows(p, rows).T @ r[size * rows.start : size * rows.stop]
+        return total
+
+    __mul__ = __matmul__  # pyamg before 5.2
 
 
 def _prolongation(a: bsr_matrix, modes: NDArray) -> tuple[bsr_matrix, NDArray]:
@@ -87,7 +104,9 @@ def _coarse(a: bsr_matrix, p: bsr_matrix) -> bsr_matrix:
     coarse: Any = 0
     for rows in _row_pieces(a):
         coarse = coarse + bsr_matrix(_rows(p, rows).T @ (_rows(a, rows) @ p))
-    return bsr_matrix(coarse)
+    coarse = bsr_matrix(coarse)
+    coarse.sort_indices()  # groups depend on the order of neighbours
+    return coarse
 
 
 def _row_pieces(a: bsr_matrix) -> Iterator[slice]:

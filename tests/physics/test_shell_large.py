@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from scipy.sparse import bsr_array, csc_array
+from scipy.sparse import bsr_array, csc_array, eye_array, kron
 
 from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.errors import SolveError
 from ddgcli.geometry.hinges import hinges
-from ddgcli.linalg import backends, displacements
+from ddgcli.linalg import aggregation, backends, displacements
 from ddgcli.linalg.displacements import BlockIterative, RigidMotions
 from ddgcli.mechanics import pieces
 from ddgcli.mechanics.assembly import Assembly
@@ -18,6 +18,7 @@ from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mesh import shapes
 from ddgcli.models.shell.bending import HingeBending
 from ddgcli.models.shell.stretching import StVK, face_basis
+from ddgcli.operators.laplacian import stiffness
 from tests.simulate import FALLING_CLOTH, HANGING_CLOTH, shell_run
 
 SOLVERS = pytest.mark.parametrize("solver", ITERATIVE_SOLVERS)
@@ -65,6 +66,25 @@ def test_conjugate_gradients_give_the_motion_of_the_factorisation(name, solver, 
     start, end = end_of(SCENES[name])
     monkeypatch.setenv("DDGCLI_SOLVER", solver)
     assert np.abs(end_of(SCENES[name])[1] - end).max() <= 1e-7 * np.abs(end - start).max()
+
+
+def test_levels_in_pieces_take_the_same_iterations(monkeypatch):
+    pytest.importorskip("pyamg")
+    mesh = shapes.grid(40, 30)
+    laplacian = stiffness(mesh) + 1e-3 * eye_array(mesh.n_vertices)
+    matrix = bsr_array(kron(laplacian, np.eye(3)), blocksize=(3, 3))
+    rhs = np.random.default_rng(0).normal(size=matrix.shape[0])
+    motions = RigidMotions(np.tile(np.eye(3), (mesh.n_vertices, 1)), True)
+    runs = []
+    for limits in ({}, {"MAX_TRANSPOSE": 0, "PIECE_ENTRIES": 5000}):
+        for name, value in limits.items():
+            monkeypatch.setattr(aggregation, name, value)
+        iterative = BlockIterative("multigrid")
+        iterative.prepare(matrix, motions)
+        runs.append((iterative.solve(rhs), iterative.most_iterations))
+    (whole, n_whole), (pieces, n_pieces) = runs
+    assert n_whole == n_pieces <= 12  # 1200 vertices: plain conjugate gradients take ten times as many
+    assert np.abs(whole - pieces).max() <= 1e-12 * np.abs(whole).max()
 
 
 def test_conjugate_gradients_find_the_equilibrium_of_the_factorisation(monkeypatch):
