@@ -171,17 +171,17 @@ def _lanczos(
 
     excluded = null.T if root is None else null.T * root
     search = BlockLanczos(inverse, M if root is None else None, excluded, seed)
-    order = problem.order
     theta, vectors, complete = search.largest(
-        k, lambda theta: _none_missing(L, M, 1.0 / theta, problem.count, order), progress
+        k, lambda theta: _none_missing(L, M, 1.0 / theta, problem), progress
     )
     if not complete:
         log.warning("eigenvalues below the last one are missing; compute fewer, or check the list")
     return 1.0 / theta, (vectors if root is None else vectors / root).T, complete
 
 
-def _none_missing(L: csr_array, M: csr_array, values: NDArray, zeros: int, order: NDArray | None) -> bool:
+def _none_missing(L: csr_array, M: csr_array, values: NDArray, problem: Poisson) -> bool:
     """Whether inertia counts no more eigenvalues than `values` below the cluster of the last one."""
+    order = problem.order
     if order is None and not direct_fits(csc_array(L)):
         log.warning(
             "whether an eigenvalue is missing was not counted: the factors do not fit into memory; "
@@ -191,7 +191,10 @@ def _none_missing(L: csr_array, M: csr_array, values: NDArray, zeros: int, order
     last = values[-1]
     smaller = values[values < last * (1 - 1e-6)]
     shift = 0.5 * (last + (smaller[-1] if len(smaller) else 0.0))
-    return count_below(L, M, shift, order) <= len(smaller) + zeros
+    count = problem.count_below(shift, M.diagonal()) if M.nnz == M.shape[0] else None
+    if count is None:
+        count = count_below(L, M, shift, order)
+    return count <= len(smaller) + problem.count
 
 
 def count_below(L: sparray, M: sparray, shift: float, order: NDArray | None = None) -> int:

@@ -10,6 +10,7 @@ from scipy.sparse.linalg import eigsh
 
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.backends import cholmod_available
+from ddgcli.linalg.constrain import Poisson
 from ddgcli.linalg.eigen import count_below, smallest_eigenpairs
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -95,6 +96,22 @@ def test_count_below_is_the_inertia():
     M = diags_array(np.ones(500)).tocsr()
     L = diags_array(np.arange(500.0)).tocsr()
     assert count_below(L, M, 41.5) == 42
+
+
+@pytest.mark.parametrize("boundary", [False, True])
+def test_count_below_by_the_analysis_of_the_factor_is_the_inertia(boundary):
+    """Two floating components, one that is held at a vertex, and shifts from one to all eigenvalues."""
+    mesh = shapes.grid(16, 13, pattern="alternating") if boundary else shapes.random_sphere(250, seed=3)
+    L, mass = stiffness(mesh), lumped_mass(mesh).diagonal()
+    held = csr_array(L + diags_array(np.eye(1, len(mass), 7)[0] * mass))
+    three, masses = csr_array(block_diag([L, held, L])), np.tile(mass, 3)
+    problem = Poisson(three, masses, solver="multifrontal")
+    assert problem.factor.solver == "multifrontal" and problem.count == 2
+    values = eigh(three.toarray(), np.diag(masses), eigvals_only=True)
+    for shift in (1 + 1e-6) * values[[2, 3, 40, 400, -1]]:
+        below = int((values < shift).sum())
+        assert problem.count_below(shift, masses) == below
+        assert count_below(three, diags_array(masses), shift) == below
 
 
 def test_impossible_counts_are_an_error():
