@@ -1,6 +1,6 @@
 """What does each kernel of a command cost? Measures the table that `--dry-run` predicts from.
 
-python -m benchmarks.costs [--only WORD ...]      writes ddgcli/cli/forecast/coefficients.py (ten minutes)
+python -m benchmarks.costs [--only WORD ...]      writes ddgcli/cli/forecast/coefficients.py (half an hour)
 
 Each kernel is one command at three sizes, each in a process of its own: CPU seconds and peak resident memory
 after its input is read (as a dry run states them). The costs of kernels that stand before it in a command are
@@ -30,8 +30,9 @@ from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS, Cost
 from ddgcli.cli.forecast.prediction import fill, probe
 
 TABLE = ROOT / "ddgcli" / "cli" / "forecast" / "coefficients.py"
-SIZES, SMALL_SIZES, SHELL_SIZES = (10_000, 80_000), (2_000, 14_000), (4_000, 30_000)
+SIZES, SMALL_SIZES, SHELL_SIZES = (10_000, 80_000), (2_000, 14_000), (10_000, 100_000)
 LARGE_SIZES = (10_000, 80_000, 500_000)  # of factors, whose operations grow with n^1.5
+PIECE_SIZES = (10_000, 100_000, 600_000)  # of shells, whose elements are summed in pieces beyond 350,000
 REPETITIONS = 3
 SHELL = "--material felt --set thickness=1e-3 --effect stretching --effect gravity"
 
@@ -125,7 +126,10 @@ SURFACE = [
         for flow in ("quadratic", "mean-curvature")
     ),
     Task(
-        "shell-sim", f"shell-sim {{mesh}} {SHELL} --effect bending --dt 1e-3 --steps 1", SHELL_SIZES, "disk"
+        "shell-sim",
+        f"shell-sim {{mesh}} {SHELL} --effect bending --integrator verlet --dt 1e-8 --steps 1",
+        PIECE_SIZES,
+        mesh="disk",
     ),
     Task(
         "shell-sim implicit step",
@@ -137,7 +141,7 @@ SURFACE = [
     Task(
         "shell-sim iterative implicit step",
         f"shell-sim {{mesh}} {SHELL} --effect bending --dt 1e-3 --pin 0 --steps 5",
-        SHELL_SIZES,
+        (30_000, 150_000, 600_000),
         mesh="disk",
         exponent=1.15,
         solver="multigrid",
@@ -160,7 +164,7 @@ SURFACE = [
     Task(
         "shell-sim explicit step",
         f"shell-sim {{mesh}} {SHELL} --effect bending --integrator verlet --dt 1e-8 --steps 40",
-        SMALL_SIZES,
+        PIECE_SIZES,
         mesh="disk",
     ),
     Task(

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,14 @@ from benchmarks.common.process import measured_command
 from ddgcli import memory
 from ddgcli.cli.forecast import check_cost, prediction
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
-from ddgcli.cli.forecast.kernels import CONTACT_STEPS, InputSize, Use, kernels_of
+from ddgcli.cli.forecast.kernels import (
+    CONTACT_STEPS,
+    STEPS_PER_LOAD_STEP,
+    STEPS_TO_REST,
+    InputSize,
+    Use,
+    kernels_of,
+)
 from ddgcli.cli.forecast.prediction import predict
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
@@ -186,6 +194,11 @@ def test_options_change_what_is_predicted():
     assert further.kernel == "curvature further results"
     assert kernels_of("curvature", {"scheme": "cotan"}, size, full=False) == [Use("curvature cotan")]
     assert ball.kernel == "curvature quadric radius" and math.isclose(ball.times, 25)
+    loaded = InputSize("surface", 10_000, steps=11)
+    at_rest = [
+        kernels_of("shell-sim", {"integrator": "static"}, s)[-1] for s in (replace(loaded, steps=1), loaded)
+    ]
+    assert [use.times for use in at_rest] == [STEPS_TO_REST, STEPS_TO_REST + 10 * STEPS_PER_LOAD_STEP]
     many = kernels_of("geodesic", {"method": "heat", "source": [1, 2], "each_source": True}, size)
     assert many[-1] == Use("geodesic heat solve", 2)
 
