@@ -137,10 +137,10 @@ def test_shell_steps_whose_factors_do_not_fit_are_predicted_with_conjugate_gradi
         monkeypatch.setattr(prediction, "available_memory", lambda: mib * MIB)
         return facts_of(summary(*words))["kernels"][-1]
 
-    direct, iterative = kernel(1e4), kernel(260)
-    assert direct["kernel"] == "shell-sim implicit step" and direct["mib"] > 260
-    assert iterative["kernel"] == "shell-sim iterative implicit step" and iterative["mib"] < 260
-    monkeypatch.setattr(prediction, "available_memory", lambda: 100 * MIB)
+    direct, iterative = kernel(1e4), kernel(200)
+    assert direct["kernel"] == "shell-sim implicit step" and direct["mib"] > 200
+    assert iterative["kernel"] == "shell-sim iterative implicit step" and iterative["mib"] < 200
+    monkeypatch.setattr(prediction, "available_memory", lambda: 50 * MIB)
     monkeypatch.setattr(check_cost, "MIN_CHECKED_ELEMENTS", 1)
     refusal = run(*words[:-1])
     assert refusal.exit_code == 2 and "needs about" in refusal.stderr
