@@ -29,7 +29,7 @@ from typing import Any
 from benchmarks.common.process import ROOT, measured_command
 
 STORE = ROOT / "benchmarks" / "results" / "rows" / "size.json"
-SHELL = "--effect stretching --effect bending --effect gravity --material felt --set thickness=1e-3 --dt 1e-3"
+SHELL = "--effect stretching --effect bending --effect gravity --material felt --set thickness=1e-3"
 ROWS = {
     "info": "info {sphere}",
     "curvature": "curvature {sphere}",
@@ -41,7 +41,8 @@ ROWS = {
     "fast-marching distance": "geodesic {sphere} --source 0 --method fast-marching",
     "exact distance": "geodesic {sphere} --source 0",
     "fluid step": "fluid-sim {sphere} --vorticity 5*z --dt 1e-7 --steps 1",
-    "shell step": f"shell-sim {{sheet}} {SHELL} --pin 0 --steps 1",
+    "shell step": f"shell-sim {{sheet}} {SHELL} --dt 1e-3 --pin 0 --steps 1",
+    "explicit shell step": f"shell-sim {{sheet}} {SHELL} --integrator verlet --dt 1e-9 --steps 1",
 }
 COMMANDS = ("info torus.ply", "info torus.ply --dry-run")
 MAKE = """
