@@ -192,7 +192,7 @@ class Run:
         flat_faces : bool
             Whether the command may treat an intrinsic triangulation as flat faces between its points.
         check_cost : bool
-            Whether to refuse what cannot fit into memory and to end a dry run; False: the caller does.
+            Whether to call `check_cost`; False: the caller does.
         """
         with self.clock.timed("read"):
             from ddgcli.io.mesh_file import check_place, read_mesh
@@ -227,11 +227,17 @@ class Run:
         if self.input.get("faces") and self.input["genus"] is None:
             log.warning("genus is null: the surface is not an orientable manifold")
         if check_cost:
-            from ddgcli.cli.forecast.check_cost import check_cost as check
-            from ddgcli.cli.forecast.check_cost import size_of
-
-            check(self, size_of(source.mesh, self.options))
+            self.check_cost(source)
         return source
+
+    def check_cost(self, source: MeshInput) -> None:
+        """Refuse what cannot fit; end a dry run, which checks the mesh and what the command read before."""
+        from ddgcli.cli.forecast.check_cost import check_cost, size_of
+        from ddgcli.mesh.require import unmet_need
+
+        if self.common.dry_run and (message := unmet_need(source.mesh, self.command)):
+            raise MeshError(message)
+        check_cost(self, size_of(source.mesh, self.options))
 
     def end_dry_run(self, results: dict[str, Any]) -> None:
         """Print the prediction of a dry run as the summary, and end the run."""
@@ -327,7 +333,7 @@ class Run:
         self._staged.make_folder(folder)
 
     def commit_outputs(self) -> None:
-        """Put the complete outputs in their places: all at once, so that an error in one leaves none."""
+        """Put the complete outputs in their places together: an error in one leaves none."""
         self._staged.commit()
 
     def plot(self, draw: Callable[[str], Any]) -> None:

@@ -299,3 +299,22 @@ def test_peak_memory_and_seconds_are_within_half_of_the_prediction(name, shape, 
     facts = facts_of(dry.summary)
     assert 0.5 <= facts["peak_mib"] / real.mib <= 1.5
     assert 0.5 <= facts["seconds"] / real.seconds <= 1.5
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["hodge {fin}", "dec {fin}", "willmore-flow {fin} --steps 1", "laplacian {grid} --fix 0=1",
+     "curve-flow {grid}", "laplacian {grid} --harmonic", "laplacian {grid} --poisson missing",
+     "curvature {grid} --resample 9", "curvature {grid} --map missing",
+     "dec {grid} --wedge missing missing", "hodge {grid} --field missing",
+     "geodesic {grid} --field missing", "delaunay {grid} --transfer missing",
+     "repair {grid} --for frames", "willmore-flow {grid} --integrator missing"],
+)  # fmt: skip
+def test_a_dry_run_refuses_what_the_run_refuses(run, tmp_path, words):
+    grid = shapes.grid(2, 2)
+    fin = np.concatenate([grid.faces, [[*grid.faces[0, :2], 0]], grid.faces[:1]])
+    np.savez(tmp_path / "grid.npz", points=grid.points, faces=grid.faces)
+    np.savez(tmp_path / "fin.npz", points=grid.points, faces=fin)
+    call = words.format(grid=tmp_path / "grid.npz", fin=tmp_path / "fin.npz").split()
+    errors = [run(*call, *more) for more in ((), ("--dry-run",))]
+    assert [error.exit_code for error in errors] == [2, 2]

@@ -122,7 +122,7 @@ def command(
     run.plan_output(measures.offset_output, OFFSET_FORMATS)
     for name in measures.region:
         run.add_input(name if isinstance(name, str) else None)
-    source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))
+    source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"), check_cost=False)
     from ddgcli.mesh.curve import CurveSet
 
     if isinstance(source.mesh, CurveSet):
@@ -130,6 +130,7 @@ def command(
             "for surfaces, and this is a curve",
             *("scheme", "radius", "map_name", "jobs", *MEASURE_NAMES),
         )
+        run.check_cost(source)
         _curves(run, source.mesh, with_frames, resample)
     else:
         options.refuse_options("for curves, and this is a surface", "with_frames", "resample")
@@ -150,14 +151,10 @@ def _surface(
 
     mesh = source.surface
     image = None if map_name is None else options.named_array(source.vertex, map_name, "vertex array")
+    arguments = surface_arguments(source, measures)
+    run.check_cost(source)
     measured = measure_surface(
-        mesh,
-        scheme,
-        radius,
-        image=image,
-        jobs=jobs,
-        full=run.common.exceeds_short_summary,
-        **surface_arguments(source, measures),
+        mesh, scheme, radius, image=image, jobs=jobs, full=run.common.exceeds_short_summary, **arguments
     )
     name, values = run.picture_array(measured.vertex, "mean_curvature")
     annotated = AnnotatedMesh(mesh, vertex=measured.vertex, edge=measured.edge)

@@ -68,7 +68,7 @@ def command(
     if length_penalty is not None:
         flow_options["length_penalty"] = length_penalty
     run = Run("curve-flow", common, **overrides, **flow_options)
-    source = run.read(mesh_path, accept=("curve",))
+    source = run.read(mesh_path, accept=("curve",), check_cost=False)
     from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
     from ddgcli.cli.simulation.simulate import Job, simulate
     from ddgcli.mesh.curve import CurveSet
@@ -81,6 +81,7 @@ def command(
     schedule = setup.schedule(curve_flow, overrides)
     resolved, digest = fingerprint({"options": flow_options, "time": overrides}, {"mesh": source.sha256})
     check_unchanged(resume, resolved)
+    run.check_cost(source)
     unit = "L⁴" if flow == "elastic" else "L²"  # L: the input's length unit
     job = Job(
         {"curve": model}, [curves], schedule, Account(), moving=True, resume=resume,

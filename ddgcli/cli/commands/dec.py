@@ -16,7 +16,11 @@ from ddgcli.cli.run import Run
 from ddgcli.errors import OutputError, ParameterError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from ddgcli.io.mesh_file import MeshInput
+    from ddgcli.mesh.tet_mesh import TetMesh
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
     from ddgcli.operators.dec_matrices import DecMatrices
     from ddgcli.operators.form_products import FormProducts
 
@@ -70,7 +74,9 @@ def command(
         raise ParameterError(
             "holds `wedge`, `interior_product` and `lie_derivative`; add one of them", parameter="forms"
         )
-    source = run.read(mesh_path, accept=("surface", "tetrahedra"))
+    source = run.read(mesh_path, accept=("surface", "tetrahedra"), check_cost=False)
+    forms_of_input = {name: forms_of(source, pair) for name, pair in products.items() if pair}
+    run.check_cost(source)
     from ddgcli.mesh.require import require
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.operators.dec import complex_of
@@ -79,7 +85,7 @@ def command(
     mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
     if not isinstance(mesh, TetMesh):
         require(mesh, "dec", manifold=True, oriented=True)
-    computed = products_of(run, source, products, forms) if any(products.values()) else None
+    computed = products_of(run, mesh, forms_of_input, forms) if forms_of_input else None
     operators = dec_matrices(complex_of(mesh), star)
     matrices = operators.matrices
     results = {
@@ -104,19 +110,24 @@ def command(
     run.finish(results, accuracy)
 
 
-def products_of(run: Run, source: MeshInput, products: dict[str, Any], path: str | None) -> FormProducts:
-    """Products of arrays of the input, written to a mesh."""
+def forms_of(source: MeshInput, names: tuple[str, str]) -> tuple[NDArray, NDArray]:
+    """Two forms, or a field and a form, among the arrays of the input."""
     from ddgcli.io.arrays import input_form
+
+    return input_form(source, names[0]), input_form(source, names[1])
+
+
+def products_of(
+    run: Run,
+    mesh: TriangleMesh | TetMesh,
+    arrays: dict[str, tuple[NDArray, NDArray]],
+    path: str | None,
+) -> FormProducts:
+    """Products of arrays of the input, written to a mesh."""
     from ddgcli.mesh.fields import AnnotatedMesh
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.operators.form_products import form_products
 
-    arrays = {
-        name: (input_form(source, pair[0]), input_form(source, pair[1]))
-        for name, pair in products.items()
-        if pair
-    }
-    mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
     computed = form_products(mesh, arrays)
     if path is None:
         return computed

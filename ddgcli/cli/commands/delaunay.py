@@ -104,7 +104,9 @@ def command(
     run.plan_output(overlay, OVERLAY_FORMATS)
     run.plan_output(dual, INTRINSIC_FORMATS + LINE_FORMATS)
     lines = dual is not None and not dual.lower().endswith(INTRINSIC_FORMATS)
-    source = run.read(mesh_path, subdivide=subdivide)
+    source = run.read(mesh_path, subdivide=subdivide, check_cost=False)
+    transferred = {name: options.named_array(source.vertex, name, "vertex array") for name in transfer}
+    run.check_cost(source)
 
     from ddgcli.algorithms.delaunay.dual import dual_lines
     from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay, overlay_mesh
@@ -116,7 +118,7 @@ def command(
         max_points=max_points,
         subdivide=bool(overlay or common.plot or lines),
         dual=dual is not None,
-        transferred={name: options.named_array(source.vertex, name, "vertex array") for name in transfer},
+        transferred=transferred,
         condition=condition,
         seed=common.seed,
     )

@@ -68,19 +68,22 @@ def command(
     run.plan_output(waves.distance_matrix, (".npz",))
     for name in (curves.field, distance.source_edges, waves.signed_distance):
         run.add_input(name)
-    read = run.read(mesh_path, subdivide=subdivide)
+    read = run.read(mesh_path, subdivide=subdivide, check_cost=False)
     mesh = read.surface
+    from ddgcli.io.arrays import input_array
+
+    field = input_array(read, curves.field) if curves.field else None
+    source_edges = input_edge_set(read, distance.source_edges, "source_edges")
+    signed_curves = input_edge_set(read, waves.signed_distance, "signed_distance")
+    run.check_cost(read)
     with run.clock.timed("compute"):
         from ddgcli.algorithms.tangent_fields.geodesic_query import geodesic_query
-        from ddgcli.io.arrays import input_array
         from ddgcli.mesh.fields import AnnotatedMesh
 
-        field = input_array(read, curves.field) if curves.field else None
         result = geodesic_query(
             mesh, distance, curves, waves,
-            source_edges=input_edge_set(read, distance.source_edges, "source_edges"),
-            signed_curves=input_edge_set(read, waves.signed_distance, "signed_distance"),
-            field=field, seed=common.seed, stage_progress=run.progress,
+            source_edges=source_edges, signed_curves=signed_curves, field=field, seed=common.seed,
+            stage_progress=run.progress,
         )  # fmt: skip
     run.picture_array({**result.vertex, **result.face}, "geodesic_distance")
     converged = result.converged

@@ -69,7 +69,7 @@ def command(
     )
     run.plan_output(generators, CURVE_FORMATS)
     run.add_input(field_file)
-    source = run.read(mesh_path, accept=("surface", "tetrahedra"))
+    source = run.read(mesh_path, accept=("surface", "tetrahedra"), check_cost=False)
 
     from ddgcli.algorithms.hodge.hodge_analysis import hodge_analysis
     from ddgcli.io.arrays import input_field
@@ -79,6 +79,7 @@ def command(
 
     mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
     array = input_field(source, field, field_file)
+    run.check_cost(source)
     analysis = hodge_analysis(mesh, array, boundary, basis, run.progress("hodge"))
     annotated = analysis.annotated
     arrays = {**annotated.vertex, **(annotated.face if isinstance(mesh, TriangleMesh) else {})}

@@ -183,7 +183,7 @@ def command(
         raise ParameterError("needs `parameterize=discrete-conformal`", parameter="overlay")
     for name in (poisson, boundary_values, evolution.heat, evolution.wave):
         run.add_input(name)
-    source = run.read(mesh_path, accept=("surface", "tetrahedra"), subdivide=subdivide)
+    source = run.read(mesh_path, accept=("surface", "tetrahedra"), subdivide=subdivide, check_cost=False)
 
     if evolution.equation is not None:
         _evolve(run, source, evolution, tasks["operator"], tasks["mass"])
@@ -191,21 +191,16 @@ def command(
     from ddgcli.algorithms.laplacian.solve_tasks import solve_laplacian_tasks
     from ddgcli.algorithms.laplacian.tasks import LaplacianTasks
 
-    mesh = mesh_of(source)
-    term, fixed = vertex_values(source, poisson, "poisson"), values_by_vertex(fix, "fix")
-    edge_values = vertex_values(source, boundary_values, "boundary_values")
-    result = solve_laplacian_tasks(
-        mesh,
-        LaplacianTasks(
-            poisson=term,
-            fixed=fixed,
-            cones=values_by_vertex(cone, "cone"),
-            boundary_values=edge_values,
-            seed=common.seed,
-            **tasks,
-        ),
-        run.progress("laplacian"),
+    selected_tasks = LaplacianTasks(
+        poisson=vertex_values(source, poisson, "poisson"),
+        fixed=values_by_vertex(fix, "fix"),
+        cones=values_by_vertex(cone, "cone"),
+        boundary_values=vertex_values(source, boundary_values, "boundary_values"),
+        seed=common.seed,
+        **tasks,
     )
+    run.check_cost(source)
+    result = solve_laplacian_tasks(mesh_of(source), selected_tasks, run.progress("laplacian"))
     name, values = result.picture_array
     name, values = run.picture_array({name: values, **result.vertex}, name)
     write_matrices(run, result, matrix, mass_matrix)
@@ -226,10 +221,11 @@ def _evolve(
 
     mesh, equation = mesh_of(source), str(evolution.equation)
     times = EvolutionTimes.of(evolution.duration, evolution.time_step, evolution.n_frames)
+    start = start_of(source, evolution)
+    run.check_cost(source)
     result = solve_evolution(
-        laplace_operator(mesh, operator, mass), equation, start_of(source, evolution), times,
-        run.progress(equation),
-    )  # fmt: skip
+        laplace_operator(mesh, operator, mass), equation, start, times, run.progress(equation)
+    )
     name, values = run.picture_array(result.arrays, equation)
     write_evolution(run, mesh, result)
     run.plot(lambda path: draw_array(path, source.surface, name, values, **run.picture_options))

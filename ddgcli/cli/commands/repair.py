@@ -61,7 +61,7 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
     run = Run("repair", common, for_command=for_command, **steps)
     if for_command is not None and any(value not in (None, False) for value in steps.values()):
         raise ParameterError("--for selects the steps; leave the other flags out")
-    source = run.read(mesh_path)
+    source = run.read(mesh_path, check_cost=False)
     from ddgcli.algorithms.repair.pipeline import (
         RepairSteps,
         refusals,
@@ -72,7 +72,9 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
     from ddgcli.mesh.fields import AnnotatedMesh
 
     mesh = source.surface
-    repaired, changes = repair_mesh(mesh, steps_for(for_command) if for_command else RepairSteps(**steps))
+    selected = steps_for(for_command) if for_command else RepairSteps(**steps)
+    run.check_cost(source)
+    repaired, changes = repair_mesh(mesh, selected)
     vertex = {name: repaired_array(values, repaired.input_vertex) for name, values in source.vertex.items()}
     face = {name: repaired_array(values, repaired.input_face) for name, values in source.face.items()}
     vertex |= {"input_vertex": repaired.input_vertex}

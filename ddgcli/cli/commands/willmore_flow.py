@@ -93,7 +93,7 @@ def command(
         {"subdivide": subdivide} if subdivide else {}
     )
     run = Run("willmore-flow", common, **overrides, **stated_options)
-    source = run.read(mesh_path, flat_faces=True, subdivide=subdivide)
+    source = run.read(mesh_path, flat_faces=True, subdivide=subdivide, check_cost=False)
     from ddgcli.cli.simulation.plot import Picture, draw_run
     from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
     from ddgcli.cli.simulation.simulate import Job, simulate
@@ -102,9 +102,12 @@ def command(
     from ddgcli.simulation.account import Account
     from ddgcli.simulation.frames import mesh_of_frame
 
+    stated_flow = _flow_options(parameters, overrides)
+    setup.chosen_scheme(stated_flow)
+    run.check_cost(source)
     mesh, region = _filled(source.surface, parameters["fill"], parameters["region"])
     bounded = any(overrides.get(name) for name in ("steps", "duration"))
-    flow_options = choices_of_flow.with_stop(_flow_options(parameters, overrides), mesh.topology, bounded)
+    flow_options = choices_of_flow.with_stop(stated_flow, mesh.topology, bounded)
     region = _region(source, parameters["region"]) if region is None else region
     flow, model = setup.build(mesh, flow_options, region)
     energy = choices_of_flow.chosen_energy(mesh.topology, flow_options)
