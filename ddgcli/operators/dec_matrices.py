@@ -157,9 +157,12 @@ def _inverse(complex_: Complex, degree: int, star: Star) -> csr_array:
     )
     if len(bad):
         simplex = ("vertex", "edge", "face")[degree]
+        remedy = "correct the flat cells there"  # on others the other stars are positive
+        if kind == "circumcentric":
+            remedy = "use `star=barycentric` or `star=galerkin`"
         raise MeshError(
             f"the {kind} star is zero at {len(bad)} simplices (first: {simplex} {bad[0]}) and has no "
-            "inverse: use `star=barycentric` or `star=galerkin`"
+            f"inverse: {remedy}"
         )
     reciprocal = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=is_referenced)
     return compact(csr_array(diags_array(reciprocal)))

@@ -1,6 +1,7 @@
 """Faults that random valid calls met: each call here once ended in an internal error or a wrong message."""
 
 import numpy as np
+import pytest
 
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
@@ -43,3 +44,15 @@ def test_a_surface_without_any_area_is_not_sent_to_a_repair_that_leaves_no_face(
     result = run("shell-sim", written(tmp_path / "a.npz", mesh), "--effect", "stretching", "--steps", 1)
     assert "none of the 1 faces has an area" in result.stderr
     assert "repair" not in result.stderr
+
+
+@pytest.mark.parametrize("height, code", [(1e-9, 2), (1e-6, 0)])
+def test_tetrahedra_flatter_than_rounding_are_refused_by_info_the_dry_run_and_the_run(
+    run, tmp_path, height, code
+):
+    """A volume from edge lengths, a square root, has an error of 1e-8: below it stars are rounding."""
+    points = np.vstack([np.zeros(3), np.diag([1.0, 1.0, height])])
+    np.savez(tmp_path / "t.npz", points=points, tetrahedra=[[0, 1, 2, 3]])
+    for command in ("dec", "hodge", "laplacian"):
+        codes = [run(command, tmp_path / "t.npz", *more).exit_code for more in ((), ("--dry-run",))]
+        assert codes == [code, code]
