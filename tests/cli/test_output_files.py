@@ -90,6 +90,9 @@ def test_an_error_in_a_later_output_leaves_none(run, torus, tmp_path):
     refused(run("geodesic", torus, "--source", 0, "-o", tmp_path / "b.npz", *wrong), "missing")
     refused(run("shell-sim", torus, "--effect", "gravity", "--steps", 1, "--dt", 1e-3,
                 "-o", tmp_path / "c.vtkhdf", *wrong), "missing")  # fmt: skip
+    refused(
+        run("laplacian", torus, "--heat", 0, "--duration", 1, "-o", tmp_path / "d.vtkhdf", *wrong), "missing"
+    )
     assert sorted(tmp_path.iterdir()) == before
 
 

@@ -94,7 +94,8 @@ def write_evolution(run: Run, mesh: TriangleMesh | TetMesh, result: EvolutionRes
     from ddgcli.algorithms.laplacian.evolution import frame_arrays
     from ddgcli.mesh.fields import AnnotatedMesh, TrajectoryFrame
 
-    for path in run.common.outputs:
+    # a trajectory takes its place at once: it comes after the files that an error may still refuse
+    for path in sorted(run.common.outputs, key=lambda path: Path(path).suffix.lower() in TRAJECTORIES):
         if Path(path).suffix.lower() not in TRAJECTORIES:
             run.write_file(path, AnnotatedMesh(mesh, vertex=result.arrays))
             continue
