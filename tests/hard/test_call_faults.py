@@ -56,3 +56,9 @@ def test_tetrahedra_flatter_than_rounding_are_refused_by_info_the_dry_run_and_th
     for command in ("dec", "hodge", "laplacian"):
         codes = [run(command, tmp_path / "t.npz", *more).exit_code for more in ((), ("--dry-run",))]
         assert codes == [code, code]
+
+
+def test_what_cannot_start_at_edges_names_the_option_of_these_edges(run, tmp_path):
+    disk = written(tmp_path / "a.npz", shapes.grid(2, 2))
+    result = run("geodesic", disk, "--source-boundary", "--field", "v")
+    assert result.stderr.strip().endswith("leave --source-boundary out")

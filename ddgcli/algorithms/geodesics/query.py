@@ -71,6 +71,12 @@ class DistanceQuery:
         return self.source_edges is not None or self.source_boundary
 
     @property
+    def without_source_edges(self) -> str:
+        """Cure of what needs other sources than edges, for an error."""
+        names = [name for name in ("source_edges", "source_boundary") if getattr(self, name)]
+        return f"leave {' and '.join(f'`{name}`' for name in names)} out"
+
+    @property
     def vertices(self) -> list[int]:
         """Source vertices in order."""
         return [vertex for group in self.source for vertex in group]
@@ -89,7 +95,7 @@ class DistanceQuery:
                 )
         if self.has_source_edges and self.tolerance is not None:
             raise ParameterError(
-                "needs sources at vertices or points; drop the source edges", parameter="tolerance"
+                f"needs sources at vertices or points; {self.without_source_edges}", parameter="tolerance"
             )
         names = ("target_point", "target_face", "each_source", "gradient", "isolines", "compare", "certify")
         is_set = {name: bool(getattr(self, name)) for name in names}
@@ -164,7 +170,9 @@ class CurveQuery:
         self._check_sources(distance.has_source, distance.method)
         for name in ("log_map", "spread_vector", "field"):
             if getattr(self, name) and distance.has_source_edges:
-                raise ParameterError("starts at vertices or points; drop the source edges", parameter=name)
+                raise ParameterError(
+                    f"starts at vertices or points; {distance.without_source_edges}", parameter=name
+                )
         for name in ("field_seeds", "field_time", "field_step", "field_tolerance"):
             if getattr(self, name) is not None and not self.field:
                 raise ParameterError("belongs to `field`; give that too", parameter=name)
