@@ -243,10 +243,11 @@ class Straightener:
             }
             kinds.append(kind | {"edge_path_length": before})
         paths = SurfacePaths.concatenate(traced_paths)
-        joint = joints(mesh, paths, shortest=1e-6)
-        sharpest = float(np.nanmin(np.concatenate([joint.left, joint.right]), initial=np.pi))
+        joint = joints(mesh, paths)
+        angles = np.concatenate([joint.left[joint.accurate], joint.right[joint.accurate]])
+        sharpest = float(np.nanmin(angles, initial=np.pi))
         accuracy = {"path_angle_deficit": np.pi - sharpest}
-        return Curves(paths, describe_paths(mesh, paths, kinds), accuracy, converged)
+        return Curves(paths, describe_paths(mesh, paths, kinds, joint), accuracy, converged)
 
 
 def straighten_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: list[bool]) -> Curves:

@@ -22,6 +22,8 @@ from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 SIDE_TOLERANCE = 1e-12  # barycentric coordinates below this lie on the side or vertex
+SEGMENT_TOLERANCE = 1e-13  # shorter segments, relative to the longest side of the mesh, have no direction
+MIN_ACCURATE_SEGMENT = 1e-6  # the direction of a segment of length s has an error of about 1e-16 / s
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,12 +117,15 @@ class Joints:
         Surface angle around the point: 2 pi except at vertices and on the boundary.
     vertex : (p,) ndarray of int64
         Vertex at the point, or -1.
+    segment : (p,) ndarray of float64
+        Length of the shorter of both segments, relative to the longest side of the mesh; nan at open ends.
     """
 
     left: NDArray[np.float64]
     right: NDArray[np.float64]
     total: NDArray[np.float64]
     vertex: NDArray[np.int64]
+    segment: NDArray[np.float64]
 
     @property
     def geodesic_curvature(self) -> NDArray[np.float64]:
@@ -131,6 +136,11 @@ class Joints:
         both = 2 * np.pi * (0.5 - self.left / self.total)
         one = np.where(np.isnan(self.left), self.right - np.pi, np.pi - self.left)
         return np.where(np.isnan(self.left) | np.isnan(self.right), one, both)
+
+    @property
+    def accurate(self) -> NDArray[np.bool_]:
+        """(p,) True where the angles are accurate to about 1e-10; next to tiny segments they are not."""
+        return self.segment > MIN_ACCURATE_SEGMENT
 
     @property
     def angle_defect(self) -> NDArray[np.float64]:
@@ -207,7 +217,7 @@ def path_lengths(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
     return sum_by_index(paths.of_point(), length, len(paths))
 
 
-def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> Joints:
+def joints(mesh: SurfaceMesh, paths: SurfacePaths) -> Joints:
     """Angles on both sides of curves at all their points.
 
     Parameters
@@ -215,8 +225,6 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> J
     mesh : TriangleMesh or IntrinsicMesh
         Consistently oriented: left is left seen from outside.
     paths : SurfacePaths
-    shortest : float
-        Segments shorter than this, relative to the longest side of the mesh, have no direction.
 
     Returns
     -------
@@ -258,17 +266,18 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> J
         turn = angle(into_face, into_b, backward) - angle(face, b, leaving)
         left = np.where(is_open, np.where(turn >= 0, turn, np.nan), turn % total)
         right = np.where(is_open, np.where(turn < 0, -turn, np.nan), total - left)
-    short = np.minimum(np.hypot(*leaving.T), np.hypot(*backward.T)) <= shortest
+    segment = np.minimum(np.hypot(*leaving.T), np.hypot(*backward.T))
+    short = segment <= SEGMENT_TOLERANCE
     short |= (count == 1) & (fans.fan[3 * into_face + np.argmax(into_b, axis=1)] != fan)  # from fan to fan
-    result = {name: np.full(len(after), np.nan) for name in ("left", "right", "total")}
+    result = {name: np.full(len(after), np.nan) for name in ("left", "right", "total", "segment")}
     result["left"][at], result["right"][at] = np.where(short, np.nan, left), np.where(short, np.nan, right)
-    result["total"][at] = total
+    result["total"][at], result["segment"][at] = total, segment
     vertex = np.where(
         paths.barycentric.max(axis=1, initial=0.0) >= 1 - SIDE_TOLERANCE,
         topology.faces[paths.face, np.argmax(paths.barycentric, axis=1)] if len(paths.face) else -1,
         -1,
     )
-    return Joints(result["left"], result["right"], result["total"], vertex)
+    return Joints(vertex=vertex, **result)
 
 
 def reversed_paths(mesh: SurfaceMesh, paths: SurfacePaths) -> SurfacePaths:
@@ -301,7 +310,7 @@ def curve_set(mesh: TriangleMesh, paths: SurfacePaths, **arrays: NDArray) -> Cur
 
 
 def describe_paths(
-    mesh: SurfaceMesh, paths: SurfacePaths, kinds: list[dict[str, Any]]
+    mesh: SurfaceMesh, paths: SurfacePaths, kinds: list[dict[str, Any]], joint: Joints | None = None
 ) -> list[dict[str, Any]]:
     """Summary entries of paths: kind, length, both ends, angles at the vertices on the path.
 
@@ -309,10 +318,12 @@ def describe_paths(
     ----------
     kinds : list of dict
         First fields of each entry: kind, source, target, ...
+    joint : Joints, optional
+        Of the paths, where they are known.
     """
     if not len(paths):
         return []
-    length, joint = path_lengths(mesh, paths), joints(mesh, paths)
+    length, joint = path_lengths(mesh, paths), joint or joints(mesh, paths)
     entries = []
     for i, kind in enumerate(kinds):
         a, b = int(paths.start[i]), int(paths.start[i + 1])

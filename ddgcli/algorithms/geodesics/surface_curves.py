@@ -106,11 +106,10 @@ def trace_curves(
 def largest_angle_defect(mesh: SurfaceMesh, paths: SurfacePaths) -> float:
     """Largest |left - right| / 2 at the inner points of curves, in radians; 0 for a straightest geodesic.
 
-    The direction of a segment of length s has an error of about 1e-16 / s: joints at segments shorter than
-    1e-6 of the longest side of the mesh are ignored.
+    Joints at segments shorter than 1e-6 of the longest side of the mesh are ignored.
     """
-    defect = joints(mesh, paths, shortest=1e-6).angle_defect
-    return float(np.nanmax(defect, initial=0.0))
+    joint = joints(mesh, paths)
+    return float(np.nanmax(joint.angle_defect[joint.accurate], initial=0.0))
 
 
 def add_geodesic_curvature(mesh: SurfaceMesh, curves: Curves) -> Curves:
