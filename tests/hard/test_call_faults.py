@@ -62,3 +62,12 @@ def test_what_cannot_start_at_edges_names_the_option_of_these_edges(run, tmp_pat
     disk = written(tmp_path / "a.npz", shapes.grid(2, 2))
     result = run("geodesic", disk, "--source-boundary", "--field", "v")
     assert result.stderr.strip().endswith("leave --source-boundary out")
+
+
+def test_lines_among_sides_without_length_end_soon(run, tmp_path):
+    """Once 100,000 crossings, a minute, without any progress."""
+    points = np.array([[0.0, 2, 2], [0, 2, 2], [-2, 4, 2], [0, 2, 2]])
+    faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    np.savez(tmp_path / "a.npz", points=points, faces=faces)
+    result = run("geodesic", tmp_path / "a.npz", "--fan", 5, "--fan-length", 1, "--source", 3)
+    assert "stopped short of their length" in result.stderr

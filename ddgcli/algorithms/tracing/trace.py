@@ -103,7 +103,13 @@ class Tracer:
             batch = TraceBatch(self.unfolding, lambda: self.fans, starts, at_boundary == "reflect", record)
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 batch.begin()
+                # lines that cross as many sides as there are and get no longer are among sides without length
+                max_idle_crossings, traced, since = PROGRESS_INTERVAL + len(batch.length), -1.0, 0
                 while len(batch.line) and batch.steps < max_crossings:
+                    if batch.traced_length() > traced:
+                        traced, since = batch.traced_length(), batch.steps
+                    elif batch.steps - since > max_idle_crossings:
+                        break
                     batch.advance(min(PROGRESS_INTERVAL, max_crossings - batch.steps))
                     if progress is not None:
                         progress(min(finished_length + batch.traced_length(), total), total)
@@ -116,7 +122,8 @@ class Tracer:
         if len(abandoned):
             _log.warning(
                 f"{len(abandoned)} lines (first: line {abandoned[0]}) stopped short of their length, after "
-                f"{max_crossings} crossings or at a vertex without angles; give shorter lengths"
+                f"{max_crossings} crossings, among sides without length or at a vertex without angles; give "
+                "shorter lengths"
             )
         return lines
 
