@@ -359,12 +359,12 @@ def _advance_adaptively(
             active.next_dt = dt / 4
             continue
         growth = 0.9 * (tolerance / max(error, 1e-300)) ** (1 / (model.order + 1))
+        if growth < 1 and dt < shortest:  # an accepted step, too: the next ones would be shorter without end
+            raise SolveError(
+                f"t = {time:.6g} {active.model.time_unit}, {active.name}: the error of a step stays at "
+                f"{error:.2g} however short the step; give a step instead of the tolerance {tolerance:g}"
+            )
         if error > tolerance:
-            if dt < shortest:
-                raise SolveError(
-                    f"t = {time:.6g} {active.model.time_unit}, {active.name}: the error of a step stays at "
-                    f"{error:.2g} however short the step; give a step instead of the tolerance {tolerance:g}"
-                )
             events.append(
                 Event(
                     first,

@@ -71,3 +71,13 @@ def test_lines_among_sides_without_length_end_soon(run, tmp_path):
     np.savez(tmp_path / "a.npz", points=points, faces=faces)
     result = run("geodesic", tmp_path / "a.npz", "--fan", 5, "--fan-length", 1, "--source", 3)
     assert "stopped short of their length" in result.stderr
+
+
+def test_a_tolerance_below_the_smallest_error_ends_with_a_message(run, tmp_path):
+    """Once steps of error zero became shorter until they were zero: an internal error."""
+    disk = written(tmp_path / "a.npz", shapes.grid(2, 2))
+    words = ("--vorticity", "1", "--viscosity", 0, "--integrator", "energy", "--steps", 1, "--dt", 1e-3)
+    result = run("fluid-sim", disk, *words, "--tolerance", 1e-300)
+    assert result.exit_code == 1
+    assert "internal" not in result.stderr
+    assert "however short the step" in result.stderr
