@@ -297,7 +297,8 @@ def violations(
             yield f"{key} {value}", ()
     if name == "geodesic" and whole:
         yield from _distances(words, summary, arrays, points, faces)
-    if name == "laplacian" and "--smooth" in options and "conformalized" not in options and whole:
+    is_flow = name == "laplacian" and "--smooth" in options and "conformalized" not in options
+    if is_flow and whole and "points" in arrays:
         yield from check_box_does_not_grow(evidence)
     if name == "willmore-flow" and (summary.get("accuracy") or {}).get("energy_increases") == 0:
         yield from check_willmore(evidence)
