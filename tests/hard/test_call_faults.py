@@ -81,3 +81,10 @@ def test_a_tolerance_below_the_smallest_error_ends_with_a_message(run, tmp_path)
     assert result.exit_code == 1
     assert "internal" not in result.stderr
     assert "however short the step" in result.stderr
+
+
+def test_a_comparison_of_curvatures_takes_a_radius_that_is_a_length(run, tmp_path):
+    ball = written(tmp_path / "a.npz", shapes.icosphere(1))
+    result = run("tradeoff", "--budget", 1, "curvature", ball, "--radius", "auto")
+    assert result.exit_code == 2
+    assert "no length" in result.stderr

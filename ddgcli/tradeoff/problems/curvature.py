@@ -47,6 +47,8 @@ def problem(
             (work + _work(mesh, 2.0), lambda: _compared(mesh, inside, edge, (2.0,))),
         ]
     radius_option = options.get("radius")
+    if isinstance(radius_option, str):
+        raise ParameterError(f"{radius_option!r} is no length to compare at; give one, or leave `radius` out")
     return Problem(
         candidates=[
             _candidate(mesh, scheme, radius, edge)
