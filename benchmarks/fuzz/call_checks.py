@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from benchmarks.fuzz.call_cures import cures, place_of
 from benchmarks.fuzz.call_meshes import SURFACE, mesh_arrays, mesh_file
+from benchmarks.fuzz.scratch import scratch_folder
 from benchmarks.hardcases.checks import (
     CHECKS,
     Evidence,
@@ -79,7 +80,6 @@ def _reject(name: str) -> None:
 
 def read_call() -> Callable[[bytes], object]:
     """Runs calls; a refusal becomes DdgError, a fault CallError."""
-    from benchmarks.fuzz.inputs import scratch_folder
 
     folder = scratch_folder()
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import random
 import tempfile
 import tomllib
@@ -21,6 +20,7 @@ from benchmarks.fuzz.call_checks import read_call
 from benchmarks.fuzz.call_options import random_call
 from benchmarks.fuzz.mesh_seeds import mesh_seeds
 from benchmarks.fuzz.scenes import fluid_scene, shell_scene
+from benchmarks.fuzz.scratch import scratch_folder
 from benchmarks.fuzz.seeds import EXPECTED_SUMMARY, EXPRESSIONS, FLUID_SCENES, ROW, SCENES
 from ddgcli.errors import DdgError, MeshFileError
 
@@ -83,12 +83,6 @@ def _unguarded(module: str, function: str, *args: Any, **bounds: Any) -> Any:
         raise
     except (Exception, SystemExit) as error:
         raise MeshFileError(f"its reader failed ({type(error).__name__})") from None
-
-
-def scratch_folder() -> Path:
-    """A folder in memory where there is one: opening a file on a disk costs more than reading it."""
-    memory = "/dev/shm"
-    return Path(tempfile.mkdtemp(prefix="ddgcli-fuzz-", dir=memory if os.path.isdir(memory) else None))
 
 
 def read_mesh_bytes(suffix: str) -> Callable[[bytes], object]:

@@ -217,8 +217,7 @@ class SurfaceSpace:
     def centred(self, phi: NDArray) -> NDArray[np.float64]:
         """phi with mean zero on every component without boundary."""
         topology = self.mesh.topology
-        label = topology.vertex_component
-        count = topology.n_components
+        label, count = topology.vertex_component, topology.n_components
         in_component = label >= 0
         weight = sum_by_index(label[in_component], self.mass[in_component], count)
         mean = sum_by_index(label[in_component], (self.mass * phi)[in_component], count) / weight
