@@ -187,7 +187,7 @@ def _fuzz(runs: dict[str, dict[str, Any]]) -> str:
     lines += [_row(FUZZ_COLUMNS), _row(["---"] * len(FUZZ_COLUMNS))]
     for name, row in runs.items():
         counts = [row.get(key, 0) for key in ("runs", "inputs", "guided", "accepted", "refused", "escapes")]
-        reached = f"{row['lines_of_seeds']}, {row['lines']}" if "lines" in row else ""
+        reached = f"{row.get('lines_of_seeds', 0)}, {row['lines']}" if "lines" in row else ""
         lines.append(_row([name, *counts, reached, f"{row['cpu_seconds']:.0f}", f"{row['slowest']:.2f}"]))
     return "\n".join(lines)
 
