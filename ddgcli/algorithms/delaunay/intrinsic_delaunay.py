@@ -27,13 +27,14 @@ from ddgcli.algorithms.delaunay.triangulation import (
     working_lengths,
 )
 from ddgcli.geometry.extrinsic import face_area_vector
-from ddgcli.geometry.intrinsic import corner_angle, face_area
+from ddgcli.geometry.intrinsic import BLOCK_FACES, corner_angle, corner_cotan, face_area
 from ddgcli.geometry.unfolding import face_corner_angle
 from ddgcli.linalg.condition import condition_number
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_matrix, vector_length
 from ddgcli.operators.laplacian import stiffness
@@ -150,7 +151,7 @@ def intrinsic_delaunay(
     if degrees is None:
         flipped, base, refined = flip_to_delaunay(mesh, track=subdivide), BaseTriangulation.itself(mesh), None
     else:
-        refined = refine(mesh, degrees, max_points=max_points, seed=seed)
+        refined = refine(mesh, degrees, max_points=max_points, seed=seed, track=subdivide)
         flipped, base = refined.triangulation, refined.base
     results: dict[str, Any] = {
         "flips": flipped.flips if refined is None else refined.flips,
@@ -261,20 +262,22 @@ def triangulation_statistics(
         and `laplacian_condition` if `condition` is True.
     """
     angle = np.degrees(corner_angle(mesh.side_length))
+    least_angle, greatest_angle = float(angle.min()), float(angle.max())
+    del angle
     edges = np.sort(mesh.topology.edges, axis=1)
     loop = edges[:, 0] == edges[:, 1]
-    matrix = stiffness(mollify_mesh(mollified or mesh)[0])  # the flips have warned of degenerate faces
+    proper = mollify_mesh(mollified or mesh)[0]  # the flips have warned of degenerate faces
     statistics = {
         "non_delaunay_edges": int(non_delaunay_edges(mesh).sum()),
         "negative_cotan_edges": negative_cotan_edges(mesh),
-        "min_angle_degrees": float(angle.min()),
-        "max_angle_degrees": float(angle.max()),
+        "min_angle_degrees": least_angle,
+        "max_angle_degrees": greatest_angle,
         "self_edges": int(loop.sum()),
         "multi_edges": _repeated(edges[~loop], mesh.n_vertices),
-        "dirichlet_energy": None if mesh.points is None else dirichlet_energy(matrix, mesh.points),
+        "dirichlet_energy": None if mesh.points is None else dirichlet_energy(proper, mesh.points),
     }
     if condition:
-        statistics["laplacian_condition"] = condition_number(matrix)
+        statistics["laplacian_condition"] = condition_number(stiffness(proper))
     return statistics
 
 
@@ -285,15 +288,20 @@ def _repeated(edges: NDArray, n_vertices: int) -> int:
     return int((np.append(same, False) | np.append(False, same)).sum())
 
 
-def dirichlet_energy(matrix: Any, values: NDArray) -> float:
+def dirichlet_energy(mesh: SurfaceMesh, values: NDArray) -> float:
     """Half the Dirichlet integral of the interpolants of vertex values (n,) or (n, k), summed over columns.
 
     For the positions on the input triangulation it is the area; every Delaunay flip lowers it (Rippa 1990).
-    A sum over edges: the product with the matrix would cancel where cotangents are large (needles).
+    A sum over sides: the product with the matrix would cancel where cotangents are large (needles).
     """
-    values, entries = row_matrix(values), matrix.tocoo()
-    difference = values[entries.row] - values[entries.col]
-    return float(-0.25 * np.einsum("e,ek,ek->", entries.data, difference, difference))
+    values, energy = row_matrix(values), 0.0
+    for begin in range(0, mesh.n_faces, BLOCK_FACES):
+        block = slice(begin, begin + BLOCK_FACES)
+        corner = values[mesh.faces[block]]
+        difference = corner[:, NEXT] - corner
+        cotan = corner_cotan(mesh.side_length[block])[:, PREVIOUS]  # side j is opposite corner j + 2
+        energy += 0.25 * float(np.einsum("fj,fjk,fjk->", cotan, difference, difference))
+    return energy
 
 
 def metric_residuals(before: SurfaceMesh, after: SurfaceMesh) -> dict[str, float]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ class RefinementResult:
     Parameters
     ----------
     triangulation : IntrinsicDelaunay
-        The intrinsic Delaunay triangulation of input vertices and Steiner points, with normal coordinates.
+        The intrinsic Delaunay triangulation of input vertices and Steiner points.
     base : BaseTriangulation
         The input with the Steiner points inserted; the normal coordinates refer to it.
     steiner : SteinerPoints
@@ -66,7 +67,7 @@ class RefinementResult:
 
 
 def refine(
-    mesh: TriangleMesh, degrees: float, *, max_points: int | None = None, seed: int = 0
+    mesh: TriangleMesh, degrees: float, *, max_points: int | None = None, seed: int = 0, track: bool = True
 ) -> RefinementResult:
     """Insert Steiner points until no intrinsic angle is smaller than `degrees`.
 
@@ -81,6 +82,8 @@ def refine(
         Largest number of Steiner points; by default ten for each vertex, and at least 100,000.
     seed : int
         Seed of the random choice of faces for a batch.
+    track : bool
+        Track normal coordinates, which `common_subdivision` needs.
 
     Returns
     -------
@@ -101,17 +104,13 @@ def refine(
     require_surface(mesh, "refinement")
     require(mesh, "refinement", extent=True)
     limit = max(100_000, 10 * mesh.n_vertices) if max_points is None else max_points
-    fanned, original = one_vertex_a_fan(mesh)
-    work = Refinement(fanned, np.radians(degrees), limit, seed)
-    while work.advance():
-        pass
-    steiner = work.places.steiner()
-    base = with_steiner_points(mesh, steiner)
-    flipped = flip_to_delaunay(base.mesh, track=True)
+    insertions = _insert(mesh, np.radians(degrees), limit, seed)
+    base = with_steiner_points(mesh, insertions.steiner)
+    flipped = flip_to_delaunay(base.mesh, track=track)
     small = (corner_angle(flipped.mesh.side_length) < np.radians(degrees) * (1 - 1e-6)).any(axis=1)
-    beside = _near(flipped, original[work.pinned])
+    beside = _near(flipped, insertions.pinned)
     unreached = int((small & ~beside).sum())
-    if work.exhausted:
+    if insertions.exhausted:
         log.warning(
             f"refinement stopped at {limit} Steiner points with {unreached} faces still below "
             f"{degrees:g} degrees; increase `max_points`"
@@ -119,14 +118,43 @@ def refine(
     return RefinementResult(
         triangulation=flipped,
         base=base,
-        steiner=steiner,
-        flips=work.flips,
-        batches=work.batches,
-        sharp_vertices=int(work.sharp.sum()),
-        coincident_vertices=int(work.coincident.sum()),
+        steiner=insertions.steiner,
+        flips=insertions.flips,
+        batches=insertions.batches,
+        sharp_vertices=insertions.sharp,
+        coincident_vertices=insertions.coincident,
         excepted_faces=int((small & beside).sum()),
         unreached_faces=unreached,
         converged=unreached == 0,
+    )
+
+
+class _Insertions(NamedTuple):
+    """Steiner points, and of `Refinement` what outlives its triangulation."""
+
+    steiner: SteinerPoints
+    pinned: NDArray[np.int64]
+    flips: int
+    batches: int
+    sharp: int
+    coincident: int
+    exhausted: bool
+
+
+def _insert(mesh: TriangleMesh, angle: float, limit: int, seed: int) -> _Insertions:
+    """Insert points until no angle is smaller, or as many as the limit allows."""
+    fanned, original = one_vertex_a_fan(mesh)
+    work = Refinement(fanned, angle, limit, seed)
+    while work.advance():
+        pass
+    return _Insertions(
+        steiner=work.places.steiner(),
+        pinned=original[work.pinned],
+        flips=work.flips,
+        batches=work.batches,
+        sharp=int(work.sharp.sum()),
+        coincident=int(work.coincident.sum()),
+        exhausted=work.exhausted,
     )
 
 

@@ -140,7 +140,9 @@ def exact_distance(
     sources = check_sources(mesh, sources)
     if len(sources.edge) and (tolerance > 0 or directions):
         name = "tolerance" if tolerance > 0 else "directions"
-        raise ParameterError("needs sources at vertices or points; drop the source edges", parameter=name)
+        raise ParameterError(
+            "needs sources at vertices or points; leave edges out of `sources`", parameter=name
+        )
     tables = tables or window_tables(mesh)
     points = SurfacePoints.none() if targets is None else targets
     points = SurfacePoints.checked(points.face, points.barycentric, mesh.n_faces)
