@@ -62,7 +62,7 @@ write_mesh(folder + "/sheet.ply", AnnotatedMesh(shapes.grid(n, n)))
 
 def make_inputs(folder: Path, faces: int) -> dict[str, Path]:
     """Inputs of one size, made by a process of its own."""
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     paths = {
         name: folder / f"{name}.{'npy' if name == 'values' else 'ply'}"
         for name in ("sphere", "sheet", "values")

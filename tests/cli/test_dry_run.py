@@ -89,6 +89,14 @@ def test_a_batch_and_a_check_predict_the_command_that_they_run(inputs, tmp_path,
     assert [row["kernel"] for row in checked["kernels"]] == ["info"]
 
 
+def test_memory_taken_after_a_prediction_counts_as_available(monkeypatch):
+    size = InputSize("surface", 1000)
+    cost = predict([Use("info")], size)
+    monkeypatch.setattr(prediction, "available_memory", lambda: 600 * MIB)
+    monkeypatch.setattr(prediction, "resident_memory", lambda: (400 * MIB, 500 * MIB))
+    assert prediction.as_results(cost, size)["available_mib"] == 1000.0
+
+
 def test_frames_predict_by_the_number_of_frames(inputs, tmp_path, summary):
     run = tmp_path / "run.vtkhdf"
     summary("curve-flow", inputs["curve"], "--steps", 4, "--dt", 1e-6, "--frame-every", 1e-6, "-o", run)

@@ -150,7 +150,7 @@ def as_results(prediction: Prediction, size: InputSize) -> dict[str, Any]:
         "dry_run": True,
         "elements": size.elements,
         "peak_mib": prediction.peak_mib,
-        "available_mib": available_memory() / MIB + prediction.read_mib,
+        "available_mib": (available_memory() + resident_memory()[0]) / MIB,
         "seconds": prediction.seconds,
         "kernels": prediction.kernels,
         "read_mib": prediction.read_mib,
