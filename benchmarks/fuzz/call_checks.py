@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
+import shlex
+import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import numpy as np
+from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from benchmarks.fuzz.call_cures import cures, place_of
@@ -25,6 +30,7 @@ from benchmarks.hardcases.checks import (
 )
 from benchmarks.hardcases.judge import ABSENT_AS_NAN, INFINITE_ARRAYS
 from benchmarks.hardcases.meshes import truths_of
+from ddgcli.cli.main import main as command_line
 from ddgcli.errors import DdgError
 
 MAX_CURES = 4
@@ -38,22 +44,22 @@ class CallError(Exception):
     """A fault of the program: the call, and what is wrong."""
 
 
+@dataclass(frozen=True)
 class CallOutcome:
-    """Exit code, streams, new files and seconds of one call."""
+    """Words, exit code, streams, new files and processor seconds of one call."""
 
-    def __init__(self, words: list[str], folder: Path) -> None:
-        from click.testing import CliRunner
+    words: list[str]
+    exit_code: int
+    stdout: str = ""
+    stderr: str = ""
+    new_files: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+    exception: BaseException | None = None
 
-        from ddgcli.cli.main import main as command_line
-
-        before = _listing(folder)
-        began = time.process_time()
-        result = CliRunner().invoke(command_line, words)
-        self.seconds = time.process_time() - began
-        self.words, self.exit_code = words, result.exit_code
-        self.stdout, self.stderr = result.stdout, result.stderr
-        self.exception = result.exception
-        self.new_files = sorted(name for name, stamp in _listing(folder).items() if before.get(name) != stamp)
+    @property
+    def line(self) -> str:
+        """The call as a line for a shell."""
+        return shlex.join(self.words)
 
     @property
     def error(self) -> str:
@@ -64,12 +70,29 @@ class CallOutcome:
     @property
     def summary(self) -> dict[str, Any] | None:
         """The summary of --json; None without one."""
-        if "--json" not in self.words or not self.stdout.strip() or {"--effects", "--schema"} & {*self.words}:
+        if "--json" not in self.words or not self.stdout.strip() or self.is_listing:
             return None
         return json.loads(self.stdout, parse_constant=_reject)
 
+    @property
+    def is_listing(self) -> bool:
+        """Whether the call prints a list of effects or a schema in place of a summary."""
+        return not {"--effects", "--schema"}.isdisjoint(self.words)
 
-def _listing(folder: Path) -> dict[str, tuple[int, int]]:
+
+def call_outcome(words: list[str], folder: Path) -> CallOutcome:
+    """Run a call in this process, in this folder."""
+    before, start = _file_stamps(folder), time.process_time()
+    result = CliRunner().invoke(command_line, words)
+    seconds = time.process_time() - start
+    files = sorted(name for name, stamp in _file_stamps(folder).items() if before.get(name) != stamp)
+    return CallOutcome(
+        words, result.exit_code, result.stdout, result.stderr, files, seconds, result.exception
+    )
+
+
+def _file_stamps(folder: Path) -> dict[str, tuple[int, int]]:
+    """Time and number of every file, which change where a file is written again."""
     return {str(p.relative_to(folder)): (p.stat().st_mtime_ns, p.stat().st_ino)
             for p in folder.rglob("*") if p.is_file()}  # fmt: skip
 
@@ -80,49 +103,41 @@ def _reject(name: str) -> None:
 
 def read_call() -> Callable[[bytes], object]:
     """Runs calls; a refusal becomes DdgError, a fault CallError."""
-
-    folder = scratch_folder()
+    folder = scratch_folder() / "call"
 
     def read(data: bytes) -> object:
-        import shutil
-
-        call = json.loads(data)
-        here = folder / "call"
-        shutil.rmtree(here, ignore_errors=True)
-        here.mkdir()
-        before = os.getcwd()
-        os.chdir(here)
-        try:
-            return run_call(call, here)
-        finally:
-            os.chdir(before)
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        with contextlib.chdir(folder):
+            return run_call(json.loads(data), folder)
 
     return read
 
 
 def run_call(call: dict[str, Any], folder: Path) -> CallOutcome:
     """Run the preparing calls and the judged one, follow the cures of refusals, and check every outcome."""
-    mesh = call["mesh"]
-    name = f"mesh{mesh['suffix']}"
+    mesh, name = call["mesh"], f"mesh{call['mesh']['suffix']}"
     (folder / name).write_bytes(mesh_file(mesh))
     np.save(folder / "f.npy", np.linspace(0, 1, len(mesh["points"])))
     np.save(folder / "edges.npy", np.array([[0, 1], [1, 2]]))
-    rng = Random(json.dumps(call["words"]))
 
-    def placed(words: list[str]) -> list[str]:
-        return [word.replace("{input}", name).replace("{folder}/", "") for word in words] + ["--json"]
+    def command_words(words: Iterable[str]) -> list[str]:
+        return _with_json([word.replace("{input}", name).replace("{folder}/", "") for word in words])
+
+    def checked_outcome(words: Iterable[str], is_input: bool = True) -> CallOutcome:
+        outcome = call_outcome(command_words(words), folder)
+        check_outcome(outcome, mesh, folder, is_input)
+        return outcome
 
     for words in call["prepare"]:
-        prepared = CallOutcome(_with_json(placed(words)), folder)
-        check_outcome(prepared, mesh, folder)
-        if prepared.exit_code == 2:
-            raise DdgError(prepared.error)
+        preparation = checked_outcome(words)
+        if preparation.exit_code == 2:
+            raise DdgError(preparation.error)
     words = call["words"]
-    dry = _dry_run(placed(words), folder)
-    outcome = CallOutcome(_with_json(placed(words)), folder)
-    check_outcome(outcome, mesh, folder)
-    _check_dry_run(dry, outcome)
-    place = place_of(rng, words, mesh)
+    dry = _dry_run(command_words(words), folder)
+    outcome = checked_outcome(words)
+    check_dry_run(dry, outcome)
+    place = place_of(Random(json.dumps(words)), words, mesh)
     refusals: list[str] = []
     for _ in range(MAX_CURES):
         if outcome.exit_code != 2 or words[0] in ("batch", "check"):
@@ -132,23 +147,20 @@ def run_call(call: dict[str, Any], folder: Path) -> CallOutcome:
             break
         refusals.append(outcome.error)
         if cure.before:
-            repaired = CallOutcome(_with_json(placed(list(cure.before))), folder)
-            check_outcome(repaired, mesh, folder)
-            if repaired.exit_code == 2:
-                raise CallError(f"{_shown(outcome.words)}: {outcome.error}: the repair: {repaired.error}")
+            repair = checked_outcome(cure.before)
+            if repair.exit_code == 2:
+                raise CallError(f"{outcome.line}: {outcome.error}: the repair: {repair.error}")
         words = cure.words
-        outcome = CallOutcome(_with_json(placed(words)), folder)
-        check_outcome(outcome, mesh, folder, is_input=not cure.before)
+        outcome = checked_outcome(words, is_input=not cure.before)
         if outcome.exit_code == 2 and _same_refusal(outcome.error, refusals):
-            raise CallError(f"{_shown(outcome.words)}: the cure {cure.reason!r} fails; refusals: {refusals}")
+            raise CallError(f"{outcome.line}: the cure {cure.reason!r} fails; refusals: {refusals}")
     if outcome.exit_code == 2:
         raise DdgError(outcome.error)
     return outcome
 
 
 def _with_json(words: list[str]) -> list[str]:
-    """--json at the end, before `--` of the command that a batch runs."""
-    words = words[:-1]
+    """The words with --json at the end, but before `--` of the command that a batch runs."""
     k = words.index("--") if "--" in words else len(words)
     return [*words[:k], "--json", *words[k:]]
 
@@ -157,75 +169,65 @@ def _same_refusal(error: str, refusals: list[str]) -> bool:
     return error.replace("repaired.ply", "") in [text.replace("repaired.ply", "") for text in refusals]
 
 
-def _shown(words: list[str]) -> str:
-    import shlex
-
-    return shlex.join(words)
-
-
 def _dry_run(words: list[str], folder: Path) -> CallOutcome | None:
     """The dry run of a call; of some calls only, for it takes as long as a small run."""
     if words[0] in ("batch", "check", "tradeoff", "frames") or Random(" ".join(words)).random() < 0.6:
         return None
-    outcome = CallOutcome(_with_json([*words[:-1], "--dry-run", "--json"]), folder)
+    outcome = call_outcome([*words, "--dry-run"], folder)
     if outcome.new_files:
-        raise CallError(f"{_shown(outcome.words)}: a dry run wrote {outcome.new_files}")
+        raise CallError(f"{outcome.line}: a dry run wrote {outcome.new_files}")
     check_form(outcome)
     return outcome
 
 
-def _check_dry_run(dry: CallOutcome | None, outcome: CallOutcome) -> None:
-    """A dry run refuses what the run refuses, but for sizes."""
+def check_dry_run(dry: CallOutcome | None, outcome: CallOutcome) -> None:
+    """A dry run refuses no call that runs, but for its size."""
     if dry is None or any(text in dry.error for text in TOO_LARGE):
         return
-    if (dry.exit_code == 2) > (outcome.exit_code == 2):
-        raise CallError(f"{_shown(dry.words)}: the dry run is refused, the run is not: {dry.error}")
-    if (dry.exit_code == 2) < (outcome.exit_code == 2) and os.environ.get("DDGCLI_FUZZ_DRY"):
-        raise CallError(f"{_shown(dry.words)}: exit code {dry.exit_code}, the run's 2: {outcome.error}")
+    if dry.exit_code == 2 and outcome.exit_code != 2:
+        raise CallError(f"{dry.line}: the dry run is refused, the run is not: {dry.error}")
 
 
 def check_form(outcome: CallOutcome) -> None:
     """Exit code, streams and seconds of any call."""
-    shown, stderr = _shown(outcome.words), outcome.stderr.strip()
+    line, stderr = outcome.line, outcome.stderr.strip()
     if "internal error" in stderr or "Traceback" in stderr:
-        raise CallError(f"{shown}: {stderr.splitlines()[-1]}")
+        raise CallError(f"{line}: {stderr.splitlines()[-1]}")
     if outcome.exit_code not in (0, 1, 2):
-        raise CallError(f"{shown}: exit code {outcome.exit_code} {outcome.exception!r}")
+        raise CallError(f"{line}: exit code {outcome.exit_code} {outcome.exception!r}")
     stderr = re.sub(r"[^\n]*\r", "", stderr)  # progress bars
     lines = [line for line in stderr.splitlines() if line.strip() and not line.startswith("Warning: ")]
     if outcome.exit_code == 2 and (len(lines) != 1 or not outcome.error):
-        raise CallError(f"{shown}: refused in {len(lines)} lines: {lines[:3]}")
+        raise CallError(f"{line}: refused in {len(lines)} lines: {lines[:3]}")
     if outcome.exit_code == 1 and not outcome.error and not outcome.stdout.strip():
-        raise CallError(f"{shown}: exit code 1 without a summary or an error")
+        raise CallError(f"{line}: exit code 1 without a summary or an error")
     if len(lines) > 1 or len(outcome.error) > MAX_LENGTH:
-        raise CallError(f"{shown}: {len(lines)} lines, {len(outcome.error)} characters: {lines[:2]}")
+        raise CallError(f"{line}: {len(lines)} lines, {len(outcome.error)} characters: {lines[:2]}")
     if "out of memory" in outcome.error:
-        raise CallError(f"{shown}: {outcome.error}")
+        raise CallError(f"{line}: {outcome.error}")
     if outcome.seconds > CALL_SECONDS:
-        raise CallError(f"{shown}: took {outcome.seconds:.0f} s")
+        raise CallError(f"{line}: took {outcome.seconds:.0f} s")
     try:
         summary = outcome.summary
     except ValueError as error:
-        raise CallError(f"{shown}: no strict JSON: {error}") from None
-    if outcome.exit_code == 0 and summary is None and not {"--effects", "--schema"} & {*outcome.words}:
-        raise CallError(f"{shown}: no summary")
+        raise CallError(f"{line}: no strict JSON: {error}") from None
+    if outcome.exit_code == 0 and summary is None and not outcome.is_listing:
+        raise CallError(f"{line}: no summary")
 
 
 def check_outcome(outcome: CallOutcome, mesh: dict[str, Any], folder: Path, is_input: bool = True) -> None:
     """Everything that must hold of a call; `is_input`: its mesh is that of the input."""
     check_form(outcome)
-    shown, summary = _shown(outcome.words), outcome.summary
+    line, summary = outcome.line, outcome.summary
     if outcome.exit_code == 2:
         if outcome.new_files:
-            raise CallError(f"{shown}: refused, but wrote {outcome.new_files}")
+            raise CallError(f"{line}: refused, but wrote {outcome.new_files}")
         return
-    listed = {os.path.basename(path) for path in (summary or {}).get("outputs", [])}
-    extra = [name for name in outcome.new_files if os.path.basename(name) not in listed]
-    extra = [
-        name for name in extra if not name.endswith(".part") and outcome.words[0] not in ("batch", "check")
-    ]
-    if summary is not None and extra:
-        raise CallError(f"{shown}: files that the summary does not list: {extra}")
+    outputs = {os.path.basename(path) for path in (summary or {}).get("outputs", [])}
+    extra = [name for name in outcome.new_files
+             if os.path.basename(name) not in outputs and not name.endswith(".part")]  # fmt: skip
+    if summary is not None and extra and outcome.words[0] not in ("batch", "check"):
+        raise CallError(f"{line}: files that the summary does not list: {extra}")
     if summary is None or outcome.exit_code != 0:
         return
     arrays: dict[str, NDArray] = {}
@@ -233,23 +235,23 @@ def check_outcome(outcome: CallOutcome, mesh: dict[str, Any], folder: Path, is_i
     for name in outcome.new_files:
         for array_name, array in written_arrays(folder / name):
             if not (array_name.startswith("energy_") and "could not be computed" in warnings):
-                check_finite(shown, name, array_name, array)
+                check_finite(line, name, array_name, array)
             arrays.setdefault(array_name, array)
     points, cells = mesh_arrays(mesh)
     if is_input and mesh["cells"] == SURFACE:
-        for fault, known in violations(outcome.words, summary, arrays, points, cells):
-            if not any(word.lower() in warnings.lower() for word in known):
-                raise CallError(f"{shown}: {fault}")
+        for fault, explanations in violations(outcome.words, summary, arrays, points, cells):
+            if not any(word.lower() in warnings.lower() for word in explanations):
+                raise CallError(f"{line}: {fault}")
 
 
-def check_finite(shown: str, file: str, name: str, array: NDArray) -> None:
+def check_finite(line: str, file: str, name: str, array: NDArray) -> None:
     """No NaN and no infinity but where the documentation has them."""
     if array.dtype.kind != "f" or name in ABSENT_AS_NAN:
         return
     if np.isnan(array).any():
-        raise CallError(f"{shown}: NaN in {name} of {file}")
+        raise CallError(f"{line}: NaN in {name} of {file}")
     if np.isinf(array).any() and not name.startswith((*INFINITE_ARRAYS, "distance")):
-        raise CallError(f"{shown}: infinity in {name} of {file}")
+        raise CallError(f"{line}: infinity in {name} of {file}")
 
 
 def written_arrays(path: Path) -> Iterator[tuple[str, NDArray]]:

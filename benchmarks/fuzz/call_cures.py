@@ -10,10 +10,10 @@ from random import Random
 
 import click
 
-from benchmarks.fuzz.call_options import MEASURES, SIMULATIONS, Place, command_of, value_of
+from benchmarks.fuzz.call_options import MEASURES, SIMULATIONS, Place, command_of, option_words
 
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
-USED = re.compile(
+ADVICE = re.compile(
     r"(use|or|e\.g\.|add|give|needs) (--[a-z][a-z-]+)(?: ((?!or\b|and\b|to\b|is\b|for\b)[\w.:=-]+))?"
 )
 REPAIR = re.compile(r"ddgcli repair (?:[^;]|;(?! ))*?-o \S+-repaired\.ply")
@@ -65,65 +65,60 @@ def spans(words: list[str], command: click.Command) -> list[tuple[str, int, int]
     return result
 
 
-def without(words: list[str], name: str, command: click.Command) -> list[str]:
-    """The words without an option."""
-    cut = {k for option, first, end in spans(words, command) if option == name for k in range(first, end)}
-    return [word for k, word in enumerate(words) if k not in cut]
+def without(words: list[str], command: click.Command, *names: str) -> list[str]:
+    """The words without some options and their values."""
+    indices = {k for name, first, end in spans(words, command) if name in names for k in range(first, end)}
+    return [word for k, word in enumerate(words) if k not in indices]
 
 
 def cures(words: list[str], message: str, place: Place, mesh_name: str) -> Iterator[Cure]:
     """The cures of a refusal, those that its text is surest about first."""
     command = command_of(subject_of(words))
-    named = {o.opts[-1] if o.opts[-1].startswith("--") else max(o.opts, key=len): o
+    options = {o.opts[-1] if o.opts[-1].startswith("--") else max(o.opts, key=len): o
              for o in command.params if isinstance(o, click.Option)}  # fmt: skip
     present = {name for name, _, _ in spans(words, command)}
     for match in REPAIR.finditer(message):
         repair = shlex.split(match.group(0))[1:]
         if repair[1] == mesh_name:
-            fixed = "{folder}/repaired.ply"
-            before = ("repair", "{input}", *repair[2:-1], fixed)
-            yield Cure("repair", [fixed if word == "{input}" else word for word in words], before)
+            output = "{folder}/repaired.ply"
+            before = ("repair", "{input}", *repair[2:-1], output)
+            yield Cure("repair", [output if word == "{input}" else word for word in words], before)
             return
     head, _, tail = re.sub(r": (?=use --)", "; ", message).rpartition("; ")
-    left = [name for group in LEAVE.findall(tail) for name in OPTION.findall(group) if name in present]
-    if left:
-        rest = words
-        for name in left:
-            rest = without(rest, name, command)
-        used = [(name, value) for _, name, value in USED.findall(tail) if name in named and value][:1]
-        for name, value in used:
-            rest = [*without(rest, name, command), name, value]
-        yield Cure(f"without {' '.join(left)}", rest)
+    superfluous = [name for group in LEAVE.findall(tail) for name in OPTION.findall(group) if name in present]
+    if superfluous:
+        rest = without(words, command, *superfluous)
+        advice = [(name, value) for _, name, value in ADVICE.findall(tail) if name in options and value][:1]
+        for name, value in advice:
+            rest = [*without(rest, command, name), name, value]
+        yield Cure(f"without {' '.join(superfluous)}", rest)
         return
-    for _, name, value in USED.findall(tail):
-        if name in named and not named[name].is_flag and value:
-            yield Cure(f"{name} {value}", [*without(words, name, command), name, value])
-        elif name in named and name not in present:
-            yield Cure(f"with {name}", [*words, *value_of(named[name], place)])
+    for _, name, value in ADVICE.findall(tail):
+        if name in options and not options[name].is_flag and value:
+            yield Cure(f"{name} {value}", [*without(words, command, name), name, value])
+        elif name in options and name not in present:
+            yield Cure(f"with {name}", [*words, *option_words(options[name], place)])
     if suffixes := re.findall(r"(?<!\S)\.[a-z0-9]+", head) if "with -o" in tail else []:
         yield Cure(
             f"-o {suffixes[0]}", [*words, "-o", place.output("outputs").partition(".")[0] + suffixes[0]]
         )
-    mentioned = list(dict.fromkeys(name for name in OPTION.findall(message) if name in named))
+    mentioned = list(dict.fromkeys(name for name in OPTION.findall(message) if name in options))
     if drop := DROPS.search(tail):
         here = [name for name in OPTION.findall(tail) if name in present] or mentioned
         if " them " in drop.group(0):
-            rest = words
-            for name in here:
-                rest = without(rest, name, command)
-            yield Cure(f"without {' '.join(here)}", rest)
+            yield Cure(f"without {' '.join(here)}", without(words, command, *here))
             return
         for name in here[:1] if " it" in drop.group(0) else here:
             if name in present:
-                yield Cure(f"without {name}", without(words, name, command))
+                yield Cure(f"without {name}", without(words, command, name))
     elif ADDS.search(tail):
         for name in mentioned:
             if name not in present:
-                yield Cure(f"with {name}", [*words, *value_of(named[name], place)])
+                yield Cure(f"with {name}", [*words, *option_words(options[name], place)])
 
 
 def place_of(rng: Random, words: list[str], mesh: dict) -> Place:
-    """Where values of added options come from."""
+    """The place of the values of options that a cure adds."""
     place = Place(rng, subject_of(words), mesh)
     place.outputs = 50  # names of files that no earlier option has
     return place

@@ -1,4 +1,4 @@
-"""Small random meshes of many families, with arrays, as the input files of random calls."""
+"""Small random meshes of many classes, with arrays, as the input files of random calls."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ SOLIDS: dict[str, Callable[[Random], Arrays]] = {
 }
 
 
-# ---------------------------------------------------------------- what is done to them
+# ---------------------------------------------------------------- modifiers
 def _scaled(rng: Random, arrays: Arrays) -> Arrays:
     return arrays[0] * rng.choice(SCALES), arrays[1]
 
@@ -178,8 +178,8 @@ def _duplicate_cell(rng: Random, arrays: Arrays) -> Arrays:
 
 
 def _some_missing(rng: Random, arrays: Arrays) -> Arrays:
-    kept = sorted(rng.sample(range(len(arrays[1])), max(1, int(0.8 * len(arrays[1])))))
-    return arrays[0], arrays[1][kept]
+    rows = sorted(rng.sample(range(len(arrays[1])), max(1, int(0.8 * len(arrays[1])))))
+    return arrays[0], arrays[1][rows]
 
 
 def _other_numbers(rng: Random, arrays: Arrays) -> Arrays:
@@ -197,7 +197,7 @@ MODIFIERS: tuple[Callable[[Random, Arrays], Arrays], ...] = (
 
 
 def random_mesh(rng: Random, kind: str = SURFACE) -> dict[str, Any]:
-    """A mesh of a random family as plain data; `cells` is their kind, `numbers` are their vertices."""
+    """A mesh of a random class as plain data; `cells` is their kind, `numbers` are their vertices."""
     table = {SURFACE: SURFACES, TETRAHEDRA: SOLIDS, CURVE: CURVES}[kind]
     name = rng.choice(list(table))
     arrays, names = table[name](rng), [name]

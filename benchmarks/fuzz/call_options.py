@@ -14,7 +14,13 @@ import numpy as np
 from benchmarks.fuzz.call_meshes import CURVE, SUFFIXES, SURFACE, TETRAHEDRA, mesh_arrays, random_mesh
 from benchmarks.fuzz.scenes import FLUID_EFFECTS, SHELL_EFFECTS, SceneObjects, toml
 from ddgcli.choices import UP_AXES, WILLMORE_BOUNDARIES, WILLMORE_ENERGIES, WILLMORE_FLOWS
+from ddgcli.cli.commands.check import KeyTolerance
+from ddgcli.cli.commands.curvature import Radius
+from ddgcli.cli.commands.curvature_measures import Region
+from ddgcli.cli.commands.geodesic_curves import TraceStart
+from ddgcli.cli.commands.laplacian import FixedValue
 from ddgcli.cli.main import main as command_line
+from ddgcli.cli.options import FacePoint, Ids, Numbers, Real, Size, View
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.models.fluid.scene import TRANSPORTS
 from ddgcli.scenes.materials import MATERIALS
@@ -24,7 +30,7 @@ RARE = {"plot", "threads", "jobs", "list_effects", "schema", "resume", "input_fo
 SHARE_OF_RARE = 0.06
 SHARE_OF_OUTPUTS = 0.7
 OPTION_COUNTS = (0, 1, 1, 2, 2, 3, 3, 4, 6)
-KINDS = {  # cells that a command takes, mostly first
+KINDS = {  # cells that a command accepts, the most frequent first
     "info": (SURFACE, SURFACE, TETRAHEDRA, CURVE),
     "curvature": (SURFACE, SURFACE, SURFACE, CURVE, TETRAHEDRA),
     "laplacian": (SURFACE, SURFACE, TETRAHEDRA), "dec": (SURFACE, SURFACE, TETRAHEDRA),
@@ -177,18 +183,19 @@ TEXTS: dict[str, Callable[[Place], str]] = {
     "integrator": lambda p: p.rng.choice(SCHEMES.get(p.command, ["explicit", "implicit"])),
     "up": lambda p: p.rng.choice(UP_AXES),
 }  # fmt: skip
-# values of the types of options, by the name of their class
-TYPES: dict[str, Callable[[Place], str]] = {
-    "IntParamType": lambda p: str(p.vertex()),
-    "Ids": lambda p: p.edge_path() if p.rng.random() < 0.4 else str(p.vertex()),
-    "FacePoint": Place.face_point,
-    "View": lambda p: p.rng.choice(["x", "iso", "iso:y", "30,-60"]),
-    "Size": lambda p: "200x200",
-    "FixedValue": lambda p: f"{p.vertex()}={p.rng.choice(['0', '1', '360', '180', '-2.5'])}",
-    "Radius": lambda p: "auto" if p.rng.random() < 0.3 else p.number(0, None),
-    "Region": lambda p: p.rng.choice(["k", "ff", "{folder}/f.npy", f"{p.point()}:{0.4 * p.size!r}"]),
-    "TraceStart": lambda p: f"{p.face_point()}:{p.rng.choice(['1,0,0', '0.3,-1,0.2'])}:{p.number(0, None)}",
-    "KeyTolerance": lambda p: p.rng.choice(["results.area=1e-6", "results.*=1e-6,1e-9"]),
+# values of the types of options
+TYPES: dict[type[click.ParamType], Callable[[Place], str]] = {
+    click.types.IntParamType: lambda p: str(p.vertex()),
+    Ids: lambda p: p.edge_path() if p.rng.random() < 0.4 else str(p.vertex()),
+    FacePoint: Place.face_point,
+    Numbers: Place.point,
+    View: lambda p: p.rng.choice(["x", "iso", "iso:y", "30,-60"]),
+    Size: lambda p: "200x200",
+    FixedValue: lambda p: f"{p.vertex()}={p.rng.choice(['0', '1', '360', '180', '-2.5'])}",
+    Radius: lambda p: "auto" if p.rng.random() < 0.3 else p.number(0, None),
+    Region: lambda p: p.rng.choice(["k", "ff", "{folder}/f.npy", f"{p.point()}:{0.4 * p.size!r}"]),
+    TraceStart: lambda p: f"{p.face_point()}:{p.rng.choice(['1,0,0', '0.3,-1,0.2'])}:{p.number(0, None)}",
+    KeyTolerance: lambda p: p.rng.choice(["results.area=1e-6", "results.*=1e-6,1e-9"]),
 }
 
 
@@ -208,43 +215,38 @@ def options_of(name: str) -> tuple[click.Option, ...]:
     return tuple(option for option in every if option.name not in LEFT_OUT)
 
 
-def value_of(option: click.Option, place: Place) -> list[str]:
+def option_words(option: click.Option, place: Place) -> list[str]:
     """Words of an option with random values."""
     word = max(option.opts, key=len)
     if option.is_flag:
         return [place.rng.choice([word, *option.secondary_opts])]
     if option.metavar and option.metavar.startswith("[") and place.rng.random() < 0.5:
         return [word]  # its value is optional
-    return [word, *(_one_value(option, place) for _ in range(option.nargs))]
+    value = value_generator(option)
+    if value is None:
+        raise KeyError(f"{word} has a type without random values")
+    return [word, *(value(place) for _ in range(option.nargs))]
 
 
-def _one_value(option: click.Option, place: Place) -> str:
+def value_generator(option: click.Option) -> Callable[[Place], str] | None:
+    """Function of a place that returns a random value of an option; None for a type that has none here."""
     kind, name = option.type, option.name or ""
     if isinstance(kind, click.Choice):
-        return str(place.rng.choice(list(kind.choices)))
+        choices = list(kind.choices)
+        return lambda place: str(place.rng.choice(choices))
     if isinstance(kind, click.IntRange):
-        return _integer(place, int(kind.min or 0), None if kind.max is None else int(kind.max))
+        low, high = int(kind.min or 0), None if kind.max is None else int(kind.max)
+        return lambda place: _integer(place, low, high)
     if isinstance(kind, click.Path):
-        return "{folder}/run.vtkhdf.part"
-    family = type(kind).__name__
-    if family == "Real":
-        return place.number(kind.above, kind.least)  # type: ignore[attr-defined]
-    if family == "Numbers":
-        return place.point()
-    if family in TYPES:
-        return TYPES[family](place)
-    if option.metavar in ("PATH", None) and name not in TEXTS:
-        return place.output(name)
-    return TEXTS[name if name in TEXTS else str(option.metavar)](place)
-
-
-def is_known(option: click.Option) -> bool:
-    """Whether there are values for the type of an option."""
-    family = type(option.type).__name__
-    return (
-        option.is_flag or family in TYPES or family in ("Choice", "IntRange", "Path", "Real", "Numbers")
-        or (family == "StringParamType" and {option.name, option.metavar} & {*TEXTS, "PATH"} != set())
-    )  # fmt: skip
+        return lambda place: "{folder}/run.vtkhdf.part"
+    if isinstance(kind, Real):
+        above, least = kind.above, kind.least
+        return lambda place: place.number(above, least)
+    if type(kind) in TYPES:
+        return TYPES[type(kind)]
+    if option.metavar == "PATH" and name not in TEXTS:
+        return lambda place: place.output(name)
+    return TEXTS.get(name) or TEXTS.get(str(option.metavar))
 
 
 def random_words(name: str, place: Place, outputs: bool = True) -> list[str]:
@@ -258,7 +260,7 @@ def random_words(name: str, place: Place, outputs: bool = True) -> list[str]:
         if option.name == "dry_run" and rng.random() < 0.8:
             continue
         for _ in range(rng.choice([1, 1, 2]) if option.multiple else 1):
-            words += value_of(option, place)
+            words += option_words(option, place)
     if outputs and rng.random() < SHARE_OF_OUTPUTS:
         words += ["-o", place.output("outputs")]
     return words

@@ -2,7 +2,6 @@
 
 import json
 from random import Random
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,7 +23,7 @@ def test_every_option_of_every_command_has_random_values():
         (name, option.name)
         for name in call_options.WEIGHTS
         for option in call_options.options_of(name)
-        if not call_options.is_known(option)
+        if not (option.is_flag or call_options.value_generator(option))
     ]
     assert unknown == []
 
@@ -64,26 +63,26 @@ def test_a_written_mesh_has_the_points_and_cells_of_its_numbers(tmp_path, cells,
     assert len(getattr(source, cells)) == len(numbers)
 
 
-def outcome(words="info a.ply --json", code=0, stdout="{}", stderr="", files=(), seconds=0.0):
-    error = stderr.removeprefix("Error: ")
-    return SimpleNamespace(
-        words=words.split(), exit_code=code, stdout=stdout, stderr=stderr, new_files=list(files),
-        seconds=seconds, exception=None, error=error if stderr.startswith("Error: ") else "",
-        summary=json.loads(stdout) if stdout else None,
-    )  # fmt: skip
+def outcome(**values):
+    """Outcome of a call of info that wrote an empty summary, but for some values."""
+    normal = {"words": ["info", "a.ply", "--json"], "exit_code": 0, "stdout": "{}"}
+    return call_checks.CallOutcome(**(normal | values))
 
 
 @pytest.mark.parametrize(
     "fault, text",
     [
-        (outcome(code=1, stderr="Error: internal error: KeyError: 3"), "internal error"),
-        (outcome(code=-9), "exit code -9"),
-        (outcome(code=2, stdout="", stderr="Error: a\nand b"), "2 lines"),
-        (outcome(code=2, stdout="", stderr="Error: " + "long " * 200), "1000 characters"),
-        (outcome(code=2, stdout="", stderr="Error: a", files=["a.npz"]), "refused, but wrote"),
-        (outcome(files=["a.vtu"]), "does not list"),
+        (outcome(exit_code=1, stderr="Error: internal error: KeyError: 3"), "internal error"),
+        (outcome(exit_code=-9), "exit code -9"),
+        (outcome(exit_code=1, stdout=""), "without a summary or an error"),
+        (outcome(exit_code=2, stdout="", stderr="Error: a\nand b"), "2 lines"),
+        (outcome(exit_code=2, stdout="", stderr="Error: " + "long " * 200), "1000 characters"),
+        (outcome(exit_code=2, stdout="", stderr="Error: a", new_files=["a.npz"]), "refused, but wrote"),
+        (outcome(new_files=["a.vtu"]), "does not list"),
         (outcome(seconds=100), "took 100 s"),
-        (outcome(code=1, stderr="Error: out of memory"), "out of memory"),
+        (outcome(exit_code=1, stderr="Error: out of memory"), "out of memory"),
+        (outcome(stdout=""), "no summary"),
+        (outcome(stdout='{"results": {"area": NaN}}'), "NaN in the summary"),
         (outcome(stdout='{"results": {"length": -1.0}}'), "length -1.0"),
     ],
 )
@@ -92,35 +91,65 @@ def test_a_fault_of_a_call_is_detected(tmp_path, fault, text):
         call_checks.check_outcome(fault, MESH, tmp_path)
 
 
-def test_values_that_are_not_finite_are_detected_in_every_written_format(tmp_path):
-    np.savez(tmp_path / "a.npz", points=np.eye(3), faces=[[0, 1, 2]], f=[0.0, np.nan, 1])
-    summary = json.dumps({"results": {}, "outputs": ["a.npz"]})
-    with pytest.raises(call_checks.CallError, match=r"NaN in f of a\.npz"):
-        call_checks.check_outcome(outcome(stdout=summary, files=["a.npz"]), MESH, tmp_path)
-    call_checks.check_finite("geodesic", "a.npz", "geodesic_distance", np.array([np.inf]))
+def test_a_fault_of_a_dry_run_is_detected():
+    dry = outcome(words=["info", "a.ply", "--dry-run"], exit_code=2, stdout="", stderr="Error: no face")
+    call_checks.check_dry_run(dry, dry)
+    with pytest.raises(call_checks.CallError, match="the dry run is refused, the run is not: no face"):
+        call_checks.check_dry_run(dry, outcome())
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".vtkhdf", ".vtu", ".ply"])
+def test_values_that_are_not_finite_are_detected_in_written_files(tmp_path, suffix):
+    from ddgcli.io.mesh_file import write_mesh
+    from ddgcli.mesh.fields import AnnotatedMesh
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+    mesh = TriangleMesh.from_arrays(np.eye(3), np.array([[0, 1, 2]]))
+    file = f"a{suffix}"
+    write_mesh(str(tmp_path / file), AnnotatedMesh(mesh, {"f": np.array([0.0, np.nan, 1])}))
+    call = outcome(stdout=json.dumps({"results": {}, "outputs": [file]}), new_files=[file])
+    with pytest.raises(call_checks.CallError, match=rf"NaN in f of a\{suffix}"):
+        call_checks.check_outcome(call, MESH, tmp_path)
+
+
+def test_only_distances_may_be_infinite():
+    values = np.array([np.inf])
+    call_checks.check_finite("", "a.npz", "geodesic_distance", values)  # raises no error
+    with pytest.raises(call_checks.CallError, match="infinity in f"):
+        call_checks.check_finite("", "a.npz", "f", values)
+
+
+SOURCE = "geodesic {input} --source 0"
 
 
 @pytest.mark.parametrize(
-    "words, message, cured",
+    "words, message, expected",
     [
-        ("geodesic {input} --path-to 3", "--path-to: needs a source, e.g. --source 0", "--source 0"),
         (
-            "geodesic {input} --source 0 --method heat --path-to 3",
+            "geodesic {input} --path-to 3",
+            "--path-to: needs a source, e.g. --source 0",
+            "geodesic {input} --path-to 3 --source 0",
+        ),
+        (
+            f"{SOURCE} --method heat --path-to 3",
             "--path-to: follows the exact distance, not that of heat; use --method exact",
-            "--method exact",
+            f"{SOURCE} --path-to 3 --method exact",
         ),
         (
             "curvature {input} --jobs 2 --scheme cotan",
             "--jobs: is for --scheme quadric; leave it out",
-            "--scheme cotan",
+            "curvature {input} --scheme cotan",
+        ),
+        (
+            f"{SOURCE} --method heat --tolerance 0.1 --jobs 2 --fan 3",
+            "needs the exact distance; leave --tolerance and --jobs out",
+            f"{SOURCE} --method heat --fan 3",
         ),
     ],
 )
-def test_the_cure_of_a_refusal_is_read_from_its_text(words, message, cured):
+def test_the_cure_of_a_refusal_is_read_from_its_text(words, message, expected):
     place = place_of(Random(0), words.split(), MESH)
-    cure = next(cures(words.split(), message, place, "mesh.npz"))
-    assert cured in " ".join(cure.words)
-    assert "--jobs" not in cure.words
+    assert next(cures(words.split(), message, place, "mesh.npz")).words == expected.split()
 
 
 def test_a_repair_that_a_refusal_names_is_a_call():
