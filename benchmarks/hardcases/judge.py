@@ -56,7 +56,8 @@ class Verdict:
 
 
 # arrays in which an infinite value is an answer: a vertex that no source reaches
-INFINITE_ARRAYS = ("geodesic_distance",)
+# unreached vertices; straight pieces of a curve
+INFINITE_ARRAYS = ("geodesic_distance", "osculating_radius")
 
 
 def judge(

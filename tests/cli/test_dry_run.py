@@ -324,5 +324,9 @@ def test_a_dry_run_refuses_what_the_run_refuses(run, tmp_path, words):
     np.savez(tmp_path / "grid.npz", points=grid.points, faces=grid.faces)
     np.savez(tmp_path / "fin.npz", points=grid.points, faces=fin)
     call = words.format(grid=tmp_path / "grid.npz", fin=tmp_path / "fin.npz").split()
-    errors = [run(*call, *more) for more in ((), ("--dry-run",))]
-    assert [error.exit_code for error in errors] == [2, 2]
+    cures = []
+    for more in ((), ("--dry-run",)):
+        refusal = run(*call, *more)
+        assert refusal.exit_code == 2 and refusal.stderr.count("\n") == 1
+        cures.append(refusal.stderr.rpartition(": ")[2])
+    assert cures[0] == cures[1]

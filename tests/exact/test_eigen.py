@@ -100,11 +100,11 @@ def test_count_below_is_the_inertia():
 
 @pytest.mark.parametrize("boundary", [False, True])
 def test_count_below_by_the_analysis_of_the_factor_is_the_inertia(boundary):
-    """Two floating components, one that is held at a vertex, and shifts from one to all eigenvalues."""
+    """Two floating components, one with a fixed vertex, and shifts from one to all eigenvalues."""
     mesh = shapes.grid(16, 13, pattern="alternating") if boundary else shapes.random_sphere(250, seed=3)
     L, mass = stiffness(mesh), lumped_mass(mesh).diagonal()
-    held = csr_array(L + diags_array(np.eye(1, len(mass), 7)[0] * mass))
-    three, masses = csr_array(block_diag([L, held, L])), np.tile(mass, 3)
+    fixed = csr_array(L + diags_array(np.eye(1, len(mass), 7)[0] * mass))
+    three, masses = csr_array(block_diag([L, fixed, L])), np.tile(mass, 3)
     problem = Poisson(three, masses, solver="multifrontal")
     assert problem.factor.solver == "multifrontal" and problem.count == 2
     values = eigh(three.toarray(), np.diag(masses), eigvals_only=True)

@@ -112,9 +112,10 @@ def test_values_that_are_not_finite_are_detected_in_written_files(tmp_path, suff
         call_checks.check_outcome(call, MESH, tmp_path)
 
 
-def test_only_distances_may_be_infinite():
+def test_distances_and_radii_of_straight_lines_may_be_infinite_but_no_other_array():
     values = np.array([np.inf])
-    call_checks.check_finite("", "a.npz", "geodesic_distance", values)  # raises no error
+    for name in ("geodesic_distance", "osculating_radius"):
+        call_checks.check_finite("", "a.npz", name, values)  # raises no error
     with pytest.raises(call_checks.CallError, match="infinity in f"):
         call_checks.check_finite("", "a.npz", "f", values)
 

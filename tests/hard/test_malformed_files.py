@@ -245,9 +245,8 @@ def test_messages_do_not_repeat_the_file(tmp_path, suffix):
 def test_numbers_of_many_digits_are_cut_in_messages(tmp_path, suffix, text):
     path = tmp_path / f"a{suffix}"
     path.write_text(text.format("7" * 300))
-    with pytest.raises(InputError) as refusal:
-        read_mesh(str(path))
-    assert len(str(refusal.value)) <= 300 + len(str(path))
+    message = refused(path)
+    assert "777" in message and "7" * (MAX_EXCERPT_LENGTH + 1) not in message
 
 
 def test_many_rows_of_a_scene_cost_one_pass(monkeypatch):

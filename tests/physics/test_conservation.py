@@ -92,19 +92,9 @@ def test_conservation_that_a_system_does_not_have_is_refused():
 
 
 def test_the_command_ranks_integrators_of_the_pendulum(summary, run, tmp_path):
-    words = (
-        "--conserved",
-        "energy",
-        "--duration",
-        4,
-        "--integrator",
-        "verlet",
-        "--repeat",
-        1,
-        "--budget",
-        600,
-    )
-    report = summary("tradeoff", "shell-sim", "pendulum", *words, "--plot", tmp_path / "p.png")
+    words = ("--conserved", "energy", "--duration", 4, "--integrator", "verlet")
+    limits = ("--repeat", 1, "--budget", 600, "--plot", tmp_path / "p.png")
+    report = summary("tradeoff", "shell-sim", "pendulum", *words, *limits)
     results = report["results"]
     rows = results["rows"]
     assert len(rows) == 4 and results["error_scale"] == "the largest kinetic energy of the run"

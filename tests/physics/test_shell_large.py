@@ -82,9 +82,9 @@ def test_levels_in_pieces_take_the_same_iterations(monkeypatch):
         iterative = BlockIterative("multigrid")
         iterative.prepare(matrix, motions)
         runs.append((iterative.solve(rhs), iterative.most_iterations))
-    (whole, n_whole), (pieces, n_pieces) = runs
+    (whole, n_whole), (summed, n_pieces) = runs
     assert n_whole == n_pieces <= 12  # 1200 vertices: plain conjugate gradients take ten times as many
-    assert np.abs(whole - pieces).max() <= 1e-12 * np.abs(whole).max()
+    assert np.abs(whole - summed).max() <= 1e-12 * np.abs(whole).max()
 
 
 def test_conjugate_gradients_find_the_equilibrium_of_the_factorisation(monkeypatch):
