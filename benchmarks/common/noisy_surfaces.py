@@ -12,6 +12,7 @@ from scipy.sparse import csr_array, diags_array
 
 from benchmarks.common.level_sets import Body, principal_curvatures, projected, samples, surface_nets
 from benchmarks.common.mesh_sequences import marching_cubes, voxel_boundary
+from benchmarks.common.submesh import submesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -205,9 +206,7 @@ def spikes(share: float, height: float, mesh: TriangleMesh) -> TriangleMesh:
 
 def holes(share: float, mesh: TriangleMesh) -> TriangleMesh:
     """Without a share of the faces."""
-    kept = np.random.default_rng(6).random(mesh.n_faces) >= share
-    used, faces = np.unique(mesh.faces[kept], return_inverse=True)
-    return TriangleMesh.from_arrays(mesh.points[used], faces.reshape(-1, 3))
+    return submesh(mesh, mesh.faces[np.random.default_rng(6).random(mesh.n_faces) >= share])
 
 
 def _irregular(name: str, n: int = 2500) -> TriangleMesh:

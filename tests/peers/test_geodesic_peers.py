@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.common.submesh import submesh
 from ddgcli.algorithms.geodesics.edge_sets import edge_set
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
@@ -13,7 +14,6 @@ from ddgcli.algorithms.tangent_fields.signed_distance import signed_distance
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.tet_mesh import TetMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import stiffness
 
 SMALL = ["spot.obj", "goathead.obj", "hemisphere.off", "lego.ply", "wingnut.obj", "spot_control_mesh.obj"]
@@ -37,8 +37,7 @@ def surface(path):
     mesh = read_mesh(str(path)).mesh
     if not isinstance(mesh, TetMesh):
         return mesh
-    used, faces = np.unique(mesh.boundary.faces, return_inverse=True)
-    return TriangleMesh.from_arrays(mesh.points[used], faces.reshape(-1, 3))
+    return submesh(mesh.boundary, mesh.boundary.faces)
 
 
 def test_every_shared_mesh_is_compared_or_excluded(shared_meshes):

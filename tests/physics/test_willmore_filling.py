@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.common.submesh import submesh
 from ddgcli.algorithms.repair.patches import fill_loops
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
@@ -22,8 +23,7 @@ def ball_with_holes(level, top=0.8, bottom=-2.0):
     ball = shapes.icosphere(level)
     z = ball.points[ball.faces][..., 2]
     faces = ball.faces[~((z > top).all(axis=1) | (z < bottom).all(axis=1))]
-    used, renamed = np.unique(faces, return_inverse=True)
-    return TriangleMesh.from_arrays(ball.points[used], renamed.reshape(-1, 3))
+    return submesh(ball, faces)
 
 
 @pytest.mark.parametrize("level, top", [(2, 0.8), (3, 0.8), (3, 0.4)])
@@ -50,10 +50,8 @@ def test_patches_of_rough_loops_are_manifolds():
         ball = shapes.random_sphere(120, seed=seed)
         start, size = rng.integers(ball.n_faces), int(rng.integers(1, 30))
         middle = ball.points[ball.faces].mean(axis=1)
-        gone = np.argsort(np.linalg.norm(middle - middle[start], axis=1))[:size]
-        faces = np.delete(ball.faces, gone, axis=0)
-        used, renamed = np.unique(faces, return_inverse=True)
-        holed = TriangleMesh.from_arrays(ball.points[used], renamed.reshape(-1, 3))
+        hole = np.argsort(np.linalg.norm(middle - middle[start], axis=1))[:size]
+        holed = submesh(ball, np.delete(ball.faces, hole, axis=0))
         if not holed.topology.is_manifold:
             continue
         closed, _ = fill_loops(holed)

@@ -6,6 +6,7 @@ import os
 import numpy as np
 import pytest
 
+from benchmarks.common.submesh import submesh
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.io.mesh_file import read_mesh, write_mesh
@@ -40,8 +41,7 @@ def uneven_cap():
     """A cap of `slivers`, whose rim is ragged."""
     ball = slivers()
     faces = ball.faces[(ball.points[ball.faces][..., 2] > -0.3).all(axis=1)]
-    used, renamed = np.unique(faces, return_inverse=True)
-    return TriangleMesh.from_arrays(ball.points[used], renamed.reshape(-1, 3))
+    return submesh(ball, faces)
 
 
 def smallest_angle(mesh):
