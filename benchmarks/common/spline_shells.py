@@ -190,10 +190,10 @@ class SplineShell:
         # a coordinate may follow one that itself follows another, at a corner of two sides
         for _ in range(2):
             flat = np.where(flat >= 0, flat[flat], -1)
-        used = np.unique(flat[flat >= 0])
+        masters = np.unique(flat[flat >= 0])
         renumbered = np.full(3 * n, -1)
-        renumbered[used] = np.arange(len(used))
-        return np.where(flat >= 0, renumbered[flat], -1), len(used)
+        renumbered[masters] = np.arange(len(masters))
+        return np.where(flat >= 0, renumbered[flat], -1), len(masters)
 
     def _loads(self, support: Support) -> NDArray[np.float64]:
         force = np.zeros((self._number.size, 3))
@@ -205,8 +205,8 @@ class SplineShell:
         return self._gathered(force.ravel())
 
     def _gathered(self, values: NDArray) -> NDArray[np.float64]:
-        kept = self.master >= 0
-        return np.bincount(self.master[kept], values[kept], self.free).astype(np.float64)
+        is_free = self.master >= 0
+        return np.bincount(self.master[is_free], values[is_free], self.free).astype(np.float64)
 
     def displacement(self, place: tuple[float, float]) -> NDArray[np.float64]:
         """Displacement at parameters."""
@@ -250,7 +250,7 @@ class SplineShell:
         strain = strains(derivatives) - self._rest_strain
         slope = strain_slopes(derivatives)
         stress = np.einsum("eqij,eqj->eqi", self.material, strain)
-        kept = stress if self.stress is None else self.stress
+        stress_before = stress if self.stress is None else self.stress
         count, m = len(self.nodes), self.nodes.shape[1]
         element_force, blocks = np.zeros((count, m, 3)), np.zeros((count, 3 * m, 3 * m))
         for begin in range(0, count, ELEMENTS_AT_ONCE):
@@ -260,7 +260,7 @@ class SplineShell:
             element_force[some] = np.einsum("eqdm,eqdk->emk", functions, pulled)
             flat = s.reshape(*s.shape[:3], 15)
             hessian = np.swapaxes(flat, 2, 3) @ self.material[some] @ flat
-            hessian = hessian + strain_curvature(derivatives[some], kept[some])
+            hessian = hessian + strain_curvature(derivatives[some], stress_before[some])
             spread = np.einsum("eqdm,kl->eqdkml", functions, np.eye(3))
             e, q = spread.shape[:2]
             spread = spread.reshape(e, q, 15, 3 * m)

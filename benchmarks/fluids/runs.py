@@ -75,8 +75,8 @@ def run_fluid(
     fluids = {name: context for name, (context, _) in contexts(scene, lambda _: source, np.load).items()}
     fluid = build(scene, fluids, account)["f"]
     snapshots = evolve({"f": fluid.model()}, scene.schedule(), account)
-    kept = [next(snapshots)]
+    all_snapshots = [next(snapshots)]
     solves, began = account.calls.get("solver", 0), cpu_seconds()
-    kept += list(snapshots)
-    seconds, observations = cpu_seconds() - began, [snapshot.observations["f"] for snapshot in kept]
-    return FluidRun(fluid, observations, seconds, account, solves, kept[-1].steps)
+    all_snapshots += list(snapshots)
+    seconds, observations = cpu_seconds() - began, [snapshot.observations["f"] for snapshot in all_snapshots]
+    return FluidRun(fluid, observations, seconds, account, solves, all_snapshots[-1].steps)

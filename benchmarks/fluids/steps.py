@@ -39,21 +39,21 @@ VOLUME_START = 'initial = { velocity = ["sin(x)*cos(y)", "-cos(x)*sin(y)", 0] }'
 @contextmanager
 def booked_tracing(account: Account) -> Iterator[None]:
     """Book every trace of points to "tracing"."""
-    kept = Tracer.trace_checked, VolumePaths.moved
+    originals = Tracer.trace_checked, VolumePaths.moved
 
     def surface(self: Tracer, *arguments: Any) -> Any:
         with account.within("tracing"):
-            return kept[0](self, *arguments)
+            return originals[0](self, *arguments)
 
     def volume(self: VolumePaths, *arguments: Any) -> Any:
         with account.within("tracing"):
-            return kept[1](self, *arguments)
+            return originals[1](self, *arguments)
 
     Tracer.trace_checked, VolumePaths.moved = surface, volume  # type: ignore[method-assign, assignment]
     try:
         yield
     finally:
-        Tracer.trace_checked, VolumePaths.moved = kept  # type: ignore[method-assign, assignment]
+        Tracer.trace_checked, VolumePaths.moved = originals  # type: ignore[method-assign, assignment]
 
 
 def resident(what: str) -> float:

@@ -280,22 +280,22 @@ def _fuzz_in_child(
             code = 0
         finally:
             os._exit(code)
-    done, since, used = 0, time.monotonic(), 0.0
+    count_before, clock_before, cpu_before = 0, time.monotonic(), 0.0
     while True:
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
             return notes, os.waitstatus_to_exitcode(status)
         cpu, count = time.clock_gettime((~child << 3) | 2), len(notes.results)  # clock of another process
-        if count != done:
-            done, since, used = count, time.monotonic(), cpu
-        elif max(cpu - used, (time.monotonic() - since) / WALL_FACTOR) > kind.cpu_seconds:
+        if count != count_before:
+            count_before, clock_before, cpu_before = count, time.monotonic(), cpu
+        elif max(cpu - cpu_before, (time.monotonic() - clock_before) / WALL_FACTOR) > kind.cpu_seconds:
             os.killpg(child, signal.SIGKILL)
         time.sleep(0.01)
 
 
 def _limit_memory() -> None:
     with open("/proc/self/statm", encoding="ascii") as statm:
-        used = int(statm.read().split()[0]) * resource.getpagesize()
-    limit = used + MEMORY_OF_A_CHILD
+        virtual_size = int(statm.read().split()[0]) * resource.getpagesize()
+    limit = virtual_size + MEMORY_OF_A_CHILD
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -86,8 +86,8 @@ def judge(
     expected = expected or {}
     message = outcome.stderr.strip()
     if outcome.over:
-        used = f"{outcome.seconds:.0f} s CPU, {outcome.peak_mib:.0f} MiB"
-        return Verdict(WRONG_VERDICT, f"over its {outcome.over} limit ({used})")
+        amounts = f"{outcome.seconds:.0f} s CPU, {outcome.peak_mib:.0f} MiB"
+        return Verdict(WRONG_VERDICT, f"over its {outcome.over} limit ({amounts})")
     if "Traceback" in message or "internal error" in message.lower():
         return Verdict(WRONG_VERDICT, f"internal error: {message.splitlines()[-1][:200]}")
     if outcome.exit_code not in (0, 1, 2):

@@ -55,11 +55,11 @@ def truths_of(
     area = float(np.sqrt((normal**2).sum(1)).sum() / 2)
     sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     edges = np.unique(sides, axis=0)
-    used = np.unique(faces)
+    vertices = np.unique(faces)
     graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(points),) * 2)
     labels = connected_components(graph, directed=False)[1]
-    components = len(np.unique(labels[used]))
-    return Truths(area, components, len(used) - len(edges) + len(faces), betti_numbers, known_distance)
+    components = len(np.unique(labels[vertices]))
+    return Truths(area, components, len(vertices) - len(edges) + len(faces), betti_numbers, known_distance)
 
 
 def arrays_of(mesh: TriangleMesh) -> Arrays:

@@ -94,11 +94,11 @@ def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
 
 def film_step(mesh: TriangleMesh) -> TriangleMesh:
     """A step of the area with the volume kept."""
-    free, kept = np.arange(mesh.n_vertices), Constraints(volume=enclosed_volume(mesh), in_place=True)
+    free, constraints = np.arange(mesh.n_vertices), Constraints(volume=enclosed_volume(mesh), in_place=True)
     ready = preconditioner_at(
-        energy_gradient(mesh, AreaEnergy(mesh.topology), free, kept), 0.01, of_area=True
+        energy_gradient(mesh, AreaEnergy(mesh.topology), free, constraints), 0.01, of_area=True
     )
-    return moved_along(ready, descent_motion(ready, 0.01, kept), 1.0, kept)
+    return moved_along(ready, descent_motion(ready, 0.01, constraints), 1.0, constraints)
 
 
 def survey(faces: int) -> tuple[float, float]:

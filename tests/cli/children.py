@@ -35,13 +35,13 @@ def processor_seconds(pid: int) -> float:
 
 def ended_after(pid: int) -> tuple[int, float]:
     """Exit code, and the processor time of the child alone, without that of the children it started."""
-    used = 0.0
+    last_seconds = 0.0
     while True:
         seconds = processor_seconds(pid)  # a child that ended keeps its clock until it is waited for
         done, status = os.waitpid(pid, os.WNOHANG)
         if done:
-            return os.waitstatus_to_exitcode(status), max(used, seconds)
-        used = seconds
+            return os.waitstatus_to_exitcode(status), max(last_seconds, seconds)
+        last_seconds = seconds
         time.sleep(0.001)
 
 

@@ -19,15 +19,15 @@ CODE = (
 
 
 def measured(word: str, **variables: str) -> list[str]:
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", CODE, word],
         capture_output=True, text=True, check=True, env={**os.environ, **variables},
     )  # fmt: skip
-    return done.stdout.split()
+    return process.stdout.split()
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="thresholds of glibc's allocator")
 def test_arrays_reuse_freed_memory_unless_the_environment_sets_the_allocator():
-    kept, faults = measured("keep")
-    assert kept == "True" and int(faults) < int(measured("leave")[1]) / 3
+    keeps_memory, faults = measured("keep")
+    assert keeps_memory == "True" and int(faults) < int(measured("leave")[1]) / 3
     assert measured("keep", MALLOC_TRIM_THRESHOLD_="131072")[0] == "False"

@@ -141,8 +141,8 @@ def test_a_batch_with_failures_leaves_its_table_alone_and_resumes_from_it(
     assert len(written) == 4
     assert run(*words, "--resume", "--", "info").exit_code == 1
     assert {path: path.stat().st_mtime_ns for path in ran.iterdir()} == written
-    kept = [line for line in first.splitlines() if b"bad.ply" not in line]
-    assert [line for line in table.read_bytes().splitlines() if b"bad.ply" not in line] == kept
+    rows = [line for line in first.splitlines() if b"bad.ply" not in line]
+    assert [line for line in table.read_bytes().splitlines() if b"bad.ply" not in line] == rows
     assert run(*words, "--resume", "--", "info", "--full").exit_code == 1  # another command: all anew
     assert all(path.stat().st_mtime_ns > written[path] for path in ran.iterdir())
     assert not table.with_name(table.name + ".part").exists()

@@ -164,10 +164,10 @@ def test_without_a_dry_run_only_large_inputs_are_checked(inputs, run, monkeypatc
 
 
 def test_available_memory_follows_ulimit_and_the_container(tmp_path, monkeypatch):
-    most, used = tmp_path / "max", tmp_path / "current"
+    most, current = tmp_path / "max", tmp_path / "current"
     most.write_text(f"{3 * 2**20}\n")
-    used.write_text(f"{2**20}\n")
-    monkeypatch.setattr(memory, "CGROUP_FILES", ((str(most), str(used)),))
+    current.write_text(f"{2**20}\n")
+    monkeypatch.setattr(memory, "CGROUP_FILES", ((str(most), str(current)),))
     assert memory.available_memory() == 2 * 2**20
     most.write_text("max\n")
     assert memory.available_memory() > 2**24
@@ -267,9 +267,9 @@ def test_a_dry_run_counts_the_halved_steps_of_explicit_schemes(call, inputs, sum
     """The run itself takes as many, but for a change of the limit on the way."""
     words = [*call.format(**inputs).split(), "--steps", 1]
     step = facts_of(summary(*words, "--dry-run"))["kernels"][-1]
-    taken = summary(*words)["results"]["steps"]
-    assert step["kernel"].endswith(" step") and taken > 3
-    assert taken / 2 <= step["times"] <= 2 * taken
+    n_steps = summary(*words)["results"]["steps"]
+    assert step["kernel"].endswith(" step") and n_steps > 3
+    assert n_steps / 2 <= step["times"] <= 2 * n_steps
 
 
 MEASURED = {

@@ -50,11 +50,11 @@ def test_a_simulator_killed_at_random_moments_and_resumed_ends_with_the_same_bit
     first = forked(tmp_path, [*call, "-o", whole])
     _, status, usage = os.wait4(first, 0)
     assert status == 0
-    used = usage.ru_utime + usage.ru_stime
+    cpu = usage.ru_utime + usage.ru_stime
     expected, killed, resumed, runs = frames_of(whole), 0, 0, 0
     while killed < kills:
         broken.unlink(missing_ok=True)
-        again, longest = [], 1.1 * used
+        again, longest = [], 1.1 * cpu
         while not broken.exists():
             at = rng.uniform(0, longest) if killed < kills else float("inf")
             longest *= (
@@ -62,10 +62,10 @@ def test_a_simulator_killed_at_random_moments_and_resumed_ends_with_the_same_bit
             )
             code = ended(forked(tmp_path, [*call, *(again or ["-o", broken])]), at)
             if code not in (0, -signal.SIGKILL):
-                kept = KEPT / f"{command}-{os.getpid()}"  # for this does not come again under another load
-                shutil.copytree(tmp_path, kept, dirs_exist_ok=True)
+                copy = KEPT / f"{command}-{os.getpid()}"  # for this does not come again under another load
+                shutil.copytree(tmp_path, copy, dirs_exist_ok=True)
                 words = (tmp_path / "streams").read_text()[-2000:]
-                pytest.fail(f"kill {killed}, at {at:.4f} of {used:.4f} s: exit code {code}; {kept}: {words}")
+                pytest.fail(f"kill {killed}, at {at:.4f} of {cpu:.4f} s: exit code {code}; {copy}: {words}")
             killed += code != 0
             resumed += bool(again)
             again = ["--resume", partial_file] if partial_file.exists() else []
@@ -74,5 +74,5 @@ def test_a_simulator_killed_at_random_moments_and_resumed_ends_with_the_same_bit
     if kills >= 100:
         assert resumed > kills / 4  # kills before the first frame begin anew
         assert runs > kills / 25  # else one run is all that is compared
-        record_property("kills", f"{command}: {killed}, {resumed} resumes, {runs} runs of {used:.2f} s")
+        record_property("kills", f"{command}: {killed}, {resumed} resumes, {runs} runs of {cpu:.2f} s")
     assert not list(tmp_path.glob(".*"))

@@ -99,7 +99,7 @@ def files_of(folder):
     return {str(p.relative_to(folder)): p for p in folder.rglob("*") if p.is_file() and p.name != "streams"}
 
 
-def fault_of(folder, code, number, kept, whole):
+def fault_of(folder, code, number, inputs, whole):
     """What is wrong with the folder after a run that got a signal; empty where nothing is."""
     streams = folder / "streams"
     text = streams.read_text() if streams.exists() else ""
@@ -108,7 +108,7 @@ def fault_of(folder, code, number, kept, whole):
     if code == 1 and not re.search(r"^(Error|Warning): ", text, re.M):
         return f"exit code 1 without a reason: {text[-500:]}"
     for name, path in files_of(folder).items():
-        if name in kept:
+        if name in inputs:
             continue
         if name.endswith(".part"):
             if name == "o.jsonl.part":
@@ -137,22 +137,22 @@ def test_signals_at_any_moment_leave_whole_files_only(inputs, tmp_path, command,
     words = [command, *CALLS[command].split()]
     folder = tmp_path / "whole"
     shutil.copytree(inputs, folder)
-    kept = set(files_of(folder))
-    code, used = ended_after(forked(folder, words))
+    names_of_inputs = set(files_of(folder))
+    code, seconds = ended_after(forked(folder, words))
     assert code == 0, (folder / "streams").read_text()
-    whole = {name: content(path) for name, path in files_of(folder).items() if name not in kept}
+    whole = {name: content(path) for name, path in files_of(folder).items() if name not in names_of_inputs}
     assert whole
     rng, codes = random.Random(f"{command} {moments}"), []
     for k in range(moments):
         folder = tmp_path / str(k)
         shutil.copytree(inputs, folder)
-        number, at = NUMBERS[k % 2], rng.uniform(0, used)
+        number, at = NUMBERS[k % 2], rng.uniform(0, seconds)
         code = ended(forked(folder, words), at, number)
-        assert not (fault := fault_of(folder, code, number, kept, whole)), (
+        assert not (fault := fault_of(folder, code, number, names_of_inputs, whole)), (
             f"moment {k}, at {at:.4f} s: {fault}"
         )
         codes.append(code)
         shutil.rmtree(folder)
-    record_property("codes", f"{command}: {codes} in {used:.2f} s")
+    record_property("codes", f"{command}: {codes} in {seconds:.2f} s")
     if moments > 10:
         assert sum(code > 128 for code in codes) > moments / 4  # else the moments are beside the run

@@ -166,8 +166,8 @@ def two_spheres_and_a_lone_vertex():
 @pytest.mark.parametrize("make", [stretched, planar, two_spheres_and_a_lone_vertex])
 def test_condition_is_that_of_the_whole_matrix(make):
     mesh = make()
-    matrix, used = stiffness(mesh), mesh.topology.referenced_vertex
-    values = np.linalg.eigvalsh(matrix.toarray()[used][:, used])
+    matrix, referenced = stiffness(mesh), mesh.topology.referenced_vertex
+    values = np.linalg.eigvalsh(matrix.toarray()[referenced][:, referenced])
     components = mesh.topology.n_components
     assert condition_number(matrix) == pytest.approx(values[-1] / values[components], rel=1e-6)
 

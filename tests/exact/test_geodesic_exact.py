@@ -189,10 +189,10 @@ def test_three_sheets_on_one_edge_equal_three_planes():
     assert len(mesh.topology.nonmanifold_edges) == 8
     source = 40
     truth = np.linalg.norm(np.concatenate(plane) - half.points[source], axis=1)
-    used = mesh.topology.referenced_vertex
+    referenced = mesh.topology.referenced_vertex
     measured = exact_distance(mesh, source).distance
-    assert np.abs(measured - truth)[used].max() < 1e-12
-    assert np.isinf(measured[~used]).all()
+    assert np.abs(measured - truth)[referenced].max() < 1e-12
+    assert np.isinf(measured[~referenced]).all()
 
 
 def test_repeated_and_collapsed_faces_do_not_change_distances():

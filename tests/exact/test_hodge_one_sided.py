@@ -22,10 +22,10 @@ def projective_plane() -> TriangleMesh:
     key = np.round(sphere.points, 6) + 0.0
     number = {tuple(row): k for k, row in enumerate(key)}
     pair = np.array([min(k, number[tuple(0.0 - row)]) for k, row in enumerate(key)])
-    used, vertex = np.unique(pair, return_inverse=True)
+    corners, vertex = np.unique(pair, return_inverse=True)
     faces = vertex[sphere.faces]
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    return TriangleMesh.from_arrays(np.random.default_rng(0).normal(size=(len(used), 3)), faces[first])
+    return TriangleMesh.from_arrays(np.random.default_rng(0).normal(size=(len(corners), 3)), faces[first])
 
 
 def klein_and_torus() -> TriangleMesh:

@@ -94,9 +94,9 @@ def ranks(mesh, relative: bool) -> tuple[int, ...]:
     matrices = [d.toarray()[free[k + 1]][:, free[k]] for k, d in enumerate(c.derivatives)]
     if not relative:
         matrices[0] = matrices[0][:, np.abs(matrices[0]).any(axis=0)]
-    used = [m.shape[1] for m in matrices] + [matrices[-1].shape[0]]
+    dimensions = [m.shape[1] for m in matrices] + [matrices[-1].shape[0]]
     rank = [0, *map(rank_of, matrices), 0]
-    return tuple(int(used[k] - rank[k] - rank[k + 1]) for k in range(len(used)))
+    return tuple(int(dimensions[k] - rank[k] - rank[k + 1]) for k in range(len(dimensions)))
 
 
 @pytest.mark.parametrize("name", MESHES)

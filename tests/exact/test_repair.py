@@ -117,8 +117,8 @@ def test_a_filled_hole_closes_the_sphere_with_the_least_area():
     lid = area(repaired.mesh) - area(open_sphere)
     rim = np.pi * (1 - 0.9**2)
     assert 0.7 * rim < lid < 1.1 * rim  # a nearly flat disk
-    kept, left = repair_mesh(open_sphere, RepairSteps(fill_holes=5))
-    assert left == {"fill_holes": 0} and not kept.mesh.topology.is_closed
+    result, counts = repair_mesh(open_sphere, RepairSteps(fill_holes=5))
+    assert counts == {"fill_holes": 0} and not result.mesh.topology.is_closed
 
 
 def test_a_square_hole_is_filled_by_its_shorter_diagonal():

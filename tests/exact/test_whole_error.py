@@ -76,8 +76,8 @@ def test_within_names_no_row_of_a_steady_flow_whose_mesh_is_far_off():
 
 def test_methods_that_interpolate_are_named_where_their_time_error_does_not_fall():
     problem = simulate.fluid_problem(parse_scene(STEADY), None, None, options={"tolerance": 1e-3})
-    kept = [c for c in problem.candidates if c.method in ("circulation", "conservative", "energy")]
-    table = run_problem(replace(problem, candidates=kept), repeat=0)
+    candidates = [c for c in problem.candidates if c.method in ("circulation", "conservative", "energy")]
+    table = run_problem(replace(problem, candidates=candidates), repeat=0)
     assert mesh_bound_methods(table, "max") == ["circulation"]
 
 

@@ -332,9 +332,9 @@ def test_trajectory_gives_back_the_frames(tmp_path):
     trajectory_frames = list(falling(steps=3))
     assert ddg.write_trajectory(tmp_path / "fall.vtkhdf", trajectory_frames, mesh_of_shell()) == 4
     with ddg.read_trajectory(tmp_path / "fall.vtkhdf") as trajectory:
-        for trajectory_frame, kept in zip(trajectory_frames, trajectory, strict=True):
-            np.testing.assert_array_equal(kept.points, trajectory_frame.points)
-            assert kept.time == trajectory_frame.time
+        for trajectory_frame, state in zip(trajectory_frames, trajectory, strict=True):
+            np.testing.assert_array_equal(state.points, trajectory_frame.points)
+            assert state.time == trajectory_frame.time
 
 
 def test_a_run_that_breaks_off_leaves_a_part(tmp_path):

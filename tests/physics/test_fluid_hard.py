@@ -161,8 +161,8 @@ def test_a_solid_of_genus_fifty_holds_the_flows_round_its_holes(integrator):
     block = shapes.box_tetrahedra(101, 3, 1, (101.0, 3.0, 1.0))
     x, y, _ = block.points[block.tetrahedra].mean(axis=1).T
     hole = (np.floor(x).astype(int) % 2 == 1) & (np.floor(y).astype(int) == 1)
-    used, cells = np.unique(block.tetrahedra[~hole], return_inverse=True)
-    mesh = TetMesh(block.points[used], cells.reshape(-1, 4))
+    vertices, cells = np.unique(block.tetrahedra[~hole], return_inverse=True)
+    mesh = TetMesh(block.points[vertices], cells.reshape(-1, 4))
     assert mesh.boundary.topology.genus == 50
     effects = f'initial = {{ velocity = ["-cos({np.pi / 3}*y)", "sin({np.pi}*x)", 0] }}'
     run = run_fluid(effects, f'integrator = "{integrator}"\nduration = 0.04\nstep = 0.02', mesh=mesh)

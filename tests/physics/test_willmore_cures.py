@@ -72,18 +72,18 @@ def cures(message, words):
     commands = []
     if repair := re.search(r"ddgcli (repair .*? -o \S+)", message):
         commands.append((shlex.split(repair[1]), words))
-    if left := re.search(r"leave (--.*?) out", message):
+    if drops := re.search(r"leave (--.*?) out", message):
         fewer = words
-        for name in re.findall(r"--[a-z-]+", left[1]):
+        for name in re.findall(r"--[a-z-]+", drops[1]):
             fewer = without(fewer, name)
         commands.append((None, fewer))
     if "keep one of them" in message:
         commands += [(None, without(words, name)) for name in ("--fix-area", "--fix-volume")]
-    if used := re.search(r"\buse (--.*|.*--energy.*)", message):
+    if advice := re.search(r"\buse (--.*|.*--energy.*)", message):
         start = without(without(words, "--dt"), "--duration") if "leave --dt" in message else words
-        commands += [(None, with_option(start, *option)) for option in OPTION.findall(used[1])]
-    if needed := re.search(r"(--[a-z-]+) needs (--[^;:]*)", message):
-        commands += [(None, with_option(words, *option)) for option in OPTION.findall(needed[2])]
+        commands += [(None, with_option(start, *option)) for option in OPTION.findall(advice[1])]
+    if needs := re.search(r"(--[a-z-]+) needs (--[^;:]*)", message):
+        commands += [(None, with_option(words, *option)) for option in OPTION.findall(needs[2])]
     if choice := re.search(r"(\w+) '\w+' is not available.*choose (?:one of )?(.*)$", message):
         for value in re.split(r", | or ", choice[2]):
             commands.append((None, with_option(words, f"--{choice[1]}", value)))

@@ -116,9 +116,9 @@ def test_other_choices_with_these_flows_are_refused(run, tmp_path, words, messag
 @pytest.mark.parametrize("curvature", [0.0, 0.5])
 def test_a_lagrangians_hessian_products_match_second_differences(curvature):
     mesh = rough_ball()
-    kept = Constraints(area(mesh), enclosed_volume(mesh))
+    constraints = Constraints(area(mesh), enclosed_volume(mesh))
     energy = setup._with_curvature(GaussMapEnergy, curvature)(mesh.topology)
-    lagrangian = Lagrangian(mesh.topology, energy, kept, np.array([3.0, -2.0]))
+    lagrangian = Lagrangian(mesh.topology, energy, constraints, np.array([3.0, -2.0]))
     u = np.random.default_rng(1).normal(size=(mesh.n_vertices, 3))
     hu = trust_region.hessian_product(lagrangian, mesh.points, np.arange(mesh.n_vertices), u)
     h = 1e-3 / np.abs(u).max()
@@ -129,13 +129,13 @@ def test_a_lagrangians_hessian_products_match_second_differences(curvature):
 
 def test_preconditioned_motions_keep_the_constraints_to_first_order():
     mesh = ellipsoid(2)
-    kept = Constraints(area(mesh), enclosed_volume(mesh))
+    constraints = Constraints(area(mesh), enclosed_volume(mesh))
     free = np.arange(mesh.n_vertices)
-    at = energy_gradient(mesh, GaussMapEnergy(mesh.topology), free, kept, along_normals=True)
+    at = energy_gradient(mesh, GaussMapEnergy(mesh.topology), free, constraints, along_normals=True)
     normal = vertex_normals(mesh)
-    solve = trust_region.tangent_solve(preconditioner_at(at, 0.05), kept, normal)
+    solve = trust_region.tangent_solve(preconditioner_at(at, 0.05), constraints, normal)
     a, b = (solve(c) for c in np.random.default_rng(0).normal(size=(2, mesh.n_vertices, 3)))
-    for row in kept.gradients(mesh, free):
+    for row in constraints.gradients(mesh, free):
         assert abs(np.sum(row * a)) < 1e-12 * np.linalg.norm(row) * np.linalg.norm(a)
     assert np.abs(np.cross(a, normal)).max() < 1e-12 * np.abs(a).max()
     assert np.sum(at.gradient * solve(at.gradient)) > 0 and np.linalg.norm(a - b) > 0
