@@ -106,8 +106,8 @@ def long_run(name: str, steps: int, there_and_back: int) -> list:
         state = sign * state
         for _ in range(there_and_back):
             state = advance(state, REVERSED_STEP)
-    left = float(np.abs(state + start).max() / np.abs(start).max())
-    return [name, steps, drift, moved, there_and_back, left, cpu_seconds() - began]
+    return_error = float(np.abs(state + start).max() / np.abs(start).max())
+    return [name, steps, drift, moved, there_and_back, return_error, cpu_seconds() - began]
 
 
 def main(words: list[str]) -> None:

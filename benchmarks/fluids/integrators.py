@@ -91,8 +91,8 @@ def row(problem: str, level: int, name: str, step: float) -> list[Any]:
         return space.kinetic_energy(space.stream_function(omega), omega, np.zeros(0))
 
     astray = (energy(end - exact) / energy(exact)) ** 0.5
-    lost = 1.0 - energy(end) / energy(start), 1.0 - space.enstrophy(end) / space.enstrophy(start)
-    return [problem, mesh.n_faces, name, step, error, astray, *lost, seconds]
+    losses = 1.0 - energy(end) / energy(start), 1.0 - space.enstrophy(end) / space.enstrophy(start)
+    return [problem, mesh.n_faces, name, step, error, astray, *losses, seconds]
 
 
 def order_row(name: str, level: int) -> list[Any]:

@@ -131,8 +131,8 @@ def test_the_leftover_of_a_killed_run_is_removed_and_that_of_a_living_one_is_not
     with subprocess.Popen([sys.executable, "-c", "pass"]) as dead:
         dead.wait()
     own = Path(temporary_beside(tmp_path / "o.ply", ".ply"))
-    left = own.with_name(own.name.replace(f"-{os.getpid()}-", f"-{dead.pid}-"))
-    left.touch()
+    leftover = own.with_name(own.name.replace(f"-{os.getpid()}-", f"-{dead.pid}-"))
+    leftover.touch()
     (tmp_path / "other.ply").touch()
     write_mesh(str(tmp_path / "o.ply"), AnnotatedMesh(shapes.icosphere(1)))
     assert {p.name for p in tmp_path.iterdir()} == {ball.name, own.name, "other.ply", "o.ply"}

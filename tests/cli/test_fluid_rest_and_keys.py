@@ -143,8 +143,8 @@ def test_a_ring_with_a_moving_wall_needs_the_harmonic_flow(summary, tmp_path):
 
 
 def test_an_initial_velocity_without_room_for_its_harmonic_part_is_reported(summary, tmp_path):
-    lost = summary("fluid-sim", scene(tmp_path / "s.toml", TORUS, "initial = { velocity = [1, 2, 0] }"))
-    assert "100 % of the energy" in lost["warnings"][0] and "harmonic = {}" in lost["warnings"][0]
+    report = summary("fluid-sim", scene(tmp_path / "s.toml", TORUS, "initial = { velocity = [1, 2, 0] }"))
+    assert "100 % of the energy" in report["warnings"][0] and "harmonic = {}" in report["warnings"][0]
     swirl = 'initial = { velocity = ["sin(pi*y)", 0, 0] }'
     assert summary("fluid-sim", scene(tmp_path / "s.toml", TORUS, swirl))["warnings"] == []
 
@@ -169,10 +169,10 @@ def test_losses_of_circulation_are_reported_and_its_cure_has_none(summary, tmp_p
     out = summary("fluid-sim", path)
     accuracy, results = out["accuracy"], out["results"]
     for name, total in (("energy", "kinetic_energy"), ("enstrophy", "enstrophy")):
-        lost = 1 - results[total] / results[f"{total}_start"]
-        assert accuracy[f"{name}_lost_by_scheme"] == pytest.approx(lost, rel=1e-9, abs=1e-12)
+        loss = 1 - results[total] / results[f"{total}_start"]
+        assert accuracy[f"{name}_lost_by_scheme"] == pytest.approx(loss, rel=1e-9, abs=1e-12)
         warned = [w for w in out["warnings"] if f"of the {name}" in w and "conservative" in w]
-        assert bool(warned) == (lost > 0.05)
+        assert bool(warned) == (loss > 0.05)
     assert max(accuracy["energy_lost_by_scheme"], accuracy["enstrophy_lost_by_scheme"]) > 0.05
     cured = summary("fluid-sim", path, "--integrator", "conservative", "--dt", 0.02)
     assert max(cured["accuracy"]["energy_drift"], cured["accuracy"]["enstrophy_drift"]) < 0.01

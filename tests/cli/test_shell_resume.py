@@ -146,9 +146,9 @@ def resumed_as_whole(run, tmp_path, monkeypatch, path, n_frames):
     assert result.exit_code == 130
     partial_file = tmp_path / "broken.vtkhdf.part"
     assert partial_file.exists() and not broken.exists()
-    with Trajectory(str(partial_file)) as left:
-        assert left.attributes["status"] == "interrupted"
-        assert left.n_frames == n_frames
+    with Trajectory(str(partial_file)) as partial:
+        assert partial.attributes["status"] == "interrupted"
+        assert partial.n_frames == n_frames
     again = run("shell-sim", path, "--resume", partial_file, "-q", "--json")
     assert again.exit_code == 0
     assert broken.exists() and not partial_file.exists()
@@ -193,9 +193,9 @@ def test_a_process_that_is_ended_leaves_whole_frames(tmp_path, sign):
     assert child.returncode == (130 if sign == signal.SIGINT else -signal.SIGKILL)
     if sign == signal.SIGINT:
         assert "--resume" in stderr and "Traceback" not in stderr
-    with Trajectory(str(partial_file)) as left:
-        assert left.n_frames >= 1
-        assert np.isfinite(left.points(left.n_frames - 1)).all()
+    with Trajectory(str(partial_file)) as partial:
+        assert partial.n_frames >= 1
+        assert np.isfinite(partial.points(partial.n_frames - 1)).all()
     if sign == signal.SIGKILL:  # what it was laying out anew goes with the next output
         os.unlink(temporary_beside(partial_file))
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []

@@ -118,13 +118,13 @@ def test_the_decomposition_follows_scale_and_rigid_motion():
 
 def test_vertex_fields_lose_only_the_averages():
     """The remainder of the two averages falls with h on a smooth field."""
-    lost = []
+    residuals = []
     for level in (3, 4):
         mesh = shapes.icosphere(level)
         split = decompose_vertex_vectors(mesh, np.cross(mesh.points, [0.0, 0.0, 1.0]))
         assert split.norms["coexact"] > 0.999 * split.norms["field"]
-        lost.append(split.reconstruction_residual)
-    assert lost[1] < 0.6 * lost[0] < 0.02
+        residuals.append(split.reconstruction_residual)
+    assert residuals[1] < 0.6 * residuals[0] < 0.02
 
 
 @pytest.mark.parametrize("name", ["irregular", "tets"])

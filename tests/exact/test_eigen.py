@@ -60,8 +60,8 @@ def test_progress_grows_to_the_whole():
 def test_residuals_are_small_and_values_equal_those_of_arpack():
     L, M = three_bodies(1, 3)
     pairs = smallest_eigenpairs(L, M, 25)
-    left = np.linalg.norm(L @ pairs.vectors - M @ pairs.vectors * pairs.values, axis=0)
-    assert left.max() < 1e-9
+    residual = np.linalg.norm(L @ pairs.vectors - M @ pairs.vectors * pairs.values, axis=0)
+    assert residual.max() < 1e-9
     # a shift of -1e-8 would cost ARPACK eight digits beside the kernel, and its own start is random
     start = np.random.default_rng(0).standard_normal(L.shape[0])
     expected = eigsh(csc_array(L), 25, csc_array(M), sigma=-1.0, v0=start, return_eigenvectors=False)

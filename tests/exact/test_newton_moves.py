@@ -131,9 +131,9 @@ def test_conjugate_gradients_keep_a_balance_that_matrix_and_preconditioner_share
     b = rng.normal(size=n)
     inverse = np.linalg.inv(near)
     move = truncated_conjugate_gradients(A.__matmul__, inverse.__matmul__, b, lambda f: 0.1 * f, 20)
-    left = b - A @ move.x
-    assert np.abs(left).max() > 1e-4
-    assert abs(left @ ones) <= 1e-13 * np.abs(b).max()
+    residual = b - A @ move.x
+    assert np.abs(residual).max() > 1e-4
+    assert abs(residual @ ones) <= 1e-13 * np.abs(b).max()
 
 
 def test_negative_curvature_ends_with_a_descent_direction_or_goes_through():

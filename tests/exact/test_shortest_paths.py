@@ -150,11 +150,11 @@ def test_on_faces_without_area_paths_are_exact_or_missing_with_a_warning(source,
     mesh, sources = non_delaunay_sphere(), Sources.at([source])
     exact = exact_distance(mesh, sources)
     curves = shortest_paths(mesh, exact, sources, list(range(mesh.n_vertices)))
-    lost = [entry["target"] for entry in curves.entries if entry["length"] is None]
-    assert set(lost) <= {0, 34, 115} and curves.converged == (not lost)
-    assert bool(lost) == ("without width" in caplog.text)
+    unreached = [entry["target"] for entry in curves.entries if entry["length"] is None]
+    assert set(unreached) <= {0, 34, 115} and curves.converged == (not unreached)
+    assert bool(unreached) == ("without width" in caplog.text)
     for target, entry in enumerate(curves.entries):
-        if target not in lost:
+        if target not in unreached:
             assert entry["length"] == pytest.approx(exact.distance[target], rel=1e-13, abs=1e-15)
 
 

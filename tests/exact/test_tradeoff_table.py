@@ -184,8 +184,8 @@ def test_a_candidate_estimated_above_the_budget_is_left_out():
         problem(planted("a", 1e-1, 0.01, work=0.01), planted("b", 1e-2, 300.0, work=300.0)), budget=2.0
     )
     assert [row.method for row in table.rows] == ["a"]
-    (left,) = table.left_out
-    assert left[0] == "b" and "estimated" in left[1]
+    (omission,) = table.left_out
+    assert omission[0] == "b" and "estimated" in omission[1]
 
 
 def busy(_):

@@ -93,9 +93,9 @@ REFUSED = {
 
 
 def refused(path) -> str:
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as refusal:
         read_mesh(str(path))
-    message = str(caught.value)
+    message = str(refusal.value)
     assert message.startswith(f"{path}: ") and "\n" not in message
     assert len(message) < len(str(path)) + 400
     return message
@@ -302,6 +302,6 @@ def test_a_damaged_trajectory_is_refused(tmp_path, damage):
         assert whole.n_frames == 2 and list(whole.face(1)["g"]) == [1.0] * mesh.n_faces
     with h5py.File(path, "a") as file:
         damage(file)
-    with pytest.raises(InputError, match="not a ddgcli trajectory") as caught:
+    with pytest.raises(InputError, match="not a ddgcli trajectory") as refusal:
         Trajectory(path)
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(refusal.value)

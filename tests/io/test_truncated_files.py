@@ -221,6 +221,6 @@ def test_a_compressed_file_is_called_so(tmp_path):
 def test_the_message_of_meshio_before_it_exits_is_reported(tmp_path):
     path = tmp_path / "a.vtk"
     path.write_text("# vtk DataFile Version 7.9\na\nASCII\nDATASET FIELD\n")
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as refusal:
         read_mesh(str(path))
-    assert "SystemExit" not in str(caught.value) and "supported" in str(caught.value)
+    assert "SystemExit" not in str(refusal.value) and "supported" in str(refusal.value)

@@ -45,7 +45,7 @@ def test_circulation_raises_neither_energy_nor_enstrophy(name):
 
 def test_circulation_loses_less_on_finer_spheres():
     """What is lost does not grow with the number of steps, as it does where every step interpolates."""
-    lost = {}
+    loss = {}
     for level, dt in ((3, 0.05), (3, 0.0125), (4, 0.025)):
         space = space_of(shapes.icosphere(level))
         omega, c = some_flow(space)
@@ -53,8 +53,8 @@ def test_circulation_loses_less_on_finer_spheres():
         carry = CirculationAdvection(space)
         for _ in range(round(1 / dt)):
             omega, c, *_ = carry.step(omega, c, dt, True)
-        lost[level, dt] = 1 - space.kinetic_energy(space.stream_function(omega), omega, c) / start
-    assert max(lost[3, 0.0125], lost[3, 0.05]) < 5e-4 and lost[4, 0.025] < 0.3 * lost[3, 0.05]
+        loss[level, dt] = 1 - space.kinetic_energy(space.stream_function(omega), omega, c) / start
+    assert max(loss[3, 0.0125], loss[3, 0.05]) < 5e-4 and loss[4, 0.025] < 0.3 * loss[3, 0.05]
 
 
 def tensor_grid(n, seed=0):
@@ -76,14 +76,14 @@ def test_energy_that_circulation_loses_does_not_grow_with_the_number_of_steps(su
     start -= space.mass * (start.sum() / space.mass.sum()) * space.mesh.topology.is_closed
     carry = CirculationAdvection(space)
 
-    def lost(steps):
+    def loss(steps):
         omega = start
         for _ in range(steps):
             omega, *_ = carry.step(omega, NONE, 1.0 / steps, False)
         return 1 - space.kinetic_energy(space.stream_function(omega), omega, NONE) / whole
 
     whole = space.kinetic_energy(space.stream_function(start), start, NONE)
-    few, many = lost(10), lost(40)
+    few, many = loss(10), loss(40)
     assert -1e-12 < few < 0.01 and -1e-12 < many < 0.01
 
 

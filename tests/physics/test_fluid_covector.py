@@ -109,9 +109,9 @@ def test_covector_in_volumes_keeps_divergence_and_circulations_and_never_gains_e
 
 
 def test_what_covector_loses_in_a_volume_falls_with_the_third_order_of_the_mesh():
-    lost = []
+    losses = []
     for cells in (3, 6):
         _, observed, _ = run(CELL, cells, 0.5, 0.125, "covector")
         energy = series(observed, "kinetic_energy")
-        lost.append(1 - energy[-1] / energy[0])
-    assert 0 < lost[1] < 0.05 and lost[0] / lost[1] > 6
+        losses.append(1 - energy[-1] / energy[0])
+    assert 0 < losses[1] < 0.05 and losses[0] / losses[1] > 6

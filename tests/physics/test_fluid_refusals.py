@@ -18,10 +18,10 @@ TIME = 'integrator = "energy"\nduration = 0.02\nstep = 0.01'
 
 
 def refusal(effects, shape='mesh = "given"', mesh=None, objects=""):
-    with pytest.raises(SceneError) as caught:
+    with pytest.raises(SceneError) as refusal:
         run_fluid(effects, TIME, shape, mesh, objects)
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
+    assert "\n" not in str(refusal.value)
+    return str(refusal.value)
 
 
 def with_fin(mesh):

@@ -57,15 +57,15 @@ def test_equal_steps_of_all_elements_are_those_of_verlet(stretching):
 
 
 def test_elements_of_a_graded_mesh_act_as_often_as_they_need_and_keep_the_order(monkeypatch):
-    seen, divided = [], asynchronous._divided
+    divisions, divided = [], asynchronous._divided
 
     def watched(system, dt):
-        seen.append(divided(system, dt))
-        return seen[-1]
+        divisions.append(divided(system, dt))
+        return divisions[-1]
 
     monkeypatch.setattr(asynchronous, "_divided", watched)
     run("avi", 2e-3, 4e-3)
-    (levels,) = seen
+    (levels,) = divisions
     counts = [sum(len(b.potential.stencil) for b in batches) for batches in levels.batches]
     finest = len(counts) - 1
     assert finest >= 3 and sum(c > 0 for c in counts) >= 3

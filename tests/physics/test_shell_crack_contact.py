@@ -88,9 +88,9 @@ def sides_moved_in(points, faces, margin):
 def test_single_faces_are_seen_with_their_sides_moved_in_by_the_margin():
     whole, pieces = split_shell(random_sphere(40), every_edge)
     barrier, gap = barrier_of(whole, pieces)
-    seen = barrier.mesh.joined(np.asarray(pieces.mesh.points), 0.0)[pieces.mesh.faces].reshape(-1, 3)
+    corners = barrier.mesh.joined(np.asarray(pieces.mesh.points), 0.0)[pieces.mesh.faces].reshape(-1, 3)
     expected = sides_moved_in(np.asarray(pieces.mesh.points), pieces.mesh.faces, 0.9 * gap)
-    assert np.abs(seen - expected).max() < 1e-13
+    assert np.abs(corners - expected).max() < 1e-13
 
 
 @pytest.mark.parametrize("mesh", [grid(6, 5, 1.2, 1.0), icosphere(1), random_sphere(60)])
@@ -127,8 +127,8 @@ def shattered(itself, duration=3.2e-3):
     run, _, _ = shell_run(BULB.format(duration=duration, integrator="implicit-euler", itself=itself))
     crossed = []
     for snapshot in run:
-        seen = snapshot.observations["s"]
-        points = sides_moved_in(np.asarray(seen.points), seen.faces, 0.95 * GAP)
+        observation = snapshot.observations["s"]
+        points = sides_moved_in(np.asarray(observation.points), observation.faces, 0.95 * GAP)
         faces = np.arange(len(points)).reshape(-1, 3)
         crossed.append(meshes_intersect(points, faces, points, faces))
     return run, crossed

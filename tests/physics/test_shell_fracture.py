@@ -103,20 +103,20 @@ def crack_sum(state, epoch):
 def test_mass_and_momenta_pass_through_a_crack_to_rounding(monkeypatch):
     from ddgcli.models.shell import epochs
 
-    seen, stepped = [], epochs.Breaking._stepped
+    errors, stepped = [], epochs.Breaking._stepped
 
     def watched(self, state, advance, time, dt):
         moved = replace(state, motion=advance(state.motion, time, dt))
         before = crack_sum(moved, self._epoch(moved.opened))
         after = stepped(self, state, lambda *arguments: moved.motion, time, dt)
         if after.opened.sum() > state.opened.sum():
-            seen.append(np.abs(crack_sum(after, self._epoch(after.opened)) - before) / np.abs(before).max())
+            errors.append(np.abs(crack_sum(after, self._epoch(after.opened)) - before) / np.abs(before).max())
         return after
 
     monkeypatch.setattr(epochs.Breaking, "_stepped", watched)
     shell_run(BURSTING.format(integrator="newmark", strain=1e-3))
-    assert len(seen) >= 1
-    assert np.max(seen) < 1e-14
+    assert len(errors) >= 1
+    assert np.max(errors) < 1e-14
 
 
 @pytest.mark.parametrize("integrator", ["newmark", "implicit-midpoint"])
@@ -159,10 +159,10 @@ def test_pins_hold_every_copy_of_a_vertex():
     text = BURSTING.format(integrator="implicit-euler", strain=1e-3)
     snapshots, contexts, _ = shell_run(text + "pin = { vertices = [7, 8] }\n")
     last = snapshots[-1].observations["s"]
-    held = np.isin(last.vertex["input_vertex"], [7, 8])
-    assert held.sum() > 2
-    origin = last.vertex["input_vertex"][held]
-    assert np.array_equal(last.points[held], np.asarray(contexts["s"].mesh.points)[origin])
+    is_pinned = np.isin(last.vertex["input_vertex"], [7, 8])
+    assert is_pinned.sum() > 2
+    origin = last.vertex["input_vertex"][is_pinned]
+    assert np.array_equal(last.points[is_pinned], np.asarray(contexts["s"].mesh.points)[origin])
 
 
 # a strip of soft metal that is pulled until it tears: it yields at E t w yield_strain = 100 N
@@ -240,13 +240,13 @@ def test_a_handle_turns_every_copy_of_its_vertices_about_their_mean():
     snapshots, contexts, _ = shell_run(text)
     last = snapshots[-1].observations["s"]
     origin = last.vertex["input_vertex"]
-    held = np.isin(origin, [6, 7, 11])
-    assert held.sum() > 4
+    is_pinned = np.isin(origin, [6, 7, 11])
+    assert is_pinned.sum() > 4
     start = np.asarray(contexts["s"].mesh.points)
     middle, angle = start[[6, 7, 11]].mean(axis=0), np.radians(40)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    expected = middle + [0.02, 0, 0] + (start[origin[held]] - middle) @ turn.T
-    assert np.allclose(last.points[held], expected, atol=1e-12)
+    expected = middle + [0.02, 0, 0] + (start[origin[is_pinned]] - middle) @ turn.T
+    assert np.allclose(last.points[is_pinned], expected, atol=1e-12)
 
 
 # a ball of rubber flies through a plate of glass, which is tied to a bar

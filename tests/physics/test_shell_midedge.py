@@ -171,9 +171,9 @@ def test_quarter_plate_with_symmetry_planes_is_the_whole_plate():
 def test_clamp_carries_force_and_moment_of_the_load():
     mesh = irregular_rectangle(1, 0.2, 10, 4)
     x = np.asarray(mesh.points)
-    held, tip = np.flatnonzero(x[:, 0] < 1e-9).tolist(), np.flatnonzero(x[:, 0] > 1 - 1e-9).tolist()
+    root, tip = np.flatnonzero(x[:, 0] < 1e-9).tolist(), np.flatnonzero(x[:, 0] > 1 - 1e-9).tolist()
     load = f"load = {{ line_force = [0, 0, 2], vertices = {tip} }}"
-    last = run(mesh, f"{CLAMP.format(held)}\n{load}")[-1].observations["s"]
+    last = run(mesh, f"{CLAMP.format(root)}\n{load}")[-1].observations["s"]
     assert last.points[tip, 2].mean() > 0.1
     share = np.zeros(len(x))
     order = np.array(tip)[np.argsort(x[tip, 1])]

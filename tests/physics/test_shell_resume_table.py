@@ -139,9 +139,9 @@ def assert_same(snapshots, others):
     for snapshot, other in zip(snapshots, others):
         assert set(snapshot.checkpoint) == set(other.checkpoint)
         assert all(np.array_equal(v, other.checkpoint[k]) for k, v in snapshot.checkpoint.items())
-        for name, seen in snapshot.observations.items():
-            assert np.array_equal(seen.points, other.observations[name].points)
-            for key, value in seen.scalar.items():
+        for name, observation in snapshot.observations.items():
+            assert np.array_equal(observation.points, other.observations[name].points)
+            for key, value in observation.scalar.items():
                 assert np.array_equal(value, other.observations[name].scalar[key]), key
 
 

@@ -25,9 +25,9 @@ def chain(x, masses, pinned=True, gravity=GRAVITY):
     masses = np.asarray(masses, dtype=float)
     terms = [RigidEdges(edges, length), DeadLoad("gravity", masses[:, None] * gravity)]
     if pinned:
-        held = np.zeros((len(x), 3), dtype=bool)
-        held[0] = True
-        terms.append(FixedCoordinates(held, "pin"))
+        is_fixed = np.zeros((len(x), 3), dtype=bool)
+        is_fixed[0] = True
+        terms.append(FixedCoordinates(is_fixed, "pin"))
     system = System(masses, terms, Account(), x)
     a = system.acceleration(x, 0 * x, 0.0)
     return system, Motion(x, np.zeros_like(x), a, multipliers=np.zeros(len(edges)))

@@ -91,11 +91,11 @@ def hanging_strip(cells, chord):
     left, right = ends(np.asarray(flat.points))
     source = SimpleNamespace(mesh=arc, vertex={}, face={}, sha256="", notes=[])
     snapshots, _, _ = shell_run(CHAIN.format(left=left, right=right), lambda path: source)
-    seen = snapshots[-1].observations["s"]
+    observation = snapshots[-1].observations["s"]
     span = arc.points[right, 0].mean() - arc.points[left, 0].mean()
     a = brentq(lambda a: 2 * a * np.sinh(span / (2 * a)) - 1, 0.02, 100)
-    sag = seen.points[left, 2].mean() - seen.points[:, 2].min()
-    pull = np.asarray(seen.scalar["reaction_force_right"])
+    sag = observation.points[left, 2].mean() - observation.points[:, 2].min()
+    pull = np.asarray(observation.scalar["reaction_force_right"])
     weight = 10 * 0.1  # N
     assert pull[2] == pytest.approx(weight / 2, rel=1e-6)
     return abs(sag / (a * (np.cosh(span / (2 * a)) - 1)) - 1), abs(pull[0] / (weight * a) - 1)

@@ -16,11 +16,11 @@ def test_the_default_of_open_surfaces_converges_and_flows():
     t, w = np.polynomial.legendre.leggauss(40)
     x, y = np.meshgrid(t, t)
     truth = float((np.outer(w, w) * (x**2 - y**2) ** 2 / (4 * (1 + x**2 + y**2) ** 2.5)).sum())
-    seen = [run_flow(saddle(n), FlowOptions(stop=DEFAULT_STOP)) for n in (10, 20, 40)]
-    error = [1 - energies(trajectory_frames)[0] / truth for trajectory_frames, _, _ in seen]
+    runs = [run_flow(saddle(n), FlowOptions(stop=DEFAULT_STOP)) for n in (10, 20, 40)]
+    error = [1 - energies(trajectory_frames)[0] / truth for trajectory_frames, _, _ in runs]
     assert truth == pytest.approx(0.0415, abs=5e-5) and 0 < error[-1] < 0.1
     assert error[0] / error[1] > 1.7 and error[1] / error[2] > 1.7  # of first order: the cells at the rim
-    for trajectory_frames, _, shots in seen:
+    for trajectory_frames, _, shots in runs:
         assert (
             0 < energies(trajectory_frames)[-1] < energies(trajectory_frames)[0]
             and "least" not in shots[-1].stopped
@@ -42,18 +42,18 @@ def test_at_rest_nothing_fails(mesh, energy, boundary):
         if energy == "quadratic" and mesh.topology.is_closed and not timed:
             continue  # nowhere at rest
         options = FlowOptions(energy, boundary=boundary, timed=timed, stop=Stop() if timed else DEFAULT_STOP)
-        seen, _, shots = run_flow(wobble, options, **time_options)
-        assert seen[-1].scalar["energy_increases"] == 0 and np.isfinite(energies(seen)).all()
+        observations, _, shots = run_flow(wobble, options, **time_options)
+        assert observations[-1].scalar["energy_increases"] == 0 and np.isfinite(energies(observations)).all()
         assert report.failure_reason(shots[-1].stopped, mesh, energy) == ""
 
 
 @pytest.mark.parametrize("boundary", ["clamped", "fixed"])
 def test_boundaries_hold_and_a_bump_flattens(boundary):
     mesh = bowl()
-    seen, end, _ = run_flow(mesh, FlowOptions(boundary=boundary, stop=DEFAULT_STOP))
-    held = np.array(mesh.topology.boundary_vertex)
+    observations, end, _ = run_flow(mesh, FlowOptions(boundary=boundary, stop=DEFAULT_STOP))
+    is_fixed = np.array(mesh.topology.boundary_vertex)
     if boundary == "clamped":
-        held[mesh.faces[held[mesh.faces].any(axis=1)]] = True
-    assert np.array_equal(end.points[held], mesh.points[held])
-    assert energies(seen)[-1] < 0.1 * energies(seen)[0]
-    assert_falls(seen)
+        is_fixed[mesh.faces[is_fixed[mesh.faces].any(axis=1)]] = True
+    assert np.array_equal(end.points[is_fixed], mesh.points[is_fixed])
+    assert energies(observations)[-1] < 0.1 * energies(observations)[0]
+    assert_falls(observations)

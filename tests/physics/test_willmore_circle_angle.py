@@ -48,7 +48,9 @@ def test_meshes_inscribed_in_spheres_have_none():
 
 def test_its_gradient_flow_lowers_it_and_all_energies_are_reported():
     mesh = shapes.torus(24, 12, 2.0, 1.0)
-    seen, _, _ = run_flow(mesh, FlowOptions(energy="circle-angle", report_energies=True), steps=8)
-    assert energies(seen)[-1] < 0.95 * energies(seen)[0]
-    assert seen[0].scalar["energy_circle-angle"] == pytest.approx(energies(seen)[0], rel=1e-12)
-    assert_falls(seen)
+    observations, _, _ = run_flow(mesh, FlowOptions(energy="circle-angle", report_energies=True), steps=8)
+    assert energies(observations)[-1] < 0.95 * energies(observations)[0]
+    assert observations[0].scalar["energy_circle-angle"] == pytest.approx(
+        energies(observations)[0], rel=1e-12
+    )
+    assert_falls(observations)

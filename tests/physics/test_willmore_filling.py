@@ -79,16 +79,16 @@ def test_one_loop_or_all_are_filled(run, holed_file):
     path, mesh, folder = holed_file
     loops = boundary_vertex_loops(mesh.topology)
     assert len(loops) == 2
-    for loop, left in ((str(loops[1][3]), 1), ("all", 0)):
+    for loop, n_holes in ((str(loops[1][3]), 1), ("all", 0)):
         out = folder / "filled.ply"
         result = run("willmore-flow", path, "--fill", loop, "-o", out, "--json")
         assert result.exit_code == 0, result.stderr
         results = json.loads(result.stdout)["results"]
         filled = read_mesh(str(out)).surface
-        assert filled.topology.boundary_loops == left
+        assert filled.topology.boundary_loops == n_holes
         assert results["patch"]["faces"] == filled.n_faces - mesh.n_faces > 0
         assert results["patch"]["vertices"] == filled.n_vertices - mesh.n_vertices
-        most = 1e-3 if left == 0 else 0.02  # with a boundary the default energy is cotan
+        most = 1e-3 if n_holes == 0 else 0.02  # with a boundary the default energy is cotan
         assert np.abs(np.linalg.norm(filled.points, axis=1) - 1).max() < most
 
 

@@ -201,16 +201,17 @@ def uneven_ball(mesh):
 def test_mean_curvature_is_equal_at_all_vertices_of_uneven_closed_meshes(mesh, options):
     """|dArea| / (2 |dVolume|) at each vertex, and the area's gradient is parallel to the volume's."""
     mesh = uneven_ball(mesh)
-    seen, end, shots = run_flow(mesh, film(**options))
+    observations, end, shots = run_flow(mesh, film(**options))
     assert shots[-1].stopped.startswith("curvature equal at all vertices")
     g, v = AreaEnergy(end.topology).value_and_gradient(end.points)[1], volume_gradient(end)
     h = 0.5 * np.linalg.norm(g, axis=1) / np.linalg.norm(v, axis=1)
     assert np.ptp(h) < 1e-6 * h.mean()
     assert np.linalg.norm(g - 2 * h.mean() * v, axis=1).max() < 2e-6 * np.linalg.norm(g, axis=1).max()
-    assert seen[-1].scalar["mean_curvature_spread"] < 1e-6 and seen[-1].scalar["energy_increases"] == 0
-    assert (np.diff(energies(seen)) <= 1e-12).all()
+    last = observations[-1].scalar
+    assert last["mean_curvature_spread"] < 1e-6 and last["energy_increases"] == 0
+    assert (np.diff(energies(observations)) <= 1e-12).all()
     name = "area" if "fix_area" in options else "volume"
-    assert abs(seen[-1].scalar[f"{name}_residual"]) < 1e-12
+    assert abs(observations[-1].scalar[f"{name}_residual"]) < 1e-12
 
 
 def test_a_mesh_without_an_even_film_says_so_and_stays_as_it_was(monkeypatch):
@@ -218,6 +219,6 @@ def test_a_mesh_without_an_even_film_says_so_and_stays_as_it_was(monkeypatch):
     from ddgcli.models.willmore.step_rules import UNEVEN_FILM_REASON
 
     monkeypatch.setattr(flow, "polished_film", lambda *a: None)
-    seen, end, shots = run_flow(uneven_ball(shapes.icosphere(2)), film(fix_volume=True))
+    observations, end, shots = run_flow(uneven_ball(shapes.icosphere(2)), film(fix_volume=True))
     assert shots[-1].stopped == UNEVEN_FILM_REASON
-    assert seen[-1].scalar["mean_curvature_spread"] > 1e-6
+    assert observations[-1].scalar["mean_curvature_spread"] > 1e-6

@@ -62,11 +62,11 @@ def test_no_flip_turns_a_sharp_edge_or_touches_fixed_vertices():
 @pytest.mark.parametrize("energy", ["gauss-map", "cotan"])
 def test_energies_agree_on_a_torus_with_bad_triangles(energy):
     """`gauss-map` fell to 19.4 in one step, where `cotan` said 23.6."""
-    seen, end, shots = run_flow(slanted_torus(), FlowOptions(energy=energy, stop=DEFAULT_STOP))
+    observations, end, shots = run_flow(slanted_torus(), FlowOptions(energy=energy, stop=DEFAULT_STOP))
     values = [setup.ENERGIES[name].of(end).value(end.points) for name in ("gauss-map", "cotan")]
     assert values == pytest.approx([2 * np.pi**2] * 2, rel=0.012)
-    assert "mesh's own error" in shots[-1].stopped and seen[-1].scalar["flips"] > 0
-    assert_falls(seen)
+    assert "mesh's own error" in shots[-1].stopped and observations[-1].scalar["flips"] > 0
+    assert_falls(observations)
 
 
 @pytest.mark.slow
@@ -74,11 +74,11 @@ def test_energies_agree_on_a_torus_with_bad_triangles(energy):
 def test_two_joined_tori_become_lawsons_surface():
     """It fell to 17.8; Lawson's surface, the least of genus 2 that is known, has 21.89."""
     mesh = read_mesh(f"{REGRESSIONS}/two_tori.obj").mesh
-    seen, end, shots = run_flow(mesh, FlowOptions(stop=DEFAULT_STOP), steps=100)
+    observations, end, shots = run_flow(mesh, FlowOptions(stop=DEFAULT_STOP), steps=100)
     cotan = setup.ENERGIES["cotan"].of(end).value(end.points)
-    assert [energies(seen)[-1], cotan] == pytest.approx([21.89] * 2, rel=0.01)
+    assert [energies(observations)[-1], cotan] == pytest.approx([21.89] * 2, rel=0.01)
     assert "mesh's own error" in shots[-1].stopped
-    assert_falls(seen)
+    assert_falls(observations)
 
 
 def test_every_frame_of_a_trajectory_has_its_own_faces(run, tmp_path):

@@ -79,15 +79,15 @@ def test_a_clamped_plate_comes_to_rest_at_the_solution_of_the_linear_system(flow
     x, y = mesh.points[:, :2].T
     rim = mesh.moved(mesh.points + np.outer(0.02 * np.sin(3 * x) * np.cos(2 * y), [0, 0, 1]))
     free = setup.free_vertices(mesh.topology, "clamped")
-    held = np.setdiff1d(np.arange(mesh.n_vertices), free)
+    others = np.setdiff1d(np.arange(mesh.n_vertices), free)
     matrix = csr_array(shell_bending(rim).matrix)
     truth = np.array(rim.points)
-    truth[free] = spsolve(matrix[free][:, free].tocsc(), -(matrix[free][:, held] @ rim.points[held]))
+    truth[free] = spsolve(matrix[free][:, free].tocsc(), -(matrix[free][:, others] @ rim.points[others]))
     least = QuadraticEnergy(rim).value(truth)
     options = FlowOptions("quadratic", flow=flow, stop=Stop(1e-9, 1e-14, True))
-    seen, end, _ = run_flow(rim, options, steps=200)
-    assert_falls(seen)
-    assert energies(seen)[-1] == pytest.approx(least, rel=1e-9 if flow == "quadratic" else 1e-3)
+    observations, end, _ = run_flow(rim, options, steps=200)
+    assert_falls(observations)
+    assert energies(observations)[-1] == pytest.approx(least, rel=1e-9 if flow == "quadratic" else 1e-3)
     if flow == "quadratic":
         assert np.abs(end.points - truth).max() < 1e-4
 
@@ -111,6 +111,6 @@ def test_the_reference_is_the_input(summary, tmp_path):
     path, mesh = tmp_path / "bowl.ply", bowl()
     write_mesh(str(path), AnnotatedMesh(mesh))
     results = summary("willmore-flow", path, "--report-energy", "all", "--steps", 3)["results"]
-    seen, _, _ = run_flow(mesh, FlowOptions(stop=DEFAULT_STOP), steps=3)
-    values = [QuadraticEnergy(mesh).value(o.points) for o in seen]
+    observations, _, _ = run_flow(mesh, FlowOptions(stop=DEFAULT_STOP), steps=3)
+    values = [QuadraticEnergy(mesh).value(o.points) for o in observations]
     assert results["energies"]["quadratic"]["values"] == pytest.approx(values, rel=1e-9)

@@ -59,8 +59,9 @@ def run_remeshed(mesh, steps=None, **options):
     options = with_stop(FlowOptions(**{"remesh": "mean", **options}), mesh.topology, False)
     built, model = setup.build(mesh, options)
     shots = evolve({"s": model}, setup.schedule(built, {"steps": steps} if steps else {}), Account())
-    seen = [shot.observations["s"] for shot in shots]
-    return seen, TriangleMesh(seen[-1].points, Topology(seen[-1].faces, len(seen[-1].points)))
+    observations = [shot.observations["s"] for shot in shots]
+    last = observations[-1]
+    return observations, TriangleMesh(last.points, Topology(last.faces, len(last.points)))
 
 
 @pytest.mark.parametrize("mesh", [slivers(), stretched(), shapes.torus(72, 6, 2.0, 1.0)])
@@ -134,9 +135,9 @@ def test_a_folded_or_displaced_surface_is_no_remesh():
 
 @pytest.mark.parametrize("mesh", [slivers(), stretched(2)], ids=["slivers", "stretched"])
 def test_bad_triangles_are_remeshed_and_the_flow_rests_at_4_pi(mesh):
-    seen, end = run_remeshed(mesh)
-    last = seen[-1].scalar
-    assert energies(seen)[-1] == pytest.approx(4 * np.pi, rel=1e-4)
+    observations, end = run_remeshed(mesh)
+    last = observations[-1].scalar
+    assert energies(observations)[-1] == pytest.approx(4 * np.pi, rel=1e-4)
     assert smallest_angle(end) > 25 and end.topology.euler_characteristic == 2
     assert last["remeshes"] > 0 and last["energy_increases"] == 0 and folded_faces(end) == 0
     assert last["steps"] < 100
@@ -144,20 +145,20 @@ def test_bad_triangles_are_remeshed_and_the_flow_rests_at_4_pi(mesh):
 
 def test_what_a_remesh_changes_is_no_descent():
     """The energy's fall is that of the steps, which never rise, and the change by remeshing beside it."""
-    seen, _ = run_remeshed(stretched(2))
-    change = np.array([o.scalar["remesh_energy_change"] for o in seen])
-    steps = np.diff(energies(seen)) - np.diff(change)
+    observations, _ = run_remeshed(stretched(2))
+    change = np.array([o.scalar["remesh_energy_change"] for o in observations])
+    steps = np.diff(energies(observations)) - np.diff(change)
     assert (steps <= 1e-12).all() and np.abs(change).max() > 0
-    count = np.array([o.scalar["remeshes"] for o in seen])
+    count = np.array([o.scalar["remeshes"] for o in observations])
     # near rest a remeshing may change the energy by less than rounding
     assert count[-1] > 0 and (np.diff(count)[np.diff(change) != 0] == 1).all()
 
 
 def test_area_and_volume_are_kept_across_a_remesh():
-    seen, _ = run_remeshed(prolate(2), steps=8, fix_area=True, fix_volume=True)
-    assert seen[-1].scalar["remeshes"] > 0
+    observations, _ = run_remeshed(prolate(2), steps=8, fix_area=True, fix_volume=True)
+    assert observations[-1].scalar["remeshes"] > 0
     for name in ("area", "volume"):
-        assert max(abs(o.scalar[f"{name}_residual"]) for o in seen) < 1e-11
+        assert max(abs(o.scalar[f"{name}_residual"]) for o in observations) < 1e-11
 
 
 @pytest.mark.parametrize("scale", [1e-8, 1e8])
@@ -172,10 +173,10 @@ def test_remeshing_does_not_depend_on_the_unit(scale):
 def test_two_joined_tori_come_to_rest_at_lawsons_surface():
     """The neck grows: its triangles are remeshed on the way. Lawson's surface of genus 2 has 21.89."""
     mesh = shapes.subdivided(two_tori()) if hasattr(shapes, "subdivided") else two_tori()
-    seen, end = run_remeshed(mesh, energy="cotan", remesh=2.0 * mesh.side_length.mean())
-    assert energies(seen)[-1] == pytest.approx(21.89, rel=0.01)
+    observations, end = run_remeshed(mesh, energy="cotan", remesh=2.0 * mesh.side_length.mean())
+    assert energies(observations)[-1] == pytest.approx(21.89, rel=0.01)
     assert end.topology.genus == 2 and smallest_angle(end) > 25
-    assert seen[-1].scalar["energy_increases"] == 0 and seen[-1].scalar["remeshes"] > 1
+    assert observations[-1].scalar["energy_increases"] == 0 and observations[-1].scalar["remeshes"] > 1
 
 
 def two_tori():
@@ -244,9 +245,9 @@ def test_paraviews_reader_sees_the_mesh_of_each_frame(run, stretched_file, tmp_p
         for k in range(trajectory.n_frames):
             reader.SetStep(k)
             reader.Update()
-            seen = reader.GetOutputDataObject(0)
-            assert seen.GetNumberOfPoints() == trajectory.n_vertices[k]
-            assert seen.GetNumberOfCells() == trajectory.n_faces[k]
+            grid = reader.GetOutputDataObject(0)
+            assert grid.GetNumberOfPoints() == trajectory.n_vertices[k]
+            assert grid.GetNumberOfCells() == trajectory.n_faces[k]
 
 
 @pytest.mark.parametrize(

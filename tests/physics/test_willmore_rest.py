@@ -21,11 +21,11 @@ from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, prola
     "family, exact", [("good", 1e-5), ("noisy", 1e-4), ("refined", 1e-4), ("irregular", 1e-4)]
 )
 def test_ellipsoid_becomes_a_sphere(family, exact):
-    seen, end, shots = run_flow(ellipsoids((1.0, 1.0, 2.0))[family](1))
-    assert energies(seen)[-1] == pytest.approx(4 * np.pi, rel=exact)  # required: 0.5 %
-    assert (energies(seen) > 4 * np.pi).all()
-    assert len(seen) < 120 and "energy fell" in shots[-1].stopped
-    assert_falls(seen)
+    observations, end, shots = run_flow(ellipsoids((1.0, 1.0, 2.0))[family](1))
+    assert energies(observations)[-1] == pytest.approx(4 * np.pi, rel=exact)  # required: 0.5 %
+    assert (energies(observations) > 4 * np.pi).all()
+    assert len(observations) < 120 and "energy fell" in shots[-1].stopped
+    assert_falls(observations)
 
 
 def test_few_factorisations_where_steps_must_be_shortened(monkeypatch):
@@ -37,8 +37,10 @@ def test_few_factorisations_where_steps_must_be_shortened(monkeypatch):
         monkeypatch.setattr(triangle_quality, change, lambda *a: None)
     mesh = ellipsoids((1.0, 1.0, 2.0))["stretched"](1)
     assert np.degrees(corner_angle(mesh.side_length).min()) < 0.6
-    seen, _, _ = run_flow(mesh, steps=10)
-    assert energies(seen)[-1] < energies(seen)[0] and len(matrices) < 17  # more without shares
+    observations, _, _ = run_flow(mesh, steps=10)
+    assert (
+        energies(observations)[-1] < energies(observations)[0] and len(matrices) < 17
+    )  # more without shares
 
 
 def test_a_step_grows_back_after_a_hard_stretch():
@@ -58,21 +60,21 @@ def test_a_step_grows_back_after_a_hard_stretch():
 )
 def test_torus_becomes_clifford(energy, cells):
     options = FlowOptions(energy=energy, stop=DEFAULT_STOP)
-    seen, end, shots = run_flow(shapes.torus(2 * cells, cells, 2.0, 1.0), options)
-    assert energies(seen)[0] > 1.14 * 2 * np.pi**2
-    assert energies(seen)[-1] == pytest.approx(2 * np.pi**2, rel=0.01)
+    observations, end, shots = run_flow(shapes.torus(2 * cells, cells, 2.0, 1.0), options)
+    assert energies(observations)[0] > 1.14 * 2 * np.pi**2
+    assert energies(observations)[-1] == pytest.approx(2 * np.pi**2, rel=0.01)
     assert "mesh's own error" in shots[-1].stopped
     r = np.hypot(*end.points[:, :2].T)
     assert (r.max() + r.min()) / (r.max() - r.min()) == pytest.approx(np.sqrt(2), rel=0.02)
-    assert_falls(seen)
+    assert_falls(observations)
 
 
 def test_a_torus_of_aspect_3_has_the_energy_of_cliffords():
     """0.28 % below 2 pi^2 on 3,136 faces, at second order in their size."""
-    seen, _, _ = run_flow(shapes.torus(56, 28, 3.0, 1.0))
-    assert energies(seen)[0] > 1.5 * 2 * np.pi**2
-    assert energies(seen)[-1] == pytest.approx(2 * np.pi**2, rel=5e-3) and len(seen) < 40
-    assert_falls(seen)
+    observations, _, _ = run_flow(shapes.torus(56, 28, 3.0, 1.0))
+    assert energies(observations)[0] > 1.5 * 2 * np.pi**2
+    assert energies(observations)[-1] == pytest.approx(2 * np.pi**2, rel=5e-3) and len(observations) < 40
+    assert_falls(observations)
 
 
 def test_a_block_with_two_holes_has_the_energy_of_lawsons_surface():
@@ -83,21 +85,21 @@ def test_a_block_with_two_holes_has_the_energy_of_lawsons_surface():
     by the error of such meshes (21.70, 21.73, 21.97 with OpenBLAS's Haswell, SkylakeX, Sandybridge kernels).
     """
     block = willmore_samples.two_holes()
-    seen, _, _ = run_flow(block, FlowOptions(energy="cotan", remesh="mean", stop=DEFAULT_STOP))
-    assert energies(seen)[0] > 100.0
-    assert energies(seen)[-1] == pytest.approx(21.89, rel=0.015)
-    assert seen[-1].scalar["remeshes"] >= 1 and seen[-1].scalar["min_angle_degrees"] > 25.0
-    assert seen[-1].scalar["energy_increases"] == 0
+    observations, _, _ = run_flow(block, FlowOptions(energy="cotan", remesh="mean", stop=DEFAULT_STOP))
+    assert energies(observations)[0] > 100.0
+    assert energies(observations)[-1] == pytest.approx(21.89, rel=0.015)
+    assert observations[-1].scalar["remeshes"] >= 1 and observations[-1].scalar["min_angle_degrees"] > 25.0
+    assert observations[-1].scalar["energy_increases"] == 0
 
 
 def test_an_impossible_energy_is_not_followed():
     """A coarse torus can be pinched, unseen by its few normals; no torus has less than 2 pi^2."""
     coarse = shapes.torus(40, 5, pattern="alternating")
     options = FlowOptions(stop=Stop(1e-6, 1e-8))  # without the perturbation it does not stop
-    seen, _, shots = run_flow(coarse, options, steps=400)
+    observations, _, shots = run_flow(coarse, options, steps=400)
     assert "least energy" in shots[-1].stopped
-    assert 0.9 * 2 * np.pi**2 <= energies(seen)[-1] < energies(seen)[0]
-    assert_falls(seen)
+    assert 0.9 * 2 * np.pi**2 <= energies(observations)[-1] < energies(observations)[0]
+    assert_falls(observations)
 
 
 def test_least_energies_follow_from_the_topology():
@@ -115,19 +117,19 @@ def test_triangles_do_not_crumple_under_constraints():
     """It fell to three quarters of the truth, with exit 0, while `cotan` rose fivefold."""
     mesh = prolate(3)
     options = FlowOptions(fix_area=True, fix_volume=True, stop=DEFAULT_STOP)
-    seen, end, shots = run_flow(mesh, options, steps=150)
-    ratio = setup.ENERGIES["cotan"].of(end).value(end.points) / energies(seen)[-1]
+    observations, end, shots = run_flow(mesh, options, steps=150)
+    ratio = setup.ENERGIES["cotan"].of(end).value(end.points) / energies(observations)[-1]
     assert 0.95 < ratio < 1.05
-    assert shots[-1].stopped == step_rules.MESH_ERROR_REASON and len(seen) < 40
-    assert seen[-1].scalar["flips"] > 0
-    assert seen[-1].scalar["redistributions"] > 0
-    assert_falls(seen)
+    assert shots[-1].stopped == step_rules.MESH_ERROR_REASON and len(observations) < 40
+    assert observations[-1].scalar["flips"] > 0
+    assert observations[-1].scalar["redistributions"] > 0
+    assert_falls(observations)
 
 
 def test_a_rise_of_the_second_energy_ends_the_flow(run, tmp_path):
     mesh = shapes.torus(20, 8, pattern="alternating")
-    seen, end, shots = run_flow(mesh, FlowOptions(timed=True), tolerance=1e-3, duration=0.5)
-    second = [setup.ENERGIES["cotan"].of(mesh).value(o.points) for o in seen]
+    observations, end, shots = run_flow(mesh, FlowOptions(timed=True), tolerance=1e-3, duration=0.5)
+    second = [setup.ENERGIES["cotan"].of(mesh).value(o.points) for o in observations]
     assert shots[-1].stopped == step_rules.CRUMPLING_REASON and 1.005 < second[-1] / min(second) < 1.1
     ball = setup.build(shapes.icosphere(2), FlowOptions())[0]  # never below 4 pi: nothing to look at
     assert ball.second_kind is None
@@ -159,16 +161,16 @@ def test_a_crumpled_coarse_ball_comes_to_rest_unfolded(seed, size):
     ball = shapes.random_sphere(150, seed=seed)
     noise = size * np.random.default_rng(seed).normal(size=ball.points.shape)
     crumpled = ball.moved(ball.points + noise)
-    seen, end, _ = run_flow(crumpled)
+    observations, end, _ = run_flow(crumpled)
     assert descent.folded_faces(crumpled) > 5 and descent.folded_faces(end) == 0
-    assert energies(seen)[-1] == pytest.approx(4 * np.pi, rel=1e-6)
-    assert_falls(seen)
+    assert energies(observations)[-1] == pytest.approx(4 * np.pi, rel=1e-6)
+    assert_falls(observations)
 
 
 def test_area_and_volume_are_kept():
     mesh = ellipsoid(3)
-    seen, end, _ = run_flow(mesh, FlowOptions(fix_area=True, fix_volume=True, stop=DEFAULT_STOP))
+    observations, end, _ = run_flow(mesh, FlowOptions(fix_area=True, fix_volume=True, stop=DEFAULT_STOP))
     assert area(end) == pytest.approx(area(mesh), rel=1e-11)
     assert enclosed_volume(end) == pytest.approx(enclosed_volume(mesh), rel=1e-11)
-    assert energies(seen)[-1] < 0.99 * energies(seen)[0]
-    assert_falls(seen)
+    assert energies(observations)[-1] < 0.99 * energies(observations)[0]
+    assert_falls(observations)

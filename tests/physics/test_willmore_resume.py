@@ -74,8 +74,8 @@ def test_a_resumed_flow_has_the_same_bits(run, tmp_path, monkeypatch, name):
     monkeypatch.setattr(Flow, "advance", advance)
     resumed = run(*words, "--resume", f"{interrupted}.part")
     assert resumed.exit_code == 0, resumed.stderr
-    expected, seen = points_and_times(whole), points_and_times(interrupted)
-    assert len(expected) == len(seen) > CUT_AFTER
-    for (points, time), (again, then) in zip(expected, seen):
+    expected, observations = points_and_times(whole), points_and_times(interrupted)
+    assert len(expected) == len(observations) > CUT_AFTER
+    for (points, time), (again, then) in zip(expected, observations):
         assert np.array_equal(points, again) and time == then
     assert not np.array_equal(expected[CUT_AFTER][0], expected[-1][0])  # steps follow the interrupt

@@ -16,15 +16,15 @@ from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, run_f
 def test_sphere_stays_for_a_unit_of_time(family):
     """At every vertex, on every triangulation; the linear implicit step would have shrunk it to a point."""
     mesh = SPHERES[family](1)
-    seen, end, _ = run_flow(mesh, duration=1.0, step=0.02)
+    observations, end, _ = run_flow(mesh, duration=1.0, step=0.02)
     assert np.abs(end.points - mesh.points).max() < 1e-8  # required: 1e-4 off the radius
-    assert_falls(seen)
+    assert_falls(observations)
 
 
 @pytest.mark.parametrize("energy, most", [("sullivan", 1e-3), ("cotan", 3e-5)])
 def test_sphere_under_the_other_energies(energy, most):
     mesh = shapes.icosphere(4)
-    seen, end, _ = run_flow(mesh, FlowOptions(energy=energy, timed=True), duration=1.0, step=0.02)
+    observations, end, _ = run_flow(mesh, FlowOptions(energy=energy, timed=True), duration=1.0, step=0.02)
     weight = lumped_vertex_area(mesh)
     off = np.linalg.norm(end.points, axis=1) - 1
     assert abs((weight * off).sum() / weight.sum()) < 1e-5 and np.sqrt((weight * off**2).sum()) < 4e-4
@@ -37,7 +37,7 @@ def test_sphere_under_the_other_energies(energy, most):
         settled = np.linalg.norm(again.points, axis=1) - 1
         assert np.abs(off - settled).max() < 1e-5
         assert np.sqrt(np.mean(off**2)) < 1e-4
-    assert_falls(seen)
+    assert_falls(observations)
 
 
 def test_cap_stays_under_a_clamped_rim():
@@ -62,10 +62,10 @@ def test_modes_of_the_sphere_decay_at_their_rates(l, rate, within):
         return (weight * mode * (r - r.mean())).sum() / (weight * mode**2).sum()
 
     duration = 0.5 / rate
-    seen, end, _ = run_flow(bumpy, duration=duration, step=duration / 8)
+    observations, end, _ = run_flow(bumpy, duration=duration, step=duration / 8)
     measured = -np.log(amplitude(end) / amplitude(bumpy)) / duration
     assert measured == pytest.approx(rate, rel=within)
-    assert_falls(seen)
+    assert_falls(observations)
 
 
 @pytest.mark.parametrize("gamma", descent.ROSENBROCK_GAMMAS)
@@ -98,9 +98,9 @@ def test_a_step_too_stiff_for_the_first_method_is_taken_by_the_second(monkeypatc
         return step(inner, dt, *rest)
 
     monkeypatch.setattr(flow, "rosenbrock_step", counted)
-    seen, _, shots = run_flow(mesh, duration=0.05, step=0.005)
+    observations, _, shots = run_flow(mesh, duration=0.05, step=0.005)
     assert len(tried) > 10 and len(set(tried)) == 1  # some twice, none shortened
-    assert_falls(seen)
+    assert_falls(observations)
 
 
 @pytest.mark.parametrize(
@@ -119,10 +119,10 @@ def test_a_step_too_stiff_for_the_first_method_is_taken_by_the_second(monkeypatc
     ],
 )
 def test_a_timed_flow_stops_there_too(mesh, time_options, reason):
-    seen, _, shots = run_flow(mesh, FlowOptions(timed=True), frame_every=0.1, **time_options)
+    observations, _, shots = run_flow(mesh, FlowOptions(timed=True), frame_every=0.1, **time_options)
     assert shots[-1].stopped == reason and shots[-1].time < 0.5
-    assert 0.9 * 2 * np.pi**2 <= energies(seen)[-1] < energies(seen)[0]
-    assert_falls(seen)
+    assert 0.9 * 2 * np.pi**2 <= energies(observations)[-1] < energies(observations)[0]
+    assert_falls(observations)
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e9])

@@ -18,18 +18,18 @@ def run_flow(mesh, options=None, region=None, **time_options):
     options = options or FlowOptions(timed=timed, stop=FlowOptions().stop if timed else DEFAULT_STOP)
     built, model = setup.build(mesh, options, region)
     shots = list(evolve({"s": model}, setup.schedule(built, time_options), Account()))
-    seen = [shot.observations["s"] for shot in shots]
-    faces = mesh.faces if seen[-1].faces is None else seen[-1].faces
-    return seen, TriangleMesh(seen[-1].points, Topology(faces, mesh.n_vertices)), shots
+    observations = [shot.observations["s"] for shot in shots]
+    faces = mesh.faces if observations[-1].faces is None else observations[-1].faces
+    return observations, TriangleMesh(observations[-1].points, Topology(faces, mesh.n_vertices)), shots
 
 
-def energies(seen):
-    return np.array([o.scalar["energy"] for o in seen])
+def energies(observations):
+    return np.array([o.scalar["energy"] for o in observations])
 
 
-def assert_falls(seen):
-    assert (np.diff(energies(seen)) <= 0).all()
-    assert seen[-1].scalar["energy_increases"] == 0
+def assert_falls(observations):
+    assert (np.diff(energies(observations)) <= 0).all()
+    assert observations[-1].scalar["energy_increases"] == 0
 
 
 def ellipsoid(level=3):

@@ -79,14 +79,14 @@ def test_the_browser_draws_and_reads_the_values_of_the_file(summary, sphere, tmp
     script = f"""{{ lost: viewer.gl.isContextLost(), pixels: {PIXELS},
       probe: viewer.probe(450, 350), outside: viewer.probe(880, 680), largest: viewer.jump(1),
       least: viewer.jump(-1), face: (viewer.choose("number"), viewer.probe(450, 350)) }}"""
-    seen = evaluated(page, tmp_path, script)
-    assert seen["lost"] is False and 0.1 < seen["pixels"][0] < 0.9
-    assert seen["probe"]["value"] == mesh.points[seen["probe"]["vertex"], 2]
-    assert seen["probe"]["vertex"] in mesh.faces[seen["probe"]["face"]]
-    assert seen["outside"] is None
-    assert seen["largest"]["value"] == mesh.points[:, 2].max()
-    assert seen["least"]["value"] == mesh.points[:, 2].min()
-    assert seen["face"]["value"] == seen["face"]["face"]
+    facts = evaluated(page, tmp_path, script)
+    assert facts["lost"] is False and 0.1 < facts["pixels"][0] < 0.9
+    assert facts["probe"]["value"] == mesh.points[facts["probe"]["vertex"], 2]
+    assert facts["probe"]["vertex"] in mesh.faces[facts["probe"]["face"]]
+    assert facts["outside"] is None
+    assert facts["largest"]["value"] == mesh.points[:, 2].max()
+    assert facts["least"]["value"] == mesh.points[:, 2].min()
+    assert facts["face"]["value"] == facts["face"]["face"]
 
 
 def test_a_click_gives_the_face_under_it_also_where_edges_are_smoothed(summary, tmp_path):
@@ -165,8 +165,8 @@ def test_range_map_isolines_and_visibility_change_the_picture(summary, sphere, t
       const set = (id, v, e) => {{ const x = document.getElementById(id); x.value = v;
         x.dispatchEvent(new Event(e)); }};
       {pushes} return out; }})()"""
-    seen = evaluated(page, tmp_path, script)
-    assert len({red for _, red, _ in seen}) == 5 and seen[-1][0] == 0
+    pixels = evaluated(page, tmp_path, script)
+    assert len({red for _, red, _ in pixels}) == 5 and pixels[-1][0] == 0
 
 
 def test_curves_and_trajectories_are_shown(run, summary, sphere, tmp_path):
@@ -184,11 +184,11 @@ def test_curves_and_trajectories_are_shown(run, summary, sphere, tmp_path):
     moving = tmp_path / "moving.html"
     result = summary("view", falling, "--every", "2", "-o", moving)
     assert result["results"]["frames"] == 5
-    seen = evaluated(
+    values = evaluated(
         moving, tmp_path, f"[{PIXELS}, (viewer.setFrame(4), {PIXELS}), viewer.data.times, viewer.state.frame]"
     )
-    assert seen[0] != seen[1] and seen[3] == 4
-    assert seen[2] == pytest.approx(np.arange(0, 0.41, 0.1))
+    assert values[0] != values[1] and values[3] == 4
+    assert values[2] == pytest.approx(np.arange(0, 0.41, 0.1))
     tubes = evaluated(
         page, tmp_path, f"[(viewer.data.objects[0].visible = false, viewer.choose(''), {PIXELS})]"
     )
