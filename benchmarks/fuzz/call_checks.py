@@ -20,6 +20,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from benchmarks.fuzz.call_cures import cures, place_of
+from benchmarks.fuzz.call_dry_runs import disagreement, has_dry_run
 from benchmarks.fuzz.call_meshes import SURFACE, mesh_arrays, mesh_file
 from benchmarks.fuzz.scratch import scratch_folder
 from benchmarks.hardcases.checks import (
@@ -36,7 +37,6 @@ from ddgcli.errors import DdgError
 MAX_CURES = 4
 MAX_LENGTH = 600  # characters of an error, beside the paths
 CALL_SECONDS = 20.0  # of processor time, for one call on a mesh of at most some hundred cells
-TOO_LARGE = ("GiB of memory", "more than")
 ROUNDING = 1e-7  # of the largest distance, for needles too
 
 
@@ -129,14 +129,22 @@ def run_call(call: dict[str, Any], folder: Path) -> CallOutcome:
         check_outcome(outcome, mesh, folder, is_input)
         return outcome
 
+    def judged_outcome(words: Iterable[str], is_input: bool = True) -> CallOutcome:
+        call_words = command_words(words)
+        dry = _dry_run(call_words, folder) if has_dry_run(call_words, refused=False) else None
+        outcome = checked_outcome(words, is_input)
+        if dry is None and outcome.exit_code == 2 and has_dry_run(call_words, refused=True):
+            dry = _dry_run(call_words, folder)
+        if dry is not None and (fault := disagreement(dry, outcome)):
+            raise CallError(fault)
+        return outcome
+
     for words in call["prepare"]:
         preparation = checked_outcome(words)
         if preparation.exit_code == 2:
             raise DdgError(preparation.error)
     words = call["words"]
-    dry = _dry_run(command_words(words), folder)
-    outcome = checked_outcome(words)
-    check_dry_run(dry, outcome)
+    outcome = judged_outcome(words)
     place = place_of(Random(json.dumps(words)), words, mesh)
     refusals: list[str] = []
     for _ in range(MAX_CURES):
@@ -151,7 +159,7 @@ def run_call(call: dict[str, Any], folder: Path) -> CallOutcome:
             if repair.exit_code == 2:
                 raise CallError(f"{outcome.line}: {outcome.error}: the repair: {repair.error}")
         words = cure.words
-        outcome = checked_outcome(words, is_input=not cure.before)
+        outcome = judged_outcome(words, is_input=not cure.before)
         if outcome.exit_code == 2 and _same_refusal(outcome.error, refusals):
             raise CallError(f"{outcome.line}: the cure {cure.reason!r} fails; refusals: {refusals}")
     if outcome.exit_code == 2:
@@ -169,23 +177,13 @@ def _same_refusal(error: str, refusals: list[str]) -> bool:
     return error.replace("repaired.ply", "") in [text.replace("repaired.ply", "") for text in refusals]
 
 
-def _dry_run(words: list[str], folder: Path) -> CallOutcome | None:
-    """The dry run of a call; of some calls only, for it takes as long as a small run."""
-    if words[0] in ("batch", "check", "tradeoff", "frames") or Random(" ".join(words)).random() < 0.6:
-        return None
+def _dry_run(words: list[str], folder: Path) -> CallOutcome:
+    """The dry run of a call, which writes nothing."""
     outcome = call_outcome([*words, "--dry-run"], folder)
     if outcome.new_files:
         raise CallError(f"{outcome.line}: a dry run wrote {outcome.new_files}")
     check_form(outcome)
     return outcome
-
-
-def check_dry_run(dry: CallOutcome | None, outcome: CallOutcome) -> None:
-    """A dry run refuses no call that runs, but for its size."""
-    if dry is None or any(text in dry.error for text in TOO_LARGE):
-        return
-    if dry.exit_code == 2 and outcome.exit_code != 2:
-        raise CallError(f"{dry.line}: the dry run is refused, the run is not: {dry.error}")
 
 
 def check_form(outcome: CallOutcome) -> None:

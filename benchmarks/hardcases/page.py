@@ -181,7 +181,8 @@ def _fuzz(runs: dict[str, dict[str, Any]]) -> str:
         "tetrahedra, curves, needles, degenerate, duplicate and turned faces, soups, Möbius bands, scales of "
         "1e±100, far from the origin. It also escapes where a result or a written array is not finite, a "
         "refused run leaves a file, the summary lists other files than there are, an identity is violated "
-        "without a warning (area, Gauss-Bonnet, distances along edges, falling energies), or a refusal names "
+        "without a warning (area, Gauss-Bonnet, distances along edges, falling energies), a dry run "
+        "refuses another call than the run, or in other words, or a refusal names "
         "an option or a repair that does not cure it: the fuzz does what the message says and runs again.\n"
     )
     lines += [_row(FUZZ_COLUMNS), _row(["---"] * len(FUZZ_COLUMNS))]

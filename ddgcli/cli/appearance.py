@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ddgcli.cli.options import named_array
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_matrix
 
 if TYPE_CHECKING:
     from ddgcli.io.mesh_file import MeshInput
     from ddgcli.mesh.fields import AnnotatedMesh
+
+log = logging.getLogger("ddgcli")
 
 
 def with_input_appearance(annotated: AnnotatedMesh, source: MeshInput) -> AnnotatedMesh:
@@ -39,11 +41,17 @@ def with_input_appearance(annotated: AnnotatedMesh, source: MeshInput) -> Annota
 def with_baked_colours(
     annotated: AnnotatedMesh, name: str, colour_range: tuple[float, float, bool] | None = None
 ) -> AnnotatedMesh:
-    """The mesh with the array `color` drawn from an array, and the range in its metadata."""
+    """The mesh with the array `color` drawn from an array, and the range in its metadata.
+
+    A mesh without the array stays as it is, with a warning.
+    """
     from ddgcli.io.appearance import COLOR
     from ddgcli.plots.colour import baked_colours, is_signed, robust_limits
 
-    values = named_array({**annotated.face, **annotated.vertex}, name)
+    values = {**annotated.face, **annotated.vertex}.get(name)
+    if values is None:
+        log.warning(f"these results have no array {name!r}: the output has no colours")
+        return annotated
     size = values if values.ndim == 1 else np.linalg.norm(row_matrix(values), axis=1)
     low, high, signed = colour_range or robust_limits(size, is_signed(name, values.ndim))
     colours, colour_map = baked_colours(size, low, high, signed)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
+import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -17,17 +18,18 @@ from ddgcli.cli.clock import RunClock
 from ddgcli.cli.input_facts import input_facts
 from ddgcli.cli.messages import MessageHandler
 from ddgcli.cli.options import CommonOptions, named_array, page_size
+from ddgcli.cli.output_checks import check_mesh, check_outputs, check_picture
 from ddgcli.cli.parameters import option_names, with_repair_command
 from ddgcli.cli.progress import Progress
 from ddgcli.cli.summary import plain, print_summary
-from ddgcli.errors import MeshError, OutputError, ParameterError
+from ddgcli.errors import MeshError, OutputError
 from ddgcli.io.temporary import StagedOutputs
 
 if TYPE_CHECKING:
+    from ddgcli.cli.forecast.kernels import InputSize
+    from ddgcli.cli.forecast.prediction import Prediction
     from ddgcli.io.mesh_file import MeshInput
     from ddgcli.mesh.fields import AnnotatedMesh
-
-COLOUR_FORMATS = (".ply", ".glb", ".obj")  # formats whose colours other programs show
 
 log = logging.getLogger("ddgcli")
 
@@ -75,53 +77,17 @@ class Run:
         self._further_inputs: list[str] = []
         self._input_vertex: Any = None
         self._source: MeshInput | None = None
+        self._predicted: tuple[Prediction, InputSize] | None = None
         self._planned_outputs: list[str] = []
         self._staged = meta["ddgcli.outputs"] = StagedOutputs()
         self._progress = Progress(command, False, None)
         self._messages = MessageHandler(common.verbose, common.quiet, option_names(self._context.command))
         self._messages.install()
-        self._check_outputs(formats)
-        self._check_picture(pictures)
+        check_outputs(common, formats, self.plan_output)
+        check_picture(command, common, pictures)
         self.progress(command)
         self._context.call_on_close(lambda: self._progress.clear())
         self._context.call_on_close(self._staged.discard)
-
-    def _check_outputs(self, formats: Sequence[str] | None) -> None:
-        common = self.common
-        if common.as_json and "-" in common.outputs:
-            raise ParameterError("--json and -o - both write to standard output; write the result to a file")
-        if common.quiet and common.verbose:
-            raise ParameterError("-q and -v exclude each other; give one")
-        if common.outputs:
-            from ddgcli.io.mesh_file import check_output
-
-            for path in common.outputs:
-                check_output(path, common.output_format, formats=formats)
-                self._plan_output(path)
-        if common.colors is not None:
-            from ddgcli.plots.page import require_matplotlib
-
-            require_matplotlib()
-            suffixes = {Path(path).suffix.lower() for path in common.outputs}
-            if not suffixes & set(COLOUR_FORMATS):
-                raise ParameterError(f"--colors is for {' '.join(COLOUR_FORMATS)}; write one with -o")
-        if common.plot is not None:
-            from ddgcli.plots.page import FORMATS, require_matplotlib
-
-            self.plan_output(common.plot, FORMATS)
-            require_matplotlib()
-
-    def _check_picture(self, pictures: str) -> None:
-        """Refuse --view, --show and --size if no picture uses them."""
-        for name in ("view", "show", "size"):
-            if getattr(self.common, name) is None or pictures == "output":
-                continue
-            if pictures == "chart" and name != "size":
-                raise ParameterError(
-                    f"--{name} is for pictures of surfaces, but {self.command} draws a chart; leave it out"
-                )
-            if self.common.plot is None:
-                raise ParameterError(f"--{name} is for the picture of --plot; add --plot PATH")
 
     @property
     def picture_options(self) -> dict[str, Any]:
@@ -130,27 +96,34 @@ class Run:
 
     def picture_array(self, arrays: Mapping[str, Any], default: str) -> tuple[str, Any]:
         """Name and values of the array of --show, else of the default (None if it is missing)."""
-        name = self.common.show
-        return (default, arrays.get(default)) if name is None else (name, named_array(dict(arrays), name))
+        name = self.common.show or default
+        if self.common.show is not None and name not in arrays:  # an array that the run could not compute
+            log.warning(f"these results have no array {name!r}: the picture shows another")
+            name = default
+        return name, arrays.get(name)
 
-    def plan_output(self, path: str | None, formats: Sequence[str]) -> None:
-        """Check a further output (a matrix, curves, a picture) before any work; ignore None."""
+    def plan_output(
+        self, path: str | None, formats: Sequence[str] | None, output_format: str | None = None
+    ) -> None:
+        """Check an output (a mesh, a matrix, curves, a picture) before any work; ignore None.
+
+        `formats` None: those of meshes; `output_format`: that of standard output.
+        """
         if path is None:
             return
-        from ddgcli.io.mesh_file import check_place
+        from ddgcli.io.mesh_file import check_output
 
-        suffix = Path(path).suffix.lower()
-        if suffix not in formats:
-            raise OutputError(
-                f"{path}: unknown format {suffix or '(no extension)'}; known here: {' '.join(formats)}"
-            )
-        check_place(path)
-        self._plan_output(path)
-
-    def _plan_output(self, path: str) -> None:
+        check_output(path, output_format, formats=formats)
         if Path(path).resolve() in [Path(p).resolve() for p in self._planned_outputs]:
             raise OutputError(f"{path}: two outputs have this name; use different names")
         self._planned_outputs.append(path)
+
+    def plan_folder(self, path: str | None) -> None:
+        """Check a folder for outputs before any work; ignore None."""
+        existing = next((p for p in (Path(path), *Path(path).parents) if p.exists()), None) if path else None
+        if existing is not None and not (existing.is_dir() and os.access(existing, os.W_OK)):
+            reason = "cannot be written to" if existing.is_dir() else "is no folder"
+            raise OutputError(f"{path}: {existing} {reason}; name another folder")
 
     def add_input(self, path: str | None) -> None:
         """Register a further file that the run reads, such as an array, so that no output replaces it."""
@@ -178,9 +151,10 @@ class Run:
         *,
         subdivide: int = 0,
         flat_faces: bool = False,
-        check_cost: bool = True,
     ) -> MeshInput:
-        """Read the input mesh and report it in the summary.
+        """Read the input mesh and report it; refuse another kind, and a run that cannot fit into memory.
+
+        What the options require of the mesh the command checks next, before it calls `begin`.
 
         Parameters
         ----------
@@ -191,8 +165,6 @@ class Run:
             Kinds that the command takes; for others the error names a repair.
         flat_faces : bool
             Whether the command may treat an intrinsic triangulation as flat faces between its points.
-        check_cost : bool
-            Whether to call `check_cost`; False: the caller does.
         """
         with self.clock.timed("read"):
             from ddgcli.io.mesh_file import check_place, read_mesh
@@ -204,13 +176,13 @@ class Run:
             source = read_mesh(path, self.common.input_format)
             if message := kind_error(source.mesh, accept, self.command, path):
                 raise MeshError(f"{path}: {message}")
+            self._context.meta["ddgcli.input"] = path
+            form = self.common.input_format
+            self._context.meta["ddgcli.mesh"] = (path, *(("--input-format", form) if form else ()))
             self._inputs[path] = source.digest.sha256
             if self._planned_outputs:  # needed later: computed now, it releases the bytes of the file
                 source.digest.sha256()
             self._input_vertex = source.input_vertex
-            self._context.meta["ddgcli.input"] = path
-            form = self.common.input_format
-            self._context.meta["ddgcli.mesh"] = (path, *(("--input-format", form) if form else ()))
         for note in source.notes:
             log.warning(note)
         if {"face_edge_lengths", "neighbors"} <= set(source.face) and not flat_faces:
@@ -226,18 +198,41 @@ class Run:
         self.input = {"path": path, **input_facts(source.mesh)}
         if self.input.get("faces") and self.input["genus"] is None:
             log.warning("genus is null: the surface is not an orientable manifold")
-        if check_cost:
-            self.check_cost(source)
+        from ddgcli.cli.forecast.check_cost import size_of
+
+        self.predict(size_of(source.mesh, self.options))
         return source
 
-    def check_cost(self, source: MeshInput) -> None:
-        """Refuse what cannot fit; end a dry run, which checks the mesh and what the command read before."""
-        from ddgcli.cli.forecast.check_cost import check_cost, size_of
-        from ddgcli.mesh.require import unmet_need
+    def predict(self, size: InputSize, options: Mapping[str, Any] | None = None) -> Prediction | None:
+        """Refuse a run that cannot fit into memory; its cost, in a dry run and for large inputs.
 
-        if self.common.dry_run and (message := unmet_need(source.mesh, self.command)):
-            raise MeshError(message)
-        check_cost(self, size_of(source.mesh, self.options))
+        `options` replace those of the summary.
+        """
+        from ddgcli.cli.forecast.check_cost import check_cost
+
+        prediction = check_cost(self, size, options)
+        self._predicted = None if prediction is None else (prediction, size)
+        return prediction
+
+    def begin(self, shown: Collection[str] | None = None, written: Collection[str] | None = None) -> None:
+        """End the checks of the call: a dry run prints its prediction and ends here, a run computes next.
+
+        Every command calls it after all that can be wrong with its options and its input.
+
+        Parameters
+        ----------
+        shown, written : collection of str, optional
+            Names of the arrays that the results will have: those of --show and of --colors.
+        """
+        for name, arrays in ((self.common.show, shown), (self.common.colors, written)):
+            if name is not None and arrays is not None:
+                named_array(dict.fromkeys(arrays), name)
+        if self._source is not None:
+            check_mesh(self.command, self.common, self._source.mesh)
+        if self.common.dry_run and self._predicted is not None:
+            from ddgcli.cli.forecast.prediction import as_results
+
+            self.end_dry_run(as_results(*self._predicted))
 
     def end_dry_run(self, results: dict[str, Any]) -> None:
         """Print the prediction of a dry run as the summary, and end the run."""
@@ -330,7 +325,10 @@ class Run:
 
     def make_folder(self, folder: Path) -> None:
         """Make a folder for outputs; a run with an error removes it."""
-        self._staged.make_folder(folder)
+        try:
+            self._staged.make_folder(folder)
+        except OSError as error:
+            raise OutputError(f"{folder}: {error.strerror}; name another folder") from error
 
     def commit_outputs(self) -> None:
         """Put the complete outputs in their places together: an error in one leaves none."""

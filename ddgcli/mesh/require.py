@@ -14,10 +14,12 @@ from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 
 FLAT_AREA_TOLERANCE = 1e-12  # of the longest side squared
 FLAT_VOLUME_TOLERANCE = 1e-8  # of the longest edge cubed; rounding of volumes from edge lengths
 SAMPLE_SIZE = 1000  # faces
+FACES_OF_A_BLOCK = 1 << 16
 LENGTH_RANGE = (1e-140, 1e140)  # lengths whose squares, and sums of them, do not overflow
 
 
@@ -190,8 +192,11 @@ def kind_error(
     return f"holds {_PHRASE[kind]}; {verb} takes {' or '.join(_PHRASE[k] for k in kinds)}{cure}"
 
 
-def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
-    """First requirement of a command that the mesh does not meet, with a cure; None if it meets all."""
+def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str, subject: str = "it") -> str | None:
+    """First requirement of a command that the mesh does not meet, with a cure; None if it meets all.
+
+    `subject` is that of the message.
+    """
     requirement = REQUIREMENTS[verb]
     if requirement.instead:
         return requirement.instead
@@ -199,11 +204,11 @@ def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None
         return message
     try:
         if isinstance(mesh, TetMesh):
-            require(mesh.boundary, "it", **requirement.boundary)
+            require(mesh.boundary, subject, **requirement.boundary)
             if requirement.volume:
                 _require_volume(mesh)
         elif isinstance(mesh, TriangleMesh):
-            require(mesh, "it", **requirement.surface)
+            require(mesh, subject, **requirement.surface)
             if requirement.area:
                 _require_area(mesh)
             if requirement.every_area:
@@ -214,9 +219,19 @@ def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None
 
 
 def _require_area(mesh: TriangleMesh) -> None:
+    if _surely_has_area(mesh):
+        return
     side = mesh.side_vector / mesh.side_length.max()
     if (np.abs(np.cross(side[:, 0], side[:, 1])) <= FLAT_AREA_TOLERANCE).all():
         raise _no_area_error(mesh.n_faces)
+
+
+def _surely_has_area(mesh: TriangleMesh) -> bool:
+    """Whether one of the first faces shows, at little cost, that `_require_area` accepts the surface."""
+    corners = mesh.points[mesh.faces[:SAMPLE_SIZE]]
+    extent = float(np.ptp(mesh.points, axis=0).max())
+    side = (corners[:, 1:] - corners[:, :1]) / (2.0 * extent or 1.0)  # no side is longer than twice that
+    return bool((np.abs(np.cross(side[:, 0], side[:, 1])) > FLAT_AREA_TOLERANCE).any())
 
 
 def _no_area_error(n_faces: int) -> MeshError:
@@ -224,8 +239,15 @@ def _no_area_error(n_faces: int) -> MeshError:
 
 
 def _require_every_area(mesh: TriangleMesh, *, manifold: bool = False, oriented: bool = False) -> None:
-    side = mesh.side_vector / np.maximum(mesh.side_length.max(axis=1), 1e-300)[:, None, None]
-    flat = np.flatnonzero(~(np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1) > FLAT_AREA_TOLERANCE))
+    flat_blocks = []
+    for begin in range(0, mesh.n_faces, FACES_OF_A_BLOCK):  # all at once they take more than the mesh
+        corners = mesh.points[mesh.faces[begin : begin + FACES_OF_A_BLOCK]]
+        side = np.roll(corners, -1, axis=1) - corners
+        side /= np.maximum(np.abs(side).max(axis=(1, 2)), 1e-300)[:, None, None]
+        longest = np.maximum(vector_length(side.reshape(-1, 3)).reshape(-1, 3).max(axis=1), 1e-300)
+        doubled_area = vector_length(np.cross(side[:, 0], side[:, 1]))
+        flat_blocks.append(begin + np.flatnonzero(~(doubled_area > FLAT_AREA_TOLERANCE * longest**2)))
+    flat = np.concatenate([np.zeros(0, dtype=np.int64), *flat_blocks])
     refuse_flat_faces(flat, mesh.topology, manifold=manifold, oriented=oriented)
 
 

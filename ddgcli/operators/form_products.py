@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
 from ddgcli.operators.dec import Complex, complex_of
-from ddgcli.operators.whitney import SpaceMesh, degree_of, interior_product, lie_derivative, wedge
+from ddgcli.operators.whitney import (
+    SpaceMesh,
+    check_degrees,
+    degree_of,
+    interior_product,
+    lie_derivative,
+    wedge,
+)
 
 # places of the forms of degree 0, 1, ... by dimension; the cells of tetrahedra are their `face`, as in files
 PLACES = {2: ("vertex", "edge", "face"), 3: ("vertex", "edge", "triangle", "face")}
@@ -67,10 +74,9 @@ def form_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray] |
         if pair is None:
             continue
         try:
-            form = _form(complex_, pair[1])
+            first, form = _operands(complex_, name, pair)
             degree = degree_of(complex_, form)
             if name == "wedge":
-                first = _form(complex_, pair[0])
                 p = degree_of(complex_, first)
                 product = wedge(complex_, first, form)
                 out.add(name, p + degree, product, n)
@@ -81,24 +87,47 @@ def form_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray] |
                     ]
                     out.accuracy["leibniz_residual"] = _relative(d[p + degree] @ product - sum(terms), *terms)
                 continue
-            vectors = _cell_vectors(complex_, pair[0])
             if name == "interior_product":
-                if degree == 0:
-                    raise ParameterError(
-                        f"a 0-form has no interior product; name values on {_listed(ELEMENTS[n][1:])}"
-                    )
-                out.add(name, degree - 1, interior_product(mesh, vectors, form), n)
+                out.add(name, degree - 1, interior_product(mesh, first, form), n)
                 continue
-            derivative = lie_derivative(mesh, vectors, form)
+            derivative = lie_derivative(mesh, first, form)
             out.add(name, degree, derivative, n)
             if degree < n:
-                after, before = d[degree] @ derivative, lie_derivative(mesh, vectors, d[degree] @ form)
+                after, before = d[degree] @ derivative, lie_derivative(mesh, first, d[degree] @ form)
                 out.accuracy["lie_commutation_residual"] = _relative(
                     after - before, after, before, derivative
                 )
         except ParameterError as error:
             raise ParameterError(str(error), parameter=name) from error
     return out
+
+
+def check_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray]]) -> None:
+    """Raise the errors of `form_products`, without the products."""
+    complex_ = complex_of(mesh)
+    for name, pair in pairs.items():
+        try:
+            _operands(complex_, name, pair)
+        except ParameterError as error:
+            raise ParameterError(str(error), parameter=name) from error
+
+
+def _operands(
+    complex_: Complex, name: str, pair: tuple[NDArray, NDArray]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two forms, or the vectors of a field on the cells and a form; ParameterError for other arrays."""
+    form = _form(complex_, pair[1])
+    degree = degree_of(complex_, form)
+    if name == "wedge":
+        first = _form(complex_, pair[0])
+        check_degrees(complex_, degree_of(complex_, first), degree)
+        return first, form
+    vectors = _cell_vectors(complex_, pair[0])
+    if name == "interior_product" and degree == 0:
+        raise ParameterError(
+            f"a 0-form has no interior product; name values on {_listed(ELEMENTS[complex_.dimension][1:])}"
+        )
+    return vectors, form
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -107,6 +107,14 @@ def local_edges(complex_: Complex) -> NDArray:
     return TRIANGLE_EDGES if complex_.dimension == 2 else TET_EDGES
 
 
+def check_degrees(complex_: Complex, p: int, q: int) -> None:
+    """Raise ParameterError for degrees whose wedge is zero."""
+    if p + q > complex_.dimension:
+        raise ParameterError(
+            f"a {p}-form and a {q}-form have no wedge in dimension {complex_.dimension}: it is zero"
+        )
+
+
 def wedge(complex_: Complex, a: NDArray, b: NDArray) -> NDArray[np.float64]:
     """Wedge of forms: the cup product of cochains, averaged over the orders of the corners of each simplex.
 
@@ -127,10 +135,7 @@ def wedge(complex_: Complex, a: NDArray, b: NDArray) -> NDArray[np.float64]:
     convergence under refinement", 2007.
     """
     p, q = degree_of(complex_, a), degree_of(complex_, b)
-    if p + q > complex_.dimension:
-        raise ParameterError(
-            f"a {p}-form and a {q}-form have no wedge in dimension {complex_.dimension}: it is zero"
-        )
+    check_degrees(complex_, p, q)
     if p > q:
         return (-1.0) ** (p * q) * wedge(complex_, b, a)
     if p == 0:

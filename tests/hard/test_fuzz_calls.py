@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.fuzz import call_checks, call_meshes, call_options
 from benchmarks.fuzz.call_cures import cures, place_of
+from benchmarks.fuzz.call_dry_runs import disagreement
 from benchmarks.fuzz.inputs import kinds
 from ddgcli.cli.main import COMMANDS
 from ddgcli.errors import DdgError
@@ -41,7 +42,7 @@ def test_random_calls_name_every_command_and_every_kind_of_mesh():
 def test_a_random_call_runs_or_is_refused_in_one_line():
     kind = kinds()["valid call"]
     read, accepted = kind.reader(), 0
-    for seed in range(3):
+    for seed in range(2, 6):
         try:
             read(kind.random_input(Random(seed)))
             accepted += 1
@@ -69,6 +70,11 @@ def outcome(**values):
     return call_checks.CallOutcome(**(normal | values))
 
 
+def refusal(error, **values):
+    """Outcome of a call that ended with an error."""
+    return outcome(exit_code=2, stdout="", stderr=f"Error: {error}", **values)
+
+
 @pytest.mark.parametrize(
     "fault, text",
     [
@@ -91,11 +97,34 @@ def test_a_fault_of_a_call_is_detected(tmp_path, fault, text):
         call_checks.check_outcome(fault, MESH, tmp_path)
 
 
-def test_a_fault_of_a_dry_run_is_detected():
-    dry = outcome(words=["info", "a.ply", "--dry-run"], exit_code=2, stdout="", stderr="Error: no face")
-    call_checks.check_dry_run(dry, dry)
-    with pytest.raises(call_checks.CallError, match="the dry run is refused, the run is not: no face"):
-        call_checks.check_dry_run(dry, outcome())
+@pytest.mark.parametrize(
+    "dry, run, text",
+    [
+        (outcome(), refusal("a"), "exit code 0, the run's 2: a"),
+        (refusal("a"), outcome(), "the dry run is refused, the run is not: a"),
+        (refusal("a"), refusal("b"), "refused by 'a', the run by 'b'"),
+        (refusal("a"), refusal("a"), ""),
+        (outcome(), outcome(exit_code=1), ""),
+        (outcome(), refusal("--cut-to-disk: a", words=["repair", "a.ply"]), ""),
+        (refusal("needs 9 GiB of memory"), outcome(), ""),
+    ],
+)
+def test_a_dry_run_that_disagrees_with_the_run_is_a_fault(dry, run, text):
+    fault = disagreement(dry, run)
+    assert text in fault and bool(text) == bool(fault)
+
+
+def test_a_planted_gap_between_the_dry_run_and_the_run_is_noticed(tmp_path, monkeypatch):
+    from ddgcli.algorithms.laplacian import check_tasks
+
+    call = {"mesh": MESH, "prepare": [], "words": ["laplacian", "{input}", "--eigen", "4"]}
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DdgError, match="4 eigenpairs exceed the 3 vertices"):
+        call_checks.run_call(call, tmp_path)
+    # the run checks its tasks once more, where it solves them
+    monkeypatch.setattr(check_tasks, "check_tasks", lambda mesh, tasks: None)
+    with pytest.raises(call_checks.CallError, match="exit code 0, the run's 2: .*4 eigenpairs exceed"):
+        call_checks.run_call(call, tmp_path)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".vtkhdf", ".vtu", ".ply"])

@@ -15,7 +15,7 @@ from ddgcli.algorithms.conformal.distortion import distortion_arrays, mean_and_l
 from ddgcli.algorithms.conformal.layout import Layout, flat_layout
 from ddgcli.algorithms.conformal.overlay import flat_overlay, flat_overlay_mesh
 from ddgcli.algorithms.conformal.ptolemy import DecoratedTriangulation
-from ddgcli.algorithms.conformal.targets import conformal_targets
+from ddgcli.algorithms.conformal.targets import ConformalTargets, conformal_targets
 from ddgcli.algorithms.delaunay.common_subdivision import CommonSubdivision
 from ddgcli.algorithms.delaunay.triangulation import (
     IntrinsicDelaunay,
@@ -28,6 +28,7 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.mollify import Mollification
 from ddgcli.progress import ProgressCallback
 
 OPERATORS = ("intrinsic-delaunay", "cotan")  # triangulations whose conformal class is defined
@@ -144,13 +145,7 @@ def conformal_map(
     boundary conditions are those of R. Sawhney, K. Crane, "Boundary First Flattening", 2017. Boundary edges
     are not flipped, so that a solution exists if triangles at the boundary are not too thin.
     """
-    if operator is not None and operator not in OPERATORS:
-        raise ParameterError(f"{operator!r} is not one of {', '.join(OPERATORS)}", parameter="operator")
-    targets = conformal_targets(mesh, cones, boundary, boundary_values)
-    glued = glue(mesh)
-    start = working_lengths(mesh, glued)
-    plain = IntrinsicMesh(glued.topology, start.length, mesh.points)
-    _require_attainable_angles(start.length)
+    targets, start, plain = check_conformal_map(mesh, cones, boundary, boundary_values, operator)
     if operator == "cotan":
         flipped = IntrinsicDelaunay(plain, 0, 0, start, crossings=np.full((mesh.n_faces, 3), -1))
     else:
@@ -167,6 +162,23 @@ def conformal_map(
         scale = scale + 0.5 * np.log(before / after)
     flat = state.mesh(state.scaled_length(scale), mesh.n_vertices)
     return ConformalMap(mesh, flat, scale, metric, flat_layout(flat, targets.cone), flipped, plain)
+
+
+def check_conformal_map(
+    mesh: TriangleMesh,
+    cones: Mapping[int, float] | None,
+    boundary: str,
+    boundary_values: NDArray | None,
+    operator: str | None,
+) -> tuple[ConformalTargets, Mollification, IntrinsicMesh]:
+    """Targets, side lengths and start of a conformal map; the errors of `conformal_map`."""
+    if operator is not None and operator not in OPERATORS:
+        raise ParameterError(f"{operator!r} is not one of {', '.join(OPERATORS)}", parameter="operator")
+    targets = conformal_targets(mesh, cones, boundary, boundary_values)
+    glued = glue(mesh)
+    start = working_lengths(mesh, glued)
+    _require_attainable_angles(start.length)
+    return targets, start, IntrinsicMesh(glued.topology, start.length, mesh.points)
 
 
 def _require_attainable_angles(length: NDArray) -> None:

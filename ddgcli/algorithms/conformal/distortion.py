@@ -30,6 +30,9 @@ def angle_distortion(mesh: SurfaceMesh, corners: NDArray) -> NDArray[np.float64]
         return half + np.sqrt(half * half - 1.0)
 
 
+DISTORTION_ARRAYS = ("conformal_distortion", "area_distortion")
+
+
 def distortion_arrays(mesh: SurfaceMesh, corners: NDArray) -> dict[str, NDArray[np.float64]]:
     """Face arrays of a map to corners (m, 3, 2).
 
@@ -44,7 +47,7 @@ def distortion_arrays(mesh: SurfaceMesh, corners: NDArray) -> dict[str, NDArray[
     with np.errstate(divide="ignore", invalid="ignore"):
         area = np.log(0.5 * np.abs(planar_area(corners))) - np.log(face_area(mesh.side_length))
     area = np.clip(np.nan_to_num(area, nan=0.0, posinf=limit, neginf=-limit), -limit, limit)
-    return {"conformal_distortion": np.minimum(ratio, MAX_DISTORTION), "area_distortion": area}
+    return dict(zip(DISTORTION_ARRAYS, (np.minimum(ratio, MAX_DISTORTION), area), strict=True))
 
 
 def mean_and_largest(mesh: SurfaceMesh, ratio: NDArray) -> dict[str, float]:

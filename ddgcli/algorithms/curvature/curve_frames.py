@@ -43,7 +43,8 @@ def curve_frames(curves: CurveSet) -> tuple[dict[str, NDArray], dict[str, Any]]:
         Where successive points coincide, or the curve turns back on itself (a frame has no transport there).
     """
     n = curves.n_vertices
-    arrays = {name: np.zeros((n, 3)) for name in _VECTORS} | {name: np.zeros(n) for name in _SCALARS}
+    arrays: dict[str, NDArray] = {name: np.zeros((n, 3)) for name in FRAME_VECTORS}
+    arrays |= {name: np.zeros(n) for name in FRAME_SCALARS}
     holonomy: list[float | None] = []
     for path, closed in curves.paths():
         own, turned = _frenet_and_bishop(curves.points[path], closed, path)
@@ -53,16 +54,22 @@ def curve_frames(curves: CurveSet) -> tuple[dict[str, NDArray], dict[str, Any]]:
     return arrays, {"bishop_holonomy": holonomy}
 
 
-_VECTORS = (
+FRAME_VECTORS = (
     "frenet_tangent", "frenet_normal", "frenet_binormal", "bishop_1", "bishop_2", "osculating_centre",
 )  # fmt: skip
-_SCALARS = ("arc_length", "osculating_radius")
+FRAME_SCALARS = ("arc_length", "osculating_radius")
 
 
-def _frenet_and_bishop(
+def check_frames(curves: CurveSet) -> None:
+    """Raise the errors of `curve_frames`."""
+    for path, closed in curves.paths():
+        _segment_directions(curves.points[path], closed, path)
+
+
+def _segment_directions(
     points: NDArray, closed: bool, path: NDArray
-) -> tuple[dict[str, NDArray], float | None]:
-    """Arrays of one polyline, and the holonomy of its Bishop frame."""
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Lengths and directions of segments, and (n, 3) directions before and after each point of a polyline."""
     segment = np.roll(points, -1, axis=0) - points if closed else np.diff(points, axis=0)
     length = vector_length(segment)
     if not (length > 0).all():
@@ -79,6 +86,14 @@ def _frenet_and_bishop(
         raise MeshError(
             f"the curve turns back at point {path[bad]}, where frames have no transport; remove it"
         )
+    return length, direction, before, after
+
+
+def _frenet_and_bishop(
+    points: NDArray, closed: bool, path: NDArray
+) -> tuple[dict[str, NDArray], float | None]:
+    """Arrays of one polyline, and the holonomy of its Bishop frame."""
+    length, direction, before, after = _segment_directions(points, closed, path)
     tangent = unit_vectors(before + after)
     turn = after - before
     normal = unit_vectors(np.where(vector_length(turn)[:, None] > 1e-14, turn, 0.0))

@@ -41,34 +41,19 @@ class OffsetBody:
     volume: float
 
 
-def offset_body(mesh: TriangleMesh, distance: float, resolution: float = 6.0) -> OffsetBody:
-    """Mesh of the points at a distance outside a closed surface along its normals.
+@dataclass(frozen=True, eq=False)
+class OffsetArcs:
+    """Directions of an offset body: a side of each edge, normals of faces and vertices, steps of arcs."""
 
-    The faces move along their normals; edges become parts of cylinders and vertices parts of spheres,
-    inscribed with `resolution`. Of a convex body this is the boundary of its parallel body; elsewhere
-    parts with reversed orientation overlap others, and the signed volume is still that of the Steiner
-    polynomial, up to the inscription.
+    side: NDArray[np.int64]
+    normal: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    arc: int
+    rings: int
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        Closed, manifold, faces outward, all of positive area.
-    distance : float
-        Positive, in length units.
-    resolution : float
-        Largest angle of a step of an arc, in degrees.
 
-    Returns
-    -------
-    OffsetBody
-
-    Raises
-    ------
-    MeshError
-        When the surface is not closed and oriented, has faces without area, or folds back by pi at an edge.
-    ParameterError
-        On a distance or a resolution that is not positive, or when the mesh would have too many faces.
-    """
+def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> OffsetArcs:
+    """Raise the errors of `offset_body`; the directions of its arcs."""
     if not (np.isfinite(distance) and distance > 0):
         raise ParameterError(f"must be a positive length, not {distance}", parameter="offset")
     if not 0 < resolution <= 90:
@@ -106,17 +91,48 @@ def offset_body(mesh: TriangleMesh, distance: float, resolution: float = 6.0) ->
         raise ParameterError(
             f"the offset mesh would have {count:,} faces; give a larger angle", parameter="offset_angle"
         )
-    points, faces, part_of_face = _assemble(mesh, side, twin, (n1, n2), centre, normal, distance, arc, rings)
+    return OffsetArcs(side, normal, centre, arc, rings)
+
+
+def offset_body(mesh: TriangleMesh, distance: float, resolution: float = 6.0) -> OffsetBody:
+    """Mesh of the points at a distance outside a closed surface along its normals.
+
+    The faces move along their normals; edges become parts of cylinders and vertices parts of spheres,
+    inscribed with `resolution`. Of a convex body this is the boundary of its parallel body; elsewhere
+    parts with reversed orientation overlap others, and the signed volume is still that of the Steiner
+    polynomial, up to the inscription.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Closed, manifold, faces outward, all of positive area.
+    distance : float
+        Positive, in length units.
+    resolution : float
+        Largest angle of a step of an arc, in degrees.
+
+    Returns
+    -------
+    OffsetBody
+
+    Raises
+    ------
+    MeshError
+        When the surface is not closed and oriented, has faces without area, or folds back by pi at an edge.
+    ParameterError
+        On a distance or a resolution that is not positive, or when the mesh would have too many faces.
+    """
+    arcs = check_offset(mesh, distance, resolution)
+    points, faces, part_of_face = _assemble(mesh, arcs, distance)
     points, faces, part_of_face = _welded(points, faces, part_of_face)
     offset = TriangleMesh.from_arrays(points, faces)
     return OffsetBody(offset, part_of_face, enclosed_volume(offset))
 
 
-def _assemble(
-    mesh: TriangleMesh, side: NDArray, twin: NDArray, normals: tuple[NDArray, NDArray], centre: NDArray,
-    normal: NDArray, distance: float, arc: int, rings: int,
-) -> tuple[NDArray, NDArray, NDArray]:  # fmt: skip
+def _assemble(mesh: TriangleMesh, arcs: OffsetArcs, distance: float) -> tuple[NDArray, NDArray, NDArray]:
     """Points, faces and their parts: triangles, strips of cylinders, sectors of spheres."""
+    side, normal, centre, arc, rings = arcs.side, arcs.normal, arcs.centre, arcs.arc, arcs.rings
+    normals = normal[side // 3], normal[mesh.topology.side_twin.ravel()[side] // 3]
     corner_points = mesh.points[mesh.faces.ravel()] + distance * np.repeat(normal, 3, axis=0)
     face_part = np.arange(3 * mesh.n_faces).reshape(-1, 3)
     tail, head = mesh.topology.side_tail[side], mesh.topology.side_head[side]

@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.curve_frames import curve_frames, resampled
+from ddgcli.algorithms.curvature.curve_frames import (
+    FRAME_SCALARS,
+    FRAME_VECTORS,
+    check_frames,
+    curve_frames,
+    resampled,
+)
 from ddgcli.errors import MeshError
 from ddgcli.mesh.curve import CurveSet, nearest_axis, plane_normal
 from ddgcli.mesh.scatter import sum_by_index
@@ -59,10 +65,9 @@ def measure_curves(
     if resample is not None:
         curves = resampled(curves, resample)
         own = dict(curves.point_arrays)
-    normals = [plane_normal(curves.points[path]) for path, _ in curves.paths()]
+    normals = plane_normals(curves)
     planar = all(normal is not None for normal in normals)
-    names = ["turning_angle", "curvature", "vertex_length", "torsion", "gauss_angle"]
-    names = [name for name in names if name != ("torsion" if planar else "gauss_angle")]
+    names = _scalar_names(planar)
     vertex = {name: np.zeros(curves.n_vertices) for name in names}
     vertex["gauss_map"] = np.zeros((curves.n_vertices, 3))
     each = []
@@ -72,7 +77,7 @@ def measure_curves(
             vertex[name][path] = arrays[name]
         each.append(results)
     if not each or not any(r["length"] > 0 for r in each):
-        raise MeshError("no segment of positive length; curvature needs a curve: check the points")
+        raise _no_length_error()
     results = _together(each)
     residuals = [r["turning_number_residual"] for r in each if r["turning_number_residual"] is not None]
     for r in (results, *each):
@@ -88,6 +93,39 @@ def measure_curves(
         own, results = own | arrays, results | holonomy
     accuracy = {"turning_number_residual": max(residuals, default=None)}
     return PolylineCurvature(vertex | own, results, accuracy, curves)
+
+
+def check_query(curves: CurveSet, *, with_frames: bool = False, resample: int | None = None) -> None:
+    """Raise the errors of `measure_curves`, before it measures."""
+    if resample is not None:
+        curves = resampled(curves, resample)
+    if not any((vector_length(np.diff(curves.points[path], axis=0)) > 0).any() for path, _ in curves.paths()):
+        raise _no_length_error()
+    if with_frames:
+        check_frames(curves)
+
+
+def array_names(
+    curves: CurveSet, *, with_frames: bool = False, resample: int | None = None
+) -> tuple[list[str], list[str]]:
+    """Names of the scalars and of the vectors of `measure_curves`."""
+    planar = all(normal is not None for normal in plane_normals(curves))
+    of_resampling = ["arc_length"] if resample is not None and not with_frames else []
+    scalars = [*_scalar_names(planar), *of_resampling, *(FRAME_SCALARS if with_frames else ())]
+    return scalars, ["gauss_map", *(FRAME_VECTORS if with_frames else ())]
+
+
+def plane_normals(curves: CurveSet) -> list[NDArray | None]:
+    """Normal of the plane of each curve; None in space."""
+    return [plane_normal(curves.points[path]) for path, _ in curves.paths()]
+
+
+def _scalar_names(planar: bool) -> list[str]:
+    return ["turning_angle", "curvature", "vertex_length", "gauss_angle" if planar else "torsion"]
+
+
+def _no_length_error() -> MeshError:
+    return MeshError("no segment of positive length; curvature needs a curve: check the points")
 
 
 def _together(each: list[dict[str, Any]]) -> dict[str, Any]:

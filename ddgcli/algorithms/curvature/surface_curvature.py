@@ -17,9 +17,15 @@ from ddgcli.algorithms.curvature.noise import Effort, Noise, estimate_noise, ver
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.regions import check_radius
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
-from ddgcli.algorithms.curvature.unit_surface import UnitSurface, prepare_surface
+from ddgcli.algorithms.curvature.unit_surface import (
+    TWO_SIDED_SCHEMES,
+    UnitSurface,
+    one_sided_error,
+    prepare_surface,
+)
 from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import ParameterError
+from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -28,6 +34,12 @@ from ddgcli.mesh.vectors import ratio
 _log = logging.getLogger("ddgcli")
 
 DEFAULT_SCHEME = "quadric"
+CURVATURE_ARRAYS = ("gaussian_curvature", "mean_curvature")
+VERTEX_ARRAYS = (
+    "angle_defect", "vertex_area", "boundary", "gaussian_curvature", "geodesic_curvature", "mean_curvature",
+    "mean_curvature_normal", "principal_curvature_min", "principal_curvature_max", "principal_direction_min",
+    "principal_direction_max", "combinatorial_curvature",
+)  # fmt: skip
 SCHEME_PROMISES = {
     "quadric": "converges pointwise on any sampling of a smooth surface, irregular and anisotropic ones too; "
     "noise and creases show as they are unless the radius is large",
@@ -95,16 +107,13 @@ def measure_curvature(
     ParameterError
         Unknown scheme; a radius for 'cotan'.
     """
-    _check_parameters(scheme, radius)
-    require(mesh, "curvature")
+    check_curvature(mesh, scheme, radius, image=image)
     surface = prepare_surface(mesh, scheme)
     noise = _noise(surface, scheme, radius)
     unreliable = radius is None and noise.dominates_curvature
     if radius == "auto":
         radius = noise.radius_of(scheme) * surface.scale if noise.dominates_curvature else None
-    if radius is not None:
-        area = float(surface.faces.area.sum())
-        check_radius(mesh, area, radius / surface.scale, surface.scale, scheme)
+        _check_radius(mesh, radius, scheme)
     in_ball = None if radius is None else radius / surface.scale
     principal = _pointwise(surface, scheme, in_ball, noise.dominates_curvature, jobs, full)
     if unreliable:
@@ -117,13 +126,38 @@ def measure_curvature(
     if full:
         results |= _further_integrals(surface, results)
     if image is not None:
-        results |= _nonconformality(surface, image)
+        results |= totals.nonconformality(surface.faces, image)
     results |= _statistics(vertex, edge, mesh)
     accuracy = _accuracy(surface)
     converged = within_residuals(
         accuracy, tuple(accuracy), "faces without area leave curvatures undetermined; repair the mesh"
     )
     return CurvatureResult(vertex, edge, results, accuracy, converged)
+
+
+def check_curvature(
+    mesh: TriangleMesh,
+    scheme: str = DEFAULT_SCHEME,
+    radius: float | str | None = None,
+    *,
+    image: NDArray | None = None,
+) -> None:
+    """Raise the errors of `measure_curvature`, before it measures; `radius='auto'` may still be too large."""
+    _check_parameters(scheme, radius)
+    require(mesh, "curvature")
+    if scheme in TWO_SIDED_SCHEMES and not (mesh.topology.is_oriented or mesh.topology.is_orientable):
+        raise one_sided_error(mesh, scheme)
+    if image is not None:
+        _check_image(mesh, image)
+    if isinstance(radius, (int, float)):
+        _check_radius(mesh, radius, scheme)
+
+
+def _check_radius(mesh: TriangleMesh, radius: float | None, scheme: str) -> None:
+    if radius is not None:
+        unit = float(mesh.side_length.max())  # no square over- or underflows
+        area = float(face_area(mesh.side_length / unit).sum())
+        check_radius(mesh, area, radius / unit, unit, scheme)
 
 
 def _check_parameters(scheme: str, radius: float | str | None) -> None:
@@ -204,7 +238,7 @@ def _curvature_arrays(surface: UnitSurface, principal: PrincipalCurvatures) -> d
 def _vertex_arrays(surface: UnitSurface, principal: PrincipalCurvatures) -> dict[str, NDArray]:
     mesh, s = surface.mesh, surface.scale
     curvature = _curvature_arrays(surface, principal)
-    return {
+    return {  # by the names of VERTEX_ARRAYS
         "angle_defect": surface.defect,
         "vertex_area": surface.area * s * s,
         "boundary": mesh.topology.boundary_vertex.astype(np.uint8),
@@ -309,15 +343,15 @@ def _range(values: NDArray) -> dict[str, float]:
     return {"min": float(values.min()), "max": float(values.max()), "mean": float(values.mean())}
 
 
-def _nonconformality(surface: UnitSurface, image: NDArray) -> dict[str, float]:
-    if image.ndim != 2 or image.shape[1] not in (2, 3) or len(image) != surface.mesh.n_vertices:
+def _check_image(mesh: TriangleMesh, image: NDArray) -> None:
+    """Raise ParameterError for an array that is no map of the vertices."""
+    if image.ndim != 2 or image.shape[1] not in (2, 3) or len(image) != mesh.n_vertices:
         raise ParameterError(
             f"an array of shape {image.shape}; a map gives each vertex 2 or 3 coordinates", parameter="map"
         )
     if not np.isfinite(image).all():
         bad = np.flatnonzero(~np.isfinite(image).all(axis=1))[0]
         raise ParameterError(f"the map is not finite at vertex {bad}; correct the array", parameter="map")
-    return totals.nonconformality(surface.faces, image)
 
 
 def _accuracy(surface: UnitSurface) -> dict[str, float | None]:

@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.measures import vector_of
-from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME, CurvatureResult, measure_curvature
+from ddgcli.algorithms.curvature.surface_curvature import (
+    CURVATURE_ARRAYS,
+    DEFAULT_SCHEME,
+    VERTEX_ARRAYS,
+    CurvatureResult,
+    check_curvature,
+    measure_curvature,
+)
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -20,6 +27,8 @@ from ddgcli.mesh.vectors import ratio, row_dot, vector_length
 if TYPE_CHECKING:
     from ddgcli.algorithms.curvature.offset_body import OffsetBody
     from ddgcli.algorithms.curvature.region_measures import RegionMeasures
+
+GRADIENT_VECTORS = ("H_p", "volume_gradient", "h_p", "gradient_angle")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +93,35 @@ def measure_surface(
     return SurfaceMeasurement(vertex, measured.edge, results, accuracy, measured.converged, body)
 
 
+def check_query(
+    mesh: TriangleMesh,
+    scheme: str = DEFAULT_SCHEME,
+    radius: float | Literal["auto"] | None = None,
+    *,
+    image: NDArray | None = None,
+    regions: Sequence[tuple[NDArray, str]] = (),
+    balls: Sequence[tuple[NDArray, float]] = (),
+    vertex_vectors: bool = False,
+    offset: float | None = None,
+    offset_angle: float = 6.0,
+) -> None:
+    """Raise the errors of `measure_surface`, before it measures; parameters as there."""
+    check_curvature(mesh, scheme, radius, image=image)
+    if regions or balls:
+        require_regions(mesh)
+    for array, place in regions:
+        region_labels(mesh, array, place)
+    if offset is not None:
+        from ddgcli.algorithms.curvature.offset_body import check_offset
+
+        check_offset(mesh, offset, offset_angle)
+
+
+def array_names(*, full: bool = True, vertex_vectors: bool = False) -> list[str]:
+    """Names of the vertex arrays of `measure_surface`."""
+    return [*(VERTEX_ARRAYS if full else CURVATURE_ARRAYS), *(GRADIENT_VECTORS if vertex_vectors else ())]
+
+
 def require_regions(mesh: TriangleMesh) -> None:
     """Raise MeshError for a surface whose faces are not oriented."""
     if not mesh.topology.is_oriented:
@@ -112,9 +150,17 @@ def labelled_measures(
         Number of the region of each element, and the values that name the regions.
     place : str
     """
-    from ddgcli.algorithms.curvature.region_measures import labels_of, measures_of_labels
+    from ddgcli.algorithms.curvature.region_measures import measures_of_labels
 
     require_regions(mesh)
+    label, names, place = region_labels(mesh, array, place)
+    return measures_of_labels(mesh, label, place), label, names, place
+
+
+def region_labels(mesh: TriangleMesh, array: NDArray, place: str = "") -> tuple[NDArray, NDArray, str]:
+    """Number of the region of each element, the values that name the regions, and the place of the labels."""
+    from ddgcli.algorithms.curvature.region_measures import labels_of
+
     label, names = labels_of(array)
     place = place or {mesh.n_vertices: "vertex", mesh.n_faces: "face"}.get(len(label), "")
     if len(label) != {"vertex": mesh.n_vertices, "face": mesh.n_faces}.get(place, -1):
@@ -124,7 +170,7 @@ def labelled_measures(
             f"{mesh.n_vertices} vertices",
             parameter="region",
         )
-    return measures_of_labels(mesh, label, place), label, names, place
+    return label, names, place
 
 
 def _regions(
@@ -170,4 +216,4 @@ def gradient_vectors(mesh: TriangleMesh) -> dict[str, NDArray]:
     size, length = vector_length(mean), vector_length(volume)
     cosine = ratio(-row_dot(mean, volume), size * length)
     angle = np.where(size * length > 0, np.arccos(np.clip(cosine, -1.0, 1.0)), 0.0)
-    return {"H_p": mean, "volume_gradient": volume, "h_p": ratio(size, length), "gradient_angle": angle}
+    return dict(zip(GRADIENT_VECTORS, (mean, volume, ratio(size, length), angle), strict=True))

@@ -21,6 +21,8 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 _log = logging.getLogger("ddgcli")
 
+TWO_SIDED_SCHEMES = ("normal-cycle", "corrected", "normal-voting")
+
 
 @dataclass(frozen=True, eq=False)
 class UnitSurface:
@@ -39,6 +41,14 @@ class UnitSurface:
     normal: NDArray
     dihedral: NDArray
     vector: NDArray
+
+
+def one_sided_error(mesh: TriangleMesh, scheme: str) -> MeshError:
+    """Error of a scheme that needs two sides."""
+    return MeshError(
+        f"the surface is one-sided (not orientable) and {scheme} needs two sides; "
+        f"use `scheme=quadric` or `scheme=cotan`, or {cure('one side', mesh.topology)}"
+    )
 
 
 def prepare_surface(mesh: TriangleMesh, scheme: str) -> UnitSurface:
@@ -89,11 +99,8 @@ def _warn_of_defects(
     if len(flat) == mesh.n_faces:
         raise MeshError("no face has area; curvature needs a surface: check the coordinates")
     if not orientable:
-        if scheme in ("normal-cycle", "corrected", "normal-voting"):
-            raise MeshError(
-                f"the surface is one-sided (not orientable) and {scheme} needs two sides; "
-                f"use `scheme=quadric` or `scheme=cotan`, or {cure('one side', mesh.topology)}"
-            )
+        if scheme in TWO_SIDED_SCHEMES:
+            raise one_sided_error(mesh, scheme)
         _log.warning(
             "the surface is one-sided (not orientable): the signs of mean and principal curvature hold only "
             "locally, and the total mean curvature is undefined"

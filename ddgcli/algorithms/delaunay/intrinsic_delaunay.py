@@ -15,7 +15,7 @@ from ddgcli.algorithms.delaunay.common_subdivision import (
 )
 from ddgcli.algorithms.delaunay.dual import CircumcentricDual, circumcentric_dual
 from ddgcli.algorithms.delaunay.one_sided import one_sided_subdivision
-from ddgcli.algorithms.delaunay.refine import RefinementResult, refine
+from ddgcli.algorithms.delaunay.refine import RefinementResult, check_refinement, refine
 from ddgcli.algorithms.delaunay.transfer import TransferResult, check_transferable, transfer_to_intrinsic
 from ddgcli.algorithms.delaunay.triangulation import (
     IntrinsicDelaunay,
@@ -24,6 +24,7 @@ from ddgcli.algorithms.delaunay.triangulation import (
     length_scale,
     negative_cotan_edges,
     non_delaunay_edges,
+    require_surface,
     working_lengths,
 )
 from ddgcli.geometry.extrinsic import face_area_vector
@@ -106,6 +107,17 @@ class DelaunayResult:
         )
 
 
+def check_query(
+    mesh: TriangleMesh, degrees: float | None = None, transferred: dict[str, NDArray] | None = None
+) -> None:
+    """Raise the errors of `intrinsic_delaunay`, before it computes."""
+    check_transferable(transferred or {}, OWN_ARRAYS)
+    if degrees is not None:
+        check_refinement(mesh, degrees)
+    else:
+        require_surface(mesh, "the intrinsic Delaunay triangulation", one_sided=True)
+
+
 def intrinsic_delaunay(
     mesh: TriangleMesh,
     *,
@@ -146,7 +158,7 @@ def intrinsic_delaunay(
     ParameterError
         For an angle or an array that cannot be used.
     """
-    check_transferable(transferred or {}, OWN_ARRAYS)
+    check_query(mesh, degrees, transferred)
     subdivide = subdivide or bool(transferred)
     if degrees is None:
         flipped, base, refined = flip_to_delaunay(mesh, track=subdivide), BaseTriangulation.itself(mesh), None

@@ -66,6 +66,17 @@ class RefinementResult:
     converged: bool
 
 
+def check_refinement(mesh: TriangleMesh, degrees: float) -> None:
+    """Raise the errors of `refine`."""
+    if not 0 < degrees <= 33:
+        raise ParameterError(
+            f"refinement to {degrees:g} degrees does not end; use at most 33 (25 always succeeds)",
+            parameter="refine",
+        )
+    require_surface(mesh, "refinement")
+    require(mesh, "refinement", extent=True)
+
+
 def refine(
     mesh: TriangleMesh, degrees: float, *, max_points: int | None = None, seed: int = 0, track: bool = True
 ) -> RefinementResult:
@@ -96,13 +107,7 @@ def refine(
     MeshError
         A surface that is not oriented, or has edges of three faces.
     """
-    if not 0 < degrees <= 33:
-        raise ParameterError(
-            f"refinement to {degrees:g} degrees does not end; use at most 33 (25 always succeeds)",
-            parameter="refine",
-        )
-    require_surface(mesh, "refinement")
-    require(mesh, "refinement", extent=True)
+    check_refinement(mesh, degrees)
     limit = max(100_000, 10 * mesh.n_vertices) if max_points is None else max_points
     insertions = _insert(mesh, np.radians(degrees), limit, seed)
     base = with_steiner_points(mesh, insertions.steiner)

@@ -3,7 +3,7 @@
 `distance` is the common interface of the solvers: `exact` (window propagation), `heat`, `fast_marching` and
 `edge_distance`. `paths` and `surface_curves` describe curves; `shortest_paths`, `flipout`, `edge_curves` and
 `isolines` compute them. `oriented_cover` provides left and right on any surface. `edge_sets` reads sources
-that are edges, `distance_matrix` and `voronoi` measure many sources at once.
+that are edges, `flippable_mesh` paths of edges; `distance_matrix` and `voronoi` measure many sources at once.
 """
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "exact",
     "fast_marching",
     "flipout",
+    "flippable_mesh",
     "isolines",
     "oriented_cover",
     "paths",

@@ -139,6 +139,12 @@ def query_distance(
     return DistanceQueryResult(replace(result, accuracy=accuracy), vertex, face, isolines)
 
 
+def each_source_names(count: int) -> list[str]:
+    """Names of the distance arrays of single sources."""
+    digits = max(3, len(str(count - 1)))
+    return [f"geodesic_distance_{i:0{digits}d}" for i in range(count)]
+
+
 def _isolines(mesh: TriangleMesh, distance: NDArray, count: int) -> Curves:
     """Level lines on consistently oriented faces; on a one-sided surface, on its own faces."""
     from ddgcli.algorithms.geodesics.isolines import isoline_curves
@@ -154,9 +160,8 @@ def _each_source(
     rows: Iterable[NDArray], count: int, progress: ProgressCallback
 ) -> dict[str, NDArray[np.float64]]:
     """One distance array for each source, named geodesic_distance_000 and so on."""
-    digits = max(3, len(str(count - 1)))
     arrays = {}
-    for i, distance in enumerate(rows):
-        arrays[f"geodesic_distance_{i:0{digits}d}"] = distance
+    for i, (name, distance) in enumerate(zip(each_source_names(count), rows, strict=True)):
+        arrays[name] = distance
         progress(i + 1, count)
     return arrays

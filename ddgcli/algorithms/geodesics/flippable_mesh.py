@@ -201,9 +201,7 @@ class EdgeGraph:
             if limit == inf or distance[start] <= limit * self._chord(a, b):
                 break
         if not np.isfinite(distance[start]):
-            raise ParameterError(
-                f"no edge path leads from vertex {a} to vertex {b}; they lie on different components"
-            )
+            raise no_path_error(a, b)
         stops = [start]
         while stops[-1] != end:
             stops.append(int(before[stops[-1]]))
@@ -215,6 +213,40 @@ class EdgeGraph:
         return 0.0 if points is None else float(vector_length(points[a] - points[b]))
 
 
+def no_path_error(a: int, b: int) -> ParameterError:
+    """Error of two way-points that no edge path joins."""
+    return ParameterError(
+        f"no edge path leads from vertex {a} to vertex {b}; they lie on different components"
+    )
+
+
+def check_waypoints(mesh: SurfaceMesh, waypoints: list[int], closed: bool) -> None:
+    """Raise the errors of `edge_path`, without the graph."""
+    stops = stops_of(waypoints, closed, mesh.n_vertices)
+    component, is_used = mesh.topology.vertex_component, mesh.topology.referenced_vertex
+    for a, b in zip(stops[:-1], stops[1:], strict=True):
+        if component[a] != component[b] or not (is_used[a] and is_used[b]):
+            raise no_path_error(a, b)
+
+
+def stops_of(waypoints: list[int], closed: bool, n: int) -> list[int]:
+    """Way-points among n vertices without repetitions, for a loop with the first at the end.
+
+    Raises
+    ------
+    ParameterError
+        When a vertex is out of range, or there are fewer than two vertices.
+    """
+    bad = [v for v in waypoints if not 0 <= v < n]
+    if bad:
+        raise ParameterError(f"way-point {bad[0]} does not exist; vertices are 0..{n - 1}")
+    stops = [*waypoints, waypoints[0]] if closed and waypoints else list(waypoints)
+    stops = [v for k, v in enumerate(stops) if k == 0 or v != stops[k - 1]]
+    if len(stops) < 2:
+        raise ParameterError("a path needs two different way-points; give more vertices")
+    return stops
+
+
 def edge_path(graph: EdgeGraph, waypoints: list[int], closed: bool) -> list[int]:
     """Halfedges of an edge path through vertices, with shortest edge paths between non-neighbours.
 
@@ -223,12 +255,5 @@ def edge_path(graph: EdgeGraph, waypoints: list[int], closed: bool) -> list[int]
     ParameterError
         When a vertex is out of range, there are fewer than two vertices, or no edge path joins them.
     """
-    n = graph.mesh.n_vertices
-    bad = [v for v in waypoints if not 0 <= v < n]
-    if bad:
-        raise ParameterError(f"way-point {bad[0]} does not exist; vertices are 0..{n - 1}")
-    stops = [*waypoints, waypoints[0]] if closed and waypoints else list(waypoints)
-    stops = [v for k, v in enumerate(stops) if k == 0 or v != stops[k - 1]]
-    if len(stops) < 2:
-        raise ParameterError("a path needs two different way-points; give more vertices")
+    stops = stops_of(waypoints, closed, graph.mesh.n_vertices)
     return [h for a, b in zip(stops[:-1], stops[1:], strict=True) for h in graph.shortest_path(a, b)]

@@ -39,6 +39,13 @@ class _Segment:
     next_vertex: int
 
 
+def check_targets(mesh: SurfaceMesh, targets: list[int]) -> None:
+    """Raise ParameterError for a target vertex that does not exist."""
+    bad = [t for t in targets if not 0 <= t < mesh.n_vertices]
+    if bad:
+        raise ParameterError(f"target vertex {bad[0]} does not exist; vertices are 0..{mesh.n_vertices - 1}")
+
+
 def shortest_paths(
     mesh: SurfaceMesh,
     exact: ExactDistance,
@@ -71,9 +78,7 @@ def shortest_paths(
         length of a path and the distance. Targets that no source reaches, or only across an edge with
         three or more faces, have a path without points and `length` None.
     """
-    bad = [t for t in targets if not 0 <= t < mesh.n_vertices]
-    if bad:
-        raise ParameterError(f"target vertex {bad[0]} does not exist; vertices are 0..{mesh.n_vertices - 1}")
+    check_targets(mesh, targets)
     tracer = tracer or Tracer(mesh)
     reached = [t for t in targets if np.isfinite(exact.distance[t])]
     segments = _segments(tracer, exact, sources, reached)

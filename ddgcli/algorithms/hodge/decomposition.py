@@ -77,7 +77,7 @@ def decompose_form(mesh: SpaceMesh, form: NDArray, boundary: Boundary = "tangent
         Boundary condition of the harmonic part.
     """
     projection = ClosedProjection(mesh, boundary)
-    form = _finite(form, projection.complex.counts[1], "edge")
+    form = finite_field(form, projection.complex.counts[1], "edge")
     star1 = projection.star1
     load = star1 @ form
     potential = projection.potential(load)
@@ -104,7 +104,7 @@ def decompose_cell_vectors(
     """
     projection = ClosedProjection(mesh, boundary)
     complex_ = projection.complex
-    vectors = _finite(vectors, len(complex_.corners), "cell")
+    vectors = finite_field(vectors, len(complex_.corners), "cell")
     load = whitney_load(mesh, vectors)
     potential = projection.potential(load)
     exact = sharp(mesh, projection.derivative @ potential)
@@ -129,7 +129,7 @@ def decompose_vertex_vectors(
 
     The reconstruction residual measures the loss of the two averages, O(h) for a smooth field.
     """
-    vectors = _finite(vectors, mesh.n_vertices, "vertex")
+    vectors = finite_field(vectors, mesh.n_vertices, "vertex")
     corners = mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces
     on_cells = vectors[corners].mean(axis=1)
     if isinstance(mesh, TriangleMesh):
@@ -180,7 +180,8 @@ def _corner_sums(corners: NDArray, n: int) -> csr_array:
     return coo_array(entries, shape=(n, m)).tocsr()
 
 
-def _finite(values: NDArray, count: int, place: str) -> NDArray[np.float64]:
+def finite_field(values: NDArray, count: int, place: str) -> NDArray[np.float64]:
+    """The field in double precision; ParameterError for another length or values that are not finite."""
     values = np.asarray(values, dtype=np.float64)
     if len(values) != count:
         raise ParameterError(

@@ -14,6 +14,7 @@ from ddgcli.algorithms.hodge.decomposition import (
     decompose_cell_vectors,
     decompose_form,
     decompose_vertex_vectors,
+    finite_field,
     tangent_part,
     to_vertices,
 )
@@ -73,8 +74,7 @@ def hodge_analysis(
     ParameterError
         For a field that fits neither vertices, cells nor edges.
     """
-    check_mesh(mesh)
-    place = field_place(mesh, *field) if field is not None else ("edge" if with_basis else "")
+    place = check_query(mesh, field, with_basis)
     progress(0, 3)
     betti, modulo_2 = betti_numbers(mesh), betti_numbers(mesh, modulo_2=True)
     generators = [loop.tolist() for loop in _generators(mesh)]
@@ -83,7 +83,7 @@ def hodge_analysis(
     progress(2, 3)
     split = _decomposed(mesh, field[0], place, boundary) if field is not None else None
     arrays = _arrays(mesh, split, basis, place)
-    harmonic_fields = (betti.absolute if boundary == "tangential" else betti.relative)[1]
+    harmonic_fields = betti.of_boundary(boundary)[1]
     results = {
         "betti_numbers": {"absolute": list(betti.absolute), "relative": list(betti.relative)},
         "betti_numbers_modulo_2": {"absolute": list(modulo_2.absolute), "relative": list(modulo_2.relative)},
@@ -106,6 +106,29 @@ def hodge_analysis(
     )
     vectors = field[0] if field is not None and place in ("vertex", "cell") else None
     return HodgeAnalysis(AnnotatedMesh(mesh, **arrays), results, accuracy, vectors, converged)
+
+
+def check_query(mesh: SpaceMesh, field: tuple[NDArray, str] | None, with_basis: bool) -> str:
+    """Place of the results of `hodge_analysis`, "" without any; its errors, before it computes."""
+    check_mesh(mesh)
+    if field is None:
+        return "edge" if with_basis else ""
+    place = field_place(mesh, *field)
+    finite_field(field[0], len(field[0]), place)
+    return place
+
+
+def array_names(mesh: SpaceMesh, place: str, n_basis_fields: int, *, has_field: bool) -> dict[str, list[str]]:
+    """Names of the vertex and the face arrays of `hodge_analysis`."""
+    names: dict[str, list[str]] = {"vertex": [], "face": []}
+    of_form = names.get({"cell": "face"}.get(place, place), [])
+    if has_field:
+        of_form += ["exact", "coexact", "harmonic"]
+        names["vertex"].append("potential")
+        if place == "edge" and isinstance(mesh, TriangleMesh):
+            names["face"].append("copotential")
+    of_form += [f"harmonic_{number:03d}" for number in range(n_basis_fields)]
+    return names
 
 
 def check_mesh(mesh: SpaceMesh) -> None:

@@ -34,6 +34,10 @@ class BettiNumbers:
     absolute: tuple[int, ...]
     relative: tuple[int, ...]
 
+    def of_boundary(self, boundary: Boundary) -> tuple[int, ...]:
+        """Numbers of independent harmonic fields, by degree, under a boundary condition."""
+        return self.absolute if boundary == "tangential" else self.relative
+
 
 def betti_numbers(mesh: SurfaceMesh | TetMesh, modulo_2: bool = False) -> BettiNumbers:
     """Betti numbers, over the rationals or over the integers modulo 2, of a surface or a solid.

@@ -24,6 +24,13 @@ class Inspection:
     face: dict[str, NDArray] = field(default_factory=dict)
 
 
+def array_names(mesh: TriangleMesh | TetMesh | CurveSet) -> tuple[str, ...]:
+    """Names of the arrays of `inspect_mesh`."""
+    if isinstance(mesh, CurveSet):
+        return ("component", "boundary")
+    return ("component", "boundary", "non_manifold", "min_angle_degrees")
+
+
 def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet) -> Inspection:
     """Inspect a surface, tetrahedra or curves."""
     if isinstance(mesh, TetMesh):

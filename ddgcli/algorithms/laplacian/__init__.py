@@ -2,10 +2,11 @@
 
 `laplace_operator` (of tetrahedra `solid_operator`) assembles the operator and its mass; `form_spectrum`,
 `poisson`, `spectrum`, `parameterize`, `smooth` and `evolution` (heat and wave equation in time) solve with
-them; `solve_tasks` solves the `tasks` of one call.
+them; `check_tasks` checks the `tasks` of one call against the mesh, `solve_tasks` solves them.
 """
 
 __all__ = [
+    "check_tasks",
     "evolution",
     "form_spectrum",
     "laplace_operator",

@@ -189,6 +189,11 @@ class EvolutionResult:
         return frame_arrays(self.evolution_frames[-1])
 
 
+def array_names(equation: str) -> tuple[str, ...]:
+    """Names of the vertex arrays of a frame."""
+    return (HEAT,) if equation == HEAT else (WAVE, "wave_velocity")
+
+
 def frame_arrays(evolution_frame: EvolutionFrame) -> dict[str, NDArray]:
     """Vertex arrays of a frame: `heat`, or `wave` and `wave_velocity`."""
     if evolution_frame.velocity is None:
@@ -242,14 +247,20 @@ def solve_evolution(
     )
 
 
+def check_vertex(vertex: int, n: int, has_size: NDArray, equation: str) -> None:
+    """Raise ParameterError for a vertex that does not exist, or without `has_size` (n,)."""
+    if not 0 <= vertex < n:
+        raise ParameterError(f"vertex {vertex} is outside 0..{n - 1}", parameter=equation)
+    if not has_size[vertex]:
+        raise ParameterError(f"vertex {vertex} has no cell with a size; choose another", parameter=equation)
+
+
 def _unit_at(operator: LaplaceOperator, vertex: int, equation: str) -> NDArray[np.float64]:
     """Function of integral 1 at one vertex."""
     n = operator.stiffness.shape[0]
-    if not 0 <= vertex < n:
-        raise ParameterError(f"vertex {vertex} is outside 0..{n - 1}", parameter=equation)
-    area = float((operator.mass @ np.ones(n))[vertex])
-    if not area > 0:
-        raise ParameterError(f"vertex {vertex} has no cell with a size; choose another", parameter=equation)
+    vertex_size = operator.mass @ np.ones(n)
+    check_vertex(vertex, n, vertex_size > 0, equation)
+    area = float(vertex_size[vertex])
     start = np.zeros(n)
     start[vertex] = 1.0 / area
     if equation == HEAT:

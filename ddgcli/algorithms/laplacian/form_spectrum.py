@@ -13,7 +13,7 @@ from ddgcli.linalg.eigen import Eigenpairs, smallest_eigenpairs
 from ddgcli.mesh.require import require
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.dec import complex_of
+from ddgcli.operators.dec import Complex, complex_of
 from ddgcli.operators.dec_matrices import form_laplacian
 from ddgcli.operators.whitney import sharp
 from ddgcli.progress import ProgressCallback
@@ -44,6 +44,18 @@ class FormSpectrum:
     kernel: int
 
 
+def check_forms(mesh: TriangleMesh | TetMesh, k: int) -> Complex:
+    """The complex of a mesh that has k eigenforms; the errors of `form_spectrum` for any other."""
+    surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
+    require(surface, "`form_eigen`", manifold=True, oriented=True)
+    complex_ = complex_of(mesh)
+    if k > complex_.counts[1]:
+        raise ParameterError(
+            f"{k} eigenforms exceed the {complex_.counts[1]} edges; use at most that", parameter="form_eigen"
+        )
+    return complex_
+
+
 def form_spectrum(
     mesh: TriangleMesh | TetMesh, k: int, *, seed: int = 0, progress: ProgressCallback | None = None
 ) -> FormSpectrum:
@@ -67,13 +79,7 @@ def form_spectrum(
     ParameterError
         For more pairs than edges.
     """
-    surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
-    require(surface, "`form_eigen`", manifold=True, oriented=True)
-    complex_ = complex_of(mesh)
-    if k > complex_.counts[1]:
-        raise ParameterError(
-            f"{k} eigenforms exceed the {complex_.counts[1]} edges; use at most that", parameter="form_eigen"
-        )
+    complex_ = check_forms(mesh, k)
     L, star = form_laplacian(complex_, 1)
     # the kernel is not that of constants: a shift of the size of the first eigenvalue makes L definite
     shift = float(complex_.metric.measure.sum()) ** (-2.0 / complex_.dimension)

@@ -93,12 +93,7 @@ def laplace_operator(
     ParameterError
         Unknown operator or mass.
     """
-    if operator is not None and operator not in LAPLACE_OPERATORS:
-        raise ParameterError(
-            f"{operator!r} is not one of {', '.join(LAPLACE_OPERATORS)}", parameter="operator"
-        )
-    if mass not in MASSES:
-        raise ParameterError(f"{mass!r} is not one of {', '.join(MASSES)}", parameter="mass")
+    check_names(operator, mass)
     if isinstance(mesh, TetMesh):
         return _solid_operator(mesh, operator or "cotan", mass)
     require(mesh, "laplacian")
@@ -112,6 +107,30 @@ def laplace_operator(
     return LaplaceOperator(
         name, mass, csr_array(L), csr_array(share * MASS_FUNCTIONS[mass](surface)), surface, facts
     )
+
+
+def check_names(operator: str | None, mass: str) -> None:
+    """Raise ParameterError for an operator or a mass that does not exist."""
+    if operator is not None and operator not in LAPLACE_OPERATORS:
+        raise ParameterError(
+            f"{operator!r} is not one of {', '.join(LAPLACE_OPERATORS)}", parameter="operator"
+        )
+    if mass not in MASSES:
+        raise ParameterError(f"{mass!r} is not one of {', '.join(MASSES)}", parameter="mass")
+
+
+def check_operator(mesh: TriangleMesh | TetMesh, operator: str | None, mass: str) -> None:
+    """Raise the errors of `laplace_operator`, without the matrices."""
+    check_names(operator, mass)
+    if isinstance(mesh, TetMesh):
+        from ddgcli.algorithms.laplacian.solid_operator import check_solid_operator
+
+        check_solid_operator(mesh, operator or "cotan", mass)
+        return
+    require(mesh, "laplacian")
+    cleaned = _without_repeated_corners(mesh)
+    if operator == "intrinsic-delaunay":
+        _require_surface(cleaned)
 
 
 def _solid_operator(mesh: TetMesh, name: str, mass: str) -> LaplaceOperator:

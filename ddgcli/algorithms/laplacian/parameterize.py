@@ -126,13 +126,18 @@ def _local_numbers(n_vertices: int, vertices: NDArray, loops: list[NDArray]) -> 
     """(n,) number of each vertex among those of the operator; MeshError where a boundary vertex has none."""
     local = np.full(n_vertices, -1)
     local[vertices] = np.arange(len(vertices))
-    missing = [int(v) for loop in loops for v in loop[local[loop] < 0]]
+    require_size_at_boundary(loops, local >= 0)
+    return local
+
+
+def require_size_at_boundary(loops: list[NDArray], has_size: NDArray) -> None:
+    """Raise MeshError for boundary vertices without `has_size` (n,)."""
+    missing = [int(v) for loop in loops for v in loop[~has_size[loop]]]
     if missing:
         raise MeshError(
             f"{len(missing)} boundary vertices have only faces without area (first: vertex {missing[0]}); "
             f"{cure('no area')}"
         )
-    return local
 
 
 def _with_fans(L: csr_array, holes: list[NDArray]) -> csr_array:

@@ -47,15 +47,7 @@ def poisson(operator: LaplaceOperator, source: NDArray, fixed: Mapping[int, floa
         f at the vertices, not integrated.
     fixed : mapping of vertex to value, optional
     """
-    source = np.asarray(source, dtype=np.float64)
-    n = operator.stiffness.shape[0]
-    if source.shape[:1] != (n,) or source.ndim > 2:
-        raise ParameterError(
-            f"an array of shape {source.shape}; the mesh has {n} vertices", parameter="poisson"
-        )
-    if not np.isfinite(source).all():
-        bad = np.flatnonzero(~np.isfinite(source.reshape(n, -1)).all(axis=1))
-        raise ParameterError(f"not finite at vertex {bad[0]} ({len(bad)} such vertices)", parameter="poisson")
+    source = checked_source(source, operator.stiffness.shape[0])
     rhs = operator.mass @ source
     if fixed:
         return _with_fixed(operator, fixed, rhs)
@@ -63,6 +55,19 @@ def poisson(operator: LaplaceOperator, source: NDArray, fixed: Mapping[int, floa
     u = problem.solve(rhs)
     imbalance = problem.imbalance
     return Solution(u, problem.residual(u, rhs), imbalance, problem.factor.solver)
+
+
+def checked_source(source: NDArray, n: int) -> NDArray[np.float64]:
+    """f at n vertices; ParameterError for another shape or values that are not finite."""
+    source = np.asarray(source, dtype=np.float64)
+    if source.shape[:1] != (n,) or source.ndim > 2:
+        raise ParameterError(
+            f"an array of shape {source.shape}; the mesh has {n} vertices", parameter="poisson"
+        )
+    if not np.isfinite(source).all():
+        bad = np.flatnonzero(~np.isfinite(source.reshape(n, -1)).all(axis=1))
+        raise ParameterError(f"not finite at vertex {bad[0]} ({len(bad)} such vertices)", parameter="poisson")
+    return source
 
 
 def harmonic(operator: LaplaceOperator, fixed: Mapping[int, float]) -> Solution:
@@ -74,13 +79,9 @@ def harmonic(operator: LaplaceOperator, fixed: Mapping[int, float]) -> Solution:
 
 def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDArray | None) -> Solution:
     n = operator.stiffness.shape[0]
-    outside = [v for v in fixed if not 0 <= v < n]
-    if outside:
-        raise ParameterError(
-            f"vertex {outside[0]} does not exist; vertices are 0 to {n - 1}", parameter="fix"
-        )
+    check_fixed_vertices(fixed, n)
     vertices = operator.referenced_vertices
-    _require_a_value_per_component(operator, fixed)
+    refuse_floating(components(operator.stiffness)[1], vertices, fixed)
     vertex = np.array(sorted(fixed))
     values = np.array([fixed[v] for v in vertex], dtype=np.float64)
     local = np.full(n, -1)
@@ -98,10 +99,20 @@ def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDAr
     return Solution(u, problem.residual(component_values, load), solver=problem.factor.solver)
 
 
-def _require_a_value_per_component(operator: LaplaceOperator, fixed: Mapping[int, float]) -> None:
-    """Refuse a component without a fixed value: its values would be arbitrary."""
-    vertices = operator.referenced_vertices
-    _, label = components(operator.stiffness)
+def check_fixed_vertices(fixed: Mapping[int, float], n: int) -> None:
+    """Raise ParameterError for a vertex that is not one of n."""
+    outside = [v for v in fixed if not 0 <= v < n]
+    if outside:
+        raise ParameterError(
+            f"vertex {outside[0]} does not exist; vertices are 0 to {n - 1}", parameter="fix"
+        )
+
+
+def refuse_floating(label: NDArray, vertices: NDArray, fixed: Mapping[int, float]) -> None:
+    """Refuse a component without a fixed value: its values would be arbitrary.
+
+    `label` (n,) is the component of each vertex, `vertices` are those that cells use.
+    """
     missing = np.setdiff1d(label[vertices], label[np.array(list(fixed))])
     if len(missing):
         first = vertices[label[vertices] == missing[0]][0]

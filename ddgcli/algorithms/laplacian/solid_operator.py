@@ -13,6 +13,21 @@ from ddgcli.operators.stars import hodge_star
 STAR_OF_MASS = {"lumped": "barycentric", "galerkin": "galerkin"}
 
 
+def check_solid_operator(mesh: TetMesh, operator: str, mass: str) -> None:
+    """Raise ParameterError for an operator or a mass of surfaces, MeshError without tetrahedra."""
+    if operator not in SOLID_OPERATORS:
+        raise ParameterError(
+            f"{operator!r} is an operator of surfaces; tetrahedra have {' and '.join(SOLID_OPERATORS)}",
+            parameter="operator",
+        )
+    if mass not in SOLID_MASSES:
+        raise ParameterError(
+            f"{mass!r} is a mass of surfaces; tetrahedra have {' and '.join(SOLID_MASSES)}", parameter="mass"
+        )
+    if len(mesh.tetrahedra) == 0:
+        raise MeshError("no tetrahedra; laplacian needs a surface or a mesh of tetrahedra")
+
+
 def solid_matrices(
     mesh: TetMesh, operator: str = "cotan", mass: str = "lumped"
 ) -> tuple[csr_array, csr_array]:
@@ -38,17 +53,7 @@ def solid_matrices(
     MeshError
         Without tetrahedra, or with one that has no volume.
     """
-    if operator not in SOLID_OPERATORS:
-        raise ParameterError(
-            f"{operator!r} is an operator of surfaces; tetrahedra have {' and '.join(SOLID_OPERATORS)}",
-            parameter="operator",
-        )
-    if mass not in SOLID_MASSES:
-        raise ParameterError(
-            f"{mass!r} is a mass of surfaces; tetrahedra have {' and '.join(SOLID_MASSES)}", parameter="mass"
-        )
-    if len(mesh.tetrahedra) == 0:
-        raise MeshError("no tetrahedra; laplacian needs a surface or a mesh of tetrahedra")
+    check_solid_operator(mesh, operator, mass)
     complex_ = complex_of(mesh)
     gradient = complex_.derivatives[0].astype(float)
     weighted = gradient if operator == "uniform" else hodge_star(complex_, 1, "galerkin") @ gradient

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.laplacian.check_tasks import check_tasks
 from ddgcli.algorithms.laplacian.laplace_operator import (
     LaplaceOperator,
     laplace_operator,
@@ -17,7 +18,6 @@ from ddgcli.algorithms.laplacian.laplace_operator import (
 )
 from ddgcli.algorithms.laplacian.tasks import LaplacianResult, LaplacianTasks
 from ddgcli.choices import CONFORMAL_BOUNDARIES, ITERATIVE_SOLVERS, SMOOTHING_FLOWS
-from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from ddgcli.algorithms.laplacian.smooth import SmoothingResult
 
 log = logging.getLogger("ddgcli")
-BOUNDARY_CURE = "write their boundary with ddgcli info MESH -o surface.ply"
 RESIDUALS = (
     "eigen_residuals", "form_eigen_residuals", "poisson_residual", "harmonic_residual",
     "parameterize_residual", "smooth_residual", "row_sum_residual", "symmetry_residual",
@@ -63,11 +62,7 @@ def solve_laplacian_tasks(
     ParameterError
     """
     solid = isinstance(mesh, TetMesh)
-    for task in ("smooth", "parameterize") if solid else ():
-        if getattr(tasks, task) is not None:
-            raise ParameterError(
-                f"needs a surface, and the mesh has tetrahedra; {BOUNDARY_CURE}", parameter=task
-            )
+    check_tasks(mesh, tasks)
     operator = laplace_operator(mesh, tasks.operator, tasks.mass)
     L = operator.stiffness
     vertex_size = operator.mass @ np.ones(mesh.n_vertices)

@@ -20,18 +20,22 @@ log = logging.getLogger("ddgcli")
 MAX_SIGNATURE_PAIRS, SIGNATURE_TAIL = 300, 1e-6
 
 
+def check_pair_count(k: int, n: int) -> None:
+    """Raise ParameterError for more eigenpairs than vertices of cells."""
+    if k > n:
+        raise ParameterError(
+            f"{k} eigenpairs exceed the {n} vertices that belong to faces; use at most {n}",
+            parameter="eigen",
+        )
+
+
 def spectrum(
     operator: LaplaceOperator, k: int, *, seed: int = 0, progress: ProgressCallback | None = None
 ) -> Eigenpairs:
     """The k smallest eigenpairs of L x = lambda M x; eigenvectors vanish on vertices without faces."""
     vertices = operator.referenced_vertices
     n = len(operator.mass.diagonal())
-    if k > len(vertices):
-        raise ParameterError(
-            f"{k} eigenpairs exceed the {len(vertices)} vertices that belong to faces; "
-            f"use at most {len(vertices)}",
-            parameter="eigen",
-        )
+    check_pair_count(k, len(vertices))
     L, M = (matrix[vertices][:, vertices] for matrix in (operator.stiffness, operator.mass))
     pairs = smallest_eigenpairs(L, M, k, seed=seed, progress=progress)
     vectors = np.zeros((n, k))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,8 @@ from ddgcli.algorithms.repair.steps import RepairedMesh
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.require import REQUIREMENTS, require, unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+MANIFOLD_STEPS = ("fill_holes", "cut_to_disk")
 
 
 @dataclass(frozen=True)
@@ -86,12 +88,11 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
         ("cut_to_disk", chosen_steps.cut_to_disk, steps.cut_to_disk),
         ("drop_unused", chosen_steps.drop_unused, steps.drop_unused),
     ]
-    if not any(is_requested for _, is_requested, _ in plan):
-        raise ParameterError("no repair is chosen; name one, such as `orient`, or a command by `for_command`")
+    check_steps(mesh, chosen_steps)
     repaired, changes = RepairedMesh.unchanged(mesh), {}
     for name, is_requested, step in plan:
         if is_requested:
-            if name in ("fill_holes", "cut_to_disk"):
+            if name in MANIFOLD_STEPS:
                 _require_manifold(repaired.mesh, name)
             repaired = step(repaired)
             changes[name] = repaired.changes
@@ -100,9 +101,30 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
     return repaired, changes
 
 
-def _require_manifold(mesh: TriangleMesh, parameter: str) -> None:
+def check_steps(mesh: TriangleMesh, chosen_steps: RepairSteps) -> None:
+    """Raise an error for steps that the mesh cannot take, whatever the steps before them do.
+
+    Raises
+    ------
+    ParameterError
+        No step is chosen.
+    MeshError
+        A step needs what the mesh does not have, and no step before it makes.
+    """
+    requested = [
+        name for name, value in asdict(chosen_steps).items() if value is not None and value is not False
+    ]
+    if not requested:
+        raise ParameterError("no repair is chosen; name one, such as `orient`, or a command by `for_command`")
+    first = next((k for k, name in enumerate(requested) if name in MANIFOLD_STEPS), len(requested))
+    if first < len(requested) and {*requested[:first]} <= {"orient"}:
+        _require_manifold(mesh, requested[first], oriented=first == 0)
+
+
+def _require_manifold(mesh: TriangleMesh, parameter: str, *, oriented: bool = True) -> None:
+    one_sided = parameter == "cut_to_disk"
     try:
-        require(mesh, "this step", manifold=True, oriented=True, one_sided=parameter == "cut_to_disk")
+        require(mesh, "this step", manifold=True, oriented=oriented, one_sided=one_sided)
     except MeshError as error:
         raise MeshError(f"`{parameter}`: {error}") from None
 

@@ -2,13 +2,14 @@
 
 Parallel transport (`transport`, `vector_heat`), logarithmic maps (`log_map`, `polar_coordinates`), integral
 curves, the fan of geodesics (`fan`), signed distance, and `geodesic_query`, which combines them with
-distances and curves.
+distances and curves after `geodesic_task` has checked them.
 """
 
 __all__ = [
     "fan",
     "field_curves",
     "geodesic_query",
+    "geodesic_task",
     "integral_curves",
     "signed_distance",
     "vertex_vectors",

@@ -60,6 +60,19 @@ class _Rays:
         return face, weights, vector / np.where(size > 0, size, 1.0)
 
 
+def check_fan(
+    mesh: TriangleMesh, source: Sources, rays: int, length: float, tracer: Tracer | None = None
+) -> SourceFrame:
+    """Frame of the source of a fan; the errors of `geodesic_fan`."""
+    if rays < 3:
+        raise ParameterError(f"needs 3 rays or more, not {rays}", parameter="fan")
+    if not (np.isfinite(length) and length > 0):
+        raise ParameterError(f"must be a positive length, not {length}", parameter="fan_length")
+    if len(source) != 1 or len(source.edge):
+        raise ParameterError(f"needs exactly one source vertex or point, got {len(source)}", parameter="fan")
+    return SourceFrame(tracer or Tracer(mesh), source)
+
+
 def geodesic_fan(
     mesh: TriangleMesh,
     source: Sources,
@@ -100,13 +113,7 @@ def geodesic_fan(
     ParameterError
         On fewer than 3 rays, a length that is not positive, or several sources.
     """
-    if rays < 3:
-        raise ParameterError(f"needs 3 rays or more, not {rays}", parameter="fan")
-    if not (np.isfinite(length) and length > 0):
-        raise ParameterError(f"must be a positive length, not {length}", parameter="fan_length")
-    if len(source) != 1 or len(source.edge):
-        raise ParameterError(f"needs exactly one source vertex or point, got {len(source)}", parameter="fan")
-    source_frame = SourceFrame(tracer or Tracer(mesh), source)
+    source_frame = check_fan(mesh, source, rays, length, tracer)
     total, is_open = 2 * np.pi, False
     if source_frame.vertex >= 0:
         fans = source_frame.tracer.fans

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.distance import DistanceResult
-from ddgcli.algorithms.geodesics.distance_query import query_distance, query_options, query_sources
+from ddgcli.algorithms.geodesics.distance_query import query_distance, query_options
 from ddgcli.algorithms.geodesics.edge_sets import EdgeSet
 from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover
 from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery, WaveQuery
@@ -20,6 +19,7 @@ from ddgcli.algorithms.geodesics.surface_curves import (
     concatenate_curves,
     trace_curves,
 )
+from ddgcli.algorithms.tangent_fields.geodesic_task import GeodesicTask, trace_starts
 from ddgcli.algorithms.tangent_fields.vertex_vectors import (
     VertexVectors,
     log_map_vectors,
@@ -27,7 +27,6 @@ from ddgcli.algorithms.tangent_fields.vertex_vectors import (
     transport_vectors,
 )
 from ddgcli.algorithms.tangent_fields.wave_query import query_waves
-from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.progress import StageProgress, no_stage_progress
 
@@ -90,32 +89,45 @@ def geodesic_query(
     stage_progress : callable, optional
         Called with the name of each stage; returns its progress callback.
     """
-    wave_query = wave_query or WaveQuery()
-    sources = distance = curves = None
+    task = GeodesicTask.of(
+        mesh, distance_query, curve_query, wave_query,
+        source_edges=source_edges, signed_curves=signed_curves, field=field, seed=seed,
+    )  # fmt: skip
+    return solve_geodesic_task(task, stage_progress)
+
+
+def solve_geodesic_task(
+    task: GeodesicTask, stage_progress: StageProgress = no_stage_progress
+) -> GeodesicResult:
+    """Compute all results of a task; `stage_progress` as in `geodesic_query`."""
+    mesh, sources, distance_query, curve_query, wave_query = (
+        task.mesh, task.sources, task.distance_query, task.curve_query, task.wave_query
+    )  # fmt: skip
+    distance = curves = None
     vertex: dict[str, NDArray] = {}
     face: dict[str, NDArray] = {}
     results: dict[str, Any] = {}
     accuracy: dict[str, Any] = {}
     converged, isolines = True, []
-    if distance_query.has_source or not (curve_query.has_curves or wave_query.needs_no_source):
-        sources = query_sources(mesh, distance_query, source_edges)
+    if sources is not None:
         measured = query_distance(
             mesh, distance_query, sources,
-            directions=curve_query.log_map, seed=seed, jobs=wave_query.jobs, stage_progress=stage_progress,
+            directions=curve_query.log_map, seed=task.seed, jobs=wave_query.jobs,
+            stage_progress=stage_progress,
         )  # fmt: skip
         distance, isolines = measured.distance, measured.isolines
         vertex, face, converged = measured.vertex, measured.face, distance.converged
         results, accuracy = distance.results, distance.accuracy
     waves = query_waves(
         mesh, wave_query, sources, distance_query.method, query_options(mesh, distance_query),
-        signed_curves=signed_curves, stage_progress=stage_progress,
+        signed_curves=task.signed_curves, stage_progress=stage_progress,
     )  # fmt: skip
     vertex, face = vertex | waves.vertex, face | waves.face
     results, accuracy = results | waves.results, accuracy | waves.accuracy
     if curve_query.has_curves or isolines:
         curves = query_curves(
             mesh, curve_query, sources, distance,
-            field=field, isolines=isolines, seed=seed, stage_progress=stage_progress,
+            field=task.field, isolines=isolines, seed=task.seed, stage_progress=stage_progress,
         )  # fmt: skip
         results, accuracy = results | {"paths": curves.entries}, accuracy | curves.accuracy
         converged &= curves.converged
@@ -202,8 +214,7 @@ def _shortest_paths(
 
 def _traces(cover: OrientedCover, query: CurveQuery, stage_progress: StageProgress) -> Curves:
     """Straightest geodesics from points on the faces of the base mesh."""
-    face, barycentric, direction, length = (np.array(x) for x in zip(*query.trace, strict=True))
-    start = cover.lift_points(SurfacePoints.checked(face, barycentric, cover.base.n_faces))
+    start, direction, length = trace_starts(cover, query)
     return trace_curves(
         cover.mesh, start.face, start.barycentric, direction, length,
         at_boundary=query.at_boundary, progress=stage_progress("traces"),

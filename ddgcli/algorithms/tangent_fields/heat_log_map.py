@@ -41,6 +41,16 @@ def vertex_gradient(mesh: TriangleMesh) -> csr_array:
     return csr_array(onto_vertices @ gradient(mesh))
 
 
+def require_source_vertex(sources: Sources) -> None:
+    """Raise ParameterError unless there is one source, at a vertex."""
+    require_single_source(sources)
+    if not len(sources.vertex):
+        raise ParameterError(
+            "by the heat method starts at a vertex; use `method=exact` or `method=fast-marching` for a point",
+            parameter="log_map",
+        )
+
+
 def heat_log_map(
     mesh: TriangleMesh,
     distance: NDArray,
@@ -69,12 +79,7 @@ def heat_log_map(
     ParameterError
         The source is not one vertex.
     """
-    require_single_source(sources)
-    if not len(sources.vertex):
-        raise ParameterError(
-            "by the heat method starts at a vertex; use `method=exact` or `method=fast-marching` for a point",
-            parameter="log_map",
-        )
+    require_source_vertex(sources)
     transport = VectorHeat(mesh) if transport is None else transport
     slope = vertex_gradient(mesh) if slope is None else slope
     at_source = np.zeros(mesh.n_vertices, dtype=bool)

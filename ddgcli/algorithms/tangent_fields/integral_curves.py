@@ -34,13 +34,8 @@ TangentField = Callable[[NDArray, NDArray], NDArray]
 TIME_STOP, BOUNDARY_STOP, CRITICAL_POINT_STOP, STALL_STOP = "time", "boundary", "critical point", "gave up"
 
 
-def field_of_array(mesh: TriangleMesh, values: NDArray, place: str = "") -> TangentField:
-    """Tangent field of an array of vectors in space, on faces (constant) or on vertices (linear in each
-    face).
-
-    Vectors are projected to the plane of the face. `place` is "vertex" or "face"; an empty place is
-    inferred from the length, vertices first.
-    """
+def checked_field(mesh: TriangleMesh, values: NDArray, place: str = "") -> tuple[NDArray[np.float64], str]:
+    """Vectors in double precision and their place; ParameterError for another shape or no finite values."""
     values = np.asarray(values, dtype=np.float64)
     shapes = {"vertex": (mesh.n_vertices, 3), "face": (mesh.n_faces, 3)}
     place = place or ("vertex" if values.shape == shapes["vertex"] else "face")
@@ -52,6 +47,17 @@ def field_of_array(mesh: TriangleMesh, values: NDArray, place: str = "") -> Tang
     if not np.isfinite(values).all():
         bad = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
         raise ParameterError(f"the field's vector {bad} is not finite; repair the array")
+    return values, place
+
+
+def field_of_array(mesh: TriangleMesh, values: NDArray, place: str = "") -> TangentField:
+    """Tangent field of an array of vectors in space, on faces (constant) or on vertices (linear in each
+    face).
+
+    Vectors are projected to the plane of the face. `place` is "vertex" or "face"; an empty place is
+    inferred from the length, vertices first.
+    """
+    values, place = checked_field(mesh, values, place)
     face = np.arange(mesh.n_faces)
     if place == "face":
         flat = to_face_frame(mesh, face, values)

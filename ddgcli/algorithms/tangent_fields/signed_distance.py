@@ -77,6 +77,18 @@ def signed_distance(mesh: TriangleMesh, curves: EdgeSet, method: str = "auto") -
     ----------
     N. Feng, K. Crane, "A heat method for generalized signed distance", 2024.
     """
+    sign = check_query(mesh, curves, method)
+    if sign is None:
+        return _heat(mesh, curves, warn=method == "auto")
+    zero = np.zeros(len(curves), dtype=np.int64)
+    distance = exact_distance(mesh, Sources(no_numbers(), SurfacePoints.none(), curves.edge, zero)).distance
+    of_vertex = np.ones(mesh.n_vertices)
+    of_vertex[mesh.faces.ravel()] = np.repeat(sign, 3)
+    return SignedDistance(np.where(distance > 0, of_vertex * distance, 0.0), "exact", True, 0.0)
+
+
+def check_query(mesh: TriangleMesh, curves: EdgeSet, method: str = "auto") -> NDArray[np.float64] | None:
+    """(m,) signs of the faces for the exact method, None for the heat method; errors of `signed_distance`."""
     if method not in SIGNED_DISTANCE_METHODS:
         raise ParameterError(
             f"{method!r} is not one of {', '.join(SIGNED_DISTANCE_METHODS)}", parameter="method"
@@ -86,18 +98,18 @@ def signed_distance(mesh: TriangleMesh, curves: EdgeSet, method: str = "auto") -
             "neighbouring faces have opposite orientation: a curve has no left side; use `repair=orient`"
         )
     sign = None if method == "heat" else region_signs(mesh, curves)
-    if sign is None:
-        if method == "exact":
-            raise ParameterError(
-                "the curves do not separate the surface into a negative and a positive side; use the "
-                "heat method"
-            )
-        return _heat(mesh, curves, warn=method == "auto")
-    zero = np.zeros(len(curves), dtype=np.int64)
-    distance = exact_distance(mesh, Sources(no_numbers(), SurfacePoints.none(), curves.edge, zero)).distance
-    of_vertex = np.ones(mesh.n_vertices)
-    of_vertex[mesh.faces.ravel()] = np.repeat(sign, 3)
-    return SignedDistance(np.where(distance > 0, of_vertex * distance, 0.0), "exact", True, 0.0)
+    if sign is None and method == "exact":
+        raise ParameterError(
+            "the curves do not separate the surface into a negative and a positive side; use the heat method"
+        )
+    if sign is None and not curves.sign.all():
+        edge = mesh.topology.edges[curves.edge[int(np.argmin(np.abs(curves.sign)))]]
+        raise ParameterError(
+            f"the curves do not separate the surface, and edge {edge[0]}-{edge[1]} has no direction; "
+            "give directed vertex pairs (the negative side on their left)",
+            parameter="signed_distance",
+        )
+    return sign
 
 
 def region_signs(mesh: TriangleMesh, curves: EdgeSet) -> NDArray[np.float64] | None:
@@ -138,14 +150,6 @@ def region_signs(mesh: TriangleMesh, curves: EdgeSet) -> NDArray[np.float64] | N
 
 def _heat(mesh: TriangleMesh, curves: EdgeSet, *, warn: bool) -> SignedDistance:
     """Signed heat method: diffuse the curves' normals, normalise on faces, integrate; zero on the curves."""
-    if not curves.sign.all():
-        edge = mesh.topology.edges[curves.edge[int(np.argmin(np.abs(curves.sign)))]]
-        raise ParameterError(
-            f"the curves do not separate the surface, and edge {edge[0]}-{edge[1]} has no direction; "
-            "give directed "
-            "vertex pairs (the negative side on their left)",
-            parameter="signed_distance",
-        )
     if warn:
         _log.warning("the curves do not separate the surface: signed distance by the signed heat method")
     vertex, start = _curve_normals(mesh, curves)

@@ -74,18 +74,9 @@ def log_map_vectors(
     return VertexVectors({"log_map": mapped.log_map}, {"log_map_axis": mapped.axis}, accuracy)
 
 
-def transport_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) -> VertexVectors:
-    """Array `transported_vector` (n, 3): vectors parallel to that of the nearest source vertex (vector heat).
-
-    Raises
-    ------
-    ParameterError
-        When the number of vectors is not that of the source vertices, or a source lies inside a face.
-    MeshError
-        When squares of lengths underflow or overflow.
-    """
-    from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
-    from ddgcli.operators.connection import from_vertex_frames, to_vertex_frames
+def vectors_at_sources(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) -> NDArray[np.complex128]:
+    """Tangent vectors at the source vertices in their frames; the errors of `transport_vectors`."""
+    from ddgcli.operators.connection import to_vertex_frames
 
     vectors = np.asarray(vectors, dtype=np.float64)
     if len(sources.points) or len(vectors) != len(sources.vertex):
@@ -104,6 +95,23 @@ def transport_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) 
             f"vector {vectors[bad[0]].tolist()} has no tangential component at vertex "
             f"{sources.vertex[bad[0]]}; give one that is not normal to the surface"
         )
+    return start
+
+
+def transport_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) -> VertexVectors:
+    """Array `transported_vector` (n, 3): vectors parallel to that of the nearest source vertex (vector heat).
+
+    Raises
+    ------
+    ParameterError
+        When the number of vectors is not that of the source vertices, or a source lies inside a face.
+    MeshError
+        When squares of lengths underflow or overflow.
+    """
+    from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
+    from ddgcli.operators.connection import from_vertex_frames
+
+    start = vectors_at_sources(mesh, sources, vectors)
     transport = VectorHeat(mesh).transport(sources.vertex, start)
     return VertexVectors(
         {"transported_vector": from_vertex_frames(mesh, transport.vector)},

@@ -12,7 +12,7 @@ from ddgcli.algorithms.geodesics.distance import DistanceOptions
 from ddgcli.algorithms.geodesics.edge_sets import EdgeSet
 from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
 from ddgcli.algorithms.geodesics.query import WaveQuery
-from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -41,6 +41,29 @@ class WaveResult:
     accuracy: dict[str, Any] = field(default_factory=dict)
     matrix: dict[str, NDArray] = field(default_factory=dict)
     fan: Curves | None = None
+
+
+def check_waves(
+    mesh: TriangleMesh, query: WaveQuery, sources: Sources | None, method: str, signed_curves: EdgeSet | None
+) -> None:
+    """Raise the errors of `query_waves`, before it computes; parameters as there."""
+    if query.target and sources is not None:
+        if sources.first_curve != len(sources.vertex) or len(sources.edge):
+            raise ParameterError(
+                "has rows for source vertices only; name each source by its vertex",
+                parameter="distance_matrix",
+            )
+        check_sources(mesh, query.targets)
+    if signed_curves is not None:
+        from ddgcli.algorithms.tangent_fields.signed_distance import check_query
+
+        check_query(mesh, signed_curves, "heat" if method == "heat" else "auto")
+    if query.fan is not None and sources is not None:
+        from ddgcli.algorithms.tangent_fields.fan import check_fan
+
+        cover = oriented_cover(mesh)
+        cover.require_two_sides("`fan`")
+        check_fan(cover.mesh, cover.lift_sources(sources), query.fan, query.fan_length or 0.0)
 
 
 def query_waves(
@@ -116,10 +139,6 @@ def _matrix(
     """Add the distance matrix between source and target vertices."""
     from ddgcli.algorithms.geodesics.distance_matrix import distance_matrix
 
-    if sources.first_curve != len(sources.vertex) or len(sources.edge):
-        raise ParameterError(
-            "has rows for source vertices only; name each source by its vertex", parameter="distance_matrix"
-        )
     targets = np.array(query.targets, dtype=np.int64)
     distance = distance_matrix(
         mesh, sources.vertex, targets, method, options, jobs=query.jobs,

@@ -81,8 +81,7 @@ class Tracer:
     ) -> Traces:
         """Trace lines as the function `trace` does; `progress` is called with the traced and the total
         length."""
-        start = check_start(self.mesh, face, barycentric, direction, length)
-        _refuse_flat_starts(self, start, np.atleast_2d(np.asarray(direction, dtype=np.float64)))
+        start = self.checked_start(face, barycentric, direction, length)
         if at_boundary not in TRACE_BOUNDARIES:
             raise ParameterError(
                 f"must be {' or '.join(TRACE_BOUNDARIES)}, got {at_boundary!r}", parameter="at_boundary"
@@ -90,6 +89,14 @@ class Tracer:
         return self.trace_checked(
             start, at_boundary=at_boundary, record=record, max_crossings=max_crossings, progress=progress
         )
+
+    def checked_start(
+        self, face: ArrayLike, barycentric: ArrayLike, direction: ArrayLike, length: ArrayLike
+    ) -> LineStart:
+        """Checked starts of lines, as the function `trace` takes them."""
+        start = check_start(self.mesh, face, barycentric, direction, length)
+        _refuse_flat_starts(self, start, np.atleast_2d(np.asarray(direction, dtype=np.float64)))
+        return start
 
     def trace_checked(
         self, start: LineStart, *, at_boundary: str = "stop", record: bool = False,

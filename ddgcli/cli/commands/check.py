@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.forecast.check_cost import check_cost, dry_run_of
+from ddgcli.cli.forecast.check_cost import dry_run_of
 from ddgcli.cli.forecast.kernels import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
@@ -106,7 +106,8 @@ def command(
         if words or update:
             raise ParameterError("the command needs EXPECTED.json to compare its summary with; name it first")
         run.set_input(arrays[0], "")  # type: ignore[index]
-        check_cost(run, InputSize("surface", 0))
+        run.predict(InputSize("surface", 0))
+        run.begin()
         compared_arrays = compare_files(run, arrays, {**tolerance_options, "keys": dict(stated)}, diff_paths)
         run.finish(compared_arrays, {}, converged=not compared_arrays["moved"])
         return

@@ -122,7 +122,7 @@ def command(
     run.plan_output(measures.offset_output, OFFSET_FORMATS)
     for name in measures.region:
         run.add_input(name if isinstance(name, str) else None)
-    source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"), check_cost=False)
+    source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))
     from ddgcli.mesh.curve import CurveSet
 
     if isinstance(source.mesh, CurveSet):
@@ -130,7 +130,6 @@ def command(
             "for surfaces, and this is a curve",
             *("scheme", "radius", "map_name", "jobs", *MEASURE_NAMES),
         )
-        run.check_cost(source)
         _curves(run, source.mesh, with_frames, resample)
     else:
         options.refuse_options("for curves, and this is a surface", "with_frames", "resample")
@@ -146,16 +145,17 @@ def _surface(
     jobs: int,
     measures: MeasureOptions,
 ) -> None:
-    from ddgcli.algorithms.curvature.surface_query import measure_surface
+    from ddgcli.algorithms.curvature.surface_query import array_names, check_query, measure_surface
     from ddgcli.mesh.fields import AnnotatedMesh
 
     mesh = source.surface
     image = None if map_name is None else options.named_array(source.vertex, map_name, "vertex array")
     arguments = surface_arguments(source, measures)
-    run.check_cost(source)
-    measured = measure_surface(
-        mesh, scheme, radius, image=image, jobs=jobs, full=run.common.exceeds_short_summary, **arguments
-    )
+    full = run.common.exceeds_short_summary
+    check_query(mesh, scheme, radius, image=image, **arguments)
+    names = array_names(full=full or measures.offset is not None, vertex_vectors=measures.vertex_vectors)
+    run.begin(names, names)
+    measured = measure_surface(mesh, scheme, radius, image=image, jobs=jobs, full=full, **arguments)
     name, values = run.picture_array(measured.vertex, "mean_curvature")
     annotated = AnnotatedMesh(mesh, vertex=measured.vertex, edge=measured.edge)
     run.write(annotated, converged=measured.converged)
@@ -207,9 +207,12 @@ def _draw_surface(
 
 
 def _curves(run: Run, curves: CurveSet, with_frames: bool, resample: int | None) -> None:
-    from ddgcli.algorithms.curvature.polyline import measure_curves
+    from ddgcli.algorithms.curvature.polyline import array_names, check_query, measure_curves
     from ddgcli.mesh.fields import AnnotatedMesh
 
+    check_query(curves, with_frames=with_frames, resample=resample)
+    scalar_names, vector_names = array_names(curves, with_frames=with_frames, resample=resample)
+    run.begin(scalar_names, (*scalar_names, *vector_names))
     measured = measure_curves(curves, with_frames=with_frames, resample=resample)
     curves = measured.curves
     scalars = {name: values for name, values in measured.vertex.items() if values.ndim == 1}

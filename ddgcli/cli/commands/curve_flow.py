@@ -68,9 +68,9 @@ def command(
     if length_penalty is not None:
         flow_options["length_penalty"] = length_penalty
     run = Run("curve-flow", common, **overrides, **flow_options)
-    source = run.read(mesh_path, accept=("curve",), check_cost=False)
+    source = run.read(mesh_path, accept=("curve",))
     from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
-    from ddgcli.cli.simulation.simulate import Job, simulate
+    from ddgcli.cli.simulation.simulate import Job, check_job, simulate
     from ddgcli.mesh.curve import CurveSet
     from ddgcli.models.curve import report, setup
     from ddgcli.simulation.account import Account
@@ -81,13 +81,14 @@ def command(
     schedule = setup.schedule(curve_flow, overrides)
     resolved, digest = fingerprint({"options": flow_options, "time": overrides}, {"mesh": source.sha256})
     check_unchanged(resume, resolved)
-    run.check_cost(source)
     unit = "L⁴" if flow == "elastic" else "L²"  # L: the input's length unit
     job = Job(
         {"curve": model}, [curves], schedule, Account(), moving=True, resume=resume,
         attributes={"input_sha256": digest, "time_unit": unit},
         texts={"scene_source": "", "scene_resolved": resolved},
     )  # fmt: skip
+    check_job(run, job)
+    run.begin()
     outcome = simulate(run, job)
     results, accuracy = report.summary(
         curve_flow, outcome.times, outcome.series, schedule.steps, outcome.stopped, outcome.failure

@@ -13,7 +13,7 @@ from ddgcli.choices import HODGE_STARS
 from ddgcli.cli import options
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
-from ddgcli.errors import OutputError, ParameterError
+from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -70,21 +70,25 @@ def command(
     """
     run = Run("dec", common, formats=(".npz",), star=star, mtx=mtx, forms=forms, **products)
     run.plan_output(forms, FORM_FORMATS)
+    run.plan_folder(mtx)
     if forms is not None and not any(products.values()):
         raise ParameterError(
             "holds `wedge`, `interior_product` and `lie_derivative`; add one of them", parameter="forms"
         )
-    source = run.read(mesh_path, accept=("surface", "tetrahedra"), check_cost=False)
+    source = run.read(mesh_path, accept=("surface", "tetrahedra"))
     forms_of_input = {name: forms_of(source, pair) for name, pair in products.items() if pair}
-    run.check_cost(source)
     from ddgcli.mesh.require import require
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.operators.dec import complex_of
     from ddgcli.operators.dec_matrices import dec_matrices
+    from ddgcli.operators.form_products import check_products
 
     mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
     if not isinstance(mesh, TetMesh):
         require(mesh, "dec", manifold=True, oriented=True)
+    if forms_of_input:
+        check_products(mesh, forms_of_input)
+    run.begin()
     computed = products_of(run, mesh, forms_of_input, forms) if forms_of_input else None
     operators = dec_matrices(complex_of(mesh), star)
     matrices = operators.matrices
@@ -166,10 +170,7 @@ def write_matrix_market(run: Run, folder: Path, operators: DecMatrices) -> None:
     """Every matrix as FOLDER/NAME.mtx."""
     from ddgcli.io.matrix_file import matrix_bytes
 
-    try:
-        run.make_folder(folder)
-    except OSError as error:
-        raise OutputError(f"{folder}: {error.strerror}; name another folder") from error
+    run.make_folder(folder)
     for name, matrix in operators.matrices.items():
         path = str(folder / f"{name}.mtx")
         symmetric = name.startswith(("star", "laplacian"))

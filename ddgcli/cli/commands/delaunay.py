@@ -104,14 +104,15 @@ def command(
     run.plan_output(overlay, OVERLAY_FORMATS)
     run.plan_output(dual, INTRINSIC_FORMATS + LINE_FORMATS)
     lines = dual is not None and not dual.lower().endswith(INTRINSIC_FORMATS)
-    source = run.read(mesh_path, subdivide=subdivide, check_cost=False)
+    source = run.read(mesh_path, subdivide=subdivide)
     transferred = {name: options.named_array(source.vertex, name, "vertex array") for name in transfer}
-    run.check_cost(source)
 
     from ddgcli.algorithms.delaunay.dual import dual_lines
-    from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay, overlay_mesh
+    from ddgcli.algorithms.delaunay.intrinsic_delaunay import check_query, intrinsic_delaunay, overlay_mesh
     from ddgcli.mesh.fields import AnnotatedMesh
 
+    check_query(source.surface, refine, transferred)
+    run.begin(shown=())
     result = intrinsic_delaunay(
         source.surface,
         degrees=refine,
@@ -122,7 +123,6 @@ def command(
         condition=condition,
         seed=common.seed,
     )
-    run.picture_array({}, "")
     run.write(AnnotatedMesh(result.mesh, vertex=result.vertex), converged=result.converged)
     if overlay and result.subdivision:
         subdivision = overlay_mesh(result.subdivision, result.transferred)

@@ -8,7 +8,6 @@ from pathlib import Path
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.forecast.check_cost import check_cost
 from ddgcli.cli.forecast.kernels import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
@@ -31,7 +30,10 @@ def command(folder: str, common: CommonOptions) -> None:
     """
     run = Run("examples", common, formats=())
     run.input = {"path": folder}
-    check_cost(run, InputSize("surface", 0))
+    for name in FOLDERS:
+        run.plan_folder(str(Path(folder) / name))
+    run.predict(InputSize("surface", 0))
+    run.begin()
     copied: dict[str, int] = {}
     with run.clock.timed("write"):
         for name in FOLDERS:

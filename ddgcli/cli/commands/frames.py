@@ -14,9 +14,10 @@ import click
 
 from ddgcli.choices import VELOCITY_GLYPHS
 from ddgcli.cli import options
-from ddgcli.cli.forecast.check_cost import check_cost, size_of
+from ddgcli.cli.forecast.check_cost import size_of
 from ddgcli.cli.input_facts import input_facts
 from ddgcli.cli.options import CommonOptions
+from ddgcli.cli.output_checks import check_kind
 from ddgcli.cli.run import Run
 from ddgcli.errors import OutputError, ParameterError
 
@@ -74,7 +75,9 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
       ddgcli frames run.vtkhdf --paths -o paths.vtp
     """
     from ddgcli.io.mesh_file import WRITERS
+    from ddgcli.io.trajectories.paths import check_particles
     from ddgcli.io.trajectories.trajectory import Trajectory
+    from ddgcli.mesh.require import kind_of
     from ddgcli.plots.page import FORMATS
 
     run = Run("frames", common, formats=(*WRITERS, *FORMATS, *ANIMATIONS, ".pvd"), pictures="output",
@@ -95,7 +98,16 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
             Path(output).suffix.lower() for output in common.outputs
         }
         size = replace(size_of(source.mesh, {}), frame_count=max(1, len(exported)))
-        check_cost(run, size, {"pictures": bool(drawn)})
+        run.predict(size, {"pictures": bool(drawn)})
+        if drawn or common.plot is not None:
+            _array_name(source, settings)
+        if settings["paths"] and common.outputs:
+            check_particles(source)
+        for output in common.outputs:
+            if Path(output).suffix.lower() == ".pvd":
+                run.plan_folder(str(Path(output).with_suffix("")))
+        check_kind(common, kind_of(source.mesh))
+        run.begin(written=(*source.vertex(0), *source.face(0)))
         for output in common.outputs:
             if settings["paths"]:
                 run.write_file(output, _paths(source, frame_numbers))

@@ -68,24 +68,25 @@ def command(
     run.plan_output(waves.distance_matrix, (".npz",))
     for name in (curves.field, distance.source_edges, waves.signed_distance):
         run.add_input(name)
-    read = run.read(mesh_path, subdivide=subdivide, check_cost=False)
+    read = run.read(mesh_path, subdivide=subdivide)
     mesh = read.surface
     from ddgcli.io.arrays import input_array
 
     field = input_array(read, curves.field) if curves.field else None
     source_edges = input_edge_set(read, distance.source_edges, "source_edges")
     signed_curves = input_edge_set(read, waves.signed_distance, "signed_distance")
-    run.check_cost(read)
     with run.clock.timed("compute"):
-        from ddgcli.algorithms.tangent_fields.geodesic_query import geodesic_query
+        from ddgcli.algorithms.tangent_fields.geodesic_query import solve_geodesic_task
+        from ddgcli.algorithms.tangent_fields.geodesic_task import GeodesicTask
         from ddgcli.mesh.fields import AnnotatedMesh
 
-        result = geodesic_query(
+        task = GeodesicTask.of(
             mesh, distance, curves, waves,
             source_edges=source_edges, signed_curves=signed_curves, field=field, seed=common.seed,
-            stage_progress=run.progress,
         )  # fmt: skip
-    run.picture_array({**result.vertex, **result.face}, "geodesic_distance")
+        names = (*task.vertex_arrays, *task.face_arrays)
+        run.begin(names, names)
+        result = solve_geodesic_task(task, run.progress)
     converged = result.converged
     run.write(AnnotatedMesh(mesh, vertex=result.vertex, face=result.face), converged=converged)
     if result.curves is not None:

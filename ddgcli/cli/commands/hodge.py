@@ -69,9 +69,10 @@ def command(
     )
     run.plan_output(generators, CURVE_FORMATS)
     run.add_input(field_file)
-    source = run.read(mesh_path, accept=("surface", "tetrahedra"), check_cost=False)
+    source = run.read(mesh_path, accept=("surface", "tetrahedra"))
 
-    from ddgcli.algorithms.hodge.hodge_analysis import hodge_analysis
+    from ddgcli.algorithms.hodge.hodge_analysis import array_names, check_query, hodge_analysis
+    from ddgcli.algorithms.hodge.homology import betti_numbers
     from ddgcli.io.arrays import input_field
     from ddgcli.mesh.fields import AnnotatedMesh
     from ddgcli.mesh.tet_mesh import TetMesh
@@ -79,7 +80,11 @@ def command(
 
     mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
     array = input_field(source, field, field_file)
-    run.check_cost(source)
+    place = check_query(mesh, array, basis)
+    n_basis_fields = betti_numbers(mesh).of_boundary(boundary)[1] if basis else 0
+    names = array_names(mesh, place, n_basis_fields, has_field=array is not None)
+    drawn = (*names["vertex"], *(names["face"] if isinstance(mesh, TriangleMesh) else ()))
+    run.begin(drawn, (*names["vertex"], *names["face"]))
     analysis = hodge_analysis(mesh, array, boundary, basis, run.progress("hodge"))
     annotated = analysis.annotated
     arrays = {**annotated.vertex, **(annotated.face if isinstance(mesh, TriangleMesh) else {})}

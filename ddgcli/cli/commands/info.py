@@ -37,9 +37,11 @@ def command(mesh_path: str, common: CommonOptions) -> None:
     """
     run = Run("info", common)
     source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))
-    from ddgcli.algorithms.inspection.inspect_mesh import inspect_mesh
+    from ddgcli.algorithms.inspection.inspect_mesh import array_names, inspect_mesh
     from ddgcli.mesh.fields import AnnotatedMesh
 
+    marks = array_names(source.mesh)
+    run.begin((*source.vertex, *source.face, *marks) if source.kind == "surface" else (), marks)
     inspection = inspect_mesh(source.mesh)
     arrays = {"vertex": source.vertex, "face": source.face, "edge": source.edge}
     names = {place: sorted(names) for place, names in arrays.items() if names}

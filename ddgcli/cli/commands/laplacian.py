@@ -183,11 +183,12 @@ def command(
         raise ParameterError("needs `parameterize=discrete-conformal`", parameter="overlay")
     for name in (poisson, boundary_values, evolution.heat, evolution.wave):
         run.add_input(name)
-    source = run.read(mesh_path, accept=("surface", "tetrahedra"), subdivide=subdivide, check_cost=False)
+    source = run.read(mesh_path, accept=("surface", "tetrahedra"), subdivide=subdivide)
 
     if evolution.equation is not None:
         _evolve(run, source, evolution, tasks["operator"], tasks["mass"])
         return
+    from ddgcli.algorithms.laplacian.check_tasks import array_names, check_tasks
     from ddgcli.algorithms.laplacian.solve_tasks import solve_laplacian_tasks
     from ddgcli.algorithms.laplacian.tasks import LaplacianTasks
 
@@ -199,8 +200,11 @@ def command(
         seed=common.seed,
         **tasks,
     )
-    run.check_cost(source)
-    result = solve_laplacian_tasks(mesh_of(source), selected_tasks, run.progress("laplacian"))
+    mesh = mesh_of(source)
+    check_tasks(mesh, selected_tasks)
+    names = array_names(mesh, selected_tasks)
+    run.begin(names["vertex"], (*names["vertex"], *names["face"]))
+    result = solve_laplacian_tasks(mesh, selected_tasks, run.progress("laplacian"))
     name, values = result.picture_array
     name, values = run.picture_array({name: values, **result.vertex}, name)
     write_matrices(run, result, matrix, mass_matrix)
@@ -215,14 +219,17 @@ def _evolve(
     run: Run, source: MeshInput, evolution: EvolutionOptions, operator: str | None, mass: str
 ) -> None:
     """Solve the heat or the wave equation, write its frames, and draw the last one."""
-    from ddgcli.algorithms.laplacian.evolution import EvolutionTimes, solve_evolution
+    from ddgcli.algorithms.laplacian.check_tasks import check_evolution
+    from ddgcli.algorithms.laplacian.evolution import EvolutionTimes, array_names, solve_evolution
     from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
     from ddgcli.plots.array import draw_array
 
     mesh, equation = mesh_of(source), str(evolution.equation)
     times = EvolutionTimes.of(evolution.duration, evolution.time_step, evolution.n_frames)
     start = start_of(source, evolution)
-    run.check_cost(source)
+    check_evolution(mesh, equation, start, operator, mass)
+    names = array_names(equation)
+    run.begin(names, names)
     result = solve_evolution(
         laplace_operator(mesh, operator, mass), equation, start, times, run.progress(equation)
     )

@@ -59,11 +59,12 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
       ddgcli repair torus.ply --cut-to-disk -o disk.obj
     """
     run = Run("repair", common, for_command=for_command, **steps)
-    if for_command is not None and any(value not in (None, False) for value in steps.values()):
+    if for_command is not None and any(value is not None and value is not False for value in steps.values()):
         raise ParameterError("--for selects the steps; leave the other flags out")
-    source = run.read(mesh_path, check_cost=False)
+    source = run.read(mesh_path)
     from ddgcli.algorithms.repair.pipeline import (
         RepairSteps,
+        check_steps,
         refusals,
         repair_mesh,
         repaired_array,
@@ -73,7 +74,9 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
 
     mesh = source.surface
     selected = steps_for(for_command) if for_command else RepairSteps(**steps)
-    run.check_cost(source)
+    check_steps(mesh, selected)
+    marks = ("input_vertex", "input_face")
+    run.begin((*source.vertex, *source.face, *marks), (*source.vertex, *source.face, *marks))
     repaired, changes = repair_mesh(mesh, selected)
     vertex = {name: repaired_array(values, repaired.input_vertex) for name, values in source.vertex.items()}
     face = {name: repaired_array(values, repaired.input_face) for name, values in source.face.items()}

@@ -153,6 +153,7 @@ def command(
     from ddgcli.tradeoff.pareto import assign_verdicts
     from ddgcli.tradeoff.report import results_of, text_table
 
+    run.begin()
     progress = run.progress("tradeoff")
     table = run_problem(problem, repeat=repeat, budget=budget, began=run.clock.began, progress=progress)
     cheapest = assign_verdicts(table, within, norm)

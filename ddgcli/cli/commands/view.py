@@ -9,7 +9,6 @@ import click
 
 from ddgcli.choices import UP_AXES
 from ddgcli.cli import options
-from ddgcli.cli.forecast.check_cost import check_cost
 from ddgcli.cli.forecast.kernels import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
@@ -69,7 +68,8 @@ def command(
     if array is not None:
         options.named_array(dict.fromkeys(names), array)
     cells = sum(len(viewed.cells[0]) for viewed in objects)
-    check_cost(run, InputSize("surface", cells, frame_count=max(1, len(times))))
+    run.predict(InputSize("surface", cells, frame_count=max(1, len(times))))
+    run.begin()
     content = page_bytes(", ".join(Path(path).name for path in paths), objects, times, show=array, up=up)
     if len(content) > MAX_PAGE_MIB << 20:
         raise ParameterError(
@@ -83,7 +83,7 @@ def command(
 
 def _static(run: Run, path: str) -> ViewedObject:
     """A mesh or curve file with its arrays."""
-    source = run.read(path, accept=("surface", "tetrahedra", "curve"), check_cost=False)
+    source = run.read(path, accept=("surface", "tetrahedra", "curve"))
     from ddgcli.mesh.curve import CurveSet
     from ddgcli.plots.web_page import ViewedObject
 

@@ -93,10 +93,10 @@ def command(
         {"subdivide": subdivide} if subdivide else {}
     )
     run = Run("willmore-flow", common, **overrides, **stated_options)
-    source = run.read(mesh_path, flat_faces=True, subdivide=subdivide, check_cost=False)
+    source = run.read(mesh_path, flat_faces=True, subdivide=subdivide)
     from ddgcli.cli.simulation.plot import Picture, draw_run
     from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
-    from ddgcli.cli.simulation.simulate import Job, simulate
+    from ddgcli.cli.simulation.simulate import Job, check_job, simulate
     from ddgcli.models.willmore import flow_options as choices_of_flow
     from ddgcli.models.willmore import report, setup
     from ddgcli.simulation.account import Account
@@ -104,7 +104,6 @@ def command(
 
     stated_flow = _flow_options(parameters, overrides)
     setup.chosen_scheme(stated_flow)
-    run.check_cost(source)
     mesh, region = _filled(source.surface, parameters["fill"], parameters["region"])
     bounded = any(overrides.get(name) for name in ("steps", "duration"))
     flow_options = choices_of_flow.with_stop(stated_flow, mesh.topology, bounded)
@@ -133,6 +132,8 @@ def command(
         changing_vertices=flow.remesh is not None,
         failure_reason=lambda outcome: report.failure_reason(outcome.stopped, mesh, energy),
     )  # fmt: skip
+    check_job(run, job)
+    run.begin()
     outcome = simulate(run, job)
     results, accuracy = report.summary(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure

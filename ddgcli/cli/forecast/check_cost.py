@@ -1,4 +1,4 @@
-"""Check of the cost of a run after its input is read: refuse it, or with --dry-run print it and end."""
+"""Cost of a run after its input is read: refuse what cannot fit, predict the rest for --dry-run."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ def predict_run(run: Any, size: InputSize, options: Mapping[str, Any] | None = N
     return prediction
 
 
-def check_cost(run: Any, size: InputSize, options: Mapping[str, Any] | None = None) -> None:
-    """Refuse a run that cannot fit into memory; with --dry-run print the prediction and end.
+def check_cost(run: Any, size: InputSize, options: Mapping[str, Any] | None = None) -> Prediction | None:
+    """Cost of a run that fits into memory; None for small inputs, but in a dry run.
 
     Raises
     ------
@@ -81,13 +81,10 @@ def check_cost(run: Any, size: InputSize, options: Mapping[str, Any] | None = No
         The run needs more memory than is available.
     """
     if not run.common.dry_run and size.elements * size.frame_count < MIN_CHECKED_ELEMENTS:
-        return
-    from ddgcli.cli.forecast.prediction import as_results  # not for small inputs
-
+        return None
     prediction = predict_run(run, size, options)
     refuse_run(run, size, prediction)
-    if run.common.dry_run:
-        run.end_dry_run(as_results(prediction, size))
+    return prediction
 
 
 def refuse_run(run: Any, size: InputSize, prediction: Prediction) -> None:

@@ -13,6 +13,7 @@ __all__ = ["InputSize", "Use", "kernels_of"]
 
 MEASURED_EIGENPAIRS = 8  # of the kernel `laplacian eigen`
 MEASURED_SMOOTHING_STEPS = 10
+MAX_RINGS = 1e9  # of a ball, in edge lengths; its square is a number
 MEASURED_REFINEMENT_DEGREES = 25.0
 MEASURED_EVOLUTION_STEPS = 100
 DEFAULT_FLOW_STEPS = 100  # a guess: flows end at rest
@@ -140,7 +141,8 @@ def _curvature(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         yield Use(f"curvature {scheme} auto")
     else:
         yield Use(f"curvature {scheme}")
-        yield Use(f"curvature {scheme} radius", (float(radius) / (size.edge_length or 1.0)) ** 2)
+        rings = min(float(radius) / (size.edge_length or 1.0), MAX_RINGS)
+        yield Use(f"curvature {scheme} radius", rings**2)
 
 
 def _delaunay(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:

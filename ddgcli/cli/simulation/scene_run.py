@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from ddgcli.cli.forecast.check_cost import check_cost, predict_run, refuse_run
 from ddgcli.cli.forecast.kernels import InputSize
 from ddgcli.cli.forecast.prediction import as_results, with_halved_steps
 from ddgcli.cli.run import Run
@@ -24,7 +23,7 @@ from ddgcli.cli.simulation.scene_input import (
     print_schema,
     scene_document,
 )
-from ddgcli.cli.simulation.simulate import Job, formats, simulate
+from ddgcli.cli.simulation.simulate import Job, check_job, formats, simulate
 from ddgcli.scenes.obstacle_meshes import obstacle_meshes
 from ddgcli.scenes.scene import Scene, SceneKind, resolve
 from ddgcli.scenes.sections import Document
@@ -131,14 +130,7 @@ def run_scene(
     check_unchanged(call.resume, resolved)
     size = scene_size(meshes, schedule)
     facts = {"integrator": scene.time.integrator, **simulator.cost_facts()}
-    if call.common.dry_run:
-        prediction = predict_run(run, size, facts)
-        refuse_run(run, size, prediction)
-        if schedule.tolerance is None:
-            prediction = with_halved_steps(prediction, schedule.dt, simulator.step_limit())
-        print_dry_run(run, scene, simulator.assembled(schedule), as_results(prediction, size))
-        return
-    check_cost(run, size, facts)
+    prediction = run.predict(size, facts)
     with run.clock.timed("compute"):
         models = simulator.models()
     job = Job(
@@ -148,6 +140,12 @@ def run_scene(
         obstacle_meshes(scene.objects, meshes, mesh_reader(run, document)), simulator.obstacle_poses,
         simulator.failure_reason, simulator.final, simulator.final_names, simulator.splits, simulator.splits,
     )  # fmt: skip
+    check_job(run, job)
+    if call.common.dry_run and prediction is not None:
+        if schedule.tolerance is None:
+            prediction = with_halved_steps(prediction, schedule.dt, simulator.step_limit())
+        print_dry_run(run, scene, simulator.assembled(schedule), as_results(prediction, size))
+        return
     _report(run, scene, simulator, account, simulate(run, job), job.obstacles_at)
 
 

@@ -99,12 +99,10 @@ def simulate(run: Run, job: Job) -> Outcome:
 
     The trajectory holds whole frames only, however the run ends.
     """
-    mesh, number = joined_mesh(job.meshes)
-    cell = {"object_id": number, **job.face} if len(job.meshes) > 1 else dict(job.face)
-    _check_array_names(run, job, cell)
+    mesh, cell = _joined(job)
     outcome = Outcome(mesh=mesh)
     recorder = Recorder(outcome, picture=bool(run.common.plot))
-    paths = [p for p in run.common.outputs if Path(p).suffix.lower() in TRAJECTORIES]
+    paths = _trajectories(run)
     writer, start = _open_trajectory(run, job, paths, cell, recorder)
 
     def write_frame(trajectory_frame: TrajectoryFrame, snapshot: Snapshot) -> None:
@@ -139,14 +137,31 @@ def simulate(run: Run, job: Job) -> Outcome:
     return outcome
 
 
-def _open_trajectory(
-    run: Run, job: Job, paths: list[str], cell: dict[str, NDArray], recorder: Recorder
-) -> tuple[Any, tuple[int, Arrays] | None]:
-    """Writer of the trajectory and checkpoint to resume from; None where there is none."""
+def check_job(run: Run, job: Job) -> None:
+    """Raise the errors of `simulate` before its first step: outputs, and names of arrays."""
+    paths = _trajectories(run)
     if len(paths) > 1:
         raise ParameterError("one run writes one trajectory; give one .vtkhdf or .h5")
     if job.resume is not None and not paths and not job.resume.endswith(".part"):
         raise ParameterError(f"{job.resume}: cannot be resumed; its name must end in .part")
+    _check_array_names(run, job, _joined(job)[1])
+
+
+def _trajectories(run: Run) -> list[str]:
+    """Outputs that hold a trajectory."""
+    return [path for path in run.common.outputs if Path(path).suffix.lower() in TRAJECTORIES]
+
+
+def _joined(job: Job) -> tuple[Any, dict[str, NDArray]]:
+    """The union of the meshes, and its constant arrays on faces."""
+    mesh, number = joined_mesh(job.meshes)
+    return mesh, {"object_id": number, **job.face} if len(job.meshes) > 1 else dict(job.face)
+
+
+def _open_trajectory(
+    run: Run, job: Job, paths: list[str], cell: dict[str, NDArray], recorder: Recorder
+) -> tuple[Any, tuple[int, Arrays] | None]:
+    """Writer of the trajectory and checkpoint to resume from; None where there is none."""
     target = paths[0] if paths else (job.resume or "").removesuffix(".part")
     if not target:
         return None, None

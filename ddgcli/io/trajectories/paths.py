@@ -14,6 +14,16 @@ PREFIX = "particles_"
 LONGEST_STEP = 0.5  # of the size of a periodic grid: longer segments cross its sides and are left out
 
 
+def check_particles(source: Trajectory) -> list[str]:
+    """Names of the scalars that hold particles; ParameterError for a trajectory without."""
+    names = [name for name in source.scalars if name.startswith(PREFIX)]
+    if not names:
+        raise ParameterError(
+            f"{source.path} holds no particles; add the effect particles to the scene", parameter="paths"
+        )
+    return names
+
+
 def particle_paths(source: Trajectory, frame_numbers: Sequence[int]) -> CurveSet:
     """Polylines from frame to frame, with the arrays `path_id` and `time` on their points.
 
@@ -22,11 +32,7 @@ def particle_paths(source: Trajectory, frame_numbers: Sequence[int]) -> CurveSet
     ParameterError
         When the trajectory holds no particles.
     """
-    names = [name for name in source.scalars if name.startswith(PREFIX)]
-    if not names:
-        raise ParameterError(
-            f"{source.path} holds no particles; add the effect particles to the scene", parameter="paths"
-        )
+    names = check_particles(source)
     rows = np.concatenate([source.scalars[name].reshape(source.n_frames, -1, 3) for name in names], axis=1)
     places = rows[list(frame_numbers)].transpose(1, 0, 2)  # (particles, frames, 3)
     count, length = places.shape[:2]

@@ -17,6 +17,8 @@ from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.vectors import row_matrix
 
+SURFACE_FORMATS = (".glb", ".off", ".stl")  # that cannot hold curves
+
 log = logging.getLogger("ddgcli")
 
 
@@ -132,10 +134,15 @@ def warn_of_lost_arrays(
         log.warning(f"{suffix} cannot hold {what} ({names}); write .vtu, .ply or .npz to keep them")
 
 
+def require_surface(kind: str, suffix: str) -> None:
+    """Raise OutputError for 'lines' in a format of surfaces."""
+    if kind == "lines" and suffix in SURFACE_FORMATS:
+        raise OutputError(f"{suffix} cannot hold curves; write .vtp, .vtu, .ply, .obj or .npz")
+
+
 def surface_only(data: CellData, suffix: str) -> CellData:
     """Cell data of triangles for formats of surfaces: the boundary of tetrahedra; OutputError for curves."""
-    if data.kind == "lines":
-        raise OutputError(f"{suffix} cannot hold curves; write .vtp, .vtu, .ply, .obj or .npz")
+    require_surface(data.kind, suffix)
     if data.kind == "faces":
         return data
     boundary = TetMesh.from_arrays(data.points, data.cells).boundary

@@ -1,0 +1,149 @@
+"""A geodesic query on a mesh: its sources, checked with all else that can be wrong before it computes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.distance_query import each_source_names, query_sources
+from ddgcli.algorithms.geodesics.edge_sets import EdgeSet
+from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover
+from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery, WaveQuery
+from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.tangent_fields.wave_query import check_waves
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+@dataclass(frozen=True, eq=False)
+class GeodesicTask:
+    """Checked queries on one mesh; `GeodesicTask.of` makes them.
+
+    Parameters
+    ----------
+    mesh, distance_query, curve_query, wave_query, signed_curves, field, seed
+        See `geodesic_query`.
+    sources : Sources, optional
+        Of the distance; None where none is computed.
+    """
+
+    mesh: TriangleMesh
+    distance_query: DistanceQuery
+    curve_query: CurveQuery
+    wave_query: WaveQuery
+    sources: Sources | None
+    signed_curves: EdgeSet | None = None
+    field: tuple[NDArray, str] | None = None
+    seed: int = 0
+
+    @classmethod
+    def of(
+        cls,
+        mesh: TriangleMesh,
+        distance_query: DistanceQuery,
+        curve_query: CurveQuery,
+        wave_query: WaveQuery | None = None,
+        *,
+        source_edges: EdgeSet | None = None,
+        signed_curves: EdgeSet | None = None,
+        field: tuple[NDArray, str] | None = None,
+        seed: int = 0,
+    ) -> GeodesicTask:
+        """Check queries against a mesh; parameters and errors are those of `geodesic_query`."""
+        wave_query, sources = wave_query or WaveQuery(), None
+        if distance_query.has_source or not (curve_query.has_curves or wave_query.needs_no_source):
+            sources = query_sources(mesh, distance_query, source_edges)
+        faces = np.array([face for face, _ in distance_query.target_face], dtype=np.int64)
+        weights = np.array([weights for _, weights in distance_query.target_face], dtype=float)
+        SurfacePoints.checked(faces, weights.reshape(-1, 3), mesh.n_faces)
+        check_waves(mesh, wave_query, sources, distance_query.method, signed_curves)
+        if curve_query.has_curves or curve_query.has_vectors:
+            cover = oriented_cover(mesh)
+            _check_curves(cover, curve_query, sources, field)
+            if curve_query.has_vectors and sources is not None:
+                _check_vectors(cover, curve_query, sources, distance_query.method)
+        return cls(
+            mesh, distance_query, curve_query, wave_query, sources, signed_curves, field, seed
+        )  # fmt: skip
+
+    @property
+    def vertex_arrays(self) -> list[str]:
+        """Names of the vertex arrays of the result."""
+        names = []
+        if self.sources is not None:
+            names += ["geodesic_distance", "nearest_source"]
+            names += each_source_names(len(self.sources)) if self.distance_query.each_source else []
+        names += ["signed_distance"] if self.signed_curves is not None else []
+        names += ["vertex_type"] if self.wave_query.vertex_types else []
+        names += ["log_map"] if self.curve_query.log_map else []
+        return [*names, *(["transported_vector"] if self.curve_query.spread_vector else [])]
+
+    @property
+    def face_arrays(self) -> list[str]:
+        """Names of the face arrays of the result."""
+        names = ["distance_gradient"] if self.distance_query.gradient else []
+        return [*names, *(["region"] if self.wave_query.voronoi else [])]
+
+
+def _check_curves(
+    cover: OrientedCover,
+    query: CurveQuery,
+    sources: Sources | None,
+    field: tuple[NDArray, str] | None,
+) -> None:
+    """Raise the errors of curves; in the order in which they are computed."""
+    if query.path_to and sources is not None:
+        from ddgcli.algorithms.geodesics.shortest_paths import check_targets
+
+        if len(sources.points):
+            cover.require_two_sides("`path_to` from points inside faces")
+        check_targets(cover.base, list(query.path_to))
+    if query.trace:
+        from ddgcli.algorithms.tracing.trace import Tracer
+
+        start, direction, length = trace_starts(cover, query)
+        Tracer(cover.mesh).checked_start(start.face, start.barycentric, direction, length)
+    if query.straighten or query.loop or query.curve:
+        from ddgcli.algorithms.geodesics.flippable_mesh import check_waypoints
+
+        cover.require_two_sides("`curve`" if query.curve else "`straighten` or `loop`")
+        for waypoints in (*query.straighten, *query.curve):
+            check_waypoints(cover.mesh, waypoints, closed=False)
+        for waypoints in query.loop:
+            check_waypoints(cover.mesh, waypoints, closed=True)
+    if field is not None:
+        from ddgcli.algorithms.tangent_fields.integral_curves import checked_field, default_duration
+
+        values, _ = checked_field(cover.base, *field)
+        if query.field_time is None:
+            default_duration(cover.base, values)
+    if query.darboux:
+        cover.require_two_sides("`darboux`")
+
+
+def trace_starts(cover: OrientedCover, query: CurveQuery) -> tuple[SurfacePoints, NDArray, NDArray]:
+    """Starts of the traces on the cover, their directions and lengths."""
+    face, barycentric, direction, length = (np.array(x) for x in zip(*query.trace, strict=True))
+    start = cover.lift_points(SurfacePoints.checked(face, barycentric, cover.base.n_faces))
+    return start, direction, length
+
+
+def _check_vectors(cover: OrientedCover, query: CurveQuery, sources: Sources, method: str) -> None:
+    """Raise the errors of the logarithmic map and of transported vectors."""
+    cover.require_two_sides("`log_map` or `spread_vector`")
+    lifted = cover.lift_sources(sources)
+    if query.log_map and method == "heat":
+        from ddgcli.algorithms.tangent_fields.heat_log_map import require_source_vertex
+
+        require_source_vertex(lifted)
+    if query.log_map:
+        from ddgcli.algorithms.tangent_fields.log_map import SourceFrame
+        from ddgcli.algorithms.tracing.trace import Tracer
+
+        SourceFrame(Tracer(cover.mesh), lifted)
+    if query.spread_vector:
+        from ddgcli.algorithms.tangent_fields.vertex_vectors import vectors_at_sources
+
+        vectors_at_sources(cover.mesh, lifted, query.spread_vector)

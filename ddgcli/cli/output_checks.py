@@ -1,0 +1,77 @@
+"""Checks of the outputs and the pictures that a call names, and of its mesh, before any work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ddgcli.cli.options import CommonOptions
+from ddgcli.errors import MeshError, OutputError, ParameterError
+
+if TYPE_CHECKING:
+    from ddgcli.mesh.curve import CurveSet
+    from ddgcli.mesh.tet_mesh import TetMesh
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+COLOUR_FORMATS = (".ply", ".glb", ".obj")  # formats whose colours other programs show
+
+
+def check_outputs(
+    common: CommonOptions, formats: Sequence[str] | None, plan_output: Callable[..., None]
+) -> None:
+    """Check the outputs of a call with `plan_output(path, formats, output_format)`, and what they exclude."""
+    if common.as_json and "-" in common.outputs:
+        raise ParameterError("--json and -o - both write to standard output; write the result to a file")
+    if common.quiet and common.verbose:
+        raise ParameterError("-q and -v exclude each other; give one")
+    for path in common.outputs:
+        plan_output(path, formats, common.output_format)
+    if common.colors is not None:
+        from ddgcli.plots.page import require_matplotlib
+
+        require_matplotlib()
+        suffixes = {Path(path).suffix.lower() for path in common.outputs}
+        if not suffixes & set(COLOUR_FORMATS):
+            raise ParameterError(f"--colors is for {' '.join(COLOUR_FORMATS)}; write one with -o")
+    if common.plot is not None:
+        from ddgcli.plots.page import FORMATS, require_matplotlib
+
+        plan_output(common.plot, FORMATS)
+        require_matplotlib()
+
+
+def check_picture(command: str, common: CommonOptions, pictures: str) -> None:
+    """Refuse --view, --show and --size if no picture uses them."""
+    for name in ("view", "show", "size"):
+        if getattr(common, name) is None or pictures == "output":
+            continue
+        if pictures == "chart" and name != "size":
+            raise ParameterError(
+                f"--{name} is for pictures of surfaces, but {command} draws a chart; leave it out"
+            )
+        if common.plot is None:
+            raise ParameterError(f"--{name} is for the picture of --plot; add --plot PATH")
+
+
+def check_mesh(command: str, common: CommonOptions, mesh: TriangleMesh | TetMesh | CurveSet) -> None:
+    """Refuse a mesh that lacks what the command requires, or that its outputs cannot hold."""
+    from ddgcli.mesh.require import kind_of, unmet_need
+
+    check_kind(common, kind_of(mesh))
+    if message := unmet_need(mesh, command, command):
+        raise MeshError(message)
+
+
+def check_kind(common: CommonOptions, kind: str) -> None:
+    """Refuse outputs whose format cannot hold a mesh of the kind of the input, which results have too."""
+    if kind != "curve":
+        return
+    from ddgcli.io.writers.cell_data import require_surface
+
+    for path in common.outputs:
+        suffix = f".{common.output_format.lstrip('.')}" if path == "-" and common.output_format else path
+        try:
+            require_surface("lines", Path(f"x{suffix}").suffix.lower())
+        except OutputError as error:
+            raise OutputError(f"{path}: {error}") from None
