@@ -162,6 +162,20 @@ def normal_noise(share: float, mesh: TriangleMesh) -> TriangleMesh:
     return mesh.moved(mesh.points + share * _edge(mesh) * heights * _normals(mesh))
 
 
+def half_noise(share: float, mesh: TriangleMesh) -> TriangleMesh:
+    """Normal displacements along the normals on one half of the surface."""
+    heights = np.random.default_rng(8).standard_normal((mesh.n_vertices, 1))
+    half = mesh.points[:, :1] > np.median(mesh.points[:, 0])
+    return mesh.moved(mesh.points + share * _edge(mesh) * half * heights * _normals(mesh))
+
+
+def layers(share: float, mesh: TriangleMesh) -> TriangleMesh:
+    """The third coordinate alone in whole multiples of a share of an edge, as in layers of a printer."""
+    step = share * _edge(mesh)
+    third = step * np.rint(mesh.points[:, 2] / step)
+    return mesh.moved(np.column_stack([mesh.points[:, :2], third]))
+
+
 def isotropic_noise(share: float, mesh: TriangleMesh) -> TriangleMesh:
     """Independent normal displacements of all coordinates."""
     return mesh.moved(
@@ -322,6 +336,8 @@ def noise_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
             f"normal noise {share:g}, slivers: torus",
             partial(_changed, "torus", partial(normal_noise, share), base=_torus(slivers=True)),
         )
+        for name in ("torus", "saddle"):
+            yield f"noise on a half {share:g}: {name}", partial(_changed, name, partial(half_noise, share))
         yield f"noise over lines {share:g}: wave", partial(_changed, "wave", partial(line_noise, share))
         for times in (3, 12):
             yield (
@@ -342,6 +358,8 @@ def noise_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
             f"rounded to 1/{denominator}: wave",
             partial(_changed, "wave", partial(rounded, 1 / denominator)),
         )
+    for share in (0.3, 1.0):
+        yield f"layers {share:g}: torus", partial(_changed, "torus", partial(layers, share))
     for share in (0.25, 0.06):
         yield (
             f"single precision {share:g}: egg",

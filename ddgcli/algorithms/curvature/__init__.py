@@ -8,6 +8,7 @@ __all__ = [
     "ball",
     "clip",
     "curve_frames",
+    "deviation",
     "face_balls",
     "faces",
     "frames",

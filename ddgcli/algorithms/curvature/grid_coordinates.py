@@ -20,19 +20,19 @@ def rounding_deviation(points: NDArray, normal: NDArray, edge: float) -> float:
     """Standard deviation along the normals by which coordinates were rounded, in length units; 0 where not.
 
     Rounded coordinates are whole multiples of a step, up to a shift, and the step of each axis is the least
-    difference of its coordinates. `points` (3, n) are positions, `normal` (3, k) unit normals, and `edge` is
-    the mean edge length.
+    difference of its coordinates. One coordinate alone may be rounded, as to the layers of a printer.
+    `points` (3, n) are positions, `normal` (3, k) unit normals, and `edge` is the mean edge length.
     """
     variance = np.zeros(3)
     for axis, values in enumerate(points):
         step = np.diff(_distinct(values, edge))
         if len(step) == 0 or len(step) > MAX_VALUE_SHARE * len(values):
-            return 0.0
+            continue
         least = float(step.min())
         if step.sum() > MAX_STEPS * least or (
             np.abs(step / least - np.rint(step / least)).max() > MULTIPLE_TOLERANCE * (1 + len(step) ** 0.5)
         ):
-            return 0.0
+            continue
         if least < MAX_STEP * edge:  # the places of a regular grid are not rounded
             variance[axis] = least * least / 12
     return float(np.sqrt(np.mean(variance @ (normal * normal))))

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
+from ddgcli.algorithms.curvature.deviation import vertex_deviation
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals, unit_normals
-from ddgcli.algorithms.curvature.noise import Effort, Noise, estimate_noise, vertex_deviation, warn_of_noise
+from ddgcli.algorithms.curvature.noise import Effort, Noise, estimate_noise, warn_of_noise
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.regions import check_radius
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
@@ -110,18 +111,19 @@ def measure_curvature(
     check_curvature(mesh, scheme, radius, image=image)
     surface = prepare_surface(mesh, scheme)
     noise = _noise(surface, scheme, radius)
-    unreliable = radius is None and noise.dominates_curvature
+    at_default, expected_error = radius is None, None
     if radius == "auto":
         radius = noise.radius_of(scheme) * surface.scale if noise.dominates_curvature else None
         _check_radius(mesh, radius, scheme)
+        expected_error = noise.expected_error(scheme)
     in_ball = None if radius is None else radius / surface.scale
     principal = _pointwise(surface, scheme, in_ball, noise.dominates_curvature, jobs, full)
-    if unreliable:
-        warn_of_noise(noise, scheme, principal.mean, surface.scale)
+    if at_default:
+        expected_error = warn_of_noise(noise, scheme, principal.mean, surface.scale)
     vertex = _vertex_arrays(surface, principal) if full else _curvature_arrays(surface, principal)
     edge = _edge_arrays(surface) if full else {}
     results: dict[str, Any] = {"scheme": scheme, "promise": SCHEME_PROMISES[scheme]}
-    results |= {"radius": radius, "noise_estimate": noise.relative}
+    results |= {"radius": radius, "noise_estimate": noise.relative, "expected_error": expected_error}
     results |= _integrals(surface, principal)
     if full:
         results |= _further_integrals(surface, results)

@@ -1,0 +1,161 @@
+"""Deviation of the vertices of a surface from smooth surfaces: its size, and what it looks like.
+
+Residuals of fits over two rings show the deviation, of whatever kind. Noise leaves fits of degree three and
+four with equal residuals, details do not; stairs, rounded coordinates and spikes are recognised first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.frames import area_normals
+from ddgcli.algorithms.curvature.grid_coordinates import rounding_deviation
+from ddgcli.algorithms.curvature.neighbours import neighbourhoods
+from ddgcli.algorithms.curvature.quadric import polynomial_residuals, sampled_regions
+from ddgcli.algorithms.curvature.regions import Regions, listed
+from ddgcli.algorithms.curvature.spikes import spikes_among
+from ddgcli.algorithms.curvature.staircase import is_staircase
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+SAMPLE_SIZE = 400  # vertices sampled for residuals
+MAX_UNSAMPLED_VERTICES = 6400  # up to which all vertices may be in the sample
+# vertices, by the areas of their stars, among which the sample is chosen on larger meshes
+CANDIDATES_PER_SAMPLE = 4
+MIN_NEIGHBOURS = 15
+# dihedral angle up to which two faces count as one plane (files of single precision)
+FLAT_ANGLE_TOLERANCE = 1e-3
+# share of flat edges from which large residuals are creases of a part, not noise
+MIN_CREASED_FLAT_SHARE = 0.1
+# residual of cubic fits over that of quartic ones: noise has 0.98 to 1.08, as measured on spheres, tori and
+# voxels; scanned and modelled surfaces with details of four to ten edges have 1.2 to 2.9
+MIN_DETAIL_RATIO = 1.15
+# noise in a part of the surface, or spikes: this quantile of the residuals is so many times their median
+PARTIAL_QUANTILE, MIN_PARTIAL_RATIO = 0.9, 5
+# noise in about a half: the share of the residuals above this part of that quantile; elsewhere 0.85 to 1
+NOISY_SHARE_OF_TAIL, MAX_NOISY_SHARE = 0.5, 0.6
+VOXEL_DEVIATION = 12**-0.5  # of heights within a voxel, in edges
+ROUNDING_RANGE = 0.6, 1.6  # of the residuals over the deviation of rounded coordinates
+MIN_SPIKES, MIN_SPIKE_SHARE = 3, 0.003
+SPIKE_SAMPLE_SIZE = 2000  # vertices among which spikes are counted
+
+
+@dataclass(frozen=True, eq=False)
+class Deviation:
+    """Residuals of cubic fits over two rings, at a sample of vertices.
+
+    Parameters
+    ----------
+    relative : float
+        Their size over the mean edge length: the median, which ignores creases, or a high quantile where that
+        is far above the median and not due to details.
+    kind : str
+        'voxels', 'rounded', 'spikes', 'partial' or 'noise', as in `Noise`.
+    detail_ratio : float
+        Median residual of cubic fits over that of quartic ones.
+    doubtful : bool
+        Whether residuals or flat faces are like those of details and creases.
+    noisy : (k,) ndarray of bool
+        The part of the sample that has the deviation.
+    sample : (k,) ndarray of int
+    regions : Regions
+        Two rings around the sample.
+    normal : (3, n) ndarray
+        Of all vertices, averaged by areas.
+    """
+
+    relative: float
+    kind: str
+    detail_ratio: float
+    doubtful: bool
+    noisy: NDArray[np.bool_]
+    sample: NDArray[np.int64]
+    regions: Regions
+    normal: NDArray[np.float64]
+
+
+def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Deviation | None:
+    """Measure the deviation of the vertices from smooth surfaces; None where too few have enough neighbours.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
+    dihedral : (e,) ndarray
+        Dihedral angles of the edges in radians, positive where convex.
+    """
+    normal = area_normals(faces)
+    vertices = _candidates(mesh, faces)
+    regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS, vertices)
+    if vertices is None:
+        vertices = np.arange(mesh.n_vertices)
+    sample_rows = sampled_regions(faces.points, faces.points[:, vertices], regions, SAMPLE_SIZE)
+    sample_rows = sample_rows[~mesh.topology.boundary_vertex[vertices[sample_rows]]]
+    if len(sample_rows) < MIN_NEIGHBOURS:
+        return None
+    sample, some = vertices[sample_rows], listed(regions, sample_rows)
+    edge = float(faces.length.mean())
+    residuals = polynomial_residuals(faces.points, normal, some, sample, (3, 4))
+    deviation, detail_ratio, noisy = _deviation(*residuals)
+    kind = "noise" if noisy.all() else "partial"
+    if is_staircase(mesh, faces, dihedral):
+        # fits over two rings lie on a step; heights within a voxel are uniform
+        kind, deviation = "voxels", max(deviation, VOXEL_DEVIATION * edge)
+    elif _is_rounded(faces.points, normal[:, sample], deviation, edge):
+        kind = "rounded"
+    elif _has_spikes(faces.points, normal, regions, vertices, edge):
+        kind, deviation = "spikes", float(np.sqrt(np.nanmean(residuals[0] ** 2)))
+    flat_share = float((np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean())
+    doubtful = detail_ratio > MIN_DETAIL_RATIO or flat_share > MIN_CREASED_FLAT_SHARE
+    return Deviation(deviation / edge, kind, detail_ratio, doubtful, noisy, sample, some, normal)
+
+
+def _deviation(cubic: NDArray, quartic: NDArray) -> tuple[float, float, NDArray[np.bool_]]:
+    """Deviation of the vertices, ratio of the residuals, and (k,) the part of the sample that has the noise.
+
+    `cubic` and `quartic` are the residuals of fits of degree three and four over the sample. The part is the
+    whole sample where the residuals do not show noise in a part.
+    """
+    both = np.isfinite(cubic) & np.isfinite(quartic)
+    whole = np.ones(len(cubic), dtype=bool)
+    if not both.any():
+        return float(np.nanmedian(cubic)), 1.0, whole
+    (middle, tail), (quartic_middle, quartic_tail) = (
+        np.quantile(residuals[both], (0.5, PARTIAL_QUANTILE)) for residuals in (cubic, quartic)
+    )
+    noisy = both & (cubic > NOISY_SHARE_OF_TAIL * tail)
+    if tail > MIN_PARTIAL_RATIO * middle and tail <= MIN_DETAIL_RATIO * quartic_tail:
+        return float(tail), 1.0, noisy
+    ratio = float(middle / quartic_middle) if quartic_middle > 0 else 1.0
+    if ratio > MIN_DETAIL_RATIO and noisy.sum() < MAX_NOISY_SHARE * both.sum():
+        deviation, quartic_deviation = float(np.median(cubic[noisy])), float(np.median(quartic[noisy]))
+        if deviation <= MIN_DETAIL_RATIO * quartic_deviation:
+            return deviation, ratio, noisy
+    return float(np.nanmedian(cubic)), ratio, whole
+
+
+def _is_rounded(points: NDArray, normal: NDArray, deviation: float, edge: float) -> bool:
+    """Whether coordinates are whole multiples of a step that explains the residuals."""
+    expected = rounding_deviation(points, normal, edge)
+    least, most = ROUNDING_RANGE
+    return least * expected < deviation < most * expected
+
+
+def _has_spikes(points: NDArray, normal: NDArray, regions: Regions, vertices: NDArray, edge: float) -> bool:
+    """Whether some vertices in a thousand lie far off a surface that is smooth around them."""
+    some = np.arange(0, len(vertices), max(1, len(vertices) // SPIKE_SAMPLE_SIZE))
+    is_spike = spikes_among(points, normal, listed(regions, some), vertices[some], edge)
+    return bool(is_spike.sum() >= max(MIN_SPIKES, MIN_SPIKE_SHARE * len(some)))
+
+
+def _candidates(mesh: TriangleMesh, faces: Faces) -> NDArray[np.int64] | None:
+    """Vertices to choose the sample from, in the order of the areas of their stars; None for all."""
+    if mesh.n_vertices <= MAX_UNSAMPLED_VERTICES:
+        return None
+    vertices = np.flatnonzero(mesh.topology.referenced_vertex)
+    order = np.argsort(faces.stars(faces.area[None])[0][vertices], kind="stable")
+    return vertices[order[:: max(1, len(vertices) // (CANDIDATES_PER_SAMPLE * SAMPLE_SIZE))]]
