@@ -68,10 +68,12 @@ def _from_here(path: str) -> str:
 def error_line(error: DdgError, context: click.Context) -> str:
     """Message of an error with option names and, if it names no file, after the name of the input."""
     message = error_text(error, context.meta.get("ddgcli.options", {}))
-    mesh = getattr(error, "mesh", None)
-    message = with_repair_command(
-        message, (_from_here(mesh),) if mesh else context.meta.get("ddgcli.mesh", ())
-    )
+    mesh, meta = getattr(error, "mesh", None), context.meta
+    if mesh:
+        message = with_repair_command(message, (_from_here(mesh),))
+    else:
+        holds_tetrahedra = meta.get("ddgcli.tetrahedra", False)
+        message = with_repair_command(message, meta.get("ddgcli.mesh", ()), tetrahedra=holds_tetrahedra)
     path = context.meta.get("ddgcli.input")
     if path and not isinstance(error, (OutputError, MissingExtraError)) and not message.startswith(path):
         return f"{path}: {message}"

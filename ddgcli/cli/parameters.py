@@ -41,7 +41,7 @@ def with_option_names(message: str, names: Mapping[str, str]) -> str:
     return QUOTED_PARAMETER.sub(option, message)
 
 
-def with_repair_command(message: str, mesh: Sequence[str] = ()) -> str:
+def with_repair_command(message: str, mesh: Sequence[str] = (), *, tetrahedra: bool = False) -> str:
     """The message with quoted steps of a repair, `` `repair=orient fill_holes=9` ``, as a command.
 
     Parameters
@@ -49,17 +49,23 @@ def with_repair_command(message: str, mesh: Sequence[str] = ()) -> str:
     message : str
     mesh : sequence of str, optional
         Path of the mesh and the options for reading it; `MESH` where they are unknown.
+    tetrahedra : bool
+        Whether it holds tetrahedra: the repair is that of their boundary, which another command writes.
     """
     words = list(mesh) or ["MESH"]
     stem = "" if words[0] in ("MESH", "-") else f"{Path(words[0]).stem}-"
     words[0] = "MESH" if words[0] == "-" else words[0]
+    before = ""
+    if tetrahedra:
+        surface = f"{stem}surface.ply"
+        before, words = f"{shlex.join(['ddgcli', 'info', *words, '-o', surface])} && ", [surface]
 
     def command(match: re.Match[str]) -> str:
         steps = (step.partition("=") for step in match.group(1).split())
         options = [
             word for name, _, value in steps for word in (f"--{name.replace('_', '-')}", value) if word
         ]
-        return shlex.join(["ddgcli", "repair", *words, *options, "-o", f"{stem}repaired.ply"])
+        return before + shlex.join(["ddgcli", "repair", *words, *options, "-o", f"{stem}repaired.ply"])
 
     return QUOTED_REPAIR.sub(command, message)
 

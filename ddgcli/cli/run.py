@@ -179,6 +179,7 @@ class Run:
             self._context.meta["ddgcli.input"] = path
             form = self.common.input_format
             self._context.meta["ddgcli.mesh"] = (path, *(("--input-format", form) if form else ()))
+            self._context.meta["ddgcli.tetrahedra"] = source.kind == "tetrahedra"
             self._inputs[path] = source.digest.sha256
             if self._planned_outputs:  # needed later: computed now, it releases the bytes of the file
                 source.digest.sha256()
@@ -257,8 +258,12 @@ class Run:
 
     def with_commands(self, messages: Mapping[str, str]) -> dict[str, str]:
         """Messages about the input mesh with the repair that each names as a command."""
-        mesh = self._context.meta.get("ddgcli.mesh", ())
-        return {name: with_repair_command(message, mesh) for name, message in messages.items()}
+        meta = self._context.meta
+        mesh, tetrahedra = meta.get("ddgcli.mesh", ()), meta.get("ddgcli.tetrahedra", False)
+        return {
+            name: with_repair_command(message, mesh, tetrahedra=tetrahedra)
+            for name, message in messages.items()
+        }
 
     @property
     def metadata(self) -> dict[str, Any]:

@@ -23,6 +23,10 @@ def draw_curves(
     *,
     closed: Sequence[bool] | bool = False,
     label: str = "",
+    title: str = "",
+    signed: bool | None = None,
+    limits: Sequence[float] | None = None,
+    fit: NDArray | None = None,
     vectors: Sequence[tuple[NDArray, NDArray, str]] = (),
     view: View = None,
     up: str | None = None,
@@ -42,7 +46,7 @@ def draw_curves(
     closed : bool, or one for each curve
     vectors : sequence of (points (k, 3), vectors (k, 3), colour)
         Thin lines from points, longest 5 % of the size of the curves.
-    label, view, up
+    label, title, signed, limits, fit, view, up
         As for `draw_surface`.
     """
     from matplotlib.cm import ScalarMappable
@@ -51,15 +55,16 @@ def draw_curves(
 
     flags = [closed] * len(curves) if isinstance(closed, bool) else list(closed)
     start, stop, shade = _segments(curves, values, flags)
-    segment_ends = np.concatenate([start, stop]) if len(start) else np.zeros((1, 3))
-    placed = unit_box(segment_ends)
-    start, stop, segment_ends = placed(start), placed(stop), placed(segment_ends)
-    axes3 = view_axes(segment_ends, view, up or "z")
+    if fit is None:
+        fit = np.concatenate([start, stop]) if len(start) else np.zeros((1, 3))
+    placed = unit_box(fit)
+    start, stop, fit = placed(start), placed(stop), placed(fit)
+    axes3 = view_axes(fit, view, up or "z")
     with page(path, width, height, dpi) as figure:
         axes = picture_axes(figure, coloured=values is not None)
         box = axes.get_position()
         camera = fitted_camera(
-            segment_ends,
+            fit,
             axes3,
             int(box.width * width * dpi),
             int(box.height * height * dpi),
@@ -68,7 +73,9 @@ def draw_curves(
         a, b = camera.project(start), camera.project(stop)
         order = np.argsort(-(a[:, 2] + b[:, 2]), kind="stable")
         lines = np.stack([a, b], axis=1)[order, :, :2]
-        low, high, diverging = robust_limits(shade, True if label in ("torsion", "turning_angle") else None)
+        if label in ("torsion", "turning_angle"):
+            signed = True
+        low, high, diverging = (*limits, bool(signed)) if limits else robust_limits(shade, signed)
         mappable = ScalarMappable(Normalize(low, high), colours(diverging))
         plain = np.tile([0.2, 0.4, 0.7, 1.0], (len(order), 1))
         tint = plain if values is None else mappable.to_rgba(shade[order])
@@ -83,7 +90,8 @@ def draw_curves(
         axes.set_axis_off()
         if values is not None:
             colour_bar(figure, mappable, label)
-            draw_texts(figure, "", extremes(label, np.concatenate(values)))
+        caption = "" if values is None else extremes(label, np.concatenate(values))
+        draw_texts(figure, title, caption)
 
 
 def _rimmed_lines(lines: NDArray, tint: NDArray, flat: bool) -> Any:

@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MissingExtraError, ParameterError
+from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import frames_of_equal_change
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.chart import draw_chart
 from ddgcli.plots.colour import robust_limits
+from ddgcli.plots.curve import draw_curves
 from ddgcli.plots.glyphs import Glyphs
 from ddgcli.plots.page import page
 from ddgcli.plots.surface import draw_surface
@@ -33,7 +35,8 @@ class PlotFrame:
     Parameters
     ----------
     time : float
-    mesh : TriangleMesh
+    mesh : TriangleMesh or CurveSet
+        A CurveSet is drawn alone.
     values : (n,) ndarray, optional
         Colours.
     obstacles : sequence of TriangleMesh
@@ -45,7 +48,7 @@ class PlotFrame:
     """
 
     time: float
-    mesh: TriangleMesh
+    mesh: TriangleMesh | CurveSet
     values: NDArray | None = None
     obstacles: Sequence[TriangleMesh] = ()
     arrows: Glyphs | None = None
@@ -123,16 +126,23 @@ def draw_frame(
     dpi: float = 200,
 ) -> None:
     """Draw one frame."""
+    mesh, values = plot_frame.mesh, plot_frame.values
     title = f"t = {plot_frame.time:.4g} {style.time_unit}" + (
-        f", {style.label}" if plot_frame.values is not None else ""
+        f", {style.label}" if values is not None else ""
     )
+    look = {
+        "title": title, "fit": style.fit, "signed": style.signed if values is not None else None,
+        "limits": style.limits, "width": width, "height": height, "dpi": dpi, **dict(style.view or {}),
+    }  # fmt: skip
+    if isinstance(mesh, CurveSet):
+        vertices, closed = zip(*mesh.paths())
+        colours = None if values is None else [values[v] for v in vertices]
+        draw_curves(path, [mesh.points[v] for v in vertices], colours, closed=closed, **look)
+        return
     draw_surface(
-        path, plot_frame.mesh, plot_frame.values, title=title, fit=style.fit,
-        signed=style.signed if plot_frame.values is not None else None, limits=style.limits,
-        edges=style.edges, context=plot_frame.obstacles, width=width, height=height, dpi=dpi,
-        glyphs=plot_frame.arrows, curves=plot_frame.paths, curve_width=0.8,
-        points=np.array([path[-1] for path in plot_frame.paths]) if len(plot_frame.paths) else None,
-        **dict(style.view or {}),
+        path, mesh, values, edges=style.edges, context=plot_frame.obstacles, glyphs=plot_frame.arrows,
+        curves=plot_frame.paths, curve_width=0.8,
+        points=np.array([path[-1] for path in plot_frame.paths]) if len(plot_frame.paths) else None, **look,
     )  # fmt: skip
 
 

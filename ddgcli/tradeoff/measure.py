@@ -159,7 +159,8 @@ def _reference(problem: Problem, time_budget: TimeBudget, table: Table) -> Refer
     """
     failure, needed = "", 0.0
     for work, compute in problem.references:
-        share = REFERENCE_SHARE * time_budget.seconds_left()
+        seconds_left = time_budget.seconds_left()
+        share = REFERENCE_SHARE * seconds_left
         estimate = (
             time_budget.estimate_like(problem.candidates[0], work) if work and problem.candidates else work
         )
@@ -172,7 +173,9 @@ def _reference(problem: Problem, time_budget: TimeBudget, table: Table) -> Refer
                 why = f"stopped after {share:.3g} s, {why}"
             except SolveError as error:
                 why = failure = str(error)
-        needed = 3 * estimate if why != failure else needed
+        if why != failure:  # half as much again as the reference needs, after the seconds so far
+            passed = (time_budget.seconds or 0.0) - seconds_left
+            needed = passed + 1.5 / REFERENCE_SHARE * max(estimate, share)
         table.left_out.append(("a finer reference", why))
     longer = f"; use `budget={math.ceil(needed)}` or more" if needed else ""
     raise SolveError((failure or f"no reference is affordable: the cheapest was {why}") + longer)

@@ -144,6 +144,19 @@ def test_the_command_that_a_refusal_names_cures_it(run, tmp_path, monkeypatch, b
     assert text not in accepted.stderr and accepted.exit_code in (0, 1), accepted.stderr
 
 
+def test_the_boundary_of_tetrahedra_is_written_before_its_repair(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1.0]]
+    np.savez("bad.npz", points=points, tetrahedra=[[0, 1, 2, 4], [0, 1, 2, 3]])  # the second one is flat
+    call = ("--region", "0,0,0:0.5")
+    refused = run("curvature", "bad.npz", *call)
+    assert refused.exit_code == 2 and "opposite orientation" in refused.stderr, refused.stderr
+    commands = refused.stderr.strip().partition("ddgcli ")[2].split(" && ddgcli ")
+    assert [command.split()[0] for command in commands] == ["info", "repair"]
+    assert all(run(*shlex.split(command)).exit_code == 0 for command in commands)
+    assert run("curvature", commands[-1].split()[-1], *call).exit_code == 0
+
+
 def test_a_scene_is_cured_by_the_command_for_its_mesh(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenes").mkdir()

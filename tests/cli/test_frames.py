@@ -108,6 +108,24 @@ def test_pictures_and_animations_are_written(summary, trajectory, tmp_path):
     assert (tmp_path / "plot.png").stat().st_size > 5000
 
 
+def test_pictures_of_a_shrinking_circle_have_its_size(summary, tmp_path):
+    from matplotlib.image import imread
+
+    angle = 2 * np.pi * np.arange(61) / 60
+    points = "\n".join(f"{x},{y},0" for x, y in zip(np.cos(angle), np.sin(angle)))
+    (tmp_path / "circle.csv").write_text(f"x,y,z\n{points}\n")
+    steps = ["--duration", 0.3, "--dt", 1e-3, "--frame-every", 0.3]
+    summary("curve-flow", tmp_path / "circle.csv", *steps, "-o", tmp_path / "run.vtkhdf")
+    outputs = [word for name in ("f.png", "f.gif") for word in ("-o", tmp_path / name)]
+    summary("frames", tmp_path / "run.vtkhdf", "--array", "none", "--size", "400x400", *outputs)
+    widths = []
+    for k in range(2):
+        ink = imread(tmp_path / f"f_{k:04d}.png")[40:, :, :3].min(axis=2) < 0.8  # below the title
+        widths.append(np.ptp(np.flatnonzero(ink.any(axis=0))))
+    assert widths[1] / widths[0] == pytest.approx(np.sqrt(1 - 2 * 0.3), rel=0.02)
+    assert (tmp_path / "f.gif").read_bytes().count(b"\x21\xf9\x04") == 2  # one control block a frame
+
+
 def test_an_mp4_has_the_frames_the_size_and_the_same_bytes_each_time(summary, trajectory, tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     for name in "ab":

@@ -1,6 +1,7 @@
 """The table ranks planted candidates where they belong, and keeps its budget."""
 
 import logging
+import re
 import time
 from dataclasses import replace
 from functools import partial
@@ -222,6 +223,15 @@ def test_the_best_affordable_reference_is_chosen():
 def test_without_an_affordable_reference_nothing_runs():
     with pytest.raises(SolveError, match=r"no reference is affordable.*`budget=\d+` or more"):
         run_with_references((1e6, never), budget=1.0)
+
+
+def test_a_longer_budget_counts_the_seconds_before_the_reference():
+    one = problem(planted("a", 0.1, 0.001, work=0.001))
+    for estimate in (0.3, 1e-3):  # too long for what is left, and stopped
+        slow = Problem(one.candidates, ((estimate, lambda: time.sleep(300)),), one.error, "it")
+        with pytest.raises(SolveError) as error:
+            run_problem(slow, budget=1.0, repeat=1, began=time.perf_counter() - 0.8)
+        assert int(re.search(r"`budget=(\d+)` or more", str(error.value)).group(1)) > 1
 
 
 def test_zero_repeats_measure_errors_only():

@@ -143,6 +143,10 @@ def test_a_grown_second_energy_is_reported(caplog):
     assert caplog.text == ""
     report.warn_of_disagreement(mesh, end, "gauss-map")
     assert "cotan gives the last surface" in caplog.text
+    caplog.clear()
+    flat = shapes.grid(2, 2)  # neither energy is more than rounding
+    report.warn_of_disagreement(flat, flat, "gauss-map")
+    assert caplog.text == ""
 
 
 def test_folded_faces_cause_a_warning(caplog):

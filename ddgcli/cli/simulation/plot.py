@@ -15,6 +15,8 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.simulation.frames import mesh_of_frame
 from ddgcli.simulation.outcome import Outcome
 
+ENERGIES = ("energy", "kinetic_energy", "elastic_energy")  # and those that begin with energy_
+
 
 @dataclass(frozen=True, eq=False)
 class Picture:
@@ -163,6 +165,6 @@ def cut_open(mesh: TetMesh) -> TriangleMesh:
 def energy_series(times: NDArray, scalars: Mapping[str, NDArray]) -> dict[str, tuple[NDArray, NDArray]]:
     """Time series of the energies, or of all scalars if none is an energy."""
     plain = {name: v for name, v in scalars.items() if v.ndim == 1}
-    energies = [n for n in plain if n in ("energy", "kinetic_energy") or n.startswith("energy_")]
+    energies = [n for n in plain if n in ENERGIES or n.startswith("energy_")]
     energies = [n for n in energies if n != "energy_increases"]
     return {name: (times, plain[name]) for name in energies or plain}

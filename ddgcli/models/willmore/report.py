@@ -30,6 +30,7 @@ RESOLUTION_REASONS = (
     FALSE_REST_REASON,
     SLOW_NEWTON_REASON,
 )  # ends that are neither at rest nor on the flow
+FLAT_ENERGY = 1e-9  # smaller energies, which have no unit, are the rounding of flat surfaces
 ENERGY_RATIO_WARNING = 1.2  # growth of the ratio of two energies at which a warning is due
 REFINEMENT_ANGLE = 25  # smallest angle that the advice names for `delaunay --refine`
 
@@ -139,7 +140,7 @@ def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, energy: str) -
         return
     kinds = [ENERGIES[name].of for name in (DEFAULT_ENERGY, SECOND_ENERGY)]
     values = [[kind(mesh).value(mesh.points) for kind in kinds] for mesh in (first, last)]
-    before, after = (second / value for value, second in values)
+    before, after = (max(second, FLAT_ENERGY) / max(value, FLAT_ENERGY) for value, second in values)
     if after > ENERGY_RATIO_WARNING * max(1.0, before):
         logging.getLogger("ddgcli").warning(
             "%s gives the last surface %.3g times the energy of %s (%.3g times at the start): its faces "
