@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ddgcli.cli.options import CommonOptions
-from ddgcli.errors import MeshError, OutputError, ParameterError
+from ddgcli.errors import OutputError, ParameterError
 
 if TYPE_CHECKING:
     from ddgcli.mesh.curve import CurveSet
@@ -55,12 +55,11 @@ def check_picture(command: str, common: CommonOptions, pictures: str) -> None:
 
 
 def check_mesh(command: str, common: CommonOptions, mesh: TriangleMesh | TetMesh | CurveSet) -> None:
-    """Refuse a mesh that lacks what the command requires, or that its outputs cannot hold."""
-    from ddgcli.mesh.require import kind_of, unmet_need
+    """Refuse a mesh that the outputs cannot hold, or cells of a size that the command does not take."""
+    from ddgcli.mesh.require import kind_of, require_sized_cells
 
     check_kind(common, kind_of(mesh))
-    if message := unmet_need(mesh, command, command):
-        raise MeshError(message)
+    require_sized_cells(mesh, command)
 
 
 def check_kind(common: CommonOptions, kind: str) -> None:

@@ -192,11 +192,8 @@ def kind_error(
     return f"holds {_PHRASE[kind]}; {verb} takes {' or '.join(_PHRASE[k] for k in kinds)}{cure}"
 
 
-def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str, subject: str = "it") -> str | None:
-    """First requirement of a command that the mesh does not meet, with a cure; None if it meets all.
-
-    `subject` is that of the message.
-    """
+def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
+    """First requirement of a command that the mesh does not meet, with a cure; None if it meets all."""
     requirement = REQUIREMENTS[verb]
     if requirement.instead:
         return requirement.instead
@@ -204,30 +201,37 @@ def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str, subject: str 
         return message
     try:
         if isinstance(mesh, TetMesh):
-            require(mesh.boundary, subject, **requirement.boundary)
-            if requirement.volume:
-                _require_volume(mesh)
+            require(mesh.boundary, "it", **requirement.boundary)
         elif isinstance(mesh, TriangleMesh):
-            require(mesh, subject, **requirement.surface)
+            require(mesh, "it", **requirement.surface)
             if requirement.area:
                 _require_area(mesh)
-            if requirement.every_area:
-                _require_every_area(mesh, **requirement.surface)
+        require_sized_cells(mesh, verb)
     except MeshError as error:
         return str(error)
     return None
 
 
+def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> None:
+    """Raise MeshError for a face without area or a tetrahedron without volume, if the command takes none."""
+    requirement = REQUIREMENTS[verb]
+    if isinstance(mesh, TetMesh):
+        if requirement.volume:
+            _require_volume(mesh)
+    elif isinstance(mesh, TriangleMesh) and requirement.every_area:
+        _require_every_area(mesh, **requirement.surface)
+
+
 def _require_area(mesh: TriangleMesh) -> None:
-    if _surely_has_area(mesh):
+    if surely_has_area(mesh):
         return
     side = mesh.side_vector / mesh.side_length.max()
     if (np.abs(np.cross(side[:, 0], side[:, 1])) <= FLAT_AREA_TOLERANCE).all():
         raise _no_area_error(mesh.n_faces)
 
 
-def _surely_has_area(mesh: TriangleMesh) -> bool:
-    """Whether one of the first faces shows, at little cost, that `_require_area` accepts the surface."""
+def surely_has_area(mesh: TriangleMesh) -> bool:
+    """Whether one of the first faces shows, at little cost, that the surface has an area."""
     corners = mesh.points[mesh.faces[:SAMPLE_SIZE]]
     extent = float(np.ptp(mesh.points, axis=0).max())
     side = (corners[:, 1:] - corners[:, :1]) / (2.0 * extent or 1.0)  # no side is longer than twice that

@@ -28,7 +28,7 @@ from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.residual_gate import within_residuals
-from ddgcli.mesh.require import require
+from ddgcli.mesh.require import require, surely_has_area
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio
 
@@ -149,6 +149,8 @@ def check_curvature(
     require(mesh, "curvature")
     if scheme in TWO_SIDED_SCHEMES and not (mesh.topology.is_oriented or mesh.topology.is_orientable):
         raise one_sided_error(mesh, scheme)
+    if not surely_has_area(mesh):
+        prepare_surface(mesh, scheme)  # refuses a surface without area
     if image is not None:
         _check_image(mesh, image)
     if isinstance(radius, (int, float)):
