@@ -75,7 +75,9 @@ def draw_curves(
         lines = np.stack([a, b], axis=1)[order, :, :2]
         if label in ("torsion", "turning_angle"):
             signed = True
-        low, high, diverging = (*limits, bool(signed)) if limits else robust_limits(shade, signed)
+        low, high, diverging = robust_limits(shade, signed)
+        if limits is not None:
+            low, high, diverging = limits[0], limits[1], bool(signed)
         mappable = ScalarMappable(Normalize(low, high), colours(diverging))
         plain = np.tile([0.2, 0.4, 0.7, 1.0], (len(order), 1))
         tint = plain if values is None else mappable.to_rgba(shade[order])
