@@ -233,7 +233,7 @@ def mean_error(known, mean):
         ("surface nets: sphere", "noise of"),
         ("surface nets turned: ellipsoid", "noise of"),
         ("cubes smoothed 3: ellipsoid", "uneven by"),
-        ("marching cubes smoothed 5: torus", "uneven by"),
+        ("marching cubes smoothed 30: large sphere", "uneven by"),
         ("noise on a half 0.05: torus", "noise of"),
         ("noise on a half 0.2: saddle", "noise of"),
         ("layers 0.3: torus", "rounded coordinates"),
@@ -260,7 +260,7 @@ def test_stated_errors_hold_within_a_factor_of_two_and_the_cure_helps(name, kind
     mean = measure_curvature(known.mesh, scheme, radius, full=False).vertex["mean_curvature"]
     cured = mean_error(known, mean)
     assert default / 2 < int(stated[1]) / 100 < 2 * default
-    assert cured < 0.3 * default and cured < 2 * int(stated[4]) / 100
+    assert cured < 0.3 * default and cured < 2 * (int(stated[4]) + 0.5) / 100  # rounded to per cents
 
 
 @pytest.mark.parametrize(

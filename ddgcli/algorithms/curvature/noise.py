@@ -50,6 +50,7 @@ MAX_ROUGH_ERROR = 0.25  # at the best radius: terrain and scans with details of 
 # it, and the median over the mean of the latter. Scans and modelled surfaces have errors of 0.17 to 0.7, and
 # smooth ones with a bias in balls ratios of 1.1 to 1.9
 MAX_UNEVEN_ERROR, MIN_UNEVEN_ERROR_RATIO, MIN_UNEVEN_MEDIAN_SHARE = 0.13, 2.3, 0.4
+MAX_UNEVEN_CANCELLATION = 0.9  # of convex bodies, smoothed thirty times; smooth ones have 1
 MAX_ERROR = 0.08  # of curvature, root mean square, by noise, above which the default region is unreliable
 MAX_REMAINING_ERROR_SHARE = 0.75  # largest share of that error at the proposed radius
 # of the error of averaged normals over that of fits, below which the scheme is proposed
@@ -168,7 +169,7 @@ def _kind(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviat
         return ""
     if share <= MAX_ROUGH_CANCELLATION:
         return "rough"
-    return "uneven" if share <= MAX_CANCELLATION else ""
+    return "uneven" if share <= MAX_UNEVEN_CANCELLATION else ""
 
 
 def _settles(kind: str, deviation: Deviation, scales: Scales, faces: Faces, regions: Regions) -> bool:
