@@ -17,7 +17,7 @@ SHORT_FIELDS: dict[str, dict[str, str]] = {
         "repaired.manifold repaired.oriented refused_by",
     },
     "curvature": {
-        "results": "scheme radius noise_estimate expected_error closed planar length area volume "
+        "results": "scheme region radius noise_estimate expected_error closed planar length area volume "
         "total_gaussian_curvature total_mean_curvature willmore_energy turning_number "
         "total_signed_curvature total_curvature gaussian_curvature mean_curvature curvature",
         "accuracy": "gauss_bonnet_residual force_balance_residual turning_number_residual",

@@ -16,6 +16,7 @@ from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.laplacian import uniform_stiffness
 
 CLOSED_MESHES = {
     "sphere": shapes.icosphere(2),
@@ -317,3 +318,21 @@ def test_normals_of_faces_that_run_counter_clockwise_seen_from_outside_point_out
     assert np.vdot(corner.mean(axis=1), area_vector) / 3.0 == pytest.approx(enclosed_volume(mesh), rel=1e-12)
     assert enclosed_volume(mesh) > 0
     assert np.linalg.norm(area_vector, axis=1) == pytest.approx(face_area(mesh.side_length), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "scheme, radius, region, rings",
+    [("cotan", None, "star", 1), ("quadric", None, "two rings", 2), ("quadric", 0.5, "ball", 4)],
+)
+def test_values_depend_on_the_region_that_the_results_state(scheme, radius, region, rings):
+    mesh = shapes.icosphere(3)
+    points = mesh.points.copy()
+    points[500] *= 1.01
+    before, after = (measure_curvature(m, scheme, radius) for m in (mesh, mesh.moved(points)))
+    assert before.results["region"] == region and before.results["radius"] == radius
+    change = np.abs(after.vertex["mean_curvature"] - before.vertex["mean_curvature"])
+    adjacency = uniform_stiffness(mesh) != 0
+    near = np.eye(mesh.n_vertices)[500]
+    for _ in range(rings):
+        near = adjacency @ near
+    assert (change[near > 0] > 1e-9).mean() > 0.5 and change[near == 0].max() < 1e-9

@@ -41,6 +41,13 @@ VERTEX_ARRAYS = (
     "mean_curvature_normal", "principal_curvature_min", "principal_curvature_max", "principal_direction_min",
     "principal_direction_max", "combinatorial_curvature",
 )  # fmt: skip
+DEFAULT_REGIONS = {  # measured around each vertex
+    "quadric": "two rings",
+    "corrected": "star",
+    "normal-cycle": "star",
+    "normal-voting": "two rings",
+    "cotan": "star",
+}
 SCHEME_PROMISES = {
     "quadric": "converges pointwise on any sampling of a smooth surface, irregular and anisotropic ones too; "
     "noise and creases show as they are unless the radius is large",
@@ -123,7 +130,8 @@ def measure_curvature(
     vertex = _vertex_arrays(surface, principal) if full else _curvature_arrays(surface, principal)
     edge = _edge_arrays(surface) if full else {}
     results: dict[str, Any] = {"scheme": scheme, "promise": SCHEME_PROMISES[scheme]}
-    results |= {"radius": radius, "noise_estimate": noise.relative, "expected_error": expected_error}
+    results |= {"region": DEFAULT_REGIONS[scheme] if radius is None else "ball", "radius": radius}
+    results |= {"noise_estimate": noise.relative, "expected_error": expected_error}
     results |= _integrals(surface, principal)
     if full:
         results |= _further_integrals(surface, results)
