@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, face_area
-from ddgcli.mesh.require import FLAT_VOLUME_TOLERANCE, refuse_flat_faces
-from ddgcli.mesh.tet_mesh import TET_EDGES
+from ddgcli.mesh.require import refuse_flat_faces
+from ddgcli.mesh.tet_mesh import FLAT_VOLUME_TOLERANCE, TET_EDGES
 
 # local edges of a triangle: its sides in order
 TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])

@@ -13,13 +13,9 @@ from ddgcli.mesh.cures import cure, with_repair
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import vector_length
+from ddgcli.mesh.triangle_mesh import FLAT_AREA_TOLERANCE, TriangleMesh
 
-FLAT_AREA_TOLERANCE = 1e-12  # of the longest side squared
-FLAT_VOLUME_TOLERANCE = 1e-8  # of the longest edge cubed; rounding of volumes from edge lengths
 SAMPLE_SIZE = 1000  # faces
-FACES_OF_A_BLOCK = 1 << 16
 LENGTH_RANGE = (1e-140, 1e140)  # lengths whose squares, and sums of them, do not overflow
 
 
@@ -219,7 +215,7 @@ def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> N
         if requirement.volume:
             _require_volume(mesh)
     elif isinstance(mesh, TriangleMesh) and requirement.every_area:
-        _require_every_area(mesh, **requirement.surface)
+        refuse_flat_faces(mesh.flat_faces, mesh.topology, **requirement.surface)
 
 
 def _require_area(mesh: TriangleMesh) -> None:
@@ -242,19 +238,6 @@ def _no_area_error(n_faces: int) -> MeshError:
     return MeshError(f"none of the {n_faces} faces has an area; check the coordinates")
 
 
-def _require_every_area(mesh: TriangleMesh, *, manifold: bool = False, oriented: bool = False) -> None:
-    flat_blocks = []
-    for begin in range(0, mesh.n_faces, FACES_OF_A_BLOCK):  # all at once they take more than the mesh
-        corners = mesh.points[mesh.faces[begin : begin + FACES_OF_A_BLOCK]]
-        side = np.roll(corners, -1, axis=1) - corners
-        side /= np.maximum(np.abs(side).max(axis=(1, 2)), 1e-300)[:, None, None]
-        longest = np.maximum(vector_length(side.reshape(-1, 3)).reshape(-1, 3).max(axis=1), 1e-300)
-        doubled_area = vector_length(np.cross(side[:, 0], side[:, 1]))
-        flat_blocks.append(begin + np.flatnonzero(~(doubled_area > FLAT_AREA_TOLERANCE * longest**2)))
-    flat = np.concatenate([np.zeros(0, dtype=np.int64), *flat_blocks])
-    refuse_flat_faces(flat, mesh.topology, manifold=manifold, oriented=oriented)
-
-
 def refuse_flat_faces(
     flat: NDArray, topology: Topology | None = None, *, manifold: bool = False, oriented: bool = False
 ) -> None:
@@ -274,9 +257,7 @@ def refuse_flat_faces(
 
 
 def _require_volume(mesh: TetMesh) -> None:
-    edge = mesh.points[mesh.tetrahedra[:, 1:]] - mesh.points[mesh.tetrahedra[:, :1]]
-    smallest = FLAT_VOLUME_TOLERANCE * np.abs(edge).max(axis=(1, 2)) ** 3
-    flat = np.flatnonzero(np.abs(mesh.signed_volume) <= smallest)
+    flat = mesh.flat_tetrahedra
     if len(flat):
         raise MeshError(
             f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); correct their vertices"

@@ -17,6 +17,7 @@ from ddgcli.mesh.vectors import cone_volume
 TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 # local edges of a tetrahedron, in order
 TET_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+FLAT_VOLUME_TOLERANCE = 1e-8  # of the largest extent cubed; rounding of volumes from edge lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +90,15 @@ class TetMesh:
         p = self.points[self.tetrahedra]
         a, b, c = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0], p[:, 3] - p[:, 0]
         return frozen(cone_volume(a.T, b.T, c.T))
+
+    @cached_property
+    def flat_tetrahedra(self) -> NDArray[np.int64]:
+        """(k,) numbers of the tetrahedra without volume, to 1e-8 of their largest extent cubed."""
+        p = self.points[self.tetrahedra]
+        edge = p[:, 1:] - p[:, :1]
+        extent = np.abs(edge).max(axis=(1, 2), initial=0.0)
+        a, b, c = (edge / np.where(extent > 0, extent, 1.0)[:, None, None]).transpose(1, 2, 0)
+        return frozen(np.flatnonzero(~(np.abs(cone_volume(a, b, c)) > FLAT_VOLUME_TOLERANCE)))
 
     @property
     def edges(self) -> NDArray[np.int64]:

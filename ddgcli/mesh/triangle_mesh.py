@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.topology import NEXT, Topology, check_faces, frozen
-from ddgcli.mesh.vectors import vector_length
+from ddgcli.mesh.vectors import cross, dot, vector_length
 
+FLAT_AREA_TOLERANCE = 1e-12  # twice the area of a flat face, over its longest side squared
 MAX_COORDINATE = 1e300  # sums of lengths do not overflow
 BLOCK_SIZE = 1 << 14  # faces at a time, so that temporaries stay in cache
 
@@ -123,6 +124,23 @@ class TriangleMesh:
             for j in range(3):
                 length[rows, j] = _distance(corners[:, j], corners[:, (j + 1) % 3])
         return frozen(length)
+
+    @cached_property
+    def flat_faces(self) -> NDArray[np.int64]:
+        """(k,) numbers of the faces without area, to 1e-12 of their longest side squared.
+
+        From positions: lengths determine the area of a needle only to 1e-8 of its longest side squared.
+        """
+        points, flat = self.points.T.copy(), [np.zeros(0, dtype=np.int64)]
+        for begin in range(0, self.n_faces, BLOCK_SIZE):
+            corners = points.take(self.faces[begin : begin + BLOCK_SIZE].T, axis=1)
+            side = corners[:, NEXT] - corners
+            extent = np.abs(side).max(axis=(0, 1))
+            side /= np.where(extent > 0, extent, 1.0)
+            normal = cross(side[:, 0], side[:, 1])
+            has_area = dot(normal, normal) > (FLAT_AREA_TOLERANCE * dot(side, side).max(axis=0)) ** 2
+            flat.append(begin + np.flatnonzero(~has_area))
+        return frozen(np.concatenate(flat))
 
 
 def _distance(tail: NDArray, head: NDArray) -> NDArray[np.float64]:

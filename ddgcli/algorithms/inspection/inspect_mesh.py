@@ -42,9 +42,11 @@ def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet) -> Inspection:
         results = {**quality.curve_quality(mesh), "size": quality.size(mesh.points, length)}
         vertex, face = quality.curve_marks(mesh), {}
     else:
-        results = {**quality.surface_defects(mesh), "quality": quality.triangle_quality(mesh)}
+        angle = quality.corner_angles(mesh)
+        results = {**quality.surface_defects(mesh), "quality": quality.triangle_quality(mesh, angle)}
         results["size"] = quality.surface_size(mesh)
-        vertex, face = quality.surface_marks(mesh)
+        vertex = quality.surface_marks(mesh)
+        face = {"min_angle_degrees": quality.face_min_angle(mesh, angle)}
     accepts = {verb: unmet_need(mesh, verb) for verb in REQUIREMENTS}
     results["accepts"] = {verb: f"no: {why}" if why else "yes" for verb, why in accepts.items()}
     return Inspection(results, vertex, face)

@@ -7,18 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.geometry.extrinsic import enclosed_volume
+from ddgcli.geometry.extrinsic import enclosed_volume, face_area_vector
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import cone_volume, vector_length
+from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.triangle_mesh import BLOCK_SIZE, TriangleMesh
+from ddgcli.mesh.vectors import cone_volume, cross, dot, vector_length
 
 MAX_LISTED = 5  # elements listed for each defect
-DEGENERATE_AREA_TOLERANCE = (
-    1e-12  # a face whose area is below this share of its longest side squared is degenerate
-)
 ANGLE_BINS = np.arange(0.0, 181.0, 10.0)
 
 
@@ -34,7 +32,7 @@ def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
     defects: dict[str, Any] = {"orientable": topology.is_orientable, "orientation": orientation(mesh)}
     unreferenced = np.flatnonzero(~topology.referenced_vertex)
     for name, elements in (
-        ("degenerate_faces", np.flatnonzero(degenerate(mesh))),
+        ("degenerate_faces", mesh.flat_faces),
         ("repeated_index_faces", np.flatnonzero(repeated)),
         ("duplicate_faces", duplicates(np.sort(faces, axis=1))),
         ("unreferenced_vertices", unreferenced),
@@ -49,36 +47,28 @@ def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
     return defects
 
 
-def _scaled_faces(mesh: TriangleMesh) -> tuple[NDArray, NDArray, NDArray]:
-    """Side vectors over their largest coordinate, twice the areas of these faces, and that coordinate."""
-    side = mesh.side_vector
-    longest = np.abs(side).max(axis=(1, 2), initial=0.0, keepdims=True)
-    side = np.divide(side, longest, out=np.zeros_like(side), where=longest > 0)
-    cross = np.cross(side[:, 0], -side[:, 2])
-    return side, np.sqrt(np.einsum("ij,ij->i", cross, cross)), longest[:, 0, 0]
-
-
 def surface_area(mesh: TriangleMesh) -> float:
-    """Sum of the face areas from positions (see `corner_angles`); infinite where it leaves float64."""
-    _, double_area, longest = _scaled_faces(mesh)
+    """Sum of the face areas from positions; infinite where it leaves float64."""
+    extent = float(mesh.side_length.max(initial=0.0)) or 1.0
+    area = vector_length(face_area_vector(mesh.moved(mesh.points / extent)))
     with np.errstate(over="ignore"):
-        return float((0.5 * double_area * longest * longest).sum())
+        return float(area.sum() * extent * extent)
 
 
-def corner_angles(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """(m, 3) angles in degrees, and (m,) True at faces without area (three points in a line, or fewer).
-
-    From positions: lengths determine the area of a needle only to 1e-8 of its longest side squared.
-    """
-    side, double_area, _ = _scaled_faces(mesh)
-    back = -side[:, [2, 0, 1]]
-    dot = np.einsum("ijk,ijk->ij", side, back)
-    return np.degrees(np.arctan2(double_area[:, None], dot)), double_area <= DEGENERATE_AREA_TOLERANCE
-
-
-def degenerate(mesh: TriangleMesh) -> NDArray[np.bool_]:
-    """(m,) True at faces without area, relative to their longest side."""
-    return corner_angles(mesh)[1]
+def corner_angles(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """(m, 3) angles in degrees, from positions; each face is scaled to its size."""
+    points, angle = mesh.points.T.copy(), np.empty((mesh.n_faces, 3))
+    for begin in range(0, mesh.n_faces, BLOCK_SIZE):
+        rows = slice(begin, begin + BLOCK_SIZE)
+        corners = points.take(mesh.faces[rows].T, axis=1)
+        side = corners[:, NEXT] - corners
+        extent = np.abs(side).max(axis=(0, 1))
+        side /= np.where(extent > 0, extent, 1.0)
+        normal = cross(side[:, 0], side[:, 1])
+        double_area = np.sqrt(dot(normal, normal))
+        for j in range(3):
+            angle[rows, j] = np.arctan2(double_area, -dot(side[:, j], side[:, j - 1]))
+    return np.degrees(angle)
 
 
 def duplicates(rows: NDArray) -> NDArray[np.int64]:
@@ -126,14 +116,14 @@ def component_volume(mesh: TriangleMesh) -> NDArray[np.float64]:
     return sum_by_index(label, cone_volume(*corners.transpose(1, 2, 0)), n)
 
 
-def triangle_quality(mesh: TriangleMesh) -> dict[str, Any]:
+def triangle_quality(mesh: TriangleMesh, angle: NDArray) -> dict[str, Any]:
     """Angles, aspect and needle ratio of the faces that have area; None where there is none.
 
     `aspect_ratio` is longest side / (2 sqrt(3) inradius), 1 for an equilateral triangle; `needle_ratio`
-    longest / shortest side. The histogram counts corners in bins of ten degrees.
+    longest / shortest side. The histogram counts corners in bins of ten degrees. `angle` of `corner_angles`.
     """
-    angle, flat = corner_angles(mesh)
-    good = ~flat
+    good = np.ones(mesh.n_faces, dtype=bool)
+    good[mesh.flat_faces] = False
     if not good.any():
         return {"min_angle_degrees": None, "max_angle_degrees": None}
     angle, length = angle[good], mesh.side_length[good]
@@ -156,10 +146,11 @@ def triangle_quality(mesh: TriangleMesh) -> dict[str, Any]:
     }
 
 
-def face_min_angle(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(m,) smallest angle of each face in degrees; 0 where it has no area."""
-    angle, flat = corner_angles(mesh)
-    return np.where(flat, 0.0, angle.min(axis=1, initial=180.0))
+def face_min_angle(mesh: TriangleMesh, angle: NDArray) -> NDArray[np.float64]:
+    """(m,) smallest of the angles (m, 3) of each face in degrees; 0 where it has no area."""
+    smallest = angle.min(axis=1, initial=180.0)
+    smallest[mesh.flat_faces] = 0.0
+    return smallest
 
 
 def size(points: NDArray, length: NDArray) -> dict[str, Any]:
@@ -187,18 +178,17 @@ def surface_size(mesh: TriangleMesh) -> dict[str, Any]:
     return sizes
 
 
-def surface_marks(mesh: TriangleMesh) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
-    """Vertex arrays `component`, `boundary`, `non_manifold` and face array `min_angle_degrees`."""
+def surface_marks(mesh: TriangleMesh) -> dict[str, NDArray]:
+    """Vertex arrays `component`, `boundary` and `non_manifold`."""
     topology = mesh.topology
     non_manifold = np.zeros(mesh.n_vertices, dtype=np.uint8)
     non_manifold[topology.nonmanifold_vertices] = 1
     non_manifold[topology.edges[topology.nonmanifold_edges]] = 1
-    vertex: dict[str, NDArray] = {
+    return {
         "component": topology.vertex_component,
         "boundary": topology.boundary_vertex.astype(np.uint8),
         "non_manifold": non_manifold,
     }
-    return vertex, {"min_angle_degrees": face_min_angle(mesh)}
 
 
 def dihedral_degrees(mesh: TetMesh) -> NDArray[np.float64]:
@@ -219,12 +209,8 @@ def dihedral_degrees(mesh: TetMesh) -> NDArray[np.float64]:
 def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
     """Dihedral angles, inverted and flat cells, and faces that more than two cells share."""
     volume = mesh.signed_volume
-    edge = (
-        mesh.points[mesh.tetrahedra][:, [0, 0, 0, 1, 1, 2]]
-        - mesh.points[mesh.tetrahedra][:, [1, 2, 3, 2, 3, 3]]
-    )
-    length = vector_length(edge)
-    flat = np.abs(volume) <= DEGENERATE_AREA_TOLERANCE * length.max(axis=1, initial=0.0) ** 3
+    flat = np.zeros(len(volume), dtype=bool)
+    flat[mesh.flat_tetrahedra] = True
     angle = dihedral_degrees(mesh)
     faces = np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1)
     _, count = np.unique(faces, axis=0, return_counts=True)
@@ -238,7 +224,7 @@ def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
     }
     for name, elements in (
         ("inverted_tetrahedra", np.flatnonzero((volume < 0) & ~flat)),
-        ("flat_tetrahedra", np.flatnonzero(flat)),
+        ("flat_tetrahedra", mesh.flat_tetrahedra),
         ("duplicate_tetrahedra", duplicates(np.sort(mesh.tetrahedra, axis=1))),
         ("unreferenced_vertices", np.flatnonzero(~referenced)),
         ("coincident_vertices", coincident(mesh.points, referenced)),
@@ -251,7 +237,7 @@ def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
 
 def tetrahedra_marks(mesh: TetMesh) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
     """Vertex arrays of the boundary as for a surface, and the smallest dihedral angle of each cell."""
-    vertex, _ = surface_marks(mesh.boundary)
+    vertex = surface_marks(mesh.boundary)
     on_boundary = mesh.boundary.topology.referenced_vertex
     vertex["boundary"] = on_boundary.astype(np.uint8)
     return vertex, {"min_angle_degrees": np.nan_to_num(dihedral_degrees(mesh).min(axis=1, initial=180.0))}

@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.repair import merged_points, reverse_faces
-from ddgcli.mesh.require import FLAT_AREA_TOLERANCE
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -72,11 +71,9 @@ def weld(repaired: RepairedMesh, distance: float = 0.0) -> RepairedMesh:
 def drop_degenerate(repaired: RepairedMesh) -> RepairedMesh:
     """Remove faces with a repeated vertex, or with an area below 1e-12 of the longest side squared."""
     faces = repaired.mesh.faces
-    longest = np.maximum(repaired.mesh.side_length.max(axis=1), np.finfo(float).tiny)
-    side = repaired.mesh.side_vector / longest[:, None, None]
-    twice_area = np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1)
-    repeated = (faces == faces[:, NEXT]).any(axis=1)
-    return _of_faces(repaired, ~repeated & (twice_area > FLAT_AREA_TOLERANCE))
+    has_area = (faces != faces[:, NEXT]).all(axis=1)
+    has_area[repaired.mesh.flat_faces] = False
+    return _of_faces(repaired, has_area)
 
 
 def drop_duplicates(repaired: RepairedMesh) -> RepairedMesh:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.geometry.extrinsic import face_area_vector
-from ddgcli.mesh.require import FLAT_AREA_TOLERANCE, refuse_flat_faces, require
+from ddgcli.mesh.require import refuse_flat_faces, require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
 
@@ -32,10 +32,7 @@ def centred_at_unit_size(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.f
             f"the surface measures {extent:.3g} from its centre; willmore-flow takes 1e-60 to 1e60: rescale"
         )
     unit = mesh.moved((mesh.points - centre) / extent)
-    doubled = 2.0 * vector_length(face_area_vector(unit))
-    longest = unit.side_length.max(axis=1)
-    bad = np.flatnonzero(~(doubled > FLAT_AREA_TOLERANCE * longest**2))
-    refuse_flat_faces(bad, mesh.topology, manifold=True, oriented=True)
-    radius = extent * math.sqrt(0.5 * doubled.sum() / (4.0 * math.pi))
+    refuse_flat_faces(unit.flat_faces, mesh.topology, manifold=True, oriented=True)
+    radius = extent * math.sqrt(vector_length(face_area_vector(unit)).sum() / (4.0 * math.pi))
     scale = 2.0 ** round(math.log2(radius))
     return mesh.moved((mesh.points - centre) / scale), centre, scale
