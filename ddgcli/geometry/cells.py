@@ -49,6 +49,13 @@ class CellMetric:
         return 0.5 * (s[:, a, d] + s[:, b, c] - s[:, a, c] - s[:, b, d])
 
 
+def check_triangles(side_length: NDArray) -> NDArray[np.float64]:
+    """(m,) areas of the faces; MeshError where one has none."""
+    area = face_area(side_length)
+    refuse_flat_faces(np.flatnonzero(~(area > 0)), manifold=True)
+    return area
+
+
 def triangle_metric(side_length: NDArray) -> CellMetric:
     """Metric of triangles; side j runs from corner j to corner j+1.
 
@@ -57,8 +64,7 @@ def triangle_metric(side_length: NDArray) -> CellMetric:
     MeshError
         When a face has no area: its gradients are infinite.
     """
-    area = face_area(side_length)
-    refuse_flat_faces(np.flatnonzero(~(area > 0)), manifold=True)
+    area = check_triangles(side_length)
     squared = np.zeros((len(area), 3, 3))
     product = np.zeros_like(squared)
     cotan = corner_cotan(side_length)

@@ -157,7 +157,7 @@ class Newton:
         if self.is_linear(increment):
             return self._constant.minimiser(system, increment.a, increment.target, guess.y), 1
         self._fresh, self._secants = False, Secants()
-        enough = MOVE_TOLERANCE * system.size
+        enough = max(MOVE_TOLERANCE * system.size, self._rounding(guess.y))
         point, before, cut, near = guess, np.inf, 0, 0
         for iteration in range(1, MAX_NEWTON_ITERATIONS + 1):
             g = self.slope(increment, point.y)
@@ -213,7 +213,12 @@ class Newton:
     def _moved(self, increment: Increment, y: NDArray) -> float:
         """The part that counts of what the acceleration moves in the step; at least rounding."""
         moved = ACCELERATION_TOLERANCE * float(np.abs(self.system.only_free(y - increment.target)).max())
-        return max(moved, HALF_ULP * float(np.abs(y).max()))
+        return max(moved, self._rounding(y))
+
+    @staticmethod
+    def _rounding(y: NDArray) -> float:
+        """A move that changes no digit of the largest coordinate."""
+        return HALF_ULP * float(np.abs(y).max())
 
     def _in_balance(self, increment: Increment, y: NDArray, g: NDArray) -> bool:
         """Whether the forces on all vertices together move their middle no more than that."""

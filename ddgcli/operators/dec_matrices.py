@@ -11,7 +11,10 @@ from scipy.sparse import csr_array, diags_array
 from ddgcli.errors import MeshError
 from ddgcli.linalg.indices import compact
 from ddgcli.memory import check_memory
-from ddgcli.operators.dec import Complex
+from ddgcli.mesh.require import require_sized_cells
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.dec import Complex, complex_of
 from ddgcli.operators.stars import Star, hodge_star
 
 BYTES_PER_ENTRY = 12  # of a sparse matrix: a float64 and an int32
@@ -86,6 +89,21 @@ def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
             raise MeshError(f"entries of {name} leave the range of numbers; rescale the coordinates")
     negative = sum(int((matrix.diagonal() < 0).sum()) for matrix in stars)
     return DecMatrices(complex_, star, matrices, negative)
+
+
+def check_star(mesh: TriangleMesh | TetMesh, star: Star) -> None:
+    """Raise the errors of `dec_matrices` about the entries of its star, before it computes.
+
+    Raises
+    ------
+    MeshError
+        For a cell without area or volume, or a zero entry of the circumcentric star.
+    """
+    require_sized_cells(mesh, "dec")
+    if star == "circumcentric":  # the others are positive
+        complex_ = complex_of(mesh)
+        for degree in range(complex_.dimension):
+            _inverse(complex_, degree, star)
 
 
 def form_laplacian(complex_: Complex, degree: int, star: Star = "galerkin") -> tuple[csr_array, csr_array]:

@@ -15,6 +15,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 FLAT_EXCESS = 4  # in roundings of the perimeter: a triangle with a smaller excess is degenerate
 MOLLIFIED_EXCESS = 64  # in roundings of the mean side: excess of a mollified triangle, well above FLAT_EXCESS
 MAX_ROUNDS = 1000
+SAMPLE_SIZE = 1000  # faces, one of which mostly has an area
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +72,11 @@ def mollify_lengths(length: NDArray, side_edge: NDArray) -> Mollification:
     """
     unit = float(np.finfo(length.dtype).eps)
     least = _excesses(length)[:, 0]
-    flat = np.flatnonzero(~(least > FLAT_EXCESS * unit * length.sum(axis=1)))
+    flat = np.flatnonzero(_is_flat(length, least))
     if len(flat) == 0:
         return Mollification(length, flat)
     if len(flat) == len(length):
-        raise MeshError(f"none of the {len(length)} faces has an area; check the coordinates")
+        raise _no_area_error(len(length))
     original = np.zeros(side_edge.max() + 1, dtype=length.dtype)
     original[side_edge] = length
     mean = length.mean()
@@ -86,6 +87,27 @@ def mollify_lengths(length: NDArray, side_edge: NDArray) -> Mollification:
     grown = _lengthen(original, side_edge, added, required)
     change = grown - original
     return Mollification(grown[side_edge], flat, int((change > 0).sum()), float(change.max() / mean))
+
+
+def check_mollifiable(mesh: TriangleMesh | IntrinsicMesh) -> None:
+    """Raise the error of `mollify_lengths`, before it computes."""
+    if all_flat(mesh.side_length):
+        raise _no_area_error(mesh.n_faces)
+
+
+def all_flat(length: NDArray) -> bool:
+    """Whether no face of these sides (m, 3) has an area."""
+    return bool(_is_flat(length[:SAMPLE_SIZE]).all() and _is_flat(length).all())
+
+
+def _is_flat(length: NDArray, least_excess: NDArray | None = None) -> NDArray[np.bool_]:
+    """(m,) whether the sides of a face violate the triangle inequality, or satisfy it up to rounding."""
+    least = _excesses(length)[:, 0] if least_excess is None else least_excess
+    return ~(least > FLAT_EXCESS * float(np.finfo(length.dtype).eps) * length.sum(axis=1))
+
+
+def _no_area_error(n_faces: int) -> MeshError:
+    return MeshError(f"none of the {n_faces} faces has an area; check the coordinates")
 
 
 def mollify_mesh(mesh: TriangleMesh | IntrinsicMesh) -> tuple[TriangleMesh | IntrinsicMesh, Mollification]:

@@ -339,7 +339,11 @@ def test_peak_memory_and_seconds_are_within_half_of_the_prediction(name, shape, 
      "willmore-flow {grid} -o {out}.vtkhdf -o {out}.h5", "curve-flow {line} --flow area-preserving",
      "shell-sim {grid} --pin 99 --effect stretching --set thickness=1e-3 --set young=1e6 --set density=1",
      "shell-sim {grid} --effect stretching --set thickness=1e-3 --set young=1e6 --set density=1 --dt 1e-3 "
-     "--steps 1 --plot {out}.png --show missing"],
+     "--steps 1 --plot {out}.png --show missing",
+     "dec {grid} --star circumcentric", "delaunay {flat}", "delaunay {flat} --refine 20",
+     "laplacian {flat}", "laplacian {flat} --operator cotan", "laplacian {flat} --operator tufted",
+     "hodge {flat} --basis", "geodesic {flat} --source 0 --method heat",
+     "geodesic {flat} --source 0 --compare heat"],
 )  # fmt: skip
 def test_a_dry_run_refuses_what_the_run_refuses(run, tmp_path, words):
     grid = shapes.grid(2, 2)
@@ -348,7 +352,9 @@ def test_a_dry_run_refuses_what_the_run_refuses(run, tmp_path, words):
     np.savez(tmp_path / "grid.npz", points=grid.points, faces=grid.faces, v=field)
     np.savez(tmp_path / "fin.npz", points=grid.points, faces=fin)
     np.savez(tmp_path / "line.npz", points=grid.points[:3], lines=[[0, 1], [1, 2]])
-    paths = {name: tmp_path / f"{name}.npz" for name in ("grid", "fin", "line")}
+    on_a_line = np.outer([0.3, 0.6, 0.9, 1.2], [1.0, 1.0, 0.0])
+    np.savez(tmp_path / "flat.npz", points=on_a_line, faces=[[0, 1, 2], [1, 3, 2]])
+    paths = {name: tmp_path / f"{name}.npz" for name in ("grid", "fin", "line", "flat")}
     call = words.format(**paths, out=tmp_path / "out").split()
     errors = [run(*call, *more) for more in ((), ("--dry-run",))]
     assert [error.exit_code for error in errors] == [2, 2]

@@ -88,3 +88,33 @@ def test_a_comparison_of_curvatures_takes_a_radius_that_is_a_length(run, tmp_pat
     result = run("tradeoff", "--budget", 1, "curvature", ball, "--radius", "auto")
     assert result.exit_code == 2
     assert "no length" in result.stderr
+
+
+def test_options_of_time_are_left_out_together_where_a_flow_goes_to_rest(run, tmp_path):
+    """Once `--tolerance` required `--duration`, which `--remesh` refuses."""
+    sphere = written(tmp_path / "a.npz", shapes.icosphere(1))
+    timed = ("--duration", 1, "--tolerance", 0.1, "--frame-every", 0.5, "--integrator", "rosenbrock")
+    result = run("willmore-flow", sphere, "--remesh", "mean", *timed)
+    assert "leave --dt, --duration, --tolerance, --frame-every and --integrator out" in result.stderr
+
+
+def test_an_energy_that_is_not_defined_is_null_with_a_warning(summary, tmp_path):
+    """The normals of the middle vertex cancel: four faces of a square, and the same turned over."""
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
+    above = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]])
+    below = np.where(above == 0, 5, above)[:, ::-1]
+    mesh = TriangleMesh.from_arrays(np.vstack([points, points[:1]]), np.vstack([above, below]))
+    flow = ("--energy", "cotan", "--report-energy", "all", "--steps", 1, "--dt", 1e-9)
+    result = summary("willmore-flow", written(tmp_path / "a.npz", mesh), *flow, code=1)
+    assert result["results"]["energies"]["gauss-map"]["start"] is None
+    assert "energy gauss-map could not be computed" in " ".join(result["warnings"])
+
+
+def test_steps_far_from_the_origin_end_where_a_move_changes_no_coordinate(summary, tmp_path):
+    """Once 300 iterations of Newton's method a step, with moves below the rounding of the coordinates."""
+    cube = shapes.icosphere(1)
+    path = written(tmp_path / "a.npz", cube.moved(np.round(4 * cube.points) + [5e10, -1.5e10, 3.5e10]))
+    words = ("--effect", "stretching", "--effect", "gravity", "--dt", 1e-2, "--steps", 2)
+    results = summary("shell-sim", path, *words)["results"]
+    assert results["rejected_steps"] == 0
+    assert results["newton_iterations"] < 20

@@ -19,6 +19,7 @@ from ddgcli.algorithms.delaunay.refine import RefinementResult, check_refinement
 from ddgcli.algorithms.delaunay.transfer import TransferResult, check_transferable, transfer_to_intrinsic
 from ddgcli.algorithms.delaunay.triangulation import (
     IntrinsicDelaunay,
+    check_area,
     flip_to_delaunay,
     glue,
     length_scale,
@@ -116,6 +117,7 @@ def check_query(
         check_refinement(mesh, degrees)
     else:
         require_surface(mesh, "the intrinsic Delaunay triangulation", one_sided=True)
+        check_area(mesh)
 
 
 def intrinsic_delaunay(

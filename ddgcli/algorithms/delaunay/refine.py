@@ -25,6 +25,7 @@ from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.repair import one_vertex_a_fan
 from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.mollify import check_mollifiable
 
 log = logging.getLogger("ddgcli")
 
@@ -75,6 +76,7 @@ def check_refinement(mesh: TriangleMesh, degrees: float) -> None:
         )
     require_surface(mesh, "refinement")
     require(mesh, "refinement", extent=True)
+    check_mollifiable(mesh)
 
 
 def refine(

@@ -22,7 +22,7 @@ from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.mollify import Mollification, mollify_lengths
+from ddgcli.operators.mollify import Mollification, all_flat, mollify_lengths
 
 log = logging.getLogger("ddgcli")
 
@@ -215,6 +215,12 @@ def _is_gluing(topology: Topology) -> bool:
     return bool(
         (twin[partner] == side).all() and (partner != side).all() and (topology.side_tail[side] == end).all()
     )
+
+
+def check_area(mesh: TriangleMesh | IntrinsicMesh) -> None:
+    """Raise MeshError for a surface without area, as the flips do, at little cost on others."""
+    if all_flat(mesh.side_length):
+        working_lengths(mesh, glue(mesh))  # in extended precision some face may have an area
 
 
 def working_lengths(mesh: TriangleMesh | IntrinsicMesh, glued: IntrinsicMesh) -> Mollification:

@@ -19,6 +19,7 @@ from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.mollify import all_flat, check_mollifiable
 
 if TYPE_CHECKING:
     from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
@@ -227,6 +228,12 @@ def _heat_mesh(mesh: SurfaceMesh, operator: str | None) -> tuple[str, SurfaceMes
 
         return operator, flip_to_delaunay(tufted_cover(mesh)).mesh
     return operator, flip_to_delaunay(mesh).mesh
+
+
+def check_heat(mesh: SurfaceMesh, operator: str | None) -> None:
+    """Raise the error of the heat method about a surface without area, at little cost on others."""
+    if all_flat(mesh.side_length):
+        check_mollifiable(_heat_mesh(mesh, operator)[1])
 
 
 def _fast_marching(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:

@@ -22,6 +22,7 @@ from ddgcli.algorithms.hodge.harmonic import HarmonicBasis, harmonic_basis
 from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, generator_loops
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.cells import check_triangles
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.require import require
@@ -111,6 +112,8 @@ def hodge_analysis(
 def check_query(mesh: SpaceMesh, field: tuple[NDArray, str] | None, with_basis: bool) -> str:
     """Place of the results of `hodge_analysis`, "" without any; its errors, before it computes."""
     check_mesh(mesh)
+    if isinstance(mesh, TriangleMesh) and (with_basis or field is not None):
+        check_triangles(mesh.side_length)
     if field is None:
         return "edge" if with_basis else ""
     place = field_place(mesh, *field)

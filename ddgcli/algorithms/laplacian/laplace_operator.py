@@ -25,7 +25,7 @@ from ddgcli.operators.laplacian import (
     uniform_stiffness,
     voronoi_mass,
 )
-from ddgcli.operators.mollify import Mollification, mollify_mesh
+from ddgcli.operators.mollify import Mollification, all_flat, mollify_mesh
 from ddgcli.operators.tufted import tufted_cover
 
 log = logging.getLogger("ddgcli")
@@ -131,6 +131,8 @@ def check_operator(mesh: TriangleMesh | TetMesh, operator: str | None, mass: str
     cleaned = _without_repeated_corners(mesh)
     if operator == "intrinsic-delaunay":
         _require_surface(cleaned)
+    if all_flat(cleaned.side_length):
+        _triangulation(operator or _default_operator(cleaned), cleaned, None)
 
 
 def _solid_operator(mesh: TetMesh, name: str, mass: str) -> LaplaceOperator:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.geodesics.distance import check_heat
 from ddgcli.algorithms.geodesics.distance_query import each_source_names, query_sources
 from ddgcli.algorithms.geodesics.edge_sets import EdgeSet
 from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover
@@ -55,6 +56,8 @@ class GeodesicTask:
         wave_query, sources = wave_query or WaveQuery(), None
         if distance_query.has_source or not (curve_query.has_curves or wave_query.needs_no_source):
             sources = query_sources(mesh, distance_query, source_edges)
+            if "heat" in (distance_query.method, *distance_query.compare):
+                check_heat(mesh, distance_query.operator)
         faces = np.array([face for face, _ in distance_query.target_face], dtype=np.int64)
         weights = np.array([weights for _, weights in distance_query.target_face], dtype=float)
         SurfacePoints.checked(faces, weights.reshape(-1, 3), mesh.n_faces)

@@ -80,7 +80,7 @@ def command(
     from ddgcli.mesh.require import require
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.operators.dec import complex_of
-    from ddgcli.operators.dec_matrices import dec_matrices
+    from ddgcli.operators.dec_matrices import check_star, dec_matrices
     from ddgcli.operators.form_products import check_products
 
     mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
@@ -88,6 +88,7 @@ def command(
         require(mesh, "dec", manifold=True, oriented=True)
     if forms_of_input:
         check_products(mesh, forms_of_input)
+    check_star(mesh, star)
     run.begin()
     computed = products_of(run, mesh, forms_of_input, forms) if forms_of_input else None
     operators = dec_matrices(complex_of(mesh), star)

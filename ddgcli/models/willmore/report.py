@@ -89,7 +89,18 @@ def _finite(value: float) -> float | None:
 
 
 def every_energy(series: Mapping[str, NDArray]) -> dict[str, dict[str, Any]]:
-    """All energies, one value a frame, with their conventions (`report_energy=all`)."""
+    """All energies, one value a frame, with their conventions (`report_energy=all`).
+
+    None, with a warning, in frames where an energy is not defined: `quadratic` of other faces, `gauss-map`
+    where the normals around a vertex cancel.
+    """
+    for name in ENERGIES:
+        undefined = int((~np.isfinite(series[f"energy_{name}"])).sum())
+        if undefined:
+            logging.getLogger("ddgcli").warning(
+                "energy %s could not be computed in %d of %d frames", name, undefined,
+                len(series[f"energy_{name}"]),
+            )  # fmt: skip
     return {
         name: {
             "start": _finite(series[f"energy_{name}"][0]),

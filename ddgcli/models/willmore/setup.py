@@ -36,6 +36,9 @@ DEFAULT_FRAME_COUNT = 50
 # default length of timed steps, in radius^4 (mean curvature flow: radius^2) of the sphere of the same area
 DEFAULT_STEP, DEFAULT_CURVATURE_FLOW_STEP = 5e-3, 2e-3
 
+# options of flows in time, which those to rest do not take
+TIME_OPTIONS = "`dt`, `duration`, `tolerance`, `frame_every` and `integrator`"
+
 
 def free_vertices(topology: Topology, boundary: str, region: NDArray | None = None) -> NDArray[np.int64]:
     """Vertices that move: those of the region, if one is given, that no boundary condition holds.
@@ -181,7 +184,7 @@ def _require_conformal(mesh: TriangleMesh, options: FlowOptions, region: NDArray
         )
     if region is not None or options.timed:
         raise ParameterError(
-            "`flow=conformal` moves the whole surface to rest: leave `region`, `dt` and `duration` out"
+            f"`flow=conformal` moves the whole surface to rest: leave `region`, {TIME_OPTIONS} out"
         )
 
 
@@ -228,7 +231,7 @@ def _remesh_target(
         return None
     if kind != "descent" or options.timed:
         raise ParameterError(
-            "`remesh` changes the faces of flows to rest: leave `dt` and `duration` out, and use "
+            f"`remesh` changes the faces of flows to rest: leave {TIME_OPTIONS} out, and use "
             "`flow=quadratic` or `flow=circle-angle`"
         )
     if not ENERGIES[energy].keeps_triangles:
@@ -273,9 +276,7 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     if kind == "conformal":
         _require_conformal(mesh, options, region)
     if kind == "newton" and options.timed:
-        raise ParameterError(
-            "`flow=newton` goes to rest: leave `dt` and `duration` out, or use `flow=quadratic`"
-        )
+        raise ParameterError(f"`flow=newton` goes to rest: leave {TIME_OPTIONS} out, or use `flow=quadratic`")
     constraints = film_constraints(unit, options, film)
     curvature = _unit_curvature(unit, options, scale)
     definition = ENERGIES[energy_name]
