@@ -11,6 +11,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from benchmarks.fuzz.call_cures import cures, place_of
 from benchmarks.fuzz.call_dry_runs import disagreement, has_dry_run
 from benchmarks.fuzz.call_meshes import SURFACE, mesh_arrays, mesh_file
+from benchmarks.fuzz.call_resume import resume_fault
 from benchmarks.fuzz.scratch import scratch_folder
 from benchmarks.hardcases.checks import (
     CHECKS,
@@ -55,6 +57,7 @@ class CallOutcome:
     new_files: list[str] = field(default_factory=list)
     seconds: float = 0.0
     exception: BaseException | None = None
+    stdout_bytes: bytes = b""
 
     @property
     def line(self) -> str:
@@ -70,24 +73,36 @@ class CallOutcome:
     @property
     def summary(self) -> dict[str, Any] | None:
         """The summary of --json; None without one."""
-        if "--json" not in self.words or not self.stdout.strip() or self.is_listing:
+        if "--json" not in self.words or self.is_listing or not self.stdout.strip():
             return None
         return json.loads(self.stdout, parse_constant=_reject)
 
     @property
     def is_listing(self) -> bool:
-        """Whether the call prints a list of effects or a schema in place of a summary."""
-        return not {"--effects", "--schema"}.isdisjoint(self.words)
+        """Whether standard output has a list of effects, a schema or a mesh in place of a summary."""
+        return not {"--effects", "--schema"}.isdisjoint(self.words) or writes_to_stdout(self.words)
 
 
-def call_outcome(words: list[str], folder: Path) -> CallOutcome:
+def writes_to_stdout(words: list[str]) -> bool:
+    """Whether a call has `-o -`, which excludes --json."""
+    return ("-o", "-") in zip(words, words[1:], strict=False)
+
+
+def call_outcome(words: list[str], folder: Path, stdin: bytes | None = None) -> CallOutcome:
     """Run a call in this process, in this folder."""
     before, start = _file_stamps(folder), time.process_time()
-    result = CliRunner().invoke(command_line, words)
+    result = CliRunner().invoke(command_line, words, input=stdin)
     seconds = time.process_time() - start
     files = sorted(name for name, stamp in _file_stamps(folder).items() if before.get(name) != stamp)
     return CallOutcome(
-        words, result.exit_code, result.stdout, result.stderr, files, seconds, result.exception
+        words,
+        result.exit_code,
+        result.stdout,
+        result.stderr,
+        files,
+        seconds,
+        result.exception,
+        result.stdout_bytes,
     )
 
 
@@ -117,7 +132,9 @@ def read_call() -> Callable[[bytes], object]:
 def run_call(call: dict[str, Any], folder: Path) -> CallOutcome:
     """Run the preparing calls and the judged one, follow the cures of refusals, and check every outcome."""
     mesh, name = call["mesh"], f"mesh{call['mesh']['suffix']}"
-    (folder / name).write_bytes(mesh_file(mesh))
+    content = mesh_file(mesh)
+    stdin = content if call.get("stdin") else None
+    (folder / name).write_bytes(content)
     np.save(folder / "f.npy", np.linspace(0, 1, len(mesh["points"])))
     np.save(folder / "edges.npy", np.array([[0, 1], [1, 2]]))
 
@@ -125,16 +142,16 @@ def run_call(call: dict[str, Any], folder: Path) -> CallOutcome:
         return _with_json([word.replace("{input}", name).replace("{folder}/", "") for word in words])
 
     def checked_outcome(words: Iterable[str], is_input: bool = True) -> CallOutcome:
-        outcome = call_outcome(command_words(words), folder)
+        outcome = call_outcome(command_words(words), folder, stdin)
         check_outcome(outcome, mesh, folder, is_input)
         return outcome
 
     def judged_outcome(words: Iterable[str], is_input: bool = True) -> CallOutcome:
         call_words = command_words(words)
-        dry = _dry_run(call_words, folder) if has_dry_run(call_words, refused=False) else None
+        dry = _dry_run(call_words, folder, stdin) if has_dry_run(call_words, refused=False) else None
         outcome = checked_outcome(words, is_input)
         if dry is None and outcome.exit_code == 2 and has_dry_run(call_words, refused=True):
-            dry = _dry_run(call_words, folder)
+            dry = _dry_run(call_words, folder, stdin)
         if dry is not None and (fault := disagreement(dry, outcome)):
             raise CallError(fault)
         return outcome
@@ -164,11 +181,18 @@ def run_call(call: dict[str, Any], folder: Path) -> CallOutcome:
             raise CallError(f"{outcome.line}: the cure {cure.reason!r} fails; refusals: {refusals}")
     if outcome.exit_code == 2:
         raise DdgError(outcome.error)
+    if call.get("interrupt"):
+        whole_call = partial(call_outcome, folder=folder)
+        fault = resume_fault(outcome, lambda w: whole_call(command_words(w)), folder, call["interrupt"])
+        if fault:
+            raise CallError(fault)
     return outcome
 
 
 def _with_json(words: list[str]) -> list[str]:
     """The words with --json at the end, but before `--` of the command that a batch runs."""
+    if writes_to_stdout(words):
+        return list(words)
     k = words.index("--") if "--" in words else len(words)
     return [*words[:k], "--json", *words[k:]]
 
@@ -177,9 +201,9 @@ def _same_refusal(error: str, refusals: list[str]) -> bool:
     return error.replace("repaired.ply", "") in [text.replace("repaired.ply", "") for text in refusals]
 
 
-def _dry_run(words: list[str], folder: Path) -> CallOutcome:
+def _dry_run(words: list[str], folder: Path, stdin: bytes | None) -> CallOutcome:
     """The dry run of a call, which writes nothing."""
-    outcome = call_outcome([*words, "--dry-run"], folder)
+    outcome = call_outcome([*words, "--dry-run"], folder, stdin)
     if outcome.new_files:
         raise CallError(f"{outcome.line}: a dry run wrote {outcome.new_files}")
     check_form(outcome)
@@ -199,7 +223,8 @@ def check_form(outcome: CallOutcome) -> None:
         raise CallError(f"{line}: refused in {len(lines)} lines: {lines[:3]}")
     if outcome.exit_code == 1 and not outcome.error and not outcome.stdout.strip():
         raise CallError(f"{line}: exit code 1 without a summary or an error")
-    if len(lines) > 1 or len(outcome.error) > MAX_LENGTH:
+    has_summary_there = writes_to_stdout(outcome.words) and outcome.exit_code != 2
+    if len(lines) > 1 and not has_summary_there or len(outcome.error) > MAX_LENGTH:
         raise CallError(f"{line}: {len(lines)} lines, {len(outcome.error)} characters: {lines[:2]}")
     if "out of memory" in outcome.error:
         raise CallError(f"{line}: {outcome.error}")
@@ -226,6 +251,11 @@ def check_outcome(outcome: CallOutcome, mesh: dict[str, Any], folder: Path, is_i
              if os.path.basename(name) not in outputs and not name.endswith(".part")]  # fmt: skip
     if summary is not None and extra and outcome.words[0] not in ("batch", "check"):
         raise CallError(f"{line}: files that the summary does not list: {extra}")
+    if writes_to_stdout(outcome.words) and outcome.exit_code == 0 and "--dry-run" not in outcome.words:
+        suffix = outcome.words[outcome.words.index("--output-format") + 1]
+        (folder / f"stdout{suffix}").write_bytes(outcome.stdout_bytes)
+        for array_name, array in written_arrays(folder / f"stdout{suffix}"):
+            check_finite(line, "standard output", array_name, array)
     if summary is None or outcome.exit_code != 0:
         return
     arrays: dict[str, NDArray] = {}

@@ -29,6 +29,9 @@ LEFT_OUT = {"help_all", "as_json", "verbose", "quiet", "cluster"}  # not values 
 RARE = {"plot", "threads", "jobs", "list_effects", "schema", "resume", "input_format", "output_format"}
 SHARE_OF_RARE = 0.06
 SHARE_OF_OUTPUTS = 0.7
+SHARE_OF_RESUMED, SHARE_OF_STREAMS = 0.1, 0.04
+MAX_STEPS = 200  # of a simulation
+MAX_SUBDIVISIONS = 3  # each makes four times as many faces
 OPTION_COUNTS = (0, 1, 1, 2, 2, 3, 3, 4, 6)
 KINDS = {  # cells that a command accepts, the most frequent first
     "info": (SURFACE, SURFACE, TETRAHEDRA, CURVE),
@@ -45,6 +48,7 @@ WEIGHTS = {
 }  # fmt: skip
 MEASURES = ("info", "repair", "curvature", "delaunay", "laplacian", "dec", "hodge", "geodesic")
 SIMULATIONS = ("shell-sim", "fluid-sim", "willmore-flow", "curve-flow")
+ANY = (*MEASURES, *SIMULATIONS)
 OUTPUTS = (".npz", ".npz", ".npz", ".vtu", ".ply", ".vtkhdf", ".obj", ".glb", ".stl", ".vtp", ".off", ".vtk")
 # the most important formats of commands and options whose outputs are others
 OUTPUTS_OF = {
@@ -122,6 +126,17 @@ def _integer(place: Place, low: int, high: int | None) -> str:
     if place.rng.random() < 0.03:
         value = low + 1000
     return str(value if high is None else min(value, high))
+
+
+def _bounded(words: list[str]) -> list[str]:
+    """The words with a duration of at most MAX_STEPS steps."""
+    value = {word: float(text) for word, text in zip(words, words[1:], strict=False)
+             if word in ("--dt", "--duration")}  # fmt: skip
+    if value.get("--duration", 0.0) <= MAX_STEPS * value.get("--dt", 1e300):
+        return words
+    duration = repr(MAX_STEPS * value["--dt"])
+    return [duration if before == "--duration" else word
+            for before, word in zip(["", *words], words, strict=False)]  # fmt: skip
 
 
 def _effect(place: Place) -> str:
@@ -236,6 +251,7 @@ def value_generator(option: click.Option) -> Callable[[Place], str] | None:
         return lambda place: str(place.rng.choice(choices))
     if isinstance(kind, click.IntRange):
         low, high = int(kind.min or 0), None if kind.max is None else int(kind.max)
+        high = MAX_SUBDIVISIONS if name == "subdivide" else high
         return lambda place: _integer(place, low, high)
     if isinstance(kind, click.Path):
         return lambda place: "{folder}/run.vtkhdf.part"
@@ -274,6 +290,7 @@ def default_words(name: str, place: Place, words: list[str]) -> list[str]:
         words = words if bounded else [*words, "--steps", rng.choice("123")]
         if "--dt" not in words and name != "willmore-flow":
             words = [*words, "--dt", rng.choice(["1e-3", "1e-2", repr(1e-3 * place.size**2)])]
+        words = _bounded(words)
     if name == "shell-sim" and "--effect" not in words:
         words = [*words, "--effect", "stretching", "--effect", rng.choice(["bending", "gravity"])]
     if name == "fluid-sim" and not {"--vorticity", "--flow", "--effect"} & set(words):
@@ -286,8 +303,8 @@ def default_words(name: str, place: Place, words: list[str]) -> list[str]:
 def random_call(rng: Random) -> bytes:
     """A call as JSON: the mesh, preparing calls, and the words of the judged call."""
     name = rng.choices(list(WEIGHTS), list(WEIGHTS.values()))[0]
-    inner = {"tradeoff": (*MEASURES[2:5], "geodesic", *SIMULATIONS[:3]), "check": MEASURES, "batch": MEASURES,
-             "frames": SIMULATIONS, "view": (*MEASURES, *SIMULATIONS)}.get(name)  # fmt: skip
+    inner = {"tradeoff": (*MEASURES[2:5], "geodesic", *SIMULATIONS[:3]), "check": ANY, "batch": ANY,
+             "frames": SIMULATIONS, "view": ANY}.get(name)  # fmt: skip
     subject = rng.choice(inner) if inner else name
     kinds = (SURFACE, TETRAHEDRA, CURVE) if rng.random() < OTHER_KIND else KINDS.get(subject, (SURFACE,))
     mesh = random_mesh(rng, rng.choice(kinds))
@@ -311,4 +328,15 @@ def random_call(rng: Random) -> bytes:
         words = [name, source, *random_words(name, place)]
     else:
         words = [name, "{input}", *own]
-    return json.dumps({"mesh": mesh, "prepare": prepare, "words": words}).encode()
+    call = {"mesh": mesh, "prepare": prepare, "words": words}
+    if name in SIMULATIONS and rng.random() < SHARE_OF_RESUMED:
+        call["words"] = [*words, "-o", "{folder}/run.vtkhdf"]
+        call["interrupt"] = rng.choice([1, 1, 2, 3])
+    elif name in MEASURES and "-o" not in words and rng.random() < SHARE_OF_STREAMS:
+        formats = OUTPUTS_OF.get(name, (".npz", ".ply", ".vtu", ".vtp", ".obj"))
+        call["words"] = [*words, "-o", "-", "--output-format", rng.choice(formats)]
+    if inner is None and "--input-format" not in words and rng.random() < SHARE_OF_STREAMS:
+        streamed = ["-", "--input-format", mesh["suffix"]]
+        call["words"] = [w for word in call["words"] for w in (streamed if word == "{input}" else [word])]
+        call["stdin"] = True
+    return json.dumps(call).encode()

@@ -56,21 +56,24 @@ def check_picture(command: str, common: CommonOptions, pictures: str) -> None:
 
 def check_mesh(command: str, common: CommonOptions, mesh: TriangleMesh | TetMesh | CurveSet) -> None:
     """Refuse a mesh that the outputs cannot hold, or cells of a size that the command does not take."""
-    from ddgcli.mesh.require import kind_of, require_sized_cells
+    from ddgcli.mesh.require import require_sized_cells
 
-    check_kind(common, kind_of(mesh))
+    check_holdable(common, mesh)
     require_sized_cells(mesh, command)
 
 
-def check_kind(common: CommonOptions, kind: str) -> None:
-    """Refuse outputs whose format cannot hold a mesh of the kind of the input, which results have too."""
-    if kind != "curve":
-        return
-    from ddgcli.io.writers.cell_data import require_surface
+def check_holdable(common: CommonOptions, mesh: TriangleMesh | TetMesh | CurveSet) -> None:
+    """Refuse outputs whose format cannot hold the cells or the coordinates of the input's mesh."""
+    from ddgcli.io.writers.cell_data import require_single_precision, require_surface
+    from ddgcli.mesh.require import kind_of
 
+    is_curve = kind_of(mesh) == "curve"
     for path in common.outputs:
-        suffix = f".{common.output_format.lstrip('.')}" if path == "-" and common.output_format else path
+        name = f".{common.output_format.lstrip('.')}" if path == "-" and common.output_format else path
+        suffix = Path(f"x{name}").suffix.lower()
         try:
-            require_surface("lines", Path(f"x{suffix}").suffix.lower())
+            if is_curve:
+                require_surface("lines", suffix)
+            require_single_precision(mesh.points, suffix)
         except OutputError as error:
             raise OutputError(f"{path}: {error}") from None

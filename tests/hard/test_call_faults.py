@@ -118,3 +118,15 @@ def test_steps_far_from_the_origin_end_where_a_move_changes_no_coordinate(summar
     results = summary("shell-sim", path, *words)["results"]
     assert results["rejected_steps"] == 0
     assert results["newton_iterations"] < 20
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".glb"])
+def test_coordinates_beyond_32_bits_are_refused_by_formats_of_them(run, tmp_path, suffix):
+    """Once written as infinite, so that the file could not be read."""
+    sphere = shapes.icosphere(0)
+    path = written(tmp_path / "a.npz", sphere.moved(sphere.points * 1e99))
+    for words in ((), ("--dry-run",)):
+        result = run("info", path, "-o", tmp_path / f"b{suffix}", *words)
+        assert result.exit_code == 2
+        assert "holds 32-bit coordinates" in result.stderr
+    assert not (tmp_path / f"b{suffix}").exists()

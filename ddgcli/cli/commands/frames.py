@@ -17,7 +17,7 @@ from ddgcli.cli import options
 from ddgcli.cli.forecast.check_cost import size_of
 from ddgcli.cli.input_facts import input_facts
 from ddgcli.cli.options import CommonOptions
-from ddgcli.cli.output_checks import check_kind
+from ddgcli.cli.output_checks import check_holdable
 from ddgcli.cli.run import Run
 from ddgcli.errors import OutputError, ParameterError
 
@@ -77,7 +77,6 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
     from ddgcli.io.mesh_file import WRITERS
     from ddgcli.io.trajectories.paths import check_particles
     from ddgcli.io.trajectories.trajectory import Trajectory
-    from ddgcli.mesh.require import kind_of
     from ddgcli.plots.page import FORMATS
 
     run = Run("frames", common, formats=(*WRITERS, *FORMATS, *ANIMATIONS, ".pvd"), pictures="output",
@@ -106,7 +105,7 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
         for output in common.outputs:
             if Path(output).suffix.lower() == ".pvd":
                 run.plan_folder(str(Path(output).with_suffix("")))
-        check_kind(common, kind_of(source.mesh))
+        check_holdable(common, source.mesh)
         run.begin(written=(*source.vertex(0), *source.face(0)))
         for output in common.outputs:
             if settings["paths"]:

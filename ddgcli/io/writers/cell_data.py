@@ -18,6 +18,7 @@ from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.vectors import row_matrix
 
 SURFACE_FORMATS = (".glb", ".off", ".stl")  # that cannot hold curves
+SINGLE_PRECISION_FORMATS = (".glb", ".stl")
 
 log = logging.getLogger("ddgcli")
 
@@ -140,9 +141,21 @@ def require_surface(kind: str, suffix: str) -> None:
         raise OutputError(f"{suffix} cannot hold curves; write .vtp, .vtu, .ply, .obj or .npz")
 
 
+def require_single_precision(points: NDArray, suffix: str) -> None:
+    """Raise OutputError for coordinates that are infinite in a format with 32-bit numbers."""
+    if suffix not in SINGLE_PRECISION_FORMATS or points.size == 0:
+        return
+    largest = max(float(points.max()), -float(points.min()))
+    if largest > float(np.finfo(np.float32).max):
+        raise OutputError(
+            f"{suffix} holds 32-bit coordinates, and the largest is {largest:.3g}; write .vtu, .ply or .npz"
+        )
+
+
 def surface_only(data: CellData, suffix: str) -> CellData:
     """Cell data of triangles for formats of surfaces: the boundary of tetrahedra; OutputError for curves."""
     require_surface(data.kind, suffix)
+    require_single_precision(data.points, suffix)
     if data.kind == "faces":
         return data
     boundary = TetMesh.from_arrays(data.points, data.cells).boundary
