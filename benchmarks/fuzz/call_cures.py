@@ -16,7 +16,7 @@ OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 ADVICE = re.compile(
     r"(use|or|e\.g\.|add|give|needs) (--[a-z][a-z-]+)(?: ((?!or\b|and\b|to\b|is\b|for\b)[\w.:=-]+))?"
 )
-REPAIR = re.compile(r"ddgcli repair (?:[^;]|;(?! ))*?-o \S+-repaired\.ply")
+REPAIR = re.compile(r"ddgcli repair (?:[^;]|;(?! ))*?-o (?:\S+-)?repaired\.ply")
 DROPS = re.compile(
     r"leave (?:it|them|this|that|one|--[a-z-]+) out|leave out|drop|exclude each other|give one|keep one"
 )
@@ -79,10 +79,14 @@ def cures(words: list[str], message: str, place: Place, mesh_name: str) -> Itera
     present = {name for name, _, _ in spans(words, command)}
     for match in REPAIR.finditer(message):
         repair = shlex.split(match.group(0))[1:]
+        output = "{folder}/repaired.ply"
         if repair[1] == mesh_name:
-            output = "{folder}/repaired.ply"
             before = ("repair", "{input}", *repair[2:-1], output)
             yield Cure("repair", [output if word == "{input}" else word for word in words], before)
+            return
+        if words[1] == "-":  # the message names what standard input holds MESH
+            before = ("repair", "-", *repair[2:-1], output)
+            yield Cure("repair", [words[0], output, *without(words, command, "--input-format")[2:]], before)
             return
     head, _, tail = re.sub(r": (?=use --)", "; ", message).rpartition("; ")
     superfluous = [name for group in LEAVE.findall(tail) for name in OPTION.findall(group) if name in present]

@@ -29,8 +29,8 @@ LEFT_OUT = {"help_all", "as_json", "verbose", "quiet", "cluster"}  # not values 
 RARE = {"plot", "threads", "jobs", "list_effects", "schema", "resume", "input_format", "output_format"}
 SHARE_OF_RARE = 0.06
 SHARE_OF_OUTPUTS = 0.7
-SHARE_OF_RESUMED, SHARE_OF_STREAMS = 0.1, 0.04
-MAX_STEPS = 200  # of a simulation
+SHARE_OF_RESUMED, SHARE_OF_STREAMS = 0.2, 0.04
+MAX_STEPS = 50  # of a simulation
 MAX_SUBDIVISIONS = 3  # each makes four times as many faces
 OPTION_COUNTS = (0, 1, 1, 2, 2, 3, 3, 4, 6)
 KINDS = {  # cells that a command accepts, the most frequent first
@@ -290,7 +290,7 @@ def default_words(name: str, place: Place, words: list[str]) -> list[str]:
         words = words if bounded else [*words, "--steps", rng.choice("123")]
         if "--dt" not in words and name != "willmore-flow":
             words = [*words, "--dt", rng.choice(["1e-3", "1e-2", repr(1e-3 * place.size**2)])]
-        words = _bounded(words)
+    words = _bounded(words)
     if name == "shell-sim" and "--effect" not in words:
         words = [*words, "--effect", "stretching", "--effect", rng.choice(["bending", "gravity"])]
     if name == "fluid-sim" and not {"--vorticity", "--flow", "--effect"} & set(words):
