@@ -300,15 +300,15 @@ def write_mesh(
         data = _function(WRITERS[suffix])(cell_data_of(annotated))
     except OutputError as error:
         raise OutputError(f"{path}: {error}") from error
-    if path == "-":
-        sys.stdout.buffer.write(data)
-        sys.stdout.buffer.flush()
-        return
     write_atomically(path, data, staged=staged)
 
 
 def write_atomically(path: str, data: bytes | memoryview, *, staged: StagedOutputs | None = None) -> None:
-    """Write bytes to a path, all or nothing; `staged` as in `atomic_output`."""
+    """Write bytes to a path, all or nothing, or to standard output (`-`); `staged` as in `atomic_output`."""
+    if path == "-":
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
+        return
     with atomic_output(path, staged) as partial:
         Path(partial).write_bytes(data)
 

@@ -1,8 +1,12 @@
 """Faults that random valid calls met: each call here once ended in an internal error or a wrong message."""
 
+import io
+import json
+
 import numpy as np
 import pytest
 
+from benchmarks.fuzz.call_resume import interrupted_after
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -130,3 +134,22 @@ def test_coordinates_beyond_32_bits_are_refused_by_formats_of_them(run, tmp_path
         assert result.exit_code == 2
         assert "holds 32-bit coordinates" in result.stderr
     assert not (tmp_path / f"b{suffix}").exists()
+
+
+def test_operators_are_written_to_standard_output(run, tmp_path, monkeypatch):
+    """Once to a file whose name was `-`."""
+    monkeypatch.chdir(tmp_path)
+    sphere = written(tmp_path / "a.npz", shapes.icosphere(0))
+    result = run("dec", sphere, "-o", "-", "--output-format", ".npz")
+    assert np.load(io.BytesIO(result.stdout_bytes))["star0_shape"].tolist() == [12, 12]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_a_flow_that_cannot_move_is_resumed_as_one(run, tmp_path):
+    """Once it went on: the first frame did not store the reason of the end."""
+    disk, trajectory = written(tmp_path / "a.npz", shapes.grid(1, 1)), tmp_path / "b.vtkhdf"
+    flow = ("willmore-flow", disk, "--duration", 0.5, "-o", trajectory)
+    with interrupted_after(1):
+        assert run(*flow).exit_code == 130
+    result = run(*flow, "--resume", f"{trajectory}.part", "--json")
+    assert json.loads(result.stdout)["results"]["stopped_because"].startswith("no vertex can move")

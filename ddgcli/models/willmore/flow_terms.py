@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -198,4 +198,10 @@ class FlowTerms:
         return state.arrays(descent=not self.timed, pairs=self.by_pairs)
 
     def unpack(self, arrays: dict[str, NDArray]) -> FlowState:
-        return FlowState.of_arrays(arrays, self.topology, len(self.free))
+        state = FlowState.of_arrays(arrays, self.topology, len(self.free))
+        return replace(state, stopped=self.stopped_at_start)
+
+    @property
+    def stopped_at_start(self) -> str:
+        """Why there is nothing to do, or ""."""
+        return "" if len(self.free) else rules.NO_FREE_VERTEX_REASON

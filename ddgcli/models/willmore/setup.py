@@ -29,7 +29,6 @@ from ddgcli.models.willmore.state import FlowState, Remeshing
 from ddgcli.models.willmore.step_lengths import first_step
 from ddgcli.simulation.model import Model, Schedule, flow_schedule
 
-NO_FREE_VERTEX = "no vertex can move: all lie on the boundary or, if that is clamped, beside it"
 MAX_STEPS = 1000
 MAX_REMESHED_FACES, MIN_REMESHED_FACES = 5e6, 40  # about twice as many result
 DEFAULT_FRAME_COUNT = 50
@@ -314,7 +313,7 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     )  # fmt: skip
     start = FlowState(
         unit.points, topology, started, 0.0, first_step(kind, flow.area, film),
-        stopped="" if len(free) else NO_FREE_VERTEX,
+        stopped=flow.stopped_at_start,
         remeshing=Remeshing(None if flow.remesh is None else np.arange(mesh.n_vertices)),
     )  # fmt: skip
     model = Model(

@@ -32,6 +32,7 @@ REST_GRADIENT, NEWTON_REST_GRADIENT, REST_FALL = 1e-6, 1e-9, 1e-8
 # relative fall of the energy in a Newton step, below which a surface that could become round is stuck above
 LEAST_NEWTON_FALL = 1e-4
 # why flows end
+NO_FREE_VERTEX_REASON = "no vertex can move: all lie on the boundary or, if that is clamped, beside it"
 SMALL_GRADIENT_REASON = "gradient below {:g}"
 SMALL_FALL_REASON = "energy fell by less than {:g} of itself in a step"
 LOWER_BOUND_REASON = (
