@@ -30,6 +30,18 @@ def angle_scale(fans: Fans) -> NDArray[np.float64]:
     return np.where(fans.is_open, 1.0, 2 * np.pi / total)
 
 
+def check_tangent_planes(mesh: SurfaceMesh) -> Fans:
+    """The fans of a mesh; MeshError at vertices that join several, which have no unique tangent plane."""
+    fans = vertex_fans(mesh)
+    count = np.bincount(fans.vertex, minlength=mesh.n_vertices)
+    if count.max(initial=0) > 1:
+        raise MeshError(
+            f"vertex {int(np.argmax(count))} joins {count.max()} fans of faces and has no tangent plane; "
+            f"{cure('several fans', mesh.topology)}"
+        )
+    return fans
+
+
 def side_angles(mesh: SurfaceMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Directions of sides in the tangent planes of both their ends.
 
@@ -43,13 +55,7 @@ def side_angles(mesh: SurfaceMesh) -> tuple[NDArray[np.float64], NDArray[np.floa
     MeshError
         At vertices that join several fans of faces, which have no unique tangent plane.
     """
-    fans = vertex_fans(mesh)
-    count = np.bincount(fans.vertex, minlength=mesh.n_vertices)
-    if count.max(initial=0) > 1:
-        raise MeshError(
-            f"vertex {int(np.argmax(count))} joins {count.max()} fans of faces and has no tangent plane; "
-            f"{cure('several fans', mesh.topology)}"
-        )
+    fans = check_tangent_planes(mesh)
     scale = angle_scale(fans)[fans.fan]
     at_tail = fans.angle_before * scale
     corner = (3 * np.arange(mesh.n_faces)[:, None] + NEXT).ravel()

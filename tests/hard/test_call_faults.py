@@ -146,10 +146,21 @@ def test_operators_are_written_to_standard_output(run, tmp_path, monkeypatch):
 
 
 def test_a_flow_that_cannot_move_is_resumed_as_one(run, tmp_path):
-    """Once it went on: the first frame did not store the reason of the end."""
+    """Once it made steps: the first frame did not store the reason of the end."""
     disk, trajectory = written(tmp_path / "a.npz", shapes.grid(1, 1)), tmp_path / "b.vtkhdf"
     flow = ("willmore-flow", disk, "--duration", 0.5, "-o", trajectory)
     with interrupted_after(1):
         assert run(*flow).exit_code == 130
     result = run(*flow, "--resume", f"{trajectory}.part", "--json")
     assert json.loads(result.stdout)["results"]["stopped_because"].startswith("no vertex can move")
+
+
+def test_a_signed_distance_without_tangent_planes_is_refused_by_the_dry_run(run, tmp_path):
+    points = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [1, 1, 0]]
+    mesh = TriangleMesh.from_arrays(np.array(points), np.array([[0, 1, 2], [0, 3, 4], [1, 5, 2]]))
+    curve = tmp_path / "c.npy"
+    np.save(curve, [[0, 1]])
+    words = ("geodesic", written(tmp_path / "a.npz", mesh), "--signed-distance", curve, "--method", "heat")
+    errors = [run(*words, *more).stderr for more in ((), ("--dry-run",))]
+    assert "has no tangent plane" in errors[0]
+    assert errors[0] == errors[1]

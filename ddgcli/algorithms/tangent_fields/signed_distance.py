@@ -22,7 +22,7 @@ from ddgcli.geometry.unfolding import unfold
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.connection import side_angles
+from ddgcli.operators.connection import check_tangent_planes, side_angles
 from ddgcli.operators.gradient import divergence
 from ddgcli.operators.laplacian import stiffness
 
@@ -109,6 +109,8 @@ def check_query(mesh: TriangleMesh, curves: EdgeSet, method: str = "auto") -> ND
             "give directed vertex pairs (the negative side on their left)",
             parameter="signed_distance",
         )
+    if sign is None:
+        check_tangent_planes(mesh)
     return sign
 
 
