@@ -129,13 +129,13 @@ def _integer(place: Place, low: int, high: int | None) -> str:
 
 
 def _bounded(words: list[str]) -> list[str]:
-    """The words with a duration of at most MAX_STEPS steps."""
+    """The words with a duration of at most MAX_STEPS steps or frames."""
     value = {word: float(text) for word, text in zip(words, words[1:], strict=False)
-             if word in ("--dt", "--duration")}  # fmt: skip
-    if value.get("--duration", 0.0) <= MAX_STEPS * value.get("--dt", 1e300):
+             if word in ("--dt", "--duration", "--frame-every")}  # fmt: skip
+    longest = MAX_STEPS * min(value.get("--dt", 1e300), value.get("--frame-every", 1e300))
+    if value.get("--duration", 0.0) <= longest:
         return words
-    duration = repr(MAX_STEPS * value["--dt"])
-    return [duration if before == "--duration" else word
+    return [repr(longest) if before == "--duration" else word
             for before, word in zip(["", *words], words, strict=False)]  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, face_area
-from ddgcli.mesh.require import refuse_flat_faces
+from ddgcli.mesh.require import no_area_error, refuse_flat_faces
 from ddgcli.mesh.tet_mesh import FLAT_VOLUME_TOLERANCE, TET_EDGES
 
 # local edges of a triangle: its sides in order
@@ -52,7 +52,10 @@ class CellMetric:
 def check_triangles(side_length: NDArray) -> NDArray[np.float64]:
     """(m,) areas of the faces; MeshError where one has none."""
     area = face_area(side_length)
-    refuse_flat_faces(np.flatnonzero(~(area > 0)), manifold=True)
+    flat = np.flatnonzero(~(area > 0))
+    if len(flat) and len(flat) == len(area):
+        raise no_area_error(len(area))
+    refuse_flat_faces(flat, manifold=True)
     return area
 
 

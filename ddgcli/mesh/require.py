@@ -223,7 +223,7 @@ def _require_area(mesh: TriangleMesh) -> None:
         return
     side = mesh.side_vector / mesh.side_length.max()
     if (np.abs(np.cross(side[:, 0], side[:, 1])) <= FLAT_AREA_TOLERANCE).all():
-        raise _no_area_error(mesh.n_faces)
+        raise no_area_error(mesh.n_faces)
 
 
 def surely_has_area(mesh: TriangleMesh) -> bool:
@@ -234,7 +234,8 @@ def surely_has_area(mesh: TriangleMesh) -> bool:
     return bool((np.abs(np.cross(side[:, 0], side[:, 1])) > FLAT_AREA_TOLERANCE).any())
 
 
-def _no_area_error(n_faces: int) -> MeshError:
+def no_area_error(n_faces: int) -> MeshError:
+    """Error of a surface whose faces have no area at all."""
     return MeshError(f"none of the {n_faces} faces has an area; check the coordinates")
 
 
@@ -248,7 +249,7 @@ def refuse_flat_faces(
     if len(flat) == 0:
         return
     if topology is not None and len(flat) == topology.n_faces:  # their removal would leave nothing
-        raise _no_area_error(len(flat))
+        raise no_area_error(len(flat))
     corners = "" if topology is None else f", vertices {', '.join(str(v) for v in topology.faces[flat[0]])}"
     raise MeshError(
         f"{len(flat)} faces have no area (first: face {flat[0]}{corners}); "

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import signed_excess
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.require import no_area_error
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 FLAT_EXCESS = 4  # in roundings of the perimeter: a triangle with a smaller excess is degenerate
@@ -76,7 +76,7 @@ def mollify_lengths(length: NDArray, side_edge: NDArray) -> Mollification:
     if len(flat) == 0:
         return Mollification(length, flat)
     if len(flat) == len(length):
-        raise _no_area_error(len(length))
+        raise no_area_error(len(length))
     original = np.zeros(side_edge.max() + 1, dtype=length.dtype)
     original[side_edge] = length
     mean = length.mean()
@@ -92,7 +92,7 @@ def mollify_lengths(length: NDArray, side_edge: NDArray) -> Mollification:
 def check_mollifiable(mesh: TriangleMesh | IntrinsicMesh) -> None:
     """Raise the error of `mollify_lengths`, before it computes."""
     if all_flat(mesh.side_length):
-        raise _no_area_error(mesh.n_faces)
+        raise no_area_error(mesh.n_faces)
 
 
 def all_flat(length: NDArray) -> bool:
@@ -104,10 +104,6 @@ def _is_flat(length: NDArray, least_excess: NDArray | None = None) -> NDArray[np
     """(m,) whether the sides of a face violate the triangle inequality, or satisfy it up to rounding."""
     least = _excesses(length)[:, 0] if least_excess is None else least_excess
     return ~(least > FLAT_EXCESS * float(np.finfo(length.dtype).eps) * length.sum(axis=1))
-
-
-def _no_area_error(n_faces: int) -> MeshError:
-    return MeshError(f"none of the {n_faces} faces has an area; check the coordinates")
 
 
 def mollify_mesh(mesh: TriangleMesh | IntrinsicMesh) -> tuple[TriangleMesh | IntrinsicMesh, Mollification]:

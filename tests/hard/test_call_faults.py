@@ -45,9 +45,11 @@ def test_a_heat_distance_lost_to_rounding_names_a_cure_for_comparisons_too(run, 
 
 def test_a_surface_without_any_area_is_not_sent_to_a_repair_that_leaves_no_face(run, tmp_path):
     mesh = TriangleMesh.from_arrays(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.array([[0, 1, 2]]))
-    result = run("shell-sim", written(tmp_path / "a.npz", mesh), "--effect", "stretching", "--steps", 1)
-    assert "none of the 1 faces has an area" in result.stderr
-    assert "repair" not in result.stderr
+    path = written(tmp_path / "a.npz", mesh)
+    for words in (("shell-sim", path, "--effect", "stretching", "--steps", 1), ("hodge", path, "--basis")):
+        result = run(*words)
+        assert "none of the 1 faces has an area" in result.stderr
+        assert "repair" not in result.stderr
 
 
 @pytest.mark.parametrize("height, code", [(1e-9, 2), (1e-6, 0)])
