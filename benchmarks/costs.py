@@ -174,7 +174,7 @@ SURFACE = [
         SMALL_SIZES,
         mesh="disk",
     ),
-    Task("fluid-sim", "fluid-sim {mesh} --vorticity f --dt 1e-7 --steps 1"),
+    Task("fluid-sim", "fluid-sim {mesh} --vorticity f --dt 1e-7 --steps 1", LARGE_SIZES, exponent=1.2),
     *(
         Task(
             f"fluid-sim {name} step",
