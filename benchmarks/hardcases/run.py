@@ -106,6 +106,7 @@ def preload() -> None:
         with contextlib.suppress(ImportError):  # of an extra that is not installed
             if not module.name.endswith("__main__"):
                 importlib.import_module(module.name)
+    program.start_time()  # forked runs begin when they are called, not at this import
 
 
 def _fork(

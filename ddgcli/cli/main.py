@@ -90,7 +90,7 @@ class CommandGroup(click.Group):
         except click.UsageError as error:
             raise CommandError(_usage(error), 2) from error
         context.meta["ddgcli.args"] = words
-        context.meta["ddgcli.began"] = _start_time()
+        context.meta["ddgcli.began"] = start_time()
         return context
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
@@ -156,7 +156,7 @@ def _end_by_signal(ctx: click.Context) -> None:
 _import_time = time.perf_counter()
 
 
-def _start_time() -> float:
+def start_time() -> float:
     """Start of this run: the import of this module for the first run of a process, else now."""
     global _import_time
     began, _import_time = _import_time, 0.0

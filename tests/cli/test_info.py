@@ -223,6 +223,13 @@ def test_every_kind_has_a_picture(summary, tmp_path, name):
     assert document["warnings"] == [] and (tmp_path / "a.png").stat().st_size > 1000
 
 
+@pytest.mark.parametrize("scale", [2.0**-450, 2.0**450])
+def test_the_area_far_from_the_origin_is_that_of_the_stored_positions(scale):
+    box = shapes.box(1, 1, 1, size=(1.0, 2.0, 3.0))
+    far = box.moved((box.points + np.array([1.0, -3.0, 5.0]) * 2**49) * scale)  # 2^49 + 3 is a float64
+    assert quality.surface_size(far)["area"] == 22.0 * scale**2
+
+
 def test_area_of_caps_does_not_lose_digits_to_their_side_lengths():
     points, faces = meshes.caps(1e8)
     area = quality.surface_size(TriangleMesh.from_arrays(points, faces))["area"]

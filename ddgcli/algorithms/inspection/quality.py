@@ -49,10 +49,10 @@ def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
 
 def surface_area(mesh: TriangleMesh) -> float:
     """Sum of the face areas from positions; infinite where it leaves float64."""
-    extent = float(mesh.side_length.max(initial=0.0)) or 1.0
-    area = vector_length(face_area_vector(mesh.moved(mesh.points / extent)))
+    unit = 2.0 ** np.frexp(mesh.side_length.max(initial=0.0))[1]  # a division by it is exact
+    area = vector_length(face_area_vector(mesh.moved(mesh.points / unit)))
     with np.errstate(over="ignore"):
-        return float(area.sum() * extent * extent)
+        return float(area.sum() * unit * unit)
 
 
 def corner_angles(mesh: TriangleMesh) -> NDArray[np.float64]:
