@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,6 +26,7 @@ from ddgcli.algorithms.delaunay.triangulation import (
     length_scale,
     negative_cotan_edges,
     non_delaunay_edges,
+    remaining_note,
     require_surface,
     working_lengths,
 )
@@ -41,6 +43,8 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_matrix, vector_length
 from ddgcli.operators.laplacian import stiffness
 from ddgcli.operators.mollify import mollify_mesh
+
+log = logging.getLogger("ddgcli")
 
 # arrays of the output that a transferred array must not replace
 OWN_ARRAYS = (
@@ -77,7 +81,7 @@ class DelaunayResult:
     subdivision : CommonSubdivision, optional
     dual : CircumcentricDual, optional
     converged : bool
-        False if refinement reached the limit on points, or rounding prevented a flip.
+        False if refinement reached the limit on points, or edges are not Delaunay by rounding.
     """
 
     mesh: IntrinsicMesh
@@ -194,7 +198,10 @@ def intrinsic_delaunay(
         results["dual"] = {"negative_edges": cells.negative_edges, "least_area": float(cells.dual_area.min())}
         accuracy["dual_area_residual"] = cells.area_residual
         accuracy["dual_length_residual"] = cells.length_residual
-    converged = (refined is None or refined.converged) and flipped.remaining_edges == 0
+    remaining = results["after"]["non_delaunay_edges"]  # angles of the final lengths, not of the flips
+    if remaining and not flipped.remaining_edges:
+        log.warning(remaining_note(remaining))
+    converged = (refined is None or refined.converged) and max(remaining, flipped.remaining_edges) == 0
     converged &= within_residuals(accuracy, RESIDUALS, "rounding on degenerate faces; repair the mesh")
     return DelaunayResult(flipped.mesh, results, accuracy, vertex, transfers, cut, cells, converged)
 

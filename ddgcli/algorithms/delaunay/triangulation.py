@@ -129,9 +129,7 @@ def flip_to_delaunay(
     result = unglue(state, glued, scale)
     remaining = 0 if ended and not state.refused else int(non_delaunay_edges(result).sum())
     if remaining:
-        notes.append(
-            f"{remaining} edges of flat triangles are not flipped: rounding decides their Delaunay test"
-        )
+        notes.append(remaining_note(remaining))
     for note in notes:
         log.warning(note)
     crossings = None if state.crossings is None else state.crossings.reshape(-1, 3)
@@ -257,6 +255,11 @@ def unglue(state: SideArrays, mesh: IntrinsicMesh, scale: float) -> IntrinsicMes
     twisted = None if state.twisted is None else state.twisted.reshape(-1, 3)
     topology = Topology(state.tail.reshape(-1, 3), mesh.n_vertices, state.twin[:-1].reshape(-1, 3), twisted)
     return IntrinsicMesh(topology, scale * state.length.reshape(-1, 3), mesh.points)
+
+
+def remaining_note(count: int) -> str:
+    """The warning of edges that are not Delaunay after the flips."""
+    return f"{count} edges of flat triangles are not flipped: rounding decides their Delaunay test"
 
 
 def non_delaunay_edges(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.bool_]:
