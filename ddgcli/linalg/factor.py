@@ -148,13 +148,18 @@ class Factor:
         return False
 
     def refactor(self, matrix: sparray) -> Factor:
-        """Factorise new values; ordering and symbolic analysis are kept when the pattern is the same."""
+        """Factorise new values; ordering and symbolic analysis are kept when the pattern is the same.
+
+        The bits of solutions depend on the matrix alone, not on those before it.
+        """
         matrix = _checked(matrix)
         same = self._analysed and self.matrix.dtype == matrix.dtype and self.same_pattern(matrix)
         self.matrix, self._magnitude, self._row_scale = matrix, None, None
         if not same:
             self._analysed = False  # where this fails, the analysis is that of another pattern
             self._factorise(self.solver)
+            if not self.repeats:  # the bits must not depend on the matrices before
+                self._backend.refactor(matrix)
             self._analysed = True
             return self
         try:

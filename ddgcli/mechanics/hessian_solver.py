@@ -69,12 +69,10 @@ class HessianSolver:
             return
         if self._factor is None:
             self._factor = Factor(matrix, pivot=False, solver=direct_solver(matrix))
-            again = True
+            if not self._factor.repeats:  # what comes after must not depend on where a run was resumed
+                self._factor.refactor(matrix)
         else:
-            again = not self._factor.same_pattern(matrix)  # with a new analysis
             self._factor.refactor(matrix)
-        if again and not self._factor.repeats:
-            self._factor.refactor(matrix)  # what comes after must not depend on where a run was resumed
         self._solve = low_rank.solver(partial(self._factor.solve, refine=False), columns)
 
     def solve(self, rhs: NDArray) -> NDArray[np.float64]:

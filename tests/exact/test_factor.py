@@ -332,6 +332,23 @@ def test_order_depends_on_the_pattern_alone():
     assert np.array_equal(Factor(A, solver="superlu").order, Factor(zeroed, solver="superlu").order)
 
 
+@pytest.mark.parametrize("solver", ["superlu", "multifrontal"])
+def test_bits_of_solutions_do_not_depend_on_the_matrices_before(solver):
+    mesh = shapes.icosphere(2)
+    full = csc_array(stiffness(mesh) + diags_array(lumped_vertex_area(mesh)))
+    fewer = csc_array(full * (abs(full) > np.median(abs(full.data))) + diags_array(full.diagonal()))
+    fewer.eliminate_zeros()
+    rhs = np.linspace(1.0, 2.0, mesh.n_vertices)
+    solutions = []
+    for before in ([], [full], [fewer], [fewer, full, fewer]):
+        factor = Factor(full, solver=solver)
+        for matrix in (*before, full):
+            factor.refactor(matrix)
+        solutions.append(factor.solve(rhs, refine=False))
+    assert fewer.nnz < full.nnz
+    assert all(np.array_equal(solution, solutions[0]) for solution in solutions[1:])
+
+
 def test_large_systems_are_dissected_and_refactored(monkeypatch):
     monkeypatch.setattr(ordering, "MIN_DISSECTION_UNKNOWNS", 1000)
     A = regular_grid_matrix(60, 50)
