@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 from unittest.mock import patch
 
 import numpy as np
@@ -46,10 +46,10 @@ def interrupted_after(n_frames: int) -> Iterator[None]:
     """The writer of trajectories is interrupted where it would add one frame more."""
     append, written = TrajectoryWriter.append, []
 
-    def interrupted(self: TrajectoryWriter, trajectory_frame: object, *rest: object) -> None:
+    def interrupted(self: TrajectoryWriter, *arguments: Any) -> None:
         if len(written) == n_frames:
             raise KeyboardInterrupt
-        append(self, trajectory_frame, *rest)  # type: ignore[arg-type]
+        append(self, *arguments)
         written.append(None)
 
     with patch.object(TrajectoryWriter, "append", interrupted):

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_side_blocks
+from ddgcli.mesh.vectors import cross, dot, vector_length
 
 APEX, TURN, TWIN = 0, 1, 3  # columns of Unfolding.side
 _CACHE_LINE = 64  # bytes; a row of Unfolding.side fills one
@@ -247,11 +247,13 @@ def face_corner_angle(mesh: SurfaceMesh) -> NDArray[np.float64]:
     """
     if not isinstance(mesh, TriangleMesh):
         return corner_angle(mesh.side_length)
-    scale = float(mesh.side_length.max(initial=0.0)) or 1.0
-    vector = mesh.side_vector / scale
-    doubled_area = vector_length(np.cross(vector[:, 0], vector[:, 1]))
-    inner = -np.einsum("fjk,fjk->fj", vector, vector[:, PREVIOUS])
-    angle = np.arctan2(doubled_area[:, None], inner)
-    flat = np.flatnonzero(doubled_area == 0)
-    angle[flat] = np.where(inner[flat] == 0, 0.5 * np.pi, angle[flat])
+    angle = np.empty((mesh.n_faces, 3))
+    for faces, side in unit_side_blocks(mesh):
+        normal = cross(side[:, 0], side[:, 1])
+        double_area = np.sqrt(dot(normal, normal))
+        for j in range(3):
+            inner = -dot(side[:, j], side[:, j - 1])
+            angle[faces, j] = np.where(
+                (double_area == 0) & (inner == 0), 0.5 * np.pi, np.arctan2(double_area, inner)
+            )
     return angle

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -131,16 +132,27 @@ class TriangleMesh:
 
         From positions: lengths determine the area of a needle only to 1e-8 of its longest side squared.
         """
-        points, flat = self.points.T.copy(), [np.zeros(0, dtype=np.int64)]
-        for begin in range(0, self.n_faces, BLOCK_SIZE):
-            corners = points.take(self.faces[begin : begin + BLOCK_SIZE].T, axis=1)
-            side = corners[:, NEXT] - corners
-            extent = np.abs(side).max(axis=(0, 1))
-            side /= np.where(extent > 0, extent, 1.0)
+        flat = [np.zeros(0, dtype=np.int64)]
+        for faces, side in unit_side_blocks(self):
             normal = cross(side[:, 0], side[:, 1])
             has_area = dot(normal, normal) > (FLAT_AREA_TOLERANCE * dot(side, side).max(axis=0)) ** 2
-            flat.append(begin + np.flatnonzero(~has_area))
+            flat.append(faces.start + np.flatnonzero(~has_area))
         return frozen(np.concatenate(flat))
+
+
+def unit_side_blocks(mesh: TriangleMesh) -> Iterator[tuple[slice, NDArray[np.float64]]]:
+    """Blocks of faces, and columns (3, 3, k) of their side vectors: component, side, face.
+
+    Each face is divided by its largest component, so that products neither overflow nor vanish.
+    """
+    points = mesh.points.T.copy()
+    for begin in range(0, mesh.n_faces, BLOCK_SIZE):
+        faces = slice(begin, begin + BLOCK_SIZE)
+        corners = points.take(mesh.faces[faces].T, axis=1)
+        side = corners[:, NEXT] - corners
+        extent = np.abs(side).max(axis=(0, 1))
+        side /= np.where(extent > 0, extent, 1.0)
+        yield faces, side
 
 
 def _distance(tail: NDArray, head: NDArray) -> NDArray[np.float64]:

@@ -16,7 +16,6 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from ddgcli.choices import HODGE_STARS
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.geometry.cells import TET_EDGES, TRIANGLE_EDGES
-from ddgcli.linalg.factor import Factor
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.operators.dec import Complex
@@ -214,6 +213,8 @@ def inverse_star(complex_: Complex, degree: int, kind: Star) -> Callable[[NDArra
     """
     star = hodge_star(complex_, degree, kind)
     if kind == "galerkin" and degree < complex_.dimension:
+        from ddgcli.linalg.factor import Factor  # slow to import, and the other stars need none
+
         return Factor(star).solve
     diagonal = star.diagonal()
     if len(diagonal) and np.abs(diagonal).min() <= 1e-14 * np.abs(diagonal).max():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.plots.colour import colour_bar, colours, extremes, robust_limits
 from ddgcli.plots.page import draw_texts, page, picture_axes
-from ddgcli.plots.raster import View, fitted_camera, unit_box, view_axes
+from ddgcli.plots.raster import Camera, View, fitted_camera, unit_box, view_axes
 
 _PAPER, _RIM = (1.0, 1.0, 1.0, 1.0), (0.25, 0.25, 0.25, 1.0)
 VECTOR_SHARE = 0.1  # length of a vector in the picture, in halves of the size of the curves
@@ -50,7 +50,6 @@ def draw_curves(
         As for `draw_surface`.
     """
     from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
     flags = [closed] * len(curves) if isinstance(closed, bool) else list(closed)
@@ -83,17 +82,23 @@ def draw_curves(
         tint = plain if values is None else mappable.to_rgba(shade[order])
         flat = bool(np.ptp(np.concatenate([a[:, 2], b[:, 2]])) < 1e-6 * camera.width)
         axes.add_collection(_rimmed_lines(lines, tint, flat))
-        for points, directions, tint in vectors:
-            foot = placed(points)
-            tip = foot + VECTOR_SHARE * directions / (np.abs(directions).max() or 1.0)
-            ends = [camera.project(end)[:, :2] for end in (foot, tip)]
-            axes.add_collection(LineCollection(np.stack(ends, axis=1), colors=[tint], linewidths=0.8))
+        for points, directions, colour in vectors:
+            axes.add_collection(_vector_lines(camera, placed(points), directions, colour))
         axes.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal")
         axes.set_axis_off()
         if values is not None:
             colour_bar(figure, mappable, label)
         caption = "" if values is None else extremes(label, np.concatenate(values))
         draw_texts(figure, title, caption)
+
+
+def _vector_lines(camera: Camera, foot: NDArray, directions: NDArray, colour: str) -> Any:
+    """Thin lines from points (k, 3) in the unit box along vectors (k, 3)."""
+    from matplotlib.collections import LineCollection
+
+    tip = foot + VECTOR_SHARE * directions / (np.abs(directions).max() or 1.0)
+    ends = [camera.project(end)[:, :2] for end in (foot, tip)]
+    return LineCollection(np.stack(ends, axis=1), colors=[colour], linewidths=0.8)
 
 
 def _rimmed_lines(lines: NDArray, tint: NDArray, flat: bool) -> Any:

@@ -135,9 +135,10 @@ def draw_frame(
         "limits": style.limits, "width": width, "height": height, "dpi": dpi, **dict(style.view or {}),
     }  # fmt: skip
     if isinstance(mesh, CurveSet):
-        vertices, closed = zip(*mesh.paths())
-        colours = None if values is None else [values[v] for v in vertices]
-        draw_curves(path, [mesh.points[v] for v in vertices], colours, closed=closed, **look)
+        paths = mesh.paths()
+        colours = None if values is None else [values[vertices] for vertices, _ in paths]
+        closed = [is_closed for _, is_closed in paths]
+        draw_curves(path, [mesh.points[vertices] for vertices, _ in paths], colours, closed=closed, **look)
         return
     draw_surface(
         path, mesh, values, edges=style.edges, context=plot_frame.obstacles, glyphs=plot_frame.arrows,

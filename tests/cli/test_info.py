@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.hardcases import meshes
 from ddgcli.algorithms.inspection import quality
+from ddgcli.geometry.unfolding import face_corner_angle
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.curve import CurveSet
@@ -98,7 +99,7 @@ def test_shapes_of_an_equilateral_an_obtuse_and_a_needle_triangle():
     corners = [[[0, 0], [2, 0], [1, np.sqrt(3)]], [[0, 0], [4, 0], [1, 0.5]], [[0, 0], [1, 0], [1, 0.05]]]
     points = np.column_stack([np.reshape(corners, (9, 2)), np.zeros(9)])
     mesh = TriangleMesh.from_arrays(points, np.arange(9).reshape(3, 3))
-    measures = quality.triangle_quality(mesh, quality.corner_angles(mesh))
+    measures = quality.triangle_quality(mesh, np.degrees(face_corner_angle(mesh)))
     aspect = [1.0]
     for triangle in np.array(corners[1:]):
         length = np.linalg.norm(np.roll(triangle, -1, axis=0) - triangle, axis=1)
@@ -148,7 +149,7 @@ def test_inverted_flat_and_duplicate_tetrahedra_are_counted():
 @pytest.mark.parametrize("height", [1e-3, 1e-6, 1e-9])
 def test_needle_angles_keep_their_digits(height):
     mesh = TriangleMesh.from_arrays(np.array([[0, 0, 0], [1, 0, 0], [0.5, height, 0]]), np.array([[0, 1, 2]]))
-    angle = quality.corner_angles(mesh)
+    angle = np.degrees(face_corner_angle(mesh))
     assert quality.face_min_angle(mesh, angle)[0] == pytest.approx(
         np.degrees(np.arctan(2 * height)), rel=1e-12
     )

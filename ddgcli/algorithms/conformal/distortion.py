@@ -9,6 +9,7 @@ from ddgcli.geometry.intrinsic import corner_cotan, face_area
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
+DISTORTION_ARRAYS = ("conformal_distortion", "area_distortion")
 MAX_DISTORTION = 1e16  # reported where a triangle collapses
 
 
@@ -28,9 +29,6 @@ def angle_distortion(mesh: SurfaceMesh, corners: NDArray) -> NDArray[np.float64]
         energy = 0.25 * (corner_cotan(mesh.side_length)[:, PREVIOUS] * squared).sum(axis=1)
         half = np.maximum(energy / (0.5 * np.abs(planar_area(corners))), 1.0)
         return half + np.sqrt(half * half - 1.0)
-
-
-DISTORTION_ARRAYS = ("conformal_distortion", "area_distortion")
 
 
 def distortion_arrays(mesh: SurfaceMesh, corners: NDArray) -> dict[str, NDArray[np.float64]]:

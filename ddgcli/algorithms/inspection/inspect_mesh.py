@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.inspection import quality
+from ddgcli.geometry.unfolding import face_corner_angle
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.require import REQUIREMENTS, unmet_need
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -42,7 +44,7 @@ def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet) -> Inspection:
         results = {**quality.curve_quality(mesh), "size": quality.size(mesh.points, length)}
         vertex, face = quality.curve_marks(mesh), {}
     else:
-        angle = quality.corner_angles(mesh)
+        angle = np.degrees(face_corner_angle(mesh))
         results = {**quality.surface_defects(mesh), "quality": quality.triangle_quality(mesh, angle)}
         results["size"] = quality.surface_size(mesh)
         vertex = quality.surface_marks(mesh)

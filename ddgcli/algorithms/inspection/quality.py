@@ -12,9 +12,8 @@ from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
-from ddgcli.mesh.topology import NEXT
-from ddgcli.mesh.triangle_mesh import BLOCK_SIZE, TriangleMesh
-from ddgcli.mesh.vectors import cone_volume, cross, dot, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import cone_volume, vector_length
 
 MAX_LISTED = 5  # elements listed for each defect
 ANGLE_BINS = np.arange(0.0, 181.0, 10.0)
@@ -53,22 +52,6 @@ def surface_area(mesh: TriangleMesh) -> float:
     area = vector_length(face_area_vector(mesh.moved(mesh.points / unit)))
     with np.errstate(over="ignore"):
         return float(area.sum() * unit * unit)
-
-
-def corner_angles(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(m, 3) angles in degrees, from positions; each face is scaled to its size."""
-    points, angle = mesh.points.T.copy(), np.empty((mesh.n_faces, 3))
-    for begin in range(0, mesh.n_faces, BLOCK_SIZE):
-        rows = slice(begin, begin + BLOCK_SIZE)
-        corners = points.take(mesh.faces[rows].T, axis=1)
-        side = corners[:, NEXT] - corners
-        extent = np.abs(side).max(axis=(0, 1))
-        side /= np.where(extent > 0, extent, 1.0)
-        normal = cross(side[:, 0], side[:, 1])
-        double_area = np.sqrt(dot(normal, normal))
-        for j in range(3):
-            angle[rows, j] = np.arctan2(double_area, -dot(side[:, j], side[:, j - 1]))
-    return np.degrees(angle)
 
 
 def duplicates(rows: NDArray) -> NDArray[np.int64]:
@@ -120,7 +103,7 @@ def triangle_quality(mesh: TriangleMesh, angle: NDArray) -> dict[str, Any]:
     """Angles, aspect and needle ratio of the faces that have area; None where there is none.
 
     `aspect_ratio` is longest side / (2 sqrt(3) inradius), 1 for an equilateral triangle; `needle_ratio`
-    longest / shortest side. The histogram counts corners in bins of ten degrees. `angle` of `corner_angles`.
+    longest / shortest side. The histogram counts corners in bins of ten degrees. `angle` (m, 3) in degrees.
     """
     good = np.ones(mesh.n_faces, dtype=bool)
     good[mesh.flat_faces] = False

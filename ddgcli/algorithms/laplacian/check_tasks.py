@@ -1,4 +1,7 @@
-"""Checks of Laplacian tasks against a mesh before anything is computed, and the names of their arrays."""
+"""Checks of Laplacian tasks against a mesh before anything is computed, and the names of their arrays.
+
+A task's own module is imported where the task is asked for: importing the solvers takes a tenth of a second.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.conformal.distortion import DISTORTION_ARRAYS
-from ddgcli.algorithms.laplacian.evolution import check_vertex, checked_start
 from ddgcli.algorithms.laplacian.laplace_operator import check_operator
-from ddgcli.algorithms.laplacian.parameterize import boundary_loops, require_size_at_boundary
-from ddgcli.algorithms.laplacian.poisson import check_fixed_vertices, checked_source, refuse_floating
-from ddgcli.algorithms.laplacian.spectrum import check_pair_count
 from ddgcli.algorithms.laplacian.tasks import LaplacianTasks
 from ddgcli.choices import CONFORMAL_BOUNDARIES
 from ddgcli.errors import ParameterError
@@ -32,12 +31,16 @@ def check_tasks(mesh: TriangleMesh | TetMesh, tasks: LaplacianTasks) -> None:
             )
     check_operator(mesh, tasks.operator, tasks.mass)
     if tasks.eigen is not None:
+        from ddgcli.algorithms.laplacian.spectrum import check_pair_count
+
         check_pair_count(tasks.eigen, int(np.count_nonzero(_is_of_cells(mesh))))
     if tasks.form_eigen:
         from ddgcli.algorithms.laplacian.form_spectrum import check_forms
 
         check_forms(mesh, tasks.form_eigen)
     if tasks.poisson is not None:
+        from ddgcli.algorithms.laplacian.poisson import checked_source
+
         checked_source(tasks.poisson, mesh.n_vertices)
     if tasks.fixed and (tasks.harmonic or tasks.poisson is not None):
         _check_fixed(mesh, tasks.fixed)
@@ -49,6 +52,8 @@ def check_tasks(mesh: TriangleMesh | TetMesh, tasks: LaplacianTasks) -> None:
             tasks.operator,
         )  # fmt: skip
     elif tasks.parameterize and isinstance(mesh, TriangleMesh):
+        from ddgcli.algorithms.laplacian.parameterize import boundary_loops, require_size_at_boundary
+
         loops = boundary_loops(mesh, f"`parameterize={tasks.parameterize}`")
         require_size_at_boundary(loops, _is_of_cells(mesh))
 
@@ -57,6 +62,8 @@ def check_evolution(
     mesh: TriangleMesh | TetMesh, equation: str, start: NDArray | int, operator: str | None, mass: str
 ) -> None:
     """Raise the errors of `solve_evolution` and its operator, before they compute."""
+    from ddgcli.algorithms.laplacian.evolution import check_vertex, checked_start
+
     check_operator(mesh, operator, mass)
     if isinstance(start, int):
         check_vertex(start, mesh.n_vertices, _is_of_cells(mesh), equation)
@@ -82,6 +89,8 @@ def array_names(mesh: TriangleMesh | TetMesh, tasks: LaplacianTasks) -> dict[str
 
 def _check_fixed(mesh: TriangleMesh | TetMesh, fixed: Mapping[int, float]) -> None:
     """Vertices of the mesh, and one at least on each of its components."""
+    from ddgcli.algorithms.laplacian.poisson import check_fixed_vertices, refuse_floating
+
     check_fixed_vertices(fixed, mesh.n_vertices)
     cells = mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces
     ends = cells[:, :-1].ravel(), cells[:, 1:].ravel()
