@@ -16,6 +16,18 @@ CODE = (
     "    first, second = np.ones(100_000 + 1000 * k), np.ones(90_000 + 1000 * k)\n"
     "print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)"
 )
+RELEASE = (
+    "import numpy as np\n"
+    "from ddgcli.cli.allocation import keep_freed_memory\n"
+    "from ddgcli.memory import available_memory, resident_memory\n"
+    "keep_freed_memory()\n"
+    "arrays = [np.ones(8 << 20) for _ in range(6)]\n"  # 64 MiB each
+    "last = np.ones(1000)\n"
+    "del arrays\n"
+    "kept = resident_memory()[0]\n"
+    "available_memory()\n"
+    "print(kept, resident_memory()[0])"
+)
 
 
 def measured(word: str, **variables: str) -> list[str]:
@@ -31,3 +43,10 @@ def test_arrays_reuse_freed_memory_unless_the_environment_sets_the_allocator():
     keeps_memory, faults = measured("keep")
     assert keeps_memory == "True" and int(faults) < int(measured("leave")[1]) / 3
     assert measured("keep", MALLOC_TRIM_THRESHOLD_="131072")[0] == "False"
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc's allocator")
+def test_memory_kept_for_arrays_counts_as_available():
+    process = subprocess.run([sys.executable, "-c", RELEASE], capture_output=True, text=True, check=True)
+    kept, released = (float(word) for word in process.stdout.split())
+    assert kept - released > 300 * 2**20

@@ -1,6 +1,6 @@
 """Checks of Laplacian tasks against a mesh before anything is computed, and the names of their arrays.
 
-A task's own module is imported where the task is asked for: importing the solvers takes a tenth of a second.
+The module of a task is imported for that task only: to import the solvers takes a tenth of a second.
 """
 
 from __future__ import annotations
