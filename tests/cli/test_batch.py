@@ -94,7 +94,7 @@ def test_one_hanging_greedy_or_failing_run_does_not_stop_the_rest(stub, inputs):
     names = ("a.ply", "bad.ply", "hang.ply", "greedy.ply", "c.ply")
     tasks = make_tasks(paths(inputs, *names), {}, None, ["info"])
     rows = run_batch(
-        tasks, TaskLimits(seconds=10.0, mebibytes=200.0), jobs=3, collect=["results.area", "results.no"]
+        tasks, TaskLimits(seconds=6.0, mebibytes=200.0), jobs=3, collect=["results.area", "results.no"]
     )
     assert [row.status for row in rows] == ["done", "failed", "timeout", "memory", "done"]
     assert rows[0].collected == {"results.area": 5, "results.no": None}

@@ -85,9 +85,9 @@ def test_no_step_is_so_long_that_it_gives_energy(name, step):
 
 @pytest.mark.parametrize("name", ["newmark", "implicit-midpoint"])
 def test_short_steps_do_not_add_up_what_the_solver_leaves(name):
-    """A thousand steps far shorter than the motion needs: as near to Verlet as their order says."""
-    apart = end(name, 1e-5, 0.01).vertex["velocity"] - end("verlet", 1e-5, 0.01).vertex["velocity"]
-    assert np.abs(apart).max() < 1e-8
+    """Four hundred steps far shorter than the motion needs: as near to Verlet as their order says."""
+    apart = end(name, 1e-5, 4e-3).vertex["velocity"] - end("verlet", 1e-5, 4e-3).vertex["velocity"]
+    assert np.abs(apart).max() < 4e-9
 
 
 def assert_free_shell_keeps_its_momenta(name, linear, angular):
@@ -118,7 +118,7 @@ def test_free_shell_keeps_its_momenta(name, linear, angular):
 def test_energy_error_is_of_second_order(name):
     worst = []
     for step in (4e-3, 2e-3, 1e-3):
-        run, _, _ = shell_run(FREE_SCENE.format(integrator=name, step=step, duration=0.4), frame_every=0.004)
+        run, _, _ = shell_run(FREE_SCENE.format(integrator=name, step=step, duration=0.2), frame_every=0.004)
         energy = np.array(scalar(run, "energy"))
         worst.append(np.abs(energy - energy[0]).max() / energy[0])
     assert np.log2(worst[1] / worst[2]) > 1.6
@@ -163,10 +163,10 @@ pin = { vertices = [0, 14, 210], axes = "xyz" }
 
 def booked_share(integrator="newmark", adaptive=False):
     """(share of the loop's time that the account covers, account, seconds) of a run of 400 faces."""
-    duration = 0.01 if integrator in EXPLICIT_INTEGRATORS else 0.1  # their steps are much shorter
-    text = FREE_SCENE.format(integrator=integrator, step=1e-2, duration=duration).replace(
-        "[3, 3]", "[14, 14]"
-    )
+    # below the stability limit, explicit steps are divided by 74
+    step, duration = (1e-3, 2e-3) if integrator in EXPLICIT_INTEGRATORS else (1e-2, 0.05)
+    text = FREE_SCENE.format(integrator=integrator, step=step, duration=duration)
+    text = text.replace("[3, 3]", "[14, 14]")
     if adaptive:
         text = text.replace("step = 0.01", "tolerance = 1e-3")
     text = text.replace("[effects]", FLOOR)
@@ -208,7 +208,7 @@ def test_time_that_no_entry_books_is_missing_from_the_sum(monkeypatch):
 
     def pause():
         began = perf_counter()
-        sleep(0.02)
+        sleep(0.005)
         pause_seconds[0] += perf_counter() - began
 
     with monkeypatch.context() as patch:
@@ -219,7 +219,7 @@ def test_time_that_no_entry_books_is_missing_from_the_sum(monkeypatch):
     monkeypatch.setattr(DeadLoad, "gradient", lambda self, x: (pause(), gradient(self, x))[1])
     share, account, _ = booked_share()
     assert share >= 0.95
-    assert pause_seconds[0] > 0.2 and account.seconds["gravity"] >= 0.9 * pause_seconds[0]
+    assert pause_seconds[0] > 0.05 and account.seconds["gravity"] >= 0.9 * pause_seconds[0]
 
 
 @pytest.mark.parametrize("integrator, adaptive", [*((n, False) for n in INTEGRATORS), ("newmark", True)])
