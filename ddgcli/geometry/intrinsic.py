@@ -25,10 +25,14 @@ MIN_UNSCALED_LENGTH, MAX_UNSCALED_LENGTH = 1e-70, 1e70
 
 
 def face_area(side_length: NDArray) -> NDArray[np.float64]:
-    """(m,) areas in length units squared; zero where the triangle inequality fails or holds with equality."""
+    """(m,) areas in length units squared; zero where the triangle inequality fails or holds with equality.
+
+    Infinite above the range of numbers.
+    """
     area = np.empty(len(side_length))
-    for block, p, u, scale in _blocks(side_length):
-        area[block] = 0.25 * np.sqrt(p * u[0]) * np.sqrt(u[1] * u[2]) * scale * scale
+    with np.errstate(over="ignore"):
+        for block, p, u, scale in _blocks(side_length):
+            area[block] = 0.25 * np.sqrt(p * u[0]) * np.sqrt(u[1] * u[2]) * scale * scale
     return area
 
 
@@ -45,7 +49,7 @@ def cotan_and_area(side_length: NDArray) -> tuple[NDArray[np.float64], NDArray[n
     """`corner_cotan` (m, 3) and `face_area` (m,) in one pass."""
     m = len(side_length)
     cotan, area = np.empty((m, 3)), np.empty(m)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for block, p, (u0, u1, u2), scale in _blocks(side_length):
             pu, uu = p * u0, u1 * u2
             four_area = np.sqrt(pu) * np.sqrt(uu)

@@ -71,6 +71,7 @@ def check_arrays(path, case):
                 assert np.isfinite(values[reached]).all(), case
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")  # numpy's, which notebooks would show
 @pytest.mark.parametrize("seed", SEEDS)
 def test_degenerate_complexes_have_results_or_one_error_line(run, tmp_path, monkeypatch, seed):
     monkeypatch.chdir(tmp_path)

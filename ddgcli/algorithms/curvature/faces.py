@@ -86,7 +86,8 @@ class Faces:
         product = cross(self.side[0], self.side[1])
         squared = self.squared_length
         longest = np.maximum(np.maximum(squared[0], squared[1]), squared[2])
-        needles = np.flatnonzero(dot(product, product) < 1e-3 * longest * longest)
+        with np.errstate(over="ignore"):  # above the range of numbers no face counts as a needle
+            needles = np.flatnonzero(dot(product, product) < 1e-3 * longest * longest)
         for j in range(2):  # side 2 is not among the factors above
             where = needles[squared[j, needles] == longest[needles]]
             a, b = self.side[NEXT[j]][:, where], self.side[PREVIOUS[j]][:, where]
@@ -95,8 +96,9 @@ class Faces:
 
     @cached_property
     def doubled_area(self) -> NDArray[np.float64]:
-        """(m,) twice the area of each face."""
-        return np.sqrt(dot(self.doubled, self.doubled))
+        """(m,) twice the area of each face; infinite above the range of numbers."""
+        with np.errstate(over="ignore"):
+            return np.sqrt(dot(self.doubled, self.doubled))
 
     @cached_property
     def doubled_star(self) -> NDArray[np.float64]:

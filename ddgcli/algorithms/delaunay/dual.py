@@ -65,6 +65,7 @@ class CircumcentricDual:
         return int((self.dual_length < -NEGATIVE_LENGTH_TOLERANCE * self.edge_length).sum())
 
 
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # faces almost without area
 def circumcentric_dual(mesh: SurfaceMesh) -> CircumcentricDual:
     """Circumcentric dual of a triangulation, by its side lengths alone.
 
@@ -86,9 +87,8 @@ def circumcentric_dual(mesh: SurfaceMesh) -> CircumcentricDual:
     length = mesh.side_length / unit  # squares of tiny and huge lengths leave the range of float64
     area, tangent = face_area(length), half_angle_tangent(length)
     sine, cosine = np.sin(2.0 * np.arctan(tangent)), np.cos(2.0 * np.arctan(tangent))  # of the corners
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        radius = length.prod(axis=1) / (4.0 * area)
-        centre = cosine / (2.0 * np.roll(sine, 1, axis=1) * np.roll(sine, 2, axis=1))
+    radius = length.prod(axis=1) / (4.0 * area)
+    centre = cosine / (2.0 * np.roll(sine, 1, axis=1) * np.roll(sine, 2, axis=1))
     distance = radius[:, None] * cosine[:, PREVIOUS]
     edge, n_edges = topology.side_edge.ravel(), topology.n_edges
     edge_length = np.empty(n_edges)
@@ -171,6 +171,7 @@ def _half_edges(dual: CircumcentricDual, mesh: IntrinsicMesh) -> tuple[NDArray, 
     return side, start[side], (distance - start)[side]
 
 
+@np.errstate(invalid="ignore")
 def _side_vectors(length: NDArray) -> NDArray[np.complex128]:
     """(m, 3) sides as complex numbers, in the plane with corner 0 at 0 and corner 1 on the real axis."""
     cotan = corner_cotan(length)

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.delaunay.normal_coordinates import BLOCK_SIZE, STEP_BITS, STEP_MASK, BaseEdges, blocks
 from ddgcli.errors import SolveError
-from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_side_blocks
+from ddgcli.mesh.vectors import cross, dot
 
 
 def lines_over(
@@ -62,6 +63,7 @@ class Strips:
         self.apex, self.twin = _apex(base), base.topology.side_twin.ravel()
         self.length = base.side_length.ravel()
 
+    @np.errstate(over="ignore", invalid="ignore")  # chains through faces without area have no place
     def draw(self, start: NDArray, count: NDArray) -> NDArray[np.float64]:
         """Lengths of the straight lines whose crossings begin at `start`, longest chains first."""
         n_active = len(count) - np.cumsum(np.bincount(count))[:-1]  # chains of more than 0, 1, ... crossings
@@ -124,15 +126,13 @@ class Strips:
 def _apex(mesh: TriangleMesh) -> NDArray[np.complex128]:
     """(3m,) the corner opposite each side, in the frame where the side runs from 0 to 1."""
     apex = np.empty((mesh.n_faces, 3), dtype=np.complex128)
-    for begin in range(0, mesh.n_faces, BLOCK_SIZE // 4):
-        faces = slice(begin, begin + BLOCK_SIZE // 4)
-        corners = [mesh.points.take(corner, axis=0) for corner in mesh.faces[faces].T]
-        side = [corners[k - 2] - corners[k] for k in range(3)]
-        doubled_area = np.linalg.norm(np.cross(side[0], side[2]), axis=1)
+    for faces, side in unit_side_blocks(mesh):
+        normal = cross(side[:, 0], side[:, 2])
+        doubled_area = np.sqrt(dot(normal, normal))
         for k in range(3):
-            squared = np.einsum("fi,fi->f", side[k], side[k])
+            squared = dot(side[:, k], side[:, k])
             squared[squared == 0.0] = 1.0
-            apex.real[faces, k] = -np.einsum("fi,fi->f", side[k], side[k - 1]) / squared
+            apex.real[faces, k] = -dot(side[:, k], side[:, k - 1]) / squared
             apex.imag[faces, k] = doubled_area / squared
     return apex.ravel()
 

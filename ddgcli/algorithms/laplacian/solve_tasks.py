@@ -192,7 +192,8 @@ def _harmonic(result: LaplacianResult, tasks: LaplacianTasks, progress: Progress
 
 
 def _summary(operator: LaplaceOperator, u: NDArray) -> dict[str, Any]:
-    energy = 0.5 * float(np.sum(u * (operator.stiffness @ u)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        energy = 0.5 * float(np.sum(u * (operator.stiffness @ u)))
     return {"min": float(u.min()), "max": float(u.max()), "dirichlet_energy": energy}
 
 

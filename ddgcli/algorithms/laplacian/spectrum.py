@@ -73,7 +73,8 @@ def heat_kernel_signature(pairs: Eigenpairs, times: NDArray) -> HeatKernelSignat
     diffusion", 2009.
     """
     times = np.asarray(times, dtype=np.float64)
-    decay = np.exp(-np.outer(pairs.values, times))
+    with np.errstate(over="ignore"):
+        decay = np.exp(-np.outer(pairs.values, times))
     truncation = decay[-1] if len(pairs.values) < len(pairs.vectors) else np.zeros(len(times))
     if (truncation > 1e-3).any():
         log.warning(

@@ -89,7 +89,9 @@ class VectorHeat:
         self._t = time * float(np.mean(mesh.side_length)) ** 2
         idle = csr_array((np.where(referenced, 0.0, 1.0), (np.arange(mesh.n_vertices),) * 2))
         self._mass = lumped_mass(mesh) + idle
-        self._vector = Factor(csc_array(self._mass + self._t * connection_laplacian(mesh)))
+        with np.errstate(invalid="ignore"):  # the factorisation refuses entries that are not finite
+            matrix = csc_array(self._mass + self._t * connection_laplacian(mesh))
+        self._vector = Factor(matrix)
         self._scalar: Factor | None = None
 
     @property

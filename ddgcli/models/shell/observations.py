@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mechanics.driving import contact_forces, reactions
 from ddgcli.mechanics.system import Motion, System
+from ddgcli.mesh.vectors import vector_length
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.groups import Group
 from ddgcli.simulation.model import Observation
@@ -70,7 +71,7 @@ def strain(context: ShellContext, x: NDArray) -> NDArray[np.float64]:
     topology = context.mesh.topology
     rest = context.mesh.side_length.ravel()
     tail, head = topology.side_tail, topology.side_head
-    now = np.linalg.norm(x[head] - x[tail], axis=1)
+    now = vector_length(x[head] - x[tail])
     relative = np.abs(now / rest - 1)
     largest = np.zeros(len(x))
     np.maximum.at(largest, tail, relative)
@@ -78,8 +79,9 @@ def strain(context: ShellContext, x: NDArray) -> NDArray[np.float64]:
     return largest
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def measures(system: System, motion: Motion) -> dict[str, Any]:
-    """Energies by effect, momenta, iterations."""
+    """Energies by effect, momenta, iterations; infinite above the range of numbers."""
     momentum = system.mass[:, None] * motion.v
     energies = {f"energy_{name}": value for name, value in system.energies(motion.x).items()}
     kinetic = 0.5 * float(np.sum(momentum * motion.v))

@@ -40,6 +40,7 @@ class RunRounding:
     angular_momentum: float
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def rounding(outcome: Outcome, systems: dict[str, System], order: Order = ()) -> RunRounding:
     """Rounding of a run over all shells: the larger of what it is at the start and at the end."""
     steps, end = outcome.steps, _split(outcome.end.points, systems, order)
