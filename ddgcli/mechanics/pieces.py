@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import Mode, Potential
+from ddgcli.mechanics.terms import LinearOperator, Mode, Potential
 
 MIN_PIECE = 1 << 19  # elements
 MAX_PIECES = 16
@@ -52,6 +52,17 @@ class PotentialPieces:
         for vertices, piece in self.pieces():
             total[vertices] += piece.gradient(x[vertices])
         return total
+
+    def material_operator(self, x: NDArray) -> LinearOperator:
+        """Product of the material Hessian at x with velocities (n, 3)."""
+
+        def multiply(v: NDArray) -> NDArray[np.float64]:
+            total = np.zeros_like(v)
+            for vertices, piece in self.pieces():
+                total[vertices] += piece.material_operator(x[vertices])(v[vertices])
+            return total
+
+        return multiply
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         return self._whole.blocks(x, mode)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Mode = Literal["exact", "projected", "material"]
+LinearOperator = Callable[[NDArray], NDArray[np.float64]]  # product of a matrix with (n, 3) vectors
 
 
 @runtime_checkable
@@ -26,6 +27,8 @@ class Potential(Protocol):
     numbers from n on, and `blocks` are Hessians in both; of an internal unknown only the first of its three
     rows is used. A potential whose elements change from place to place has an empty stencil and a method
     `hessian(x, mode)`: a (3n, 3n) sparse array, or None for zero.
+
+    Optional: `material_operator(x)`, the product of the material Hessian at x with vectors, without blocks.
     """
 
     @property

@@ -1,17 +1,22 @@
 """Every term of the shell: gradient and Hessian against finite differences, rest, invariances."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 
 from ddgcli.io.scene_file import parse_scene
+from ddgcli.mechanics import pieces
 from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.terms import Dissipation, Potential
 from ddgcli.mesh.shapes import icosphere
 from ddgcli.models.shell import model
 from ddgcli.models.shell.scene import EFFECTS, KIND
+from ddgcli.models.shell.stretching import StVK
 from ddgcli.scenes.scene import resolve
 from ddgcli.scenes.shapes import rotation_matrix
 from ddgcli.simulation.account import Account
+from tests.simulate import shell_run
 
 OBSTACLE = """
 [[object]]
@@ -35,6 +40,23 @@ velocity = [1, 2, 3]
 """
 CURVED = "sphere = { radius = 1, subdivisions = 1 }\nposition = [0, 0, 3]"
 FLAT_GRID = 'grid = { size = [1, 1.2], cells = [3, 4], pattern = "alternating" }'
+DAMPED = """
+[time]
+duration = {duration}
+step = 1e-4
+integrator = "verlet"
+[[object]]
+name = "s"
+role = "shell"
+grid = {{ size = [1, 1], cells = [3, 3] }}
+material = "felt"
+thickness = 1e-3
+[effects]
+stretching = {{}}
+bending = {{}}
+gravity = {{}}
+damping = {{ stiffness = 1e-6 }}
+"""
 # effect line -> shape; every effect of the table is in at least one (test_table_is_covered)
 TERMS = {
     "stretching-edges": ('stretching = { model = "edges" }', CURVED),
@@ -52,6 +74,9 @@ TERMS = {
     "load-moment": ("load = { moment = 0.3, edge = [0, 6] }", FLAT_GRID),
     "damping-mass": ("damping = { mass = 2 }", CURVED),
     "damping-stiffness": ("stretching = {}\nbending = {}\ndamping = { stiffness = 0.1 }", CURVED),
+    "damping-edges": ('stretching = { model = "edges-area" }\ndamping = { stiffness = 0.1 }', CURVED),
+    "damping-quadratic": ('bending = { model = "quadratic" }\ndamping = { stiffness = 0.1 }', CURVED),
+    "damping-cubic": ('bending = { model = "cubic" }\ndamping = { stiffness = 0.1 }', CURVED),
     "contact": ('contact = { pairs = [["s", "floor"], ["s", "ball"]], gap = 0.2 }', FLAT_GRID),
     "friction": ('contact = { pairs = [["s", "floor"]], gap = 0.2, friction = 0.4, slip = 0.3 }', FLAT_GRID),
     "contact-box": ('contact = { pairs = [["s", "crate"]], gap = 0.3 }', FLAT_GRID),
@@ -165,6 +190,35 @@ def test_hessians_equal_finite_differences(name):
             estimate[k] = ((p.gradient(x + step) - p.gradient(x - step)) / (2 * h)).ravel()
         assert np.abs(hessian - hessian.T).max() <= 1e-12 * np.abs(hessian).max()
         assert np.abs(hessian - estimate).max() <= 1e-6 * np.abs(hessian).max()
+
+
+@pytest.mark.parametrize("name", [n for n in TERMS if n.startswith(("stretching", "bending"))])
+def test_products_with_the_material_hessian_are_those_of_its_blocks(name, monkeypatch):
+    monkeypatch.setattr(pieces, "MIN_PIECE", 7)
+    v = np.random.default_rng(2).normal(size=moved(system_of(*TERMS[name])[0]).shape)
+    for whole, x in potentials(name):
+        for p in (whole, pieces.in_pieces(whole)):
+            if hasattr(p, "material_operator"):
+                expected = dense(p.stencil, p.blocks(x, "material"), len(x)) @ v.ravel()
+                product = p.material_operator(x)(v).ravel()
+                assert np.abs(product - expected).max() <= 1e-13 * np.abs(expected).max()
+
+
+def blocks_made(duration):
+    """Calls of `pair_blocks` in a run of the damped shell."""
+    calls, pair_blocks = [], StVK.pair_blocks
+
+    def counted(self, x, mode):
+        calls.append(mode)
+        return pair_blocks(self, x, mode)
+
+    with patch.object(StVK, "pair_blocks", counted):
+        shell_run(DAMPED.format(duration=duration))
+    return len(calls)
+
+
+def test_explicit_steps_with_damping_make_no_blocks():
+    assert blocks_made(1e-3) == blocks_made(1e-2) > 0  # of the limit of the step
 
 
 @pytest.mark.parametrize("name", FORCES)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import Mode
+from ddgcli.mechanics.terms import LinearOperator, Mode
 from ddgcli.mesh.scatter import sum_by_index
 
 
@@ -40,6 +40,19 @@ class AreaSprings:
         force = self.stiffness * (area / self.rest - 1)
         slope = 0.5 * np.cross(normal[:, None], edges)
         return sum_by_index(self.stencil, force[:, None, None] * slope, len(x))
+
+    def material_operator(self, x: NDArray) -> LinearOperator:
+        """Product of the material Hessian at x with velocities (n, 3)."""
+        _, normal, edges = self._area(x)
+        slope = 0.5 * np.cross(normal[:, None], edges)
+
+        def multiply(v: NDArray) -> NDArray[np.float64]:
+            rate = np.einsum("mij,mij->m", slope, v[self.stencil])
+            return sum_by_index(
+                self.stencil, (self.stiffness / self.rest * rate)[:, None, None] * slope, len(v)
+            )
+
+        return multiply
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         area, normal, edges = self._area(x)

@@ -16,9 +16,10 @@ from scipy.sparse import coo_array, csr_array
 from ddgcli.geometry.hinges import hinge_cotans, hinges
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mechanics.pair_blocks import PairBlocks, vertex_pairs, whole_blocks
-from ddgcli.mechanics.terms import Mode, Potential, at_last_point, row_blocks
-from ddgcli.mesh.scatter import sum_columns_by_index
+from ddgcli.mechanics.terms import LinearOperator, Mode, Potential, at_last_point, row_blocks
+from ddgcli.mesh.scatter import columns_at, sum_columns_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import dot
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.sections import Section
@@ -73,6 +74,17 @@ class HingeBending:
         slopes = [moment * slope for slope in hinge.angle_slopes(hinge_frame)]
         return sum_columns_by_index(self.stencil, slopes, len(x))
 
+    def material_operator(self, x: NDArray) -> LinearOperator:
+        """Product of the material Hessian at x with velocities (n, 3)."""
+        slopes = hinge.angle_slopes(self._hinge_frame(x))
+
+        def multiply(v: NDArray) -> NDArray[np.float64]:
+            rate = sum(dot(slope, column) for slope, column in zip(slopes, columns_at(v, self.stencil)))
+            moment = 2 * self.weight * rate
+            return sum_columns_by_index(self.stencil, [moment * slope for slope in slopes], len(v))
+
+        return multiply
+
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         return whole_blocks(self.stencil, self.pair_blocks(x, mode))
 
@@ -115,6 +127,10 @@ class QuadraticBending:
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         return self.matrix @ x
+
+    def material_operator(self, x: NDArray) -> LinearOperator:
+        """Product of the Hessian, which is constant, with velocities (n, 3)."""
+        return self.gradient
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         return whole_blocks(self.stencil, self._pairs.values)

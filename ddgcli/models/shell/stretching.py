@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mechanics.pair_blocks import PairBlocks, vertex_pairs, whole_blocks
-from ddgcli.mechanics.terms import Mode, Potential, at_last_point, row_blocks
+from ddgcli.mechanics.terms import LinearOperator, Mode, Potential, at_last_point, row_blocks
 from ddgcli.mesh.scatter import columns_at, sum_by_index, sum_columns_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot
@@ -64,6 +64,18 @@ class EdgeSprings:
         vector, length = self._edge(x)
         force = (self.stiffness / self.rest * (length / self.rest - 1) / length) * vector
         return sum_columns_by_index(self.stencil, [-force, force], len(x))
+
+    def material_operator(self, x: NDArray) -> LinearOperator:
+        """Product of the material Hessian at x with velocities (n, 3)."""
+        vector, length = self._edge(x)
+        unit, along = vector / length, self.stiffness / self.rest**2
+
+        def multiply(v: NDArray) -> NDArray[np.float64]:
+            tail, head = columns_at(v, self.stencil)
+            force = along * dot(unit, head - tail) * unit
+            return sum_columns_by_index(self.stencil, [-force, force], len(v))
+
+        return multiply
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         return whole_blocks(self.stencil, self.pair_blocks(x, mode))
@@ -141,9 +153,13 @@ class StVK:
         """Columns of F (3, m); components 11, 22, 12 (3, m) of Green's strain and of the second stress."""
         f, g = self._columns(x)
         strain = 0.5 * (np.stack(self._products(f, g)) - self._rest)
+        return (f, g), strain, self._stress_of(strain)
+
+    def _stress_of(self, strain: NDArray) -> NDArray[np.float64]:
+        """Second stress of a strain, components 11, 22, 12 (3, m)."""
         stress = 2 * self.mu * strain
         stress[:2] += self.lam * (strain[0] + strain[1])
-        return (f, g), strain, stress
+        return stress
 
     def green_strain(self, x: NDArray) -> tuple[NDArray, NDArray]:
         """(m, 2, 2) Green's strain and second stress (N/m), along the first side of a face and across."""
@@ -157,10 +173,25 @@ class StVK:
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         (f, g), _, stress = self._stress(x)
+        return self._forces(f, g, stress, len(x))
+
+    def _forces(self, f: NDArray, g: NDArray, stress: NDArray, n: int) -> NDArray[np.float64]:
+        """(n, 3) derivative of the energy in the positions, from F and the second stress."""
         s = self.area * stress
         first, second = s[0] * f + s[2] * g, s[2] * f + s[1] * g
         forces = [b * first + c * second for b, c in zip(*self._rates)]
-        return sum_columns_by_index(self.stencil, forces, len(x))
+        return sum_columns_by_index(self.stencil, forces, n)
+
+    def material_operator(self, x: NDArray) -> LinearOperator:
+        """Product of the material Hessian at x with velocities (n, 3)."""
+        (f, g), _, _ = self._stress(x)
+
+        def multiply(v: NDArray) -> NDArray[np.float64]:
+            df, dg = self._columns(v)
+            rate = np.stack([dot(f, df), dot(g, dg), 0.5 * (dot(f, dg) + dot(g, df))])
+            return self._forces(f, g, self._stress_of(rate), len(v))
+
+        return multiply
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         return whole_blocks(self.stencil, self.pair_blocks(x, mode))
