@@ -166,9 +166,14 @@ class MembraneFlow(PlasticFlow):
 
     def _principal(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
         """(m, 2) principal Green strains relative to the rest metric."""
-        root = _inverse_root(rest)
-        stretch = np.matmul(np.matmul(root.transpose(0, 2, 1), self._metric(x)), root)
-        return 0.5 * np.linalg.eigvalsh(stretch - np.eye(2))
+        root, change = _inverse_root(rest), self._metric(x) - rest
+        p, q, r = root[:, 0, 0], root[:, 0, 1], root[:, 1, 1]
+        c11, c12, c22 = change[:, 0, 0], change[:, 0, 1], change[:, 1, 1]
+        # components of root' change root, whose eigenvalues are twice the strains
+        e11, e12 = p * p * c11, p * (q * c11 + r * c12)
+        e22 = q * q * c11 + 2 * q * r * c12 + r * r * c22
+        mean, radius = 0.5 * (e11 + e22), np.hypot(0.5 * (e11 - e22), e12)
+        return 0.5 * np.stack([mean - radius, mean + radius], axis=1)
 
     def strain(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
         return np.abs(self._principal(x, rest)).max(axis=1)
@@ -185,8 +190,13 @@ class MembraneFlow(PlasticFlow):
 
 
 def _inverse_root(metric: NDArray) -> NDArray[np.float64]:
-    """(m, 2, 2) matrices P with P^T M P = I."""
-    return np.linalg.inv(np.linalg.cholesky(metric)).transpose(0, 2, 1)
+    """(m, 2, 2) upper triangular P with P^T M P = I: the transposed inverse of the Cholesky factor."""
+    a = np.sqrt(metric[:, 0, 0])
+    b = metric[:, 0, 1] / a
+    c = np.sqrt(metric[:, 1, 1] - b * b)
+    root = np.zeros_like(metric)
+    root[:, 0, 0], root[:, 0, 1], root[:, 1, 1] = 1 / a, -b / (a * c), 1 / c
+    return root
 
 
 def build(parameters: Plasticity, context: ShellContext) -> list[PlasticFlow]:

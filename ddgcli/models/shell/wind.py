@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from ddgcli.mechanics.terms import Mode, Potential
-from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.scatter import columns_at, sum_columns_by_index
+from ddgcli.mesh.vectors import cross, dot
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.expressions import evaluate, parse
 from ddgcli.scenes.sections import Section
@@ -62,11 +63,11 @@ class FaceDrag:
         self.normal, self.tangential, self.time = normal, tangential, 0.0
 
     def frozen(self, x: NDArray, dt: float) -> Potential:
-        corners = x[self.stencil]
-        area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        size = np.sqrt(np.einsum("mi,mi->m", area, area))
-        normal = area / np.where(size > 0, size, 1.0)[:, None]
-        air = air_velocity(self.velocity, corners.mean(axis=1), self.time)
+        x0, x1, x2 = columns_at(x, self.stencil)
+        area = 0.5 * cross(x1 - x0, x2 - x0)
+        size = np.sqrt(dot(area, area))
+        normal = area / np.where(size > 0, size, 1.0)
+        air = air_velocity(self.velocity, (x0 + x1 + x2) / 3, self.time)
         weight = self.half_density * size
         return FrozenFaceDrag(self.stencil, air, normal, self.normal * weight, self.tangential * weight)
 
@@ -86,7 +87,7 @@ class FrozenFaceDrag:
     Parameters
     ----------
     stencil : (m, 3) ndarray
-    air, normal : (m, 3) ndarray
+    air, normal : (3, m) ndarray
         Velocity of the air at the faces in m/s, unit normals.
     across, along : (m,) ndarray
         rho A c_n / 2 and rho A c_t / 2 in kg/m.
@@ -100,11 +101,12 @@ class FrozenFaceDrag:
         self.stencil, self.air, self.normal, self.across, self.along = stencil, air, normal, across, along
 
     def _relative(self, v: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """Normal velocity (m,), tangential velocity (m, 3) and its size (m,), relative to the air."""
-        w = v[self.stencil].mean(axis=1) - self.air
-        speed = np.einsum("mi,mi->m", w, self.normal)
-        tangential = w - speed[:, None] * self.normal
-        return speed, tangential, np.sqrt(np.einsum("mi,mi->m", tangential, tangential))
+        """Normal velocity (m,), tangential velocity (3, m) and its size (m,), relative to the air."""
+        v0, v1, v2 = columns_at(v, self.stencil)
+        w = (v0 + v1 + v2) / 3 - self.air
+        speed = dot(w, self.normal)
+        tangential = w - speed * self.normal
+        return speed, tangential, np.sqrt(dot(tangential, tangential))
 
     def energy(self, x: NDArray) -> float:
         speed, _, slip = self._relative(x)
@@ -112,14 +114,14 @@ class FrozenFaceDrag:
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         speed, tangential, slip = self._relative(x)
-        force = (self.across * np.abs(speed) * speed)[:, None] * self.normal
-        force += (self.along * slip)[:, None] * tangential
-        return sum_by_index(self.stencil, np.repeat(force[:, None] / 3, 3, axis=1), len(x))
+        force = self.across * np.abs(speed) * speed / 3 * self.normal
+        force += self.along * slip / 3 * tangential
+        return sum_columns_by_index(self.stencil, [force] * 3, len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         speed, tangential, slip = self._relative(x)
-        outer = self.normal[:, :, None] * self.normal[:, None, :]
-        unit = tangential / np.where(slip > 0, slip, 1.0)[:, None]
+        normal, unit = self.normal.T, (tangential / np.where(slip > 0, slip, 1.0)).T
+        outer = normal[:, :, None] * normal[:, None, :]
         block = (2 * self.across * np.abs(speed))[:, None, None] * outer
         block += (self.along * slip)[:, None, None] * (
             np.eye(3) - outer + unit[:, :, None] * unit[:, None, :]
@@ -128,9 +130,9 @@ class FrozenFaceDrag:
 
 
 def air_velocity(velocity: list[str], points: NDArray, time: float) -> NDArray[np.float64]:
-    """(k, 3) velocity of the air at (k, 3) points."""
-    variables = {**dict(zip("xyz", points.T)), "t": np.full(len(points), time)}
-    return np.stack([evaluate(text, variables) for text in velocity], axis=1)
+    """(3, k) velocity of the air at points (3, k)."""
+    variables = {**dict(zip("xyz", points)), "t": np.full(points.shape[1], time)}
+    return np.stack([evaluate(text, variables) for text in velocity])
 
 
 def _depends_on_time(text: str) -> bool:
@@ -143,7 +145,7 @@ def build(parameters: Wind, context: ShellContext) -> list[FaceDrag]:
         log.warning("effect wind on %s has no strength: it changes nothing", context.shell.name)
         return []
     velocity = [str(component) for component in parameters.velocity]
-    air_velocity(velocity, np.asarray(context.mesh.points), 0.0)  # refuses what has no value
+    air_velocity(velocity, context.mesh.points.T, 0.0)  # refuses what has no value
     kind = GustyFaceDrag if any(_depends_on_time(text) for text in velocity) else FaceDrag
     half = 0.5 * parameters.density
     return [kind(np.asarray(context.mesh.faces), velocity, half, parameters.normal, parameters.tangential)]
