@@ -31,7 +31,7 @@ from ddgcli.cli.forecast.prediction import fill, probe
 
 TABLE = ROOT / "ddgcli" / "cli" / "forecast" / "coefficients.py"
 SIZES, SMALL_SIZES, SHELL_SIZES = (10_000, 80_000), (2_000, 14_000), (10_000, 100_000)
-LARGE_SIZES = (10_000, 80_000, 500_000)  # of factors, whose operations grow with n^1.5
+LARGE_SIZES = (10_000, 80_000, 500_000)  # where caches and fill give an exponent above 1.05
 PIECE_SIZES = (10_000, 100_000, 600_000)  # of shells, whose elements are summed in pieces beyond 350,000
 REPETITIONS = 3
 SHELL = "--material felt --set thickness=1e-3 --effect stretching --effect gravity"
@@ -73,7 +73,7 @@ SURFACE = [
     ),
     Task("curvature quadric auto", "curvature {mesh} --radius auto", short=True),
     Task("curvature further results", "curvature {mesh} --scheme corrected"),
-    Task("delaunay", "delaunay {mesh}"),
+    Task("delaunay", "delaunay {mesh}", LARGE_SIZES, exponent=1.15),
     Task("delaunay refine", "delaunay {mesh} --refine 25"),
     Task("delaunay overlay", "delaunay {mesh} --overlay {out}.ply"),
     Task("delaunay dual", "delaunay {mesh} --dual {out}.npz"),

@@ -36,7 +36,7 @@ COEFFICIENTS: dict[str, Cost] = {
     "curvature corrected radius": Cost(0, 0.6284, 1.05, 38.45, 95.32),
     "curvature quadric radius": Cost(0.03157, 0.1995, 1.05, 26.39, 122.7),
     "curvature quadric auto": Cost(0.3083, 1.217, 1.05, 18.1, 43.19),
-    "delaunay": Cost(0.3908, 0.2048, 1.05, 23.18, 35.08),
+    "delaunay": Cost(0.4512, 0.3352, 1.15, 25.81, 28.57),
     "delaunay refine": Cost(0.5202, 5.666, 1.05, 26.67, 154.6),
     "delaunay overlay": Cost(0.03553, 0.2442, 1.05, 20.68, 42.49),
     "delaunay dual": Cost(0.02693, 0.1124, 1.05, 18.91, 77.01),
