@@ -139,18 +139,18 @@ def _lengthen(edge_length: NDArray, side_edge: NDArray, added: NDArray, required
     that its three edges grow equally. Amounts only increase, up to the largest initial one; after MAX_ROUNDS
     every face takes that one.
     """
-    added = added.copy()
-    for k in range(MAX_ROUNDS + 1):
-        growth = np.zeros_like(edge_length)
-        growing = np.flatnonzero(added)
+    added, growth = added.copy(), np.zeros_like(edge_length)
+    growing, faces = np.flatnonzero(added), np.arange(len(side_edge))
+    for _ in range(MAX_ROUNDS + 1):
         np.maximum.at(growth, side_edge[growing].ravel(), np.repeat(added[growing], 3))
-        grown = edge_length + growth
-        most = growth[side_edge].max(axis=1)
-        short = (added < most) & (_excesses(grown[side_edge])[:, 0] < required)
-        if not short.any():
-            break
-        if k < MAX_ROUNDS:
-            added[short] = most[short]
-        else:
-            grown = edge_length + most.max()
-    return grown
+        most = growth[side_edge[faces]].max(axis=1)
+        least = _excesses((edge_length + growth)[side_edge[faces]])[:, 0]
+        is_short = (added[faces] < most) & (least < required[faces])
+        growing = faces[is_short]
+        if not len(growing):
+            return edge_length + growth
+        added[growing] = most[is_short]
+        may_have_grown = np.zeros(len(edge_length), dtype=bool)
+        may_have_grown[side_edge[growing]] = True
+        faces = np.flatnonzero(may_have_grown[side_edge].any(axis=1))
+    return edge_length + added.max()
