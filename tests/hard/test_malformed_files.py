@@ -6,8 +6,9 @@ import h5py
 import numpy as np
 import pytest
 
-from ddgcli.errors import MAX_EXCERPT_LENGTH, InputError
+from ddgcli.errors import MAX_EXCERPT_LENGTH, InputError, MeshFileError
 from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.io.readers.raw_mesh import RawMesh, assembled
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 
@@ -305,3 +306,23 @@ def test_a_damaged_trajectory_is_refused(tmp_path, damage):
     with pytest.raises(InputError, match="not a ddgcli trajectory") as refusal:
         Trajectory(path)
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("vt 0 0\nf 1/1\n", "not an OBJ file: no vertices; check the extension"),
+        ("vt 0 0\nvt 1 0\nf 1/1 2/1\nf\n", "not an OBJ file: no vertices; check the extension"),
+    ],
+)
+def test_faces_without_any_vertex_are_refused(run, tmp_path, text, message):
+    path = tmp_path / "a.obj"
+    path.write_text(text)
+    result = run("info", path)
+    assert (result.exit_code, result.stderr) == (2, f"Error: {path}: {message}\n")
+
+
+def test_a_polygon_of_arrays_that_names_no_point_is_refused():
+    raw = RawMesh(np.zeros((3, 3)), np.array([0, 1, 2, 0, 3]), np.array([3, 2]))
+    with pytest.raises(MeshFileError, match="face 1 names vertex 3, outside 0..2; correct the face list"):
+        assembled(raw)

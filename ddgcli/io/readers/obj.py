@@ -42,7 +42,7 @@ def read_obj(data: bytes) -> RawMesh:
         data = re.sub(rb"\\\r?\n", b" ", data)
     vertices, faces, paths, textures = _elements(TextLines.of(data))
     points, colors = _points(vertices)
-    if not len(points) and not len(faces.place) and _has_content(data):
+    if not len(points) and _has_content(data):
         raise MeshFileError("not an OBJ file: no vertices; check the extension")
     corners, sizes = _indices(faces, vertices, "face")
     along, path_sizes = _indices(paths, vertices, "polyline")

@@ -96,10 +96,7 @@ def _surface(raw: RawMesh) -> tuple[TriangleMesh, dict[str, NDArray], NDArray | 
             raw.face[CORNER_UV] = stored
         corner = np.arange(faces.size) if raw.corner_uv is not None else np.zeros(0, dtype=np.int64)
         return mesh, {**raw.face, **_textured(raw, faces, corner)}, None
-    check_faces(raw.corners[: len(raw.corners) // 3 * 3].reshape(-1, 3), len(raw.points), copy=False)
-    check_faces(
-        raw.corners[-3:].reshape(-1, 3) if len(raw.corners) > 2 else np.zeros((0, 3)), len(raw.points)
-    )
+    _check_corners(raw)
     points = np.asarray(raw.points, dtype=np.float64)
     if raw.corner_uv is None:
         faces, polygon = triangulated(points, raw.corners, raw.sizes)
@@ -117,6 +114,17 @@ def _surface(raw: RawMesh) -> tuple[TriangleMesh, dict[str, NDArray], NDArray | 
         raw.notes.append(f"{len(small)} faces of fewer than three corners omitted (first: face {small[0]})")
     mesh = TriangleMesh.from_arrays(raw.points, faces)
     return mesh, {**{name: value[polygon] for name, value in raw.face.items()}, **textures}, polygon
+
+
+def _check_corners(raw: RawMesh) -> None:
+    """Raise MeshFileError for the first corner of a polygon that names no point."""
+    outside = np.flatnonzero((raw.corners < 0) | (raw.corners >= len(raw.points)))
+    if len(outside):
+        face = int(np.searchsorted(np.cumsum(raw.sizes), outside[0], side="right"))
+        raise MeshFileError(
+            f"face {face} names vertex {raw.corners[outside[0]]}, outside 0..{len(raw.points) - 1}; "
+            "correct the face list"
+        )
 
 
 def _textured(raw: RawMesh, faces: NDArray, corner: NDArray) -> dict[str, NDArray]:
