@@ -1,7 +1,6 @@
 """Memory that a computation may take, and the refusal of what cannot fit."""
 
 import os
-from contextlib import suppress
 
 from ddgcli.errors import ParameterError
 
@@ -10,7 +9,7 @@ try:
 except ImportError:  # Windows sets no such limits
     resource = None  # type: ignore[assignment]
 
-__all__ = ["available_memory", "check_memory", "memory_limit", "resident_memory"]
+__all__ = ["available_memory", "check_memory", "memory_limit", "release_freed_memory", "resident_memory"]
 
 MAX_BYTES = 16 * 2**30  # of one result, checked before it is allocated
 CGROUP_FILES = (
@@ -25,7 +24,7 @@ def available_memory() -> float:
     The least of the memory that the system can free, what is left of the limit of the container, and what is
     left of `ulimit -v`. What the allocator keeps of freed arrays goes back to the system first.
     """
-    _release_freed_memory()
+    release_freed_memory()
     limits = [float("inf")]
     free = _proc_value("/proc/meminfo", "MemAvailable:")
     if free is not None:
@@ -60,12 +59,15 @@ def check_memory(estimate: float, what: str, cure: str) -> None:
         )
 
 
-def _release_freed_memory() -> None:
-    """Return the free blocks of glibc's heap to the system; elsewhere nothing is done."""
+def release_freed_memory() -> bool:
+    """Return the free blocks of glibc's heap to the system; whether the allocator offers it."""
     import ctypes
 
-    with suppress(AttributeError, OSError, TypeError):
+    try:
         ctypes.CDLL(None).malloc_trim(0)
+    except (AttributeError, OSError, TypeError):
+        return False
+    return True
 
 
 def _proc_value(path: str, name: str) -> float | None:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ddgcli.errors import DdgError, SolveError
+from ddgcli.memory import release_freed_memory
 from ddgcli.progress import ProgressCallback
 from ddgcli.tradeoff.candidates import Candidate, MeshLimit, Problem, Reference, Row, Table, label_of
 from ddgcli.tradeoff.time_budget import REFERENCE_SHARE, BudgetExceeded, Clock, TimeBudget
@@ -256,7 +257,8 @@ def peak_mib(call: Callable[[], Any]) -> float:
 
 
 def _peak_of_forked_child(call: Callable[[], Any]) -> float:
-    _trim_heap()
+    if not release_freed_memory():  # a child would reuse freed blocks and its peak would not grow
+        log.debug("malloc_trim is missing: peak memory may be reported too low")
     context = multiprocessing.get_context("fork")
     here, there = context.Pipe(duplex=False)
     child = context.Process(target=_run_in_child, args=(call, there), daemon=True)
@@ -271,16 +273,6 @@ def _peak_of_forked_child(call: Callable[[], Any]) -> float:
         raise
     finally:
         child.join()
-
-
-def _trim_heap() -> None:
-    """Return freed blocks to the system: a child would reuse them and its peak would not grow."""
-    import ctypes
-
-    try:
-        ctypes.CDLL("libc.so.6").malloc_trim(0)
-    except (OSError, AttributeError):
-        log.debug("malloc_trim is missing: peak memory may be reported too low")
 
 
 def _run_in_child(call: Callable[[], Any], pipe: Any) -> None:
