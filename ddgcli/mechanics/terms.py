@@ -27,8 +27,6 @@ class Potential(Protocol):
     numbers from n on, and `blocks` are Hessians in both; of an internal unknown only the first of its three
     rows is used. A potential whose elements change from place to place has an empty stencil and a method
     `hessian(x, mode)`: a (3n, 3n) sparse array, or None for zero.
-
-    Optional: `material_operator(x)`, the product of the material Hessian at x with vectors, without blocks.
     """
 
     @property
@@ -38,6 +36,14 @@ class Potential(Protocol):
     def energy(self, x: NDArray) -> float: ...
     def gradient(self, x: NDArray) -> NDArray[np.float64]: ...
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]: ...
+
+
+class ElasticPotential(Potential, Protocol):
+    """A potential that stiffness damping follows."""
+
+    def material_operator(self, x: NDArray) -> LinearOperator:
+        """Product of the material Hessian at x with vectors (n, 3), without its blocks."""
+        ...
 
 
 def is_dead(potential: Any) -> bool:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import Mode
+from ddgcli.mechanics.terms import LinearOperator, Mode
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.shell import hinge
@@ -74,6 +74,10 @@ class CubicBending:
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         return sum_by_index(self.stencil, self._local_gradient(x), len(x))
+
+    def material_operator(self, x: NDArray) -> LinearOperator:
+        """Product of the positive part of the quadratic form, which is constant, with velocities (n, 3)."""
+        return lambda v: sum_by_index(self.stencil, np.matmul(self._positive, v[self.stencil]), len(v))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         """The constant quadratic part (its positive part, unless exact) and the linear cubic one."""

@@ -6,12 +6,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import LinearOperator, Mode, Potential
+from ddgcli.mechanics.terms import ElasticPotential, LinearOperator, Mode, Potential
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.sections import Section
@@ -69,7 +68,7 @@ class ElasticViscous:
     """
 
     name: str
-    potential: Any
+    potential: ElasticPotential
     at: NDArray
     beta: float
     multiply: LinearOperator
@@ -97,7 +96,7 @@ class StiffnessDamping:
 
     name = "damping"
 
-    def __init__(self, potential: Potential, beta: float) -> None:
+    def __init__(self, potential: ElasticPotential, beta: float) -> None:
         self.potential, self.beta = potential, beta
 
     @property
@@ -105,12 +104,8 @@ class StiffnessDamping:
         return self.potential.stencil
 
     def frozen(self, x: NDArray, dt: float) -> Potential:
-        if hasattr(self.potential, "viscous"):  # internal unknowns: blocks alone do not give the force
-            return self.potential.viscous(self.name, self.beta, x)
-        if hasattr(self.potential, "material_operator"):
-            multiply = self.potential.material_operator(x)
-            return ElasticViscous(self.name, self.potential, np.array(x), self.beta, multiply)
-        return Viscous(self.name, self.stencil, self.beta * self.potential.blocks(x, "material"))
+        multiply = self.potential.material_operator(x)
+        return ElasticViscous(self.name, self.potential, np.array(x), self.beta, multiply)
 
 
 def build(parameters: Damping, context: ShellContext) -> list[MassDamping | StiffnessDamping]:

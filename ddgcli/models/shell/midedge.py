@@ -24,7 +24,7 @@ from scipy.sparse import coo_array, csr_array
 
 from ddgcli.geometry.hinges import hinge_sides, hinges
 from ddgcli.linalg.factor import Factor
-from ddgcli.mechanics.terms import Mode, Potential, at_last_point
+from ddgcli.mechanics.terms import LinearOperator, Mode, at_last_point
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -282,38 +282,10 @@ class MidedgeBending:
         trace = np.trace(second, axis1=1, axis2=2)[:, None, None]
         return self.rigidity * ((1 - self.poisson) * second + self.poisson * trace * np.eye(2))
 
-    def viscous(self, name: str, factor: float, x: NDArray) -> Potential:
-        """Half `factor` times v' K v, K the material Hessian at x with the rotations eliminated."""
-        return ViscousMidedge(name, self, np.array(x), factor)
-
-
-@dataclass(frozen=True, eq=False)
-class ViscousMidedge:
-    """R = factor/2 v' K v, least over the rates of the rotations."""
-
-    name: str
-    potential: MidedgeBending
-    at: NDArray
-    factor: float
-
-    @property
-    def stencil(self) -> NDArray[np.int64]:
-        return self.potential.stencil
-
-    @property
-    def internal(self) -> int:
-        return self.potential.internal
-
-    def energy(self, x: NDArray) -> float:
-        rate = self.potential.turned(self.at, x)
-        return 0.5 * self.factor * float(rate @ self.potential.moments(rate))
-
-    def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        moment = self.potential.moments(self.potential.turned(self.at, x))
-        return self.potential.pulled_back(self.at, self.factor * moment)
-
-    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
-        return self.factor * self.potential.blocks(self.at, "material")
+    def material_operator(self, x: NDArray) -> LinearOperator:
+        """Product of the material Hessian at x, the rotations eliminated, with velocities (n, 3)."""
+        at = np.array(x)
+        return lambda v: self.pulled_back(at, self.moments(self.turned(at, v)))
 
 
 def plate_matrices(length: NDArray, rigidity: float, poisson: float) -> NDArray[np.float64]:
