@@ -308,18 +308,13 @@ def test_a_damaged_trajectory_is_refused(tmp_path, damage):
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize(
-    "text, message",
-    [
-        ("vt 0 0\nf 1/1\n", "not an OBJ file: no vertices; check the extension"),
-        ("vt 0 0\nvt 1 0\nf 1/1 2/1\nf\n", "not an OBJ file: no vertices; check the extension"),
-    ],
-)
-def test_faces_without_any_vertex_are_refused(run, tmp_path, text, message):
+@pytest.mark.parametrize("text", ["vt 0 0\nf 1/1\n", "vt 0 0\nvt 1 0\nf 1/1 2/1\nf\n"])
+def test_faces_without_any_vertex_are_refused(run, tmp_path, text):
     path = tmp_path / "a.obj"
     path.write_text(text)
     result = run("info", path)
-    assert (result.exit_code, result.stderr) == (2, f"Error: {path}: {message}\n")
+    message = f"Error: {path}: not an OBJ file: no vertices; check the extension\n"
+    assert (result.exit_code, result.stderr) == (2, message)
 
 
 def test_a_polygon_of_arrays_that_names_no_point_is_refused():

@@ -65,6 +65,15 @@ class ElasticViscous:
 
     Explicit steps need the force alone: the blocks, which take twenty times as long, are made for implicit
     ones.
+
+    Parameters
+    ----------
+    at : (n, 3) ndarray
+        Positions in m.
+    beta : float
+        In s.
+    multiply : callable
+        Product of K (N/m) with velocities (n, 3) in m/s.
     """
 
     name: str
