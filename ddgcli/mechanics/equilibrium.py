@@ -15,6 +15,8 @@ from ddgcli.simulation.model import StepRejected
 
 MAX_EQUILIBRIUM_ITERATIONS = 2000
 MAX_SHIFT = 1e12  # of the first shift
+# sizes of the object: what moves farther has no rest, nor have nearly all halves of its step
+MAX_TRAVEL, HALVINGS_AFTER_TRAVEL = 1e4, 3
 INERTIA_ROUNDING = 16 * float(np.finfo(float).eps)  # of the Hessian's norm
 
 
@@ -30,7 +32,7 @@ class Equilibrium:
         Raises
         ------
         StepRejected
-            No convergence, with the vertex of the largest residual.
+            No convergence, with the vertex of the largest residual; or no bound of the energy within reach.
         """
         newton, increment, enough = self.newton, Increment(0.0, start), MOVE_TOLERANCE * self.system.size
         point, before = newton.at(increment, start), np.inf
@@ -40,6 +42,7 @@ class Equilibrium:
             g = newton.slope(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
                 raise StepRejected("not finite", worst(g))
+            self._check_travel(point.y - start)
             try:
                 move, exact_used = self._direction(increment, point.y, g, exact_allowed, shift)
             except SolveError as error:
@@ -64,6 +67,11 @@ class Equilibrium:
             if following <= enough:
                 return point.y, iteration
         raise StepRejected("newton", worst(g), size)
+
+    def _check_travel(self, moved: NDArray) -> None:
+        farthest = float(np.abs(moved).max())
+        if farthest > MAX_TRAVEL * self.system.size:
+            raise StepRejected("motion without bound", worst(moved), farthest, halvings=HALVINGS_AFTER_TRAVEL)
 
     def _unit(self, increment: Increment, y: NDArray) -> float:
         """First shift, per mass: a fraction of the system's own stiffness."""

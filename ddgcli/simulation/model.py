@@ -15,6 +15,9 @@ State = TypeVar("State")
 Arrays = dict[str, NDArray]
 
 
+MAX_HALVINGS = 12  # a step is halved at most so often: dt / 4096
+
+
 class StepRejected(Exception):
     """Failed step: the loop shortens it or ends the run.
 
@@ -27,12 +30,22 @@ class StepRejected(Exception):
     value : float
     solved : bool
         The scheme's equations were solved, but the result is rejected: another scheme may take the step.
+    halvings : int
+        The step is halved at most so often for this cause.
     """
 
-    def __init__(self, cause: str, place: str = "", value: float = math.nan, solved: bool = False) -> None:
+    def __init__(
+        self,
+        cause: str,
+        place: str = "",
+        value: float = math.nan,
+        solved: bool = False,
+        halvings: int = MAX_HALVINGS,
+    ) -> None:
         place_text = f" at {place}" if place else ""
         super().__init__(cause + place_text + ("" if math.isnan(value) else f" ({value:.3g})"))
         self.cause, self.place, self.value, self.solved = cause, place, value, solved
+        self.halvings = halvings
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from ddgcli.errors import ParameterError, SolveError
 from ddgcli.progress import ProgressCallback
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.model import (
+    MAX_HALVINGS,
     Arrays,
     Event,
     Model,
@@ -32,7 +33,6 @@ log = logging.getLogger("ddgcli")
 RECOVERY_FACTOR = 8.0  # of the shortest part of a step, what the next one tries first
 STEP_GROWTH = 1.1  # of the part tried, with each that succeeds
 STOP_REASON_BYTES = 240  # of the reason to stop in a checkpoint, whose arrays keep their shapes
-MAX_HALVINGS = 12  # a step is halved at most so often: dt / 4096
 
 
 @dataclass(eq=False)
@@ -270,7 +270,7 @@ def _step_or_halves(
     except StepRejected as rejected:
         detail = f"{active.name}: step of {dt:.3g} {active.model.time_unit} rejected: {rejected}"
         events.append(Event(step, time, rejected.cause, rejected.place, rejected.value, detail))
-        if schedule.on_failure == "stop" or depth >= MAX_HALVINGS:
+        if schedule.on_failure == "stop" or depth >= rejected.halvings:
             raise SolveError(
                 f"t = {time:.6g} {active.model.time_unit}, {detail}; try a smaller step"
             ) from rejected

@@ -125,6 +125,28 @@ def test_the_advice_for_an_unstable_equilibrium_works(summary, tmp_path):
     assert np.load(tmp_path / "end.npz")["points"][:, 2].max() > 0.3
 
 
+SLOPE = """
+gravity = {}
+contact = { pairs = [["strip", "slope"]] }
+[[object]]
+name = "slope"
+role = "obstacle"
+plane = { point = [0, 0, -0.01], normal = [0.1, 0, 1] }
+"""
+
+
+@pytest.mark.parametrize("load_steps, attempts", [(1, 1), (8, 4)])
+def test_static_on_a_slope_ends_where_nothing_holds_the_shell(load_steps, attempts, run, tmp_path):
+    """The energy has no bound, and halves of a load step have none either."""
+    scene = strip_scene(tmp_path, SLOPE, "static", 1e-3)
+    scene.write_text(scene.read_text().replace("[time]", f"[time]\nload_steps = {load_steps}"))
+    failed = run("shell-sim", scene)
+    assert failed.exit_code == 1 and "motion without bound at vertex" in failed.stderr
+    assert failed.stderr.count("rejected") == (attempts > 1) * 2  # the first warns, the last is the error
+    held = SLOPE.replace("contact", CLAMPED + "contact")
+    assert run("shell-sim", strip_scene(tmp_path, held, "static", 1e-3)).exit_code == 0
+
+
 def test_a_step_longer_than_the_run_is_refused(run, tmp_path):
     refused = run("shell-sim", strip_scene(tmp_path, "gravity = {}", duration=1, step=5))
     assert refused.exit_code == 2 and refused.stderr.count("\n") == 1
