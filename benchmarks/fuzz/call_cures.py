@@ -82,7 +82,9 @@ def cures(words: list[str], message: str, place: Place, mesh_name: str) -> Itera
         output = "{folder}/repaired.ply"
         if repair[1] == mesh_name:
             before = ("repair", "{input}", *repair[2:-1], output)
-            yield Cure("repair", [output if word == "{input}" else word for word in words], before)
+            superfluous = OPTION.findall(" ".join(LEAVE.findall(message[match.end() :])))
+            rest = without(words, command, *superfluous)
+            yield Cure("repair", [output if word == "{input}" else word for word in rest], before)
             return
         if words[1] == "-":  # the message names what standard input holds MESH
             before = ("repair", "-", *repair[2:-1], output)

@@ -190,6 +190,7 @@ def fuzz_in_processes(
         for k, result in enumerate(notes.results):
             data = b"" if result != "escape" else input_of(kind, pool, seed, number + k)
             message = outcome(read, data, kind.cpu_seconds)[1] if result == "escape" else ""
+            message = message or ("not when it is tried again" if result == "escape" else "")
             total.count(result, message, data)
         further = [(notes.results[k], input_of(kind, pool, seed, number + k)) for k in notes.further]
         number += len(notes.results)

@@ -25,6 +25,7 @@ from ddgcli.plots.page import page
 from ddgcli.plots.surface import draw_surface
 
 MAX_PICTURE_FRAMES = 4
+MIN_RATE, MAX_RATE, MAX_GIF_RATE = 0.01, 1000.0, 50.0  # frames a second; viewers slow shorter GIF frames down
 NEAR_SHARE = 0.15  # of the diagonal of all frames: how far beyond them obstacles are shown
 
 
@@ -247,12 +248,19 @@ def draw_animation(
     images = [Image.fromarray(p).convert("P", palette=Image.Palette.ADAPTIVE) for p in pictures]
     images[0].save(
         path, format="GIF", save_all=True, append_images=images[1:], loop=0,
-        duration=max(20, round(1000 / frames_per_second)), optimize=False,
+        duration=round(1000 / frames_per_second), optimize=False,
     )  # fmt: skip
 
 
-def check_animation(path: str, size: tuple[int, int] | None) -> None:
+def check_animation(path: str, size: tuple[int, int] | None, frames_per_second: float | None = None) -> None:
     """Raise MissingExtraError or ParameterError for an animation that cannot be written."""
+    most = MAX_RATE if path.lower().endswith(".mp4") else MAX_GIF_RATE
+    if frames_per_second is not None and not MIN_RATE <= frames_per_second <= most:
+        suffix = path[path.rindex(".") :]
+        raise ParameterError(
+            f"{frames_per_second:g}: a {suffix} shows {MIN_RATE:g} to {most:g} frames a second",
+            parameter="fps",
+        )
     if path.lower().endswith(".mp4"):
         if importlib.util.find_spec("imageio_ffmpeg") is None:
             raise MissingExtraError(f"{path}: .mp4 needs imageio-ffmpeg; pip install 'ddgcli[video]'")

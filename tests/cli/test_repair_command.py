@@ -44,7 +44,8 @@ def test_filled_faces_are_marked(summary, bad, tmp_path):
     assert (read_mesh(str(out)).face["input_face"] == -1).sum() == result["results"]["changes"]["fill_holes"]
 
 
-def test_a_command_that_repairs_cannot_satisfy_is_exit_1(summary, tmp_path):
+@pytest.fixture
+def moebius(tmp_path):
     band = shapes.grid(8, 1)
     faces = band.faces.copy()
     left, right = band.points[:, 0].min(), band.points[:, 0].max()
@@ -54,7 +55,30 @@ def test_a_command_that_repairs_cannot_satisfy_is_exit_1(summary, tmp_path):
     faces = np.vectorize(lambda v: glue.get(v, v))(faces)
     path = tmp_path / "moebius.obj"
     write_mesh(str(path), AnnotatedMesh(TriangleMesh.from_arrays(band.points, faces)))
-    result = summary("repair", path, "--for", "fluid-sim", code=1)
+    return path
+
+
+def test_the_advice_for_a_welded_surface_with_one_side_works(run, moebius):
+    """Welding would close the cut again."""
+    refused = run("repair", moebius, "--weld", "--fill-holes", 50)
+    assert refused.exit_code == 2 and refused.stderr.endswith(
+        ", and drop --weld then, which closes the cut\n"
+    )
+    cut = moebius.with_name("moebius-repaired.ply")
+    assert run("repair", moebius, "--cut-to-disk", "--orient", "-o", cut).exit_code == 0
+    assert run("repair", cut, "--fill-holes", 50).exit_code == 0
+
+
+def test_a_dry_run_of_frames_along_isolines_knows_one_sided_surfaces(run, moebius):
+    words = ("geodesic", moebius, "--source", 0, "--isolines", 3)
+    assert run(*words, "--dry-run").exit_code == 0
+    for further in ((), ("--dry-run",)):
+        refused = run(*words, "--darboux", *further)
+        assert refused.exit_code == 2 and "--darboux needs two sides" in refused.stderr
+
+
+def test_a_command_that_repairs_cannot_satisfy_is_exit_1(summary, moebius):
+    result = summary("repair", moebius, "--for", "fluid-sim", code=1)
     assert "one-sided" in result["results"]["refused_by"]["fluid-sim"]
 
 

@@ -93,7 +93,7 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
     for name, is_requested, step in plan:
         if is_requested:
             if name in MANIFOLD_STEPS:
-                _require_manifold(repaired.mesh, name)
+                _require_manifold(repaired.mesh, name, welded="weld" in changes)
             repaired = step(repaired)
             changes[name] = repaired.changes
     if repaired.mesh.n_faces == 0 and mesh.n_faces:
@@ -121,12 +121,16 @@ def check_steps(mesh: TriangleMesh, chosen_steps: RepairSteps) -> None:
         _require_manifold(mesh, requested[first], oriented=first == 0)
 
 
-def _require_manifold(mesh: TriangleMesh, parameter: str, *, oriented: bool = True) -> None:
+def _require_manifold(
+    mesh: TriangleMesh, parameter: str, *, oriented: bool = True, welded: bool = False
+) -> None:
     one_sided = parameter == "cut_to_disk"
     try:
         require(mesh, "this step", manifold=True, oriented=oriented, one_sided=one_sided)
     except MeshError as error:
-        raise MeshError(f"`{parameter}`: {error}") from None
+        cut_then_welded = welded and "`repair=cut_to_disk" in str(error)
+        advice = ", and drop `weld` then, which closes the cut" if cut_then_welded else ""
+        raise MeshError(f"`{parameter}`: {error}{advice}") from None
 
 
 def refusals(mesh: TriangleMesh) -> dict[str, str]:

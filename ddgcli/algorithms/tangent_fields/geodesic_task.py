@@ -62,7 +62,7 @@ class GeodesicTask:
         weights = np.array([weights for _, weights in distance_query.target_face], dtype=float)
         SurfacePoints.checked(faces, weights.reshape(-1, 3), mesh.n_faces)
         check_waves(mesh, wave_query, sources, distance_query.method, signed_curves)
-        if curve_query.has_curves or curve_query.has_vectors:
+        if curve_query.has_curves or curve_query.has_vectors or curve_query.darboux:
             cover = oriented_cover(mesh)
             _check_curves(cover, curve_query, sources, field)
             if curve_query.has_vectors and sources is not None:

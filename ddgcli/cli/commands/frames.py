@@ -144,7 +144,7 @@ def _check_picture_options(common: CommonOptions, settings: dict[str, Any]) -> N
             raise ParameterError(f"--{name} is for {' '.join(sorted(suffixes))}; write one with -o")
     for output in common.outputs:
         if Path(output).suffix.lower() in ANIMATIONS:
-            check_animation(output, common.size)
+            check_animation(output, common.size, settings["fps"])
 
 
 def _without_defaults(settings: dict[str, Any]) -> dict[str, Any]:
