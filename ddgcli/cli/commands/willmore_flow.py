@@ -95,7 +95,6 @@ def command(
     run = Run("willmore-flow", common, **overrides, **stated_options)
     source = run.read(mesh_path, flat_faces=True, subdivide=subdivide)
     from ddgcli.cli.simulation.plot import Picture, draw_run
-    from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
     from ddgcli.cli.simulation.simulate import Job, check_job, simulate
     from ddgcli.models.willmore import flow_options as choices_of_flow
     from ddgcli.models.willmore import report, setup
@@ -111,23 +110,17 @@ def command(
     flow, model = setup.build(mesh, flow_options, region)
     energy = choices_of_flow.chosen_energy(mesh.topology, flow_options)
     schedule = setup.schedule(flow, overrides)
-    region_digest = "" if region is None else sha256(region.tobytes()).hexdigest()
-    resolved, digest = fingerprint(
-        {
-            "options": choices_of_flow.options_as_dict(flow_options),
-            "time": overrides,
-            "region": region_digest,
-            "subdivide": subdivide,
-            "fill": parameters["fill"],
-        },
-        {"mesh": source.sha256},
-    )
-    check_unchanged(resume, resolved)
+    described = {
+        "options": choices_of_flow.options_as_dict(flow_options),
+        "time": overrides,
+        "region": "" if region is None else sha256(region.tobytes()).hexdigest(),
+        "subdivide": subdivide,
+        "fill": parameters["fill"],
+    }
     unit = "L²" if parameters["flow"] == "mean-curvature" else "L⁴"  # L: the input's length unit
     job = Job(
         {"surface": model}, [mesh], schedule, Account(), moving=True, resume=resume,
-        attributes={"input_sha256": digest, "time_unit": unit},
-        texts={"scene_source": "", "scene_resolved": resolved},
+        **_stored_texts(described, source.sha256, resume, unit),
         changing_faces=flow.keeps_triangles,
         changing_vertices=flow.remesh is not None,
         failure_reason=lambda outcome: report.failure_reason(outcome.stopped, mesh, energy),
@@ -152,6 +145,20 @@ def command(
     picture = Picture(edges=True, energy="energy", time_unit=unit)
     run.plot(lambda path: draw_run(path, outcome, picture, common))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
+
+
+def _stored_texts(
+    described: dict[str, Any], input_hash: str, resume: str | None, unit: str
+) -> dict[str, Any]:
+    """Attributes and texts of the trajectory: what ran; raise an error for a resumed run that differs."""
+    from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
+
+    resolved, digest = fingerprint(described, {"mesh": input_hash})
+    check_unchanged(resume, resolved)
+    return {
+        "attributes": {"input_sha256": digest, "time_unit": unit},
+        "texts": {"scene_source": "", "scene_resolved": resolved},
+    }
 
 
 def _filled(mesh: Any, loop: str | None, region: str | None) -> Any:

@@ -17,7 +17,13 @@ from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
-from ddgcli.models.willmore.energies import DEFAULT_ENERGY, ENERGIES, SECOND_ENERGY, EnergyBuilder
+from ddgcli.models.willmore.energies import (
+    DEFAULT_ENERGY,
+    ENERGIES,
+    SECOND_ENERGY,
+    EnergyBuilder,
+    EnergyDefinition,
+)
 from ddgcli.models.willmore.films import FILM_CONVENTIONS, film_constraints, film_energy
 from ddgcli.models.willmore.flow import Flow
 from ddgcli.models.willmore.flow_options import SCHEMES, FlowOptions, chosen_boundary, chosen_energy, is_film
@@ -260,22 +266,14 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     MeshError, ParameterError
         On a mesh or an option that the flow cannot take.
     """
-    energy_name = chosen_energy(mesh.topology, options)
-    _require_known(energy_name, WILLMORE_ENERGIES, "energy")
-    boundary = chosen_boundary(options)
-    _require_known(boundary, WILLMORE_BOUNDARIES, "boundary")
-    _require_rest(mesh.topology, energy_name, options)
+    topology = mesh.topology
+    energy_name, boundary = chosen_energy(topology, options), chosen_boundary(options)
+    kind = options.flow if options.flow in ("conformal", "newton") else "descent"
+    _check(mesh, options, region, energy_name, boundary, kind)
     scheme = chosen_scheme(options)
     unit, centre, scale = centred_at_unit_size(mesh)
-    topology = mesh.topology
     free = free_vertices(topology, boundary, region)
     film = is_film(options, topology)
-    mean_curvature = options.flow == "mean-curvature" and not film
-    kind = options.flow if options.flow in ("conformal", "newton") else "descent"
-    if kind == "conformal":
-        _require_conformal(mesh, options, region)
-    if kind == "newton" and options.timed:
-        raise ParameterError(f"`flow=newton` goes to rest: leave {TIME_OPTIONS} out, or use `flow=quadratic`")
     constraints = film_constraints(unit, options, film)
     curvature = _unit_curvature(unit, options, scale)
     definition = ENERGIES[energy_name]
@@ -286,11 +284,6 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
             f"the {energy_name} energy is not finite here: at some vertex the faces' normals cancel; "
             "unfold it or use `energy=cotan`"
         )
-    convention = definition.convention
-    if film:
-        convention = FILM_CONVENTIONS[options.fix_area]
-    if curvature:
-        convention = f"int (H - H0)^2 dA, H0 = {options.spontaneous_curvature:g}; int H^2 dA: {convention}"
     unbounded = energy_name in ("hinge", "quadratic", "circle-angle") or curvature != 0.0 or film
     unwatched = options.flow in ("conformal", "mean-curvature")
     second = None if unwatched else second_energy(energy_name, unit, constraints)
@@ -298,7 +291,8 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     to_rest = kind == "descent" and not (options.timed or film)
     cannot_crumple = second is None and topology.is_closed and energy_name == DEFAULT_ENERGY
     flow = Flow(
-        topology, energy_kind, convention, free, constraints, mean_curvature, scheme,
+        topology, energy_kind, _convention(definition, options, film, curvature), free, constraints,
+        options.flow == "mean-curvature" and not film, scheme,
         options.timed, options.stop, centre, scale, area(unit), mesh.points,
         0.0 if unbounded else least_energy(topology),
         keeps_triangles=not options.timed and kind != "conformal" and (film or definition.keeps_triangles),
@@ -311,18 +305,50 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         reported={name: kind.builder(unit) for name, kind in reported},
         second_kind=None if second is None else _with_curvature(second, curvature),
     )  # fmt: skip
+    return flow, _model(flow, unit, started, options)
+
+
+def _check(
+    mesh: TriangleMesh,
+    options: FlowOptions,
+    region: NDArray | None,
+    energy_name: str,
+    boundary: str,
+    kind: str,
+) -> None:
+    """Raise the errors of options that the flow of a kind cannot take."""
+    _require_known(energy_name, WILLMORE_ENERGIES, "energy")
+    _require_known(boundary, WILLMORE_BOUNDARIES, "boundary")
+    _require_rest(mesh.topology, energy_name, options)
+    chosen_scheme(options)
+    if kind == "conformal":
+        _require_conformal(mesh, options, region)
+    if kind == "newton" and options.timed:
+        raise ParameterError(f"`flow=newton` goes to rest: leave {TIME_OPTIONS} out, or use `flow=quadratic`")
+
+
+def _convention(definition: EnergyDefinition, options: FlowOptions, film: bool, curvature: float) -> str:
+    """What the energy measures, in words and formulas."""
+    convention = FILM_CONVENTIONS[options.fix_area] if film else definition.convention
+    if curvature:
+        return f"int (H - H0)^2 dA, H0 = {options.spontaneous_curvature:g}; int H^2 dA: {convention}"
+    return convention
+
+
+def _model(flow: Flow, unit: TriangleMesh, started: float, options: FlowOptions) -> Model:
+    """The model that the time loop drives, from a surface of unit size and its energy."""
     start = FlowState(
-        unit.points, topology, started, 0.0, first_step(kind, flow.area, film),
+        unit.points, flow.topology, started, 0.0, first_step(flow.kind, flow.area, flow.of_area),
         stopped=flow.stopped_at_start,
-        remeshing=Remeshing(None if flow.remesh is None else np.arange(mesh.n_vertices)),
+        remeshing=Remeshing(None if flow.remesh is None else np.arange(unit.n_vertices)),
     )  # fmt: skip
-    model = Model(
+    order = 1 if flow.scheme == "semi-implicit" else 2
+    return Model(
         start, flow.advance, flow.observe, flow.pack, flow.unpack,
-        distance=lambda a, b: relative_distance(a, b, flow.area), order=1 if scheme == "semi-implicit" else 2,
+        distance=lambda a, b: relative_distance(a, b, flow.area), order=order,
         stop=flow.reason, clock=lambda state: state.time,
         time_unit="length^2" if options.flow == "mean-curvature" else "length^4",
     )  # fmt: skip
-    return flow, model
 
 
 def schedule(flow: Flow, time_options: Mapping[str, Any]) -> Schedule:
