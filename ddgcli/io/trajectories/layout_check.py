@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.readers.guarded import guarded
@@ -50,12 +51,28 @@ def check_layout(path: str) -> None:
 
 
 def _check(file: Any) -> None:
-    root, ours, steps = (_group(file, name) for name in ("VTKHDF", "ddgcli", "VTKHDF/Steps"))
+    count = _frame_count(file)
+    point_counts, cell_counts = _check_cells(file, count)
+    _check_arrays(file, count, point_counts, cell_counts)
+    for obstacle in file["ddgcli"].get("obstacles", {}).values():
+        _check_obstacle(obstacle, file["VTKHDF/FieldData"], count)
+    _check_texts(file["ddgcli"])
+
+
+def _frame_count(file: Any) -> int:
+    """Number of frames, each with a time and a step."""
+    _, ours, steps = (_group(file, name) for name in ("VTKHDF", "ddgcli", "VTKHDF/Steps"))
     count = int(steps.attrs["NSteps"])
     if count < 1:
         raise MeshFileError(f"it holds {count} frames")
     for name in ("time", "step"):
         _rows(ours, name, count, "fi")
+    return count
+
+
+def _check_cells(file: Any, count: int) -> tuple[NDArray, NDArray]:
+    """Check points and cells; the numbers of both in every frame."""
+    root, steps = file["VTKHDF"], file["VTKHDF/Steps"]
     counts = np.array(part_counts(_rows(root, "NumberOfPoints", 1, "iu"), count))
     n = int(counts[0])
     offsets = _rows(steps, "PointOffsets", count, "iu")[:count]
@@ -78,36 +95,49 @@ def _check(file: Any) -> None:
     ends = np.zeros(0) if solid else _rows(root, "Lines/Connectivity", 0, "iu")
     if len(ends) % 2 or (len(ends) and len(corners)):
         raise MeshFileError("its lines are no segments, or lie beside faces")
-    n_cells = len(ends) // 2 or n_corners // width
-    for name, length in (("PointData", int(counts.sum())), ("CellData", n_cells), ("FieldData", count)):
+    return counts, np.full(count, len(ends) // 2) if len(ends) else sizes // width
+
+
+def _check_arrays(file: Any, count: int, point_counts: NDArray, cell_counts: NDArray) -> None:
+    """Arrays of points, cells and frames, and those on faces that every frame has of its own."""
+    root, ours, steps = file["VTKHDF"], file["ddgcli"], file["VTKHDF/Steps"]
+    lengths = {"PointData": int(point_counts.sum()), "CellData": int(cell_counts[0]), "FieldData": count}
+    for name, length in lengths.items():
         for array in _group(root, name):
             rows = _rows(_group(root, name), array, length, "fiub", None)
             if name == "FieldData" and rows.ndim != 2:
                 raise MeshFileError(f"'{excerpt(array, 40)}' is no table of numbers of every frame")
-    own_face = json.loads(ours.attrs.get(CHANGING_CELL, "[]"))
-    for name in own_face:
+    for name in json.loads(ours.attrs.get(CHANGING_CELL, "[]")):
         starts = _rows(_group(steps, "CellDataOffsets"), str(name), count, "iu")[:count]
-        rows = _rows(_group(root, "CellData"), str(name), int(sizes.sum()) // width, "f", None)
-        if (starts < 0).any() or (starts > len(rows) - sizes // width).any():
+        rows = _rows(_group(root, "CellData"), str(name), int(cell_counts.sum()), "f", None)
+        if (starts < 0).any() or (starts > len(rows) - cell_counts).any():
             raise MeshFileError("a frame's arrays on faces are outside the file's")
-    for obstacle in ours.get("obstacles", {}).values():
-        points, faces = _rows(obstacle, "points", 0, "f", (3,)), _rows(obstacle, "faces", 0, "iu", (3,))
-        if len(faces) and not 0 <= int(faces[...].min()) <= int(faces[...].max()) < len(points):
-            raise MeshFileError("an obstacle names a point that it has not")
-        name = obstacle.attrs.get("name")
-        if not isinstance(name, (str, bytes)):
-            raise MeshFileError("an obstacle has no name")
-        pose = OBSTACLE_POSE + (name.decode() if isinstance(name, bytes) else name)
-        if pose in root["FieldData"]:
-            _rows(root["FieldData"], pose, count, "f", (12,))
-    for name in ours.attrs:
-        value = ours.attrs[name]
+
+
+def _check_obstacle(obstacle: Any, poses: Any, count: int) -> None:
+    """Faces, name and, where it moves, the poses of an obstacle."""
+    points, faces = _rows(obstacle, "points", 0, "f", (3,)), _rows(obstacle, "faces", 0, "iu", (3,))
+    if len(faces) and not 0 <= int(faces[...].min()) <= int(faces[...].max()) < len(points):
+        raise MeshFileError("an obstacle names a point that it has not")
+    name = obstacle.attrs.get("name")
+    if not isinstance(name, (str, bytes)):
+        raise MeshFileError("an obstacle has no name")
+    pose = OBSTACLE_POSE + (name.decode() if isinstance(name, bytes) else name)
+    if pose in poses:
+        _rows(poses, pose, count, "f", (12,))
+
+
+def _check_texts(ours: Any) -> None:
+    """Attributes and texts that are no UTF-8 raise UnicodeDecodeError."""
+    import h5py
+
+    for value in ours.attrs.values():
         if isinstance(value, bytes):
             value.decode()
     if not isinstance(json.loads(ours.attrs.get("overrides", "{}")), dict):
         raise MeshFileError("its recorded options are no table")
     for name, value in ours.items():
-        if isinstance(value, type(points)) and value.dtype.kind == "O":
+        if isinstance(value, h5py.Dataset) and value.dtype.kind == "O":
             text = value[()]
             if not isinstance(text, bytes):
                 raise MeshFileError(f"'{excerpt(name, 40)}' is no text")

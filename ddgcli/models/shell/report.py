@@ -99,12 +99,16 @@ def summary(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """(`results`, `accuracy`) of a run.
 
-    Scales of the drifts: energy, the largest kinetic energy or change of a part of the energy; momentum, the
-    mass times the largest speed; angular momentum, that times the size of the shells. Within rounding a
-    drift is 0. The gain is the largest rise of the energy above its lowest so far. Conjugate gradients in
-    place of a factorisation are named. `static` adds the stability of the equilibrium; `order` is that of the
-    shells, see `_split`.
+    `static` adds the stability of the equilibrium; `order` is that of the shells, see `_split`.
     """
+    accuracy = _accuracy(outcome, systems, order)
+    if static and not outcome.failure:
+        accuracy["negative_eigenvalues"] = _instability(_split(outcome.end.points, systems, order), systems)
+    return _results(outcome), accuracy
+
+
+def _results(outcome: Outcome) -> dict[str, Any]:
+    """Frames, steps, energies, momenta and what single effects count, at the end of a run."""
     series, last = outcome.series, outcome.end
     energies = {
         name.removeprefix("energy_"): {"start": float(values[0]), "end": float(values[-1])}
@@ -143,6 +147,18 @@ def summary(
             }
     if outcome.failure:
         results["stopped_because"] = outcome.failure
+    return results
+
+
+def _accuracy(outcome: Outcome, systems: dict[str, System], order: Order) -> dict[str, Any]:
+    """Drifts, gain, strain and linear solver of a run.
+
+    Scales of the drifts: energy, the largest kinetic energy or change of a part of the energy; momentum, the
+    mass times the largest speed; angular momentum, that times the size of the shells. Within rounding a
+    drift is 0. The gain is the largest rise of the energy above its lowest so far. Conjugate gradients in
+    place of a factorisation are named.
+    """
+    series = outcome.series
     mass = sum(float(system.mass.sum()) for system in systems.values())
     size = max(system.size for system in systems.values())
     least = rounding(outcome, systems, order)
@@ -163,9 +179,7 @@ def summary(
     }
     if "rigid_error" in series:
         accuracy["rigid_error"] = float(series["rigid_error"].max())
-    if static and not outcome.failure:
-        accuracy["negative_eigenvalues"] = _instability(_split(last.points, systems, order), systems)
-    return results, accuracy
+    return accuracy
 
 
 def _yields(systems: dict[str, System]) -> bool:
