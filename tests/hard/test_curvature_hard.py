@@ -85,6 +85,38 @@ def test_a_moebius_strip_has_curvature_but_no_total_mean_curvature(caplog, run):
         measure_curvature(mesh, "normal-cycle")
 
 
+@pytest.mark.parametrize("scheme", ["quadric", "cotan"])
+def test_a_one_sided_surface_does_not_depend_on_how_its_faces_are_turned(scheme, caplog):
+    mesh = moebius()
+    faces = np.array(mesh.faces)
+    turned = np.random.default_rng(0).random(len(faces)) < 0.5
+    faces[turned] = faces[turned, ::-1]
+    plain, mixed = (
+        measure_curvature(m, scheme) for m in (mesh, TriangleMesh.from_arrays(mesh.points, faces))
+    )
+    for name in ("willmore_energy", "noise_estimate", "area"):
+        assert mixed.results[name] == pytest.approx(plain.results[name], rel=1e-9), name
+    energies = plain.results["willmore_energies"]
+    assert mixed.results["willmore_energies"] == pytest.approx(energies, rel=1e-9)
+    assert energies["sullivan"] == pytest.approx(energies["cotan"], rel=0.1), "both stand for int H^2"
+    inner = mesh.topology.referenced_vertex & ~mesh.topology.boundary_vertex
+    mean = [np.abs(k.vertex["mean_curvature"][inner]) for k in (plain, mixed)]
+    assert mean[1] == pytest.approx(mean[0], abs=1e-9), "but for the sign, which holds locally"
+    assert "noise" not in caplog.text
+
+
+def test_a_one_sided_surface_with_an_edge_of_three_faces_has_a_normal_at_every_vertex(caplog):
+    mesh = moebius()
+    a, b = mesh.topology.edges[mesh.topology.edge_face_count == 2][0]
+    points = np.concatenate([mesh.points, [[0.0, 0.0, 2.0]]])
+    faces = np.concatenate([mesh.faces, [[a, b, len(mesh.points)]]])
+    turned = np.random.default_rng(0).random(len(faces)) < 0.5
+    faces[turned] = faces[turned, ::-1]
+    measured = measure_curvature(TriangleMesh.from_arrays(points, faces), "cotan")
+    assert np.isfinite(measured.vertex["principal_direction_min"]).all()
+    assert measured.results["willmore_energies"]["sullivan"] is None and "one-sided" in caplog.text
+
+
 def test_inward_faces_cause_a_warning(caplog):
     mesh = shapes.icosphere(1)
     measure_curvature(TriangleMesh.from_arrays(mesh.points, mesh.faces[:, ::-1]))

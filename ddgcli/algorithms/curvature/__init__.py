@@ -16,6 +16,7 @@ __all__ = [
     "neighbours",
     "noise",
     "offset_body",
+    "one_sided",
     "polyline",
     "quadric",
     "rings",

@@ -15,6 +15,7 @@ from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.deviation import vertex_deviation
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals, unit_normals
 from ddgcli.algorithms.curvature.noise import Effort, Noise, estimate_noise, warn_of_noise
+from ddgcli.algorithms.curvature.one_sided import unsigned_normals
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.regions import check_radius
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
@@ -188,6 +189,7 @@ def _check_parameters(scheme: str, radius: float | str | None) -> None:
 
 def _noise(surface: UnitSurface, scheme: str, radius: float | str | None) -> Noise:
     """The noise as far as it matters: at a stated radius only the fits of 'quadric' depend on its effect."""
+    surface = surface.cover or surface
     mesh, faces, dihedral = surface.mesh, surface.faces, surface.dihedral
     stated = isinstance(radius, (int, float))
     if stated and scheme != "quadric":
@@ -201,9 +203,12 @@ def _pointwise(
     surface: UnitSurface, scheme: str, radius: float | None, noisy: bool, jobs: int, directions: bool
 ) -> PrincipalCurvatures:
     """Principal curvatures by the scheme, at unit size."""
+    if surface.cover is not None:
+        principal = _pointwise(surface.cover, scheme, radius, noisy, jobs, directions)
+        return _of_copies(principal, surface.copy, surface.mesh.topology.referenced_vertex)
     mesh, faces, area, defect = surface.mesh, surface.faces, surface.area, surface.defect
     normals = area_normals if scheme == "quadric" else unit_normals
-    normal = normals(faces) if surface.orientable else _unsigned_normals(surface)
+    normal = normals(faces) if surface.orientable else unsigned_normals(mesh, faces)
     if scheme == "cotan":
         principal = cotan(faces, mesh.topology, normal, area, defect, surface.vector, directions=directions)
     elif scheme == "normal-cycle" and radius is not None:
@@ -230,16 +235,13 @@ def _pointwise(
     return replace(principal, low=low, high=high, gaussian=gaussian)
 
 
-def _unsigned_normals(surface: UnitSurface) -> NDArray[np.float64]:
-    """Vertex normals of a one-sided surface: the common line of the face normals, with the sign of one."""
-    mesh, vectors = surface.mesh, surface.faces.doubled
-    normal = unit_normals(surface.faces)
-    seam = np.unique(mesh.topology.edges[mesh.topology.misoriented_edges])
-    for v in seam:  # few vertices: the ends of the edges of one seam
-        star = vectors[:, (mesh.faces == v).any(axis=1)]
-        line = np.linalg.svd(star.T, full_matrices=False)[2][0]
-        normal[:, v] = line if line @ star[:, 0] >= 0 else -line
-    return normal
+def _of_copies(cover: PrincipalCurvatures, copy: NDArray | None, referenced: NDArray) -> PrincipalCurvatures:
+    """Values of a surface's vertices from those of their copies in its double cover."""
+    low, high, gaussian = (
+        np.where(referenced, values[copy], 0.0) for values in (cover.low, cover.high, cover.gaussian)
+    )
+    one, other = (d[:, copy] if d.size else d for d in (cover.low_direction, cover.high_direction))
+    return PrincipalCurvatures(low, high, one, other, gaussian)
 
 
 def _curvature_arrays(surface: UnitSurface, principal: PrincipalCurvatures) -> dict[str, NDArray]:
@@ -299,7 +301,7 @@ def _further_integrals(surface: UnitSurface, integrals: dict[str, Any]) -> dict[
     mesh, faces, s = surface.mesh, surface.faces, surface.scale
     topology = mesh.topology
     energies = totals.willmore_energies(
-        faces, topology, surface.dihedral, surface.area, surface.vector, surface.defect
+        faces, topology, surface.dihedral, surface.area, surface.vector, surface.defect, surface.area_vector
     )
     skewed = int(non_delaunay_edges(mesh).sum())
     if skewed:
@@ -307,7 +309,9 @@ def _further_integrals(surface: UnitSurface, integrals: dict[str, Any]) -> dict[
     unknown = [name for name, energy in energies.items() if energy is None]
     if unknown:
         _log.warning(
-            "no Willmore energy %s: points coincide or the surface folds back", " and ".join(unknown)
+            "no Willmore energy %s: points coincide, the surface folds back, or it is one-sided and not "
+            "manifold",
+            " and ".join(unknown),
         )
     mean, area, volume = (integrals[name] for name in ("total_mean_curvature", "area", "volume"))
     volumes = totals.intrinsic_volumes(topology.euler_characteristic, mean, area, volume)

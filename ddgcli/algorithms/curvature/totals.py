@@ -63,7 +63,13 @@ def vector_area(faces: Faces) -> NDArray[np.float64]:
 
 
 def willmore_energies(
-    faces: Faces, topology: Topology, dihedral: NDArray, area: NDArray, vector: NDArray, defect: NDArray
+    faces: Faces,
+    topology: Topology,
+    dihedral: NDArray,
+    area: NDArray,
+    vector: NDArray,
+    defect: NDArray,
+    area_vector: NDArray | None,
 ) -> dict[str, float | None]:
     """Discrete integrals of H^2 with H half the sum of the principal curvatures, by name.
 
@@ -79,16 +85,18 @@ def willmore_energies(
     density = ratio(squared, area)
     return {
         "cotan": float(density.sum()),
-        "sullivan": _sullivan(faces, squared, inside),
+        "sullivan": _sullivan(faces, squared, inside, area_vector),
         "hinge": _hinge(faces, topology, dihedral),
         "circle-angle": _circle_angle(faces, topology, inside),
         "cotan-minus-gauss": float((density - defect)[inside].sum()),
     }
 
 
-def _sullivan(faces: Faces, squared: NDArray, inside: NDArray) -> float | None:
+def _sullivan(faces: Faces, squared: NDArray, inside: NDArray, area_vector: NDArray | None) -> float | None:
+    if area_vector is None:
+        return None
     third = faces.stars(faces.area[None] / 3)[0]
-    gradient = faces.doubled_star / 6
+    gradient = area_vector / 6
     volume_squared = dot(gradient, gradient)
     usable = inside & (third > 0)
     # a vertex between two coincident sheets has no volume gradient: the ratio is not defined

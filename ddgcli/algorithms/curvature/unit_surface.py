@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.one_sided import double_covered
 from ddgcli.errors import MeshError
 from ddgcli.geometry.extrinsic import dihedral_angle
 from ddgcli.mesh.cures import cure
@@ -28,7 +29,8 @@ TWO_SIDED_SCHEMES = ("normal-cycle", "corrected", "normal-voting")
 class UnitSurface:
     """The mesh at unit size, consistently oriented where it is orientable, with its exact quantities.
 
-    `volume` is None unless the surface is closed and two-sided.
+    `volume` is None unless the surface is closed and two-sided. `cover` is None but of a one-sided manifold:
+    there it is its double cover, whose vertex `copy[v]` stands for v.
     """
 
     mesh: TriangleMesh
@@ -41,6 +43,18 @@ class UnitSurface:
     normal: NDArray
     dihedral: NDArray
     vector: NDArray
+    cover: UnitSurface | None = None
+    copy: NDArray | None = None
+
+    @property
+    def area_vector(self) -> NDArray[np.float64] | None:
+        """(3, n) sum of the faces' normals times twice their areas over each star, all on one side.
+
+        None of a surface that is one-sided and not manifold: there stars have no sides.
+        """
+        if self.cover is not None:
+            return self.cover.faces.doubled_star[:, self.copy]
+        return self.faces.doubled_star if self.orientable else None
 
 
 def one_sided_error(mesh: TriangleMesh, scheme: str) -> MeshError:
@@ -65,18 +79,28 @@ def prepare_surface(mesh: TriangleMesh, scheme: str) -> UnitSurface:
     faces = Faces.of(unit)
     volume = exact.volume_of(faces) if unit.topology.is_closed and orientable else None
     _warn_of_defects(unit, faces, orientable, scheme, volume)
-    normal = totals.filled_normals(faces, unit.topology)
+    surface = _unit_surface(unit, faces, scale, orientable, volume)
+    if orientable or not unit.topology.is_manifold:
+        return surface
+    cover, copy = double_covered(unit)
+    return replace(surface, cover=_unit_surface(cover, Faces.of(cover), scale, True, None), copy=copy)
+
+
+def _unit_surface(
+    mesh: TriangleMesh, faces: Faces, scale: float, orientable: bool, volume: float | None
+) -> UnitSurface:
+    normal = totals.filled_normals(faces, mesh.topology)
     return UnitSurface(
-        unit,
+        mesh,
         faces,
         scale,
         orientable,
         volume,
         exact.area_of(faces),
-        exact.defect_of(faces, unit.topology),
+        exact.defect_of(faces, mesh.topology),
         normal,
-        dihedral_angle(unit, normal.T),
-        exact.vector_of(faces, unit.topology),
+        dihedral_angle(mesh, normal.T),
+        exact.vector_of(faces, mesh.topology),
     )
 
 
