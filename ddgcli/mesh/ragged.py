@@ -28,17 +28,17 @@ def group_by_key(key: NDArray, item: NDArray, n_keys: int) -> tuple[NDArray[np.i
     return list_starts(np.bincount(key, minlength=n_keys)), item[sorted_keys(key, n_keys)[1]]
 
 
-def sorted_keys(key: NDArray, n_keys: int) -> tuple[NDArray, NDArray[np.int64]]:
+def sorted_keys(key: NDArray, n_keys: int, *, overwrite: bool = False) -> tuple[NDArray, NDArray[np.int64]]:
     """Keys 0 .. n_keys - 1 in ascending order, and the stable order that sorts them.
 
     Key and place are packed into one integer where 63 bits hold them: sorting values is several times faster
-    than sorting their places.
+    than sorting their places. `overwrite`: a key of int64 may lose its values, which saves a copy.
     """
     bits = len(key).bit_length()
     if int(n_keys).bit_length() + bits > 63:
         order = np.argsort(key, kind="stable")
         return key[order], order
-    packed = key.astype(np.int64)
+    packed = key.astype(np.int64, copy=not overwrite)
     packed <<= bits
     packed |= np.arange(len(key))
     packed.sort()

@@ -95,8 +95,14 @@ def _orientation_cure(mesh: TriangleMesh, one_sided: bool = False) -> str:
 def _surely_sized(mesh: TriangleMesh) -> bool:
     """Whether the first faces and the extent show, at little cost, that `check_size` accepts the size."""
     ends = mesh.points[mesh.faces[:SAMPLE_SIZE, :2]]
-    least, most = np.abs(ends[:, 0] - ends[:, 1]).max(), np.ptp(mesh.points, axis=0).max()
-    return bool(LENGTH_RANGE[0] < least and most < 0.5 * LENGTH_RANGE[1])
+    least = np.abs(ends[:, 0] - ends[:, 1]).max()
+    return bool(LENGTH_RANGE[0] < least and _extent(mesh) < 0.5 * LENGTH_RANGE[1])
+
+
+def _extent(mesh: TriangleMesh) -> float:
+    """Largest side of the bounding box."""
+    low, high = mesh.bounding_box
+    return float((high - low).max())
 
 
 def check_size(longest: float, *, in_range: bool = True) -> None:
@@ -229,8 +235,9 @@ def _require_area(mesh: TriangleMesh) -> None:
 def surely_has_area(mesh: TriangleMesh) -> bool:
     """Whether one of the first faces shows, at little cost, that the surface has an area."""
     corners = mesh.points[mesh.faces[:SAMPLE_SIZE]]
-    extent = float(np.ptp(mesh.points, axis=0).max())
-    side = (corners[:, 1:] - corners[:, :1]) / (2.0 * extent or 1.0)  # no side is longer than twice that
+    side = (corners[:, 1:] - corners[:, :1]) / (
+        2.0 * _extent(mesh) or 1.0
+    )  # no side is longer than twice that
     return bool((np.abs(np.cross(side[:, 0], side[:, 1])) > FLAT_AREA_TOLERANCE).any())
 
 

@@ -72,9 +72,11 @@ class Topology:
     @cached_property
     def side_head(self) -> NDArray[np.int64]:
         """(3m,) vertex at which side 3f+j ends."""
-        head = np.empty_like(self.faces)
-        head[:, :2], head[:, 2] = self.faces[:, 1:], self.faces[:, 0]
-        return frozen(head.ravel())
+        head = np.empty_like(self.side_tail)
+        # a shift of all, and then one of three: copies of two and one columns take twice as long
+        head[:-1] = self.side_tail[1:]
+        head[2::3] = self.side_tail[::3]
+        return frozen(head)
 
     @cached_property
     def _edge_numbering(self) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
@@ -83,23 +85,22 @@ class Topology:
             return self._glued_edges(self.gluing)
         tail, head, n = self.side_tail, self.side_head, max(self.n_vertices, 1)
         key, order = sorted_sides(np.minimum(tail, head), np.maximum(tail, head), n)
+        sign = 2 * (tail <= head).view(np.int8) - np.int8(1)
         is_first = np.ones(len(key), dtype=bool)
         np.not_equal(key[1:], key[:-1], out=is_first[1:])
         first = np.flatnonzero(is_first)
         count = np.diff(first, append=len(key))
-        side_edge = np.empty(len(key), dtype=np.int64)
-        side_edge[order] = np.repeat(np.arange(len(first)), count)
-        low = key[first] // n
-        edges = np.stack([low, key[first] - low * n], axis=1)
-        sign = 2 * (tail <= head).view(np.int8) - np.int8(1)
-        pair = first[count == 2]
-        if 2 * len(pair) == len(key):  # a closed surface: one pass
-            twin = np.empty_like(order)
-            twin[order] = order.reshape(-1, 2)[:, ::-1].ravel()
-        else:
-            twin = np.full(len(key), -1)
-            one, other = order[pair], order[pair + 1]
-            twin[one], twin[other] = other, one
+        edges = np.empty((len(first), 2), dtype=np.int64)
+        key = key.take(first)
+        np.floor_divide(key, n, out=edges[:, 0])
+        np.subtract(key, edges[:, 0] * n, out=edges[:, 1])
+        side_edge = np.empty(len(order), dtype=np.int64)
+        side_edge[order] = np.cumsum(is_first) - 1
+        pair = first.compress(count == 2)
+        # of a closed surface every side has a twin
+        twin = np.empty_like(order) if 2 * len(pair) == len(order) else np.full(len(order), -1)
+        one, other = order.take(pair), order.take(pair + 1)
+        twin[one], twin[other] = other, one
         by_face = (frozen(array.reshape(-1, 3)) for array in (side_edge, sign, twin))
         side_edge, sign, twin = by_face
         return frozen(edges), side_edge, sign, frozen(count), twin
@@ -150,7 +151,7 @@ class Topology:
     def interior_sides(self) -> NDArray[np.int64]:
         """(h,) flat number of the first side of each edge that has two sides."""
         twin = self.side_twin.ravel()
-        return frozen(np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin)))
+        return frozen(np.flatnonzero(np.arange(len(twin)) < twin))  # a side without twin has -1
 
     @cached_property
     def boundary_edges(self) -> NDArray[np.int64]:
@@ -223,25 +224,23 @@ class Topology:
         most = int(n_corners.max(initial=0))
         if most > MAX_ROTATION_STEPS:
             return False
+        # a side starts at its corner's vertex; the side before it ends there, and its twin starts there
+        after = np.empty_like(twin)
+        after[1:] = twin[:-1]
+        after[::3] = twin[2::3]
         start = np.zeros(self.n_vertices, dtype=np.int64)
         start[vertex] = np.arange(len(vertex))
         # at a boundary the first corner is the one that no rotation leads to
-        outer = np.flatnonzero(twin < 0)
-        first = outer + NEXT_OFFSET[outer % 3]
+        first = np.flatnonzero(twin < 0)
         start[vertex[first]] = first
-        corner_after = (np.arange(0, len(twin), 3)[:, None] + NEXT).ravel()
-        after = corner_after[twin]
-        after[outer] = -1
         # vertices of most corners first: those that still rotate after each step are the first ones
-        start = start[np.argsort((most - n_corners).astype(np.uint16), kind="stable")]
+        start = start.take(np.argsort((most - n_corners).astype(np.uint16), kind="stable"))
         n_rotating = np.cumsum(np.bincount(n_corners, minlength=most + 2)[::-1])[::-1]
-        place = start[: n_rotating[1]]
-        for step in range(1, most + 1):
-            place = after[place]
-            stops = (place < 0) | (place == start[: len(place)])
-            if stops[: n_rotating[step + 1]].any():
+        place = start
+        for step in range(1, most):
+            place = after.take(place[: n_rotating[step + 1]])
+            if place.min() < 0 or (place == start[: len(place)]).any():
                 return False
-            place = place[: n_rotating[step + 1]]
         return True
 
     @cached_property
@@ -363,7 +362,9 @@ class Topology:
 def sorted_sides(low: NDArray, high: NDArray, n_vertices: int) -> tuple[NDArray, NDArray]:
     """Keys of the sides' end vertices in ascending order, and the sides in that order, stable."""
     n = max(n_vertices, 1)
-    return sorted_keys(low * np.int64(n) + high, n * n)
+    key = low * np.int64(n)
+    key += high
+    return sorted_keys(key, n * n, overwrite=True)
 
 
 def check_faces(faces: NDArray, n_vertices: int, *, copy: bool = True) -> NDArray[np.int64]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.topology import NEXT, Topology, check_faces, frozen
-from ddgcli.mesh.vectors import cross, dot, vector_length
+from ddgcli.mesh.vectors import bounding_box, cross, dot, vector_length
 
 FLAT_AREA_TOLERANCE = 1e-12  # twice the area of a flat face, over its longest side squared
 MAX_COORDINATE = 1e300  # sums of lengths do not overflow
@@ -105,6 +105,11 @@ class TriangleMesh:
     def n_faces(self) -> int:
         """Number of faces."""
         return self.topology.n_faces
+
+    @cached_property
+    def bounding_box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Least and greatest coordinates (3,) of all points; ValueError without points."""
+        return bounding_box(self.points)
 
     @cached_property
     def side_vector(self) -> NDArray[np.float64]:

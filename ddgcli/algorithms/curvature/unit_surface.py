@@ -19,6 +19,7 @@ from ddgcli.mesh.cures import cure
 from ddgcli.mesh.repair import reverse_faces
 from ddgcli.mesh.require import check_size
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import bounding_box
 
 _log = logging.getLogger("ddgcli")
 
@@ -67,12 +68,15 @@ def one_sided_error(mesh: TriangleMesh, scheme: str) -> MeshError:
 
 def prepare_surface(mesh: TriangleMesh, scheme: str) -> UnitSurface:
     """Scale the surface to unit size (by a power of two, which is exact), and warn of its defects."""
-    points = mesh.points[mesh.topology.referenced_vertex]
-    middle = points.min(axis=0) / 2 + points.max(axis=0) / 2
-    extent = float(np.abs(points - middle).max())
+    in_face = mesh.topology.referenced_vertex
+    low, high = mesh.bounding_box if in_face.all() else bounding_box(mesh.points[in_face])
+    middle = low / 2 + high / 2
+    extent = float(np.maximum(high - middle, middle - low).max())
     check_size(extent)
     scale = 2.0 ** round(math.log2(extent))
-    unit = mesh.moved((mesh.points - middle) / scale)
+    points = mesh.points - middle
+    points /= scale
+    unit = mesh.moved(points)
     orientable = mesh.topology.is_oriented or mesh.topology.is_orientable
     if not mesh.topology.is_oriented:
         unit = _oriented(unit, mesh.topology.faces_to_turn)

@@ -13,7 +13,7 @@ from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import cone_volume, vector_length
+from ddgcli.mesh.vectors import bounding_box, cone_volume, vector_length
 
 MAX_LISTED = 5  # elements listed for each defect
 ANGLE_BINS = np.arange(0.0, 181.0, 10.0)
@@ -140,7 +140,7 @@ def size(points: NDArray, length: NDArray) -> dict[str, Any]:
     """Bounding box and edge lengths in the input's unit, which reveal a wrong unit of length."""
     if len(points) == 0:
         return {"bounding_box": None, "diagonal": None}
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = bounding_box(points)
     sizes = {"bounding_box": [low, high], "diagonal": float(vector_length((high - low)[None])[0])}
     if length.size:
         sizes |= {"mean_edge": length.mean(), "min_edge": length.min(), "max_edge": length.max()}

@@ -103,7 +103,7 @@ def smooth(
     if flow not in SMOOTHING_FLOWS:
         raise ParameterError(f"{flow!r} is not one of {', '.join(SMOOTHING_FLOWS)}", parameter="smooth_flow")
     stepper = _Stepper(mesh, time / steps, flow, operator, mass)
-    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    low, high = mesh.bounding_box
     diagonal = float(np.linalg.norm(high - low))
     area = [float(face_area(mesh.side_length).sum())]
     worst = reached = growth = 0.0
@@ -135,7 +135,8 @@ class _Stepper:
     def __init__(self, mesh: TriangleMesh, dt: float, flow: str, operator: str | None, mass: str) -> None:
         self.dt, self.operator, self.mass = dt, operator, mass
         self.fixed = mesh.topology.boundary_vertex | ~mesh.topology.referenced_vertex
-        self.centre = mesh.points.min(axis=0) / 2 + mesh.points.max(axis=0) / 2
+        low, high = mesh.bounding_box
+        self.centre = low / 2 + high / 2
         conformalized = flow == "conformalized"
         self.stiffness = bounded_stiffness(laplace_operator(mesh, operator, mass)) if conformalized else None
         self.problem: Dirichlet | None = None
