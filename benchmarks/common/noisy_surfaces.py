@@ -122,12 +122,22 @@ def grey_of_bits(bits: int, values: NDArray) -> TriangleMesh:
 
 def smoothed(times: int, mesh: TriangleMesh) -> TriangleMesh:
     """Means of neighbours, as programs smooth segmentations."""
+    return _relaxed(mesh, (0.5,) * times)
+
+
+def taubin(times: int, mesh: TriangleMesh) -> TriangleMesh:
+    """Means of neighbours and steps back, which keep the volume, as programs smooth segmentations."""
+    return _relaxed(mesh, (0.5, -0.53) * times)
+
+
+def _relaxed(mesh: TriangleMesh, steps: tuple[float, ...]) -> TriangleMesh:
+    """Steps towards the means of neighbours, as shares of the way."""
     edges, n = mesh.topology.edges, mesh.n_vertices
     near = csr_array((np.ones(2 * len(edges)), (edges.T.ravel(), edges.T[::-1].ravel())), shape=(n, n))
     mean = diags_array(1 / np.maximum(near.sum(axis=1), 1)) @ near
     points = mesh.points
-    for _ in range(times):
-        points = 0.5 * (points + mean @ points)
+    for share in steps:
+        points = points + share * (mean @ points - points)
     return mesh.moved(points)
 
 
@@ -297,6 +307,10 @@ def voxel_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
         partial(_voxels, "large sphere", binary, change=partial(smoothed, 30)),
     )
     yield (
+        "marching cubes by Taubin: large sphere",
+        partial(_voxels, "large sphere", binary, change=partial(taubin, 10)),
+    )
+    yield (
         "cubes merged to half: large sphere",
         partial(_voxels, "large sphere", cubes, change=partial(decimated, 0.5)),
     )
@@ -339,7 +353,7 @@ def noise_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
         for name in ("torus", "saddle"):
             yield f"noise on a half {share:g}: {name}", partial(_changed, name, partial(half_noise, share))
         yield f"noise over lines {share:g}: wave", partial(_changed, "wave", partial(line_noise, share))
-        for times in (3, 12):
+        for times in (1, 3, 12):
             yield (
                 f"noise {share:g} averaged {times}: ellipsoid",
                 partial(_changed, "ellipsoid", partial(correlated_noise, share, times)),
@@ -360,6 +374,8 @@ def noise_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
         )
     for share in (0.3, 1.0):
         yield f"layers {share:g}: torus", partial(_changed, "torus", partial(layers, share))
+    for share in (1.0, 2.0):
+        yield f"layers {share:g}: ellipsoid", partial(_changed, "ellipsoid", partial(layers, share))
     for share in (0.25, 0.06):
         yield (
             f"single precision {share:g}: egg",
@@ -376,6 +392,36 @@ def noise_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
         partial(_voxels, "torus", grey, change=partial(spikes, 0.01, 0.5)),
     )
     yield "noise 0.1 of grey cubes: torus", partial(_voxels, "torus", grey, change=partial(normal_noise, 0.1))
+
+
+def periodic_surfaces() -> Iterator[tuple[str, TriangleMesh]]:
+    """Structured surfaces whose faces have few shapes: waves, an egg box, a gear, a thread, folded sheets."""
+    u, v, faces = shapes.wrapped_grid(72, 72, wrap_u=False, wrap_v=False)
+    x, y = 72 * u, 72 * v
+    heights = {
+        "egg box": 1.5 * np.sin(0.2 * np.pi * x) * np.sin(0.2 * np.pi * y),
+        "waves": 2 * np.sin(np.pi / 4 * x),
+        "folds": 2 * np.abs((x / 4) % 2 - 1),
+    }
+    for name, height in heights.items():
+        yield name, TriangleMesh.from_arrays(np.stack([x, y, height], axis=1), faces)
+    u, v, faces = shapes.wrapped_grid(120, 20, wrap_u=True, wrap_v=False)
+    angle, radius = 2 * np.pi * u, 10 + np.where(np.rint(120 * u) % 6 < 3, 1.0, -1.0)
+    yield (
+        "gear",
+        TriangleMesh.from_arrays(
+            np.stack([radius * np.cos(angle), radius * np.sin(angle), 10 * v], axis=1), faces
+        ),
+    )
+    u, v, faces = shapes.wrapped_grid(60, 120, wrap_u=True, wrap_v=False)
+    angle, height = 2 * np.pi * u, 30 * v
+    radius = 8 + 1.2 * np.abs((height / 2.5 + u) % 1 - 0.5)
+    yield (
+        "thread",
+        TriangleMesh.from_arrays(
+            np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1), faces
+        ),
+    )
 
 
 def clean_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:

@@ -127,4 +127,4 @@ def _text(value: Any) -> str:
         return ", ".join(f"{k} {_text(v)}" for k, v in value.items()) or "none"
     if isinstance(value, list):
         return f"[{', '.join(_text(v) for v in value)}]"
-    return "unknown" if value is None else str(value)
+    return "none" if value is None else str(value)

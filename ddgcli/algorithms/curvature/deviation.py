@@ -6,7 +6,7 @@ four with equal residuals, details do not; stairs, rounded coordinates and spike
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.quadric import polynomial_residuals, sampled_regions
 from ddgcli.algorithms.curvature.regions import Regions, listed
 from ddgcli.algorithms.curvature.spikes import spikes_among
-from ddgcli.algorithms.curvature.staircase import is_staircase
+from ddgcli.algorithms.curvature.staircase import is_staircase, sampled_sides
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 SAMPLE_SIZE = 400  # vertices sampled for residuals
@@ -30,6 +30,8 @@ MIN_NEIGHBOURS = 15
 FLAT_ANGLE_TOLERANCE = 1e-3
 # share of flat edges from which large residuals are creases of a part, not noise
 MIN_CREASED_FLAT_SHARE = 0.1
+# of an edge: residual above which a region bends, among many flat ones; regions and share of them that count
+MIN_BENT_RESIDUAL, MIN_BENT_SHARE = 0.03, 0.1
 # residual of cubic fits over that of quartic ones: noise has 0.98 to 1.08, as measured on spheres, tori and
 # voxels; scanned and modelled surfaces with details of four to ten edges have 1.2 to 2.9
 MIN_DETAIL_RATIO = 1.15
@@ -65,6 +67,9 @@ class Deviation:
         Two rings around the sample.
     normal : (3, n) ndarray
         Of all vertices, averaged by areas.
+    of_bent : Deviation, optional
+        The same of the regions that are not flat, where many faces are: tall steps have flat regions between
+        them.
     """
 
     relative: float
@@ -75,6 +80,7 @@ class Deviation:
     sample: NDArray[np.int64]
     regions: Regions
     normal: NDArray[np.float64]
+    of_bent: Deviation | None = None
 
 
 def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Deviation | None:
@@ -105,13 +111,26 @@ def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Dev
     if is_staircase(mesh, faces, dihedral):
         # fits over two rings lie on a step; heights within a voxel are uniform
         kind, deviation = "voxels", max(deviation, VOXEL_DEVIATION * edge)
-    elif _is_rounded(faces.points, normal[:, sample], deviation, edge):
+    elif _is_rounded(faces, normal[:, sample], deviation, edge):
         kind = "rounded"
     elif _has_spikes(faces.points, normal, regions, vertices, edge):
         kind, deviation = "spikes", float(np.sqrt(np.nanmean(residuals[0] ** 2)))
     flat_share = float((np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean())
     doubtful = detail_ratio > MIN_DETAIL_RATIO or flat_share > MIN_CREASED_FLAT_SHARE
-    return Deviation(deviation / edge, kind, detail_ratio, doubtful, noisy, sample, some, normal)
+    whole = Deviation(deviation / edge, kind, detail_ratio, doubtful, noisy, sample, some, normal)
+    if flat_share <= MIN_CREASED_FLAT_SHARE:
+        return whole
+    return replace(whole, of_bent=_of_bent(whole, residuals[0], residuals[1], edge))
+
+
+def _of_bent(whole: Deviation, cubic: NDArray, quartic: NDArray, edge: float) -> Deviation | None:
+    """Deviation of the regions that are not flat; None where they are few."""
+    bent = np.isfinite(quartic) & (cubic > MIN_BENT_RESIDUAL * edge)
+    if bent.sum() < max(MIN_NEIGHBOURS, MIN_BENT_SHARE * len(bent)):
+        return None
+    deviation, quartic_deviation = float(np.median(cubic[bent])), float(np.median(quartic[bent]))
+    ratio = deviation / quartic_deviation if quartic_deviation > 0 else np.inf
+    return replace(whole, relative=deviation / edge, kind="noise", detail_ratio=ratio, noisy=bent)
 
 
 def _deviation(cubic: NDArray, quartic: NDArray) -> tuple[float, float, NDArray[np.bool_]]:
@@ -138,9 +157,9 @@ def _deviation(cubic: NDArray, quartic: NDArray) -> tuple[float, float, NDArray[
     return float(np.nanmedian(cubic)), ratio, whole
 
 
-def _is_rounded(points: NDArray, normal: NDArray, deviation: float, edge: float) -> bool:
+def _is_rounded(faces: Faces, normal: NDArray, deviation: float, edge: float) -> bool:
     """Whether coordinates are whole multiples of a step that explains the residuals."""
-    expected = rounding_deviation(points, normal, edge)
+    expected = rounding_deviation(faces.points, normal, sampled_sides(faces), edge)
     least, most = ROUNDING_RANGE
     return least * expected < deviation < most * expected
 

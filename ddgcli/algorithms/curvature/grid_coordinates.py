@@ -10,18 +10,20 @@ MULTIPLE_TOLERANCE = 0.01  # of a step, from whole multiples of it
 MAX_VALUE_SHARE = 0.5  # of the vertices: so many different values of a coordinate at most
 MAX_STEPS = 1_000_000  # of the extent of a surface
 MAX_STEP = 0.75  # of rounding, in edges
+MIN_SPANNING_SHARE = 0.01  # of the sides of faces, that are longer than a step
 # of vertices on the edges of a grid: two coordinates are each shared by so many vertices, and by so many
 # times more than the third; their share, and that of each axis among the directions of these edges
 MIN_SHARING, MIN_SHARING_RATIO = 8, 4
 MIN_GRID_SHARE, MIN_AXIS_SHARE = 0.8, 0.08
 
 
-def rounding_deviation(points: NDArray, normal: NDArray, edge: float) -> float:
+def rounding_deviation(points: NDArray, normal: NDArray, sides: NDArray, edge: float) -> float:
     """Standard deviation along the normals by which coordinates were rounded, in length units; 0 where not.
 
     Rounded coordinates are whole multiples of a step, up to a shift, and the step of each axis is the least
     difference of its coordinates. One coordinate alone may be rounded, as to the layers of a printer.
-    `points` (3, n) are positions, `normal` (3, k) unit normals, and `edge` is the mean edge length.
+    `points` (3, n) are positions, `normal` (3, k) unit normals, `sides` (3, s) sides of faces, and `edge`
+    is the mean edge length.
     """
     variance = np.zeros(3)
     for axis, values in enumerate(points):
@@ -33,7 +35,9 @@ def rounding_deviation(points: NDArray, normal: NDArray, edge: float) -> float:
             np.abs(step / least - np.rint(step / least)).max() > MULTIPLE_TOLERANCE * (1 + len(step) ** 0.5)
         ):
             continue
-        if least < MAX_STEP * edge:  # the places of a regular grid are not rounded
+        # the places of a regular grid are not rounded: its sides span one step
+        spans_steps = np.mean(np.abs(sides[axis]) > 1.5 * least) > MIN_SPANNING_SHARE
+        if least < MAX_STEP * edge and spans_steps:
             variance[axis] = least * least / 12
     return float(np.sqrt(np.mean(variance @ (normal * normal))))
 

@@ -34,7 +34,9 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 Effort = Literal["fits", "warn", "auto"]
 
 BENDING_SAMPLE_SIZE = 100  # vertices sampled for curvature
-MAX_ROUGH_DETAIL_RATIO = 1.75  # stairs that were averaged or cut have 1.2 to 1.7, details of six edges 1.8
+# residual of cubic fits over that of quartic ones: stairs that were averaged or cut have 1.2 to 1.7, details
+# of six edges 1.8; smoothed segmentations have up to 2.2, and of details with less the default is 15 % off
+MAX_ROUGH_DETAIL_RATIO, MAX_UNEVEN_DETAIL_RATIO = 1.75, 2.2
 # vertices, and members of all balls: the stairs of large bodies need wide ones
 VOTING_SAMPLE_SIZE, MAX_VOTING_PAIRS = 50, 2e6
 VOXEL_SAMPLE_SIZE, MAX_VOXEL_PAIRS = 25, 1.2e7
@@ -50,9 +52,10 @@ MAX_ROUGH_ERROR = 0.25  # at the best radius: terrain and scans with details of 
 # it, and the median over the mean of the latter. Scans and modelled surfaces have errors of 0.17 to 0.7, and
 # smooth ones with a bias in balls ratios of 1.1 to 1.9
 MAX_UNEVEN_ERROR, MIN_UNEVEN_ERROR_RATIO, MIN_UNEVEN_MEDIAN_SHARE = 0.13, 2.3, 0.4
-MAX_UNEVEN_CANCELLATION = 0.9  # of convex bodies, smoothed thirty times; smooth ones have 1
 MAX_ERROR = 0.08  # of curvature, root mean square, by noise, above which the default region is unreliable
 MAX_REMAINING_ERROR_SHARE = 0.75  # largest share of that error at the proposed radius
+# at the best radius of voxels and rounded coordinates: parts of blocks, pleats and layers have more
+MAX_LATTICE_ERROR = 0.5
 # of the error of averaged normals over that of fits, below which the scheme is proposed
 MAX_VOTING_SHARE = 0.8
 
@@ -86,7 +89,26 @@ class Noise:
         best = self.scales_of(self.best_scheme)
         if not self.kind or best is None:
             return False
-        return _is_unreliable(best.default_rms, best.default_error, best)
+        return self._is_unreliable(best.default_rms, best.default_error, best)
+
+    def default_error(self, mean: NDArray) -> float | None:
+        """Mean error of the mean curvature (n,) at the default region, over its mean size; None if reliable.
+
+        It is the difference to the curvature in balls of the best radius.
+        """
+        best = self.scales_of(self.best_scheme)
+        if not self.kind or best is None:
+            return None
+        difference = np.abs(mean[best.vertices] - best.mean) / best.size
+        error = float(np.hypot(difference.mean(), best.error))
+        root_mean_square = float(np.sqrt(np.mean(difference**2)))
+        return error if self._is_unreliable(root_mean_square, error, best) else None
+
+    def _is_unreliable(self, root_mean_square: float, mean: float, best: Scales) -> bool:
+        """Whether errors are large, and those at the best radius clearly less."""
+        on_lattice = self.kind in ("voxels", "rounded")
+        most = min(MAX_REMAINING_ERROR_SHARE * mean, MAX_LATTICE_ERROR if on_lattice else np.inf)
+        return root_mean_square > MAX_ERROR and best.error < most
 
     @property
     def best_scheme(self) -> str:
@@ -101,9 +123,9 @@ class Noise:
         return self.voting if scheme == "normal-voting" and self.voting is not None else self.scales
 
     def expected_error(self, scheme: str) -> float | None:
-        """Mean error of the mean curvature in balls of the best radius, over its mean size; None if clean."""
+        """Mean error of the mean curvature in balls of the best radius, over its mean size."""
         scales = self.scales_of(scheme)
-        return scales.error if scales is not None and self.dominates_curvature else None
+        return None if scales is None else scales.error
 
     def radius_of(self, scheme: str) -> float:
         """Radius with the least error of a scheme, in length units."""
@@ -134,7 +156,7 @@ def estimate_noise(
     deviation = vertex_deviation(mesh, faces, dihedral)
     if deviation is None:
         return Noise(None)
-    kind = _kind(mesh, faces, dihedral, deviation)
+    kind, deviation = _kind(mesh, faces, dihedral, deviation)
     if not kind:
         return Noise(deviation.relative)
     few = np.arange(0, len(deviation.sample), max(1, len(deviation.sample) // BENDING_SAMPLE_SIZE))
@@ -152,24 +174,36 @@ def estimate_noise(
     return replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme, size, pairs))
 
 
-def _kind(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviation) -> str:
-    """Kind of the noise as far as residuals and creases show it; '' where they are those of a surface."""
+def _kind(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviation) -> tuple[str, Deviation]:
+    """Kind of the noise as far as residuals and creases show it, '' where they are those of a surface.
+
+    And the deviation of the part that has it.
+    """
+
+    def share_of(of_regions: Deviation) -> float:
+        noisy = listed(of_regions.regions, np.flatnonzero(of_regions.noisy))
+        return cancellation(mesh, faces, dihedral, noisy)
+
     if deviation.kind not in ("noise", "partial"):
-        return deviation.kind
+        return deviation.kind, deviation
     if on_grid_edges(faces.points, float(faces.length.mean())):
-        return "grid"
-    noisy = listed(deviation.regions, np.flatnonzero(deviation.noisy))
-    share = cancellation(mesh, faces, dihedral, noisy)
+        return "grid", deviation
+    kind, bent = _kind_by_creases(deviation, share_of(deviation)), deviation.of_bent
+    if not kind and bent is not None and _kind_by_creases(bent, share_of(bent)) == "rough":
+        return "rough", bent
+    return kind, deviation
+
+
+def _kind_by_creases(deviation: Deviation, share: float) -> str:
+    """Kind by residuals of fits and the share of creases that do not cancel."""
     of_noise = min(MAX_CANCELLATION, MAX_CANCELLATION_OF_NOISE / max(deviation.relative, 1e-300))
     if deviation.kind == "partial":
         return "partial" if share <= of_noise or not deviation.doubtful else ""
     if not deviation.doubtful:
         return "noise" if share <= of_noise else ""
-    if deviation.detail_ratio > MAX_ROUGH_DETAIL_RATIO:
-        return ""
-    if share <= MAX_ROUGH_CANCELLATION:
+    if share <= MAX_ROUGH_CANCELLATION and deviation.detail_ratio <= MAX_ROUGH_DETAIL_RATIO:
         return "rough"
-    return "uneven" if share <= MAX_UNEVEN_CANCELLATION else ""
+    return "uneven" if deviation.detail_ratio <= MAX_UNEVEN_DETAIL_RATIO else ""
 
 
 def _settles(kind: str, deviation: Deviation, scales: Scales, faces: Faces, regions: Regions) -> bool:
@@ -272,16 +306,11 @@ def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> flo
     float or None
         The mean error over the mean size, where noise dominates; None elsewhere.
     """
-    reference = noise.scales_of(noise.best_scheme)
-    if not noise.kind or reference is None or noise.relative is None:
-        return None
-    difference = np.abs(mean[reference.vertices] - reference.mean) / reference.size
-    error = float(np.hypot(difference.mean(), reference.error))
-    if not _is_unreliable(float(np.sqrt(np.mean(difference**2))), error, reference):
+    error = noise.default_error(mean)
+    if error is None:
         return None
     # a scheme that measures in balls stays, unless the stairs or the noise suit the averaged normals better
     best = "normal-voting" if scheme == "normal-voting" else noise.best_scheme
-    proposed = noise.scales_of(best) or reference
     cure = "use" if best == scheme else f"use `scheme={best}` with"
     logging.getLogger("ddgcli").warning(
         "the surface %s: at the default region the error of the mean curvature is about %.0f %%; "
@@ -290,11 +319,6 @@ def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> flo
         100 * error,
         cure,
         noise.radius_of(best) * scale,
-        100 * proposed.error,
+        100 * (noise.expected_error(best) or 0.0),
     )
     return error
-
-
-def _is_unreliable(root_mean_square: float, mean: float, best: Scales) -> bool:
-    """Whether errors are large, and those at the best radius clearly less."""
-    return root_mean_square > MAX_ERROR and best.error < MAX_REMAINING_ERROR_SHARE * mean

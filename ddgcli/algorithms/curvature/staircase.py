@@ -9,6 +9,7 @@ from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.regions import Regions
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import dot
 
 STEP_ANGLE = np.pi / 12  # dihedral angle from which an edge is a crease of a staircase
 # least share of vertices on convex and on concave creases, and of faces of the most frequent shapes, among
@@ -17,14 +18,21 @@ MIN_STEPPED_SHARE, MIN_SHAPE_SHARE = 0.05, 0.95
 FACE_SHAPES, MIN_FACES_OF_A_SHAPE = 128, 4
 SHAPE_SAMPLE_SIZE = 5000  # faces whose shapes are compared
 NORMAL_RESOLUTION, AREA_RESOLUTION = 0.02, 0.1  # of the components of a normal, and of log2 of an area
+# sides of the faces of voxels are whole combinations of three of them: 0.99 to 1 of them, of periodic sheets
+# and gears, whose faces have few shapes too, 0.3 to 0.67
+MIN_LATTICE_SHARE = 0.9
+SIDE_RESOLUTION = 0.05  # of the mean length: up to which two sides count as equal
+MIN_SIDES_OF_A_KIND = 3
+WHOLE_TOLERANCE = 0.05  # of a coefficient, from a whole number
+MIN_INDEPENDENCE = 0.1  # sine of the angle of a side to the line or plane of those before it
 
 
 def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
     """Whether a surface is the boundary of voxels, by squares or by marching cubes through their centres.
 
-    Such a surface has convex and concave creases at many vertices, and faces of few shapes (normal and area),
-    also where the voxels are turned or no cubes. Mechanical parts have many shapes, and regular grids no
-    creases of both signs.
+    Such a surface has convex and concave creases at many vertices, faces of few shapes (normal and area), and
+    vertices on a lattice, also where the voxels are turned or no cubes. Mechanical parts have many shapes,
+    and the waves and teeth of periodic surfaces are not on a lattice.
 
     Parameters
     ----------
@@ -40,8 +48,7 @@ def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
         ends[edges[sign * dihedral > STEP_ANGLE].ravel()] = True
         if ends.sum() < MIN_STEPPED_SHARE * n_referenced:
             return False
-    sound = np.flatnonzero(~faces.flat)
-    sample = sound[:: max(1, len(sound) // SHAPE_SAMPLE_SIZE)]
+    sample = _sampled_faces(faces)
     area = faces.area[sample]
     keys = np.rint(
         np.vstack(
@@ -50,7 +57,47 @@ def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
     )
     count = np.sort(np.unique(keys, axis=1, return_counts=True)[1])[::-1]
     frequent = count[: min(FACE_SHAPES, len(sample) // MIN_FACES_OF_A_SHAPE)]
-    return bool(frequent.sum() > MIN_SHAPE_SHARE * len(sample))
+    if frequent.sum() <= MIN_SHAPE_SHARE * len(sample):
+        return False
+    return _lattice_share(sampled_sides(faces)) > MIN_LATTICE_SHARE
+
+
+def sampled_sides(faces: Faces) -> NDArray[np.float64]:
+    """(3, k) vectors along the sides of some faces with area."""
+    corner = faces.corner[:, _sampled_faces(faces)]
+    return (faces.points[:, corner[[1, 2, 0]]] - faces.points[:, corner]).reshape(3, -1)
+
+
+def _sampled_faces(faces: Faces) -> NDArray[np.int64]:
+    sound = np.flatnonzero(~faces.flat)
+    return sound[:: max(1, len(sound) // SHAPE_SAMPLE_SIZE)]
+
+
+def _lattice_share(vectors: NDArray) -> float:
+    """Share of vectors (3, k) that are whole combinations of the three shortest independent frequent ones.
+
+    The shortest independent vectors of a lattice in space generate it.
+    """
+    resolution = SIDE_RESOLUTION * np.sqrt(dot(vectors, vectors).mean())
+    places = np.arange(vectors.shape[1])
+    vectors = vectors * np.sign(vectors[np.abs(vectors).argmax(axis=0), places])  # of both directions one
+    _, kind, count = np.unique(np.rint(vectors / resolution), axis=1, return_inverse=True, return_counts=True)
+    means = np.stack([sum_by_index(kind.ravel(), column, len(count)) / count for column in vectors])
+    frequent = means[:, count >= MIN_SIDES_OF_A_KIND]
+    frequent = frequent[:, np.argsort(dot(frequent, frequent), kind="stable")]
+    length = np.sqrt(dot(frequent, frequent))
+    basis: list[NDArray] = []
+    off = length  # distance of each vector to the span of the basis
+    while len(basis) < 3:
+        independent = np.flatnonzero(off > MIN_INDEPENDENCE * length)
+        if len(independent) == 0:
+            return 0.0
+        basis.append(frequent[:, independent[0]])
+        span = np.linalg.qr(np.stack(basis, axis=1))[0]
+        rest = frequent - span @ (span.T @ frequent)
+        off = np.sqrt(dot(rest, rest))
+    coefficients = np.linalg.solve(np.stack(basis, axis=1), vectors)
+    return float((np.abs(coefficients - np.rint(coefficients)) < WHOLE_TOLERANCE).all(axis=0).mean())
 
 
 def cancellation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, regions: Regions) -> float:

@@ -119,13 +119,18 @@ def measure_curvature(
     check_curvature(mesh, scheme, radius, image=image)
     surface = prepare_surface(mesh, scheme)
     noise = _noise(surface, scheme, radius)
-    at_default, expected_error = radius is None, None
+    at_default, noisy = radius is None, noise.dominates_curvature
+    principal, expected_error = None, None
     if radius == "auto":
-        radius = noise.radius_of(scheme) * surface.scale if noise.dominates_curvature else None
+        if noise.kind and not noisy:  # by the sample; the fits of all vertices may have another penalty
+            principal = _pointwise(surface, scheme, None, False, jobs, full)
+            noisy = noise.default_error(principal.mean) is not None
+        radius = noise.radius_of(scheme) * surface.scale if noisy else None
         _check_radius(mesh, radius, scheme)
-        expected_error = noise.expected_error(scheme)
+        expected_error = noise.expected_error(scheme) if noisy else None
     in_ball = None if radius is None else radius / surface.scale
-    principal = _pointwise(surface, scheme, in_ball, noise.dominates_curvature, jobs, full)
+    if principal is None or in_ball is not None:
+        principal = _pointwise(surface, scheme, in_ball, noisy, jobs, full)
     if at_default:
         expected_error = warn_of_noise(noise, scheme, principal.mean, surface.scale)
     vertex = _vertex_arrays(surface, principal) if full else _curvature_arrays(surface, principal)
