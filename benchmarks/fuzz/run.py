@@ -7,6 +7,7 @@ reached a line of the package first.
 
 from __future__ import annotations
 
+import json
 import logging
 import mmap
 import os
@@ -29,6 +30,7 @@ from ddgcli.errors import DdgError
 LONGEST_MESSAGE = 600  # characters, beside the path
 WALL_FACTOR = 20  # on a busy machine the clock runs faster
 INPUTS_OF_A_CHILD = 200
+MESSAGE_IN_NOTES, BYTES_OF_AN_ESCAPE = 300, 4096  # a character takes 12 bytes in JSON at most
 MEMORY_OF_A_CHILD = 2 << 30  # bytes beside what the parent has
 KEPT_ESCAPES = 20
 SHARE_OF_ACCEPTED, SHARE_OF_REFUSED = 0.45, 0.1  # of the mutated inputs; the others are the valid ones
@@ -156,7 +158,7 @@ def fuzz(
         now = b"" if coverage is None else coverage.snapshot
         if notes is not None:
             quick = seconds <= max(QUICK_SECONDS, MAX_SLOWNESS * whole / (number + 1))
-            notes.add(number, result[0], account.slowest, further=now != reached and quick)
+            notes.add(number, *result, account.slowest, further=now != reached and quick)
         reached = now
         if time.process_time() > cpu_seconds:
             break
@@ -187,10 +189,12 @@ def fuzz_in_processes(
     while (left := cpu_seconds - (_cpu() - began)) > 0:
         notes, code = _fuzz_in_child(kind, seed, number, pool, coverage, left)
         total.slowest = max(total.slowest, notes.slowest)
+        messages = notes.messages
         for k, result in enumerate(notes.results):
             data = b"" if result != "escape" else input_of(kind, pool, seed, number + k)
-            message = outcome(read, data, kind.cpu_seconds)[1] if result == "escape" else ""
-            message = message or ("not when it is tried again" if result == "escape" else "")
+            message = messages.get(k, "")
+            if result == "escape" and outcome(read, data, kind.cpu_seconds)[0] != "escape":
+                message = f"not when it is tried again: {message}"
             total.count(result, message, data)
         further = [(notes.results[k], input_of(kind, pool, seed, number + k)) for k in notes.further]
         number += len(notes.results)
@@ -235,11 +239,20 @@ class Notes:
 
     def __init__(self) -> None:
         self.memory = mmap.mmap(-1, self.HEAD.size + INPUTS_OF_A_CHILD)
+        # number and message of each escape
+        self.lines = mmap.mmap(-1, INPUTS_OF_A_CHILD * BYTES_OF_AN_ESCAPE)
 
-    def add(self, number: int, result: str, slowest: float, further: bool = False) -> None:
+    def add(self, number: int, result: str, message: str, slowest: float, further: bool = False) -> None:
         """Note the result of an input of the child."""
+        if result == "escape":
+            self.lines.write(json.dumps([number, message[:MESSAGE_IN_NOTES]]).encode() + b"\n")
         self.memory[self.HEAD.size + number] = self.RESULTS.index(result) + self.FURTHER * further
         self.memory[: self.HEAD.size] = self.HEAD.pack(number + 1, slowest)
+
+    @property
+    def messages(self) -> dict[int, str]:
+        """Messages of the escapes by number."""
+        return dict(json.loads(line) for line in self.lines[: self.lines.find(b"\0")].splitlines())
 
     @property
     def codes(self) -> bytes:

@@ -14,6 +14,7 @@ from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import FLAT_AREA_TOLERANCE, TriangleMesh
+from ddgcli.mesh.vectors import bounding_box
 
 SAMPLE_SIZE = 1000  # faces
 LENGTH_RANGE = (1e-140, 1e140)  # lengths whose squares, and sums of them, do not overflow
@@ -101,7 +102,7 @@ def _surely_sized(mesh: TriangleMesh) -> bool:
 
 def _extent(mesh: TriangleMesh) -> float:
     """Largest side of the bounding box."""
-    low, high = mesh.bounding_box
+    low, high = bounding_box(mesh.points)  # of intrinsic meshes too
     return float((high - low).max())
 
 
