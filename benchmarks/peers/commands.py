@@ -82,8 +82,7 @@ class Case:
 def cotan_kernel(mesh: TriangleMesh) -> Any:
     """Curvatures and directions of the scheme `cotan`."""
     faces = Faces.of(mesh)
-    area, defect = measures.area_of(faces), measures.defect_of(faces, mesh.topology)
-    vector = measures.vector_of(faces, mesh.topology)
+    area, defect, vector = measures.star_measures(faces, mesh.topology)
     return cotan(faces, mesh.topology, unit_normals(faces), area, defect, vector)
 
 

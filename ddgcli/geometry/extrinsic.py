@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import cone_volume, cross, unit_vectors
+from ddgcli.mesh.vectors import angle_of, cone_volume, cross, ratio, unit_vectors
 
 EDGES_PER_BLOCK = 16_384  # edges handled at once: the working arrays stay in the cache
 
@@ -51,18 +51,20 @@ def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray
     for begin in range(0, len(interior), EDGES_PER_BLOCK):
         side = interior[begin : begin + EDGES_PER_BLOCK]
         other = twin[side]
-        turned = np.where(sign[side] == sign[other], -1.0, 1.0)
         face, beyond = side // 3, other // 3
         x0, y0, z0 = (np.take(c, face) for c in normals)
-        x1, y1, z1 = (np.take(c, beyond) * turned for c in normals)
+        x1, y1, z1 = (np.take(c, beyond) for c in normals)
+        if not topology.is_oriented:
+            turned = np.where(sign[side] == sign[other], -1.0, 1.0)
+            x1, y1, z1 = x1 * turned, y1 * turned, z1 * turned
         tail, head = topology.side_tail[side], topology.side_head[side]
         ex, ey, ez = (np.take(p, head) - np.take(p, tail) for p in points)
         length = np.sqrt(ex * ex + ey * ey + ez * ez)
         volume = ex * (y0 * z1 - z0 * y1) + ey * (z0 * x1 - x0 * z1) + ez * (x0 * y1 - y0 * x1)
-        sine = np.divide(volume, length, out=np.zeros_like(volume), where=length > 0)
+        sine = ratio(volume, length)
         cosine = x0 * x1 + y0 * y1 + z0 * z1
         cosine = np.where((sine == 0) & (cosine == 0), 1.0, cosine)  # beside a face without area
-        angle[side_edge[side]] = np.arctan2(sine, cosine)
+        angle[side_edge[side]] = angle_of(sine, cosine)
     return angle
 
 

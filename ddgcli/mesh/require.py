@@ -236,9 +236,8 @@ def _require_area(mesh: TriangleMesh) -> None:
 def surely_has_area(mesh: TriangleMesh) -> bool:
     """Whether one of the first faces shows, at little cost, that the surface has an area."""
     corners = mesh.points[mesh.faces[:SAMPLE_SIZE]]
-    side = (corners[:, 1:] - corners[:, :1]) / (
-        2.0 * _extent(mesh) or 1.0
-    )  # no side is longer than twice that
+    longest = 2.0 * _extent(mesh) or 1.0  # no side is longer
+    side = (corners[:, 1:] - corners[:, :1]) / longest
     return bool((np.abs(np.cross(side[:, 0], side[:, 1])) > FLAT_AREA_TOLERANCE).any())
 
 

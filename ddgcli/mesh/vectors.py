@@ -54,6 +54,20 @@ def ratio(a: NDArray | float, b: NDArray) -> NDArray[np.float64]:
     return np.divide(a, b, out=np.zeros(np.broadcast_shapes(np.shape(a), b.shape)), where=b != 0)
 
 
+def angle_of(sine: NDArray, cosine: NDArray) -> NDArray[np.float64]:
+    """(k,) angle in radians, in -pi .. pi, of multiples of its sine and cosine.
+
+    The arctangent of the quotient takes half the time of `np.arctan2`, which computes the obtuse ones.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        angle = np.divide(sine, cosine)
+    np.arctan(angle, out=angle)
+    obtuse = np.flatnonzero(~(cosine > 0))
+    if len(obtuse):
+        angle[obtuse] = np.arctan2(sine[obtuse], cosine[obtuse])
+    return angle
+
+
 def cone_volume(a: NDArray, b: NDArray, c: NDArray) -> NDArray[np.float64]:
     """(m,) signed volumes of tetrahedra over triangles with corners a, b, c (3, m), apex at the origin."""
     return dot(cross(a, b), c) / 6.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.curvature import measures as exact
-from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.faces import REMAINING, Faces
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import MeshError, ParameterError
@@ -16,6 +16,7 @@ from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import angle_of
 from ddgcli.operators.laplacian import uniform_stiffness
 
 CLOSED_MESHES = {
@@ -36,6 +37,25 @@ def crumpled(mesh, seed=0):
     """The mesh with every vertex moved by a good part of an edge: no symmetry hides an error."""
     noise = np.random.default_rng(seed).normal(size=mesh.points.shape)
     return mesh.moved(mesh.points + 0.2 * mesh.side_length.mean() * noise)
+
+
+def test_sums_at_vertices_do_not_depend_on_the_blocks_of_faces(monkeypatch):
+    mesh = crumpled(OPEN_MESHES["catenoid"])
+    whole = Faces.of(mesh)
+    expected = [*exact.star_measures(whole, mesh.topology), whole.doubled_star]
+    monkeypatch.setattr("ddgcli.algorithms.curvature.faces.FACES_PER_BLOCK", 17)
+    faces = Faces.of(mesh)
+    sums = [*exact.star_measures(faces, mesh.topology), faces.doubled_star]
+    for one, other in zip(sums, expected):
+        assert one == pytest.approx(other, rel=1e-13, abs=1e-15)
+    for name in REMAINING:
+        assert name == "normal" or (getattr(faces, name) == getattr(whole, name)).all()
+
+
+def test_angles_of_sines_and_cosines_are_those_of_the_arctangent():
+    ends = np.array([-1e300, -2.0, -1e-300, -0.0, 0.0, 1e-300, 0.5, 1e300])
+    sine, cosine = np.repeat(ends, len(ends)), np.tile(ends, len(ends))
+    assert angle_of(sine, cosine) == pytest.approx(np.arctan2(sine, cosine), rel=1e-15)
 
 
 @pytest.mark.parametrize("name", ALL_MESHES)

@@ -104,7 +104,7 @@ def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Dev
     if len(sample_rows) < MIN_NEIGHBOURS:
         return None
     sample, some = vertices[sample_rows], listed(regions, sample_rows)
-    edge = float(faces.length.mean())
+    edge = faces.mean_length
     residuals = polynomial_residuals(faces.points, normal, some, sample, (3, 4))
     deviation, detail_ratio, noisy = _deviation(*residuals)
     kind = "noise" if noisy.all() else "partial"

@@ -6,6 +6,7 @@ these arrays.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,7 +16,12 @@ from numpy.typing import NDArray
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import cross, dot, ratio
+from ddgcli.mesh.vectors import angle_of, cross, dot, ratio
+
+# faces at once where only sums remain: larger blocks take more memory, smaller ones more time
+FACES_PER_BLOCK = 1 << 17
+# arrays that remain of blocks, as most callers read them later; sides, products and angles do not
+REMAINING = ("squared_length", "doubled", "area", "flat", "normal", "cotan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,24 +46,60 @@ class Faces:
     def n_vertices(self) -> int:
         return self.points.shape[1]
 
+    def store(self, **arrays: NDArray) -> None:
+        """Set derived quantities that the caller has computed, by their names."""
+        self.__dict__.update(arrays)
+
+    def blocks(self) -> Iterator[tuple[slice, Faces]]:
+        """Slices of the faces, and the faces there; the whole itself where it is small."""
+        m = self.corner.shape[1]
+        if m <= FACES_PER_BLOCK:
+            yield slice(0, m), self
+            return
+        for begin in range(0, m, FACES_PER_BLOCK):
+            rows = slice(begin, min(begin + FACES_PER_BLOCK, m))
+            block = Faces(self.corner[:, rows], self.points)
+            block.store(
+                **{name: self.__dict__[name][..., rows] for name in REMAINING if name in self.__dict__}
+            )
+            yield rows, block
+
+    def vertex_sums(self, *terms: Callable[[Faces], NDArray]) -> list[NDArray[np.float64]]:
+        """(..., n) sums at the vertices of each term: its corner values (..., 3, k) of a block of k faces.
+
+        Terms of one call share what they derive from a block; of that, the arrays in `REMAINING` are stored.
+        """
+        n, m = self.n_vertices, self.corner.shape[1]
+        totals: list[NDArray[np.float64]] = []
+        remaining: dict[str, NDArray] = {}
+        for rows, block in self.blocks():
+            values = [term(block) for term in terms]
+            totals = totals or [np.zeros((*value.shape[:-2], n)) for value in values]
+            for total, value in zip(totals, values):
+                columns = value.reshape(-1, *value.shape[-2:])
+                for sums, by_corner in zip(total.reshape(-1, n), columns):
+                    for corner, column in zip(block.corner, by_corner):
+                        np.add.at(sums, corner, column)
+            for name in REMAINING:
+                if name in block.__dict__ and name not in self.__dict__:
+                    array = block.__dict__[name]
+                    whole = remaining.setdefault(name, np.empty((*array.shape[:-1], m), array.dtype))
+                    whole[..., rows] = array
+        self.store(**remaining)
+        return totals
+
     def at_corners(self, columns: NDArray) -> NDArray[np.float64]:
         """(3, d, m) values of (d, n) vertex arrays at the corners."""
         return np.stack([[np.take(column, c) for column in columns] for c in self.corner])
-
-    def at_vertices(self, values: NDArray) -> NDArray[np.float64]:
-        """(..., n) sums at vertices of (..., 3, m) corner values."""
-        rows = values.reshape(-1, *self.corner.shape)
-        n = self.n_vertices
-        total = np.zeros((len(rows), n))
-        for sums, row in zip(total, rows):
-            for c, value in zip(self.corner, row):
-                sums += sum_by_index(c, value, n)
-        return total.reshape(*values.shape[:-2], n)
 
     def stars(self, values: NDArray) -> NDArray[np.float64]:
         """(d, n) sums over the stars of vertices of (d, m) face values."""
         n = self.n_vertices
         return np.stack([sum(sum_by_index(c, value, n) for c in self.corner) for value in values])
+
+    def side_vectors(self, j: NDArray, face: NDArray) -> NDArray[np.float64]:
+        """(3, k) vectors of sides j of some faces."""
+        return self.points[:, self.corner[NEXT[j], face]] - self.points[:, self.corner[j, face]]
 
     @cached_property
     def side(self) -> NDArray[np.float64]:
@@ -75,10 +117,15 @@ class Faces:
         """(3, m) of each side."""
         return np.stack([dot(s, s) for s in self.side])
 
-    @cached_property
+    @property
     def length(self) -> NDArray[np.float64]:
         """(3, m) of each side."""
         return np.sqrt(self.squared_length)
+
+    @cached_property
+    def mean_length(self) -> float:
+        """Mean over all sides."""
+        return float(self.length.mean())
 
     @cached_property
     def doubled(self) -> NDArray[np.float64]:
@@ -94,16 +141,23 @@ class Faces:
             product[:, where] = cross(a, b)
         return product
 
+    @property
+    def on_corners(self) -> NDArray[np.float64]:
+        """(3, 3, m) `doubled` at each corner, for sums over stars; component first."""
+        return np.broadcast_to(self.doubled[:, None, :], (3, *self.corner.shape))
+
     @cached_property
     def doubled_area(self) -> NDArray[np.float64]:
         """(m,) twice the area of each face; infinite above the range of numbers."""
+        if "area" in self.__dict__:
+            return 2.0 * self.area
         with np.errstate(over="ignore"):
             return np.sqrt(dot(self.doubled, self.doubled))
 
     @cached_property
     def doubled_star(self) -> NDArray[np.float64]:
         """(3, n) sum of `doubled` over the star of each vertex."""
-        return self.stars(self.doubled)
+        return self.vertex_sums(lambda block: block.on_corners)[0]
 
     @cached_property
     def area(self) -> NDArray[np.float64]:
@@ -139,7 +193,7 @@ class Faces:
         A face with a side of no length has two right angles at that side's ends (the limit of an isosceles
         needle); a face that is a point has three equal ones.
         """
-        angle = np.stack([np.arctan2(self.doubled_area, d) for d in self.dot])
+        angle = np.stack([angle_of(self.doubled_area, d) for d in self.dot])
         a, b, c = self.squared_length
         bad = np.flatnonzero(np.minimum(np.minimum(a, b), c) == 0)
         if len(bad):

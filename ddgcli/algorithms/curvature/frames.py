@@ -47,9 +47,14 @@ def unit_normals(faces: Faces) -> NDArray[np.float64]:
     N. Max, "Weights for Computing Vertex Normals from Facet Normals", 1999: each corner adds the cross
     product of its two sides divided by the squares of both lengths.
     """
+    return _unit_columns(faces.vertex_sums(_weighted_normals)[0])
+
+
+def _weighted_normals(faces: Faces) -> NDArray[np.float64]:
+    """(3, 3, m) what each corner adds to the normal of its vertex, component first."""
     squared = faces.squared_length
     weight = np.stack([ratio(1.0, squared[k] * squared[PREVIOUS[k]]) for k in range(3)])
-    return _unit_columns(faces.at_vertices(weight * faces.doubled[:, None, :]))
+    return weight * faces.doubled[:, None, :]
 
 
 def area_normals(faces: Faces) -> NDArray[np.float64]:

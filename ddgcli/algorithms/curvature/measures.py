@@ -5,6 +5,8 @@ Angle defects and dihedral angles integrate curvature over the surface.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,7 +32,33 @@ def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
 
 def defect_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
     """`angle_defect` from `Faces`."""
-    total = faces.at_vertices(faces.angle)
+    return _defect_of(faces.vertex_sums(_angle)[0], faces, topology)
+
+
+def star_measures(
+    faces: Faces, topology: Topology, *further: Callable[[Faces], NDArray]
+) -> list[NDArray[np.float64]]:
+    """`vertex_area`, `angle_defect`, (3, n) `curvature_vector` and sums of further terms, in one pass.
+
+    The sums of `Faces.doubled_star` are stored with it.
+    """
+    area, angle, pull, doubled, *sums = faces.vertex_sums(
+        _share, _angle, _pull, lambda block: block.on_corners, *further
+    )
+    faces.store(doubled_star=doubled)
+    return [area, _defect_of(angle, faces, topology), _without_tension(pull, faces, topology), *sums]
+
+
+def _angle(faces: Faces) -> NDArray[np.float64]:
+    return faces.angle
+
+
+def _share(faces: Faces) -> NDArray[np.float64]:
+    return mixed_voronoi_share(faces.squared_length, faces.cotan, faces.area)
+
+
+def _defect_of(total: NDArray, faces: Faces, topology: Topology) -> NDArray[np.float64]:
+    """`angle_defect` from the (n,) sums of angles."""
     if "_edge_numbering" not in topology.__dict__ and _surely_closed(faces):
         return np.where(topology.referenced_vertex, 2 * np.pi - total, 0.0)
     return _defect(total, topology)
@@ -86,7 +114,7 @@ def vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
 
 def area_of(faces: Faces) -> NDArray[np.float64]:
     """`vertex_area` from `Faces`."""
-    return faces.at_vertices(mixed_voronoi_share(faces.squared_length, faces.cotan, faces.area))
+    return faces.vertex_sums(_share)[0]
 
 
 def volume_of(faces: Faces) -> float:
@@ -140,31 +168,41 @@ def curvature_vector(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 def vector_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
     """(3, n) `curvature_vector` from `Faces`."""
-    n = faces.n_vertices
-    total = np.zeros((3, n))
+    return _without_tension(faces.vertex_sums(_pull)[0], faces, topology)
+
+
+def _pull(faces: Faces) -> NDArray[np.float64]:
+    """(3, 3, m) share of each corner in the curvature vector, component first."""
+    quarter, side = 0.25 * faces.cotan, faces.side
+    pull = np.empty((3, *faces.corner.shape))
     for k in range(3):
-        leaving, arriving = 0.25 * faces.cotan[PREVIOUS[k]], 0.25 * faces.cotan[NEXT[k]]
         for i in range(3):
-            pull = leaving * faces.side[k, i] - arriving * faces.side[PREVIOUS[k], i]
-            total[i] += sum_by_index(faces.corner[k], pull, n)
-    rim = np.flatnonzero(topology.edge_face_count[topology.side_edge.ravel()] == 1)
-    if len(rim):
+            np.multiply(quarter[PREVIOUS[k]], side[k, i], out=pull[i, k])
+            pull[i, k] -= quarter[NEXT[k]] * side[PREVIOUS[k], i]
+    return pull
+
+
+def _without_tension(total: NDArray, faces: Faces, topology: Topology) -> NDArray[np.float64]:
+    """Curvature vectors from the (3, n) sums, which on the boundary hold the tension of its edges too."""
+    if len(topology.boundary_edges):
+        rim = np.flatnonzero(topology.edge_face_count[topology.side_edge.ravel()] == 1)
         face, j = np.divmod(rim, 3)
-        side = faces.side[j, :, face].T
-        tension = 0.25 * cross(side, faces.normal[:, face])
+        tension = 0.25 * cross(faces.side_vectors(j, face), faces.normal[:, face])
         for ends in (faces.corner[j, face], faces.corner[NEXT[j], face]):
-            total += sum_by_index(ends, tension.T, n).T
+            total += sum_by_index(ends, tension.T, faces.n_vertices).T
     return total
 
 
-def link_integral(faces: Faces) -> NDArray[np.float64]:
-    """(3, n) integral of the outward conormal over the link of every vertex, from face normals alone.
+def link_conormal(faces: Faces) -> NDArray[np.float64]:
+    """(3, 3, m) integral of the outward conormal over the side opposite each corner, component first.
 
-    Equals the integral of the mean curvature vector (sum of the principal curvatures) over an interior
-    vertex's star: the force balance of chapter 3, 1.4.
+    From face normals alone. Its sum over the star of an interior vertex, the integral over the link, equals
+    the integral of the mean curvature vector (sum of the principal curvatures): the force balance of
+    chapter 3, 1.4.
     """
-    total = np.zeros((3, faces.n_vertices))
-    for k in range(3):
-        for sums, conormal in zip(total, cross(faces.side[NEXT[k]], faces.normal)):
-            sums += sum_by_index(faces.corner[k], conormal, faces.n_vertices)
-    return total
+    return np.stack([cross(faces.side[NEXT[k]], faces.normal) for k in range(3)], axis=1)
+
+
+def link_length(faces: Faces) -> NDArray[np.float64]:
+    """(3, m) length of the side opposite each corner."""
+    return faces.length[NEXT]

@@ -186,7 +186,7 @@ def _kind(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviat
 
     if deviation.kind not in ("noise", "partial"):
         return deviation.kind, deviation
-    if on_grid_edges(faces.points, float(faces.length.mean())):
+    if on_grid_edges(faces.points, faces.mean_length):
         return "grid", deviation
     kind, bent = _kind_by_creases(deviation, share_of(deviation)), deviation.of_bent
     if not kind and bent is not None and _kind_by_creases(bent, share_of(bent)) == "rough":

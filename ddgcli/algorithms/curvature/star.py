@@ -66,14 +66,13 @@ def _fitted_form(
     faces: Faces, topology: Topology, normal: NDArray, first: NDArray, second: NDArray, mean: NDArray
 ) -> tuple[NDArray, NDArray]:
     """Half the difference of the diagonal entries, and the other entry, of the fitted form of trace 2 H."""
-    sums, n = np.zeros((5, faces.n_vertices)), faces.n_vertices
+    sums = np.zeros((5, faces.n_vertices))
     ends = np.ascontiguousarray(topology.edges.T)
     side_edge, n_edges = np.ascontiguousarray(topology.side_edge.T), ends.shape[1]
     weight = np.zeros(n_edges)
     for j in range(3):
         share = np.maximum(faces.cotan[PREVIOUS[j]] * faces.squared_length[j], 0.0)
         weight += sum_by_index(side_edge[j], share, n_edges)
-    terms = np.empty((2, 5, n_edges))
     for begin in range(0, n_edges, EDGES_PER_BLOCK):
         block = slice(begin, begin + EDGES_PER_BLOCK)
         edge = np.take(faces.points, ends[1, block], axis=1) - np.take(faces.points, ends[0, block], axis=1)
@@ -86,11 +85,8 @@ def _fitted_form(
             unit = ratio(1.0, xx + yy)
             c, s = (xx - yy) * unit, 2.0 * y * z * unit
             wc, ws = weight[block] * c, weight[block] * s
-            row = terms[end, :, block]
-            row[0], row[1], row[2], row[3], row[4] = wc * c, wc * s, ws * s, c * rest, s * rest
-    for end in range(2):
-        for total, values in zip(sums, terms[end]):
-            total += sum_by_index(ends[end], values, n)
+            for total, terms in zip(sums, (wc * c, wc * s, ws * s, c * rest, s * rest)):
+                np.add.at(total, vertex, terms)
     cc, cs, ss, rc, rs = sums
     determinant = cc * ss - cs * cs
     regular = determinant > 1e-12 * (cc + ss) ** 2
@@ -136,7 +132,13 @@ def corrected(faces: Faces, normal: NDArray) -> PrincipalCurvatures:
     J.-O. Lachaud, P. Romon, B. Thibert, "Corrected curvature measures", 2022; J.-O. Lachaud, P. Romon,
     B. Thibert, D. Coeurjolly, "Interpolated corrected curvature measures for polygonal surfaces", 2020.
     """
-    return corrected_principal(faces.stars(corrected_measures(faces, normal)), normal)
+    (total,) = faces.vertex_sums(lambda block: _on_corners(corrected_measures(block, normal)))
+    return corrected_principal(total, normal)
+
+
+def _on_corners(values: NDArray) -> NDArray[np.float64]:
+    """(d, 3, m) values of faces (d, m) at each corner."""
+    return np.broadcast_to(values[:, None], (len(values), 3, values.shape[1]))
 
 
 def corrected_measures(faces: Faces, normal: NDArray) -> NDArray[np.float64]:

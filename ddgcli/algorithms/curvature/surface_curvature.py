@@ -391,8 +391,9 @@ def _accuracy(surface: UnitSurface) -> dict[str, float | None]:
     height = sum(np.take(at_vertex, corner) for corner in faces.corner)
     balance = totals.balances(faces, topology, surface.normal, surface.dihedral, height > np.median(height))
     inside = topology.referenced_vertex & ~topology.boundary_vertex
+    of_stars = totals.star_balance(surface.vector, surface.link_conormal, surface.link_length, inside)
     return residuals | {
-        "force_balance_residual": max(totals.star_balance(faces, surface.vector, inside), balance["force"]),
+        "force_balance_residual": max(of_stars, balance["force"]),
         "torque_balance_residual": balance["torque"],
         "area_balance_residual": balance["area"],
     }

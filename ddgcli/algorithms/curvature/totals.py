@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.measures import link_integral
 from ddgcli.geometry.extrinsic import EDGES_PER_BLOCK, hinge_bending
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.topology import NEXT, PREVIOUS, PREVIOUS_OFFSET, Topology
+from ddgcli.mesh.topology import PREVIOUS, PREVIOUS_OFFSET, Topology
 from ddgcli.mesh.vectors import cross, dot, ratio
 
 
@@ -26,8 +25,10 @@ def filled_normals(faces: Faces, topology: Topology) -> NDArray[np.float64]:
     Any unit vector orthogonal to a flat face's line keeps the sums of |e| theta over edges and all balance
     laws exact; the neighbour's normal makes the flat face invisible.
     """
-    normal = faces.normal.copy()
     open_faces = np.flatnonzero(faces.flat)
+    if len(open_faces) == 0:
+        return faces.normal
+    normal = faces.normal.copy()
     longest = np.argmax(faces.squared_length[:, open_faces], axis=0)
     neighbour = topology.side_twin[open_faces, longest] // 3
     for _ in range(8):
@@ -36,7 +37,7 @@ def filled_normals(faces: Faces, topology: Topology) -> NDArray[np.float64]:
         has_normal = (neighbour >= 0) & (dot(normal[:, neighbour], normal[:, neighbour]) > 0)
         normal[:, open_faces[has_normal]] = normal[:, neighbour[has_normal]]
         open_faces, neighbour = open_faces[~has_normal], neighbour[~has_normal]
-    side = faces.side[np.argmax(faces.squared_length[:, open_faces], axis=0), :, open_faces].T
+    side = faces.side_vectors(np.argmax(faces.squared_length[:, open_faces], axis=0), open_faces)
     axis = np.eye(3)[:, np.argmin(np.abs(side), axis=0)]
     square = cross(side, axis)
     normal[:, open_faces] = ratio(square, np.sqrt(dot(square, square)))
@@ -240,8 +241,11 @@ def nonconformality(faces: Faces, image: NDArray) -> dict[str, float]:
     return {"dirichlet_energy": dirichlet, "map_area": area, "nonconformality": dirichlet - area}
 
 
-def star_balance(faces: Faces, vector: NDArray, inside: NDArray) -> float:
-    """Largest gap between the mean curvature vector of a star and the conormals of its link, relative."""
-    gap = 4 * vector - link_integral(faces)
-    link = faces.at_vertices(faces.length[NEXT])
+def star_balance(vector: NDArray, conormal: NDArray, link: NDArray, inside: NDArray) -> float:
+    """Largest gap between the mean curvature vector of a star and the conormals of its link, relative.
+
+    `vector` (3, n) of `vector_of`; `conormal` (3, n) and `link` (n,) are sums of `link_conormal` and
+    `link_length`; `inside` (n,) where to compare.
+    """
+    gap = 4 * vector - conormal
     return float(ratio(np.sqrt(dot(gap, gap)), link)[inside].max(initial=0.0))

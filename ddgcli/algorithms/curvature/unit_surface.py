@@ -18,6 +18,7 @@ from ddgcli.geometry.extrinsic import dihedral_angle
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.repair import reverse_faces
 from ddgcli.mesh.require import check_size
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import bounding_box
 
@@ -44,6 +45,8 @@ class UnitSurface:
     normal: NDArray
     dihedral: NDArray
     vector: NDArray
+    link_conormal: NDArray
+    link_length: NDArray
     cover: UnitSurface | None = None
     copy: NDArray | None = None
 
@@ -81,18 +84,33 @@ def prepare_surface(mesh: TriangleMesh, scheme: str) -> UnitSurface:
     if not mesh.topology.is_oriented:
         unit = _oriented(unit, mesh.topology.faces_to_turn)
     faces = Faces.of(unit)
+    measures = _measures(faces, unit.topology)  # first: it stores normals and areas of the faces
     volume = exact.volume_of(faces) if unit.topology.is_closed and orientable else None
     _warn_of_defects(unit, faces, orientable, scheme, volume)
-    surface = _unit_surface(unit, faces, scale, orientable, volume)
+    surface = _unit_surface(unit, faces, measures, scale, orientable, volume)
     if orientable or not unit.topology.is_manifold:
         return surface
     cover, copy = double_covered(unit)
-    return replace(surface, cover=_unit_surface(cover, Faces.of(cover), scale, True, None), copy=copy)
+    faces = Faces.of(cover)
+    measures = _measures(faces, cover.topology)
+    return replace(surface, cover=_unit_surface(cover, faces, measures, scale, True, None), copy=copy)
+
+
+def _measures(faces: Faces, topology: Topology) -> list[NDArray[np.float64]]:
+    """Area, defect, vector, link conormal and link length of each vertex."""
+    return exact.star_measures(faces, topology, exact.link_conormal, exact.link_length)
 
 
 def _unit_surface(
-    mesh: TriangleMesh, faces: Faces, scale: float, orientable: bool, volume: float | None
+    mesh: TriangleMesh,
+    faces: Faces,
+    measures: list[NDArray[np.float64]],
+    scale: float,
+    orientable: bool,
+    volume: float | None,
 ) -> UnitSurface:
+    """The surface of `_measures`."""
+    area, defect, vector, conormal, link = measures
     normal = totals.filled_normals(faces, mesh.topology)
     return UnitSurface(
         mesh,
@@ -100,11 +118,13 @@ def _unit_surface(
         scale,
         orientable,
         volume,
-        exact.area_of(faces),
-        exact.defect_of(faces, mesh.topology),
+        area,
+        defect,
         normal,
         dihedral_angle(mesh, normal.T),
-        exact.vector_of(faces, mesh.topology),
+        vector,
+        conormal,
+        link,
     )
 
 
