@@ -82,7 +82,7 @@ def test_a_batch_and_a_check_predict_the_command_that_they_run(inputs, tmp_path,
 
     one = cost("--", "info")
     assert one["runs"] == 1 and one["peak_mib"] == one["largest_run"]["peak_mib"]
-    many = cost("--jobs", 3, "--sweep", "radius=1,2,3,4", "--", "curvature")
+    many = cost("--jobs", 3, "--sweep", "radius=0.1,0.2,0.3,0.4", "--", "curvature")
     assert many["runs"] == 4 and many["peak_mib"] == 3 * many["largest_run"]["peak_mib"]
     (tmp_path / "a.json").write_text(json.dumps({"summary": {}, "run": ["info", str(inputs["mesh"])]}))
     checked = summary("check", tmp_path / "a.json", "--dry-run")["results"]

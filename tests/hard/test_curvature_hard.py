@@ -1,13 +1,14 @@
 """Every hard mesh through `curvature`: answered or refused in a line, never NaN; identities on real ones."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
@@ -115,6 +116,24 @@ def test_a_one_sided_surface_with_an_edge_of_three_faces_has_a_normal_at_every_v
     measured = measure_curvature(TriangleMesh.from_arrays(points, faces), "cotan")
     assert np.isfinite(measured.vertex["principal_direction_min"]).all()
     assert measured.results["willmore_energies"]["sullivan"] is None and "one-sided" in caplog.text
+
+
+@pytest.mark.parametrize("scheme", ["quadric", "corrected", "normal-cycle", "normal-voting"])
+def test_a_ball_that_holds_the_whole_surface_is_refused_with_a_radius_that_works(scheme, caplog):
+    mesh = shapes.icosphere(2, radius=0.02)
+    with pytest.raises(ParameterError, match="holds the whole surface") as error:
+        measure_curvature(mesh, scheme, 1.0)
+    radius = float(re.search(r"below (\S+),", str(error.value))[1])
+    mean = measure_curvature(mesh, scheme, 0.99 * radius, full=False).vertex["mean_curvature"]
+    assert mean == pytest.approx(50, rel=0.3)
+
+
+def test_components_that_a_ball_holds_whole_are_counted(caplog):
+    small, large = shapes.icosphere(1, radius=0.02), shapes.icosphere(2)
+    points = np.concatenate([small.points + [3, 0, 0], large.points])
+    faces = np.concatenate([small.faces, large.faces + small.n_vertices])
+    measure_curvature(TriangleMesh.from_arrays(points, faces), radius=0.5)
+    assert f"1 components of the surface whole ({small.n_vertices} vertices)" in caplog.text
 
 
 def test_inward_faces_cause_a_warning(caplog):

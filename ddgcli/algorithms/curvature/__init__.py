@@ -19,6 +19,7 @@ __all__ = [
     "one_sided",
     "polyline",
     "quadric",
+    "regions",
     "rings",
     "star",
     "region_measures",

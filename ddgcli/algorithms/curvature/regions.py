@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -15,6 +16,8 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
+
+_log = logging.getLogger("ddgcli")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +85,55 @@ def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float, sc
             f"balls of radius {radius * unit:g} would hold {pairs / mesh.n_vertices:.0f} faces each, too "
             f"many for {mesh.n_vertices} vertices; use a radius below {largest:.3g}, or a coarser mesh",
             parameter="radius",
+        )
+
+
+def piece_extents(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """(c,) largest extent of each component along an axis."""
+    topology = mesh.topology
+    vertices = np.flatnonzero(topology.referenced_vertex)
+    piece, n = topology.vertex_component[vertices], topology.n_components
+    extent = np.zeros(n)
+    for coordinate in mesh.points[vertices].T:
+        low, high = np.full(n, np.inf), np.full(n, -np.inf)
+        np.minimum.at(low, piece, coordinate)
+        np.maximum.at(high, piece, coordinate)
+        np.maximum(extent, high - low, out=extent)
+    return extent
+
+
+def check_reach(mesh: TriangleMesh, radius: float) -> None:
+    """Refuse a radius at which balls hold every component whole; warn where they hold some.
+
+    There is no curvature at a point in such a ball: its total is that of the component, wherever the point
+    lies.
+
+    Parameters
+    ----------
+    radius : float
+        In the length unit of `mesh`.
+
+    Raises
+    ------
+    ParameterError
+    """
+    extent = piece_extents(mesh)
+    whole = extent <= 2 * radius
+    if whole.all():
+        widest = float(extent.max())
+        raise ParameterError(
+            f"a ball of radius {radius:g} holds the whole surface, of extent {widest:.4g}, which leaves no "
+            f"curvature at a point; use a radius below {widest / 4:.3g}, or `radius=auto`",
+            parameter="radius",
+        )
+    if whole.any():
+        vertices = int(whole[mesh.topology.vertex_component[mesh.topology.referenced_vertex]].sum())
+        _log.warning(
+            "balls of radius %g hold %d components of the surface whole (%d vertices): their values are no "
+            "curvature at a point; use a smaller radius",
+            radius,
+            whole.sum(),
+            vertices,
         )
 
 

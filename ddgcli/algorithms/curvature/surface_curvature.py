@@ -17,7 +17,7 @@ from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals
 from ddgcli.algorithms.curvature.noise import Effort, Noise, estimate_noise, warn_of_noise
 from ddgcli.algorithms.curvature.one_sided import unsigned_normals
 from ddgcli.algorithms.curvature.quadric import quadric
-from ddgcli.algorithms.curvature.regions import check_radius
+from ddgcli.algorithms.curvature.regions import check_radius, check_reach
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
 from ddgcli.algorithms.curvature.unit_surface import (
     TWO_SIDED_SCHEMES,
@@ -169,6 +169,7 @@ def check_curvature(
         _check_image(mesh, image)
     if isinstance(radius, (int, float)):
         _check_radius(mesh, radius, scheme)
+        check_reach(mesh, float(radius))
 
 
 def _check_radius(mesh: TriangleMesh, radius: float | None, scheme: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.curvature.regions import piece_extents
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -36,32 +37,47 @@ def problem(
         raise ParameterError(f"no mean curvature is known of the {truth.name}; drop `truth`")
     inside = mesh.topology.referenced_vertex & ~mesh.topology.boundary_vertex
     edge = float(mesh.side_length.mean())
+    most = float(piece_extents(mesh).max()) / 2 / edge  # mean edges: larger balls hold every component whole
     if truth is not None and truth.mean_curvature is not None:
         values = np.where(inside, truth.mean_curvature(mesh.points), np.nan)
         truth_reference = Reference.from_truth(truth.name, values)
         references = [(0.0, lambda: truth_reference)]
+    elif most <= 2:
+        raise ParameterError(
+            "the mesh is too coarse to compare with: a ball of two mean edges holds it whole; state its "
+            "`truth`, or give a finer mesh"
+        )
     else:
         work = _work(mesh, None)
         references = [
             (work + _work(mesh, 2.0) + _work(mesh, 4.0), lambda: _compared(mesh, inside, edge, (2.0, 4.0))),
             (work + _work(mesh, 2.0), lambda: _compared(mesh, inside, edge, (2.0,))),
-        ]
+        ][most <= 4 :]
     radius_option = options.get("radius")
     if isinstance(radius_option, str):
         raise ParameterError(f"{radius_option!r} is no length to compare at; give one, or leave `radius` out")
+    rows = [
+        (scheme, radius)
+        for scheme, radii in RADII.items()
+        if options.get("scheme", scheme) == scheme
+        for radius in (radii if radius_option is None else (radius_option / edge,))
+        if scheme != "cotan" or radius is None
+    ]
+    fits = [radius is None or radius < most or radius_option is not None for _, radius in rows]
+    left_out = [
+        (f"{s} radius={r:g} edges", "its balls hold the mesh whole")
+        for (s, r), fit in zip(rows, fits)
+        if not fit
+    ]
+    if radius_option is not None:
+        left_out.append(("cotan with a radius", "it has none"))
     return Problem(
-        candidates=[
-            _candidate(mesh, scheme, radius, edge)
-            for scheme, radii in RADII.items()
-            if options.get("scheme", scheme) == scheme
-            for radius in (radii if radius_option is None else (radius_option / edge,))
-            if scheme != "cotan" or radius is None
-        ],
+        candidates=[_candidate(mesh, *row, edge) for row, fit in zip(rows, fits) if fit],
         references=references,
         error=relative_to_rms,
         error_scale="the root mean square of the reference's mean curvature",
         query="mesh",
-        left_out=(("cotan with a radius", "it has none"),) if radius_option is not None else (),
+        left_out=tuple(left_out),
     )
 
 
