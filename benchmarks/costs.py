@@ -2,7 +2,7 @@
 
 python -m benchmarks.costs [--only WORD ...]      writes ddgcli/cli/forecast/coefficients.py (half an hour)
 
-Each kernel is one command at three sizes, each in a process of its own: CPU seconds and peak resident memory
+Each kernel is one command at two or more sizes, each in a process of its own: CPU seconds and peak memory
 after its input is read (as a dry run states them). The costs of kernels that stand before it in a command are
 subtracted; what is left is fitted. The probe of the machine's speed runs before and after each command, which
 is repeated: the median of the ratios counts, so that the load of other processes cancels.
@@ -36,6 +36,8 @@ PIECE_SIZES = (10_000, 100_000, 600_000)  # of shells, whose elements are summed
 REPETITIONS = 3
 SHELL = "--material felt --set thickness=1e-3 --effect stretching --effect gravity"
 
+STIFF = "--material felt --set thickness=5e-3 --set young=1e9 --effect stretching --effect gravity"
+
 
 @dataclass(frozen=True)
 class Task:
@@ -49,6 +51,7 @@ class Task:
     suffix: str = ""  # of the kernel's name: kind of elements other than faces
     short: bool = False  # the command computes its short summary only
     solver: str = "auto"  # of linear systems
+    uses: float | str = ""  # of the kernel in this command; a name in `results`; default as predicted
 
 
 SURFACE = [
@@ -73,8 +76,16 @@ SURFACE = [
     ),
     Task("curvature quadric auto", "curvature {mesh} --radius auto", short=True),
     Task("curvature further results", "curvature {mesh} --scheme corrected"),
+    Task("curvature noise", "curvature {mesh} --scheme corrected", mesh="noisy", uses=1.0),
+    Task("curvature normal-voting", "curvature {mesh} --scheme normal-voting", short=True),
+    Task(
+        "curvature normal-voting radius",
+        "curvature {mesh} --scheme normal-voting --radius {radius}",
+        short=True,
+    ),
+    Task("curvature offset", "curvature {mesh} --scheme cotan --offset 0.01", (2_000, 20_000)),
     Task("delaunay", "delaunay {mesh}", LARGE_SIZES, exponent=1.15),
-    Task("delaunay refine", "delaunay {mesh} --refine 25"),
+    Task("delaunay refine", "delaunay {mesh} --refine 25", (1_000, *SIZES)),
     Task("delaunay overlay", "delaunay {mesh} --overlay {out}.ply"),
     Task("delaunay dual", "delaunay {mesh} --dual {out}.npz"),
     Task("delaunay condition", exponent=1.15, words="delaunay {mesh} --condition"),
@@ -115,7 +126,15 @@ SURFACE = [
         for method in ("exact", "heat", "fast-marching", "dijkstra")
     ),
     Task("geodesic log-map", "geodesic {mesh} --source 0 --log-map"),
-    Task("geodesic vector-heat", "geodesic {mesh} --source 0 --path-to 9 --transport"),
+    Task(
+        "geodesic job",
+        "geodesic {mesh} --source 0,9,99,999 --target 5,50 --distance-matrix {out}.npz --jobs 2",
+        (10_000,),
+    ),
+    Task("geodesic point", "geodesic {mesh} --source-point 0,0,1"),
+    Task("geodesic field", "geodesic {mesh} --field wind"),
+    Task("geodesic transport", "geodesic {mesh} --source 0 --path-to 9 --transport"),
+    Task("geodesic vector-heat", "geodesic {mesh} --source 0 --spread-vector 0.3,0.5,1"),
     Task("willmore-flow", "willmore-flow {mesh} --steps 1 --dt 1e-9", SMALL_SIZES),
     *(
         Task(
@@ -125,6 +144,24 @@ SURFACE = [
         )
         for flow in ("quadratic", "mean-curvature")
     ),
+    *(
+        Task(
+            f"willmore-flow {kind} step",
+            f"willmore-flow {{mesh}} --flow {flow} --steps 4",
+            SMALL_SIZES,
+            mesh="torus",
+            uses="steps",
+        )
+        for kind, flow in (("descent", "quadratic"), ("newton", "newton"))
+    ),
+    Task(
+        "willmore-flow remeshing",
+        "willmore-flow {mesh} --remesh mean --steps 4",
+        SMALL_SIZES,
+        mesh="torus",
+        uses="steps",
+    ),
+    Task("willmore-flow conformal", "willmore-flow {mesh} --flow conformal", (500, 2_000), mesh="torus"),
     Task(
         "shell-sim",
         f"shell-sim {{mesh}} {SHELL} --effect bending --integrator verlet --dt 1e-8 --steps 1",
@@ -135,6 +172,25 @@ SURFACE = [
         "shell-sim implicit step",
         f"shell-sim {{mesh}} {SHELL} --effect bending --dt 1e-3 --pin 0 --steps 5",
         SHELL_SIZES,
+        mesh="disk",
+        exponent=1.15,
+    ),
+    *(
+        Task(
+            f"shell-sim {kind}iteration",
+            f"shell-sim {{mesh}} {STIFF} --effect \"bending model='{model}'\" --pin 0 --pin 9 --pin 99 "
+            "--integrator static",
+            sizes,
+            mesh="disk",
+            exponent=1.15,
+            uses="newton_iterations",
+        )
+        for kind, model, sizes in (("", "hinge", SMALL_SIZES), ("midedge ", "midedge", (1_000, 4_000)))
+    ),
+    Task(
+        "shell-sim modes",
+        f"shell-sim {{mesh}} {SHELL} --effect bending --pin 0 --pin 9 --pin 99 --modes 10",
+        SMALL_SIZES,
         mesh="disk",
         exponent=1.15,
     ),
@@ -179,10 +235,27 @@ SURFACE = [
         Task(
             f"fluid-sim {name} step",
             f"fluid-sim {{mesh}} --vorticity f --integrator {name} --dt 1e-7 --steps 9",
+            (2_000, *SIZES),
         )
         for name in ("circulation", "conservative", "energy", "covector")
     ),
+    *(
+        Task(f"tradeoff {words.split()[0]}", f"tradeoff {words} --budget 60", SMALL_SIZES)
+        for words in (
+            "curvature {mesh}",
+            "delaunay {mesh}",
+            "laplacian {mesh}",
+            "geodesic {mesh} --source 0",
+            "willmore-flow {mesh}",
+        )
+    ),
     Task("view", "view {mesh} -o {out}.html"),
+    Task("view frame", "view {mesh} -o {out}.html", mesh="trajectory"),
+    Task(
+        "picture of a run",
+        "willmore-flow {mesh} --flow mean-curvature --steps 1 --dt 1e-9 --plot {out}.png",
+        SMALL_SIZES,
+    ),
 ]
 TETRAHEDRA = [
     Task("info", "info {mesh}", mesh="box", suffix="tetrahedra"),
@@ -206,6 +279,32 @@ TETRAHEDRA = [
         mesh="box",
         suffix="tetrahedra",
     ),
+    Task(
+        "laplacian form-eigen",
+        "laplacian {mesh} --form-eigen 4",
+        (1_500, 3_000, 10_000),
+        exponent=2.0,
+        mesh="box",
+        suffix="tetrahedra",
+    ),
+    Task(
+        "fluid-sim",
+        "fluid-sim {mesh} --flow vortex-ring --integrator energy --dt 1e-7 --steps 1",
+        SMALL_SIZES,
+        exponent=1.2,
+        mesh="box",
+        suffix="tetrahedra",
+    ),
+    *(
+        Task(
+            f"fluid-sim {name} step",
+            f"fluid-sim {{mesh}} --flow vortex-ring --integrator {name} --dt 1e-3 --steps 9",
+            SMALL_SIZES,
+            mesh="box",
+            suffix="tetrahedra",
+        )
+        for name in ("circulation", "energy", "covector")
+    ),
     Task("hodge", "hodge {mesh}", SMALL_SIZES, mesh="box", suffix="tetrahedra"),
     Task("hodge field", "hodge {mesh} --field wind", SMALL_SIZES, mesh="box", suffix="tetrahedra"),
     Task("dec", "dec {mesh} -o {out}.npz", SMALL_SIZES, mesh="box", suffix="tetrahedra"),
@@ -214,6 +313,7 @@ TETRAHEDRA = [
 CURVES = [
     Task("info", "info {mesh}", mesh="circle", suffix="curve"),
     Task("curvature", "curvature {mesh}", mesh="circle", suffix="curve"),
+    Task("picture", "info {mesh} --plot {out}.png", mesh="circle", suffix="curve"),
     Task("curve-flow", "curve-flow {mesh} --steps 1 --dt 1e-9", SMALL_SIZES, mesh="circle", suffix="curve"),
     Task(
         "curve-flow step",
@@ -229,7 +329,8 @@ TASKS = [*SURFACE, *TETRAHEDRA, *CURVES]
 
 def make_input(folder: Path, kind: str, elements: int) -> tuple[Path, float]:
     """Mesh file with the arrays f (vertices) and wind (cells), and three mean edge lengths."""
-    path, note = folder / f"{kind}-{elements}.npz", folder / f"{kind}-{elements}.txt"
+    suffix = "vtkhdf" if kind == "trajectory" else "npz"
+    path, note = folder / f"{kind}-{elements}.{suffix}", folder / f"{kind}-{elements}.txt"
     if not path.exists():
         code = (
             "import sys; from pathlib import Path; from benchmarks.costs import write_input; "
@@ -246,6 +347,15 @@ def write_input(path: str, kind: str, elements: int) -> float:
     from ddgcli.mesh.curve import CurveSet
     from ddgcli.mesh.fields import AnnotatedMesh
 
+    if kind == "trajectory":
+        sphere, _ = make_input(Path(path).parent, "sphere", elements)
+        words = (
+            f"willmore-flow {sphere} --flow mean-curvature --steps 20 --dt 1e-5 --frame-every 1e-5 -o {path}"
+        )
+        subprocess.run(
+            [sys.executable, "-m", "ddgcli", *words.split()], check=True, stdout=subprocess.DEVNULL
+        )
+        return 0.0
     if kind == "circle":
         angle = np.linspace(0, 2 * np.pi, elements, endpoint=False)
         points = np.stack([np.cos(angle), 0.7 * np.sin(angle), 0 * angle], axis=1)
@@ -257,6 +367,13 @@ def write_input(path: str, kind: str, elements: int) -> float:
         mesh = shapes.grid(n := max(2, round((elements / 2) ** 0.5)), n)
     else:
         mesh = shapes.random_sphere(elements // 2 + 2, 0)
+    if kind == "torus":
+        n = max(4, round((elements / 4) ** 0.5))
+        mesh = shapes.torus(2 * n, n)
+        mesh = mesh.moved(mesh.points * [1.0, 1.2, 0.8])
+    if kind == "noisy":
+        noise = 0.05 * mesh.side_length.mean() * np.random.default_rng(0).standard_normal(len(mesh.points))
+        mesh = mesh.moved(mesh.points * (1 + noise)[:, None])
     cells = {"wind": np.tile([1.0, 0.5, 0.2], (elements_of(mesh), 1))}
     write_mesh(path, AnnotatedMesh(mesh, vertex={"f": mesh.points[:, 2].copy()}, face=cells))
     return 3 * float(mesh.side_length.mean()) if kind != "box" else 0.0
@@ -301,7 +418,7 @@ def measured_kernel(
     for elements in task.sizes:
         path, radius = make_input(folder, task.mesh, elements)
         words = shlex.split(task.words.format(mesh=path, out=folder / "out", radius=radius))
-        run_seconds, run_mib = repeated_run(words, folder, probe_seconds, task.short)
+        run_seconds, run_mib, uses = repeated_run(words, folder, probe_seconds, task)
         read = read_facts(path, folder)
         if not facts:  # the kernels as the command itself counts them, and what its imports cost
             facts = dry_run(words, folder)
@@ -310,19 +427,30 @@ def measured_kernel(
         speed = probe_seconds / read["probe_seconds"]
         seconds = run_seconds - speed * (read["read_seconds"] + start)
         mib = run_mib - read["read_mib"] - start_mib
-        rows.append(_rest(task, facts["kernels"], read["elements"] / 1e5, seconds, mib, table))
+        kernels = [_as_run(use, uses) if use["kernel"] == task.kernel else use for use in facts["kernels"]]
+        rows.append(_rest(task, kernels, read["elements"] / 1e5, seconds, mib, table))
     return rows
 
 
-def repeated_run(words: list[str], folder: Path, probe_seconds: float, short: bool) -> tuple[float, float]:
-    """Seconds at the speed of the table, and MiB, of a command: medians of repetitions."""
+def _as_run(use: dict[str, Any], uses: float | None) -> dict[str, Any]:
+    """A predicted use of a kernel with the number of uses that the run itself counts."""
+    return use if uses is None else {**use, "times": uses, "added": min(use["added"], 1.0) and 1.0}
+
+
+def repeated_run(
+    words: list[str], folder: Path, probe_seconds: float, task: Task
+) -> tuple[float, float, float | None]:
+    """Seconds at the speed of the table, MiB (medians of repetitions) and uses of the kernel in a command."""
     seconds, mib = [], []
     for _ in range(REPETITIONS):
         before = probe()
-        run = measure(words, folder, short=short)
+        run = measure(words, folder, short=task.short)
         seconds.append(run.seconds * 2.0 * probe_seconds / (before + probe()))
         mib.append(run.mib)
-    return statistics.median(seconds), statistics.median(mib)
+    uses = (
+        run.summary["results"][task.uses] if isinstance(task.uses, str) and task.uses else task.uses or None
+    )
+    return statistics.median(seconds), statistics.median(mib), uses
 
 
 def _rest(
@@ -332,7 +460,8 @@ def _rest(
     own = next(use for use in uses if use["kernel"] == task.kernel)
     shared = 0.0
     for use in uses:
-        if use is own or (task.short and use["kernel"] == "curvature further results"):
+        short = task.short and use["kernel"] == "curvature further results"
+        if use is own or short or use["kernel"] == "curvature noise":  # spheres have none
             continue
         cost = table.get(f"{use['kernel']} {task.suffix}".strip(), NOTHING)
         filled = fill(use["kernel"], round(n * 1e5))

@@ -238,9 +238,9 @@ class Run:
     def end_dry_run(self, results: dict[str, Any]) -> None:
         """Print the prediction of a dry run as the summary, and end the run."""
         self.common = replace(self.common, plot=None)
-        text = [f"peak memory  {results['peak_mib']:.0f} MiB of {results['available_mib']:.0f} MiB available",
-                f"CPU time     {results['seconds']:.2g} s"]  # fmt: skip
-        self.finish(results, {}, text=text)
+        from ddgcli.cli.forecast.prediction import as_text
+
+        self.finish(results, {}, text=as_text(results))
         self._context.exit(0)
 
     def set_input(self, path: str, sha256: str, **facts: Any) -> None:

@@ -13,8 +13,10 @@ from ddgcli.cli.forecast import check_cost, prediction
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
 from ddgcli.cli.forecast.kernels import (
     CONTACT_STEPS,
-    STEPS_PER_LOAD_STEP,
-    STEPS_TO_REST,
+    ITERATIONS_PER_LOAD_STEP,
+    ITERATIONS_TO_REST,
+    NOISY_MEMORY_SHARE,
+    NOISY_SECONDS_SHARE,
     InputSize,
     Use,
     kernels_of,
@@ -202,15 +204,55 @@ def test_options_change_what_is_predicted():
     assert names("delaunay", refine=25.0, overlay="x") == ["delaunay", "delaunay refine", "delaunay overlay"]
     *_, ball, further = kernels_of("curvature", {"scheme": "quadric", "radius": 0.5}, size)
     assert further.kernel == "curvature further results"
-    assert kernels_of("curvature", {"scheme": "cotan"}, size, full=False) == [Use("curvature cotan")]
+    noise = Use("curvature noise", NOISY_SECONDS_SHARE, added=NOISY_MEMORY_SHARE)
+    assert kernels_of("curvature", {"scheme": "cotan"}, size, full=False) == [noise, Use("curvature cotan")]
     assert ball.kernel == "curvature quadric radius" and math.isclose(ball.times, 25)
     loaded = InputSize("surface", 10_000, steps=11)
-    at_rest = [
-        kernels_of("shell-sim", {"integrator": "static"}, s)[-1] for s in (replace(loaded, steps=1), loaded)
-    ]
-    assert [use.times for use in at_rest] == [STEPS_TO_REST, STEPS_TO_REST + 10 * STEPS_PER_LOAD_STEP]
+    rest = kernels_of("shell-sim", {"integrator": "static"}, loaded)[1:]
+    assert [use.times for use in rest] == [ITERATIONS_TO_REST, 10 * ITERATIONS_PER_LOAD_STEP]
+    assert kernels_of("shell-sim", {"integrator": "static"}, replace(loaded, steps=1))[1:] == rest[:1]
     many = kernels_of("geodesic", {"method": "heat", "source": [1, 2], "each_source": True}, size)
     assert many[-1] == Use("geodesic heat solve", 2)
+
+
+def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
+    def seconds(command, steps=None, adaptive=False, **options):
+        kind = "curve" if command == "curve-flow" else "surface"
+        size = InputSize(kind, 50_000, steps=steps, adaptive=adaptive)
+        cost = predict(kernels_of(command, options, size), size)
+        return (cost.seconds_range[0], cost.seconds, cost.seconds_range[1]), cost.kernels[-1]
+
+    for known in (seconds("geodesic"), seconds("willmore-flow", 5, step=1e-6), seconds("fluid-sim", 5)):
+        assert len(set(known[0])) == 1 and "times_range" not in known[1]
+    for unknown in (
+        seconds("shell-sim", 1, integrator="static"),
+        seconds("willmore-flow"),
+        seconds("willmore-flow", 5),
+        seconds("curve-flow"),
+        seconds("shell-sim", 5, contact=True),
+        seconds("delaunay", refine=25.0),
+    ):
+        assert unknown[0][0] < unknown[0][1] < unknown[0][2]
+        assert unknown[1]["times_range"][0] < unknown[1]["times"] < unknown[1]["times_range"][1]
+    cost, step = seconds("fluid-sim", 5, adaptive=True)
+    assert step["times"] == 5 and cost[1] < cost[2]
+
+
+def test_the_range_of_seconds_is_printed_where_it_is_wide():
+    facts = {"peak_mib": 1.0, "available_mib": 9.0, "seconds": 10.0}
+    assert prediction.as_text({**facts, "seconds_range": [9.0, 12.0]})[1].endswith("10 s")
+    assert "(1 to 50 s:" in prediction.as_text({**facts, "seconds_range": [1.0, 50.0]})[1]
+
+
+def test_refinement_is_predicted_by_the_faces_with_small_angles(tmp_path, summary):
+    seconds = []
+    for name, mesh in (("good", shapes.icosphere(3)), ("bad", shapes.random_sphere(642, 0))):
+        write_mesh(str(tmp_path / f"{name}.npz"), AnnotatedMesh(mesh))
+        rows = summary("delaunay", tmp_path / f"{name}.npz", "--refine", 25, "--dry-run")["results"][
+            "kernels"
+        ]
+        seconds.append(rows[1]["seconds"])
+    assert rows[1]["kernel"] == "delaunay refine" and seconds[0] < seconds[1]
 
 
 def test_models_and_contact_of_a_shell_change_what_is_predicted(inputs, tmp_path, summary):

@@ -123,13 +123,18 @@ def batch_cost(tasks: Sequence[Task], jobs: int) -> dict[str, Any]:
     sizes = [Path(task.input).stat().st_size if Path(task.input).is_file() else 0 for task in tasks]
     one = dry_run_of(tasks[sizes.index(max(sizes))].words)
     fixed, largest = START_SECONDS, max(max(sizes), 1)
-    seconds = sum(fixed + (one["seconds"] - fixed) * size / largest for size in sizes)
+    relative_size = sum(sizes) / largest
+    seconds, *seconds_range = (
+        START_SECONDS + fixed * len(tasks) + (of_one - fixed) * relative_size
+        for of_one in (one["seconds"], *one.get("seconds_range", 2 * (one["seconds"],)))
+    )
     return {
         "dry_run": True,
         "runs": len(tasks),
         "peak_mib": one["peak_mib"] * min(jobs, len(tasks)),
         "available_mib": one["available_mib"],
         "seconds": seconds,
+        "seconds_range": seconds_range,
         "largest_run": one,
     }
 

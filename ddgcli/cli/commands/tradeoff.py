@@ -141,7 +141,8 @@ def command(
     )
     if common.dry_run and compared in ("shell-sim", "fluid-sim"):
         scene = dry_run_of([compared, *words])
-        run.end_dry_run({**scene, "seconds": scene["read_seconds"] + budget})
+        read = scene["read_seconds"]
+        run.end_dry_run({**scene, "seconds": read + budget, "seconds_range": [read, read + budget]})
     if conserved is not None:
         problem = _conservation_problem(run, compared, call, conserved)
     elif maps:

@@ -13,10 +13,13 @@ from ddgcli.errors import ParameterError, excerpt
 if TYPE_CHECKING:
     from ddgcli.cli.forecast.prediction import Prediction
     from ddgcli.mesh.fields import AnyMesh
+    from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 __all__ = ["check_cost", "dry_run_of", "predict_run", "refuse_run", "size_of"]
 
 MIN_CHECKED_ELEMENTS = 100_000  # smaller inputs fit, and their runs need no prediction
+DEFAULT_FRAME_COUNT = 50  # of flows with adaptive steps
 CURES = {
     "laplacian": "use fewer eigenpairs, a coarser mesh, or a machine with more memory",
     "geodesic": "use --method fast-marching or heat, or a coarser mesh",
@@ -38,12 +41,28 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     step = options.get("step") or options.get("time_step")
     if steps is None and options.get("duration") and step:
         steps = max(1, round(options["duration"] / step))
+    adaptive = bool(options.get("tolerance") and options.get("duration"))
+    if adaptive:
+        every = options.get("frame_every")
+        steps = max(1, round(options["duration"] / every)) if every else DEFAULT_FRAME_COUNT
     if isinstance(mesh, CurveSet):
-        return InputSize("curve", mesh.n_vertices, steps=steps)
+        return InputSize("curve", mesh.n_vertices, steps=steps, adaptive=adaptive)
     if isinstance(mesh, TetMesh):
         return InputSize("tetrahedra", len(mesh.tetrahedra), steps=steps)
     edge_length = float(mesh.side_length.mean()) if options.get("radius") and len(mesh.faces) else None
-    return InputSize("surface", len(mesh.faces), edge_length, steps)
+    refine = options.get("refine")
+    deficit = _angle_deficit(mesh, float(refine)) if refine else None
+    return InputSize("surface", len(mesh.faces), edge_length, steps, angle_deficit=deficit, adaptive=adaptive)
+
+
+def _angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
+    """Sum over the faces of 1 - (smallest angle / degrees), where that is positive."""
+    import numpy as np
+
+    from ddgcli.geometry.intrinsic import corner_angle
+
+    smallest = np.degrees(corner_angle(mesh.side_length)).min(axis=1, initial=180.0)
+    return float(np.maximum(1.0 - smallest / degrees, 0.0).sum())
 
 
 def predict_run(run: Any, size: InputSize, options: Mapping[str, Any] | None = None) -> Prediction:
@@ -67,8 +86,10 @@ def predict_run(run: Any, size: InputSize, options: Mapping[str, Any] | None = N
     prediction = prediction_of(all_options["solver"])
     if all_options["solver"] in (None, "auto") and not fits(prediction):
         prediction = min(prediction, prediction_of("multigrid"), key=lambda p: p.peak_mib)
-    if run.command == "tradeoff":  # as many methods and repetitions as the budget allows
-        return replace(prediction, seconds=prediction.read_seconds + all_options["budget"])
+    if run.command == "tradeoff":  # rows that the budget does not suffice for are left out
+        most = prediction.read_seconds + all_options["budget"]
+        low, high = (min(most, seconds) for seconds in prediction.seconds_range)
+        return replace(prediction, seconds=min(most, prediction.seconds), seconds_range=(low, high))
     return prediction
 
 

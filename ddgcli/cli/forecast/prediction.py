@@ -4,20 +4,38 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS, Cost
-from ddgcli.cli.forecast.kernels import InputSize, Use
+from ddgcli.cli.forecast.kernels import KNOWN, InputSize, Use
 from ddgcli.errors import ParameterError
 from ddgcli.memory import available_memory, resident_memory
 
-__all__ = ["Prediction", "fits", "predict", "probe", "refuse_without_memory", "with_halved_steps"]
+__all__ = [
+    "Prediction",
+    "as_results",
+    "as_text",
+    "fits",
+    "predict",
+    "probe",
+    "refuse_without_memory",
+    "with_halved_steps",
+]
 
 UNCERTAINTY = 0.5  # relative, of a prediction
 # kernels whose factors fill up: share of their cost that grows with the logarithm of a component
-FILLED, FILL_SHARE, FILL_ELEMENTS = ("shell-sim implicit step", "shell-sim midedge step"), 0.53, 1e5
+FILLED, FILL_SHARE, FILL_ELEMENTS = (
+    (
+        "shell-sim implicit step",
+        "shell-sim midedge step",
+        "shell-sim iteration",
+        "shell-sim midedge iteration",
+    ),
+    0.53,
+    1e5,
+)
 N_PROBES = 5
 MIB = 2.0**20
 
@@ -32,15 +50,19 @@ class Prediction:
         Largest resident memory of the process.
     seconds : float
         CPU seconds of the whole run, start-up and reading included.
+    seconds_range : (float, float)
+        Where only the run shows how many steps or iterations it takes; else twice `seconds`.
     kernels : list of dict
-        `kernel`, `times`, `added` (as of a `Use`), `seconds` and `mib`, both None where the cost of the
-        kernel has not been measured: it is not part of the sums.
+        `kernel`, `times`, `added` (as of a `Use`), `times_range` where only the run shows how many,
+        `seconds` and `mib`, both None where the cost of the kernel has not been measured: it is not part of
+        the sums.
     read_mib, read_seconds : float
         Resident memory and CPU seconds so far.
     """
 
     peak_mib: float
     seconds: float
+    seconds_range: tuple[float, float]
     kernels: list[dict[str, Any]]
     read_mib: float
     read_seconds: float
@@ -63,7 +85,11 @@ def predict(uses: Sequence[Use], size: InputSize, *, calibrate: bool = True) -> 
     shared = max((row["mib"] for row in kernels if row["mib"] and not row["added"]), default=0.0)
     added = sum(row["added"] * row["mib"] for row in kernels if row["mib"])
     total = seconds_so_far + sum(row["seconds"] or 0.0 for row in kernels)
-    return Prediction(max(peak, now + shared + added), total, kernels, now, seconds_so_far)
+    low, high = (
+        seconds_so_far + sum(use.range[k] * (row["seconds"] or 0.0) for use, row in zip(uses, kernels))
+        for k in (0, 1)
+    )
+    return Prediction(max(peak, now + shared + added), total, (low, high), kernels, now, seconds_so_far)
 
 
 def with_halved_steps(prediction: Prediction, dt: float, limit: float) -> Prediction:
@@ -77,14 +103,23 @@ def with_halved_steps(prediction: Prediction, dt: float, limit: float) -> Predic
             added += (count - 1.0) * (row["seconds"] or 0.0)
             row = {**row, "times": count * row["times"], "seconds": row["seconds"] and count * row["seconds"]}
         kernels.append(row)
-    return replace(prediction, seconds=prediction.seconds + added, kernels=kernels)
+    low, high = prediction.seconds_range
+    return replace(
+        prediction,
+        seconds=prediction.seconds + added,
+        seconds_range=(low + added, high + added),
+        kernels=kernels,
+    )
 
 
 def _row(use: Use, size: InputSize, scale: float) -> dict[str, Any]:
     """Cost of one use of a kernel."""
-    cost, n = _cost(use.kernel, size.kind), size.elements / 1e5
+    elements = size.elements if use.elements is None else use.elements
+    cost, n = _cost(use.kernel, size.kind), elements / 1e5
     filled = fill(use.kernel, size.component_elements or size.elements)
     row: dict[str, Any] = {"kernel": use.kernel, "times": use.times, "added": use.added}
+    if use.range != KNOWN:
+        row["times_range"] = [use.range[0] * use.times, use.range[1] * use.times]
     if cost is None:
         return {**row, "seconds": None, "mib": None}
     seconds = scale * use.times * (cost.seconds + filled * cost.seconds_per_1e5 * n**cost.exponent)
@@ -152,8 +187,20 @@ def as_results(prediction: Prediction, size: InputSize) -> dict[str, Any]:
         "peak_mib": prediction.peak_mib,
         "available_mib": (available_memory() + resident_memory()[0]) / MIB,
         "seconds": prediction.seconds,
+        "seconds_range": list(prediction.seconds_range),
         "kernels": prediction.kernels,
         "read_mib": prediction.read_mib,
         "read_seconds": prediction.read_seconds,
         "uncertainty": UNCERTAINTY,
     }
+
+
+def as_text(results: Mapping[str, Any]) -> list[str]:
+    """Lines of the summary of a dry run."""
+    low, high = results.get("seconds_range") or 2 * (results["seconds"],)
+    known = high <= (1 + UNCERTAINTY) * results["seconds"] and low >= (1 - UNCERTAINTY) * results["seconds"]
+    spread = "" if known else f" ({low:.2g} to {high:.2g} s: only the run shows how long it is)"
+    return [
+        f"peak memory  {results['peak_mib']:.0f} MiB of {results['available_mib']:.0f} MiB available",
+        f"CPU time     {results['seconds']:.2g} s{spread}",
+    ]

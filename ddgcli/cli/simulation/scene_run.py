@@ -154,8 +154,9 @@ def scene_size(meshes: list[Any], schedule: Schedule) -> InputSize:
     volume = any(hasattr(mesh, "tetrahedra") for mesh in meshes)
     elements = sum(len(mesh.tetrahedra if hasattr(mesh, "tetrahedra") else mesh.faces) for mesh in meshes)
     size = InputSize(
-        "tetrahedra" if volume else "surface", elements, steps=schedule.steps, frame_count=schedule.n_frames
-    )
+        "tetrahedra" if volume else "surface", elements, steps=schedule.steps, frame_count=schedule.n_frames,
+        adaptive=schedule.tolerance is not None,
+    )  # fmt: skip
     surfaces = [mesh for mesh in meshes if not hasattr(mesh, "tetrahedra") and len(mesh.faces)]
     if volume or not surfaces:
         return size
