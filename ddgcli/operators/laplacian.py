@@ -59,10 +59,21 @@ def laplacian_of_sides(mesh: SurfaceMesh, weight: NDArray) -> csr_array:
     n = mesh.n_vertices
     corner = matrix_indices(mesh.faces.T, n, 3 * mesh.n_faces)
     rows, cols = corner.ravel(), corner[NEXT].ravel()
-    one_way = coo_array((-weight.T.ravel(), (rows, cols)), shape=(n, n)).tocsr()
+    values = -weight.T.ravel()
+    if (rows == cols).any():  # a self-edge has its weight on the diagonal already
+        one_way = coo_array((values, (rows, cols)), shape=(n, n)).tocsr()
+        both = one_way + one_way.T.tocsr()
+        return (both - diags_array(both @ np.ones(n))).tocsr()
+    # ones keep the places of the diagonal: to add it as a matrix would take another pass over all entries
+    every = np.arange(n, dtype=rows.dtype)
+    place = (np.concatenate([rows, every]), np.concatenate([cols, every]))
+    one_way = coo_array((np.concatenate([values, np.ones(n)]), place), shape=(n, n)).tocsr()
     both = one_way + one_way.T.tocsr()
-    diagonal = -(both @ np.ones(n))
-    return (both + diags_array(diagonal)).tocsr()
+    is_diagonal = both.indices == np.repeat(every, np.diff(both.indptr))
+    both.data[is_diagonal] = 0.0
+    both.data[is_diagonal] = -(both @ np.ones(n))
+    both.eliminate_zeros()
+    return both
 
 
 def uniform_stiffness(mesh: SurfaceMesh) -> csr_array:

@@ -174,18 +174,19 @@ def balances(
     """
     twin = topology.side_twin.ravel()
     in_region = np.repeat(region, 3)
-    inner = in_region & (twin >= 0)
-    inner &= np.take(in_region, twin)
-    rim = np.flatnonzero(in_region & ~inner)
-    edge_side = np.flatnonzero(inner & (np.arange(len(twin)) < twin))
+    side = np.flatnonzero(in_region)
+    beyond = twin.take(side)
+    is_inner = (beyond >= 0) & in_region.take(beyond)
+    rim = side.compress(~is_inner)
+    edge_side = side.compress(is_inner & (side < beyond))
     # signed and absolute sums of each component
     force, torque, area = np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 1))
 
     def add(position: NDArray, pull: NDArray) -> None:
-        moments = (force, pull), (torque, cross(position, pull)), (area, dot(position, pull)[None])
+        moments = (torque, cross(position, pull)), (area, dot(position, pull)[None]), (force, pull)
         for sums, terms in moments:
             sums[0] += terms.sum(axis=1)
-            sums[1] += np.abs(terms).sum(axis=1)
+            sums[1] += np.abs(terms, out=terms).sum(axis=1)
 
     for begin in range(0, len(rim), EDGES_PER_BLOCK):
         side = rim[begin : begin + EDGES_PER_BLOCK]

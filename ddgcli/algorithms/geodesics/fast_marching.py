@@ -20,7 +20,7 @@ from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, side_shapes, side
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, corner_distance
 from ddgcli.errors import MeshError, SolveError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.ragged import group_by_key
+from ddgcli.mesh.ragged import list_starts, sorted_keys
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 MAX_UNFOLDED_FACES = 30
@@ -137,11 +137,14 @@ def _straight(corner: NDArray, shape: NDArray, mesh: SurfaceMesh, side: NDArray,
 def _users(corner: NDArray, n_straight: int, n_vertices: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Stencils that use vertex v: at[start[v] : start[v + 1]]; the first ones are straight, of one vertex."""
     vertex = np.concatenate([corner[:n_straight, 0], corner[n_straight:, :2].ravel()])
-    stencil = np.arange(-n_straight, len(vertex) - n_straight)
-    stencil >>= 1
-    stencil += n_straight
-    stencil[:n_straight] = np.arange(n_straight)
-    return group_by_key(vertex, stencil, n_vertices)
+    start = list_starts(np.bincount(vertex, minlength=n_vertices))
+    _, place = sorted_keys(vertex, n_vertices, overwrite=True)
+    straight = np.flatnonzero(place < n_straight)
+    alone = place.take(straight)
+    place += n_straight  # place n + 2k and n + 2k + 1, behind n straight ones: of stencil n + k
+    place >>= 1
+    place[straight] = alone
+    return start, place
 
 
 def _delaunay_if_surface(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.int64]]:
