@@ -5,6 +5,7 @@ import pytest
 
 from ddgcli.algorithms.curvature.clip import FacePlanes
 from ddgcli.algorithms.curvature.face_balls import FaceBalls
+from ddgcli.algorithms.curvature.point_grid import balls_by_cubes
 from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -207,3 +208,20 @@ def test_balls_do_not_depend_on_their_blocks(monkeypatch):
     threads = vertex_balls(mesh, 0.7, jobs=3)
     for other in (small, threads):
         assert np.array_equal(balls.start, other.start) and np.array_equal(balls.member, other.member)
+
+
+@pytest.mark.parametrize("block", [40, 1 << 21])
+def test_balls_by_cubes_hold_the_points_within_the_radius(block, monkeypatch):
+    monkeypatch.setattr("ddgcli.algorithms.curvature.point_grid.MAX_CANDIDATES", block)
+    rng = np.random.default_rng(0)
+    flat = rng.normal(size=(3, 300)) * np.array([[1.0], [1.0], [0.0]])
+    places = np.stack(np.meshgrid(*[np.arange(5.0)] * 3)).reshape(3, -1)  # distances equal to the radius
+    far = np.append(rng.normal(size=(3, 200)), [[1e7], [0], [0]], axis=1)
+    for points in (flat, places, far, np.zeros((3, 7))):
+        few = np.arange(0, points.shape[1], 3)
+        for radius in (0.1, 1.0, 2.5, 100.0):
+            balls = balls_by_cubes(points, few, radius)
+            apart = points[:, few, None] - points[:, None, :]
+            inside = apart[0] ** 2 + apart[1] ** 2 + apart[2] ** 2 <= radius * radius
+            assert (balls.count == inside.sum(axis=1)).all()
+            assert (balls.member == np.nonzero(inside)[1]).all()

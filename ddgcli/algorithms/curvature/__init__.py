@@ -17,6 +17,7 @@ __all__ = [
     "noise",
     "offset_body",
     "one_sided",
+    "point_grid",
     "polyline",
     "quadric",
     "regions",

@@ -231,17 +231,14 @@ def _scales(
     mesh: TriangleMesh, faces: Faces, normal: NDArray, regions: Regions, few: NDArray, scheme: str
 ) -> Scales | None:
     """Mean curvature of a few vertices, over their regions and in balls."""
-    from scipy.spatial import cKDTree  # a sixth of a small run's time
-
     area = float(faces.area.sum())
     vertex_area = area / int(mesh.topology.referenced_vertex.sum())
     region_radius = float(np.sqrt(vertex_area * np.median(regions.count) / np.pi))
     penalty = cross_validated_penalty(faces.points, normal, regions, few)
     default = fits_at(faces.points, normal, few, normal[:, few], regions, penalty).mean
     largest = min(np.sqrt(MAX_SURFACE_SHARE * area / np.pi), 0.99 * largest_radius(mesh, area, scheme))
-    tree = cKDTree(mesh.points, balanced_tree=False, compact_nodes=False)
     return measure_scales(
-        lambda radius: fits_in_balls(faces.points, normal, few, tree, radius),
+        lambda radius: fits_in_balls(faces.points, normal, few, radius),
         few,
         default,
         region_radius,

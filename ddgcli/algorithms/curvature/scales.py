@@ -9,18 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
+from ddgcli.algorithms.curvature.point_grid import balls_by_cubes
 from ddgcli.algorithms.curvature.quadric import QUADRATIC_PENALTY, fit_forms, principal_of_forms
-from ddgcli.algorithms.curvature.regions import Regions, balls_around
+from ddgcli.algorithms.curvature.regions import Regions
 from ddgcli.mesh.vectors import unit_vectors as unit_rows
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 RADIUS_RATIO = 2**0.5
 MAX_SCALES = 12
@@ -137,11 +134,9 @@ def typical_size(difference: NDArray) -> float:
     return float(size[: max(1, int(TYPICAL_SHARE * len(size)))].mean())
 
 
-def fits_in_balls(
-    points: NDArray, normal: NDArray, few: NDArray, tree: cKDTree, radius: float
-) -> PrincipalCurvatures:
+def fits_in_balls(points: NDArray, normal: NDArray, few: NDArray, radius: float) -> PrincipalCurvatures:
     """Principal curvatures of quadratic fits in the balls around a few vertices."""
-    regions = balls_around(points, few, tree, radius)
+    regions = balls_by_cubes(points, few, radius)
     start, member = regions.start, regions.member
     # the mean normal of the ball: single normals of noise and of voxels are far off
     around = np.take(normal, member, axis=1)
