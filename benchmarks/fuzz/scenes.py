@@ -198,7 +198,9 @@ SHELL_EFFECTS: dict[str, tuple[float, Effect]] = {
         "positions": [[0, 0, 0], [0, 0, rng.choice([0.01, -0.02])]]}]),
     "attach": (0.1, _attach),
     "damping": (0.4, lambda rng, objects: {
-        "mass": rng.choice([0.1, 1.0, 100.0]), "stiffness": rng.choice([0, 1e-4, 1e-2])}),
+        "mass": rng.choice([0.1, 1.0, 100.0]),
+        # explicit steps are shorter than 2 / (stiffness * frequency^2): ten thousands in a scene of 1e-2
+        "stiffness": rng.choice([0, 1e-4, 1e-2] if objects.is_implicit else [0, 1e-6, 1e-4])}),
     "contact": (0.7, _contact),
 }  # fmt: skip
 

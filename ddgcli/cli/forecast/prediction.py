@@ -21,7 +21,7 @@ __all__ = [
     "predict",
     "probe",
     "refuse_without_memory",
-    "with_halved_steps",
+    "with_divided_steps",
 ]
 
 UNCERTAINTY = 0.5  # relative, of a prediction
@@ -92,11 +92,16 @@ def predict(uses: Sequence[Use], size: InputSize, *, calibrate: bool = True) -> 
     return Prediction(max(peak, now + shared + added), total, (low, high), kernels, now, seconds_so_far)
 
 
-def with_halved_steps(prediction: Prediction, dt: float, limit: float) -> Prediction:
-    """The prediction where steps of dt are halved until they are below a limit of stability."""
+def with_divided_steps(
+    prediction: Prediction, dt: float, limit: float, *, adaptive: bool = False
+) -> Prediction:
+    """The prediction where steps of dt are divided until they are below a limit of stability.
+
+    Fixed steps are halved again and again, adaptive ones cut into equal parts.
+    """
     if not dt > limit > 0.0:
         return prediction
-    count = 2.0 ** math.ceil(math.log2(dt / limit))
+    count = float(math.ceil(dt / limit)) if adaptive else 2.0 ** math.ceil(math.log2(dt / limit))
     kernels, added = [], 0.0
     for row in prediction.kernels:
         if row["kernel"].endswith(" step"):

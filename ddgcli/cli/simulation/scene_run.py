@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ddgcli.cli.forecast.kernels import InputSize
-from ddgcli.cli.forecast.prediction import as_results, with_halved_steps
+from ddgcli.cli.forecast.prediction import as_results, with_divided_steps
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.options import SceneCall
 from ddgcli.cli.simulation.plot import Picture, draw_run
@@ -142,8 +142,9 @@ def run_scene(
     )  # fmt: skip
     check_job(run, job)
     if call.common.dry_run and prediction is not None:
-        if schedule.tolerance is None:
-            prediction = with_halved_steps(prediction, schedule.dt, simulator.step_limit())
+        prediction = with_divided_steps(
+            prediction, schedule.dt, simulator.step_limit(), adaptive=schedule.tolerance is not None
+        )
         print_dry_run(run, scene, simulator.assembled(schedule), as_results(prediction, size))
         return
     _report(run, scene, simulator, account, simulate(run, job), job.obstacles_at)
