@@ -164,6 +164,8 @@ def format_of(path: str, input_format: str | None = None) -> str:
         suffix = Path(path).suffix.lower()
     if suffix in READERS:
         return suffix
+    if suffix == ".toml":
+        raise MeshFileError(f"{path}: is a scene of shell-sim or fluid-sim; name a mesh file")
     from ddgcli.io.readers import foreign  # imports what starts processes
 
     if suffix not in foreign.suffixes():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import sys
 import tomllib
 from bisect import bisect_right
 from dataclasses import dataclass, field
@@ -51,12 +52,13 @@ class SceneDocument:
 
 
 def read_scene(path: str) -> SceneDocument:
-    """Read a scene file; SceneError with file and line where it is not TOML."""
+    """Read a scene file, or standard input at "-"; SceneError with file and line where it is not TOML."""
     source = Path(path)
-    if not source.is_file():
+    if path != "-" and not source.is_file():
         raise SceneError(f"{path}: no such file; check the path")
     try:
-        text = source.read_bytes().decode("utf-8-sig")
+        data = sys.stdin.buffer.read() if path == "-" else source.read_bytes()
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise SceneError(f"{path}: byte {error.start} is not UTF-8; save the scene as UTF-8 text") from error
     return parse_scene(text, path, str(source.parent))

@@ -1,5 +1,6 @@
 """The snippet of docs/pipelines.md turns a folder into results, and does again only what changed."""
 
+import json
 import os
 import re
 import shutil
@@ -85,3 +86,34 @@ def test_the_recipes_know_every_readable_extension(file):
     text = (ROOT / file).read_text("utf-8").replace("\\\n", " ")
     (listed,) = re.findall(r"^EXTENSIONS = (.*)$", text, re.M)
     assert {f".{word}" for word in listed.split()} == {*READERS, *foreign.suffixes()}
+
+
+SWING = """format = "ddgcli-scene/1"
+[[object]]
+name = "sheet"
+role = "shell"
+mesh = "sheet.ply"
+material = "cotton"
+[effects]
+gravity = {}
+"""
+
+
+def test_a_scene_and_the_mesh_of_the_quick_form_come_from_standard_input(tmp_path, monkeypatch, run):
+    monkeypatch.chdir(tmp_path)
+    write_mesh("sheet.ply", AnnotatedMesh(shapes.grid(2, 2)))
+    words = ("--steps", 2, "--dt", 0.01, "--json")
+
+    def energies(*call, **stdin):
+        result = run("shell-sim", *call, *words, **stdin)
+        assert result.exit_code == 0, result.stderr
+        return json.loads(result.stdout)["results"]["energies"]
+
+    (tmp_path / "swing.toml").write_text(SWING)
+    from_file = energies("swing.toml")
+    assert energies("-", "--input-format", "toml", input=SWING) == from_file
+    mesh = (tmp_path / "sheet.ply").read_bytes()
+    quick = ("--material", "cotton", "--effect", "gravity")
+    assert energies("-", "--input-format", "ply", *quick, input=mesh) == from_file
+    refused = run("shell-sim", "-", *words, input=SWING)
+    assert refused.exit_code == 2 and "--input-format toml" in refused.stderr

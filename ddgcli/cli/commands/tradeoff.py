@@ -234,7 +234,7 @@ def _scene(run: Run, role: str, call: CommandCall) -> tuple[Any, Any]:
     from ddgcli.cli.simulation.scene_input import mesh_reader, scene_document
 
     lines, extra = (shell_lines if role == "shell" else fluid_lines)(call.options)
-    document, _ = scene_document(call.path, role, lines, extra, None)
+    document, _ = scene_document(call.path, role, lines, extra, None, run.common.input_format)
     run.set_input(call.path, "")
     return document, mesh_reader(run, document)
 

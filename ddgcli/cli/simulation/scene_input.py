@@ -7,6 +7,7 @@ import json
 import re
 import tomllib
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     from ddgcli.scenes.sections import Document
 
 
+STANDARD_INPUT = "-"
+
+
 def quick_scene(mesh: str, role: str, lines: tuple[str, ...], extra: Mapping[str, Any] | None = None) -> str:
     """TOML of the scene of `COMMAND MESH --effect ...`.
 
@@ -41,10 +45,10 @@ def quick_scene(mesh: str, role: str, lines: tuple[str, ...], extra: Mapping[str
         'format = "ddgcli-scene/1"',
         "",
         "[[object]]",
-        f"name = {_toml(encodable(Path(mesh).stem))}",
+        f"name = {_toml('input' if mesh == STANDARD_INPUT else encodable(Path(mesh).stem))}",
         f'role = "{role}"',
     ]
-    text += [f"mesh = {_toml(str(Path(mesh).absolute()))}"]
+    text += [f"mesh = {_toml(mesh if mesh == STANDARD_INPUT else str(Path(mesh).absolute()))}"]
     text += [f"{key} = {_toml(value)}" for key, value in (extra or {}).items()]
     repeated = [line.split(None, 1)[0] for line in lines if line.split()]
     for line in lines:
@@ -104,12 +108,18 @@ def _toml(value: Any) -> str:
 
 
 def scene_document(
-    path: str | None, role: str, lines: tuple[str, ...], extra: Mapping[str, Any], resume: str | None
+    path: str | None,
+    role: str,
+    lines: tuple[str, ...],
+    extra: Mapping[str, Any],
+    resume: str | None,
+    input_format: str | None = None,
 ) -> tuple[SceneDocument, dict[str, Any]]:
     """Scene document, and the time options recorded by the run to resume.
 
-    A `.toml` is a scene; anything else is a mesh for the quick form. With `resume` and no path, the scene
-    comes from the trajectory.
+    A `.toml`, or what has this `input_format`, is a scene; anything else is a mesh for the quick form. With
+    `resume` and no path, the scene comes from the trajectory. Paths in a scene on standard input start in the
+    current folder.
     """
     from ddgcli.io.scene_file import parse_scene, read_scene
 
@@ -125,7 +135,11 @@ def scene_document(
                 ), recorded
     if path is None:
         raise ParameterError("give a scene file or a mesh (or --effects, --schema)")
-    if path.endswith(".toml"):
+    if path == STANDARD_INPUT and input_format is None:
+        raise ParameterError(
+            "-: standard input needs `input_format`: `input_format=toml` for a scene, or the format of a mesh"
+        )
+    if path.endswith(".toml") or (input_format or "").lower().lstrip(".") == "toml":
         if lines or extra:
             raise ParameterError(
                 f"{path}: --effect, --pin and --set build a scene from a mesh; write them into the scene"
@@ -141,16 +155,21 @@ def describe_input(run: Run, path: str, meshes: list[Any], sha256: str = "") -> 
 
 
 def mesh_reader(run: Run, document: Document) -> Callable[[str], MeshInput]:
-    """Reader of mesh files relative to the scene."""
+    """Reader of mesh files relative to the scene; `--input-format` is that of the quick form's mesh."""
+    from_options = not document.path
 
+    @cache  # standard input has one reading
     def read(name: str) -> MeshInput:
         from ddgcli.io.mesh_file import check_place, read_mesh
 
+        if from_options and name == STANDARD_INPUT:
+            with run.clock.timed("read"):
+                return read_mesh(name, run.common.input_format)
         path = str(Path(document.folder) / name)
         for output in run.common.outputs:
             check_place(output, inputs=(path,))
         with run.clock.timed("read"):
-            return read_mesh(path)
+            return read_mesh(path, run.common.input_format if from_options else None)
 
     return read
 

@@ -118,12 +118,13 @@ def run_scene(
     run = Run(kind.command, call.common, formats=formats(), **call.overrides)
     run.set_input(call.path or call.resume or "", "")
     role = next(iter(kind.roles))
-    document, recorded = scene_document(call.path, role, lines, extra, call.resume)
+    document, recorded = scene_document(call.path, role, lines, extra, call.resume, call.common.input_format)
     overrides = {**recorded, **call.overrides}
     scene, account = resolve(document, kind, overrides), Account()
     if not scene.effects:
         log.warning("the scene has no effects, so nothing acts on its objects; --effects lists the effects")
-    simulator = physics(scene, account, mesh_reader(run, document), array_reader(document))
+    read = mesh_reader(run, document)
+    simulator = physics(scene, account, read, array_reader(document))
     meshes, schedule = list(simulator.meshes.values()), simulator.schedule()
     resolved, digest = fingerprint(scene.resolved(), simulator.sha256)
     describe_input(run, call.path or "", meshes, digest)
@@ -137,7 +138,7 @@ def run_scene(
         models, meshes, schedule, account, simulator.moving, call.resume,
         {"input_sha256": digest, "overrides": overrides, "folder": document.folder},
         {"scene_source": document.source, "scene_resolved": resolved}, simulator.face(),
-        obstacle_meshes(scene.objects, meshes, mesh_reader(run, document)), simulator.obstacle_poses,
+        obstacle_meshes(scene.objects, meshes, read), simulator.obstacle_poses,
         simulator.failure_reason, simulator.final, simulator.final_names, simulator.splits, simulator.splits,
     )  # fmt: skip
     check_job(run, job)
