@@ -158,7 +158,9 @@ def test_csv_curves_are_closed_where_the_last_row_repeats_the_first(tmp_path, te
         ("\n \n", "no rows"),
         ("1,2\n3\n", "line 2"),
         ("1,2\nx,3\n", "'x'"),
-        ("1,2,3,4\n", "4 columns"),
+        ("1,2,3,4\n", "line 1: 4 columns; .* decimal points"),
+        ("1,2\n3,4,5\n", "line 2: 3 columns where the first row has 2"),
+        ("1,2\n", "one row"),
     ],
 )
 def test_bad_csv_names_the_line(tmp_path, text, message):

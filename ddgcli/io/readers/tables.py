@@ -41,9 +41,17 @@ def read_csv(data: bytes) -> RawMesh:
     values, counts = rows(lines, number, "row")
     width = int(counts[0])
     odd = np.flatnonzero(counts != width)
-    if width not in (2, 3) or len(odd):
-        where, n_columns = (number[odd[0]], counts[odd[0]]) if len(odd) else (number[0], width)
-        raise MeshFileError(f"line {where + 1}: {n_columns} columns; a curve needs 2 or 3 in every row")
+    if width not in (2, 3):
+        raise MeshFileError(
+            f"line {number[0] + 1}: {width} columns; a curve needs 2 or 3, with decimal points (0.5, not 0,5)"
+        )
+    if len(odd):
+        raise MeshFileError(
+            f"line {number[odd[0]] + 1}: {counts[odd[0]]} columns where the first row has {width}; a curve "
+            "needs 2 or 3 in every row"
+        )
+    if len(counts) < 2:
+        raise MeshFileError("one row; a curve needs two points or more")
     table = values.reshape(-1, width)
     points = np.column_stack([table, np.zeros((len(table), 3 - width))])
     gap = float(np.abs(points[0] - points[-1]).max())
