@@ -1,5 +1,6 @@
 """Flows of curves: exact rates of circles and areas, kept quantities, scale, refused input, commands."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -387,3 +388,16 @@ def readable_frames(path):
             return run.n_frames
     except Exception:  # the file is being written
         return 0
+
+
+def test_a_figure_of_eight_that_has_folded_onto_a_line_is_not_converged(tmp_path, run):
+    t = np.linspace(0, 2 * np.pi, 61)
+    points = np.column_stack([np.sin(t), np.sin(t) * np.cos(t)])
+    points[-1] = points[0]
+    path = tmp_path / "eight.csv"
+    np.savetxt(path, points, delimiter=",", fmt="%.17g")
+    call = ("curve-flow", path, "--dt", 6e-3, "--json", "--duration")
+    early, late = run(*call, 0.06), run(*call, 0.36)
+    assert early.exit_code == 0 and "folds" not in early.stderr
+    assert late.exit_code == 1
+    assert any("folds back on itself" in text for text in json.loads(late.stdout)["warnings"])

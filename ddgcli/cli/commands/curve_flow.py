@@ -86,6 +86,7 @@ def command(
         {"curve": model}, [curves], schedule, Account(), moving=True, resume=resume,
         attributes={"input_sha256": digest, "time_unit": unit},
         texts={"scene_source": "", "scene_resolved": resolved},
+        failure_reason=lambda outcome: "a fold" if report.folds_back(outcome.series) else "",
     )  # fmt: skip
     check_job(run, job)
     run.begin()
@@ -94,7 +95,7 @@ def command(
         curve_flow, outcome.times, outcome.series, schedule.steps, outcome.stopped, outcome.failure
     )
     run.plot(lambda path: _draw(path, curves, outcome, unit, run.picture_options))
-    run.finish(results, accuracy, converged=not outcome.failure)
+    run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
 
 
 def _draw(path: str, curves: CurveSet, outcome: Outcome, unit: str, look: dict[str, Any]) -> None:

@@ -13,6 +13,7 @@ from ddgcli.mesh.vectors import row_matrix
 from ddgcli.models.curve.flow import CurveFlow
 
 MAX_RESOLVED_TURNING = np.pi / 3  # radians at a point; a hexagon's
+FOLD_TURNING = np.radians(170)  # at a point where a polygon runs back on itself
 
 log = logging.getLogger("ddgcli")
 
@@ -106,6 +107,12 @@ def _area_rate_error(flow: CurveFlow, times: NDArray, series: Mapping[str, NDArr
     return abs(loss / (2 * np.pi * turns * float(times[last] - times[0])) - 1.0)
 
 
+def folds_back(series: Mapping[str, NDArray]) -> bool:
+    """Whether the last frame runs back on itself at a point, more than the first: it is no curve any more."""
+    turning = series["largest_turning"]
+    return bool(turning[-1] > max(FOLD_TURNING, turning[0]) and not series["collapsed"].any())
+
+
 def _warn(accuracy: Mapping[str, Any], series: Mapping[str, NDArray]) -> None:
     if accuracy["turning_number_changes"]:
         log.warning("the turning number changed: a loop of the curve shrank to a point")
@@ -113,7 +120,13 @@ def _warn(accuracy: Mapping[str, Any], series: Mapping[str, NDArray]) -> None:
     if accuracy["self_crossing_changes"]:
         log.warning("the curves cross themselves %d times at the start and %d times at the end",
                     crossings[0], crossings[-1])  # fmt: skip
-    if series["largest_turning"][-1] > MAX_RESOLVED_TURNING and not series["collapsed"].any():
+    if folds_back(series):
+        log.warning(
+            "the curve folds back on itself (it turns by %.3g degrees at one point), which no smooth curve "
+            "does: it has shrunk to a line or its points are too few; end the run before, or use more points",
+            np.degrees(series["largest_turning"][-1]),
+        )
+    elif series["largest_turning"][-1] > MAX_RESOLVED_TURNING and not series["collapsed"].any():
         log.warning(
             "the curve turns by %.3g degrees at one point of the last frame: use a curve with more points",
             np.degrees(series["largest_turning"][-1]),
