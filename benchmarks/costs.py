@@ -140,7 +140,8 @@ SURFACE = [
         Task(
             f"willmore-flow {flow} step",
             f"willmore-flow {{mesh}} --flow {flow} --steps 9 --dt 1e-9",
-            SMALL_SIZES,
+            (*SMALL_SIZES, 80_000),
+            exponent=1.15,
         )
         for flow in ("quadratic", "mean-curvature")
     ),
@@ -187,12 +188,15 @@ SURFACE = [
         )
         for kind, model, sizes in (("", "hinge", SMALL_SIZES), ("midedge ", "midedge", (1_000, 4_000)))
     ),
-    Task(
-        "shell-sim modes",
-        f"shell-sim {{mesh}} {SHELL} --effect bending --pin 0 --pin 9 --pin 99 --modes 10",
-        SMALL_SIZES,
-        mesh="disk",
-        exponent=1.15,
+    *(
+        Task(
+            f"shell-sim {task}",
+            f"shell-sim {{mesh}} {SHELL} --effect bending --pin 0 --pin 9 --pin 99 --{task} 10",
+            SMALL_SIZES,
+            mesh="torus",
+            exponent=1.15,
+        )
+        for task in ("modes", "buckling")
     ),
     Task(
         "shell-sim iterative implicit step",

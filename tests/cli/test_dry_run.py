@@ -211,6 +211,8 @@ def test_options_change_what_is_predicted():
     rest = kernels_of("shell-sim", {"integrator": "static"}, loaded)[1:]
     assert [use.times for use in rest] == [ITERATIONS_TO_REST, 10 * ITERATIONS_PER_LOAD_STEP]
     assert kernels_of("shell-sim", {"integrator": "static"}, replace(loaded, steps=1))[1:] == rest[:1]
+    analysed = kernels_of("shell-sim", {"modes": 20}, replace(loaded, steps=0))
+    assert analysed == [Use("shell-sim"), Use("shell-sim modes", 2)]
     many = kernels_of("geodesic", {"method": "heat", "source": [1, 2], "each_source": True}, size)
     assert many[-1] == Use("geodesic heat solve", 2)
 

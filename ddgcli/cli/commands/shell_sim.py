@@ -133,7 +133,8 @@ class Shells:
     def cost_facts(self) -> dict[str, Any]:
         from ddgcli.models.shell.report import cost_facts
 
-        return cost_facts(self.scene, self.contexts) | {"modes": (self.n_modes or 0) + (self.n_buckling or 0)}
+        counts = {"modes": self.n_modes, "buckling": self.n_buckling}
+        return cost_facts(self.scene, self.contexts) | counts
 
     def step_limit(self) -> float:
         return min((model.largest_step for model in self.models().values()), default=math.inf)

@@ -66,7 +66,7 @@ COEFFICIENTS: dict[str, Cost] = {
     "geodesic log-map": Cost(0.0436, 0.8586, 1.05, 21.4, 63.26),
     "geodesic transport": Cost(0.0808, 0.3847, 1.05, 21.57, 52.88),
     "willmore-flow": Cost(0.4866, 2.702, 1.05, 31.95, 223.8),
-    "willmore-flow quadratic step": Cost(0.001558, 2.435, 1.05, 35.89, 208),
+    "willmore-flow quadratic step": Cost(0.02301, 2.482, 1.15, 34.36, 259.8),
     "shell-sim": Cost(0.04119, 4.874, 1.05, 10.34, 172.6),
     "shell-sim implicit step": Cost(0.01292, 4.216, 1.15, 6.51, 1169),
     "shell-sim explicit step": Cost(0.002834, 0.08669, 1.05, 14.28, 170.5),
@@ -110,7 +110,7 @@ COEFFICIENTS: dict[str, Cost] = {
     "picture of a run": Cost(4.513, 0, 1.05, 235.9, 18.07),
     "picture curve": Cost(1.286, 3.923, 1.05, 40.41, 131.8),
     "geodesic job": Cost(0.7428, 0.0662, 1.05, 18.03, 1.803),
-    "shell-sim modes": Cost(0.5604, 6.098, 1.15, 20.36, 1146),
+    "shell-sim modes": Cost(0.4608, 66.39, 1.15, 20.15, 3362),
     "tradeoff curvature": Cost(8.619, 87.59, 1.05, 46.26, 209.2),
     "tradeoff delaunay": Cost(7.732, 98.32, 1.05, 32.41, 1237),
     "tradeoff laplacian": Cost(6.395, 122, 1.05, 27.58, 3228),
@@ -125,4 +125,5 @@ COEFFICIENTS: dict[str, Cost] = {
     "fluid-sim energy step tetrahedra": Cost(0.02002, 1.457, 1.05, 4.967, 540.1),
     "fluid-sim circulation step tetrahedra": Cost(0.04598, 3.068, 1.05, 4.168, 551.8),
     "fluid-sim covector step tetrahedra": Cost(0.007737, 2.122, 1.05, 4.444, 554.5),
+    "shell-sim buckling": Cost(0.4389, 57.95, 1.15, 26.05, 1346),
 }

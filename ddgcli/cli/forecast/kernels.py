@@ -312,12 +312,13 @@ def _curve_flow(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
 def _shell(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     """A shell scene: integrator, `solver` of the linear systems where one is fixed, and facts of the scene.
 
-    These are `contact`, `midedge`, `modes` and the faces that pairs search, `pair_elements`.
+    These are `contact`, `midedge`, `modes`, `buckling` and the faces that pairs search, `pair_elements`.
     """
     integrator = options.get("integrator")
     yield Use("shell-sim")
-    if options.get("modes"):
-        yield Use("shell-sim modes", max(1.0, options["modes"] / MEASURED_MODES))
+    for task in ("modes", "buckling"):
+        if options.get(task):
+            yield Use(f"shell-sim {task}", max(1.0, options[task] / MEASURED_MODES))
     contact, unknown = (CONTACT_STEPS, CONTACT_RANGE) if options.get("contact") else (1.0, KNOWN)
     iterative = "iterative " if options.get("solver") in ITERATIVE_SOLVERS else ""
     bending = "midedge" if options.get("midedge") else "implicit"
