@@ -158,7 +158,8 @@ def _edge(mesh: TriangleMesh) -> float:
     return float(mesh.side_length.mean())
 
 
-def _normals(mesh: TriangleMesh) -> NDArray:
+def vertex_normals(mesh: TriangleMesh) -> NDArray:
+    """(n, 3) unit normals, averaged by areas."""
     corner = mesh.points[mesh.faces]
     doubled = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     total = np.zeros_like(mesh.points)
@@ -169,14 +170,14 @@ def _normals(mesh: TriangleMesh) -> NDArray:
 def normal_noise(share: float, mesh: TriangleMesh) -> TriangleMesh:
     """Independent normal displacements along the normals."""
     heights = np.random.default_rng(1).standard_normal((mesh.n_vertices, 1))
-    return mesh.moved(mesh.points + share * _edge(mesh) * heights * _normals(mesh))
+    return mesh.moved(mesh.points + share * _edge(mesh) * heights * vertex_normals(mesh))
 
 
 def half_noise(share: float, mesh: TriangleMesh) -> TriangleMesh:
     """Normal displacements along the normals on one half of the surface."""
     heights = np.random.default_rng(8).standard_normal((mesh.n_vertices, 1))
     half = mesh.points[:, :1] > np.median(mesh.points[:, 0])
-    return mesh.moved(mesh.points + share * _edge(mesh) * half * heights * _normals(mesh))
+    return mesh.moved(mesh.points + share * _edge(mesh) * half * heights * vertex_normals(mesh))
 
 
 def layers(share: float, mesh: TriangleMesh) -> TriangleMesh:
@@ -197,7 +198,7 @@ def correlated_noise(share: float, times: int, mesh: TriangleMesh) -> TriangleMe
     """Displacements along the normals, averaged over neighbours so many times and scaled up again."""
     heights = np.random.default_rng(3).standard_normal((mesh.n_vertices, 3))
     heights = smoothed(times, mesh.moved(heights)).points[:, :1]
-    return mesh.moved(mesh.points + share * _edge(mesh) * heights / heights.std() * _normals(mesh))
+    return mesh.moved(mesh.points + share * _edge(mesh) * heights / heights.std() * vertex_normals(mesh))
 
 
 def line_noise(share: float, mesh: TriangleMesh) -> TriangleMesh:
@@ -205,7 +206,7 @@ def line_noise(share: float, mesh: TriangleMesh) -> TriangleMesh:
     edge = _edge(mesh)
     line = np.rint(mesh.points[:, 1] / (0.5 * edge)).astype(int)
     heights = np.random.default_rng(4).standard_normal(np.ptp(line) + 1)[line - line.min()]
-    return mesh.moved(mesh.points + share * edge * heights[:, None] * _normals(mesh))
+    return mesh.moved(mesh.points + share * edge * heights[:, None] * vertex_normals(mesh))
 
 
 def rounded(share: float, mesh: TriangleMesh) -> TriangleMesh:
@@ -225,7 +226,7 @@ def spikes(share: float, height: float, mesh: TriangleMesh) -> TriangleMesh:
     rng = np.random.default_rng(5)
     moved = rng.random(mesh.n_vertices) < share
     size = height * _edge(mesh) * rng.choice([-1.0, 1.0], mesh.n_vertices)
-    return mesh.moved(mesh.points + (moved * size)[:, None] * _normals(mesh))
+    return mesh.moved(mesh.points + (moved * size)[:, None] * vertex_normals(mesh))
 
 
 def holes(share: float, mesh: TriangleMesh) -> TriangleMesh:
@@ -376,6 +377,10 @@ def noise_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
         yield f"layers {share:g}: torus", partial(_changed, "torus", partial(layers, share))
     for share in (1.0, 2.0):
         yield f"layers {share:g}: ellipsoid", partial(_changed, "ellipsoid", partial(layers, share))
+    yield (
+        "layers 1, small edges: ellipsoid",
+        lambda: _changed("ellipsoid", partial(layers, 1.0), base=_irregular("ellipsoid", 5000)),
+    )
     for share in (0.25, 0.06):
         yield (
             f"single precision {share:g}: egg",

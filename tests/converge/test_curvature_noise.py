@@ -83,6 +83,30 @@ def test_noise_in_a_part_of_the_surface_is_reported_and_the_radius_reduces_the_e
     assert default > 0.3 and automatic < 0.5 * default
 
 
+@pytest.mark.parametrize("height", [-3.0, 0.5])
+@pytest.mark.parametrize("name", ["irregular sphere", "ellipsoid", "torus"])
+def test_three_spikes_are_reported_with_the_first_vertex(name, height, caplog):
+    clean = SURFACES[name][0]()
+    spikes = np.random.default_rng(3).choice(clean.n_vertices, 3, replace=False)
+    outward = noisy_surfaces.vertex_normals(clean)[spikes]
+    points = clean.points.copy()
+    points[spikes] += height * clean.side_length.mean() * outward
+    measure_curvature(clean.moved(points), full=False)
+    assert f"3 vertices lie far off the surface around them (first: vertex {spikes.min()})" in caplog.text
+
+
+def test_the_tip_of_a_cone_is_no_spike(caplog):
+    u, v, faces = shapes.wrapped_grid(60, 30, wrap_u=True, wrap_v=False)
+    radius, angle = 0.2 * (1 + 30 * v), 2 * np.pi * u
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), -radius], axis=1)
+    first = np.flatnonzero(v == 0)
+    first = first[np.argsort(u[first])]
+    tip = np.stack([np.full(60, len(points)), first, np.roll(first, -1)], axis=1)
+    cone = TriangleMesh.from_arrays(np.vstack([points, np.zeros((1, 3))]), np.vstack([faces, tip[:, ::-1]]))
+    measure_curvature(cone, full=False)
+    assert "far off" not in caplog.text
+
+
 @pytest.mark.parametrize("radius", [6, 10])
 def test_voxels_are_recognised_and_the_radius_reduces_the_error(radius, caplog):
     mesh = voxel_sphere(radius)
@@ -249,6 +273,7 @@ def mean_error(known, mean):
         ("cubes smoothed 3: ellipsoid", "uneven by"),
         ("marching cubes smoothed 30: large sphere", "uneven by"),
         ("marching cubes by Taubin: large sphere", "uneven by"),
+        ("layers 1, small edges: ellipsoid", "noise of"),
         ("noise on a half 0.05: torus", "noise of"),
         ("noise on a half 0.2: saddle", "noise of"),
         ("layers 0.3: torus", "rounded coordinates"),

@@ -46,8 +46,14 @@ MAX_CANCELLATION, MAX_ROUGH_CANCELLATION = 0.8, 0.28
 MAX_CANCELLATION_OF_NOISE = 0.055  # times one over the noise in edges
 # fall of the change of curvature when the radius doubles: creases have 2, stairs 3 to 10, noise 8
 MIN_FALL = 2.5
+# of the error at the default region over that at the best radius: wide steps, whose changes fall late, have
+# 20 to 80, busts, noisy in places, 6 to 10
+MIN_ROUGH_ERROR_RATIO = 15
 MIN_MEDIAN_SHARE = 0.1  # median error of grids of voxels over the mean one, which creases of a part exceed
-MAX_ROUGH_ERROR = 0.25  # at the best radius: terrain and scans with details of all sizes have more
+# at the best radius: terrain and scans with details of all sizes have more, 0.28 to 0.53, and creases that
+# cancel to 0.15 to 0.24; where they cancel to less, up to the second limit
+MAX_ROUGH_ERROR, MAX_CANCELLED_ERROR = 0.25, 0.5
+MAX_CANCELLATION_OF_STEPS = 0.12
 # smoothed stairs and noise over several edges: the error at the best radius, that of the default region over
 # it, and the median over the mean of the latter. Scans and modelled surfaces have errors of 0.17 to 0.7, and
 # smooth ones with a bias in balls ratios of 1.1 to 1.9
@@ -156,13 +162,13 @@ def estimate_noise(
     deviation = vertex_deviation(mesh, faces, dihedral)
     if deviation is None:
         return Noise(None)
-    kind, deviation = _kind(mesh, faces, dihedral, deviation)
+    kind, deviation, share = _kind(mesh, faces, dihedral, deviation)
     if not kind:
         return Noise(deviation.relative)
     few = np.arange(0, len(deviation.sample), max(1, len(deviation.sample) // BENDING_SAMPLE_SIZE))
     regions, normal = listed(deviation.regions, few), deviation.normal
     scales = _scales(mesh, faces, normal, regions, deviation.sample[few], scheme)
-    if scales is None or not _settles(kind, deviation, scales, faces, regions):
+    if scales is None or not _settles(kind, deviation, share, scales, faces, regions):
         return Noise(deviation.relative)
     if kind == "partial" and deviation.doubtful and scales.median_share > MIN_UNEVEN_MEDIAN_SHARE:
         kind = "uneven"  # smoothed stairs have large residuals in places, and errors everywhere
@@ -174,10 +180,12 @@ def estimate_noise(
     return replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme, size, pairs))
 
 
-def _kind(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviation) -> tuple[str, Deviation]:
+def _kind(
+    mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviation
+) -> tuple[str, Deviation, float]:
     """Kind of the noise as far as residuals and creases show it, '' where they are those of a surface.
 
-    And the deviation of the part that has it.
+    And the deviation of the regions that have it, and the share of their creases that do not cancel.
     """
 
     def share_of(of_regions: Deviation) -> float:
@@ -185,13 +193,16 @@ def _kind(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviat
         return cancellation(mesh, faces, dihedral, noisy)
 
     if deviation.kind not in ("noise", "partial"):
-        return deviation.kind, deviation
+        return deviation.kind, deviation, 1.0
     if on_grid_edges(faces.points, faces.mean_length):
-        return "grid", deviation
-    kind, bent = _kind_by_creases(deviation, share_of(deviation)), deviation.of_bent
-    if not kind and bent is not None and _kind_by_creases(bent, share_of(bent)) == "rough":
-        return "rough", bent
-    return kind, deviation
+        return "grid", deviation, 1.0
+    share, bent = share_of(deviation), deviation.of_bent
+    kind = _kind_by_creases(deviation, share)
+    if kind in ("", "uneven") and bent is not None:
+        bent_share = share_of(bent)
+        if _kind_by_creases(bent, bent_share) == "rough":
+            return "rough", bent, bent_share
+    return kind, deviation, share
 
 
 def _kind_by_creases(deviation: Deviation, share: float) -> str:
@@ -206,11 +217,17 @@ def _kind_by_creases(deviation: Deviation, share: float) -> str:
     return "uneven" if deviation.detail_ratio <= MAX_UNEVEN_DETAIL_RATIO else ""
 
 
-def _settles(kind: str, deviation: Deviation, scales: Scales, faces: Faces, regions: Regions) -> bool:
+def _settles(
+    kind: str, deviation: Deviation, share: float, scales: Scales, faces: Faces, regions: Regions
+) -> bool:
     """Whether the curvature settles with the radius, where the kind may also be creases or details."""
-    clear = scales.error < MAX_UNEVEN_ERROR and scales.default_error > MIN_UNEVEN_ERROR_RATIO * scales.error
+    ratio = scales.default_error / scales.error
+    clear = scales.error < MAX_UNEVEN_ERROR and ratio > MIN_UNEVEN_ERROR_RATIO
     if kind == "uneven":
         return clear and scales.median_share > MIN_UNEVEN_MEDIAN_SHARE
+    if kind == "rough" and ratio > MIN_ROUGH_ERROR_RATIO:
+        cancels = share <= MAX_CANCELLATION_OF_STEPS
+        return scales.error <= (MAX_CANCELLED_ERROR if cancels else MAX_ROUGH_ERROR)
     if kind == "rough":
         return _falls_as_noise(faces, deviation.normal, regions, scales)
     if kind == "partial":

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.frames import area_normals
 from ddgcli.algorithms.curvature.regions import Regions, listed
+from ddgcli.algorithms.curvature.rings import two_rings
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot
 
 MIN_HEIGHT = 0.05  # edges
 MIN_DEVIATIONS = 12  # of a spike's height, in deviations of the others from a fit of degree two
+MAX_CANDIDATES = 200  # vertices with the largest sums of dihedral angles, all edges of a spike bend one way
+THREE_RINGS = (
+    1_000  # neighbours: fewer in two rings take a third one; two rings around the tip of a cone fit it
+)
 
 
 def spikes_among(
@@ -63,3 +74,29 @@ def spikes_among(
         off = np.abs(solution[:, 0, 0])
         is_spike[same] = (off > MIN_HEIGHT * edge) & (off > MIN_DEVIATIONS * deviation)
     return is_spike
+
+
+def warn_of_spikes(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> None:
+    """Report single vertices far off a smooth surface, which are too few to matter to the mean error.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
+    dihedral : (e,) ndarray
+        Dihedral angles of the edges in radians, positive where convex.
+    """
+    bend = np.abs(sum_by_index(mesh.topology.edges.ravel(), np.repeat(dihedral, 2), mesh.n_vertices))
+    bend[mesh.topology.boundary_vertex] = 0.0
+    most = min(MAX_CANDIDATES, mesh.n_vertices)
+    sharpest = np.sort(np.argpartition(bend, -most)[-most:])
+    rings = two_rings(mesh.topology, THREE_RINGS, sharpest)
+    spikes = sharpest[spikes_among(faces.points, area_normals(faces), rings, sharpest, faces.mean_length)]
+    if len(spikes):
+        logging.getLogger("ddgcli").warning(
+            "%d vertices lie far off the surface around them (first: vertex %d): the curvature over their "
+            "neighbours is theirs; correct them in the mesh",
+            len(spikes),
+            spikes[0],
+        )

@@ -18,6 +18,7 @@ from ddgcli.algorithms.curvature.noise import Effort, Noise, estimate_noise, war
 from ddgcli.algorithms.curvature.one_sided import unsigned_normals
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.regions import check_radius, check_reach
+from ddgcli.algorithms.curvature.spikes import warn_of_spikes
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
 from ddgcli.algorithms.curvature.unit_surface import (
     TWO_SIDED_SCHEMES,
@@ -119,8 +120,7 @@ def measure_curvature(
     check_curvature(mesh, scheme, radius, image=image)
     surface = prepare_surface(mesh, scheme)
     noise = _noise(surface, scheme, radius)
-    at_default, noisy = radius is None, noise.dominates_curvature
-    principal, expected_error = None, None
+    at_default, noisy, principal, expected_error = radius is None, noise.dominates_curvature, None, None
     if radius == "auto":
         if noise.kind and not noisy:  # by the sample; the fits of all vertices may have another penalty
             principal = _pointwise(surface, scheme, None, False, jobs, full)
@@ -133,6 +133,8 @@ def measure_curvature(
         principal = _pointwise(surface, scheme, in_ball, noisy, jobs, full)
     if at_default:
         expected_error = warn_of_noise(noise, scheme, principal.mean, surface.scale)
+        if expected_error is None:
+            warn_of_spikes(surface.mesh, surface.faces, surface.dihedral)
     vertex = _vertex_arrays(surface, principal) if full else _curvature_arrays(surface, principal)
     edge = _edge_arrays(surface) if full else {}
     results: dict[str, Any] = {"scheme": scheme, "promise": SCHEME_PROMISES[scheme]}
@@ -145,9 +147,8 @@ def measure_curvature(
         results |= totals.nonconformality(surface.faces, image)
     results |= _statistics(vertex, edge, mesh)
     accuracy = _accuracy(surface)
-    converged = within_residuals(
-        accuracy, tuple(accuracy), "faces without area leave curvatures undetermined; repair the mesh"
-    )
+    advice = "faces without area leave curvatures undetermined; repair the mesh"
+    converged = within_residuals(accuracy, tuple(accuracy), advice)
     return CurvatureResult(vertex, edge, results, accuracy, converged)
 
 
