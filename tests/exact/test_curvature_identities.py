@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.curvature import measures as exact
+from ddgcli.algorithms.curvature.ball import normal_cycle_in_balls
 from ddgcli.algorithms.curvature.faces import REMAINING, Faces
+from ddgcli.algorithms.curvature.frames import unit_normals
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
+from ddgcli.algorithms.curvature.unit_surface import prepare_surface
 from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import enclosed_volume, face_area_vector
@@ -273,9 +276,10 @@ def test_needles_and_caps_keep_their_angles():
 
 def test_a_ball_that_holds_all_measures_everything():
     mesh = shapes.random_sphere(60)
-    v = measure_curvature(mesh, "normal-cycle", 3.0).vertex
-    r = measure_curvature(mesh, "cotan").results
-    assert v["gaussian_curvature"] == pytest.approx(np.full(60, 4 * np.pi / r["area"]))
+    surface = prepare_surface(mesh, "normal-cycle")  # at unit size
+    normal = unit_normals(surface.faces)
+    measured = normal_cycle_in_balls(surface.mesh, normal, surface.defect, surface.dihedral, 3.0)
+    assert measured.gaussian == pytest.approx(np.full(60, 4 * np.pi / surface.area.sum()))
 
 
 def test_refusals_name_a_cure():

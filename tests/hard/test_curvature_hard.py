@@ -142,6 +142,20 @@ def test_inward_faces_cause_a_warning(caplog):
     assert "inward" in caplog.text
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.3, 1.1])
+def test_folds_by_180_degrees_are_counted_and_no_volume_is_not_inward(turn, caplog):
+    angle = 2 * np.pi * np.arange(12) / 12
+    rim = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    flat = np.concatenate([rim, [[0.1, 0.0, 0.0], [-0.1, 0.05, 0.0]]])  # two fans joined by folds
+    a, b = np.arange(12), (np.arange(12) + 1) % 12
+    faces = np.concatenate([np.stack([a, b, 12 + 0 * a], 1), np.stack([b, a, 13 + 0 * a], 1)])
+    cosine, sine = np.cos(turn), np.sin(turn)
+    flat = flat @ np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]]).T
+    measured = measure_curvature(TriangleMesh.from_arrays(flat, faces))
+    assert "12 edges are folded by 180 degrees" in caplog.text and "inward" not in caplog.text
+    assert abs(measured.results["volume"]) < 1e-14
+
+
 def test_vertices_without_faces_and_tiny_meshes():
     mesh = shapes.icosphere(1)
     points = np.concatenate([mesh.points, [[9.0, 9, 9]]])

@@ -53,7 +53,8 @@ def spikes_among(
         offset = points[:, others] - points[:, centre][:, :, None]
         # the normal of a spike's star is far off: that of the mean of the others is not
         around = (normal[:, others] * weight).sum(axis=2)
-        up = around / np.maximum(np.sqrt(dot(around, around)), 1e-300)
+        length = np.sqrt(dot(around, around))  # 0 where they cancel, between two coincident sheets
+        up = np.where(length > 0, around / np.maximum(length, 1e-300), normal[:, centre])
         height = np.einsum("dks,dk->ks", offset, up)
         flat = offset - height * up[:, :, None]
         first = np.cross(up.T, np.eye(3)[np.abs(up).argmin(axis=0)]).T

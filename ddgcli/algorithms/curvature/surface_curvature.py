@@ -147,7 +147,7 @@ def measure_curvature(
         results |= totals.nonconformality(surface.faces, image)
     results |= _statistics(vertex, edge, mesh)
     accuracy = _accuracy(surface)
-    advice = "faces without area leave curvatures undetermined; repair the mesh"
+    advice = "faces without area or folded onto others leave curvatures undetermined; repair the mesh"
     converged = within_residuals(accuracy, tuple(accuracy), advice)
     return CurvatureResult(vertex, edge, results, accuracy, converged)
 

@@ -24,6 +24,9 @@ from ddgcli.mesh.vectors import bounding_box
 
 _log = logging.getLogger("ddgcli")
 
+VOLUME_ROUNDING = 1e-13  # of the volume at unit size, over the area: two coincident sheets enclose none
+FOLD_TOLERANCE = 1e-7  # radians from pi at which the side of a fold is rounding
+
 TWO_SIDED_SCHEMES = ("normal-cycle", "corrected", "normal-voting")
 
 
@@ -88,6 +91,7 @@ def prepare_surface(mesh: TriangleMesh, scheme: str) -> UnitSurface:
     volume = exact.volume_of(faces) if unit.topology.is_closed and orientable else None
     _warn_of_defects(unit, faces, orientable, scheme, volume)
     surface = _unit_surface(unit, faces, measures, scale, orientable, volume)
+    _warn_of_folds(surface)
     if orientable or not unit.topology.is_manifold:
         return surface
     cover, copy = double_covered(unit)
@@ -99,6 +103,17 @@ def prepare_surface(mesh: TriangleMesh, scheme: str) -> UnitSurface:
 def _measures(faces: Faces, topology: Topology) -> list[NDArray[np.float64]]:
     """Area, defect, vector, link conormal and link length of each vertex."""
     return exact.star_measures(faces, topology, exact.link_conormal, exact.link_length)
+
+
+def _warn_of_folds(surface: UnitSurface) -> None:
+    folded = np.flatnonzero(np.abs(surface.dihedral) > np.pi - FOLD_TOLERANCE)
+    if len(folded):
+        _log.warning(
+            "%d edges are folded by 180 degrees (first: vertices %d-%d): whether such a fold is convex is "
+            "rounding, and so are the signs of its curvature and its part of the total mean curvature",
+            len(folded),
+            *surface.mesh.topology.edges[folded[0]],
+        )
 
 
 def _unit_surface(
@@ -165,7 +180,7 @@ def _warn_of_defects(
     spare = int((~topology.referenced_vertex).sum())
     if spare:
         _log.warning("%d vertices belong to no face: all their values are 0", spare)
-    if volume is not None and volume < 0:
+    if volume is not None and volume < -VOLUME_ROUNDING * float(faces.area.sum()):
         _log.warning(
             "the faces point inward (negative volume): mean and principal curvatures change their sign"
         )
