@@ -73,11 +73,12 @@ class Faces:
         totals: list[NDArray[np.float64]] = []
         remaining: dict[str, NDArray] = {}
         for rows, block in self.blocks():
-            values = [term(block) for term in terms]
-            totals = totals or [np.zeros((*value.shape[:-2], n)) for value in values]
-            for total, value in zip(totals, values):
+            for k, term in enumerate(terms):
+                value = term(block)
+                if k == len(totals):
+                    totals.append(np.zeros((*value.shape[:-2], n)))
                 columns = value.reshape(-1, *value.shape[-2:])
-                for sums, by_corner in zip(total.reshape(-1, n), columns):
+                for sums, by_corner in zip(totals[k].reshape(-1, n), columns):
                     for corner, column in zip(block.corner, by_corner):
                         np.add.at(sums, corner, column)
             for name in REMAINING:
