@@ -104,9 +104,9 @@ def tradeoff_table(
         more["sources"] = surface_sources(surface, sources)
     known_truth = None if truth is None else parse_truth(truth, surface.points)
     problem = mesh_problem(question, surface, truth=known_truth, options=options, **more)
-    table = run_problem(problem, repeat=repeat, budget=budget)
-    if not table.rows and not table.left_out:
+    if not problem.candidates and not problem.left_out:
         raise ParameterError(f"no method of {question!r} has the options {options}")
+    table = run_problem(problem, repeat=repeat, budget=budget)
     assign_verdicts(table, within, norm)
     return table
 

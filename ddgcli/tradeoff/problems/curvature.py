@@ -38,21 +38,6 @@ def problem(
     inside = mesh.topology.referenced_vertex & ~mesh.topology.boundary_vertex
     edge = float(mesh.side_length.mean())
     most = float(piece_extents(mesh).max()) / 2 / edge  # mean edges: larger balls hold every component whole
-    if truth is not None and truth.mean_curvature is not None:
-        values = np.where(inside, truth.mean_curvature(mesh.points), np.nan)
-        truth_reference = Reference.from_truth(truth.name, values)
-        references = [(0.0, lambda: truth_reference)]
-    elif most <= 2:
-        raise ParameterError(
-            "the mesh is too coarse to compare with: a ball of two mean edges holds it whole; state its "
-            "`truth`, or give a finer mesh"
-        )
-    else:
-        work = _work(mesh, None)
-        references = [
-            (work + _work(mesh, 2.0) + _work(mesh, 4.0), lambda: _compared(mesh, inside, edge, (2.0, 4.0))),
-            (work + _work(mesh, 2.0), lambda: _compared(mesh, inside, edge, (2.0,))),
-        ][most <= 4 :]
     radius_option = options.get("radius")
     if isinstance(radius_option, str):
         raise ParameterError(f"{radius_option!r} is no length to compare at; give one, or leave `radius` out")
@@ -63,6 +48,21 @@ def problem(
         for radius in (radii if radius_option is None else (radius_option / edge,))
         if scheme != "cotan" or radius is None
     ]
+    if truth is not None and truth.mean_curvature is not None:
+        values = np.where(inside, truth.mean_curvature(mesh.points), np.nan)
+        truth_reference = Reference.from_truth(truth.name, values)
+        references = [(0.0, lambda: truth_reference)]
+    elif most <= 2 and rows:
+        raise ParameterError(
+            "the mesh is too coarse to compare with: a ball of two mean edges holds it whole; state its "
+            "`truth`, or give a finer mesh"
+        )
+    else:
+        work = _work(mesh, None)
+        references = [
+            (work + _work(mesh, 2.0) + _work(mesh, 4.0), lambda: _compared(mesh, inside, edge, (2.0, 4.0))),
+            (work + _work(mesh, 2.0), lambda: _compared(mesh, inside, edge, (2.0,))),
+        ][most <= 4 :]
     fits = [radius is None or radius < most or radius_option is not None for _, radius in rows]
     left_out = [
         (f"{s} radius={r:g} edges", "its balls hold the mesh whole")
