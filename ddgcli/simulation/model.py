@@ -191,9 +191,18 @@ def flow_schedule(options: Mapping[str, Any], own_step: float, *, max_steps: int
         Step of the flow where none is chosen; at least duration / max_steps, at most duration / n_frames.
     max_steps, n_frames : int
         Without steps and duration; of a run without `frame_every`.
+
+    Raises
+    ------
+    ParameterError
+        A step longer than the duration.
     """
     steps, duration, dt = options.get("steps"), options.get("duration"), options.get("step")
     every, tolerance = options.get("frame_every"), options.get("tolerance")
+    if dt is not None and duration is not None and dt > duration * (1 + 1e-9):
+        raise ParameterError(
+            f"{dt:g} is longer than the duration of {duration:g}; give {duration:g} or less", parameter="dt"
+        )
     if dt is None:
         dt = own_step if duration is None else max(duration / max_steps, min(duration / n_frames, own_step))
     if tolerance is not None and duration is not None:

@@ -9,6 +9,7 @@ from ddgcli.mesh import shapes
 from ddgcli.models.willmore import descent, flow, step_rules
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.operators.laplacian import lumped_vertex_area
+from tests.conftest import ROOT
 from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, run_flow
 
 
@@ -143,3 +144,12 @@ def test_mean_curvature_flow_of_the_sphere():
         )
         error.append(np.linalg.norm(end.points, axis=1).mean() / np.sqrt(1 - 4 * 0.1) - 1)
     assert abs(error[1]) < 0.01 and error[0] / error[1] == pytest.approx(2, rel=0.3)
+
+
+@pytest.mark.parametrize("words", [("willmore-flow", "ellipsoid.ply"), ("curve-flow", "ellipse.csv")])
+def test_a_step_of_a_flow_longer_than_the_run_is_refused(words, run):
+    words = (words[0], ROOT / "sample_meshes" / words[1], "--duration", 1e-3, "--dt")
+    refused = run(*words, 5)
+    assert refused.exit_code == 2
+    assert "--dt: 5 is longer than the duration of 0.001; give 0.001 or less" in refused.stderr
+    assert run(*words, 0.001).exit_code == 0
