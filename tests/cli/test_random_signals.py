@@ -42,7 +42,7 @@ CALLS = {
     "hodge": "t.npz --field wind --basis -o o.vtu",
     "geodesic": "s.ply --source 0 -o o.vtp --plot o.png --size 200x200",
     **{name: f"{words} -o o.vtkhdf" for name, words in SIMULATORS.items()},
-    "tradeoff": "curvature tiny.ply --budget 10000 -o o.csv",
+    "tradeoff": "curvature tiny.ply --truth sphere:1 --budget 10000 -o o.csv",
     "frames": "run.vtkhdf -o o_{:02d}.ply",
     "view": "s.ply -o o.html",
     "batch": "s.ply --table o.jsonl -o o_{stem}.ply -- info",
