@@ -247,7 +247,7 @@ def test_the_range_of_seconds_is_printed_where_it_is_wide():
 
 
 def test_refinement_is_predicted_by_the_faces_with_small_angles(tmp_path, summary, monkeypatch):
-    monkeypatch.setattr(prediction, "probe", lambda: PROBE_SECONDS)  # other processes do not slow this machine
+    monkeypatch.setattr(prediction, "probe", lambda: PROBE_SECONDS)  # whatever else runs
     seconds = []
     for name, mesh in (("good", shapes.icosphere(3)), ("bad", shapes.random_sphere(642, 0))):
         write_mesh(str(tmp_path / f"{name}.npz"), AnnotatedMesh(mesh))

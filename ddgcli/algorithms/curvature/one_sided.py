@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.frames import unit_normals
+from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, unit_normals
 from ddgcli.mesh.double_cover import cover_vertices
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -65,3 +65,12 @@ def unsigned_normals(mesh: TriangleMesh, faces: Faces) -> NDArray[np.float64]:
     line = np.linalg.eigh(scatter)[1][:, :, 2]
     normal[:, seam] = (line * np.where((line * some).sum(axis=1) < 0, -1.0, 1.0)[:, None]).T
     return normal
+
+
+def of_copies(cover: PrincipalCurvatures, copy: NDArray | None, referenced: NDArray) -> PrincipalCurvatures:
+    """Values of a surface's vertices from those of their copies in its double cover."""
+    low, high, gaussian = (
+        np.where(referenced, values[copy], 0.0) for values in (cover.low, cover.high, cover.gaussian)
+    )
+    one, other = (d[:, copy] if d.size else d for d in (cover.low_direction, cover.high_direction))
+    return PrincipalCurvatures(low, high, one, other, gaussian)

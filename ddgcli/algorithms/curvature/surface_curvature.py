@@ -15,7 +15,7 @@ from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.deviation import vertex_deviation
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals, unit_normals
 from ddgcli.algorithms.curvature.noise import Effort, Noise, estimate_noise, warn_of_noise
-from ddgcli.algorithms.curvature.one_sided import unsigned_normals
+from ddgcli.algorithms.curvature.one_sided import of_copies, unsigned_normals
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.regions import check_radius, check_reach
 from ddgcli.algorithms.curvature.spikes import warn_of_spikes
@@ -212,7 +212,7 @@ def _pointwise(
     """Principal curvatures by the scheme, at unit size."""
     if surface.cover is not None:
         principal = _pointwise(surface.cover, scheme, radius, noisy, jobs, directions)
-        return _of_copies(principal, surface.copy, surface.mesh.topology.referenced_vertex)
+        return of_copies(principal, surface.copy, surface.mesh.topology.referenced_vertex)
     mesh, faces, area, defect = surface.mesh, surface.faces, surface.area, surface.defect
     normals = area_normals if scheme == "quadric" else unit_normals
     normal = normals(faces) if surface.orientable else unsigned_normals(mesh, faces)
@@ -240,15 +240,6 @@ def _pointwise(
     gaussian = np.where(undefined | mesh.topology.boundary_vertex, 0.0, principal.gaussian)
     low, high = (np.where(undefined, 0.0, k) for k in (principal.low, principal.high))
     return replace(principal, low=low, high=high, gaussian=gaussian)
-
-
-def _of_copies(cover: PrincipalCurvatures, copy: NDArray | None, referenced: NDArray) -> PrincipalCurvatures:
-    """Values of a surface's vertices from those of their copies in its double cover."""
-    low, high, gaussian = (
-        np.where(referenced, values[copy], 0.0) for values in (cover.low, cover.high, cover.gaussian)
-    )
-    one, other = (d[:, copy] if d.size else d for d in (cover.low_direction, cover.high_direction))
-    return PrincipalCurvatures(low, high, one, other, gaussian)
 
 
 def _curvature_arrays(surface: UnitSurface, principal: PrincipalCurvatures) -> dict[str, NDArray]:
