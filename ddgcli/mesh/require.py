@@ -78,9 +78,11 @@ def require(
         )
     if closed and not topology.is_closed:
         a, b = topology.edges[topology.boundary_edges[0]]
+        one_side = topology.one_sided_face.any()
+        advice = "no repair closes this one, which is one-sided" if one_side else cure("boundary", topology)
         raise MeshError(
             f"the surface has {topology.boundary_loops} boundary loops (first edge: vertices {a}-{b}); "
-            f"{verb} needs a closed surface: {cure('boundary', topology)}"
+            f"{verb} needs a closed surface: {advice}"
         )
 
 

@@ -77,6 +77,12 @@ def test_a_dry_run_of_frames_along_isolines_knows_one_sided_surfaces(run, moebiu
         assert refused.exit_code == 2 and "--darboux needs two sides" in refused.stderr
 
 
+def test_no_repair_is_advised_where_none_closes_the_surface(run, moebius):
+    refused = run("willmore-flow", moebius, "--flow", "conformal")
+    assert refused.exit_code == 2 and "ddgcli repair" not in refused.stderr
+    assert refused.stderr.endswith("a closed surface: no repair closes this one, which is one-sided\n")
+
+
 def test_a_command_that_repairs_cannot_satisfy_is_exit_1(summary, moebius):
     result = summary("repair", moebius, "--for", "fluid-sim", code=1)
     assert "one-sided" in result["results"]["refused_by"]["fluid-sim"]

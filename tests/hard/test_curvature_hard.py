@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.fuzz.call_meshes import klein_bottle
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.intrinsic import face_area
@@ -104,6 +105,24 @@ def test_a_one_sided_surface_does_not_depend_on_how_its_faces_are_turned(scheme,
     mean = [np.abs(k.vertex["mean_curvature"][inner]) for k in (plain, mixed)]
     assert mean[1] == pytest.approx(mean[0], abs=1e-9), "but for the sign, which holds locally"
     assert "noise" not in caplog.text
+
+
+def test_of_a_one_sided_surface_the_noise_is_stated_and_no_error(caplog):
+    """Vertices and balls of the double cover are not those of the surface."""
+    faces = klein_bottle(40)[1]
+    u, v = (
+        2 * np.pi * a.ravel() / 40 for a in np.meshgrid(np.arange(40), np.arange(40) + 0.5, indexing="ij")
+    )
+    x, z = np.sin(v), np.sin(2 * v)  # a figure of eight that turns by half a turn
+    x, z = 3 + np.cos(u / 2) * x - np.sin(u / 2) * z, np.sin(u / 2) * x + np.cos(u / 2) * z
+    points = np.column_stack([x * np.cos(u), x * np.sin(u), z])
+    edge = np.linalg.norm(points[faces[:, 0]] - points[faces[:, 1]], axis=1).mean()
+    noisy = points + 0.2 * edge * np.random.default_rng(0).normal(size=points.shape)
+    clean, measured = (measure_curvature(TriangleMesh.from_arrays(p, faces)) for p in (points, noisy))
+    assert clean.results["noise_estimate"] < 0.1 < measured.results["noise_estimate"] < 0.3
+    assert measured.results["expected_error"] is None and "noise" not in caplog.text
+    auto = measure_curvature(TriangleMesh.from_arrays(noisy, faces), radius="auto")
+    assert auto.results["radius"] is None
 
 
 def test_a_one_sided_surface_with_an_edge_of_three_faces_has_a_normal_at_every_vertex(caplog):

@@ -67,7 +67,7 @@ def unsigned_normals(mesh: TriangleMesh, faces: Faces) -> NDArray[np.float64]:
     return normal
 
 
-def of_copies(cover: PrincipalCurvatures, copy: NDArray | None, referenced: NDArray) -> PrincipalCurvatures:
+def of_copies(cover: PrincipalCurvatures, copy: NDArray, referenced: NDArray) -> PrincipalCurvatures:
     """Values of a surface's vertices from those of their copies in its double cover."""
     low, high, gaussian = (
         np.where(referenced, values[copy], 0.0) for values in (cover.low, cover.high, cover.gaussian)

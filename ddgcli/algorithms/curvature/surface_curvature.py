@@ -119,22 +119,25 @@ def measure_curvature(
     """
     check_curvature(mesh, scheme, radius, image=image)
     surface = prepare_surface(mesh, scheme)
-    noise = _noise(surface, scheme, radius)
+    measured = surface.cover or surface  # with two sides, where a sign has a meaning
+    noise = _noise(measured, scheme, radius, one_sided=surface.cover is not None)
     at_default, noisy, principal, expected_error = radius is None, noise.dominates_curvature, None, None
     if radius == "auto":
         if noise.kind and not noisy:  # by the sample; the fits of all vertices may have another penalty
-            principal = _pointwise(surface, scheme, None, False, jobs, full)
+            principal = _pointwise(measured, scheme, None, False, jobs, full)
             noisy = noise.default_error(principal.mean) is not None
         radius = noise.radius_of(scheme) * surface.scale if noisy else None
         _check_radius(mesh, radius, scheme)
         expected_error = noise.expected_error(scheme) if noisy else None
     in_ball = None if radius is None else radius / surface.scale
     if principal is None or in_ball is not None:
-        principal = _pointwise(surface, scheme, in_ball, noisy, jobs, full)
+        principal = _pointwise(measured, scheme, in_ball, noisy, jobs, full)
     if at_default:
         expected_error = warn_of_noise(noise, scheme, principal.mean, surface.scale)
         if expected_error is None:
             warn_of_spikes(surface.mesh, surface.faces, surface.dihedral)
+    if surface.copy is not None:
+        principal = of_copies(principal, surface.copy, mesh.topology.referenced_vertex)
     vertex = _vertex_arrays(surface, principal) if full else _curvature_arrays(surface, principal)
     edge = _edge_arrays(surface) if full else {}
     results: dict[str, Any] = {"scheme": scheme, "promise": SCHEME_PROMISES[scheme]}
@@ -194,12 +197,14 @@ def _check_parameters(scheme: str, radius: float | str | None) -> None:
         raise ParameterError(f"the radius must be a positive length, not {radius}")
 
 
-def _noise(surface: UnitSurface, scheme: str, radius: float | str | None) -> Noise:
-    """The noise as far as it matters: at a stated radius only the fits of 'quadric' depend on its effect."""
-    surface = surface.cover or surface
+def _noise(surface: UnitSurface, scheme: str, radius: float | str | None, *, one_sided: bool) -> Noise:
+    """The noise as far as it matters: at a stated radius only the fits of 'quadric' depend on its effect.
+
+    Balls of a double cover hold both of its sheets, which lie at one place: no effect of noise is measured.
+    """
     mesh, faces, dihedral = surface.mesh, surface.faces, surface.dihedral
     stated = isinstance(radius, (int, float))
-    if stated and scheme != "quadric":
+    if one_sided or (stated and scheme != "quadric"):
         deviation = vertex_deviation(mesh, faces, dihedral)
         return Noise(None if deviation is None else deviation.relative)
     effort: Effort = "fits" if stated else "warn"
@@ -210,9 +215,6 @@ def _pointwise(
     surface: UnitSurface, scheme: str, radius: float | None, noisy: bool, jobs: int, directions: bool
 ) -> PrincipalCurvatures:
     """Principal curvatures by the scheme, at unit size."""
-    if surface.cover is not None:
-        principal = _pointwise(surface.cover, scheme, radius, noisy, jobs, directions)
-        return of_copies(principal, surface.copy, surface.mesh.topology.referenced_vertex)
     mesh, faces, area, defect = surface.mesh, surface.faces, surface.area, surface.defect
     normals = area_normals if scheme == "quadric" else unit_normals
     normal = normals(faces) if surface.orientable else unsigned_normals(mesh, faces)

@@ -20,6 +20,7 @@ from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation
 from ddgcli.algorithms.delaunay.refine_batches import Refinement
 from ddgcli.algorithms.delaunay.steiner_base import SteinerPoints, with_steiner_points
 from ddgcli.algorithms.delaunay.triangulation import IntrinsicDelaunay, flip_to_delaunay, require_surface
+from ddgcli.choices import MAX_REFINEMENT_DEGREES
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.repair import one_vertex_a_fan
@@ -69,9 +70,10 @@ class RefinementResult:
 
 def check_refinement(mesh: TriangleMesh, degrees: float) -> None:
     """Raise the errors of `refine`."""
-    if not 0 < degrees <= 33:
+    if not 0 < degrees <= MAX_REFINEMENT_DEGREES:
         raise ParameterError(
-            f"refinement to {degrees:g} degrees does not end; use at most 33 (25 always succeeds)",
+            f"refinement to {degrees:g} degrees does not end; use at most {MAX_REFINEMENT_DEGREES:g} "
+            "(25 always succeeds)",
             parameter="refine",
         )
     require_surface(mesh, "refinement")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ddgcli.choices import ITERATIVE_SOLVERS
+from ddgcli.choices import ITERATIVE_SOLVERS, MAX_REFINEMENT_DEGREES
 
 __all__ = ["InputSize", "Use", "kernels_of"]
 
@@ -209,7 +209,7 @@ def _refinement(degrees: float, size: InputSize) -> Use:
     deficit = size.angle_deficit
     if deficit is None:
         deficit = DEFICIT_OF_MEASURED_FACE * size.elements
-    growth = math.exp((degrees - MEASURED_REFINEMENT_DEGREES) / STEINER_DEGREES)
+    growth = math.exp((min(degrees, MAX_REFINEMENT_DEGREES) - MEASURED_REFINEMENT_DEGREES) / STEINER_DEGREES)
     points = STEINER_POINTS_PER_DEFICIT * growth * deficit
     return Use("delaunay refine", elements=points / STEINER_POINTS_OF_MEASURED_FACE, range=STEINER_RANGE)
 
