@@ -17,7 +17,7 @@ EVOLUTIONS = ("heat", "wave")  # equations in time
 PARAMETERIZATIONS = ("harmonic", "conformal", "discrete-conformal")
 CONFORMAL_BOUNDARIES = ("free", "lengths", "angles")  # of discrete conformal maps
 
-MAX_REFINEMENT_DEGREES = 33.0  # smallest angle that Delaunay refinement may ask for
+MAX_REFINEMENT_DEGREES = 33.0  # bound of the angle to which Delaunay refinement goes
 
 HODGE_STARS = ("galerkin", "circumcentric", "barycentric")
 FIELD_BOUNDARIES = ("tangential", "normal")  # boundary condition of harmonic fields
