@@ -172,7 +172,7 @@ def _fuzz(runs: dict[str, dict[str, Any]]) -> str:
         "Written by `make fuzz STORE=1`, which adds its counts with a seed that no earlier run had. An input "
         "is accepted, refused by one line of ours, or it escapes: a foreign exception, a message of more "
         "than 600 characters, more than 20 s or 2 GiB, the end of the process. Every escape of an earlier "
-        "run is repaired, with a test, but five: three trajectories that were refused when tried again alone, "
+        "run is repaired, with a test, but five: three trajectories that were refused when tried alone, "
         "and two shell scenes whose explicit steps are divided into 10,000 parts and more by the limit of "
         "stability; they take 110 and 120 s, as their dry runs now predict.\n\n"
         "Coverage-guided inputs are mutations of the valid files and of inputs that reached a line of the "

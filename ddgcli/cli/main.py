@@ -122,8 +122,7 @@ class CommandGroup(click.Group):
         except (KeyboardInterrupt, Terminated):
             _end_by_signal(ctx)
         except MemoryError as error:
-            _commit_outputs(ctx)
-            raise CommandError(f"out of memory ({error}); use a smaller mesh or fewer outputs", 1) from error
+            raise _out_of_memory(error, ctx) from error
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except OSError as error:
@@ -137,7 +136,14 @@ class CommandGroup(click.Group):
         except Exception as error:
             if received_signal() is not None:  # a library made another error of its exception
                 _end_by_signal(ctx)
+            if isinstance(error.__context__, MemoryError):  # cleaning up failed, too
+                raise _out_of_memory(error.__context__, ctx) from error
             raise _internal(error, ctx) from error
+
+
+def _out_of_memory(error: MemoryError, ctx: click.Context) -> CommandError:
+    _commit_outputs(ctx)
+    return CommandError(f"out of memory ({error}); use a smaller mesh or fewer outputs", 1)
 
 
 def _commit_outputs(ctx: click.Context) -> None:

@@ -163,7 +163,11 @@ def npz_content(operators: DecMatrices, points: Any) -> memoryview:
         arrays |= {f"{name}_data": matrix.data, f"{name}_indices": matrix.indices}
         arrays |= {f"{name}_indptr": matrix.indptr, f"{name}_shape": np.array(matrix.shape)}
     out = io.BytesIO()
+    out.seek(sum(np.asarray(array).nbytes for array in arrays.values()))
+    out.write(b"\0")  # the whole buffer at once: one that grows is copied, and twice in memory meanwhile
+    out.seek(0)
     np.savez(out, **arrays)
+    out.truncate()
     return out.getbuffer()
 
 
