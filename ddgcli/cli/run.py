@@ -28,7 +28,7 @@ from ddgcli.io.temporary import StagedOutputs
 if TYPE_CHECKING:
     from ddgcli.cli.forecast.kernels import InputSize
     from ddgcli.cli.forecast.prediction import Prediction
-    from ddgcli.io.mesh_file import MeshInput
+    from ddgcli.io.mesh_file import FileContent, MeshInput
     from ddgcli.mesh.fields import AnnotatedMesh
 
 log = logging.getLogger("ddgcli")
@@ -315,17 +315,18 @@ class Run:
             write_mesh(path, annotated, output_format=output_format, staged=self._staged)
             self.outputs.append(path)
 
-    def write_bytes(self, path: str, data: bytes | memoryview, *, in_place: bool = False) -> None:
+    def write_bytes(self, path: str, content: FileContent, *, in_place: bool = False) -> None:
         """Write bytes to a file, all or nothing, and list it in `outputs`.
 
-        `in_place`: the file may be the input itself.
+        `content`: the bytes, or a function that writes them to an open file; `in_place`: the file may be the
+        input itself.
         """
         with self.clock.timed("write"):
             from ddgcli.io.mesh_file import write_atomically
 
             if not in_place:
                 self._protect_inputs(path)
-            write_atomically(path, data, staged=self._staged)
+            write_atomically(path, content, staged=self._staged)
             self.outputs.append(path)
 
     def make_folder(self, folder: Path) -> None:

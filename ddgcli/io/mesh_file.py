@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import io
 import os
 import stat
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO, Any
 
 from numpy.typing import NDArray
 
@@ -28,6 +30,7 @@ from ddgcli.mesh.require import kind_error, kind_of
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
+FileContent = bytes | memoryview | Callable[[IO[bytes]], Any]
 # extension -> (module, function); modules are imported on demand
 READERS = {
     ".obj": ("readers.obj", "read_obj"), ".off": ("readers.off", "read_off"),
@@ -305,14 +308,27 @@ def write_mesh(
     write_atomically(path, data, staged=staged)
 
 
-def write_atomically(path: str, data: bytes | memoryview, *, staged: StagedOutputs | None = None) -> None:
-    """Write bytes to a path, all or nothing, or to standard output (`-`); `staged` as in `atomic_output`."""
+def write_atomically(path: str, content: FileContent, *, staged: StagedOutputs | None = None) -> None:
+    """Write content to a path, all or nothing, or to standard output (`-`); `staged` as in `atomic_output`.
+
+    `content`: bytes, or a function that writes them to the open file it is called with: a large archive
+    is then never whole in memory.
+    """
+
+    def write(file: IO[bytes]) -> None:
+        if callable(content):
+            content(file)
+        else:
+            file.write(content)
+
     if path == "-":
-        sys.stdout.buffer.write(data)
+        buffer = io.BytesIO()  # an archive is written with seeks, which a pipe has not
+        write(buffer)
+        sys.stdout.buffer.write(buffer.getbuffer())
         sys.stdout.buffer.flush()
         return
-    with atomic_output(path, staged) as partial:
-        Path(partial).write_bytes(data)
+    with atomic_output(path, staged) as temporary, open(temporary, "wb") as file:
+        write(file)
 
 
 @contextlib.contextmanager

@@ -1,14 +1,19 @@
 """`ddgcli dec`: matrices as scipy reads them, numbering, Matrix Market, refusals."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.io import mmread
 from scipy.sparse import csr_array, load_npz
 
 from benchmarks.hardcases import meshes
-from ddgcli.io.mesh_file import write_mesh
+from ddgcli.cli.commands.dec import write_archive
+from ddgcli.io.mesh_file import write_atomically, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.operators.dec import complex_of
+from ddgcli.operators.dec_matrices import dec_matrices
 from tests.conftest import ROOT
 
 BALL = ROOT / "sample_meshes" / "ball.vtu"
@@ -89,3 +94,13 @@ def test_a_vertex_of_high_valence_is_refused_before_the_memory_is_taken(run, tmp
     assert "GiB" in result.stderr
     assert "vertex 0" in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+def test_the_archive_is_written_without_a_copy_in_memory(tmp_path):
+    mesh = shapes.icosphere(4)
+    matrices = dec_matrices(complex_of(mesh))
+    tracemalloc.start()
+    write_atomically(str(tmp_path / "m.npz"), lambda file: write_archive(file, matrices, mesh.points))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 0.5 * (tmp_path / "m.npz").stat().st_size

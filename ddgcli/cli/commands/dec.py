@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import click
 
@@ -104,10 +103,8 @@ def command(
         "symmetry_residual": operators.symmetry_residual(),
         "constant_residual": operators.constant_residual(),
     }
-    # after the residuals: beside the archive there is no room for a transpose of a large matrix
-    content = npz_content(operators, mesh.points) if common.outputs else memoryview(b"")
     for path in common.outputs:
-        run.write_bytes(path, content)
+        run.write_bytes(path, lambda file: write_archive(file, operators, mesh.points))
     if mtx is not None:
         write_matrix_market(run, Path(mtx), operators)
     if computed is not None:
@@ -151,8 +148,8 @@ def products_of(
     return computed
 
 
-def npz_content(operators: DecMatrices, points: Any) -> memoryview:
-    """NumPy archive of all matrices in CSR parts, with the numbering of the simplices."""
+def write_archive(file: IO[bytes], operators: DecMatrices, points: Any) -> None:
+    """Write the NumPy archive of all matrices in CSR parts, with the numbering of the simplices."""
     import numpy as np
 
     complex_ = operators.complex_
@@ -162,13 +159,7 @@ def npz_content(operators: DecMatrices, points: Any) -> memoryview:
     for name, matrix in operators.matrices.items():
         arrays |= {f"{name}_data": matrix.data, f"{name}_indices": matrix.indices}
         arrays |= {f"{name}_indptr": matrix.indptr, f"{name}_shape": np.array(matrix.shape)}
-    out = io.BytesIO()
-    out.seek(sum(np.asarray(array).nbytes for array in arrays.values()))
-    out.write(b"\0")  # the whole buffer at once: one that grows is copied, and twice in memory meanwhile
-    out.seek(0)
-    np.savez(out, **arrays)
-    out.truncate()
-    return out.getbuffer()
+    np.savez(file, **arrays)
 
 
 def write_matrix_market(run: Run, folder: Path, operators: DecMatrices) -> None:

@@ -88,10 +88,6 @@ def write_matrix(run: Run, path: str | None, matrix: dict) -> None:
     """Write a distance matrix with its sources and targets."""
     if path is None or not matrix:
         return
-    import io
-
     import numpy as np
 
-    data = io.BytesIO()
-    np.savez_compressed(data, **matrix)
-    run.write_bytes(path, data.getvalue())
+    run.write_bytes(path, lambda file: np.savez_compressed(file, **matrix))
