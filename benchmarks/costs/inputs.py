@@ -1,0 +1,69 @@
+"""Input files of the measurements."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.common.process import ROOT
+
+
+def make_input(folder: Path, kind: str, elements: int) -> tuple[Path, float]:
+    """Mesh file with the arrays f (vertices) and wind (cells), and three mean edge lengths."""
+    suffix = "vtkhdf" if kind == "trajectory" else "npz"
+    path, note = folder / f"{kind}-{elements}.{suffix}", folder / f"{kind}-{elements}.txt"
+    if not path.exists():
+        code = (
+            "import sys; from pathlib import Path; from benchmarks.costs.inputs import write_input; "
+            f"Path({str(note)!r}).write_text(str(write_input({str(path)!r}, {kind!r}, {elements})))"
+        )
+        subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+    return path, float(note.read_text())
+
+
+def write_input(path: str, kind: str, elements: int) -> float:
+    """Write an input, in a process of its own so that the driver stays small."""
+    from ddgcli.io.mesh_file import write_mesh
+    from ddgcli.mesh import shapes
+    from ddgcli.mesh.curve import CurveSet
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    if kind == "trajectory":
+        sphere, _ = make_input(Path(path).parent, "sphere", elements)
+        words = (
+            f"willmore-flow {sphere} --flow mean-curvature --steps 20 --dt 1e-5 --frame-every 1e-5 -o {path}"
+        )
+        subprocess.run(
+            [sys.executable, "-m", "ddgcli", *words.split()], check=True, stdout=subprocess.DEVNULL
+        )
+        return 0.0
+    if kind == "circle":
+        angle = np.linspace(0, 2 * np.pi, elements, endpoint=False)
+        points = np.stack([np.cos(angle), 0.7 * np.sin(angle), 0 * angle], axis=1)
+        write_mesh(path, AnnotatedMesh(CurveSet.from_paths([np.vstack([points, points[:1]])])))
+        return 0.0
+    if kind == "box":
+        mesh: Any = shapes.box_tetrahedra(*3 * [max(2, round((elements / 6) ** (1 / 3)))])
+    elif kind == "disk":
+        mesh = shapes.grid(n := max(2, round((elements / 2) ** 0.5)), n)
+    else:
+        mesh = shapes.random_sphere(elements // 2 + 2, 0)
+    if kind == "torus":
+        n = max(4, round((elements / 4) ** 0.5))
+        mesh = shapes.torus(2 * n, n)
+        mesh = mesh.moved(mesh.points * [1.0, 1.2, 0.8])
+    if kind == "noisy":
+        noise = 0.05 * mesh.side_length.mean() * np.random.default_rng(0).standard_normal(len(mesh.points))
+        mesh = mesh.moved(mesh.points * (1 + noise)[:, None])
+    cells = {"wind": np.tile([1.0, 0.5, 0.2], (elements_of(mesh), 1))}
+    write_mesh(path, AnnotatedMesh(mesh, vertex={"f": mesh.points[:, 2].copy()}, face=cells))
+    return 3 * float(mesh.side_length.mean()) if kind != "box" else 0.0
+
+
+def elements_of(mesh: Any) -> int:
+    """Cells of a mesh."""
+    return len(mesh.tetrahedra if hasattr(mesh, "tetrahedra") else mesh.faces)

@@ -1,0 +1,118 @@
+"""Predictions of seconds and memory from a table of costs, without a run."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from ddgcli import memory
+from ddgcli.cli.forecast import prediction
+from ddgcli.cli.forecast.coefficients import PROBE_SECONDS
+from ddgcli.cli.forecast.kernels import (
+    ITERATIONS_PER_LOAD_STEP,
+    ITERATIONS_TO_REST,
+    NOISY_MEMORY_SHARE,
+    NOISY_SECONDS_SHARE,
+    InputSize,
+    Use,
+    kernels_of,
+)
+from ddgcli.cli.forecast.prediction import predict
+
+MIB = 2.0**20
+
+
+def test_memory_taken_after_a_prediction_counts_as_available(monkeypatch):
+    size = InputSize("surface", 1000)
+    cost = predict([Use("info")], size)
+    monkeypatch.setattr(prediction, "available_memory", lambda: 600 * MIB)
+    monkeypatch.setattr(prediction, "resident_memory", lambda: (400 * MIB, 500 * MIB))
+    assert prediction.as_results(cost, size)["available_mib"] == 1000.0
+
+
+def test_available_memory_follows_ulimit_and_the_container(tmp_path, monkeypatch):
+    most, current = tmp_path / "max", tmp_path / "current"
+    most.write_text(f"{3 * 2**20}\n")
+    current.write_text(f"{2**20}\n")
+    monkeypatch.setattr(memory, "CGROUP_FILES", ((str(most), str(current)),))
+    assert memory.available_memory() == 2 * 2**20
+    most.write_text("max\n")
+    assert memory.available_memory() > 2**24
+    if memory.resource is not None:
+        size = memory._proc_value("/proc/self/status", "VmSize:") or 0.0
+        monkeypatch.setattr(memory.resource, "getrlimit", lambda kind: (int(size + 7 * MIB), -1))
+        assert memory.available_memory() <= 8 * MIB
+        with pytest.raises(Exception, match="above"):
+            memory.check_memory(9 * MIB, "rows", "use fewer")
+
+
+def test_seconds_scale_with_the_probe_and_memory_does_not(monkeypatch):
+    uses, size = [Use("delaunay")], InputSize("surface", 50_000)
+    costs = []
+    for factor in (1.0, 3.0):
+        monkeypatch.setattr(prediction, "probe", lambda factor=factor: factor * PROBE_SECONDS)
+        costs.append(predict(uses, size))
+    seconds, mib = ([cost.kernels[0][key] for cost in costs] for key in ("seconds", "mib"))
+    assert math.isclose(seconds[1], 3 * seconds[0]) and mib[0] == mib[1]
+
+
+def test_options_change_what_is_predicted():
+    size = InputSize("surface", 10_000, edge_length=0.1)
+
+    def names(command, **options):
+        return [use.kernel for use in kernels_of(command, options, size)]
+
+    assert names("laplacian", eigen=8) == ["laplacian", "laplacian eigen"]
+    assert names("laplacian", eigen=9)[-1] == "laplacian eigenpair"
+    assert names("delaunay", refine=25.0, overlay="x") == ["delaunay", "delaunay refine", "delaunay overlay"]
+    *_, ball, further = kernels_of("curvature", {"scheme": "quadric", "radius": 0.5}, size)
+    assert further.kernel == "curvature further results"
+    noise = Use("curvature noise", NOISY_SECONDS_SHARE, added=NOISY_MEMORY_SHARE)
+    assert kernels_of("curvature", {"scheme": "cotan"}, size, full=False) == [noise, Use("curvature cotan")]
+    assert ball.kernel == "curvature quadric radius" and math.isclose(ball.times, 25)
+    loaded = InputSize("surface", 10_000, steps=11)
+    rest = kernels_of("shell-sim", {"integrator": "static"}, loaded)[1:]
+    assert [use.times for use in rest] == [ITERATIONS_TO_REST, 10 * ITERATIONS_PER_LOAD_STEP]
+    assert kernels_of("shell-sim", {"integrator": "static"}, replace(loaded, steps=1))[1:] == rest[:1]
+    analysed = kernels_of("shell-sim", {"modes": 20}, replace(loaded, steps=0))
+    assert analysed == [Use("shell-sim"), Use("shell-sim modes", 2)]
+    many = kernels_of("geodesic", {"method": "heat", "source": [1, 2], "each_source": True}, size)
+    assert many[-1] == Use("geodesic heat solve", 2)
+
+
+def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
+    def seconds(command, steps=None, adaptive=False, **options):
+        kind = "curve" if command == "curve-flow" else "surface"
+        size = InputSize(kind, 50_000, steps=steps, adaptive=adaptive)
+        cost = predict(kernels_of(command, options, size), size)
+        return (cost.seconds_range[0], cost.seconds, cost.seconds_range[1]), cost.kernels[-1]
+
+    for known in (seconds("geodesic"), seconds("willmore-flow", 5, step=1e-6), seconds("fluid-sim", 5)):
+        assert len(set(known[0])) == 1 and "times_range" not in known[1]
+    for unknown in (
+        seconds("shell-sim", 1, integrator="static"),
+        seconds("willmore-flow"),
+        seconds("willmore-flow", 5),
+        seconds("curve-flow"),
+        seconds("shell-sim", 5, contact=True),
+        seconds("delaunay", refine=25.0),
+    ):
+        assert unknown[0][0] < unknown[0][1] < unknown[0][2]
+        assert unknown[1]["times_range"][0] < unknown[1]["times"] < unknown[1]["times_range"][1]
+    cost, step = seconds("fluid-sim", 5, adaptive=True)
+    assert step["times"] == 5 and cost[1] < cost[2]
+
+
+def test_the_range_of_seconds_is_printed_where_it_is_wide():
+    facts = {"peak_mib": 1.0, "available_mib": 9.0, "seconds": 10.0}
+    assert prediction.as_text({**facts, "seconds_range": [9.0, 12.0]})[1].endswith("10 s")
+    assert "(1 to 50 s:" in prediction.as_text({**facts, "seconds_range": [1.0, 50.0]})[1]
+
+
+def test_a_mesh_of_many_parts_needs_smaller_factors_than_one_part():
+    def mib(component, kernel="shell-sim implicit step"):
+        size = InputSize("surface", 100_000, component_elements=component)
+        return predict([Use(kernel)], size).kernels[0]["mib"]
+
+    assert mib(4) < 0.6 * mib(100_000) and mib(None) == mib(100_000) < mib(10**6)
+    assert mib(4, "shell-sim") == mib(None, "shell-sim")
