@@ -11,6 +11,7 @@ from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 OPERATOR = laplace_operator(shapes.icosphere(2))
 PAIRS = spectrum(OPERATOR, 9)
@@ -62,6 +63,16 @@ def test_a_vertex_starts_with_a_function_of_integral_one():
     assert np.count_nonzero(result.evolution_frames[0].values) == 1
 
 
+@pytest.mark.parametrize("equation", ["heat", "wave"])
+def test_vertices_of_no_face_hold_zero_and_change_nothing(equation):
+    mesh = shapes.icosphere(1)
+    loose = TriangleMesh.from_arrays(np.vstack((np.full(3, 9.0), mesh.points)), mesh.faces + 1)
+    times = EvolutionTimes(0.1, 4, 4)
+    expected = solve_evolution(laplace_operator(mesh), equation, 5, times).evolution_frames[-1].values
+    values = solve_evolution(laplace_operator(loose), equation, 6, times).evolution_frames[-1].values
+    assert values[0] == 0.0 and np.abs(values[1:] - expected).max() < 1e-12
+
+
 def test_evolutions_that_do_not_exist_are_refused():
     times = EvolutionTimes(1.0, 2, 1)
     with pytest.raises(ParameterError, match="shape"):
@@ -74,6 +85,8 @@ def test_evolutions_that_do_not_exist_are_refused():
         solve_evolution(OPERATOR, "diffusion", 0, times)
     with pytest.raises(ParameterError, match="steps are more than"):
         EvolutionTimes.of(1.0, 1e-9, None)
+    with pytest.raises(ParameterError, match="2 is longer than the duration of 1; give 1 or less"):
+        EvolutionTimes.of(1.0, 2.0, None)
 
 
 @pytest.fixture
@@ -110,6 +123,10 @@ def test_the_command_writes_all_frames_to_a_trajectory_and_the_last_to_a_mesh(sp
         (("--heat", "bump", "--duration", 1, "--eigen", 3), "--heat: is a run of its own"),
         (("--heat", "bump", "--duration", 1, "--matrix", "L.npz"), "--heat: is a run of its own"),
         (("--heat", "nothing", "--duration", 1), "no array 'nothing'"),
+        (
+            ("--heat", 3, "--duration", 1, "--dt", 2),
+            "--dt: 2 is longer than the duration of 1; give 1 or less",
+        ),
         (("--wave", 99999, "--duration", 1), "--wave: vertex 99999 is outside"),
     ],
 )

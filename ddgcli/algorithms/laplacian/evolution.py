@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -73,10 +73,15 @@ class EvolutionTimes:
         Raises
         ------
         ParameterError
-            Without a duration, or with too many steps.
+            Without a duration, with a step longer than it, or with too many steps.
         """
         if duration is None:
             raise ParameterError("give the time to evolve with `duration=TIME`", parameter="duration")
+        if step is not None and step > duration * (1 + 1e-9):
+            raise ParameterError(
+                f"{step:g} is longer than the duration of {duration:g}; give {duration:g} or less",
+                parameter="time_step",
+            )
         count = DEFAULT_STEPS if step is None else max(1, math.ceil(duration / step - 1e-9))
         if count > MAX_STEPS:
             raise ParameterError(
@@ -101,7 +106,7 @@ def evolve_function(
     Yields
     ------
     EvolutionFrame
-        The first at time 0, the last at the duration.
+        The first at time 0, the last at the duration; 0 at vertices of no cell.
 
     Notes
     -----
@@ -109,14 +114,18 @@ def evolve_function(
     variational and of second order; it keeps the energy and the integral of a function at rest. Each needs
     one factorisation.
     """
-    L, M = csc_array(operator.stiffness), csc_array(operator.mass)
-    u = checked_start(start, L.shape[0], equation)
+    n = operator.stiffness.shape[0]
+    start = checked_start(start, n, equation)
+    vertices = operator.referenced_vertices  # rows of others are empty: no equation holds there
+    L, M = (csc_array(matrix)[:, vertices][vertices] for matrix in (operator.stiffness, operator.mass))
+    u = start[vertices]
     dt = times.duration / times.steps
     advance = _heat_step(L, M, dt) if equation == HEAT else _wave_step(L, M, dt)
     velocity = None if equation == HEAT else np.zeros_like(u)
     for step in range(times.steps + 1):
         if step % times.every == 0 or step == times.steps:
-            yield _evolution_frame(L, M, step, step * dt, u, velocity)
+            evolution_frame = _evolution_frame(L, M, step, step * dt, u, velocity)
+            yield evolution_frame if len(vertices) == n else _on_all_vertices(evolution_frame, vertices, n)
         if step < times.steps:
             u, velocity = advance(u, velocity)
 
@@ -166,6 +175,18 @@ def _evolution_frame(
     total = float((M @ u).sum())
     scalar = {"total": total, "min": float(u.min()), "max": float(u.max()), "energy": energy}
     return EvolutionFrame(step, time, u, velocity, scalar)
+
+
+def _on_all_vertices(evolution_frame: EvolutionFrame, vertices: NDArray, n: int) -> EvolutionFrame:
+    """A function on some vertices as one on all n; 0 elsewhere."""
+
+    def spread(values: NDArray) -> NDArray[np.float64]:
+        whole = np.zeros(n)
+        whole[vertices] = values
+        return whole
+
+    velocity = None if evolution_frame.velocity is None else spread(evolution_frame.velocity)
+    return replace(evolution_frame, values=spread(evolution_frame.values), velocity=velocity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +287,9 @@ def _unit_at(operator: LaplaceOperator, vertex: int, equation: str) -> NDArray[n
     if equation == HEAT:
         return start
     # waves as short as an edge travel too slowly: the bump spreads over some edges first
-    L, M = csc_array(operator.stiffness), csc_array(operator.mass)
-    time = BUMP_TIME * float((M @ np.ones(n)).mean()) ** (2.0 / operator.dimension)
+    vertices = operator.referenced_vertices
+    L, M = (csc_array(matrix)[:, vertices][vertices] for matrix in (operator.stiffness, operator.mass))
+    time = BUMP_TIME * float((M @ np.ones(len(vertices))).mean()) ** (2.0 / operator.dimension)
     factor = Factor(csc_array(M + time * L))
-    return np.asarray(factor.solve(M @ factor.solve(M @ start)))
+    start[vertices] = factor.solve(M @ factor.solve(M @ start[vertices]))
+    return start
