@@ -221,7 +221,7 @@ def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> 
     labels = {name: [_parameter_values(row) for row in line] for name, line in lines.items()}
     ringed = {name: [k for k, row in enumerate(line) if row.on_front] for name, line in lines.items()}
     best = sorted((r.total_seconds, max(r.error(norm), floor)) for r in rows if r.on_front)
-    pareto_front = ([x for x, _ in best], [y for _, y in best])
+    pareto_front = ([x for x, _ in best], [y for _, y in best]) if best else None
     return {"series": series, "labels": labels, "ringed": ringed, "pareto_front": pareto_front}
 
 

@@ -20,6 +20,7 @@ from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.models.willmore import setup
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
+from ddgcli.tradeoff import pareto
 from ddgcli.tradeoff.candidates import relative_to_largest, relative_to_rms
 from ddgcli.tradeoff.problems import curvature, delaunay, geodesic, laplacian, simulate, willmore_flow
 from ddgcli.tradeoff.richardson import remaining_error
@@ -185,6 +186,14 @@ def test_within_prints_the_command_and_misses_are_exit_1(sphere, run, summary):
     miss = run("tradeoff", "laplacian", sphere, "--truth", "sphere:1", "--within", "1e-9", "--repeat", 1)
     assert miss.exit_code == 1 and "no row is within" in miss.stdout
     assert miss.stdout.startswith("tradeoff laplacian ")
+
+
+def test_a_table_without_a_verdict_names_the_option_and_draws_no_front(sphere, tmp_path, run, monkeypatch):
+    monkeypatch.setattr(pareto, "_no_ranking", lambda *_: "not known; use `error=time`")
+    words = ("tradeoff", "geodesic", sphere, "--source", 0, "--repeat", 1, "--plot", tmp_path / "a.svg")
+    assert "no verdict possible: not known; use --error time\n" in run(*words).stdout
+    picture = (tmp_path / "a.svg").read_text()
+    assert "No Pareto front" in picture and "<!-- front -->" not in picture
 
 
 def test_rows_and_summary_are_written_to_files(sphere, tmp_path, summary):

@@ -21,7 +21,7 @@ from ddgcli.tradeoff.measure import run_problem
 from ddgcli.tradeoff.pareto import assign_verdicts, break_even
 from ddgcli.tradeoff.problems import simulate, willmore_flow
 from ddgcli.tradeoff.refinement import prolonged, refined_scene, smoothly_subdivided
-from ddgcli.tradeoff.report import mesh_bound_methods
+from ddgcli.tradeoff.report import chart_of, mesh_bound_methods
 from ddgcli.tradeoff.richardson import mesh_limit
 
 STEADY = """
@@ -87,6 +87,8 @@ def test_steps_that_the_mesh_error_hides_are_not_told_apart():
     assert "differ by at most" in table.undecided
     assert {row.verdict.split(";")[0] for row in table.rows} == {"no verdict possible"}
     assert not any(row.on_front for row in table.rows)
+    chart = chart_of(table.rows, "max", None, 0.0)
+    assert chart["pareto_front"] is None and not any(chart["ringed"].values())
 
 
 def test_the_mesh_error_of_a_shell_covers_a_finer_mesh_and_its_models_are_rows():

@@ -20,6 +20,7 @@ from ddgcli.cli.commands.tradeoff_options import (
 )
 from ddgcli.cli.forecast.check_cost import dry_run_of
 from ddgcli.cli.options import CommonOptions
+from ddgcli.cli.parameters import option_names, with_option_names
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
@@ -158,6 +159,7 @@ def command(
     progress = run.progress("tradeoff")
     table = run_problem(problem, repeat=repeat, budget=budget, began=run.clock.began, progress=progress)
     cheapest = assign_verdicts(table, within, norm)
+    table.undecided = with_option_names(table.undecided, option_names(click.get_current_context().command))
     results = results_of(
         table, problem, partial(row_command, compared, call), cheapest=cheapest, within=within, norm=norm
     )
@@ -284,6 +286,8 @@ def draw(
     from ddgcli.plots.chart import draw_chart
     from ddgcli.tradeoff.report import chart_of
 
+    any_on_front = any(row.on_front for row in table.rows)
+    remark = "Rings: Pareto front." if any_on_front else f"No Pareto front: {results['undecided']}."
     draw_chart(
         path,
         **chart_of(table.rows, results["norm"], within, results["reference_uncertainty"] or 0.0),
@@ -292,5 +296,5 @@ def draw(
         ylabel=f"{'largest' if results['norm'] == 'max' else 'mean'} error, relative",
         log="xy",
         caption=f"Errors relative to {results['error_scale']}. Reference: {results['reference']}. "
-        f"Rings: Pareto front.\n{results['machine']}",
+        f"{remark}\n{results['machine']}",
     )
