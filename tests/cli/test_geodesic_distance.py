@@ -191,6 +191,16 @@ def test_unreachable_components_are_named(islands, summary, tmp_path, method):
     assert np.isinf(np.load(out)["geodesic_distance"]).sum() == 163
 
 
+def test_a_soup_has_one_warning_of_all_its_unreached_components(summary, tmp_path):
+    points = np.random.default_rng(2).normal(size=(30, 3))
+    path = tmp_path / "soup.ply"
+    write_mesh(str(path), AnnotatedMesh(TriangleMesh.from_arrays(points, np.arange(30).reshape(-1, 3))))
+    assert summary("geodesic", path, "--source", 4)["warnings"] == [
+        "9 components (27 vertices; first: component 0, vertex 0) are not reached by any source; "
+        "their distance is inf"
+    ]
+
+
 @pytest.mark.parametrize(
     "words, message",
     [

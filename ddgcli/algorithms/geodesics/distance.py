@@ -353,7 +353,7 @@ def distance_gradient(mesh: TriangleMesh, distance: NDArray) -> NDArray[np.float
 
 
 def report_unreachable(mesh: SurfaceMesh, distance: NDArray) -> int:
-    """Count the vertices at distance inf, and name their components in a warning."""
+    """Count the vertices at distance inf, and name their component, or the first of several, in a warning."""
     unreached = np.isinf(distance)
     count = int(unreached.sum())
     if not count:
@@ -362,14 +362,16 @@ def report_unreachable(mesh: SurfaceMesh, distance: NDArray) -> int:
     numbers, first, sizes = np.unique(component[unreached], return_index=True, return_counts=True)
     first = np.flatnonzero(unreached)[first]
     named = numbers >= 0
-    for number, vertex, size in list(zip(numbers[named], first[named], sizes[named]))[:5]:
+    if named.sum() == 1:
         log.warning(
-            f"component {number} ({size} vertices, first: vertex {vertex}) is not reached by any source; "
-            "its distance is inf"
+            f"component {numbers[named][0]} ({sizes[named][0]} vertices, first: vertex {first[named][0]}) "
+            "is not reached by any source; its distance is inf"
         )
-    if named.sum() > 5:
-        rest = int(sizes[named][5:].sum())
-        log.warning(f"{int(named.sum()) - 5} more components ({rest} vertices) are not reached")
+    elif named.any():
+        log.warning(
+            f"{named.sum()} components ({sizes[named].sum()} vertices; first: component {numbers[named][0]}, "
+            f"vertex {first[named][0]}) are not reached by any source; their distance is inf"
+        )
     if not named.all():
         log.warning(f"{int(sizes[~named].sum())} vertices belong to no face; their distance is inf")
     return count
