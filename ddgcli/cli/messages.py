@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -32,7 +33,9 @@ class MessageHandler(logging.Handler):
         self.verbose, self.quiet = verbose, quiet
 
     def emit(self, record: logging.LogRecord) -> None:
+        context = click.get_current_context(silent=True)
         message = with_option_names(record.getMessage(), self.options)
+        message = with_repair_of_input(message, {} if context is None else context.meta)
         if record.levelno >= logging.WARNING and record.name != "py.warnings":
             of_input = message.removeprefix(f"{getattr(record, 'row_label', '')}: ")
             if not {message, of_input} & set(self.warnings):
@@ -65,6 +68,12 @@ def _from_here(path: str) -> str:
     return str(place.relative_to(here) if place.is_relative_to(here) else place)
 
 
+def with_repair_of_input(message: str, meta: Mapping[str, Any]) -> str:
+    """The message with the repair that it names as a command on the input mesh of a run, from its context."""
+    holds_tetrahedra = meta.get("ddgcli.tetrahedra", False)
+    return with_repair_command(message, meta.get("ddgcli.mesh", ()), tetrahedra=holds_tetrahedra)
+
+
 def error_line(error: DdgError, context: click.Context) -> str:
     """Message of an error with option names and, if it names no file, after the name of the input."""
     message = error_text(error, context.meta.get("ddgcli.options", {}))
@@ -72,8 +81,7 @@ def error_line(error: DdgError, context: click.Context) -> str:
     if mesh:
         message = with_repair_command(message, (_from_here(mesh),))
     else:
-        holds_tetrahedra = meta.get("ddgcli.tetrahedra", False)
-        message = with_repair_command(message, meta.get("ddgcli.mesh", ()), tetrahedra=holds_tetrahedra)
+        message = with_repair_of_input(message, meta)
     path = context.meta.get("ddgcli.input")
     if path and not isinstance(error, (OutputError, MissingExtraError)) and not message.startswith(path):
         return f"{path}: {message}"

@@ -16,10 +16,10 @@ import click
 from ddgcli import __version__
 from ddgcli.cli.clock import RunClock
 from ddgcli.cli.input_facts import input_facts
-from ddgcli.cli.messages import MessageHandler
+from ddgcli.cli.messages import MessageHandler, with_repair_of_input
 from ddgcli.cli.options import CommonOptions, named_array, page_size
 from ddgcli.cli.output_checks import check_mesh, check_outputs, check_picture
-from ddgcli.cli.parameters import option_names, with_repair_command
+from ddgcli.cli.parameters import option_names
 from ddgcli.cli.progress import Progress
 from ddgcli.cli.summary import plain, print_summary
 from ddgcli.errors import MeshError, OutputError
@@ -197,7 +197,7 @@ class Run:
             source = subdivided_input(source, subdivide)
         self._source = source
         self.input = {"path": path, **input_facts(source.mesh)}
-        if self.input.get("faces") and self.input["genus"] is None:
+        if self.command == "info" and self.input.get("faces") and self.input["genus"] is None:
             log.warning("genus is null: the surface is not an orientable manifold")
         from ddgcli.cli.forecast.check_cost import size_of
 
@@ -258,12 +258,7 @@ class Run:
 
     def with_commands(self, messages: Mapping[str, str]) -> dict[str, str]:
         """Messages about the input mesh with the repair that each names as a command."""
-        meta = self._context.meta
-        mesh, tetrahedra = meta.get("ddgcli.mesh", ()), meta.get("ddgcli.tetrahedra", False)
-        return {
-            name: with_repair_command(message, mesh, tetrahedra=tetrahedra)
-            for name, message in messages.items()
-        }
+        return {name: with_repair_of_input(message, self._context.meta) for name, message in messages.items()}
 
     @property
     def metadata(self) -> dict[str, Any]:

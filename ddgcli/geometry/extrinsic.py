@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import angle_of, cone_volume, cross, ratio, unit_vectors
 
+FOLD_TOLERANCE = 1e-7  # radians from pi at which the side of a fold is rounding
 EDGES_PER_BLOCK = 16_384  # edges handled at once: the working arrays stay in the cache
 
 
@@ -29,6 +30,11 @@ def enclosed_volume(mesh: TriangleMesh) -> float:
     columns = np.ascontiguousarray((mesh.points - mesh.points.mean(axis=0)).T)
     corners = (columns.take(corner, axis=1) for corner in np.ascontiguousarray(mesh.faces.T))
     return float(cone_volume(*corners).sum())
+
+
+def folded_edges(dihedral: NDArray) -> NDArray[np.int64]:
+    """Edges whose (e,) dihedral angle is 180 degrees, so that one face lies on the other."""
+    return np.flatnonzero(np.abs(dihedral) > np.pi - FOLD_TOLERANCE)
 
 
 def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray[np.float64]:

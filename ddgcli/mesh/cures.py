@@ -21,6 +21,7 @@ CURES = {
     "one side": ("cut it open", "cut_to_disk"),
     "boundary": ("fill the holes", "fill_holes"),
     "no area": ("remove such faces", "drop_degenerate"),
+    "folds": ("remove or part them", "drop_degenerate split_folds"),
     "repeated vertex": ("remove such faces", "drop_degenerate"),
     "components": ("keep the largest", "largest"),
     "no boundary": ("cut it open", "cut_to_disk"),

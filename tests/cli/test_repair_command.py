@@ -36,6 +36,13 @@ def test_a_surface_that_a_command_refuses_is_accepted_after_repair(run, summary,
     assert np.array_equal(repaired.surface.points, original.points[repaired.vertex["input_vertex"]])
 
 
+def test_a_null_genus_is_a_warning_of_info_alone(summary, moebius):
+    warning = "genus is null: the surface is not an orientable manifold"
+    assert warning in summary("info", moebius)["warnings"]
+    report = summary("laplacian", moebius, "--eigen", 2)
+    assert report["input"]["genus"] is None and warning not in report["warnings"]
+
+
 def test_filled_faces_are_marked(summary, bad, tmp_path):
     out = tmp_path / "closed.npz"
     words = ("--split-fans", "--orient", "--largest", "--fill-holes", "10", "--drop-unused")

@@ -5,6 +5,7 @@ import pytest
 
 from ddgcli.algorithms.repair.pipeline import RepairSteps, repair_mesh, steps_for
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh import repair, shapes
 from ddgcli.mesh.require import unmet_need
@@ -82,6 +83,25 @@ def test_split_fans_ends_on_random_soups_of_few_vertices():
         repaired, _ = repair_mesh(mesh, RepairSteps(split_fans=True, orient=True))
         assert repaired.mesh.topology.is_manifold
         assert np.isclose(area(repaired.mesh), area(mesh))
+
+
+def test_split_folds_parts_the_sheets_of_a_folded_strip_and_of_a_face_that_lies_on_others():
+    strip = shapes.grid(7, 3)
+    points = strip.points.copy()
+    points[:, 0] = np.where(points[:, 0] > points[12, 0], 2 * points[12, 0] - points[:, 0], points[:, 0])
+    folded = TriangleMesh.from_arrays(points, strip.faces)
+    repaired, changes = repair_mesh(folded, RepairSteps(split_folds=True))
+    assert changes == {"split_folds": 4} and repaired.mesh.topology.n_components == 2
+    assert np.array_equal(repaired.mesh.points, points[repaired.input_vertex])
+    assert not repair_mesh(shapes.icosphere(1), RepairSteps(split_folds=True))[1]["split_folds"]
+    # one edge inside a surface: its faces also meet around both ends
+    flat = shapes.grid(4, 4)
+    points = flat.points.copy()
+    points[12] = 0.5 * (points[6] + points[7]) + 1.3 * (points[6] - points[11])
+    flipped = TriangleMesh.from_arrays(points, flat.faces)
+    assert len(folded_edges(dihedral_angle(flipped)))
+    repaired, _ = repair_mesh(flipped, RepairSteps(split_folds=True))
+    assert not len(folded_edges(dihedral_angle(repaired.mesh))) and repaired.mesh.n_faces == flat.n_faces
 
 
 def test_degenerate_duplicate_and_unused_parts_are_dropped():

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -210,4 +211,9 @@ def test_violated_balances_are_reported_and_end_with_exit_one(run, tmp_path, see
     summary = json.loads(result.stdout)
     assert result.exit_code == 1
     assert summary["accuracy"]["force_balance_residual"] > 1e-3
-    assert any(warning.startswith("force_balance_residual is") for warning in summary["warnings"])
+    warning = next(text for text in summary["warnings"] if text.startswith("force_balance_residual is"))
+    words = shlex.split(warning[warning.index("ddgcli repair") :])
+    assert words[2] == str(tmp_path / "bad.npz") and words[-2] == "-o"
+    repaired = tmp_path / "repaired.npz"
+    assert run("repair", *words[2:-1], repaired).exit_code == 0
+    assert run("curvature", repaired).exit_code == 0  # the cure works

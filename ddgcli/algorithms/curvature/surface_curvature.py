@@ -30,6 +30,7 @@ from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.residual_gate import within_residuals
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.require import require, surely_has_area
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio
@@ -150,7 +151,8 @@ def measure_curvature(
         results |= totals.nonconformality(surface.faces, image)
     results |= _statistics(vertex, edge, mesh)
     accuracy = _accuracy(surface)
-    advice = "faces without area or folded onto others leave curvatures undetermined; repair the mesh"
+    remedy = cure("folds")
+    advice = f"faces without area or folded onto others leave curvatures undetermined; {remedy}"
     converged = within_residuals(accuracy, tuple(accuracy), advice)
     return CurvatureResult(vertex, edge, results, accuracy, converged)
 

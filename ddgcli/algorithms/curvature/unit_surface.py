@@ -14,7 +14,7 @@ from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.one_sided import double_covered
 from ddgcli.errors import MeshError
-from ddgcli.geometry.extrinsic import dihedral_angle
+from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.repair import reverse_faces
 from ddgcli.mesh.require import check_size
@@ -25,7 +25,6 @@ from ddgcli.mesh.vectors import bounding_box
 _log = logging.getLogger("ddgcli")
 
 VOLUME_ROUNDING = 1e-13  # of the volume at unit size, over the area: two coincident sheets enclose none
-FOLD_TOLERANCE = 1e-7  # radians from pi at which the side of a fold is rounding
 
 TWO_SIDED_SCHEMES = ("normal-cycle", "corrected", "normal-voting")
 
@@ -106,7 +105,7 @@ def _measures(faces: Faces, topology: Topology) -> list[NDArray[np.float64]]:
 
 
 def _warn_of_folds(surface: UnitSurface) -> None:
-    folded = np.flatnonzero(np.abs(surface.dihedral) > np.pi - FOLD_TOLERANCE)
+    folded = folded_edges(surface.dihedral)
     if len(folded):
         _log.warning(
             "%d edges are folded by 180 degrees (first: vertices %d-%d): whether such a fold is convex is "

@@ -26,7 +26,7 @@ class RepairSteps:
     ----------
     weld : float, optional
         Merge vertices whose distance is at most this (length units; 0: equal positions).
-    drop_degenerate, drop_duplicates, largest, split_fans, orient : bool
+    drop_degenerate, drop_duplicates, largest, split_fans, orient, split_folds : bool
     fill_holes : int, optional
         Fill boundary loops of at most so many edges.
     cut_to_disk : bool
@@ -39,6 +39,7 @@ class RepairSteps:
     largest: bool = False
     split_fans: bool = False
     orient: bool = False
+    split_folds: bool = False
     fill_holes: int | None = None
     cut_to_disk: bool = False
     drop_unused: bool = False
@@ -80,6 +81,7 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
         ("largest", chosen_steps.largest, steps.keep_largest),
         ("split_fans", chosen_steps.split_fans, steps.split_fans),
         ("orient", chosen_steps.orient, steps.orient),
+        ("split_folds", chosen_steps.split_folds, steps.split_folds),
         (
             "fill_holes",
             chosen_steps.fill_holes is not None,

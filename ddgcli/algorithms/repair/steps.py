@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
+from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.repair import merged_points, reverse_faces
@@ -149,12 +150,28 @@ def split_fans(repaired: RepairedMesh) -> RepairedMesh:
         topology = repaired.mesh.topology
         if len(topology.nonmanifold_edges) == 0:
             break
-        ends = np.zeros(repaired.mesh.n_vertices, dtype=bool)
-        ends[topology.edges[topology.nonmanifold_edges, 0]] = True
-        low, high = topology.edges.T
-        repaired = separated(repaired, ~(ends[low] | ends[high]))
+        repaired = _separated_at(repaired, topology.edges[topology.nonmanifold_edges, 0])
         changes += repaired.changes
     return RepairedMesh(repaired.mesh, repaired.input_vertex, repaired.input_face, changes)
+
+
+def split_folds(repaired: RepairedMesh) -> RepairedMesh:
+    """Part the faces at edges that are folded by 180 degrees, so that each sheet has a boundary there."""
+    folded = folded_edges(dihedral_angle(repaired.mesh))
+    repaired = separated(repaired, ~np.isin(np.arange(repaired.mesh.topology.n_edges), folded))
+    changes = repaired.changes
+    folded = folded_edges(dihedral_angle(repaired.mesh))
+    if len(folded):  # edges whose faces also meet around both ends
+        repaired = _separated_at(repaired, repaired.mesh.topology.edges[folded, 0])
+        changes += repaired.changes
+    return RepairedMesh(repaired.mesh, repaired.input_vertex, repaired.input_face, changes)
+
+
+def _separated_at(repaired: RepairedMesh, vertices: NDArray[np.int64]) -> RepairedMesh:
+    """The mesh with a copy of these vertices for each of their faces."""
+    is_end = np.zeros(repaired.mesh.n_vertices, dtype=bool)
+    is_end[vertices] = True
+    return separated(repaired, ~is_end[repaired.mesh.topology.edges].any(axis=1))
 
 
 def cut_to_disk(repaired: RepairedMesh) -> RepairedMesh:

@@ -30,6 +30,7 @@ from ddgcli.errors import ParameterError
     is_flag=True,
     help="One vertex for each fan of faces; edges of three or more faces are parted.",
 )
+@click.option("--split-folds", is_flag=True, help="Part the faces at edges folded by 180 degrees.")
 @click.option("--drop-degenerate", is_flag=True, help="Remove faces without area.")
 @click.option("--drop-duplicates", is_flag=True, help="Remove faces that occur twice.")
 @click.option("--drop-unused", is_flag=True, help="Remove vertices that no face uses.")
@@ -47,7 +48,8 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
     """Repair the surface MESH and write it with maps to the input.
 
     Every step has a flag; nothing else is changed. Steps run in this order: --weld, --drop-degenerate,
-    --drop-duplicates, --largest, --split-fans, --orient, --fill-holes, --cut-to-disk, --drop-unused.
+    --drop-duplicates, --largest, --split-fans, --orient, --split-folds, --fill-holes, --cut-to-disk,
+    --drop-unused.
 
     The output holds `input_vertex` and `input_face` (-1 for faces that fill a hole). `results.changes` counts
     what each step changed; `results.refused_by` names the commands that still refuse the surface, and why.
