@@ -1,12 +1,16 @@
 """Holes filled with patches that flow, and free boundaries."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 
 from benchmarks.common.submesh import submesh
 from ddgcli.algorithms.repair.patches import fill_loops
+from ddgcli.algorithms.repair.pipeline import RepairSteps, repair_mesh
+from ddgcli.algorithms.repair.steps import RepairedMesh, separated
+from ddgcli.errors import MeshError
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.boundary import boundary_vertex_loops
@@ -24,6 +28,33 @@ def ball_with_holes(level, top=0.8, bottom=-2.0):
     z = ball.points[ball.faces][..., 2]
     faces = ball.faces[~((z > top).all(axis=1) | (z < bottom).all(axis=1))]
     return submesh(ball, faces)
+
+
+def test_patches_that_would_fold_onto_the_surface_are_refused_with_a_cure_that_works():
+    holed = ball_with_holes(2)
+    apart = np.concatenate([holed.points, [[3.0, 0, 0], [4, 0, 0], [3, 1, 0]]])
+    triangle = TriangleMesh.from_arrays(
+        apart, np.concatenate([holed.faces, [holed.n_vertices + np.arange(3)]])
+    )
+    flat = shapes.grid(6, 6)
+    from_centre = np.abs(flat.points[flat.faces].mean(axis=1) - flat.points.mean(axis=0)).max(axis=1)
+    holes = submesh(flat, flat.faces[from_centre > 0.2 * np.ptp(flat.points[:, 0])])
+    for mesh, advice in [(triangle, "repair=largest"), (flat, "leave `fill` out"), (holes, "such as `fill=")]:
+        with pytest.raises(MeshError, match="1 boundary loops bound flat pieces") as error:
+            fill_loops(mesh)
+        assert advice in str(error.value)
+    closed = fill_loops(holes, int(re.search("fill=([0-9]+)", str(error.value))[1]))[0]
+    assert closed.topology.boundary_loops == 1
+    largest = repair_mesh(triangle, RepairSteps(largest=True, drop_unused=True))[0].mesh
+    assert fill_loops(largest)[0].topology.is_closed
+
+
+def test_a_loop_that_runs_back_along_itself_is_refused():
+    flat = shapes.grid(4, 4)
+    along = (flat.topology.edges == [[7, 12]]).all(axis=1) | (flat.topology.edges == [[12, 17]]).all(axis=1)
+    assert along.sum() == 2
+    with pytest.raises(MeshError, match="through vertex 7 runs back along itself"):
+        fill_loops(separated(RepairedMesh.unchanged(flat), ~along).mesh, 12)
 
 
 @pytest.mark.parametrize("level, top", [(2, 0.8), (3, 0.8), (3, 0.4)])

@@ -7,8 +7,10 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.boundary import boundary_vertex_loops
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -42,7 +44,7 @@ def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMes
     Raises
     ------
     MeshError, ParameterError
-        When there is no such loop.
+        When there is no such loop, or a loop encloses no area or bounds a flat piece.
     """
     require(mesh, "`fill`", manifold=True, oriented=True)
     loops = boundary_vertex_loops(mesh.topology)
@@ -58,12 +60,40 @@ def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMes
     n, points, faces = mesh.n_vertices, [mesh.points], [mesh.faces]
     for vertices in loops:
         inner, patch = _patch(mesh, vertices[::-1])
+        corners = np.concatenate([mesh.points[vertices[::-1]], inner])
+        if len(TriangleMesh.from_arrays(corners, patch).flat_faces):
+            raise MeshError(
+                f"the boundary loop through vertex {vertices[0]} runs back along itself: its patch has faces "
+                "without area; leave `fill` out, or name another loop by one of its vertices"
+            )
         numbers = np.concatenate([vertices[::-1], sum(map(len, points)) + np.arange(len(inner))])
         points.append(inner)
         faces.append(numbers[patch])
     all_points = np.concatenate(points)
     closed = TriangleMesh(all_points, Topology(np.concatenate(faces), len(all_points)))
+    _refuse_folded_patches(mesh, closed, loops)
     return closed, np.arange(len(all_points)) >= n
+
+
+def _refuse_folded_patches(mesh: TriangleMesh, closed: TriangleMesh, loops: list[NDArray]) -> None:
+    """Raise MeshError for a loop at all of whose edges its patch folds back onto a flat surface."""
+    folded = np.zeros(closed.n_vertices, dtype=np.int64)
+    np.add.at(folded, closed.topology.edges[folded_edges(dihedral_angle(closed))].ravel(), 1)
+    flat = [vertices for vertices in loops if (folded[vertices] > 1).all()]
+    if not flat:
+        return
+    component = mesh.topology.vertex_component
+    others = [vertices for vertices in loops if (folded[vertices] <= 1).any()]
+    if not others:
+        advice = "leave `fill` out"
+    elif {component[v[0]] for v in others} & {component[v[0]] for v in flat}:
+        advice = f"name another loop by one of its vertices, such as `fill={others[0][0]}`"
+    else:
+        advice = f"{cure('components')}, then fill its loops"
+    raise MeshError(
+        f"{len(flat)} boundary loops bound flat pieces, onto which their patches would fold (first: through "
+        f"vertex {flat[0][0]}); {advice}"
+    )
 
 
 def _patch(mesh: TriangleMesh, loop: NDArray) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
