@@ -15,7 +15,7 @@ import click
 
 from ddgcli.errors import ParameterError
 
-QUOTED_REPAIR = re.compile(r"`repair=([^`]*)`")
+QUOTED_REPAIR = re.compile(r"`repair(_cells)?=([^`]*)`")
 QUOTED_PARAMETER = re.compile(r"`([a-z]\w*)(?:=([^`]*))?`")
 
 
@@ -44,6 +44,8 @@ def with_option_names(message: str, names: Mapping[str, str]) -> str:
 def with_repair_command(message: str, mesh: Sequence[str] = (), *, tetrahedra: bool = False) -> str:
     """The message with quoted steps of a repair, `` `repair=orient fill_holes=9` ``, as a command.
 
+    Steps of `repair_cells` take tetrahedra as they are. A call of `ddgcli info MESH` names the mesh, too.
+
     Parameters
     ----------
     message : str
@@ -55,17 +57,18 @@ def with_repair_command(message: str, mesh: Sequence[str] = (), *, tetrahedra: b
     words = list(mesh) or ["MESH"]
     stem = "" if words[0] in ("MESH", "-") else f"{Path(words[0]).stem}-"
     words[0] = "MESH" if words[0] == "-" else words[0]
-    before = ""
-    if tetrahedra:
-        surface = f"{stem}surface.ply"
-        before, words = f"{shlex.join(['ddgcli', 'info', *words, '-o', surface])} && ", [surface]
+    message = message.replace("ddgcli info MESH ", f"{shlex.join(['ddgcli', 'info', *words])} ")
 
     def command(match: re.Match[str]) -> str:
-        steps = (step.partition("=") for step in match.group(1).split())
+        before, read, extension = "", words, ".vtu" if match.group(1) else ".ply"
+        if tetrahedra and not match.group(1):
+            surface = f"{stem}surface.ply"
+            before, read = f"{shlex.join(['ddgcli', 'info', *words, '-o', surface])} && ", [surface]
+        steps = (step.partition("=") for step in match.group(2).split())
         options = [
             word for name, _, value in steps for word in (f"--{name.replace('_', '-')}", value) if word
         ]
-        return before + shlex.join(["ddgcli", "repair", *words, *options, "-o", f"{stem}repaired.ply"])
+        return before + shlex.join(["ddgcli", "repair", *read, *options, "-o", f"{stem}repaired{extension}"])
 
     return QUOTED_REPAIR.sub(command, message)
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, face_area
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.require import no_area_error, refuse_flat_faces
 from ddgcli.mesh.tet_mesh import FLAT_VOLUME_TOLERANCE, TET_EDGES
 
@@ -97,7 +98,7 @@ def tetrahedron_metric(edge_length: NDArray) -> CellMetric:
     flat = np.flatnonzero(~(volume > FLAT_VOLUME_TOLERANCE))
     if len(flat):
         raise MeshError(
-            f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); correct their vertices"
+            f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); {cure('no volume')}"
         )
     inverse = np.linalg.inv(gram)
     product = np.zeros_like(squared)

@@ -1,7 +1,7 @@
 """Cures of defects of meshes, for the messages that refuse them.
 
 A cure names the steps of `repair_mesh` in back quotes, such as `` `repair=split_fans orient` ``; the command
-line writes them as a call of `ddgcli repair`.
+line writes them as a call of `ddgcli repair`. `` `repair_cells=orient` `` is a repair of tetrahedra.
 """
 
 from __future__ import annotations
@@ -22,11 +22,14 @@ CURES = {
     "boundary": ("fill the holes", "fill_holes"),
     "no area": ("remove such faces", "drop_degenerate"),
     "folds": ("remove or part them", "drop_degenerate split_folds"),
+    "no volume": ("remove such cells", "drop_degenerate"),
+    "inverted": ("exchange two corners of each", "orient"),
     "repeated vertex": ("remove such faces", "drop_degenerate"),
     "components": ("keep the largest", "largest"),
     "no boundary": ("cut it open", "cut_to_disk"),
     "handles": ("cut them open", "cut_to_disk"),
 }
+CELL_DEFECTS = ("no volume", "inverted")  # of tetrahedra, which the repair takes as they are
 STEPS_ON_MANIFOLDS = ("fill_holes", "cut_to_disk")
 
 
@@ -65,7 +68,8 @@ def with_repair(
             steps.append("split_fans")
         if oriented and step != "orient" and (len(topology.misoriented_edges) or "drop_duplicates" in steps):
             steps.append("orient")
-    return f"with `repair={' '.join(steps)}`"
+    keyword = "repair_cells" if defect in CELL_DEFECTS else "repair"
+    return f"with `{keyword}={' '.join(steps)}`"
 
 
 def _has_duplicates(topology: Topology) -> bool:

@@ -132,6 +132,8 @@ class Requirement:
         Arguments of `require` for the boundary of tetrahedra.
     area, every_area, volume : bool
         At least one face with area; every face with area; every tetrahedron with volume.
+    upright : bool
+        Every tetrahedron oriented positively.
     instead : str
         Why the command takes no mesh, or "".
     """
@@ -142,6 +144,7 @@ class Requirement:
     area: bool = False
     every_area: bool = False
     volume: bool = False
+    upright: bool = False
     instead: str = ""
 
 
@@ -151,7 +154,9 @@ REQUIREMENTS = {
     "info": Requirement(
         ("surface", "tetrahedra", "curve"), {"faces": False, "sized": False}, {"faces": False, "sized": False}
     ),
-    "repair": Requirement(surface={"faces": False, "sized": False}),
+    "repair": Requirement(
+        ("surface", "tetrahedra"), {"faces": False, "sized": False}, {"faces": False, "sized": False}
+    ),
     "curvature": Requirement(("surface", "tetrahedra", "curve"), area=True),
     "delaunay": Requirement(
         surface={"sized": False, "extent": True, "manifold_edges": True, "oriented": True, "one_sided": True},
@@ -164,7 +169,9 @@ REQUIREMENTS = {
     "dec": Requirement(("surface", "tetrahedra"), _MANIFOLD, {"faces": True}, every_area=True, volume=True),
     "geodesic": Requirement(surface={"sized": False}),
     "shell-sim": Requirement(every_area=True),
-    "fluid-sim": Requirement(surface=_MANIFOLD, every_area=True),
+    "fluid-sim": Requirement(
+        ("surface", "tetrahedra"), _MANIFOLD, {"faces": True}, every_area=True, volume=True, upright=True
+    ),
     "willmore-flow": Requirement(surface=_MANIFOLD, every_area=True),
     "curve-flow": Requirement(("curve",)),
     "tradeoff": Requirement(),
@@ -193,8 +200,9 @@ def kind_error(
     kind = kind_of(mesh)
     if kind in kinds:
         return None
-    cure = f"; ddgcli info {path} -o surface.ply writes their boundary" if kind == "tetrahedra" else ""
-    return f"holds {_PHRASE[kind]}; {verb} takes {' or '.join(_PHRASE[k] for k in kinds)}{cure}"
+    bounded = kind == "tetrahedra" and "surface" in kinds
+    advice = f"; ddgcli info {path} -o surface.ply writes their boundary" if bounded else ""
+    return f"holds {_PHRASE[kind]}; {verb} takes {' or '.join(_PHRASE[k] for k in kinds)}{advice}"
 
 
 def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
@@ -223,6 +231,9 @@ def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> N
     if isinstance(mesh, TetMesh):
         if requirement.volume:
             _require_volume(mesh)
+        if requirement.upright and (mesh.signed_volume < 0).any():
+            bad = np.flatnonzero(mesh.signed_volume < 0)
+            raise MeshError(f"{len(bad)} tetrahedra are inverted (first: {bad[0]}); {cure('inverted')}")
     elif isinstance(mesh, TriangleMesh) and requirement.every_area:
         refuse_flat_faces(mesh.flat_faces, mesh.topology, **requirement.surface)
 
@@ -270,5 +281,5 @@ def _require_volume(mesh: TetMesh) -> None:
     flat = mesh.flat_tetrahedra
     if len(flat):
         raise MeshError(
-            f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); correct their vertices"
+            f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); {cure('no volume')}"
         )

@@ -157,6 +157,41 @@ def test_the_boundary_of_tetrahedra_is_written_before_its_repair(run, tmp_path, 
     assert run("curvature", commands[-1].split()[-1], *call).exit_code == 0
 
 
+FORCE = ("--effect", "force acceleration=[0,0,1]", "--integrator", "energy", "--dt", "0.01", "--steps", "1")
+
+
+@pytest.mark.parametrize(
+    "last, words, text",
+    [
+        ([0, 1, 2, 3], ("laplacian",), "no volume"),
+        ([0, 1, 2, 3], ("fluid-sim", *FORCE), "no volume"),
+        ([2, 0, 3, 4], ("fluid-sim", *FORCE), "inverted"),
+    ],
+)
+def test_tetrahedra_are_cured_by_the_command_that_a_refusal_names(
+    run, summary, tmp_path, monkeypatch, last, words, text
+):
+    monkeypatch.chdir(tmp_path)
+    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1.0]]
+    np.savez("bad.npz", points=points, tetrahedra=[[0, 1, 2, 4], last])
+    refused = run(words[0], "bad.npz", *words[1:])
+    assert refused.exit_code == 2 and text in refused.stderr, refused.stderr
+    assert text in summary("info", "bad.npz")["results"]["accepts"][words[0]]
+    _, *repair = shlex.split(refused.stderr[refused.stderr.index("ddgcli repair") :])
+    changes = summary(*repair)["results"]["changes"]
+    assert list(changes.values()) == [1]
+    assert run(words[0], repair[-1], *words[1:]).exit_code == 0
+    assert summary("info", repair[-1])["results"]["accepts"][words[0]] == "yes"
+    mesh = read_mesh(repair[-1])
+    assert np.array_equal(mesh.face["input_cell"], np.arange(len(mesh.mesh.tetrahedra)))
+
+
+def test_steps_of_surfaces_are_refused_for_tetrahedra(run, tmp_path):
+    np.savez(tmp_path / "one.npz", points=np.eye(4, 3), tetrahedra=[[0, 1, 2, 3]])
+    result = run("repair", tmp_path / "one.npz", "--weld", "-o", tmp_path / "out.vtu")
+    assert result.exit_code == 2 and "--weld: is a step of surfaces" in result.stderr
+
+
 def test_a_scene_is_cured_by_the_command_for_its_mesh(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenes").mkdir()
@@ -204,5 +239,5 @@ def test_cures_name_steps_of_the_repair():
     from ddgcli.algorithms.repair.pipeline import RepairSteps
 
     for defect in CURES:
-        steps = re.search("`repair=(.*)`", cure(defect)).group(1).split()
+        steps = re.search("`repair(?:_cells)?=(.*)`", cure(defect)).group(1).split()
         assert all(hasattr(RepairSteps(), step) for step in steps), defect

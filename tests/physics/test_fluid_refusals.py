@@ -75,7 +75,7 @@ def test_inverted_tetrahedra_are_counted_the_first_is_named_and_the_cure_works()
     cells = np.array(box.tetrahedra)
     cells[[7, 9]] = cells[[7, 9]][:, [1, 0, 2, 3]]
     message = refusal(FORCE, mesh=TetMesh(box.points, cells))
-    assert "2 tetrahedra are inverted (first: 7); exchange two vertices of each" in message
+    assert "2 tetrahedra are inverted (first: 7); exchange two corners of each" in message
     cells = np.array(cells)
     cells[[7, 9]] = cells[[7, 9]][:, [0, 1, 3, 2]]
     run_fluid(FORCE, TIME, mesh=TetMesh(box.points, cells))

@@ -12,7 +12,8 @@ from ddgcli.algorithms.repair import steps
 from ddgcli.algorithms.repair.holes import fill_holes
 from ddgcli.algorithms.repair.steps import RepairedMesh
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.mesh.require import REQUIREMENTS, require, unmet_need
+from ddgcli.mesh.require import REQUIREMENTS, kind_of, require, unmet_need
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 MANIFOLD_STEPS = ("fill_holes", "cut_to_disk")
@@ -135,9 +136,10 @@ def _require_manifold(
         raise MeshError(f"`{parameter}`: {error}{advice}") from None
 
 
-def refusals(mesh: TriangleMesh) -> dict[str, str]:
-    """Why commands that take surfaces refuse the mesh, by command; empty where all accept it."""
-    reasons = {name: unmet_need(mesh, name) for name, need in REQUIREMENTS.items() if "surface" in need.kinds}
+def refusals(mesh: TriangleMesh | TetMesh) -> dict[str, str]:
+    """Why commands that take such meshes refuse this one, by command; empty where none does."""
+    kind = kind_of(mesh)
+    reasons = {name: unmet_need(mesh, name) for name, need in REQUIREMENTS.items() if kind in need.kinds}
     return {name: reason for name, reason in reasons.items() if reason is not None}
 
 

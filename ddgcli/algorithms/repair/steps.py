@@ -171,7 +171,8 @@ def _separated_at(repaired: RepairedMesh, vertices: NDArray[np.int64]) -> Repair
     """The mesh with a copy of these vertices for each of their faces."""
     is_end = np.zeros(repaired.mesh.n_vertices, dtype=bool)
     is_end[vertices] = True
-    return separated(repaired, ~is_end[repaired.mesh.topology.edges].any(axis=1))
+    low, high = repaired.mesh.topology.edges.T
+    return separated(repaired, ~(is_end[low] | is_end[high]))
 
 
 def cut_to_disk(repaired: RepairedMesh) -> RepairedMesh:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -12,6 +12,9 @@ from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.parameters import with_repair_command
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
+
+if TYPE_CHECKING:
+    from ddgcli.io.mesh_file import MeshInput
 
 
 @click.command("repair", short_help="Repair a surface: weld, split, orient, fill, cut.")
@@ -45,11 +48,13 @@ from ddgcli.errors import ParameterError
 @click.option("--for", "for_command", metavar="COMMAND", help="The steps that COMMAND needs.")
 @options.common
 def command(mesh_path: str, common: CommonOptions, for_command: str | None, **steps: Any) -> None:
-    """Repair the surface MESH and write it with maps to the input.
+    """Repair the surface MESH, or tetrahedra, and write it with maps to the input.
 
     Every step has a flag; nothing else is changed. Steps run in this order: --weld, --drop-degenerate,
     --drop-duplicates, --largest, --split-fans, --orient, --split-folds, --fill-holes, --cut-to-disk,
     --drop-unused.
+
+    Tetrahedra have --drop-degenerate, --orient (inverted cells) and --drop-unused.
 
     The output holds `input_vertex` and `input_face` (-1 for faces that fill a hole). `results.changes` counts
     what each step changed; `results.refused_by` names the commands that still refuse the surface, and why.
@@ -63,7 +68,10 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
     run = Run("repair", common, for_command=for_command, **steps)
     if for_command is not None and any(value is not None and value is not False for value in steps.values()):
         raise ParameterError("--for selects the steps; leave the other flags out")
-    source = run.read(mesh_path)
+    source = run.read(mesh_path, ("surface", "tetrahedra"))
+    if source.kind == "tetrahedra":
+        _repair_cells(run, source, for_command, steps)
+        return
     from ddgcli.algorithms.repair.pipeline import (
         RepairSteps,
         check_steps,
@@ -100,3 +108,35 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
     run.plot(lambda path: draw_array(path, repaired.mesh, name, values, **run.picture_options))
     results = {"changes": changes, "repaired": input_facts(repaired.mesh), "refused_by": refused_by}
     run.finish(results, {}, converged=accepted)
+
+
+def _repair_cells(run: Run, source: MeshInput, for_command: str | None, chosen: dict[str, Any]) -> None:
+    """Repair tetrahedra, and write them with maps to the input."""
+    from ddgcli.algorithms.repair.pipeline import RepairSteps, refusals
+    from ddgcli.algorithms.repair.solid import check_solid_steps, repair_solid
+    from ddgcli.mesh.fields import AnnotatedMesh
+    from ddgcli.mesh.tet_mesh import TetMesh
+    from ddgcli.plots.array import draw_array
+
+    steps = RepairSteps(drop_degenerate=True, orient=True) if for_command else RepairSteps(**chosen)
+    check_solid_steps(steps)
+    run.begin((*source.vertex, "input_vertex"), (*source.vertex, *source.face, "input_vertex", "input_cell"))
+    repaired = repair_solid(cast(TetMesh, source.mesh), steps)
+    vertex = {name: values[repaired.input_vertex] for name, values in source.vertex.items()}
+    cell = {name: values[repaired.input_cell] for name, values in source.face.items()}
+    annotated = AnnotatedMesh(
+        repaired.mesh,
+        vertex=vertex | {"input_vertex": repaired.input_vertex},
+        face=cell | {"input_cell": repaired.input_cell},
+    )
+    reasons = refusals(repaired.mesh)
+    written = run.common.outputs[:1]
+    refused_by = {
+        name: with_repair_command(reason, written, tetrahedra=True) for name, reason in reasons.items()
+    }
+    accepted = for_command is None or for_command not in reasons
+    run.write(annotated, converged=accepted)
+    name, values = run.picture_array(annotated.vertex, "input_vertex")
+    run.plot(lambda path: draw_array(path, repaired.mesh.boundary, name, values, **run.picture_options))
+    facts = {"repaired": input_facts(repaired.mesh), "refused_by": refused_by}
+    run.finish({"changes": repaired.changes, **facts}, {}, converged=accepted)

@@ -26,6 +26,7 @@ from scipy.sparse import coo_array, csr_array
 from ddgcli.errors import MeshError
 from ddgcli.linalg.constrain import Dirichlet, components
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.models.fluid.state import FluidState
@@ -42,16 +43,13 @@ def require_volume(mesh: TetMesh) -> None:
     """MeshError where cells are flat or inverted, or a face has more than two cells."""
     corner = mesh.points[mesh.tetrahedra]
     edge = np.linalg.norm(corner[:, :, None] - corner[:, None], axis=3).max(axis=(1, 2))
-    for bad, what, cure in (
-        (
-            mesh.signed_volume < -FLAT_CELL_TOLERANCE * edge**3,
-            "are inverted",
-            "exchange two vertices of each",
-        ),
-        (~(mesh.signed_volume > FLAT_CELL_TOLERANCE * edge**3), "have no volume", "remove them"),
+    for bad, what, defect in (
+        (mesh.signed_volume < -FLAT_CELL_TOLERANCE * edge**3, "are inverted", "inverted"),
+        (~(mesh.signed_volume > FLAT_CELL_TOLERANCE * edge**3), "have no volume", "no volume"),
     ):
         if bad.any():
-            raise MeshError(f"{int(bad.sum())} tetrahedra {what} (first: {np.flatnonzero(bad)[0]}); {cure}")
+            first = np.flatnonzero(bad)[0]
+            raise MeshError(f"{int(bad.sum())} tetrahedra {what} (first: {first}); {cure(defect)}")
     faces, count = np.unique(
         np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1), axis=0, return_counts=True
     )
