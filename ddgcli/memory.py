@@ -18,13 +18,22 @@ CGROUP_FILES = (
 )
 
 
-def available_memory() -> float:
+def available_memory(enough: float = float("inf")) -> float:
     """Bytes that this process can still take without swapping; inf where the system does not say.
 
     The least of the memory that the system can free, what is left of the limit of the container, and what is
-    left of `ulimit -v`. What the allocator keeps of freed arrays goes back to the system first.
+    left of `ulimit -v`. What the allocator keeps of freed arrays goes back to the system first, unless
+    `enough` bytes are available without it: the system clears the memory that it gives again.
     """
+    unused = _unused_memory()
+    if unused >= enough:
+        return unused
     release_freed_memory()
+    return _unused_memory()
+
+
+def _unused_memory() -> float:
+    """`available_memory` without what the allocator keeps of freed arrays."""
     limits = [float("inf")]
     free = _proc_value("/proc/meminfo", "MemAvailable:")
     if free is not None:

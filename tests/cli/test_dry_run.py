@@ -92,7 +92,7 @@ def test_frames_predict_by_the_number_of_frames(inputs, tmp_path, summary):
 
 
 def test_a_run_that_cannot_fit_is_refused_in_one_line_before_it_starts(inputs, tmp_path, run, monkeypatch):
-    monkeypatch.setattr(prediction, "available_memory", lambda: 0.1 * MIB)
+    monkeypatch.setattr(prediction, "available_memory", lambda enough=0: 0.1 * MIB)
     result = run("curvature", inputs["mesh"], "-o", tmp_path / "d.ply", "--dry-run")
     assert result.exit_code == 2 and result.stdout == ""
     assert result.stderr.startswith(f"Error: {inputs['mesh']}: curvature on 236 elements needs about")
@@ -108,7 +108,7 @@ def test_a_run_that_cannot_fit_is_refused_in_one_line_before_it_starts(inputs, t
 def test_a_scene_that_cannot_fit_is_refused_in_one_line_before_it_starts(
     call, inputs, tmp_path, run, monkeypatch
 ):
-    monkeypatch.setattr(prediction, "available_memory", lambda: 0.01 * MIB)
+    monkeypatch.setattr(prediction, "available_memory", lambda enough=0: 0.01 * MIB)
     # the process grows between the two runs, and the message says what is available
     monkeypatch.setattr(prediction, "resident_memory", lambda: (MIB, 2 * MIB))
     words = [*call.format(**inputs).split(), "--steps", 1, "-o", tmp_path / "a.vtkhdf"]
@@ -129,13 +129,13 @@ def test_shell_steps_whose_factors_do_not_fit_are_predicted_with_conjugate_gradi
     monkeypatch.setattr(prediction, "resident_memory", lambda: (100 * MIB, 100 * MIB))
 
     def kernel(mib):
-        monkeypatch.setattr(prediction, "available_memory", lambda: mib * MIB)
+        monkeypatch.setattr(prediction, "available_memory", lambda enough=0: mib * MIB)
         return facts_of(summary(*words))["kernels"][-1]
 
     direct, iterative = kernel(1e4), kernel(200)
     assert direct["kernel"] == "shell-sim implicit step" and direct["mib"] > 200
     assert iterative["kernel"] == "shell-sim iterative implicit step" and iterative["mib"] < 200
-    monkeypatch.setattr(prediction, "available_memory", lambda: 50 * MIB)
+    monkeypatch.setattr(prediction, "available_memory", lambda enough=0: 50 * MIB)
     monkeypatch.setattr(check_cost, "MIN_CHECKED_ELEMENTS", 1)
     refusal = run(*words[:-1])
     assert refusal.exit_code == 2 and "needs about" in refusal.stderr
@@ -144,7 +144,7 @@ def test_shell_steps_whose_factors_do_not_fit_are_predicted_with_conjugate_gradi
 
 
 def test_without_a_dry_run_only_large_inputs_are_checked(inputs, run, monkeypatch):
-    monkeypatch.setattr(prediction, "available_memory", lambda: 0.1 * MIB)
+    monkeypatch.setattr(prediction, "available_memory", lambda enough=0: 0.1 * MIB)
     assert run("info", inputs["mesh"]).exit_code == 0
     monkeypatch.setattr(check_cost, "MIN_CHECKED_ELEMENTS", 200)
     assert run("info", inputs["mesh"]).exit_code == 2

@@ -25,7 +25,7 @@ MIB = 2.0**20
 def test_memory_taken_after_a_prediction_counts_as_available(monkeypatch):
     size = InputSize("surface", 1000)
     cost = predict([Use("info")], size)
-    monkeypatch.setattr(prediction, "available_memory", lambda: 600 * MIB)
+    monkeypatch.setattr(prediction, "available_memory", lambda enough=0: 600 * MIB)
     monkeypatch.setattr(prediction, "resident_memory", lambda: (400 * MIB, 500 * MIB))
     assert prediction.as_results(cost, size)["available_mib"] == 1000.0
 

@@ -171,7 +171,8 @@ def probe() -> float:
 def fits(prediction: Prediction, certainly: bool = True) -> bool:
     """Whether a run fits into the available memory; not `certainly`: at the low end of its prediction."""
     further = prediction.peak_mib - prediction.read_mib
-    return further / (1.0 if certainly else 1 + UNCERTAINTY) <= available_memory() / MIB
+    required = further * MIB / (1.0 if certainly else 1 + UNCERTAINTY)
+    return required <= available_memory(enough=required)
 
 
 def refuse_without_memory(prediction: Prediction, what: str, cure: str) -> None:
