@@ -48,12 +48,21 @@ def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray
     normal : (m, 3) ndarray, optional
         Unit normals to use instead of `face_normal`, which is zero on faces without area.
     """
+    return dihedral_angle_and_length(mesh, normal)[0]
+
+
+def dihedral_angle_and_length(
+    mesh: TriangleMesh, normal: NDArray | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(e,) `dihedral_angle`, and (e,) lengths of the edges, in one pass."""
     topology = mesh.topology
     # column by column: gathering rows of three costs several times as much
     normals = np.ascontiguousarray((face_normal(mesh) if normal is None else normal).T)
     points, interior = np.ascontiguousarray(mesh.points.T), topology.interior_sides
     twin, sign, side_edge = topology.side_twin.ravel(), topology.side_sign.ravel(), topology.side_edge.ravel()
-    angle = np.zeros(topology.n_edges)
+    angle, edge_length = np.zeros(topology.n_edges), np.zeros(topology.n_edges)
+    others = np.flatnonzero(topology.edge_face_count != 2)
+    edge_length[others] = _vector_and_length(points, *topology.edges[others].T)[1]
     for begin in range(0, len(interior), EDGES_PER_BLOCK):
         side = interior[begin : begin + EDGES_PER_BLOCK]
         other = twin[side]
@@ -63,15 +72,22 @@ def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray
         if not topology.is_oriented:
             turned = np.where(sign[side] == sign[other], -1.0, 1.0)
             x1, y1, z1 = x1 * turned, y1 * turned, z1 * turned
-        tail, head = topology.side_tail[side], topology.side_head[side]
-        ex, ey, ez = (np.take(p, head) - np.take(p, tail) for p in points)
-        length = np.sqrt(ex * ex + ey * ey + ez * ez)
+        (ex, ey, ez), length = _vector_and_length(points, topology.side_tail[side], topology.side_head[side])
         volume = ex * (y0 * z1 - z0 * y1) + ey * (z0 * x1 - x0 * z1) + ez * (x0 * y1 - y0 * x1)
         sine = ratio(volume, length)
         cosine = x0 * x1 + y0 * y1 + z0 * z1
         cosine = np.where((sine == 0) & (cosine == 0), 1.0, cosine)  # beside a face without area
-        angle[side_edge[side]] = angle_of(sine, cosine)
-    return angle
+        edge = side_edge[side]
+        angle[edge], edge_length[edge] = angle_of(sine, cosine), length
+    return angle, edge_length
+
+
+def _vector_and_length(
+    points: NDArray, tail: NDArray, head: NDArray
+) -> tuple[list[NDArray], NDArray[np.float64]]:
+    """Components (k,) of the vectors between points (3, n), and (k,) their lengths."""
+    x, y, z = (np.take(p, head) - np.take(p, tail) for p in points)
+    return [x, y, z], np.sqrt(x * x + y * y + z * z)
 
 
 def hinge_bending(

@@ -180,7 +180,7 @@ class Topology:
     @cached_property
     def nonmanifold_vertices(self) -> NDArray[np.int64]:
         """Vertices whose faces form more than one fan around them (edges with 3+ faces join their fans)."""
-        if self._one_fan_each:
+        if self.first_corner is not None:
             return frozen(np.zeros(0, dtype=np.int64))
         fans = self.corner_fans
         vertex_of_fan = np.full(int(fans.max(initial=-1)) + 1, -1, dtype=np.int64)
@@ -191,7 +191,7 @@ class Topology:
     @cached_property
     def corner_fans(self) -> NDArray[np.int64]:
         """(m, 3) number of the fan (corners joined across shared edges) that holds corner k."""
-        if self._one_fan_each:
+        if self.first_corner is not None:
             corner, lowest = np.arange(3 * self.n_faces), np.zeros(self.n_vertices, dtype=np.int64)
             lowest[self.side_tail[::-1]] = corner[::-1]
             first = lowest[self.side_tail]
@@ -211,37 +211,42 @@ class Topology:
         return frozen(connected_labels(tail, head, n_corners)[1].reshape(-1, 3))
 
     @cached_property
-    def _one_fan_each(self) -> bool:
-        """Whether one rotation about each vertex visits all of its corners.
+    def first_corner(self) -> NDArray[np.int64] | None:
+        """(n,) corner (flat number) of each vertex from which rotation by `corner_after` visits all of them.
 
-        False also where rotation is not tried: on edges of three faces, surfaces without consistent
-        orientation, gluings, and vertices of very many faces.
+        None where rotation does not visit all corners of some vertex, and where it is not tried: on edges of
+        three faces, surfaces without consistent orientation, gluings, and vertices of very many faces. The
+        entries of vertices without a face have no meaning.
         """
         if self.gluing is not None or len(self.nonmanifold_edges) or not self.is_oriented:
-            return False
+            return None
         vertex, twin = self.side_tail, self.side_twin.ravel()
         n_corners = np.bincount(vertex, minlength=self.n_vertices)
         most = int(n_corners.max(initial=0))
         if most > MAX_ROTATION_STEPS:
-            return False
+            return None
         # a side starts at its corner's vertex; the side before it ends there, and its twin starts there
         after = np.empty_like(twin)
         after[1:] = twin[:-1]
         after[::3] = twin[2::3]
-        start = np.zeros(self.n_vertices, dtype=np.int64)
-        start[vertex] = np.arange(len(vertex))
+        first_corner = np.zeros(self.n_vertices, dtype=np.int64)
+        first_corner[vertex] = np.arange(len(vertex))
         # at a boundary the first corner is the one that no rotation leads to
         first = np.flatnonzero(twin < 0)
-        start[vertex[first]] = first
+        first_corner[vertex[first]] = first
         # vertices of most corners first: those that still rotate after each step are the first ones
-        start = start.take(np.argsort((most - n_corners).astype(np.uint16), kind="stable"))
+        start = first_corner.take(np.argsort((most - n_corners).astype(np.uint16), kind="stable"))
         n_rotating = np.cumsum(np.bincount(n_corners, minlength=most + 2)[::-1])[::-1]
         place = start
         for step in range(1, most):
             place = after.take(place[: n_rotating[step + 1]])
             if place.min() < 0 or (place == start[: len(place)]).any():
-                return False
-        return True
+                return None
+        return frozen(first_corner)
+
+    def corner_after(self, corner: NDArray) -> NDArray[np.int64]:
+        """Next corner (flat number) about the vertex of each corner; -1 behind the last one at a boundary."""
+        return self.side_twin.ravel().take(corner + PREVIOUS_OFFSET.take(corner % 3))
 
     @cached_property
     def _vertex_components(self) -> tuple[int, NDArray[np.int64]]:

@@ -184,7 +184,11 @@ def test_cells_stretched_along_the_curvature_keep_their_own_rings():
 def test_rings_by_sorting_are_those_of_the_matrix_product():
     fan = np.array([[0, k, k % 40 + 1] for k in range(1, 41)])  # a hub of valence 40, and a spare vertex
     hub = TriangleMesh.from_arrays(np.random.default_rng(0).random((42, 3)), fan)
-    for mesh in (hub, shapes.random_sphere(300), shapes.box(1, 1, 1), shapes.grid(5, 4)):
+    page = np.append(
+        shapes.grid(5, 4).faces, [[7, 8, 30]], axis=0
+    )  # no rotation about an edge of three faces
+    paged = TriangleMesh.from_arrays(np.random.default_rng(0).random((31, 3)), page)
+    for mesh in (hub, paged, shapes.random_sphere(300), shapes.box(1, 1, 1), shapes.grid(5, 4)):
         t, some = mesh.topology, np.arange(0, mesh.n_vertices, 3)
         by_faces = rings._adjacency_of(t.faces, t.n_vertices)
         assert np.array_equal(rings.adjacency(t).toarray() > 0, by_faces.toarray() > 0)
@@ -192,7 +196,7 @@ def test_rings_by_sorting_are_those_of_the_matrix_product():
             centre = np.arange(t.n_vertices) if chosen is None else chosen
             may_grow = t.referenced_vertex[centre]
             expected = rings._rings_by_product(rings.adjacency(t), chosen, 15, may_grow)
-            actual = rings._rings_by_sorting(t.faces, t.n_vertices, centre, 15)
+            actual = rings._rings_by_sorting(t, centre, 15)
             assert np.array_equal(actual.start, expected.start)
             pieces = [np.split(r.member, r.start[1:-1]) for r in (actual, expected)]
             assert all(np.array_equal(a, np.sort(b)) for a, b in zip(*pieces, strict=True))

@@ -5,7 +5,7 @@ import pytest
 
 from ddgcli.algorithms.curvature.clip import FacePlanes
 from ddgcli.algorithms.curvature.face_balls import FaceBalls
-from ddgcli.algorithms.curvature.point_grid import balls_by_cubes
+from ddgcli.algorithms.curvature.point_grid import PointGrid
 from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -218,9 +218,9 @@ def test_balls_by_cubes_hold_the_points_within_the_radius(block, monkeypatch):
     places = np.stack(np.meshgrid(*[np.arange(5.0)] * 3)).reshape(3, -1)  # distances equal to the radius
     far = np.append(rng.normal(size=(3, 200)), [[1e7], [0], [0]], axis=1)
     for points in (flat, places, far, np.zeros((3, 7))):
-        few = np.arange(0, points.shape[1], 3)
-        for radius in (0.1, 1.0, 2.5, 100.0):
-            balls = balls_by_cubes(points, few, radius)
+        few, grid = np.arange(0, points.shape[1], 3), PointGrid(points)
+        for radius in (0.1, 0.3, 1.0, 2.5, 100.0, 0.2):  # cubes serve for radii up to four edges
+            balls = grid.balls(few, radius)
             apart = points[:, few, None] - points[:, None, :]
             inside = apart[0] ** 2 + apart[1] ** 2 + apart[2] ** 2 <= radius * radius
             assert (balls.count == inside.sum(axis=1)).all()

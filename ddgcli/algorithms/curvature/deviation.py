@@ -19,6 +19,7 @@ from ddgcli.algorithms.curvature.quadric import polynomial_residuals, sampled_re
 from ddgcli.algorithms.curvature.regions import Regions, listed
 from ddgcli.algorithms.curvature.spikes import spikes_among
 from ddgcli.algorithms.curvature.staircase import is_staircase, sampled_sides
+from ddgcli.mesh.ragged import ascending_order
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 SAMPLE_SIZE = 400  # vertices sampled for residuals
@@ -159,7 +160,7 @@ def _deviation(cubic: NDArray, quartic: NDArray) -> tuple[float, float, NDArray[
 
 def _is_rounded(faces: Faces, normal: NDArray, deviation: float, edge: float) -> bool:
     """Whether coordinates are whole multiples of a step that explains the residuals."""
-    expected = rounding_deviation(faces.points, normal, sampled_sides(faces), edge)
+    expected = rounding_deviation(faces.sorted_coordinates, normal, sampled_sides(faces), edge)
     least, most = ROUNDING_RANGE
     return least * expected < deviation < most * expected
 
@@ -176,5 +177,5 @@ def _candidates(mesh: TriangleMesh, faces: Faces) -> NDArray[np.int64] | None:
     if mesh.n_vertices <= MAX_UNSAMPLED_VERTICES:
         return None
     vertices = np.flatnonzero(mesh.topology.referenced_vertex)
-    order = np.argsort(faces.stars(faces.area[None])[0][vertices], kind="stable")
+    order = ascending_order(faces.stars(faces.area[None])[0][vertices])
     return vertices[order[:: max(1, len(vertices) // (CANDIDATES_PER_SAMPLE * SAMPLE_SIZE))]]

@@ -129,6 +129,11 @@ class Faces:
         return float(self.length.mean())
 
     @cached_property
+    def sorted_coordinates(self) -> NDArray[np.float64]:
+        """(3, n) coordinates of all vertices, each axis in ascending order."""
+        return np.sort(self.points, axis=1)
+
+    @cached_property
     def doubled(self) -> NDArray[np.float64]:
         """(3, m) normal times twice the area; for needles from the two shortest sides, which rounds least."""
         product = cross(self.side[0], self.side[1])

@@ -17,16 +17,16 @@ MIN_SHARING, MIN_SHARING_RATIO = 8, 4
 MIN_GRID_SHARE, MIN_AXIS_SHARE = 0.8, 0.08
 
 
-def rounding_deviation(points: NDArray, normal: NDArray, sides: NDArray, edge: float) -> float:
+def rounding_deviation(ordered: NDArray, normal: NDArray, sides: NDArray, edge: float) -> float:
     """Standard deviation along the normals by which coordinates were rounded, in length units; 0 where not.
 
     Rounded coordinates are whole multiples of a step, up to a shift, and the step of each axis is the least
     difference of its coordinates. One coordinate alone may be rounded, as to the layers of a printer.
-    `points` (3, n) are positions, `normal` (3, k) unit normals, `sides` (3, s) sides of faces, and `edge`
-    is the mean edge length.
+    `ordered` (3, n) are the coordinates of each axis in ascending order, `normal` (3, k) unit normals,
+    `sides` (3, s) sides of faces, and `edge` is the mean edge length.
     """
     variance = np.zeros(3)
-    for axis, values in enumerate(points):
+    for axis, values in enumerate(ordered):
         step = np.diff(_distinct(values, edge))
         if len(step) == 0 or len(step) > MAX_VALUE_SHARE * len(values):
             continue
@@ -42,15 +42,17 @@ def rounding_deviation(points: NDArray, normal: NDArray, sides: NDArray, edge: f
     return float(np.sqrt(np.mean(variance @ (normal * normal))))
 
 
-def _distinct(values: NDArray, edge: float) -> NDArray[np.float64]:
-    """Sorted values; of equal ones the first."""
-    ordered = np.sort(values)
+def _distinct(ordered: NDArray, edge: float) -> NDArray[np.float64]:
+    """Of equal ones among ascending values the first."""
     return ordered[np.concatenate([[True], np.diff(ordered) > EQUAL_SHARE * edge])]
 
 
-def on_grid_edges(points: NDArray, edge: float) -> bool:
-    """Whether nearly all vertices (3, n) share two coordinates with many others and the third with few."""
-    if not _may_lie_on_grid_edges(points, edge):
+def on_grid_edges(points: NDArray, ordered: NDArray, edge: float) -> bool:
+    """Whether nearly all vertices (3, n) share two coordinates with many others and the third with few.
+
+    `ordered` (3, n) are the coordinates of each axis in ascending order.
+    """
+    if not _may_lie_on_grid_edges(ordered, edge):
         return False
     n_shared = np.zeros(points.shape, dtype=np.int64)
     for axis, values in enumerate(points):
@@ -63,12 +65,12 @@ def on_grid_edges(points: NDArray, edge: float) -> bool:
     return bool(on_edge.mean() > MIN_GRID_SHARE and shares.min() > MIN_AXIS_SHARE)
 
 
-def _may_lie_on_grid_edges(points: NDArray, edge: float) -> bool:
+def _may_lie_on_grid_edges(ordered: NDArray, edge: float) -> bool:
     """Whether the numbers of equal coordinates allow a grid: False needs no order of the vertices."""
-    n = points.shape[1]
+    n = ordered.shape[1]
     sizes = []
-    for values in points:
-        is_last = np.append(np.diff(np.sort(values)) > EQUAL_SHARE * edge, True)
+    for values in ordered:
+        is_last = np.append(np.diff(values) > EQUAL_SHARE * edge, True)
         sizes.append(np.diff(np.flatnonzero(is_last), prepend=-1))
     if sum(int(size[size >= MIN_SHARING].sum()) for size in sizes) <= 2 * MIN_GRID_SHARE * n:
         return False

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature.deviation import Deviation, vertex_deviation
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.grid_coordinates import on_grid_edges
+from ddgcli.algorithms.curvature.point_grid import PointGrid
 from ddgcli.algorithms.curvature.quadric import QUADRATIC_PENALTY, cross_validated_penalty
 from ddgcli.algorithms.curvature.regions import Regions, largest_radius, listed
 from ddgcli.algorithms.curvature.scales import (
@@ -194,7 +195,7 @@ def _kind(
 
     if deviation.kind not in ("noise", "partial"):
         return deviation.kind, deviation, 1.0
-    if on_grid_edges(faces.points, faces.mean_length):
+    if on_grid_edges(faces.points, faces.sorted_coordinates, faces.mean_length):
         return "grid", deviation, 1.0
     share, bent = share_of(deviation), deviation.of_bent
     kind = _kind_by_creases(deviation, share)
@@ -254,8 +255,9 @@ def _scales(
     penalty = cross_validated_penalty(faces.points, normal, regions, few)
     default = fits_at(faces.points, normal, few, normal[:, few], regions, penalty).mean
     largest = min(np.sqrt(MAX_SURFACE_SHARE * area / np.pi), 0.99 * largest_radius(mesh, area, scheme))
+    grid = PointGrid(faces.points)
     return measure_scales(
-        lambda radius: fits_in_balls(faces.points, normal, few, radius),
+        lambda radius: fits_in_balls(faces.points, grid, normal, few, radius),
         few,
         default,
         region_radius,

@@ -6,6 +6,8 @@ A k-d tree finds the same balls, but the import of `scipy.spatial` alone takes a
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,46 +15,74 @@ from ddgcli.algorithms.curvature.regions import Regions
 from ddgcli.mesh.ragged import list_starts, ranges, sorted_keys
 
 MAX_CUBES = 1 << 13  # along an axis: keys and places fit in one integer
+MAX_REACH = 4  # cubes in a radius, above which wider cubes take less time
 MAX_CANDIDATES = 1 << 21  # points of the cubes around centres, handled at once
 
 
-def balls_by_cubes(points: NDArray, few: NDArray, radius: float) -> Regions:
-    """Points in the balls around a few points, in ascending order.
+class PointGrid:
+    """Points sorted by cubes, which serve for balls of several radii.
 
     Parameters
     ----------
     points : (3, n) ndarray of float64
-    few : (k,) ndarray of int
-        Numbers of the centres.
-    radius : float
-        Distances up to it count, as those of `regions.balls_around`.
     """
-    n = points.shape[1]
-    low = points.min(axis=1, keepdims=True)
-    # wider by rounding, so that all neighbours lie in the next cubes
-    edge = max(radius * (1 + 1e-9), float((points.max(axis=1, keepdims=True) - low).max()) / MAX_CUBES)
-    cube = ((points - low) / edge).astype(np.int64)
-    cube += 1
-    size_y, size_z = int(cube[1].max()) + 2, int(cube[2].max()) + 2
-    key = (cube[0] * size_y + cube[1]) * size_z + cube[2]
-    of_centre = key[few]
-    key, member = sorted_keys(key, (int(cube[0].max()) + 2) * size_y * size_z, overwrite=True)
-    # the cubes above one another have successive keys: nine columns of three
-    column = ((np.arange(-1, 2)[:, None] * size_y + np.arange(-1, 2)) * size_z).ravel()
-    middle = of_centre[:, None] + column
-    first = np.searchsorted(key, middle - 1, side="left")
-    count = np.searchsorted(key, middle + 1, side="right") - first
-    pairs = [np.zeros(0, dtype=np.int64)]
-    of_block = list_starts(count.sum(axis=1)) // MAX_CANDIDATES
-    for block in np.unique(of_block[:-1]):
-        rows = np.flatnonzero(of_block[:-1] == block)
-        near = member[ranges(first[rows].ravel(), count[rows].ravel())[0]]
-        centre = np.repeat(rows, count[rows].sum(axis=1))
-        squared = np.zeros(len(near))
-        for column_values in points:
-            squared += (column_values.take(near) - column_values.take(few[centre])) ** 2
-        inside = np.flatnonzero(squared <= radius * radius)
-        pairs.append(centre[inside] * n + near[inside])
-    order = np.sort(np.concatenate(pairs))
-    centre, reached = np.divmod(order, n)
-    return Regions(list_starts(np.bincount(centre, minlength=len(few))), reached)
+
+    def __init__(self, points: NDArray) -> None:
+        self._points = points
+        self._edge = 0.0
+
+    def balls(self, few: NDArray, radius: float) -> Regions:
+        """Points in the balls around a few points, in ascending order.
+
+        Parameters
+        ----------
+        few : (k,) ndarray of int
+            Numbers of the centres.
+        radius : float
+            Distances up to it count, as those of `regions.balls_around`.
+        """
+        # wider by rounding, so that all neighbours lie in the cubes of the reach
+        wide = radius * (1 + 1e-9)
+        if wide > MAX_REACH * self._edge:
+            self._sort(wide)
+        n, reach = self._points.shape[1], math.ceil(wide / self._edge)
+        # the cubes above one another have successive keys: columns of them
+        steps = np.arange(-reach, reach + 1)
+        column = ((steps[:, None] * self._size_y + steps) * self._size_z).ravel()
+        middle = self._keys_of(few)[:, None] + column
+        first = np.searchsorted(self._key, middle - reach, side="left")
+        count = np.searchsorted(self._key, middle + reach, side="right") - first
+        pairs = [np.zeros(0, dtype=np.int64)]
+        of_block = list_starts(count.sum(axis=1)) // MAX_CANDIDATES
+        for block in np.unique(of_block[:-1]):
+            rows = np.flatnonzero(of_block[:-1] == block)
+            near = self._member[ranges(first[rows].ravel(), count[rows].ravel())[0]]
+            centre = np.repeat(rows, count[rows].sum(axis=1))
+            squared = np.zeros(len(near))
+            for values in self._points:
+                squared += (values.take(near) - values.take(few[centre])) ** 2
+            inside = np.flatnonzero(squared <= radius * radius)
+            pairs.append(centre[inside] * n + near[inside])
+        order = np.sort(np.concatenate(pairs))
+        centre, reached = np.divmod(order, n)
+        return Regions(list_starts(np.bincount(centre, minlength=len(few))), reached)
+
+    def _sort(self, edge: float) -> None:
+        """Sort the points by cubes of this edge, or wider ones where these are too many."""
+        low, high = self._points.min(axis=1), self._points.max(axis=1)
+        self._low, self._edge = low, max(edge, float((high - low).max()) / MAX_CUBES)
+        # empty cubes around all points separate the columns
+        sizes = [int((top - bottom) / self._edge) + 2 * MAX_REACH + 1 for bottom, top in zip(low, high)]
+        _, self._size_y, self._size_z = sizes
+        key = self._keys_of(slice(None))
+        self._key, self._member = sorted_keys(key, math.prod(sizes), overwrite=True)
+
+    def _keys_of(self, which: NDArray | slice) -> NDArray[np.int64]:
+        """Keys of the cubes of some points."""
+        key = np.zeros(1, dtype=np.int64)
+        for values, low, size in zip(self._points, self._low, (1, self._size_y, self._size_z)):
+            cube = ((values[which] - low) / self._edge).astype(np.int64)
+            cube += key * size
+            cube += MAX_REACH
+            key = cube
+        return key

@@ -112,7 +112,7 @@ def fit_forms(
     def fit(block: tuple[int, int]) -> None:
         begin, end = block
         start, member = _same_side(vertex_frame[6:9], begin, end, regions)
-        x, y, z = _local(columns, columns[:, begin:end], vertex_frame[:, begin:end], start, member)
+        x, y, z = local_coordinates(columns, columns[:, begin:end], vertex_frame[:, begin:end], start, member)
         x, y, axes = _scaled(x, y, start)
         matrix, right = _normal_equations(x, y, z, start)
         diagonal = np.arange(len(_TERMS))
@@ -128,7 +128,7 @@ def fit_forms(
     return gradient, hessian
 
 
-def _local(
+def local_coordinates(
     columns: NDArray, centre: NDArray, vertex_frame: NDArray, start: NDArray, member: NDArray
 ) -> list[NDArray]:
     """Coordinates x, y and heights z of the neighbours in the frame (9, c) of their vertex."""
@@ -271,7 +271,7 @@ def _systems(
 ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Normal equations (k, p, p), right-hand sides (k, p, 1), squared heights and counts of some vertices."""
     vertex_frame = np.concatenate([*tangent_frame(normal[:, vertices]), normal[:, vertices]])
-    x, y, z = _local(columns, columns[:, vertices], vertex_frame, some.start, some.member)
+    x, y, z = local_coordinates(columns, columns[:, vertices], vertex_frame, some.start, some.member)
     x, y, _ = _scaled(x, y, some.start)
     matrix, right = _normal_equations(x, y, z, some.start)
     return matrix.transpose(2, 0, 1), right.T[..., None], _sum(z * z, some.start), some.count

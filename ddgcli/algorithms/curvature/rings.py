@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature.regions import Regions
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.ragged import expand_lists, group_by_key, list_starts
-from ddgcli.mesh.topology import NEXT, Topology
+from ddgcli.mesh.topology import NEXT, PREVIOUS_OFFSET, Topology
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -35,12 +35,13 @@ def two_rings(topology: Topology, at_least: int, vertices: NDArray | None = None
         Whose rings; default all.
     """
     centre = np.arange(topology.n_vertices) if vertices is None else vertices
-    faces = topology.faces if vertices is None else _faces_within(topology, vertices, 3)
     mean_degree = 1 + 3 * topology.n_faces / max(topology.n_vertices, 1)
     if len(centre) * mean_degree**2 <= MAX_SORTED_PATHS:
-        return _rings_by_sorting(faces, topology.n_vertices, centre, at_least)
+        return _rings_by_sorting(topology, centre, at_least)
     may_grow = topology.referenced_vertex[centre]
-    near = adjacency(topology) if vertices is None else _adjacency_of(faces, topology.n_vertices)
+    if vertices is None:
+        return _rings_by_product(adjacency(topology), None, at_least, may_grow)
+    near = _adjacency_of(_faces_within(topology, vertices, 3), topology.n_vertices)
     return _rings_by_product(near, vertices, at_least, may_grow)
 
 
@@ -58,28 +59,65 @@ def _faces_within(topology: Topology, vertices: NDArray, n_rings: int) -> NDArra
     return faces
 
 
-def _rings_by_sorting(faces: NDArray, n: int, centre: NDArray, at_least: int) -> Regions:
+def _rings_by_sorting(topology: Topology, centre: NDArray, at_least: int) -> Regions:
     """`two_rings` from lists of neighbours; pairs of a centre and a member are sorted."""
-    tail, head = faces.ravel(), faces[:, NEXT].ravel()
-    tail, head = _distinct_pairs(np.concatenate([tail, head]), np.concatenate([head, tail]), n)
-    near = list_starts(np.bincount(tail, minlength=n)), head
-    is_hub = np.diff(near[0]) > HUB_VALENCE
+    n = topology.n_vertices
+    number = np.empty(n, dtype=np.int64)  # of a vertex among those whose neighbours are listed
 
-    def grown(owner: NDArray, member: NDArray) -> tuple[NDArray, NDArray]:
-        passes = ~is_hub[member]
-        further, reached = expand_lists(owner[passes], member[passes], near)
+    def grown(owner: NDArray, member: NDArray, hubs_grow: bool = False) -> tuple[NDArray, NDArray]:
+        is_member = np.zeros(n, dtype=bool)
+        is_member[member] = True
+        members = np.flatnonzero(is_member)
+        near = _neighbours(topology, members)
+        number[members] = np.arange(len(members))
+        grows = hubs_grow | (np.diff(near[0]) <= HUB_VALENCE)
+        growing = np.flatnonzero(grows.take(number.take(member)))
+        further, reached = expand_lists(owner[growing], number.take(member[growing]), near)
         return _distinct_pairs(np.concatenate([owner, further]), np.concatenate([member, reached]), n)
 
-    owner = np.arange(len(centre))
-    around, neighbour = expand_lists(owner, centre, near)
-    owner, member = grown(np.concatenate([owner, around]), np.concatenate([centre, neighbour]))
+    owner, member = grown(*grown(np.arange(len(centre)), centre, hubs_grow=True))
     count = np.bincount(owner, minlength=len(centre))
-    few = (count < at_least + 1) & (near[0][centre + 1] > near[0][centre])
+    few = (count < at_least + 1) & topology.referenced_vertex[centre]
     if few.any():
         grows = few[owner]
         further, reached = grown(owner[grows], member[grows])
         owner, member = np.concatenate([owner[~grows], further]), np.concatenate([member[~grows], reached])
     return Regions(*group_by_key(owner, member, len(centre)))
+
+
+def _neighbours(topology: Topology, vertices: NDArray) -> tuple[NDArray[np.int64], NDArray]:
+    """Lists of the neighbours of some vertices, in ascending numbers of the vertices."""
+    n = topology.n_vertices
+    if len(vertices) < n and topology.first_corner is not None:
+        return _neighbours_by_rotation(topology, topology.first_corner, vertices)
+    faces = topology.faces if len(vertices) == n else _faces_within(topology, vertices, 1)
+    tail, head = faces.ravel(), faces[:, NEXT].ravel()
+    tail, head = _distinct_pairs(np.concatenate([tail, head]), np.concatenate([head, tail]), n)
+    lists = list_starts(np.bincount(tail, minlength=n)), head
+    if len(vertices) == n:
+        return lists
+    owner, member = expand_lists(np.arange(len(vertices)), vertices, lists)
+    return list_starts(np.bincount(owner, minlength=len(vertices))), member
+
+
+def _neighbours_by_rotation(
+    topology: Topology, first_corner: NDArray, vertices: NDArray
+) -> tuple[NDArray[np.int64], NDArray]:
+    """`_neighbours` of some vertices, each with one fan, from their faces alone."""
+    owner = np.flatnonzero(topology.referenced_vertex.take(vertices))
+    first = corner = first_corner.take(vertices.take(owner))
+    owners, members = [owner[:0]], [owner[:0]]
+    while len(corner):
+        owners.append(owner)
+        members.append(topology.side_head.take(corner))
+        after = topology.corner_after(corner)
+        last = np.flatnonzero(after < 0)  # at a boundary: the side before it has no twin
+        owners.append(owner.take(last))
+        before = corner.take(last)
+        members.append(topology.side_tail.take(before + PREVIOUS_OFFSET.take(before % 3)))
+        goes_on = np.flatnonzero((after >= 0) & (after != first))
+        owner, first, corner = owner.take(goes_on), first.take(goes_on), after.take(goes_on)
+    return group_by_key(np.concatenate(owners), np.concatenate(members), len(vertices))
 
 
 def _distinct_pairs(first: NDArray, second: NDArray, n: int) -> tuple[NDArray, NDArray]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
-from ddgcli.algorithms.curvature.point_grid import balls_by_cubes
+from ddgcli.algorithms.curvature.point_grid import PointGrid
 from ddgcli.algorithms.curvature.quadric import QUADRATIC_PENALTY, fit_forms, principal_of_forms
 from ddgcli.algorithms.curvature.regions import Regions
 from ddgcli.mesh.vectors import unit_vectors as unit_rows
@@ -134,9 +134,11 @@ def typical_size(difference: NDArray) -> float:
     return float(size[: max(1, int(TYPICAL_SHARE * len(size)))].mean())
 
 
-def fits_in_balls(points: NDArray, normal: NDArray, few: NDArray, radius: float) -> PrincipalCurvatures:
-    """Principal curvatures of quadratic fits in the balls around a few vertices."""
-    regions = balls_by_cubes(points, few, radius)
+def fits_in_balls(
+    points: NDArray, grid: PointGrid, normal: NDArray, few: NDArray, radius: float
+) -> PrincipalCurvatures:
+    """Principal curvatures of quadratic fits in the balls around a few vertices; `grid` has all points."""
+    regions = grid.balls(few, radius)
     start, member = regions.start, regions.member
     # the mean normal of the ball: single normals of noise and of voxels are far off
     around = np.take(normal, member, axis=1)

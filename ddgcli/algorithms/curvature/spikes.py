@@ -8,13 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.frames import area_normals
+from ddgcli.algorithms.curvature.frames import area_normals, tangent_frame
+from ddgcli.algorithms.curvature.quadric import local_coordinates
 from ddgcli.algorithms.curvature.regions import Regions, listed
 from ddgcli.algorithms.curvature.rings import two_rings
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot
 
+MIN_MEMBERS = 10  # of a region, the vertex included, for a fit of degree two to the others
 MIN_HEIGHT = 0.05  # edges
 MIN_DEVIATIONS = 12  # of a spike's height, in deviations of the others from a fit of degree two
 MAX_CANDIDATES = 200  # vertices with the largest sums of dihedral angles, all edges of a spike bend one way
@@ -41,39 +44,35 @@ def spikes_among(
         Mean edge length, in length units.
     """
     is_spike = np.zeros(len(vertices), dtype=bool)
-    for size in np.unique(regions.count):
-        if size < 10:
-            continue
-        same = np.flatnonzero(regions.count == size)
-        block = listed(regions, same)
-        centre = vertices[same]
-        member = block.member.reshape(len(same), size)
-        others = np.where(member == centre[:, None], np.roll(member, 1, axis=1), member)
-        weight = (member != centre[:, None]).astype(np.float64)
-        offset = points[:, others] - points[:, centre][:, :, None]
-        # the normal of a spike's star is far off: that of the mean of the others is not
-        around = (normal[:, others] * weight).sum(axis=2)
-        length = np.sqrt(dot(around, around))  # 0 where they cancel, between two coincident sheets
-        up = np.where(length > 0, around / np.maximum(length, 1e-300), normal[:, centre])
-        height = np.einsum("dks,dk->ks", offset, up)
-        flat = offset - height * up[:, :, None]
-        first = np.cross(up.T, np.eye(3)[np.abs(up).argmin(axis=0)]).T
-        first /= np.sqrt(dot(first, first))
-        second = np.cross(up.T, first.T).T
-        x, y = (np.einsum("dks,dk->ks", flat, axis) for axis in (first, second))
-        unit = [
-            np.sqrt((c * c * weight).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True))
-            for c in (x, y)
-        ]
-        x, y = (c / np.maximum(u, 1e-300) for c, u in zip((x, y), unit))
-        terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2)
-        weighted = terms * weight[..., None]
-        matrix = weighted.transpose(0, 2, 1) @ terms + 1e-9 * size * np.eye(6)
-        solution = np.linalg.solve(matrix, (weighted * height[..., None]).sum(axis=1)[..., None])
-        residual = (height - (terms @ solution)[..., 0]) * weight
-        deviation = np.sqrt((residual**2).sum(axis=1) / max(1, size - 7))
-        off = np.abs(solution[:, 0, 0])
-        is_spike[same] = (off > MIN_HEIGHT * edge) & (off > MIN_DEVIATIONS * deviation)
+    large = np.flatnonzero(regions.count >= MIN_MEMBERS)
+    if len(large) == 0:
+        return is_spike
+    region, centre = listed(regions, large), vertices[large]
+    owner = np.repeat(np.arange(len(large)), region.count)
+    is_other = np.flatnonzero(region.member != centre.take(owner))
+    count = np.bincount(owner.take(is_other), minlength=len(large))
+    start, member = list_starts(count), region.member.take(is_other)
+    # the normal of a spike's star is far off: that of the mean of the others is not
+    around = np.add.reduceat(np.take(normal, member, axis=1), start[:-1], axis=1)
+    length = np.sqrt(dot(around, around))  # 0 where they cancel, between two coincident sheets
+    up = np.where(length > 0, around / np.maximum(length, 1e-300), normal[:, centre])
+    vertex_frame = np.concatenate([*tangent_frame(up), up])
+    x, y, height = local_coordinates(points, points[:, centre], vertex_frame, start, member)
+    for axis in (x, y):
+        unit = np.sqrt(np.add.reduceat(axis * axis, start[:-1]) / count)
+        axis /= np.repeat(np.maximum(unit, 1e-300), count)
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    matrix = np.zeros((len(terms), len(terms), len(large)))
+    for k, term in enumerate(terms):
+        matrix[k, k:] = matrix[k:, k] = np.add.reduceat(term * terms[k:], start[:-1], axis=1)
+        matrix[k, k] += 1e-9 * region.count
+    right = np.add.reduceat(terms * height, start[:-1], axis=1)
+    solution = np.linalg.solve(matrix.transpose(2, 0, 1), right.T[..., None])[..., 0].T
+    residual = height - sum(term * np.repeat(c, count) for term, c in zip(terms, solution))
+    squared = np.add.reduceat(residual * residual, start[:-1])
+    deviation = np.sqrt(squared / np.maximum(1, region.count - 7))
+    off = np.abs(solution[0])
+    is_spike[large] = (off > MIN_HEIGHT * edge) & (off > MIN_DEVIATIONS * deviation)
     return is_spike
 
 

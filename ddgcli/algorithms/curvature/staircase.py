@@ -43,10 +43,14 @@ def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
         Dihedral angles of the edges in radians, positive where convex.
     """
     edges, n_referenced = mesh.topology.edges, int(mesh.topology.referenced_vertex.sum())
-    for sign in (1, -1):
+    least = MIN_STEPPED_SHARE * n_referenced
+    creases = [np.flatnonzero(dihedral > STEP_ANGLE), np.flatnonzero(dihedral < -STEP_ANGLE)]
+    if min(2 * len(crease) for crease in creases) < least:  # each has two ends
+        return False
+    for crease in creases:
         ends = np.zeros(mesh.n_vertices, dtype=bool)
-        ends[edges[sign * dihedral > STEP_ANGLE].ravel()] = True
-        if ends.sum() < MIN_STEPPED_SHARE * n_referenced:
+        ends[edges[crease].ravel()] = True
+        if ends.sum() < least:
             return False
     sample = _sampled_faces(faces)
     area = faces.area[sample]
@@ -110,8 +114,8 @@ def cancellation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, regions: R
     """
     is_member = np.zeros(mesh.n_vertices, dtype=bool)
     is_member[regions.member] = True
-    start, end = mesh.topology.edges.T
-    near = np.flatnonzero(is_member[start] | is_member[end])
+    end_is_member = is_member.take(mesh.topology.edges.ravel())
+    near = np.flatnonzero(end_is_member[::2] | end_is_member[1::2])
     edges, angle = mesh.topology.edges[near], dihedral[near]
     length = np.sqrt(((faces.points[:, edges[:, 0]] - faces.points[:, edges[:, 1]]) ** 2).sum(axis=0))
     totals = []

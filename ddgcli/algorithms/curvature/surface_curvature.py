@@ -272,19 +272,17 @@ def _vertex_arrays(surface: UnitSurface, principal: PrincipalCurvatures) -> dict
 
 def _edge_arrays(surface: UnitSurface) -> dict[str, NDArray]:
     topology = surface.mesh.topology
-    length = totals.edge_length(surface.faces, topology)
     return {
         "edges": topology.edges,
         "dihedral_angle": surface.dihedral,
-        "edge_mean_curvature": 0.5 * surface.scale * length * surface.dihedral,
+        "edge_mean_curvature": 0.5 * surface.scale * surface.edge_length * surface.dihedral,
     }
 
 
 def _integrals(surface: UnitSurface, principal: PrincipalCurvatures) -> dict[str, Any]:
     """Integrals that cost little beside the curvature."""
     topology, s = surface.mesh.topology, surface.scale
-    lengths = totals.edge_length(surface.faces, topology)
-    mean = float((0.5 * lengths * surface.dihedral).sum()) * s if surface.orientable else None
+    mean = float((0.5 * surface.edge_length * surface.dihedral).sum()) * s if surface.orientable else None
     boundary = topology.boundary_vertex
     return {
         "area": float(surface.faces.area.sum()) * s * s,
@@ -303,7 +301,14 @@ def _further_integrals(surface: UnitSurface, integrals: dict[str, Any]) -> dict[
     mesh, faces, s = surface.mesh, surface.faces, surface.scale
     topology = mesh.topology
     energies = totals.willmore_energies(
-        faces, topology, surface.dihedral, surface.area, surface.vector, surface.defect, surface.area_vector
+        faces,
+        topology,
+        surface.dihedral,
+        surface.edge_length,
+        surface.area,
+        surface.vector,
+        surface.defect,
+        surface.area_vector,
     )
     skewed = int(non_delaunay_edges(mesh).sum())
     if skewed:

@@ -12,13 +12,6 @@ from ddgcli.mesh.topology import PREVIOUS, PREVIOUS_OFFSET, Topology
 from ddgcli.mesh.vectors import cross, dot, ratio
 
 
-def edge_length(faces: Faces, topology: Topology) -> NDArray[np.float64]:
-    """(e,) lengths of the edges."""
-    length = np.zeros(topology.n_edges)
-    length[topology.side_edge.T] = faces.length
-    return length
-
-
 def filled_normals(faces: Faces, topology: Topology) -> NDArray[np.float64]:
     """(3, m) unit normals; a flat face takes that of the neighbour across its longest side.
 
@@ -67,6 +60,7 @@ def willmore_energies(
     faces: Faces,
     topology: Topology,
     dihedral: NDArray,
+    edge_length: NDArray,
     area: NDArray,
     vector: NDArray,
     defect: NDArray,
@@ -87,7 +81,7 @@ def willmore_energies(
     return {
         "cotan": float(density.sum()),
         "sullivan": _sullivan(faces, squared, inside, area_vector),
-        "hinge": _hinge(faces, topology, dihedral),
+        "hinge": _hinge(faces, topology, dihedral, edge_length),
         "circle-angle": _circle_angle(faces, topology, inside),
         "cotan-minus-gauss": float((density - defect)[inside].sum()),
     }
@@ -106,11 +100,10 @@ def _sullivan(faces: Faces, squared: NDArray, inside: NDArray, area_vector: NDAr
     return float((ratio(squared, np.where(usable, volume_squared, 0.0)) * third).sum())
 
 
-def _hinge(faces: Faces, topology: Topology, dihedral: NDArray) -> float:
+def _hinge(faces: Faces, topology: Topology, dihedral: NDArray, edge_length: NDArray) -> float:
     around = sum_by_index(topology.side_edge.ravel(), np.repeat(faces.area, 3), topology.n_edges)
-    squared = edge_length(faces, topology) ** 2
     euler, closed = topology.euler_characteristic, topology.is_closed
-    terms, constant = hinge_bending(squared, dihedral, around, euler, closed)
+    terms, constant = hinge_bending(edge_length**2, dihedral, around, euler, closed)
     return float(terms.sum()) + constant
 
 

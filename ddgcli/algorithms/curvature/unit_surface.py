@@ -14,7 +14,7 @@ from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.one_sided import double_covered
 from ddgcli.errors import MeshError
-from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
+from ddgcli.geometry.extrinsic import dihedral_angle_and_length, folded_edges
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.repair import reverse_faces
 from ddgcli.mesh.require import check_size
@@ -46,6 +46,7 @@ class UnitSurface:
     defect: NDArray
     normal: NDArray
     dihedral: NDArray
+    edge_length: NDArray
     vector: NDArray
     link_conormal: NDArray
     link_length: NDArray
@@ -126,6 +127,7 @@ def _unit_surface(
     """The surface of `_measures`."""
     area, defect, vector, conormal, link = measures
     normal = totals.filled_normals(faces, mesh.topology)
+    dihedral, edge_length = dihedral_angle_and_length(mesh, normal.T)
     return UnitSurface(
         mesh,
         faces,
@@ -135,7 +137,8 @@ def _unit_surface(
         area,
         defect,
         normal,
-        dihedral_angle(mesh, normal.T),
+        dihedral,
+        edge_length,
         vector,
         conormal,
         link,
