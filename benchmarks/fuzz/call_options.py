@@ -316,7 +316,12 @@ def random_call(rng: Random) -> bytes:
         outer = [*random_words(name, place), "--budget", "1", "--repeat", "1"]
         words = [name, *outer, subject, "{input}", *own]
     elif name == "batch":
-        words = [name, "{input}", "{input}", *random_words(name, place), "--", subject, *own]
+        second = rng.choice(
+            ["{input}", *(f"{{folder}}/second{suffix}" for suffix in (".vtu", ".npz", ".ply"))]
+        )
+        missing = rng.random() < 0.1
+        prepare = [["info", "{input}", "-o", second]] * (second != "{input}" and not missing)
+        words = [name, "{input}", second, *random_words(name, place), "--", subject, *own]
     elif name == "check":
         stored = "{folder}/expected.json"
         prepare = [[name, stored, "--update", "--", subject, "{input}", *own]]
@@ -324,8 +329,8 @@ def random_call(rng: Random) -> bytes:
     elif name in ("frames", "view"):
         result = "{folder}/run" + (".vtkhdf" if name == "frames" or subject in SIMULATIONS else ".npz")
         prepare = [[subject, "{input}", *own, "-o", result]]
-        source = rng.choice([result, "{input}"]) if name == "view" else result
-        words = [name, source, *random_words(name, place)]
+        shown = rng.choices([result, "{input}"], k=rng.choice([1, 1, 2, 3])) if name == "view" else [result]
+        words = [name, *shown, *random_words(name, place)]
     else:
         words = [name, "{input}", *own]
     call = {"mesh": mesh, "prepare": prepare, "words": words}

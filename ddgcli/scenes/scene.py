@@ -151,13 +151,16 @@ class Scene:
         }
 
     def build(self, make: Callable[[Effect, Any, Key], Any]) -> list[Any]:
-        """`make` of every effect; a ValueError in it names the effect's line."""
+        """`make` of every effect; a ValueError or an overflow in it names the effect's line."""
         results = []
         for effect, parameters, key in self.effects:
             try:
                 results.append(make(effect, parameters, key))
             except SceneError:
                 raise
+            except OverflowError:  # of a power of Python floats
+                cure = "use smaller numbers or other units"
+                self.refuse(key, f"{effect.name}: its coefficients are beyond 1e308; {cure}")
             except ValueError as error:
                 self.refuse(key, f"{effect.name}: {error}")
         return results

@@ -143,6 +143,7 @@ BAD = [
     ("contact = {", "damping = {} # contact = {", 22, ["mass", "stiffness"]),
     ("contact = {", "contact = { pairs = 3 3 # {", 22, ["TOML"]),
     ("[effects]", "[effects", 18, ["TOML"]),
+    ('"felt"', '"felt"\nthickness = 1e150', 21, ["bending", "beyond 1e308", "other units"]),
     ('name = "hat"', 'name = "hat"\nname = "cap"', 10, ["TOML"]),
 ]  # fmt: skip
 
