@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.fuzz.call_meshes import klein_bottle
 from ddgcli.algorithms.curvature.offset_body import offset_body
 from ddgcli.algorithms.curvature.region_measures import (
     labels_of,
@@ -18,6 +19,7 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from tests.geodesic_cases import noisy_torus
 
 CUBE = shapes.box(3, 3, 3)
@@ -131,7 +133,7 @@ def test_the_signed_volume_of_the_offset_of_a_torus_follows_the_polynomial():
 
 
 def test_offsets_and_regions_that_do_not_exist_are_refused():
-    with pytest.raises(MeshError, match="has a boundary"):
+    with pytest.raises(MeshError, match="has 1 boundary loops"):
         offset_body(shapes.grid(3, 3), 0.1)
     with pytest.raises(ParameterError, match="positive length"):
         offset_body(CUBE, -1.0)
@@ -193,3 +195,10 @@ def test_the_command_writes_the_offset_body(cube, summary, tmp_path):
 def test_wrong_measure_options_end_in_one_line(cube, run, words, text):
     result = run("curvature", cube, *words)
     assert result.exit_code == 2 and text in result.stderr and len(result.stderr.strip().split("\n")) == 1
+
+
+def test_an_offset_of_a_one_sided_surface_is_refused_without_a_repair_that_cannot_help():
+    with pytest.raises(MeshError, match="one-sided and bounds no body; leave `offset` out"):
+        offset_body(TriangleMesh.from_arrays(*klein_bottle()), 0.1)
+    with pytest.raises(MeshError, match="`repair=fill_holes=12`"):
+        offset_body(shapes.grid(3, 3), 0.1)

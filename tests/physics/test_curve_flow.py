@@ -9,8 +9,10 @@ import time
 import numpy as np
 import pytest
 
+from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.models.curve import polygon
 from ddgcli.models.curve.crossings import self_crossings
 from ddgcli.models.curve.setup import CurveFlowOptions, build, without_repeated_points
@@ -126,6 +128,14 @@ def test_an_open_space_curve_becomes_the_segment_between_its_fixed_ends():
     assert np.array_equal(points[[0, -1]], curves.points[[0, -1]])
     assert last["length"] == pytest.approx(np.linalg.norm(curves.points[-1] - curves.points[0]), rel=1e-6)
     assert last["length_increases"] == 0
+
+
+def test_the_drift_of_an_area_that_cancels_is_relative_to_the_circle_of_the_length(tmp_path, summary):
+    t = 2 * np.pi * np.arange(60) / 60
+    eight = closed_curve(np.stack([np.sin(t), np.sin(t) * np.cos(t), 0 * t], axis=1))
+    write_mesh(str(tmp_path / "eight.npz"), AnnotatedMesh(eight))
+    words = ("--flow", "area-preserving", "--steps", 3, "--dt", 0.001)
+    assert summary("curve-flow", tmp_path / "eight.npz", *words)["accuracy"]["area_drift"] < 1e-13
 
 
 @pytest.mark.parametrize("flow, power", [("curvature", 2), ("area-preserving", 2), ("elastic", 4)])

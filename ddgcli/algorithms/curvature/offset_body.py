@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import enclosed_volume, face_normal
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.cures import cure
+from ddgcli.mesh.repair import merged_points
+from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -61,10 +62,9 @@ def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> Offs
             f"must be an angle from 0 to 90 degrees, not {resolution}", parameter="offset_angle"
         )
     topology = mesh.topology
-    if not (topology.is_closed and topology.is_oriented and topology.is_manifold):
-        if not topology.is_closed:
-            raise MeshError("the surface has a boundary; an offset body needs a closed one: fill its holes")
-        raise MeshError(f"an offset body needs an oriented manifold: {cure('orientation')}")
+    if topology.one_sided_face.any():
+        raise MeshError("the surface is one-sided and bounds no body; leave `offset` out")
+    require(mesh, "an offset body", manifold=True, oriented=True, closed=True)
     normal = face_normal(mesh)
     if not normal.any(axis=1).all():
         flat = int(np.argmin(normal.any(axis=1)))
@@ -185,10 +185,11 @@ def _welded(points: NDArray, faces: NDArray, part_of_face: NDArray) -> tuple[NDA
 
     size = float(np.abs(points - points.mean(axis=0)).max())
     # thousands of points lie at one place where a surface is flat: one of each cell of a grid is enough
-    cell = np.round(points / (WELD_DISTANCE * size))
-    _, representative, place = np.unique(cell, axis=0, return_index=True, return_inverse=True)
+    cells, place = merged_points(np.round(points / (WELD_DISTANCE * size)))
+    representative = np.full(len(cells), len(points))
+    np.minimum.at(representative, place, np.arange(len(points)))
     pairs = cKDTree(points[representative]).query_pairs(2 * WELD_DISTANCE * size, output_type="ndarray")
-    label = connected_labels(pairs[:, 0], pairs[:, 1], len(representative))[1][place.reshape(-1)]
+    label = connected_labels(pairs[:, 0], pairs[:, 1], len(representative))[1][place]
     first = np.unique(label, return_index=True)[1]
     faces = label[faces]
     has_area = (faces != faces[:, NEXT]).all(axis=1)

@@ -13,6 +13,7 @@ from ddgcli.mesh.vectors import row_matrix
 from ddgcli.models.curve.flow import CurveFlow
 
 MAX_RESOLVED_TURNING = np.pi / 3  # radians at a point; a hexagon's
+AREA_ROUNDING = 1e-9  # of the circle of the same length: areas below it are the rounding of loops that cancel
 FOLD_TURNING = np.radians(170)  # at a point where a polygon runs back on itself
 
 log = logging.getLogger("ddgcli")
@@ -61,7 +62,7 @@ def summary(
     accuracy: dict[str, Any] = {
         "length_increases": int(series["length_increases"][-1]),
         "energy_increases": int(series["energy_increases"][-1]) if flow.kind == "elastic" else None,
-        "area_drift": _drift(series["area_by_curve"]) if flow.kind == "area-preserving" else None,
+        "area_drift": _area_drift(series) if flow.kind == "area-preserving" else None,
         "length_drift": _drift(series["length_by_curve"]) if _keeps_length(flow) else None,
         "area_rate_error": _area_rate_error(flow, times, series) if bounds else None,
         "turning_number_changes": int(np.count_nonzero(np.diff(series["turning_number"])))
@@ -91,6 +92,18 @@ def _drift(values: NDArray) -> float:
     values = row_matrix(values)
     size = np.maximum(np.abs(values).max(axis=0), 1e-300)
     return float((np.abs(values - values[0]) / size).max())
+
+
+def _area_drift(series: Mapping[str, NDArray]) -> float:
+    """Largest change of the area of a curve, relative to it.
+
+    Where the loops of a curve cancel but for rounding, relative to the circle of its length at the start.
+    """
+    area = row_matrix(series["area_by_curve"])
+    size = np.abs(area).max(axis=0)
+    circle = row_matrix(series["length_by_curve"])[0] ** 2 / (4.0 * np.pi)
+    size = np.maximum(np.where(size > AREA_ROUNDING * circle, size, circle), 1e-300)
+    return float((np.abs(area - area[0]) / size).max())
 
 
 def _area_rate_error(flow: CurveFlow, times: NDArray, series: Mapping[str, NDArray]) -> float | None:
