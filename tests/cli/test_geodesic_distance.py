@@ -191,6 +191,12 @@ def test_unreachable_components_are_named(islands, summary, tmp_path, method):
     assert np.isinf(np.load(out)["geodesic_distance"]).sum() == 163
 
 
+def test_a_source_point_in_another_unit_is_a_warning(square, summary):
+    far = summary("geodesic", square, "--source-point", "500,500,0")["warnings"]
+    assert len(far) == 1 and "first: 500,500,0," in far[0] and "check the unit" in far[0]
+    assert not summary("geodesic", square, "--source-point", "0.5,0.5,0.5")["warnings"]
+
+
 def test_a_soup_has_one_warning_of_all_its_unreached_components(summary, tmp_path):
     points = np.random.default_rng(2).normal(size=(30, 3))
     path = tmp_path / "soup.ply"

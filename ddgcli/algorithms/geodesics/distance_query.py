@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,7 +18,10 @@ from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.choices import DEFAULT_HEAT_TIME
 from ddgcli.geometry.surface_points import SurfacePoints, nearest_points
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import bounding_box
 from ddgcli.progress import ProgressCallback, StageProgress, no_stage_progress
+
+log = logging.getLogger("ddgcli")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +79,27 @@ def surface_points(
     mesh: TriangleMesh, in_space: Sequence[list[float]], on_faces: Sequence[tuple[int, list[float]]]
 ) -> SurfacePoints:
     """Surface points nearest to points in space, followed by checked points on faces."""
-    near, _ = nearest_points(mesh, np.array(in_space, dtype=float).reshape(-1, 3))
+    near, away = nearest_points(mesh, np.array(in_space, dtype=float).reshape(-1, 3))
+    if len(away):
+        _warn_of_far_points(mesh, in_space, away)
     face = np.array([f for f, _ in on_faces], dtype=np.int64)
     weights = np.array([w for _, w in on_faces], dtype=float).reshape(-1, 3)
     points = SurfacePoints.checked(face, weights, mesh.n_faces)
     return SurfacePoints(
         np.concatenate([near.face, points.face]), np.concatenate([near.barycentric, points.barycentric])
     )
+
+
+def _warn_of_far_points(mesh: TriangleMesh, in_space: Sequence[list[float]], away: NDArray) -> None:
+    low, high = bounding_box(mesh.points)
+    extent = float((high - low).max())
+    far = np.flatnonzero(away > extent)
+    if len(far):
+        first = ",".join(f"{x:g}" for x in in_space[far[0]])
+        log.warning(
+            f"{len(far)} points in space lie farther from the surface than its extent of {extent:.3g} "
+            f"(first: {first}, {away[far[0]]:.3g} away): their nearest points are taken; check the unit"
+        )
 
 
 def query_distance(
