@@ -194,7 +194,7 @@ def resolve(document: Document, kind: SceneKind, overrides: Mapping[str, Any] | 
             located(document, ("format",), f"format {data['format']!r} is not known; write {FORMAT!r}")
         )
     scene = Scene(kind, time, objects, effects, document)
-    _check_clock(scene)
+    _check_clock(scene, is_step_overridden=overrides.get("step") is not None)
     return scene
 
 
@@ -218,7 +218,7 @@ def _with_models(document: Document, kind: SceneKind, models: Sequence[str]) -> 
     return replace(document, data=data)  # type: ignore[type-var]
 
 
-def _check_clock(scene: Scene) -> None:
+def _check_clock(scene: Scene, *, is_step_overridden: bool) -> None:
     """Refuse runs without end; warn where the clock does not meet the times that the scene names."""
     time = scene.time
     each = (time.frame_every or time.duration / 50) if time.tolerance is not None else time.step
@@ -234,6 +234,12 @@ def _check_clock(scene: Scene) -> None:
     if time.tolerance is not None or time.integrator == "static":
         return
     if time.step > time.duration * (1 + 1e-6):
+        if is_step_overridden:  # no line of the scene holds it
+            raise ParameterError(
+                f"{time.step:g} is longer than the duration of {time.duration:g}; "
+                f"give {time.duration:g} or less",
+                parameter="dt",
+            )
         scene.refuse(
             ("time", "step"),
             f"step = {time.step:g} s is longer than the duration of {time.duration:g} s; "

@@ -157,6 +157,8 @@ def test_a_step_longer_than_the_run_is_refused(run, tmp_path):
     )
     short = run("shell-sim", strip_scene(tmp_path, "gravity = {}", duration=1e-3, step=5), "--dt", 5)
     assert short.exit_code == 2
+    assert "--dt: 5 is longer than the duration of 0.001; give 0.001 or less" in short.stderr
+    assert "line" not in short.stderr  # the scene has another step
 
 
 def test_the_default_step_is_no_longer_than_the_run(run, tmp_path):

@@ -181,7 +181,7 @@ def _warn_of_defects(
         )
     spare = int((~topology.referenced_vertex).sum())
     if spare:
-        _log.warning("%d vertices belong to no face: all their values are 0", spare)
+        _log.warning("%d vertices belong to no face of the surface: all their values are 0", spare)
     if volume is not None and volume < -VOLUME_ROUNDING * float(faces.area.sum()):
         _log.warning(
             "the faces point inward (negative volume): mean and principal curvatures change their sign"
