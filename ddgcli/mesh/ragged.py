@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-MAX_UNORDERED_SHARE = 0.1  # of values in runs that are sorted again, above which `argsort` is faster
-
 
 def list_starts(count: NDArray | list[int]) -> NDArray[np.int64]:
     """(k + 1,) first position of each of k lists with `count` members, and the end of the last."""
@@ -50,30 +48,19 @@ def sorted_keys(key: NDArray, n_keys: int, *, overwrite: bool = False) -> tuple[
 
 
 def ascending_order(values: NDArray) -> NDArray[np.int64]:
-    """Stable order that sorts float64 values, none negative: that of `argsort`, in a quarter of its time.
+    """Stable order that sorts float64 values, none negative: that of `argsort`, in a third of its time.
 
-    Places are packed below the leading bits of the values; runs of equal leading bits are sorted again.
+    By their leading bits; where these do not separate them, by the last bits first.
     """
     bits = len(values).bit_length()
-    order = np.ascontiguousarray(values + 0.0).view(np.int64)  # no -0.0: the order of the bits is theirs
-    order >>= bits
-    order <<= bits
-    order |= np.arange(len(order))
-    order.sort()
-    is_new = np.diff(order >> bits, prepend=-1) != 0
-    order &= (1 << bits) - 1
+    image = np.ascontiguousarray(values + 0.0).view(np.int64)  # no -0.0: its order is that of the values
+    leading, n_leading = image >> bits, (1 << (63 - bits)) - 1
+    order = sorted_keys(leading, n_leading)[1]
     ordered = values.take(order)
-    descents = np.flatnonzero(ordered[1:] < ordered[:-1])
-    if len(descents):
-        run = np.cumsum(is_new)
-        has_descent = np.zeros(run[-1] + 1, dtype=bool)
-        has_descent[run[descents]] = True
-        rows = np.flatnonzero(has_descent[run])
-        if len(rows) > MAX_UNORDERED_SHARE * len(values):
-            return np.argsort(values, kind="stable")
-        some = order[rows]
-        order[rows] = some[np.lexsort((some, values[some], run[rows]))]
-    return order
+    if (ordered[1:] >= ordered[:-1]).all():
+        return order
+    by_last_bits = sorted_keys(image & ((1 << bits) - 1), 1 << bits)[1]
+    return by_last_bits.take(sorted_keys(leading.take(by_last_bits), n_leading, overwrite=True)[1])
 
 
 def expand_lists(
