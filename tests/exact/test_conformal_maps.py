@@ -204,7 +204,7 @@ def test_what_gauss_bonnet_forbids_is_an_error():
     inner = int(np.flatnonzero(~disk.topology.boundary_vertex)[0])
     edge = int(np.flatnonzero(disk.topology.boundary_vertex)[0])
     for mesh, options, text in (
-        (sphere, {}, "must be 720"),
+        (sphere, {}, "sum to 720"),
         (sphere, {"cones": {0: 180.0, 1: 180.0}}, "is 360 degrees in total"),
         (sphere, {"boundary": "angles"}, "closed"),
         (disk, {"cones": {inner: -5.0}}, "use more than 0"),
@@ -255,6 +255,9 @@ def test_the_command_writes_scale_factors_uv_and_overlay(summary, run, tmp_path)
     assert "uv" not in np.load(out) and result["results"]["seam_edges"] > 0
     assert read_mesh(flat).surface.topology.euler_characteristic == 1
     refused = run("laplacian", sphere, *words[2:])
+    assert refused.exit_code == 2 and "sum to 720 (Gauss-Bonnet): 4 vertices with 180" in refused.stderr
+    assert f"ddgcli repair {sphere} --cut-to-disk" in refused.stderr
+    refused = run("laplacian", sphere, *words[2:], *cones[:-2])
     assert refused.exit_code == 2 and "720 (Gauss-Bonnet); change the angles of --cone" in refused.stderr
     for extra in (("--cone", "3=90"), ("--boundary", "angles"), ("--overlay", flat)):
         refused = run("laplacian", path, "--parameterize", "conformal", *extra)

@@ -164,6 +164,13 @@ def _check_total(mesh: TriangleMesh, angle: NDArray) -> None:
     total = (full - angle)[topology.referenced_vertex].sum()
     euler = topology.euler_characteristic
     if abs(total - 2 * np.pi * euler) > 2 * np.pi * GAUSS_BONNET_TOLERANCE:
+        if topology.is_closed and (angle == full).all():
+            raise ParameterError(
+                f"a closed surface of genus {topology.genus} needs cones, whose 360 minus angle sum to "
+                f"{360 * euler} (Gauss-Bonnet): {2 * abs(euler)} vertices with {360 - 180 * np.sign(euler)} "
+                f"degrees, say; or {cure('no boundary', topology)}",
+                parameter="cone",
+            )
         where = "vertices" if topology.is_closed else "vertices, 180 minus it on the boundary,"
         raise ParameterError(
             f"360 minus the angle sum, over all {where} is {np.degrees(total):.6g} degrees in total; it must "
