@@ -314,21 +314,22 @@ def write_atomically(path: str, content: FileContent, *, staged: StagedOutputs |
     `content`: bytes, or a function that writes them to the open file it is called with: a large archive
     is then never whole in memory.
     """
-
-    def write(file: IO[bytes]) -> None:
-        if callable(content):
-            content(file)
-        else:
-            file.write(content)
-
     if path == "-":
         buffer = io.BytesIO()  # an archive is written with seeks, which a pipe has not
-        write(buffer)
+        write_content(buffer, content)
         sys.stdout.buffer.write(buffer.getbuffer())
         sys.stdout.buffer.flush()
         return
     with atomic_output(path, staged) as temporary, open(temporary, "wb") as file:
-        write(file)
+        write_content(file, content)
+
+
+def write_content(file: IO[bytes], content: FileContent) -> None:
+    """Write bytes to an open file, or call the function that does."""
+    if callable(content):
+        content(file)
+    else:
+        file.write(content)
 
 
 @contextlib.contextmanager

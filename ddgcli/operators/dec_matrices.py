@@ -18,7 +18,7 @@ from ddgcli.operators.dec import Complex, complex_of
 from ddgcli.operators.stars import Star, hodge_star
 
 BYTES_PER_ENTRY = 12  # of a sparse matrix: a float64 and an int32
-COPIES_AT_PEAK = 2.3  # a sum and its term; later the matrix, and its transpose or the archive (2.24)
+COPIES_AT_PEAK = 2.15  # a sum and its term; later the matrix and its transpose (2.09)
 COPIES_TO_FACTORISE = 9  # measured: 8.9 on a fan of valence 2200, 12 on tetrahedra, 26 on a sphere
 LEAST_STAR_ENTRY = 1e-14  # of the largest entry: a smaller one has no inverse
 

@@ -109,15 +109,15 @@ def test_a_full_standard_output_is_one_line(ball):
 @pytest.mark.parametrize("moment", ["before", "during"])
 def test_a_signal_at_the_write_leaves_nothing(ball, tmp_path, monkeypatch, run, moment):
     """In this process, so that the moment is sure: SIGTERM just before, and in the middle of, the write."""
-    written = Path.write_bytes
 
-    def write(path, data):
+    def write(file, content):
         if moment == "during":
-            written(path, data[: len(data) // 2])
+            file.write(content[: len(content) // 2])
+            file.flush()
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(5)  # the signal ends it
 
-    monkeypatch.setattr(Path, "write_bytes", write)
+    monkeypatch.setattr(mesh_file, "write_content", write)
     result = run("curvature", ball, "-o", tmp_path / "o.ply")
     assert result.exit_code == 128 + signal.SIGTERM
     assert [p.name for p in tmp_path.iterdir()] == [ball.name]
