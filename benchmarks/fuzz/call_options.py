@@ -291,6 +291,9 @@ def default_words(name: str, place: Place, words: list[str]) -> list[str]:
         if "--dt" not in words and name != "willmore-flow":
             words = [*words, "--dt", rng.choice(["1e-3", "1e-2", repr(1e-3 * place.size**2)])]
     words = _bounded(words)
+    if name == "willmore-flow" and "--tolerance" in words:  # its first steps are short
+        words = [repr(1e-6 * place.size**4) if before == "--duration" else word
+                 for before, word in zip(["", *words], words, strict=False)]  # fmt: skip
     if name == "shell-sim" and "--effect" not in words:
         words = [*words, "--effect", "stretching", "--effect", rng.choice(["bending", "gravity"])]
     if name == "fluid-sim" and not {"--vorticity", "--flow", "--effect"} & set(words):

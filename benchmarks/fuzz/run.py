@@ -193,15 +193,15 @@ def fuzz_in_processes(
         for k, result in enumerate(notes.results):
             data = b"" if result != "escape" else input_of(kind, pool, seed, number + k)
             message = messages.get(k, "")
-            if result == "escape" and outcome(read, data, kind.cpu_seconds)[0] != "escape":
+            if result == "escape" and _outcome_in_child(kind, read, data)[0] != "escape":
                 message = f"not when it is tried again: {message}"
             total.count(result, message, data)
         further = [(notes.results[k], input_of(kind, pool, seed, number + k)) for k in notes.further]
         number += len(notes.results)
         if code:
             data = input_of(kind, pool, seed, number)
-            again = outcome(read, data) if kind.guarded else ("escape", _reason(code, kind.cpu_seconds))
-            total.count(*again, data)
+            again = ("escape", _reason(code, kind.cpu_seconds))  # of a guarded reader the child had no guard
+            total.count(*(_outcome_in_child(kind, read, data) if kind.guarded else again), data)
             number += 1
         if guided:
             pool = pool.with_inputs(further)
@@ -279,7 +279,30 @@ class Notes:
 def _fuzz_in_child(
     kind: Kind, seed: int, first: int, pool: Pool, coverage: LineCoverage | None, cpu_seconds: float
 ) -> tuple[Notes, int]:
-    """Notes of a child and its exit code; it is killed where one input takes too long."""
+    """Notes of a child that reads inputs, and its exit code."""
+
+    def read_inputs(notes: Notes) -> None:
+        with kind.without_guard():
+            fuzz(kind, INPUTS_OF_A_CHILD, seed, first, notes, pool, coverage, cpu_seconds)
+
+    return _watched_child(kind, read_inputs)
+
+
+def _outcome_in_child(kind: Kind, read: Callable[[bytes], object], data: bytes) -> tuple[str, str]:
+    """Outcome of an input tried again, with the guard of its reader."""
+
+    def read_one(notes: Notes) -> None:
+        result, message = outcome(read, data, kind.cpu_seconds)
+        notes.add(0, result, message, 0.0)
+
+    notes, code = _watched_child(kind, read_one)
+    if code or not notes.results:
+        return "escape", _reason(code, kind.cpu_seconds)
+    return notes.results[0], notes.messages.get(0, "")
+
+
+def _watched_child(kind: Kind, work: Callable[[Notes], None]) -> tuple[Notes, int]:
+    """Notes that a child makes in `work`, and its exit code; it is killed where one input takes too long."""
     notes = Notes()
     child = os.fork()
     if child == 0:
@@ -289,8 +312,7 @@ def _fuzz_in_child(
             _limit_memory()
             logging.disable()  # of writers of the seeds: what a format cannot hold
             warnings.simplefilter("ignore")  # the command line captures them
-            with kind.without_guard():
-                fuzz(kind, INPUTS_OF_A_CHILD, seed, first, notes, pool, coverage, cpu_seconds)
+            work(notes)
             code = 0
         finally:
             os._exit(code)

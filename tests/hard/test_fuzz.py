@@ -41,7 +41,10 @@ def test_a_foreign_exception_a_long_message_and_a_slow_reader_escape(monkeypatch
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="limits children as Linux does")
-def test_a_crash_a_loop_and_a_foreign_exception_in_a_child_are_counted_with_their_inputs(monkeypatch):
+@pytest.mark.parametrize("guarded", [False, True])
+def test_a_crash_a_loop_and_a_foreign_exception_in_a_child_are_counted_with_their_inputs(
+    monkeypatch, guarded
+):
     def read(data):
         if data == b"crash":
             os.kill(os.getpid(), signal.SIGTERM)
@@ -55,7 +58,8 @@ def test_a_crash_a_loop_and_a_foreign_exception_in_a_child_are_counted_with_thei
     inputs = [b"good", b"bad", b"crash", b"bug", b"good", b"loop", b"bad"]
     monkeypatch.setattr(run, "input_of", lambda kind, pool, seed, k: inputs[k % len(inputs)])
     monkeypatch.setattr(run, "INPUTS_OF_A_CHILD", len(inputs))
-    account = run.fuzz_in_processes(Kind("any", lambda: [b""], lambda: read, cpu_seconds=0.2), 0.2, seed=0)
+    kind = Kind("any", lambda: [b""], lambda: read, cpu_seconds=0.2, guarded=guarded)
+    account = run.fuzz_in_processes(kind, 0.2, seed=0)
     assert account.inputs % len(inputs) == 6  # one loop takes all the time
     assert [message.split(":")[0] for message, _ in account.escapes[:3]] == [
         "the process ended with -15", "KeyError", "took 0 s",
