@@ -46,8 +46,8 @@ SHORT_FIELDS: dict[str, dict[str, str]] = {
     "geodesic": {
         "results": "method max_distance mean_distance unreachable sources paths.kind paths.source "
         "paths.target paths.length log_map_axis",
-        "accuracy": "certificate_excess gradient_deviation.median gradient_deviation.max compare "
-        "path_length_residual log_map_miss",
+        "accuracy": "error_estimate certificate_excess gradient_deviation.median gradient_deviation.max "
+        "compare path_length_residual log_map_miss",
     },
     "shell-sim": {
         "results": "frames time steps rejected_steps newton_iterations energies.total reaction_forces pieces "

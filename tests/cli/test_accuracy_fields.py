@@ -70,6 +70,7 @@ SOLVE = ("ddgcli.linalg.factor:Factor.solve", returned(lambda x: scattered(x, 1e
 FAINT = (SOLVE[0], returned(lambda x: scattered(x, 1e-6 * np.abs(x).max())))  # below what is refused
 WILD = (SOLVE[0], returned(lambda x: scattered(x, np.abs(x).max())))
 MEASURE = "ddgcli.algorithms.curvature.surface_curvature:_accuracy"
+HEAT = "ddgcli.algorithms.geodesics.heat:HeatSolver.distance"
 EXACT_DISTANCE = "ddgcli.algorithms.geodesics.exact.exact_distance:exact_distance"
 OPERATOR = "ddgcli.algorithms.laplacian.solve_tasks:laplace_operator"
 TRACE_CHECKED = "ddgcli.algorithms.tracing.trace:Tracer.trace_checked"
@@ -190,7 +191,10 @@ PLANTS = {
         ),
     ],
     "ring": [(*SOLVE, ["harmonic_residual"])],
-    "heat": [(*FAINT, ["heat_residual", "poisson_residual"])],
+    "heat": [
+        (*FAINT, ["heat_residual", "poisson_residual"]),
+        (HEAT, crooked(distance=lambda d: 3.0 * d), ["error_estimate"]),
+    ],
     "shell": [(EVOLVE, stepping(motion), ["momentum_drift", "angular_momentum_drift", "max_strain"])],
     "falling": [(EVOLVE, stepping(motion), ["energy_drift", "energy_gain"])],
     "fluid": [

@@ -131,6 +131,22 @@ def test_heat_reports_its_residuals(square, summary):
     assert 0 < report["accuracy"]["poisson_residual"] < 1e-9
 
 
+def test_heat_states_its_error_and_warns_behind_a_hole(summary, tmp_path):
+    grid = shapes.grid(24, 24)
+    hole = np.abs(grid.points[grid.faces].mean(axis=1) - grid.points.mean(axis=0)).max(axis=1) < 0.3
+    holed = TriangleMesh.from_arrays(grid.points, grid.faces[~hole])
+    for mesh, is_large in ((holed, True), (shapes.icosphere(4), False)):
+        write_mesh(str(tmp_path / "m.ply"), AnnotatedMesh(mesh))
+        words = ("--source", 30, "--method", "heat", "--compare", "exact")
+        report = summary("geodesic", tmp_path / "m.ply", *words)
+        accuracy = report["accuracy"]
+        estimate, error = accuracy["error_estimate"], accuracy["compare"]["exact"]["max_error"]
+        assert 0.2 * estimate < error < 1.6 * estimate
+        warnings = [text for text in report["warnings"] if text.startswith("error_estimate is")]
+        assert (estimate > 0.05) == is_large == bool(warnings)
+        assert not is_large or "--method fast-marching" in warnings[0]
+
+
 def test_gradient_is_that_of_the_linear_interpolant_and_zero_on_unreached_faces(islands, summary, tmp_path):
     out = tmp_path / "out.npz"
     summary("geodesic", islands, "--source", 0, "--gradient", "-o", out)

@@ -13,7 +13,7 @@ from ddgcli.errors import SolveError
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from tests.geodesic_cases import disk
+from tests.geodesic_cases import disk, pillow
 
 
 def jittered_torus(nu: int) -> TriangleMesh:
@@ -95,6 +95,19 @@ def test_fast_marching_is_invariant_under_face_orientation(mesh):
     assert not other.topology.is_oriented
     truth = exact_distance(mesh, 0).distance
     assert np.abs(fast_marching_distance(other, 0).distance - truth).mean() < 0.02 * truth.mean()
+
+
+def test_heat_of_a_square_is_that_of_its_double_cover():
+    """Mirror images: half the sum of insulated and absorbing boundary is the heat without a boundary."""
+    cover, k = pillow(8), 8
+    square = TriangleMesh.from_arrays(cover.points[: (k + 1) ** 2], cover.faces[: 2 * k * k])
+    source, logs = 2 * (k + 1) + 3, []
+    for mesh in (cover, square):
+        start = np.eye(1, mesh.n_vertices, source)[0]
+        solver = HeatSolver(mesh, time=0.02)
+        value, level, _, _ = solver._diffuse(start, np.ones(mesh.n_vertices, dtype=bool))
+        logs.append(np.log(value / value[source]) + level)
+    np.testing.assert_allclose(logs[1], logs[0][: square.n_vertices], atol=1e-9)
 
 
 def test_refined_heat_converges_on_the_sphere_and_published_heat_does_not():

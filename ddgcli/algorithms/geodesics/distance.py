@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("ddgcli")
 
-# violation of the certificate relative to the largest edge distance; heat has 2 % on good meshes
+# violation of the certificate relative to the largest edge distance
 WARNING_EXCESS, MAX_EXCESS = 0.05, 0.5
+WARNING_ESTIMATE = 0.05  # error of heat relative to the largest distance
 MAX_HEAT_RESIDUAL = 1e-3  # above it, the heat's gradient has no usable direction
 
 
@@ -177,6 +178,7 @@ def describe_targets(mesh: SurfaceMesh, targets: SurfacePoints, exact: ExactDist
 
 
 def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
+    from ddgcli.algorithms.geodesics.certificate import gradient_error
     from ddgcli.algorithms.geodesics.heat import HeatSolver
     from ddgcli.choices import ITERATIVE_SOLVERS
 
@@ -191,6 +193,7 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
                 "a shorter `heat_time`, or use another method"
             )
         accuracy: dict[str, Any] = {
+            "error_estimate": gradient_error(base, heat.distance),
             "heat_residual": heat.heat_residual,
             "poisson_residual": heat.poisson_residual,
         }
@@ -303,6 +306,13 @@ def measure_distance(
         "bounds that every true distance satisfies are violated; use the exact method or repair the mesh",
         warning=WARNING_EXCESS if method in ("heat", "fast-marching") else 0.0,
         largest=MAX_EXCESS,
+    )
+    within_residuals(
+        accuracy,
+        ("error_estimate",),
+        "heat smooths distances along boundaries and where shortest paths meet; `method=fast-marching` and "
+        "`method=exact` do not",
+        warning=WARNING_ESTIMATE,
     )
     converged &= within_residuals(
         accuracy, ("heat_residual", "poisson_residual"), "use the exact method or repair the mesh"

@@ -107,6 +107,7 @@ class HeatSolver:
         self._area = area
         self._poisson: Poisson | None = None
         self._dirichlet: Dirichlet | None = None
+        self._boundary = self.source_mesh.topology.boundary_vertex  # a tufted cover has none of its own
         flat_corners = face_frame(mesh.side_length)  # corners (0, 0), (base, 0), (x, y)
         _, right, apex = flat_corners.transpose(1, 2, 0)
         self._base, self._x, self._y = right[0].copy(), apex[0].copy(), apex[1].copy()
@@ -118,6 +119,11 @@ class HeatSolver:
         if self._poisson is None:
             self._poisson = Poisson(self.stiffness, self._area, like=self._heat)
         return self._poisson
+
+    @cached_property
+    def absorbing(self) -> Dirichlet:
+        """First system with heat zero on the boundary, factorised on first access."""
+        return Dirichlet(self._system, self._boundary, like=self._heat)
 
     @property
     def solver(self) -> str:
@@ -166,11 +172,30 @@ class HeatSolver:
         return start
 
     def _diffuse(self, start: NDArray, inside: NDArray) -> tuple[NDArray, NDArray, int, Callable[[], float]]:
-        """Heat as value * exp(level), continued from rescaled values at the rim where it underflows."""
+        """Heat as value * exp(level): the sum of those of an insulated and of an absorbing boundary.
+
+        A straight boundary reflects with opposite signs in the two (Crane et al. 2013, section 3.4).
+        A source on the boundary has no absorbed heat.
+        """
         heat = self._heat.solve(start, refine=False)
+        peak = heat.max(initial=0.0) or 1.0
+        value, level, n_stages = self._continued(heat / peak, inside, partial(self._heat.solve, refine=False))
         residual = partial(self._heat.residual, heat, start)
-        level = np.zeros(len(heat))
-        value = heat / (heat.max(initial=0.0) or 1.0)
+        free = ~self._boundary
+        if not start[free].any() or free.all():
+            return value, level, n_stages, residual
+        absorbed = self.absorbing.solve_held_at_zero(start, refine=False)
+        solve = partial(self.absorbing.solve_held_at_zero, refine=False)
+        other, other_level, more_stages = self._continued(absorbed / peak, inside & free, solve)
+        value += other * np.exp(np.minimum(other_level - level, -np.log(MIN_RELATIVE_HEAT)))
+        absorbed_residual = partial(self.absorbing.residual, absorbed, start)
+        return value, level, n_stages + more_stages, lambda: max(residual(), absorbed_residual())
+
+    def _continued(
+        self, value: NDArray, inside: NDArray, solve: Callable[[NDArray], NDArray]
+    ) -> tuple[NDArray, NDArray, int]:
+        """Heat as value * exp(level), continued from rescaled values at the rim where it underflows."""
+        level = np.zeros(len(value))
         cold = inside & ~(np.abs(value) > MIN_RELATIVE_HEAT)
         n_stages = 0
         while cold.any() and n_stages < MAX_STAGES:
@@ -178,7 +203,7 @@ class HeatSolver:
             largest = np.abs(load).max(initial=0.0)
             if not largest > 0:
                 break
-            heat = self._heat.solve(load / largest, refine=False)[cold]
+            heat = solve(load / largest)[cold]
             peak = np.abs(heat).max(initial=0.0)
             if not peak > 0:
                 break
@@ -187,7 +212,7 @@ class HeatSolver:
             cold &= ~(np.abs(value) > MIN_RELATIVE_HEAT)
             n_stages += 1
         value[~(value > MIN_RELATIVE_HEAT)] = 0.0
-        return value, level, n_stages, residual
+        return value, level, n_stages
 
     def _load_at_rim(self, value: NDArray, level: NDArray, cold: NDArray) -> tuple[NDArray, float]:
         """Right-hand side, times exp(-reference), whose solution is the heat on `cold` and zero elsewhere.
@@ -197,7 +222,8 @@ class HeatSolver:
         """
         system = self._system
         column = np.repeat(np.arange(len(cold), dtype=system.indices.dtype), np.diff(system.indptr))
-        across = np.flatnonzero(cold[column] & ~cold[system.indices])
+        # the absorbing boundary has no heat to give
+        across = np.flatnonzero(cold[column] & ~cold[system.indices] & (value[system.indices] != 0))
         warm, beyond, entry = system.indices[across], column[across], system.data[across]
         reference = level[warm].max(initial=-np.inf)
         load = np.zeros(len(cold))
