@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.mesh.cures import cure, with_repair
 from ddgcli.mesh.curve import CurveSet
-from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import FLAT_AREA_TOLERANCE, TriangleMesh
 from ddgcli.mesh.vectors import bounding_box
@@ -134,6 +134,8 @@ class Requirement:
         At least one face with area; every face with area; every tetrahedron with volume.
     upright : bool
         Every tetrahedron oriented positively.
+    manifold_cells : bool
+        No face of more than two tetrahedra.
     instead : str
         Why the command takes no mesh, or "".
     """
@@ -145,6 +147,7 @@ class Requirement:
     every_area: bool = False
     volume: bool = False
     upright: bool = False
+    manifold_cells: bool = False
     instead: str = ""
 
 
@@ -170,7 +173,13 @@ REQUIREMENTS = {
     "geodesic": Requirement(surface={"sized": False}),
     "shell-sim": Requirement(every_area=True),
     "fluid-sim": Requirement(
-        ("surface", "tetrahedra"), _MANIFOLD, {"faces": True}, every_area=True, volume=True, upright=True
+        ("surface", "tetrahedra"),
+        _MANIFOLD,
+        {"faces": True},
+        every_area=True,
+        volume=True,
+        upright=True,
+        manifold_cells=True,
     ),
     "willmore-flow": Requirement(surface=_MANIFOLD, every_area=True),
     "curve-flow": Requirement(("curve",)),
@@ -234,8 +243,23 @@ def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> N
         if requirement.upright and (mesh.signed_volume < 0).any():
             bad = np.flatnonzero(mesh.signed_volume < 0)
             raise MeshError(f"{len(bad)} tetrahedra are inverted (first: {bad[0]}); {cure('inverted')}")
+        if requirement.manifold_cells:
+            require_manifold_cells(mesh)
     elif isinstance(mesh, TriangleMesh) and requirement.every_area:
         refuse_flat_faces(mesh.flat_faces, mesh.topology, **requirement.surface)
+
+
+def require_manifold_cells(mesh: TetMesh) -> None:
+    """Raise MeshError for a face of more than two tetrahedra."""
+    faces, count = np.unique(
+        np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1), axis=0, return_counts=True
+    )
+    if (count > 2).any():
+        first = "-".join(str(v) for v in faces[np.argmax(count > 2)])
+        raise MeshError(
+            f"{int((count > 2).sum())} faces have more than two tetrahedra (first: vertices {first}); "
+            "remove all but two at each"
+        )
 
 
 def _require_area(mesh: TriangleMesh) -> None:

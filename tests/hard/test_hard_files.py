@@ -69,12 +69,17 @@ def assert_honest(result, path: Path, output: Path) -> None:
             assert value.dtype.kind != "f" or not np.isnan(value).any(), f"NaN in {name}"
 
 
+FLOW_IN_A_BODY = "--flow vortex-ring --integrator energy --dt 0.01 --steps 1"
+
+
 def words_of(command: str, path: Path) -> list[str]:
     """Words of a command, with a vertex of the surface where one is required."""
     vertex = "0"
-    if "VERTEX" in COMMANDS[command]:
-        with contextlib.suppress(InputError, IndexError, AttributeError):  # the command itself will say so
+    with contextlib.suppress(InputError, IndexError, AttributeError):  # the command itself will say so
+        if "VERTEX" in COMMANDS[command]:
             vertex = str(read_mesh(str(path)).mesh.faces[0, 0])
+        if command == "fluid-sim" and read_mesh(str(path)).kind == "tetrahedra":
+            return FLOW_IN_A_BODY.split()
     return [vertex if word == "VERTEX" else word for word in COMMANDS[command]]
 
 

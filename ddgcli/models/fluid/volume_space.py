@@ -27,6 +27,7 @@ from ddgcli.errors import MeshError
 from ddgcli.linalg.constrain import Dirichlet, components
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.cures import cure
+from ddgcli.mesh.require import require_manifold_cells
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.models.fluid.state import FluidState
@@ -50,15 +51,7 @@ def require_volume(mesh: TetMesh) -> None:
         if bad.any():
             first = np.flatnonzero(bad)[0]
             raise MeshError(f"{int(bad.sum())} tetrahedra {what} (first: {first}); {cure(defect)}")
-    faces, count = np.unique(
-        np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1), axis=0, return_counts=True
-    )
-    if (count > 2).any():
-        first = "-".join(str(v) for v in faces[np.argmax(count > 2)])
-        raise MeshError(
-            f"{int((count > 2).sum())} faces have more than two tetrahedra (first: vertices {first}); "
-            "remove all but two at each"
-        )
+    require_manifold_cells(mesh)
 
 
 @dataclass(eq=False)
