@@ -94,14 +94,20 @@ def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any
     }
 
 
+DRIFTS = ("energy_drift", "energy_gain", "momentum_drift", "angular_momentum_drift")
+
+
 def summary(
     outcome: Outcome, systems: dict[str, System], static: bool = False, order: Order = ()
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """(`results`, `accuracy`) of a run.
 
-    `static` adds the stability of the equilibrium; `order` is that of the shells, see `_split`.
+    `static` adds the stability of the equilibrium, and has no drifts: its frames are no motion that
+    conserves anything. `order` is that of the shells, see `_split`.
     """
     accuracy = _accuracy(outcome, systems, order)
+    if static:
+        accuracy |= dict.fromkeys(DRIFTS)
     if static and not outcome.failure:
         accuracy["negative_eigenvalues"] = _instability(_split(outcome.end.points, systems, order), systems)
     return _results(outcome), accuracy
