@@ -132,6 +132,18 @@ def test_the_signed_volume_of_the_offset_of_a_torus_follows_the_polynomial():
     assert measured.offset.mesh.topology.genus == 1
 
 
+def test_a_spike_does_not_refine_the_arcs_of_other_edges():
+    sphere = shapes.icosphere(2)
+    points = sphere.points.copy()
+    points[0] *= 4
+    spike = sphere.moved(points)
+    smooth, sharp = offset_body(sphere, 0.1).mesh, offset_body(spike, 0.1)
+    assert sharp.mesh.n_faces < 3 * smooth.n_faces
+    topology = sharp.mesh.topology
+    assert topology.is_closed and topology.is_manifold and topology.is_oriented and topology.genus == 0
+    assert measure_surface(spike, "cotan", offset=0.1).accuracy["offset_volume_error"] < 1e-4
+
+
 def test_offsets_and_regions_that_do_not_exist_are_refused():
     with pytest.raises(MeshError, match="has 1 boundary loops"):
         offset_body(shapes.grid(3, 3), 0.1)

@@ -44,13 +44,16 @@ class OffsetBody:
 
 @dataclass(frozen=True, eq=False)
 class OffsetArcs:
-    """Directions of an offset body: a side of each edge, normals of faces and vertices, steps of arcs."""
+    """Directions of an offset body: a side of each edge, normals of faces and vertices, steps of arcs.
+
+    `arc` has the steps of each edge's arc, `rings` those from the normal of each vertex to its faces'.
+    """
 
     side: NDArray[np.int64]
     normal: NDArray[np.float64]
     centre: NDArray[np.float64]
-    arc: int
-    rings: int
+    arc: NDArray[np.int64]
+    rings: NDArray[np.int64]
 
 
 def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> OffsetArcs:
@@ -84,14 +87,21 @@ def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> Offs
     normal_angle = np.arccos(
         np.clip(row_dot(np.repeat(normal, 3, axis=0), centre[mesh.faces.ravel()]), -1, 1)
     )
-    step = np.radians(resolution)
-    arc, rings = (max(1, int(np.ceil(angle / step - 1e-9))) for angle in (fold.max(), normal_angle.max()))
-    count = mesh.n_faces + 2 * len(side) * arc + 2 * len(side) * arc * (2 * rings - 1)
+    widest = np.zeros(mesh.n_vertices)
+    np.maximum.at(widest, mesh.faces.ravel(), normal_angle)
+    arc, rings = _steps(fold, resolution), _steps(widest, resolution)
+    of_ends = rings[topology.side_tail[side]] + rings[topology.side_head[side]]
+    count = mesh.n_faces + 2 * int((arc * of_ends).sum())
     if count > MAX_OFFSET_FACES:
         raise ParameterError(
             f"the offset mesh would have {count:,} faces; give a larger angle", parameter="offset_angle"
         )
     return OffsetArcs(side, normal, centre, arc, rings)
+
+
+def _steps(angle: NDArray, resolution: float) -> NDArray[np.int64]:
+    """Fewest steps of at most `resolution` degrees that make up each angle in radians; at least one."""
+    return np.maximum(1, np.ceil(angle / np.radians(resolution) - 1e-9).astype(np.int64))
 
 
 def offset_body(mesh: TriangleMesh, distance: float, resolution: float = 6.0) -> OffsetBody:
@@ -131,32 +141,49 @@ def offset_body(mesh: TriangleMesh, distance: float, resolution: float = 6.0) ->
 
 def _assemble(mesh: TriangleMesh, arcs: OffsetArcs, distance: float) -> tuple[NDArray, NDArray, NDArray]:
     """Points, faces and their parts: triangles, strips of cylinders, sectors of spheres."""
-    side, normal, centre, arc, rings = arcs.side, arcs.normal, arcs.centre, arcs.arc, arcs.rings
-    normals = normal[side // 3], normal[mesh.topology.side_twin.ravel()[side] // 3]
-    corner_points = mesh.points[mesh.faces.ravel()] + distance * np.repeat(normal, 3, axis=0)
-    face_part = np.arange(3 * mesh.n_faces).reshape(-1, 3)
-    tail, head = mesh.topology.side_tail[side], mesh.topology.side_head[side]
-    t = np.arange(arc + 1) / arc
-    directions = _arcs(*normals, t)  # (e, arc + 1, 3), from the face of the side to that of its twin
-    ends = [mesh.points[v][:, None] + distance * directions for v in (tail, head)]
-    points = [corner_points, *(end.reshape(-1, 3) for end in ends)]
-    start = [len(corner_points), len(corner_points) + ends[0].shape[0] * (arc + 1)]
-    rows = [s + np.arange(len(side) * (arc + 1)).reshape(-1, arc + 1) for s in start]
+    corners = mesh.points[mesh.faces.ravel()] + distance * np.repeat(arcs.normal, 3, axis=0)
+    patches = [(corners, np.arange(3 * mesh.n_faces).reshape(-1, 3), 0)]
+    tail, head = mesh.topology.side_tail[arcs.side], mesh.topology.side_head[arcs.side]
+    for arc in np.unique(arcs.arc):  # edges of as many steps at once
+        edges = np.flatnonzero(arcs.arc == arc)
+        directions = _edge_arcs(mesh, arcs, edges, arc)
+        patches.append(_strips(mesh.points[tail[edges]], mesh.points[head[edges]], distance * directions))
+        for vertex, is_tail in ((tail[edges], True), (head[edges], False)):
+            rings = arcs.rings[vertex]
+            for n in np.unique(rings):
+                of_n = np.flatnonzero(rings == n)
+                grid = distance * _sector(arcs.centre[vertex[of_n]], directions[of_n], n)
+                grid += mesh.points[vertex[of_n]][:, None, None]
+                patches.append(_sectors(grid, is_tail))
+    points, faces, labels = zip(*patches, strict=True)
+    start = np.cumsum([0, *map(len, points[:-1])])
+    part_of_face = np.repeat(labels, [len(f) for f in faces])
+    numbered = [first + corner for first, corner in zip(start, faces, strict=True)]
+    return np.concatenate(points), np.concatenate(numbered), part_of_face
+
+
+def _edge_arcs(mesh: TriangleMesh, arcs: OffsetArcs, edges: NDArray, arc: int) -> NDArray[np.float64]:
+    """(e, arc + 1, 3) normals along the arcs of edges, from the face of the side to that of its twin."""
+    side = arcs.side[edges]
+    twin = mesh.topology.side_twin.ravel()[side]
+    return _arcs(arcs.normal[side // 3], arcs.normal[twin // 3], np.arange(arc + 1) / arc)
+
+
+def _strips(tail: NDArray, head: NDArray, offset: NDArray) -> tuple[NDArray, NDArray, int]:
+    """Points, faces and part of the cylinders over edges."""
+    ends = np.stack([tail[:, None] + offset, head[:, None] + offset])  # (2, e, arc + 1, 3)
+    row = np.arange(ends[..., 0].size).reshape(ends.shape[:-1])
     # seen from outside the side runs with its face on the left: its neighbour lies on the right
-    quads = _quads(rows[0][:, :-1], rows[0][:, 1:], rows[1][:, 1:], rows[1][:, :-1])
-    size = start[1] + len(side) * (arc + 1)
-    sectors, sector_points = [], []
-    for v, turned in ((tail, False), (head, True)):
-        grid = _sector(centre[v], directions, rings)  # (e, rings + 1, arc + 1, 3)
-        sector_points.append((mesh.points[v][:, None, None] + distance * grid).reshape(-1, 3))
-        index = size + np.arange(grid.shape[0] * (rings + 1) * (arc + 1))
-        index = index.reshape(-1, rings + 1, arc + 1)
-        size += index.size
-        a, b, c, d = index[:, :-1, :-1], index[:, 1:, :-1], index[:, 1:, 1:], index[:, :-1, 1:]
-        sectors.append(_quads(a, b, c, d) if turned else _quads(a, d, c, b))
-    faces = np.concatenate([face_part, quads, *sectors])
-    part_of_face = np.repeat([0, 1, 2], [len(face_part), len(quads), sum(map(len, sectors))])
-    return np.concatenate([*points, *sector_points]), faces, part_of_face
+    faces = _quads(row[0, :, :-1], row[0, :, 1:], row[1, :, 1:], row[1, :, :-1])
+    return ends.reshape(-1, 3), faces, 1
+
+
+def _sectors(grid: NDArray, is_tail: bool) -> tuple[NDArray, NDArray, int]:
+    """Points, faces and part of the sectors of spheres with points (e, rings + 1, arc + 1, 3)."""
+    index = np.arange(grid[..., 0].size).reshape(grid.shape[:-1])
+    a, b, c, d = index[:, :-1, :-1], index[:, 1:, :-1], index[:, 1:, 1:], index[:, :-1, 1:]
+    faces = _quads(a, d, c, b) if is_tail else _quads(a, b, c, d)
+    return grid.reshape(-1, 3), faces, 2
 
 
 def _arcs(start: NDArray, end: NDArray, t: NDArray) -> NDArray[np.float64]:
