@@ -45,6 +45,15 @@ def _saddle(x: NDArray, y: NDArray, z: NDArray) -> NDArray:
     return z - (x * x - y * y) / 60
 
 
+def _capsule(x: NDArray, y: NDArray, z: NDArray) -> NDArray:
+    return np.sqrt(x * x + y * y + (z - np.clip(z, -12, 12)) ** 2) - 8
+
+
+def _rounded_box(x: NDArray, y: NDArray, z: NDArray) -> NDArray:
+    beyond = [np.maximum(np.abs(c) - half, 0) for c, half in zip((x, y, z), (9, 7, 5))]
+    return np.sqrt(sum(c * c for c in beyond)) - 6
+
+
 def _within(*reach: float) -> Callable[[NDArray, NDArray, NDArray], NDArray]:
     """Whether points lie so far inside a box."""
     return lambda *p: np.all([np.abs(c) < r for c, r in zip(p, reach)], axis=0)
@@ -68,6 +77,8 @@ BODIES = {
     ),
     "catenoid": Body(lambda x, y, z: np.hypot(x, y) - 9 * np.cosh(z / 9), (15, 15, 9), _within(99, 99, 5)),
     "saddle": Body(_saddle, (22, 22, 12), _within(15, 15, 99)),
+    "capsule": Body(_capsule, (8, 8, 20)),
+    "rounded box": Body(_rounded_box, (15, 13, 11)),
     "wave": Body(_wave, (30, 30, 7), _within(23, 23, 99)),
 }  # fmt: skip
 
@@ -81,13 +92,14 @@ def known(body: Body, mesh: TriangleMesh) -> KnownSurface:
     return KnownSurface(mesh, principal_curvatures(body, at), counted)
 
 
-def _voxels(
+def voxels(
     name: str,
     surface_of: Callable[[NDArray], TriangleMesh],
     spacing: tuple[float, float, float] = (1.0, 1.0, 1.0),
     turn: NDArray | None = None,
     change: Callable[[TriangleMesh], TriangleMesh] = lambda mesh: mesh,
 ) -> KnownSurface:
+    """Surface of a segmented volume of one of BODIES, by `surface_of` from its values on a grid."""
     body = BODIES[name]
     values, place = samples(body, spacing, turn)
     mesh = surface_of(values)
@@ -152,6 +164,12 @@ def decimated(share: float, mesh: TriangleMesh) -> TriangleMesh:
     )
     small = meshes.current_mesh()
     return TriangleMesh.from_arrays(small.vertex_matrix(), small.face_matrix())
+
+
+def mean_error(surface: KnownSurface, mean: NDArray) -> float:
+    """Mean error of the mean curvature (n,), over its mean size."""
+    truth, counted = surface.curvature.mean(axis=1), surface.counted
+    return float(np.abs(mean - truth)[counted].mean() / np.abs(truth[counted]).mean())
 
 
 def _edge(mesh: TriangleMesh) -> float:
@@ -281,50 +299,50 @@ def _changed(
 def voxel_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
     """Surfaces of segmented volumes."""
     for name in ("sphere", "cylinder", "torus", "ellipsoid", "egg"):
-        yield f"cubes: {name}", partial(_voxels, name, cubes)
+        yield f"cubes: {name}", partial(voxels, name, cubes)
     for name in ("large sphere", "torus", "ellipsoid", "gyroid", "catenoid", "wave"):
-        yield f"marching cubes: {name}", partial(_voxels, name, binary)
+        yield f"marching cubes: {name}", partial(voxels, name, binary)
     for name in ("sphere", "torus", "egg", "saddle"):
-        yield f"surface nets: {name}", partial(_voxels, name, nets)
+        yield f"surface nets: {name}", partial(voxels, name, nets)
     flat = (1.0, 1.0, 2.5)
-    yield "cubes 1:1:2.5: large sphere", partial(_voxels, "large sphere", cubes, flat)
-    yield "marching cubes 1:1:2.5: ellipsoid", partial(_voxels, "ellipsoid", binary, flat)
-    yield "surface nets 1:1:2.5: torus", partial(_voxels, "torus", nets, flat)
-    yield "marching cubes 1:1:5: large sphere", partial(_voxels, "large sphere", binary, (1.0, 1.0, 5.0))
-    yield "cubes turned: ellipsoid", partial(_voxels, "ellipsoid", cubes, turn=TURN)
-    yield "surface nets turned: ellipsoid", partial(_voxels, "ellipsoid", nets, turn=TURN)
+    yield "cubes 1:1:2.5: large sphere", partial(voxels, "large sphere", cubes, flat)
+    yield "marching cubes 1:1:2.5: ellipsoid", partial(voxels, "ellipsoid", binary, flat)
+    yield "surface nets 1:1:2.5: torus", partial(voxels, "torus", nets, flat)
+    yield "marching cubes 1:1:5: large sphere", partial(voxels, "large sphere", binary, (1.0, 1.0, 5.0))
+    yield "cubes turned: ellipsoid", partial(voxels, "ellipsoid", cubes, turn=TURN)
+    yield "surface nets turned: ellipsoid", partial(voxels, "ellipsoid", nets, turn=TURN)
     for times in (1, 3, 10, 30):
         yield (
             f"cubes smoothed {times}: ellipsoid",
-            partial(_voxels, "ellipsoid", cubes, change=partial(smoothed, times)),
+            partial(voxels, "ellipsoid", cubes, change=partial(smoothed, times)),
         )
     for times in (1, 5):
         yield (
             f"marching cubes smoothed {times}: torus",
-            partial(_voxels, "torus", binary, change=partial(smoothed, times)),
+            partial(voxels, "torus", binary, change=partial(smoothed, times)),
         )
     yield (
         "marching cubes smoothed 30: large sphere",
-        partial(_voxels, "large sphere", binary, change=partial(smoothed, 30)),
+        partial(voxels, "large sphere", binary, change=partial(smoothed, 30)),
     )
     yield (
         "marching cubes by Taubin: large sphere",
-        partial(_voxels, "large sphere", binary, change=partial(taubin, 10)),
+        partial(voxels, "large sphere", binary, change=partial(taubin, 10)),
     )
     yield (
         "cubes merged to half: large sphere",
-        partial(_voxels, "large sphere", cubes, change=partial(decimated, 0.5)),
+        partial(voxels, "large sphere", cubes, change=partial(decimated, 0.5)),
     )
     yield (
         "cubes merged to a fifth: large sphere",
-        partial(_voxels, "large sphere", cubes, change=partial(decimated, 0.2)),
+        partial(voxels, "large sphere", cubes, change=partial(decimated, 0.2)),
     )
     yield (
         "marching cubes merged to half: torus",
-        partial(_voxels, "torus", binary, change=partial(decimated, 0.5)),
+        partial(voxels, "torus", binary, change=partial(decimated, 0.5)),
     )
-    yield "grey of 2 bits: ellipsoid", partial(_voxels, "ellipsoid", partial(grey_of_bits, 2))
-    yield "grey of 4 bits: ellipsoid", partial(_voxels, "ellipsoid", partial(grey_of_bits, 4))
+    yield "grey of 2 bits: ellipsoid", partial(voxels, "ellipsoid", partial(grey_of_bits, 2))
+    yield "grey of 4 bits: ellipsoid", partial(voxels, "ellipsoid", partial(grey_of_bits, 4))
 
 
 def noise_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
@@ -394,9 +412,9 @@ def noise_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
         )
     yield (
         "spikes 1.0% of grey cubes: torus",
-        partial(_voxels, "torus", grey, change=partial(spikes, 0.01, 0.5)),
+        partial(voxels, "torus", grey, change=partial(spikes, 0.01, 0.5)),
     )
-    yield "noise 0.1 of grey cubes: torus", partial(_voxels, "torus", grey, change=partial(normal_noise, 0.1))
+    yield "noise 0.1 of grey cubes: torus", partial(voxels, "torus", grey, change=partial(normal_noise, 0.1))
 
 
 def periodic_surfaces() -> Iterator[tuple[str, TriangleMesh]]:
@@ -432,9 +450,9 @@ def periodic_surfaces() -> Iterator[tuple[str, TriangleMesh]]:
 def clean_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
     """Surfaces without noise whose curvature is known."""
     for name in ("large sphere", "torus", "gyroid", "wave"):
-        yield f"grey cubes: {name}", partial(_voxels, name, grey)
-    yield "grey cubes 1:1:2.5: ellipsoid", partial(_voxels, "ellipsoid", grey, (1.0, 1.0, 2.5))
-    yield "grey of 8 bits: ellipsoid", partial(_voxels, "ellipsoid", partial(grey_of_bits, 8))
+        yield f"grey cubes: {name}", partial(voxels, name, grey)
+    yield "grey cubes 1:1:2.5: ellipsoid", partial(voxels, "ellipsoid", grey, (1.0, 1.0, 2.5))
+    yield "grey of 8 bits: ellipsoid", partial(voxels, "ellipsoid", partial(grey_of_bits, 8))
     for name in ("sphere", "ellipsoid", "egg", "torus", "wave", "saddle"):
         yield f"clean: {name}", partial(_changed, name)
     yield "clean, slivers: torus", partial(_changed, "torus", base=_torus(slivers=True))

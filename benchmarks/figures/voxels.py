@@ -13,6 +13,7 @@ import numpy as np
 
 from benchmarks.common.measure import cpu_seconds, peak_mib, print_table
 from benchmarks.common.mesh_sequences import real, voxel_sphere
+from benchmarks.common.noisy_surfaces import cubes, mean_error, nets, normal_noise, voxels
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -21,6 +22,9 @@ SCHEMES = ("normal-voting", "quadric")
 PUBLISHED = (("sphere_r10.vtp", 10, (6, 8), 4.6), ("sphere_r30.vtp", 30, (10, 14, 28), 1.4))
 GROWTH_RADII = (22, 46, 89)  # 18, 80 and 300 thousand faces
 GROWTH_RUNS = (("normal-voting", 10.0), ("normal-voting", 14.0), ("quadric", 10.0))
+
+SWEPT_BODIES = ("sphere", "large sphere", "ellipsoid", "torus", "egg", "capsule", "rounded box")
+SWEPT_EDGES = 1.6 * 2 ** (np.arange(8) / 2)  # radii of the sweep in mean edges
 
 
 def errors(mesh: TriangleMesh, sphere_radius: float, scheme: str, radius: float | str | None) -> list:
@@ -59,6 +63,40 @@ def automatic_table() -> None:
     print_table("The radius of `--radius auto`", header, rows)
 
 
+def swept_table() -> None:
+    """Print the errors at the radius of `auto` beside the least ones of a sweep of stated radii."""
+    rows: list[list] = []
+    for kind, make in (("cubes", cubes), ("nets with noise", nets)):
+        for body in SWEPT_BODIES:
+            surface = voxels(body, make)
+            mesh = surface.mesh if make is cubes else normal_noise(0.1, surface.mesh)
+            edge = float(mesh.side_length.mean())
+            for scheme in SCHEMES:
+                automatic = measure_curvature(mesh, scheme, "auto", full=False)
+                swept = [
+                    mean_error(
+                        surface, measure_curvature(mesh, scheme, r, full=False).vertex["mean_curvature"]
+                    )
+                    for r in edge * SWEPT_EDGES
+                ]
+                error, best = mean_error(surface, automatic.vertex["mean_curvature"]), int(np.argmin(swept))
+                stated, radius = automatic.results["expected_error"], automatic.results["radius"]
+                row = [f"{kind}: {body}", scheme, radius / edge if radius else "default", 100 * error]
+                least = [SWEPT_EDGES[best], 100 * swept[best], error / swept[best]]
+                rows.append([*row, 100 * stated if stated else "-", *least])
+    header = [
+        "surface",
+        "scheme",
+        "radius of auto in edges",
+        "H %",
+        "stated %",
+        "best radius",
+        "H %",
+        "ratio",
+    ]
+    print_table("The radius of auto beside the best of a sweep", header, rows)
+
+
 def growth_table() -> None:
     """Print seconds and memory of growing voxel spheres in balls of the same radius."""
     rows: list[list] = []
@@ -79,4 +117,5 @@ def growth_table() -> None:
 if __name__ == "__main__":
     accuracy_table()
     automatic_table()
+    swept_table()
     growth_table()

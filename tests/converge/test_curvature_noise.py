@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.common import level_sets, noisy_surfaces
 from benchmarks.common.mesh_sequences import voxel_sphere
+from ddgcli.algorithms.curvature.scales import error_of_radii
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
@@ -114,6 +115,30 @@ def test_voxels_are_recognised_and_the_radius_reduces_the_error(radius, caplog):
     default, automatic = error(mesh, truth), error(mesh, truth, "auto")
     assert "staircase of voxels" in caplog.text
     assert default > 0.8 and automatic < 0.25
+
+
+@pytest.mark.parametrize("scheme", ["quadric", "normal-voting"])
+@pytest.mark.parametrize("body", ["ellipsoid", "rounded box"])
+def test_the_automatic_radius_on_voxels_is_near_the_best_and_states_its_error(body, scheme):
+    """Balls as large as the roundings of a box change little with the radius, and are all wrong."""
+    surface = noisy_surfaces.voxels(body, noisy_surfaces.cubes)
+
+    def error_at(radius):
+        result = measure_curvature(surface.mesh, scheme, radius, full=False)
+        return noisy_surfaces.mean_error(surface, result.vertex["mean_curvature"]), result.results
+
+    automatic, results = error_at("auto")
+    best = min(error_at(radius)[0] for radius in (2.6, 3.6, 5.2))
+    assert automatic < 1.3 * best
+    assert automatic / 3 < results["expected_error"] < 3 * automatic
+
+
+def test_radii_behind_which_the_curvature_changes_little_do_not_hide_its_bias():
+    bias = np.array([0.0, 0.01, 0.1, 0.5, 0.5, 0.5])
+    noise = 0.3 * 3.0 ** -np.arange(6.0)
+    sign = np.where(np.random.default_rng(1).random((6, 400)) < 0.5, -1, 1)
+    error = error_of_radii(1 - bias[:, None] + noise[:, None] * sign)
+    assert np.argmin(error) == 1 and error[4] > 0.3
 
 
 def torus_and_cylinder():

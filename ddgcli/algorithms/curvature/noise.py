@@ -22,7 +22,9 @@ from ddgcli.algorithms.curvature.quadric import QUADRATIC_PENALTY, cross_validat
 from ddgcli.algorithms.curvature.regions import Regions, largest_radius, listed
 from ddgcli.algorithms.curvature.scales import (
     MAX_SURFACE_SHARE,
+    QUADRATIC_BIAS_GROWTH,
     RADIUS_RATIO,
+    VOTING_BIAS_GROWTH,
     Scales,
     fits_at,
     fits_in_balls,
@@ -38,9 +40,9 @@ BENDING_SAMPLE_SIZE = 100  # vertices sampled for curvature
 # residual of cubic fits over that of quartic ones: stairs that were averaged or cut have 1.2 to 1.7, details
 # of six edges 1.8; smoothed segmentations have up to 2.2, and of details with less the default is 15 % off
 MAX_ROUGH_DETAIL_RATIO, MAX_UNEVEN_DETAIL_RATIO = 1.75, 2.2
-# vertices, and members of all balls: the stairs of large bodies need wide ones
-VOTING_SAMPLE_SIZE, MAX_VOTING_PAIRS = 50, 2e6
-VOXEL_SAMPLE_SIZE, MAX_VOXEL_PAIRS = 25, 1.2e7
+VOTING_SAMPLE_SIZE = 32  # vertices sampled for curvature by averaged normals
+# members of all their balls: the stairs of large bodies need wide ones
+MAX_VOTING_PAIRS, MAX_VOXEL_PAIRS = 3e6, 3.6e7
 # creases of both signs within two rings: their sum over that of their sizes. Noise of more than a twentieth
 # of an edge has 0.05 to 0.8, and less the larger it is; scans have 0.2 to 0.6, mechanical parts 0.4 to 0.9
 MAX_CANCELLATION, MAX_ROUGH_CANCELLATION = 0.8, 0.28
@@ -132,12 +134,12 @@ class Noise:
     def expected_error(self, scheme: str) -> float | None:
         """Mean error of the mean curvature in balls of the best radius, over its mean size."""
         scales = self.scales_of(scheme)
-        return None if scales is None else scales.error
+        return None if scales is None else scales.expected_error
 
     def radius_of(self, scheme: str) -> float:
         """Radius with the least error of a scheme, in length units."""
         scales = self.scales_of(scheme)
-        return 0.0 if scales is None else float(scales.radius[scales.best])
+        return 0.0 if scales is None else scales.best_radius
 
 
 def estimate_noise(
@@ -158,7 +160,7 @@ def estimate_noise(
         Name of the scheme of curvature.
     effort : {'fits', 'warn', 'auto'}
         'fits': without averaged normals, which cost more; 'auto': with wide balls of them on voxels, which
-        take several times as long as the measurement.
+        may take several times as long as the measurement.
     """
     deviation = vertex_deviation(mesh, faces, dihedral)
     if deviation is None:
@@ -176,9 +178,8 @@ def estimate_noise(
     noise = Noise(deviation.relative, kind, scales)
     if scales.default_rms < MAX_ERROR or effort == "fits":
         return noise
-    size = VOXEL_SAMPLE_SIZE if kind == "voxels" else VOTING_SAMPLE_SIZE
     pairs = MAX_VOXEL_PAIRS if kind == "voxels" and effort == "auto" else MAX_VOTING_PAIRS
-    return replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme, size, pairs))
+    return replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme, pairs))
 
 
 def _kind(
@@ -262,34 +263,32 @@ def _scales(
         default,
         region_radius,
         float(largest),
+        QUADRATIC_BIAS_GROWTH,
     )
 
 
 def _voting_scales(
-    mesh: TriangleMesh, faces: Faces, normal: NDArray, scales: Scales, scheme: str, size: int, pairs: float
+    mesh: TriangleMesh, faces: Faces, normal: NDArray, scales: Scales, scheme: str, pairs: float
 ) -> Scales | None:
-    """The same by averaged normals, at about `size` vertices, in balls of `pairs` members in all."""
+    """The same by averaged normals, at fewer vertices, in balls of `pairs` members in all."""
     from scipy.spatial import cKDTree
 
     from ddgcli.algorithms.curvature.voting import normal_voting_at  # imports scipy.sparse
 
     area = float(faces.area.sum())
     tree = cKDTree(mesh.points, balanced_tree=False, compact_nodes=False)
-    step = max(1, len(scales.vertices) // size)
+    step = max(1, len(scales.vertices) // VOTING_SAMPLE_SIZE)
     some, default = scales.vertices[::step], scales.default[::step]
     first = float(scales.radius[0]) / RADIUS_RATIO
-    # each ball of the sample has balls around all its members
-    density = mesh.n_vertices / area * np.pi
-    affordable = (pairs / len(some)) ** 0.25 / np.sqrt(density)
-    largest = min(
-        np.sqrt(MAX_SURFACE_SHARE * area / np.pi), 0.99 * largest_radius(mesh, area, scheme), affordable
-    )
+    largest = min(np.sqrt(MAX_SURFACE_SHARE * area / np.pi), 0.99 * largest_radius(mesh, area, scheme))
     return measure_scales(
-        lambda radius: normal_voting_at(faces, normal, some, tree, radius),
+        lambda radius: normal_voting_at(faces, normal, some, tree, radius, pairs),
         some,
         default,
         first,
         float(largest),
+        VOTING_BIAS_GROWTH,
+        default_by_fits=False,
     )
 
 

@@ -3,6 +3,9 @@
 From one radius to the next, longer by the square root of two, the error of noise falls by a factor of about
 three and the bias doubles. So the change between the two is about the error at the smaller one, whichever of
 them dominates, and without a model of the noise: stairs, lines of a scanner, rounded coordinates, spikes.
+Balls larger than the features of a surface change little with the radius though their bias is large. So each
+radius is also compared with all smaller ones, as Lepski's method does: curvature that is farther from theirs
+than their noise explains is biased.
 """
 
 from __future__ import annotations
@@ -21,11 +24,20 @@ from ddgcli.mesh.vectors import unit_vectors as unit_rows
 
 RADIUS_RATIO = 2**0.5
 MAX_SCALES = 12
-TYPICAL_SHARE = 0.65  # of the vertices, by whose changes the radius is chosen
-MAX_GROWTH = 3.0  # of the change of curvature over the least one, behind which wider balls are not tried
-BIAS_RATIO, NOISE_RATIO = 2.0, 2.8  # least ones of the errors at neighbouring radii, against chance
+TYPICAL_SHARE = 0.65  # of the vertices, those with the least changes
+MAX_GROWTH = 2.0  # of the change of curvature over the least one, behind which wider balls are not tried
+MAX_NOISE_RATIO = (
+    4.0  # of errors at neighbouring radii: quadratic fits of noise and of voxels have 2.6 to 3.3
+)
+# distance of curvature to that in much wider balls over its change to the next radius, where noise dominates:
+# the changes of independent vertices and of voxels have 1.0 to 1.2
+MAX_NOISE_DISTANCE = 1.3
+# of the bias from one radius to the next: quadratic fits of smooth surfaces double it, and averaged normals
+# multiply it by 1.3 (rounded boxes) to 1.7 (tori)
+QUADRATIC_BIAS_GROWTH, VOTING_BIAS_GROWTH = 2.0, 1.6
 MIN_MEAN_SHARE = 0.25  # of the larger principal curvature: what counts as size of the mean curvature
 MAX_SURFACE_SHARE = 0.17  # of the surface's area that a ball may hold
+MIN_TURNING = 1e-9  # radians over a ball: curvature below is rounding, as where balls hold the whole surface
 MIN_ERROR = 0.01  # relative; all balls share some errors, as of the place of a staircase
 
 
@@ -39,12 +51,16 @@ class Scales:
     radius : (r,) ndarray
         Radii of the balls.
     change : (r,) ndarray
-        Mean change of the mean curvature from each to the next, the default region before the first.
+        Typical change of the mean curvature from each to the next, the default region before the first.
     best : int
         Of the radius with the least error.
+    best_radius : float
+        Where the error is least, between that radius and its neighbours.
     error, default_error, default_rms : float
         Relative errors of the mean curvature: mean over the vertices in the balls of that radius and over the
         default region, and root mean square over the latter.
+    expected_error : float
+        The first of these with the whole bias, of which the change to the next radius is a share.
     default, first_mean, mean : (k,) ndarray
         Mean curvature over the default region, in the first balls and in those of the best radius.
     size : float
@@ -57,9 +73,11 @@ class Scales:
     radius: NDArray[np.float64]
     change: NDArray[np.float64]
     best: int
+    best_radius: float
     error: float
     default_error: float
     default_rms: float
+    expected_error: float
     default: NDArray[np.float64]
     first_mean: NDArray[np.float64]
     mean: NDArray[np.float64]
@@ -68,64 +86,110 @@ class Scales:
 
 
 def measure_scales(
-    fits_at_radius: Callable[[float], PrincipalCurvatures],
+    fits_at_radius: Callable[[float], PrincipalCurvatures | None],
     vertices: NDArray,
     default: NDArray,
     first: float,
     largest: float,
+    bias_growth: float,
+    *,
+    default_by_fits: bool = True,
 ) -> Scales | None:
     """Mean curvature of some vertices in balls whose radii grow by the square root of two.
 
     Parameters
     ----------
     fits_at_radius : callable
-        Curvatures of the vertices in balls of a radius.
+        Curvatures of the vertices in balls of a radius; None where these have too many members.
     vertices : (k,) ndarray of int
     default : (k,) ndarray
         Their mean curvature over the default region.
     first, largest : float
         Radius of a disk as large as the default region, and the largest radius.
+    bias_growth : float
+        Of the bias of these fits from one radius to the next, above 1.
+    default_by_fits : bool
+        Whether such fits gave `default`, so that their noise there bounds that in the first ball.
     """
     radii: list[float] = []
     fits: list[PrincipalCurvatures] = []
-    change: list[float] = []
+    growth: list[float] = []  # mean change from each radius to the next
     while len(radii) < MAX_SCALES:
         radius = first * RADIUS_RATIO ** (len(radii) + 1)
         if radius > largest and len(radii) > 1:
             break
-        fits.append(fits_at_radius(radius))
-        radii.append(radius)
-        before = default if len(fits) == 1 else fits[-2].mean
-        change.append(typical_size(fits[-1].mean - before))
-        if len(fits) > 3 and change[-1] > MAX_GROWTH * min(change[1:]):
+        fit = fits_at_radius(radius)
+        if fit is None:
             break
-    steps = np.array(change)
-    bias = np.append(steps[2:] / BIAS_RATIO, 0.0)
-    error = np.maximum(np.maximum(steps[1:], bias), steps[:-1] / NOISE_RATIO)
+        fits.append(fit)
+        radii.append(radius)
+        if len(fits) > 1:
+            growth.append(_mean_distance(fits[-1].mean, fits[-2].mean))
+        if len(fits) > 3 and growth[-1] > MAX_GROWTH * min(growth):
+            break
+    if not growth:
+        return None
+    mean = np.stack([fit.mean for fit in fits])
+    error = error_of_radii(mean, default if default_by_fits else None)
     best = int(np.argmin(error))
     larger = np.maximum(np.abs(fits[best].low), np.abs(fits[best].high))
-    size = max(float(np.mean(np.abs(fits[best].mean))), MIN_MEAN_SHARE * float(np.median(larger)))
-    if not size > 0:
+    size = max(float(np.mean(np.abs(mean[best]))), MIN_MEAN_SHARE * float(np.median(larger)))
+    if not size * radii[best] > MIN_TURNING:
         return None
-    # the mean over all vertices, those at creases too, at the best radius for most
-    growth = float(np.mean(np.abs(fits[best + 1].mean - fits[best].mean)))
-    relative = max(float(error[best]) / size, growth / size, MIN_ERROR)
-    difference = np.abs(default - fits[best].mean)
+    relative = max(float(error[best]) / size, MIN_ERROR)
+    difference = np.abs(default - mean[best])
     measured = float(difference.mean())
     return Scales(
         vertices=vertices,
         default=default,
         radius=np.array(radii),
-        change=steps,
+        change=np.array([typical_size(step) for step in np.diff(mean, axis=0, prepend=default[None])]),
         best=best,
+        best_radius=_least_between(np.array(radii), error, best),
         error=relative,
+        expected_error=max(float(error[best]) / (bias_growth - 1) / size, MIN_ERROR),
         default_error=float(np.hypot(measured / size, relative)),
         default_rms=float(np.sqrt(np.mean(difference**2))) / size,
-        mean=fits[best].mean,
-        first_mean=fits[0].mean,
+        mean=mean[best],
+        first_mean=mean[0],
         size=size,
         median_share=float(np.median(difference)) / measured if measured > 0 else 1.0,
     )
+
+
+def error_of_radii(mean: NDArray, default: NDArray | None = None) -> NDArray[np.float64]:
+    """(r - 1,) error of curvatures (r, k) of k vertices at each radius but the last, by their changes.
+
+    The mean change to the next radius; or, if that is more, the distance to the curvature at a smaller radius
+    beyond the noise of that; or a share of the change from the radius before, at the first one from the
+    default region (k,), if there is one.
+
+    Notes
+    -----
+    O. Lepski, "On a problem of adaptive estimation in Gaussian white noise", 1991.
+    """
+    change = np.array([_mean_distance(*pair) for pair in zip(mean[1:], mean)])
+    first = 0.0 if default is None else _mean_distance(mean[0], default)
+    before = np.append(first, change[:-1])
+    error = np.maximum(change, before / MAX_NOISE_RATIO)
+    for j in range(1, len(error)):
+        distance = np.abs(mean[:j] - mean[j]).mean(axis=1)
+        error[j] = max(error[j], float((distance - MAX_NOISE_DISTANCE * change[:j]).max()))
+    return error
+
+
+def _least_between(radius: NDArray, error: NDArray, best: int) -> float:
+    """Radius of the least error by a parabola through logarithms, at most half a step from the best one."""
+    if not 0 < best < len(error) - 1 or not error[best] > 0:
+        return float(radius[best])
+    before, at, after = np.log(error[best - 1 : best + 2])
+    bend = before - 2 * at + after
+    offset = 0.5 * (before - after) / bend if bend > 0 else 0.0
+    return float(radius[best] * RADIUS_RATIO**offset)
+
+
+def _mean_distance(one: NDArray, other: NDArray) -> float:
+    return float(np.abs(one - other).mean())
 
 
 def typical_size(difference: NDArray) -> float:

@@ -209,8 +209,9 @@ def _noise(surface: UnitSurface, scheme: str, radius: float | str | None, *, one
     if one_sided or (stated and scheme != "quadric"):
         deviation = vertex_deviation(mesh, faces, dihedral)
         return Noise(None if deviation is None else deviation.relative)
-    effort: Effort = "fits" if stated else "warn"
-    return estimate_noise(mesh, faces, dihedral, scheme, effort="auto" if radius == "auto" else effort)
+    wide = radius == "auto" and scheme == "normal-voting"
+    effort: Effort = "fits" if stated else "auto" if wide else "warn"
+    return estimate_noise(mesh, faces, dihedral, scheme, effort=effort)
 
 
 def _pointwise(

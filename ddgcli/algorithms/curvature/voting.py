@@ -58,11 +58,16 @@ def normal_voting(
 
 
 def normal_voting_at(
-    faces: Faces, normal: NDArray, few: NDArray, tree: cKDTree, radius: float
-) -> PrincipalCurvatures:
-    """Principal curvatures of `normal_voting` at a few vertices, in balls that need not be connected."""
+    faces: Faces, normal: NDArray, few: NDArray, tree: cKDTree, radius: float, max_pairs: float
+) -> PrincipalCurvatures | None:
+    """Principal curvatures of `normal_voting` at a few vertices, in balls that need not be connected.
+
+    None where the balls around all vertices of these balls would have more than `max_pairs` members.
+    """
     regions = balls_around(faces.points, few, tree, radius)
     around, place = np.unique(regions.member, return_inverse=True)
+    if len(around) * regions.count.mean() > max_pairs:
+        return None
     own = balls_around(faces.points, around, tree, radius)
     averaged = averaged_normals(faces, normal[:, around], own)
     local = Regions(regions.start, place.astype(np.int64))
