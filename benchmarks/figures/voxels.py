@@ -24,7 +24,7 @@ GROWTH_RADII = (22, 46, 89)  # 18, 80 and 300 thousand faces
 GROWTH_RUNS = (("normal-voting", 10.0), ("normal-voting", 14.0), ("quadric", 10.0))
 
 SWEPT_BODIES = ("sphere", "large sphere", "ellipsoid", "torus", "egg", "capsule", "rounded box")
-SWEPT_EDGES = 1.6 * 2 ** (np.arange(8) / 2)  # radii of the sweep in mean edges
+SWEPT_EDGES = 1.6 * 2 ** (np.arange(6) / 2)  # radii of the sweep in mean edges
 
 
 def errors(mesh: TriangleMesh, sphere_radius: float, scheme: str, radius: float | str | None) -> list:
