@@ -3,4 +3,4 @@
 `intrinsic` reads side lengths alone, `extrinsic` positions in space; `unfolding` lays faces out in the plane.
 """
 
-__all__ = ["cells", "extrinsic", "face_frames", "hinges", "intrinsic", "surface_points", "unfolding"]
+__all__ = ["cells", "cures", "extrinsic", "face_frames", "hinges", "intrinsic", "surface_points", "unfolding"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ LARGEST_RESIDUAL = 1e-3  # relative: a larger one means that the answer is not a
 def within_residuals(
     accuracy: Mapping[str, Any],
     names: tuple[str, ...],
-    cure: str,
+    cure: str | Callable[[], str],
     *,
     warning: float = WARNING_RESIDUAL,
     largest: float = LARGEST_RESIDUAL,
@@ -30,8 +30,8 @@ def within_residuals(
         Accuracy block of a summary; entries are numbers, sequences of numbers or None.
     names : tuple of str
         Entries to check; missing ones and None are skipped.
-    cure : str
-        What the caller can do, for the warning.
+    cure : str or callable
+        What the caller can do, for the warning; a function is called for the first one only.
     warning, largest : float
         Residuals above `warning` are reported; above `largest`, or not finite, the answer is False.
     """
@@ -42,6 +42,7 @@ def within_residuals(
             continue
         worst = float(values.max()) if np.isfinite(values).all() else np.inf
         if worst > warning:
+            cure = cure if isinstance(cure, str) else cure()
             log.warning(f"{name} is {worst:.2g}, above {warning:g}: {cure}")
         converged &= worst <= largest
     return converged

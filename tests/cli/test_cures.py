@@ -1,5 +1,6 @@
 """Refusals of meshes name a call of `ddgcli repair`, and this call cures them."""
 
+import json
 import re
 import shlex
 
@@ -11,6 +12,7 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.cures import CURES, cure
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from tests.degenerate_meshes import degenerate_mesh
 
 REPAIR = re.compile(r"ddgcli repair .*? -o ('[^']*'|\S+\.ply)")
 
@@ -233,6 +235,35 @@ def test_a_moebius_band_is_cut_to_an_oriented_disk(run, summary, tmp_path):
     assert (facts["oriented"], facts["boundary_loops"], facts["euler_characteristic"]) == (True, 1, 1)
     disk = read_mesh(str(out))
     assert np.array_equal(disk.surface.points, moebius().points[disk.vertex["input_vertex"]])
+
+
+@pytest.mark.parametrize(
+    "command, words, seed",
+    [
+        ("laplacian", ("--eigen", 4), 3034),
+        ("delaunay", (), 3010),
+        ("hodge", ("--field", "flow"), 3010),
+        ("geodesic", ("--source", 0, "--method", "heat"), 3046),
+    ],
+)
+def test_the_cure_of_a_residual_works(run, tmp_path, monkeypatch, command, words, seed):
+    monkeypatch.chdir(tmp_path)
+    mesh = degenerate_mesh(seed)
+    flow = np.random.default_rng(0).normal(size=(mesh.n_faces, 3))
+    write_mesh("bad.npz", AnnotatedMesh(mesh, face={"flow": flow}))
+
+    def residuals(*call):
+        warnings = json.loads(run(*call, "--json").stdout)["warnings"]
+        return [text for text in warnings if "residual" in text.split(" is ")[0]]
+
+    warning = residuals(command, "bad.npz", *words)[0]
+    assert "repair the mesh" not in warning
+    if command == "geodesic":
+        assert "--method exact" in warning and not residuals(command, "bad.npz", "--source", 0)
+        return
+    call = shlex.split(warning[warning.index("ddgcli repair") :])
+    assert run(*call[1:-1], "good.npz").exit_code == 0
+    assert not residuals(command, "good.npz", *words)
 
 
 def test_cures_name_steps_of_the_repair():

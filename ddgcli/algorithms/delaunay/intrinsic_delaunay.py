@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from ddgcli.algorithms.delaunay.triangulation import (
     require_surface,
     working_lengths,
 )
+from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import BLOCK_FACES, corner_angle, corner_cotan, face_area
 from ddgcli.geometry.unfolding import face_corner_angle
@@ -202,7 +204,7 @@ def intrinsic_delaunay(
     if remaining and not flipped.remaining_edges:
         log.warning(remaining_note(remaining))
     converged = (refined is None or refined.converged) and max(remaining, flipped.remaining_edges) == 0
-    converged &= within_residuals(accuracy, RESIDUALS, "rounding on degenerate faces; repair the mesh")
+    converged &= within_residuals(accuracy, RESIDUALS, partial(cure_of_bad_shapes, mesh))
     return DelaunayResult(flipped.mesh, results, accuracy, vertex, transfers, cut, cells, converged)
 
 

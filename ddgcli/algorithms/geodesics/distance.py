@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from ddgcli.algorithms.geodesics.edge_distance import downhill_source
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
 from ddgcli.choices import DEFAULT_HEAT_TIME, DISTANCE_METHODS, HEAT_OPERATORS
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -303,7 +305,9 @@ def measure_distance(
     converged = within_residuals(
         accuracy,
         ("certificate_excess",),
-        "bounds that every true distance satisfies are violated; use the exact method or repair the mesh",
+        "bounds that every true distance satisfies are violated; use `method=exact`"
+        if method != "exact"
+        else partial(cure_of_bad_shapes, mesh),
         warning=WARNING_EXCESS if method in ("heat", "fast-marching") else 0.0,
         largest=MAX_EXCESS,
     )
@@ -315,7 +319,7 @@ def measure_distance(
         warning=WARNING_ESTIMATE,
     )
     converged &= within_residuals(
-        accuracy, ("heat_residual", "poisson_residual"), "use the exact method or repair the mesh"
+        accuracy, ("heat_residual", "poisson_residual"), "rounding on thin triangles; use `method=exact`"
     )
     return replace(result, results=results | result.results, accuracy=accuracy, converged=converged)
 

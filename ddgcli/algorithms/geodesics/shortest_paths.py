@@ -18,6 +18,7 @@ from ddgcli.algorithms.tracing.trace import BOUNDARY_STATUS, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
@@ -197,7 +198,7 @@ def _segment_in_face(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, 
     if origin >= 0:
         holding = around[(mesh.faces[around] == origin).any(axis=1)]
         if not len(holding):
-            raise ParameterError(f"the path to vertex {v} runs outside the faces; repair the mesh around it")
+            raise ParameterError(f"the path to vertex {v} runs outside the faces; {cure('folds')}")
         face = holding[:1]
     else:
         number = int(exact.nearest_source[v]) - len(sources.vertex)

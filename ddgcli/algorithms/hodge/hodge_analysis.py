@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, generator_
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.cells import check_triangles
+from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.require import require
@@ -102,9 +104,7 @@ def hodge_analysis(
     exact = ("orthogonality", "harmonic_residual") + (
         () if place == "vertex" else ("reconstruction_residual",)
     )
-    converged = within_residuals(
-        accuracy, exact, "the cells leave the systems too ill-conditioned; repair the mesh"
-    )
+    converged = within_residuals(accuracy, exact, partial(cure_of_bad_shapes, mesh))
     vectors = field[0] if field is not None and place in ("vertex", "cell") else None
     return HodgeAnalysis(AnnotatedMesh(mesh, **arrays), results, accuracy, vectors, converged)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from ddgcli.algorithms.laplacian.laplace_operator import (
 )
 from ddgcli.algorithms.laplacian.tasks import LaplacianResult, LaplacianTasks
 from ddgcli.choices import CONFORMAL_BOUNDARIES, ITERATIVE_SOLVERS, SMOOTHING_FLOWS
+from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -99,7 +101,7 @@ def solve_laplacian_tasks(
     result.converged &= within_residuals(
         result.accuracy,
         (*RESIDUALS, *principle),
-        f"the {'tetrahedra' if solid else 'triangles'} leave the system too ill-conditioned; repair the mesh",
+        partial(cure_of_bad_shapes, mesh),
     )
     return result
 

@@ -23,6 +23,7 @@ from ddgcli.algorithms.geodesics.exact.pool import WindowPool
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables
 from ddgcli.algorithms.geodesics.exact.wavefront import Wavefront
 from ddgcli.errors import SolveError
+from ddgcli.mesh.cures import cure
 
 MIN_DIRECTION_HEIGHT = 1e-15  # uy of a strip that rounding made parallel to its side
 
@@ -76,8 +77,7 @@ def propagate_strips(
         if wavefront.windows > most_windows:
             raise SolveError(
                 f"exact distance stopped after {wavefront.windows} windows; the triangles are too "
-                "degenerate: "
-                "use fast marching or edge distances, or repair the mesh"
+                f"degenerate: use `method=fast-marching`, or {cure('no area')}"
             )
         if wavefront.targets is not None:
             wavefront.targets.update_by_strips(lines, where)

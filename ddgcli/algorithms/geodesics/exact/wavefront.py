@@ -3,8 +3,8 @@
 A window on side h enters the face of h. It represents the straight lines from an unfolded source (sx, sy),
 sy < 0, through the interval [b0, b1] of the side; its distance at x is origin + |(x, 0) - (sx, sy)|.
 
-If directions are computed, a window also stores the rotation of its frame against the source: a line through
-it at angle phi leaves the source at angle turn + phi (turn - phi if the frame is mirrored).
+With directions, a window also stores its rotation against the source: a line at phi leaves at turn + phi
+(turn - phi if mirrored).
 
 References
 ----------
@@ -27,6 +27,7 @@ from ddgcli.algorithms.geodesics.exact.shadow import MARGIN, shadow_of
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables, incoming_directions
 from ddgcli.algorithms.geodesics.exact.targets import WindowTargets
 from ddgcli.errors import SolveError
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.ragged import ranges
 
 MIN_SOURCE_HEIGHT = 1e-15  # relative to the side, so that a source on the side still has lines across it
@@ -286,8 +287,8 @@ class Wavefront:
             self.windows += where.shape[1]
             if self.windows > most_windows or self.rounds > self.max_rounds:
                 raise SolveError(
-                    f"exact distance stopped after {self.windows} windows in {self.rounds} rounds; the "
-                    "triangles are too degenerate: use fast marching or edge distances, or repair the mesh"
+                    f"exact distance stopped after {self.windows} windows in {self.rounds} rounds on "
+                    f"degenerate triangles: use `method=fast-marching`, or {cure('no area')}"
                 )
             if where.shape[1] == 0:
                 continue

@@ -1,0 +1,23 @@
+"""Cures of ill-conditioned systems, which depend on the shapes of the faces."""
+
+from __future__ import annotations
+
+from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
+from ddgcli.mesh.cures import cure
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def cure_of_bad_shapes(mesh: SurfaceMesh | TetMesh) -> str:
+    """What to do about cells whose shapes leave rounding errors: a repair if it changes the mesh.
+
+    Thin triangles that have area are left by the repair; their vertices have to move.
+    """
+    if isinstance(mesh, TetMesh):
+        return f"cells without volume leave rounding errors; {cure('no volume')}"
+    if isinstance(mesh, TriangleMesh):
+        n_flat = len(mesh.flat_faces)
+        if n_flat < mesh.n_faces and (n_flat or len(folded_edges(dihedral_angle(mesh)))):
+            return f"faces without area or folded onto others leave rounding errors; {cure('folds')}"
+    return "thin triangles leave rounding errors; move their vertices, or mesh the surface again"
