@@ -132,18 +132,18 @@ def test_heat_reports_its_residuals(square, summary):
 
 
 def test_heat_states_its_error_and_warns_behind_a_hole(summary, tmp_path):
-    grid = shapes.grid(24, 24)
+    grid = shapes.grid(12, 12)
     hole = np.abs(grid.points[grid.faces].mean(axis=1) - grid.points.mean(axis=0)).max(axis=1) < 0.3
     holed = TriangleMesh.from_arrays(grid.points, grid.faces[~hole])
     for mesh, is_large in ((holed, True), (shapes.icosphere(4), False)):
         write_mesh(str(tmp_path / "m.ply"), AnnotatedMesh(mesh))
-        words = ("--source", 30, "--method", "heat", "--compare", "exact")
+        words = ("--source", 3, "--method", "heat", "--compare", "exact")
         report = summary("geodesic", tmp_path / "m.ply", *words)
         accuracy = report["accuracy"]
         estimate, error = accuracy["error_estimate"], accuracy["compare"]["exact"]["max_error"]
         assert 0.2 * estimate < error < 1.6 * estimate
         warnings = [text for text in report["warnings"] if text.startswith("error_estimate is")]
-        assert (estimate > 0.05) == is_large == bool(warnings)
+        assert (estimate > 0.1) == is_large == bool(warnings)
         assert not is_large or "--method fast-marching" in warnings[0]
 
 

@@ -31,7 +31,7 @@ log = logging.getLogger("ddgcli")
 
 # violation of the certificate relative to the largest edge distance
 WARNING_EXCESS, MAX_EXCESS = 0.05, 0.5
-WARNING_ESTIMATE = 0.05  # error of heat relative to the largest distance
+WARNING_ESTIMATE = 0.1  # of heat, relative to the largest distance; the error is half of it in the median
 MAX_HEAT_RESIDUAL = 1e-3  # above it, the heat's gradient has no usable direction
 
 

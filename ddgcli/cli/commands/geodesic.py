@@ -24,7 +24,7 @@ from ddgcli.cli.run import Run
 @click.command(
     "geodesic",
     epilog="Choosing a method: exact for one source; heat for many, with errors that the run estimates "
-    "(1 to 5 %, up to 15 % around holes of coarse meshes); fast-marching for errors of 0.1 % on average in "
+    "(1 to 5 %, up to 30 % around holes of coarse meshes); fast-marching for errors of 0.1 % on average in "
     "up to half the time. ddgcli tradeoff geodesic compares them on your mesh. "
     "See docs/geodesic.md and docs/accuracy/geodesic.md.",
 )
