@@ -132,8 +132,8 @@ class Requirement:
         Arguments of `require` for the boundary of tetrahedra.
     area, every_area, volume : bool
         At least one face with area; every face with area; every tetrahedron with volume.
-    upright : bool
-        Every tetrahedron oriented positively.
+    positive_volume : bool
+        No tetrahedron of negative volume.
     manifold_cells : bool
         No face of more than two tetrahedra.
     instead : str
@@ -146,7 +146,7 @@ class Requirement:
     area: bool = False
     every_area: bool = False
     volume: bool = False
-    upright: bool = False
+    positive_volume: bool = False
     manifold_cells: bool = False
     instead: str = ""
 
@@ -178,7 +178,7 @@ REQUIREMENTS = {
         {"faces": True},
         every_area=True,
         volume=True,
-        upright=True,
+        positive_volume=True,
         manifold_cells=True,
     ),
     "willmore-flow": Requirement(surface=_MANIFOLD, every_area=True),
@@ -240,7 +240,7 @@ def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> N
     if isinstance(mesh, TetMesh):
         if requirement.volume:
             _require_volume(mesh)
-        if requirement.upright and (mesh.signed_volume < 0).any():
+        if requirement.positive_volume and (mesh.signed_volume < 0).any():
             bad = np.flatnonzero(mesh.signed_volume < 0)
             raise MeshError(f"{len(bad)} tetrahedra are inverted (first: {bad[0]}); {cure('inverted')}")
         if requirement.manifold_cells:

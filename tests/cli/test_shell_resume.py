@@ -79,7 +79,7 @@ def test_resumed_run_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
     if integrator == "static":
         n_frames = 1
         text = text.replace('[0], axes = "xz"', "[0, 3, 12], clamp = true")
-    resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, integrator, text), n_frames)
+    check_resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, integrator, text), n_frames)
 
 
 PAIRS = """\
@@ -116,7 +116,7 @@ contact = {{ pairs = [["a", "b"], ["a", "o"]], self_contact = true, friction = 0
 @pytest.mark.parametrize("integrator", ["implicit-euler", pytest.param("newmark", marks=pytest.mark.slow)])
 def test_resumed_run_of_colliding_shells_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
     pytest.importorskip("ipctk")
-    resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, integrator, PAIRS), 3)
+    check_resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, integrator, PAIRS), 3)
 
 
 @pytest.mark.parametrize("more", [
@@ -124,7 +124,7 @@ def test_resumed_run_of_colliding_shells_has_the_same_bits(run, tmp_path, monkey
 ])  # fmt: skip
 def test_resumed_adaptive_and_damped_runs_have_the_same_bits(run, tmp_path, monkeypatch, more):
     text = SHORT_SCENE.replace("step = 5e-3", more)
-    resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, "newmark", text), 5)
+    check_resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, "newmark", text), 5)
 
 
 def but_for_seconds(result):
@@ -136,7 +136,7 @@ def but_for_seconds(result):
     return results, summary["accuracy"]
 
 
-def resumed_as_whole(run, tmp_path, monkeypatch, path, n_frames):
+def check_resumed_as_whole(run, tmp_path, monkeypatch, path, n_frames):
     whole = tmp_path / "whole.vtkhdf"
     uninterrupted = run("shell-sim", path, "-o", whole, "--json")
     assert uninterrupted.exit_code == 0

@@ -41,7 +41,7 @@ STARTS = {
 }
 
 
-def lawful(run, integrator, flows=1e-9):
+def check_laws(run, integrator, flows=1e-9):
     """The run's flow is divergence-free, and its energy as its integrator has it."""
     energy = run.series("kinetic_energy")
     assert np.isfinite(energy).all() and energy[0] > 0
@@ -54,7 +54,7 @@ def lawful(run, integrator, flows=1e-9):
 @pytest.mark.parametrize("integrator, dimension", PAIRS)
 def test_needles_and_slivers_keep_what_good_cells_keep(integrator, dimension, kind):
     time = f'integrator = "{integrator}"\nduration = 0.2\nstep = 0.1'
-    lawful(run_fluid(STARTS[dimension, kind], time, mesh=HARD[dimension, kind]()), integrator)
+    check_laws(run_fluid(STARTS[dimension, kind], time, mesh=HARD[dimension, kind]()), integrator)
 
 
 def test_lines_that_two_walls_stop_end_after_few_cells(monkeypatch):
@@ -81,7 +81,7 @@ def test_a_step_of_fifty_cells_is_taken_or_divided(integrator, dimension):
     if integrator == "conservative":  # of fourth order in the step that its stability allows
         assert energy[-1] == pytest.approx(energy[0], rel=1e-2)
     else:
-        lawful(run, integrator)
+        check_laws(run, integrator)
 
 
 @pytest.mark.parametrize("kind", ["hodge", "bochner", "deformation"])
@@ -108,7 +108,7 @@ def test_a_huge_viscosity_stops_a_flow_between_walls_and_none_leaves_it(shape, w
         with pytest.raises(SceneError, match="nu > 0"):
             run_fluid(f"{start}viscosity = {{ nu = 0 }}", time, shape)
     else:
-        lawful(run_fluid(f"{start}viscosity = {{ nu = 0 }}", time, shape), "energy")
+        check_laws(run_fluid(f"{start}viscosity = {{ nu = 0 }}", time, shape), "energy")
 
 
 @pytest.mark.parametrize("integrator", ON_SURFACES)
@@ -166,4 +166,4 @@ def test_a_solid_of_genus_fifty_holds_the_flows_round_its_holes(integrator):
     assert mesh.boundary.topology.genus == 50
     effects = f'initial = {{ velocity = ["-cos({np.pi / 3}*y)", "sin({np.pi}*x)", 0] }}'
     run = run_fluid(effects, f'integrator = "{integrator}"\nduration = 0.04\nstep = 0.02', mesh=mesh)
-    lawful(run, integrator, flows=1e-11)
+    check_laws(run, integrator, flows=1e-11)

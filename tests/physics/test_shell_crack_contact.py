@@ -11,7 +11,7 @@ from ddgcli.models.shell.cracks import split_surface
 from ddgcli.models.shell.epochs import split_context
 from ddgcli.models.shell.scene import KIND
 from ddgcli.scenes.scene import resolve
-from tests.cli.test_shell_resume import resumed_as_whole
+from tests.cli.test_shell_resume import check_resumed_as_whole
 from tests.simulate import scalar, shell_run
 from tests.triangle_pairs import meshes_intersect
 
@@ -153,7 +153,7 @@ def test_without_self_contact_pieces_pass_through_each_other():
 def test_resumed_run_of_pieces_in_contact_has_the_same_bits(run, tmp_path, monkeypatch):
     path = tmp_path / "s.toml"
     path.write_text(BULB.format(duration=1.2e-3, integrator="bdf2", itself=SELF))
-    resumed_as_whole(run, tmp_path, monkeypatch, path, 2)
+    check_resumed_as_whole(run, tmp_path, monkeypatch, path, 2)
 
 
 def test_a_gap_without_room_in_the_faces_is_less_with_a_warning(caplog):

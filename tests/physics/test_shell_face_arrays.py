@@ -6,7 +6,7 @@ import pytest
 from ddgcli.choices import SHELL_FACE_ARRAYS
 from ddgcli.errors import SceneError
 from ddgcli.io.trajectories.trajectory import Trajectory
-from tests.cli.test_shell_resume import resumed_as_whole
+from tests.cli.test_shell_resume import check_resumed_as_whole
 from tests.physics.test_shell_fracture import BURSTING, TORN
 from tests.simulate import shell_run
 
@@ -123,7 +123,7 @@ def test_resumed_run_has_the_same_arrays(run, tmp_path, monkeypatch):
     path = tmp_path / "s.toml"
     text = BURSTING.format(integrator="implicit-euler", strain=1e-3)
     path.write_text(with_arrays(text, names("stress")))
-    resumed_as_whole(run, tmp_path, monkeypatch, path, 5)
+    check_resumed_as_whole(run, tmp_path, monkeypatch, path, 5)
     with (
         Trajectory(str(tmp_path / "whole.vtkhdf")) as whole,
         Trajectory(str(tmp_path / "broken.vtkhdf")) as resumed,

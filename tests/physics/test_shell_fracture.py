@@ -19,7 +19,7 @@ from ddgcli.models.shell.observations import strain
 from ddgcli.models.shell.scene import KIND
 from ddgcli.scenes.scene import resolve
 from ddgcli.simulation.account import Account
-from tests.cli.test_shell_resume import resumed_as_whole
+from tests.cli.test_shell_resume import check_resumed_as_whole
 from tests.simulate import scalar, shell_run
 from tests.triangle_pairs import meshes_intersect
 
@@ -370,7 +370,7 @@ def test_resumed_run_of_a_breaking_shell_has_the_same_bits(run, tmp_path, monkey
     """Interrupted behind a crack: the checkpoint has the vertices and the memory of its own epoch."""
     path = tmp_path / "s.toml"
     path.write_text(BURSTING.format(integrator=integrator, strain=1e-3) + effects)
-    resumed_as_whole(run, tmp_path, monkeypatch, path, 5)
+    check_resumed_as_whole(run, tmp_path, monkeypatch, path, 5)
 
 
 def test_a_whole_shell_beside_a_broken_one_keeps_its_faces(run, tmp_path):

@@ -11,7 +11,7 @@ from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import DeadLoad, FixedCoordinates
 from ddgcli.simulation.account import Account
-from tests.cli.test_shell_resume import resumed_as_whole
+from tests.cli.test_shell_resume import check_resumed_as_whole
 from tests.simulate import scalar, shell_run
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -182,7 +182,7 @@ def test_initial_velocities_become_tangent_with_their_momentum():
 def test_resumed_run_with_multipliers_has_the_same_bits(run, tmp_path, monkeypatch):
     path = tmp_path / "s.toml"
     path.write_text(strip())
-    resumed_as_whole(run, tmp_path, monkeypatch, path, 3)
+    check_resumed_as_whole(run, tmp_path, monkeypatch, path, 3)
 
 
 @pytest.mark.parametrize("text, message", [
