@@ -1,4 +1,4 @@
-"""CPU seconds of the functions of one command, from a profile in a process of its own.
+"""CPU seconds of the functions of one command without the operating system's, from a profile of a process.
 
 `python -m benchmarks.common.function_seconds WORDS` runs `ddgcli WORDS` and prints the seconds as JSON.
 """
@@ -11,10 +11,10 @@ import io
 import json
 import os
 import pstats
+import resource
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import ddgcli
@@ -34,13 +34,17 @@ def function_seconds(*words: str) -> dict[str, float]:
     return json.loads(done.stdout.splitlines()[-1])
 
 
+def _user_seconds() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_utime
+
+
 def _profiled(words: list[str]) -> dict[str, float]:
     from ddgcli.cli.main import main
 
-    profile = cProfile.Profile(time.process_time)
+    profile = cProfile.Profile(_user_seconds)
     with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
         profile.runcall(main, words)
-    seconds = {TOTAL: time.process_time()}
+    seconds = {TOTAL: _user_seconds()}
     for (path, _, name), entry in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
         if Path(path).is_relative_to(PACKAGE):
             key = f"{Path(path).relative_to(PACKAGE).with_suffix('').as_posix()}:{name}"

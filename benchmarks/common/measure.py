@@ -103,11 +103,17 @@ ROOT = Path(__file__).parents[2]
 
 @dataclass(frozen=True)
 class CommandSeconds:
-    """CPU and wall-clock seconds of one process, and its exit code."""
+    """CPU seconds of a process, those of the operating system apart, wall-clock seconds and exit code."""
 
-    cpu: float
+    user: float
+    system: float
     wall: float
     exit_code: int
+
+    @property
+    def cpu(self) -> float:
+        """CPU seconds of the process and of the operating system for it."""
+        return self.user + self.system
 
 
 def command_seconds(*words: str) -> CommandSeconds:
@@ -133,7 +139,7 @@ def python_seconds(*words: str) -> CommandSeconds:
         _, status, usage = os.wait4(process.pid, 0)
         wall = time.perf_counter() - began
     process.returncode = os.waitstatus_to_exitcode(status)
-    return CommandSeconds(usage.ru_utime + usage.ru_stime, wall, process.returncode)
+    return CommandSeconds(usage.ru_utime, usage.ru_stime, wall, process.returncode)
 
 
 def sample_path(word: str) -> str:

@@ -2,9 +2,11 @@
 
 python -m benchmarks.peers.size [faces ...] [--seconds S] [--mib M] [--only WORD ...]    default 20000 100000
 
-Every row is one process on an irregular sphere (a grid for shells), read from a binary .ply: CPU seconds,
-peak resident memory, what `--dry-run` predicts, and the exponent of growth from the next smaller mesh. A row
-whose prediction exceeds S (180) CPU seconds, M MiB or the available memory is not run; the table says so.
+Every row is one process on an irregular sphere (a grid for shells), read from a binary .ply: CPU seconds of
+the program and, apart, of the operating system (nearly all the first touch of memory, up to 16 s a GiB on a
+virtual machine whose host takes idle pages back), peak resident memory, what `--dry-run` predicts, and the
+exponent of growth from the next smaller mesh. A row whose prediction exceeds S (180) CPU seconds, M MiB or
+the available memory is not run; the table says so.
 
 The vertices of the sphere are numbered at random, unlike those of scans and marching cubes: arrays that
 no cache holds are read out of order, and the seconds per face grow. Delaunay of 2.5M faces takes 23.8 s,
@@ -87,7 +89,7 @@ def measured_row(
         return row | {"note": "not run"}
     run = measured_command(words, folder)
     note = "" if run.exit_code == 0 else f"exit code {run.exit_code}"
-    return row | {"s": run.seconds, "MiB": run.mib, "note": note}
+    return row | {"s": run.seconds, "system s": run.system_seconds, "MiB": run.mib, "note": note}
 
 
 def stored_rows() -> dict[str, dict[str, dict[str, Any]]]:
@@ -117,7 +119,7 @@ def print_rows(name: str, stored: dict[str, dict[str, Any]]) -> None:
         growth: list[float | str] = ["-", "-"]
         if last:
             growth = [exponent(row, last[1], key, faces / last[0]) for key in ("s", "MiB")]
-        columns = ("s", "MiB", "predicted s", "predicted MiB")
+        columns = ("s", "system s", "MiB", "predicted s", "predicted MiB")
         cells = [row.get(key, "-") for key in columns] + growth
         texts = [f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in cells]
         print(f"| {name} | {faces:,} | {' | '.join(texts)} | {row['date']} | {row['note']} |", flush=True)
@@ -147,8 +149,8 @@ def main() -> None:
                     print(name, faces, row, file=sys.stderr, flush=True)
     rows = stored_rows()
     print(machine())
-    header = ["command", "faces", "CPU s", "peak MiB", "predicted s", "predicted MiB", "growth of s",
-              "growth of MiB", "date", "note"]  # fmt: skip
+    header = ["command", "faces", "CPU s", "system s", "peak MiB", "predicted s", "predicted MiB"]
+    header += ["growth of s", "growth of MiB", "date", "note"]
     print("\n### Whole commands, reading and start-up included\n\n| " + " | ".join(header) + " |")
     print("|" + " --- |" * len(header))
     for name in ROWS:
