@@ -1,255 +1,42 @@
-"""Surfaces with known curvature from segmented volumes, scanners and exporters, and clean ones."""
+"""Catalogue of surfaces with known curvature: voxels, noise, rounded coordinates, and clean ones."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array
 
-from benchmarks.common.level_sets import Body, principal_curvatures, projected, samples, surface_nets
-from benchmarks.common.mesh_sequences import marching_cubes, voxel_boundary
-from benchmarks.common.submesh import submesh
+from benchmarks.common.known_surfaces import (
+    BODIES,
+    TURN,
+    KnownSurface,
+    binary,
+    cubes,
+    grey,
+    grey_of_bits,
+    known,
+    nets,
+    voxels,
+)
+from benchmarks.common.level_sets import projected
+from benchmarks.common.mesh_noise import (
+    correlated_noise,
+    decimated,
+    far_in_single_precision,
+    half_noise,
+    holes,
+    isotropic_noise,
+    layers,
+    line_noise,
+    normal_noise,
+    rounded,
+    smoothed,
+    spikes,
+    taubin,
+)
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-
-MAX_DISTANCE = 4.0  # of a vertex from the surface, in voxels: farther ones lie on a box that cuts the body
-TURN = np.linalg.qr(np.array([[0.6, 0.3, -0.5], [0.2, 0.9, 0.4], [0.7, -0.2, 0.6]]))[0]
-TURN = TURN * np.sign(np.linalg.det(TURN))
-
-
-@dataclass(frozen=True, eq=False)
-class KnownSurface:
-    """A mesh and the principal curvatures (n, 2) of the surface that it samples where they count (n,)."""
-
-    mesh: TriangleMesh
-    curvature: NDArray
-    counted: NDArray
-
-
-def _ellipsoid(a: float, b: float, c: float) -> Body:
-    size = (a * b * c) ** (1 / 3)
-    return Body(
-        lambda x, y, z: size * (np.sqrt((x / a) ** 2 + (y / b) ** 2 + (z / c) ** 2 + 1e-30) - 1), (a, b, c)
-    )
-
-
-def _wave(x: NDArray, y: NDArray, z: NDArray) -> NDArray:
-    return z - 3 * np.sin(x / 8) * np.cos(y / 9)
-
-
-def _saddle(x: NDArray, y: NDArray, z: NDArray) -> NDArray:
-    return z - (x * x - y * y) / 60
-
-
-def _capsule(x: NDArray, y: NDArray, z: NDArray) -> NDArray:
-    return np.sqrt(x * x + y * y + (z - np.clip(z, -12, 12)) ** 2) - 8
-
-
-def _rounded_box(x: NDArray, y: NDArray, z: NDArray) -> NDArray:
-    beyond = [np.maximum(np.abs(c) - half, 0) for c, half in zip((x, y, z), (9, 7, 5))]
-    return np.sqrt(sum(c * c for c in beyond)) - 6
-
-
-def _within(*reach: float) -> Callable[[NDArray, NDArray, NDArray], NDArray]:
-    """Whether points lie so far inside a box."""
-    return lambda *p: np.all([np.abs(c) < r for c, r in zip(p, reach)], axis=0)
-
-
-BODIES = {
-    "sphere": Body(lambda x, y, z: np.sqrt(x * x + y * y + z * z) - 12, (12, 12, 12)),
-    "large sphere": Body(lambda x, y, z: np.sqrt(x * x + y * y + z * z) - 20, (20, 20, 20)),
-    "cylinder": Body(lambda x, y, z: np.hypot(x, y) - 8, (8, 8, 20), _within(99, 99, 11)),
-    "torus": Body(lambda x, y, z: np.hypot(np.hypot(x, y) - 16, z) - 7, (23, 23, 7)),
-    "ellipsoid": _ellipsoid(20, 13, 9),
-    "egg": Body(
-        lambda x, y, z: np.sqrt((x / 1.4) ** 2 + (y * y + z * z) * (1 + 0.02 * x)) - 11, (16, 15, 15)
-    ),
-    "gyroid": Body(
-        lambda x, y, z: (
-            np.sin(x / 5) * np.cos(y / 5) + np.sin(y / 5) * np.cos(z / 5) + np.sin(z / 5) * np.cos(x / 5)
-        ),
-        (20, 20, 20),
-        _within(13, 13, 13),
-    ),
-    "catenoid": Body(lambda x, y, z: np.hypot(x, y) - 9 * np.cosh(z / 9), (15, 15, 9), _within(99, 99, 5)),
-    "saddle": Body(_saddle, (22, 22, 12), _within(15, 15, 99)),
-    "capsule": Body(_capsule, (8, 8, 20)),
-    "rounded box": Body(_rounded_box, (15, 13, 11)),
-    "wave": Body(_wave, (30, 30, 7), _within(23, 23, 99)),
-}  # fmt: skip
-
-
-def known(body: Body, mesh: TriangleMesh) -> KnownSurface:
-    """The mesh with the curvature of the body at the nearest points, near the boundary left out."""
-    at = projected(body, mesh.points)
-    counted = np.linalg.norm(at - mesh.points, axis=1) < MAX_DISTANCE
-    if body.counted is not None:
-        counted &= body.counted(*at.T)
-    return KnownSurface(mesh, principal_curvatures(body, at), counted)
-
-
-def voxels(
-    name: str,
-    surface_of: Callable[[NDArray], TriangleMesh],
-    spacing: tuple[float, float, float] = (1.0, 1.0, 1.0),
-    turn: NDArray | None = None,
-    change: Callable[[TriangleMesh], TriangleMesh] = lambda mesh: mesh,
-) -> KnownSurface:
-    """Surface of a segmented volume of one of BODIES, by `surface_of` from its values on a grid."""
-    body = BODIES[name]
-    values, place = samples(body, spacing, turn)
-    mesh = surface_of(values)
-    return known(body, change(mesh.moved(place(mesh.points))))
-
-
-def cubes(values: NDArray) -> TriangleMesh:
-    """Boundary of the voxels inside."""
-    return voxel_boundary(values < 0)
-
-
-def binary(values: NDArray) -> TriangleMesh:
-    """Marching cubes of the segmented image."""
-    return marching_cubes(values < 0)
-
-
-def nets(values: NDArray) -> TriangleMesh:
-    """Surface nets of the segmented image."""
-    return surface_nets(values < 0)
-
-
-def grey(values: NDArray) -> TriangleMesh:
-    """Marching cubes of the function itself: with slivers, on the surface up to interpolation."""
-    return marching_cubes(0.5 - values)
-
-
-def grey_of_bits(bits: int, values: NDArray) -> TriangleMesh:
-    """Marching cubes of the share of each voxel inside, in whole steps of grey."""
-    steps = 2**bits - 1
-    return marching_cubes(np.rint(np.clip(0.5 - values, 0, 1) * steps) / steps)
-
-
-def smoothed(times: int, mesh: TriangleMesh) -> TriangleMesh:
-    """Means of neighbours, as programs smooth segmentations."""
-    return _relaxed(mesh, (0.5,) * times)
-
-
-def taubin(times: int, mesh: TriangleMesh) -> TriangleMesh:
-    """Means of neighbours and steps back, which keep the volume, as programs smooth segmentations."""
-    return _relaxed(mesh, (0.5, -0.53) * times)
-
-
-def _relaxed(mesh: TriangleMesh, steps: tuple[float, ...]) -> TriangleMesh:
-    """Steps towards the means of neighbours, as shares of the way."""
-    edges, n = mesh.topology.edges, mesh.n_vertices
-    near = csr_array((np.ones(2 * len(edges)), (edges.T.ravel(), edges.T[::-1].ravel())), shape=(n, n))
-    mean = diags_array(1 / np.maximum(near.sum(axis=1), 1)) @ near
-    points = mesh.points
-    for share in steps:
-        points = points + share * (mean @ points - points)
-    return mesh.moved(points)
-
-
-def decimated(share: float, mesh: TriangleMesh) -> TriangleMesh:
-    """Collapse of edges by quadrics to a share of the faces (pymeshlab)."""
-    import pymeshlab
-
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(pymeshlab.Mesh(mesh.points, mesh.faces))
-    meshes.meshing_decimation_quadric_edge_collapse(
-        targetfacenum=int(share * mesh.n_faces), preservenormal=True, planarquadric=True
-    )
-    small = meshes.current_mesh()
-    return TriangleMesh.from_arrays(small.vertex_matrix(), small.face_matrix())
-
-
-def mean_error(surface: KnownSurface, mean: NDArray) -> float:
-    """Mean error of the mean curvature (n,), over its mean size."""
-    truth, counted = surface.curvature.mean(axis=1), surface.counted
-    return float(np.abs(mean - truth)[counted].mean() / np.abs(truth[counted]).mean())
-
-
-def _edge(mesh: TriangleMesh) -> float:
-    return float(mesh.side_length.mean())
-
-
-def vertex_normals(mesh: TriangleMesh) -> NDArray:
-    """(n, 3) unit normals, averaged by areas."""
-    corner = mesh.points[mesh.faces]
-    doubled = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    total = np.zeros_like(mesh.points)
-    np.add.at(total, mesh.faces.ravel(), np.repeat(doubled, 3, axis=0))
-    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
-
-
-def normal_noise(share: float, mesh: TriangleMesh) -> TriangleMesh:
-    """Independent normal displacements along the normals."""
-    heights = np.random.default_rng(1).standard_normal((mesh.n_vertices, 1))
-    return mesh.moved(mesh.points + share * _edge(mesh) * heights * vertex_normals(mesh))
-
-
-def half_noise(share: float, mesh: TriangleMesh) -> TriangleMesh:
-    """Normal displacements along the normals on one half of the surface."""
-    heights = np.random.default_rng(8).standard_normal((mesh.n_vertices, 1))
-    half = mesh.points[:, :1] > np.median(mesh.points[:, 0])
-    return mesh.moved(mesh.points + share * _edge(mesh) * half * heights * vertex_normals(mesh))
-
-
-def layers(share: float, mesh: TriangleMesh) -> TriangleMesh:
-    """The third coordinate alone in whole multiples of a share of an edge, as in layers of a printer."""
-    step = share * _edge(mesh)
-    third = step * np.rint(mesh.points[:, 2] / step)
-    return mesh.moved(np.column_stack([mesh.points[:, :2], third]))
-
-
-def isotropic_noise(share: float, mesh: TriangleMesh) -> TriangleMesh:
-    """Independent normal displacements of all coordinates."""
-    return mesh.moved(
-        mesh.points + share * _edge(mesh) * np.random.default_rng(2).standard_normal(mesh.points.shape)
-    )
-
-
-def correlated_noise(share: float, times: int, mesh: TriangleMesh) -> TriangleMesh:
-    """Displacements along the normals, averaged over neighbours so many times and scaled up again."""
-    heights = np.random.default_rng(3).standard_normal((mesh.n_vertices, 3))
-    heights = smoothed(times, mesh.moved(heights)).points[:, :1]
-    return mesh.moved(mesh.points + share * _edge(mesh) * heights / heights.std() * vertex_normals(mesh))
-
-
-def line_noise(share: float, mesh: TriangleMesh) -> TriangleMesh:
-    """Each scan line, a band of the width of half an edge in y, at a height of its own."""
-    edge = _edge(mesh)
-    line = np.rint(mesh.points[:, 1] / (0.5 * edge)).astype(int)
-    heights = np.random.default_rng(4).standard_normal(np.ptp(line) + 1)[line - line.min()]
-    return mesh.moved(mesh.points + share * edge * heights[:, None] * vertex_normals(mesh))
-
-
-def rounded(share: float, mesh: TriangleMesh) -> TriangleMesh:
-    """Coordinates in whole multiples of a share of an edge."""
-    step = share * _edge(mesh)
-    return mesh.moved(step * np.rint(mesh.points / step))
-
-
-def far_in_single_precision(share: float, mesh: TriangleMesh) -> TriangleMesh:
-    """Single precision so far from the origin that its spacing is a share of an edge."""
-    offset = 2.0 ** np.rint(np.log2(share * _edge(mesh) * 2**23))
-    return mesh.moved((mesh.points + 1.5 * offset).astype(np.float32).astype(np.float64) - 1.5 * offset)
-
-
-def spikes(share: float, height: float, mesh: TriangleMesh) -> TriangleMesh:
-    """A share of the vertices, moved along the normal by a height in edges, outward or inward."""
-    rng = np.random.default_rng(5)
-    moved = rng.random(mesh.n_vertices) < share
-    size = height * _edge(mesh) * rng.choice([-1.0, 1.0], mesh.n_vertices)
-    return mesh.moved(mesh.points + (moved * size)[:, None] * vertex_normals(mesh))
-
-
-def holes(share: float, mesh: TriangleMesh) -> TriangleMesh:
-    """Without a share of the faces."""
-    return submesh(mesh, mesh.faces[np.random.default_rng(6).random(mesh.n_faces) >= share])
 
 
 def _irregular(name: str, n: int = 2500) -> TriangleMesh:

@@ -11,9 +11,10 @@ import time
 
 import numpy as np
 
+from benchmarks.common.known_surfaces import cubes, mean_error, nets, voxels
 from benchmarks.common.measure import cpu_seconds, peak_mib, print_table
+from benchmarks.common.mesh_noise import normal_noise
 from benchmarks.common.mesh_sequences import real, voxel_sphere
-from benchmarks.common.noisy_surfaces import cubes, mean_error, nets, normal_noise, voxels
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 

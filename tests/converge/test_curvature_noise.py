@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from benchmarks.common import level_sets, noisy_surfaces
+from benchmarks.common import known_surfaces, level_sets, mesh_noise, noisy_surfaces
 from benchmarks.common.mesh_sequences import voxel_sphere
 from ddgcli.algorithms.curvature.scales import error_of_radii
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
@@ -89,7 +89,7 @@ def test_noise_in_a_part_of_the_surface_is_reported_and_the_radius_reduces_the_e
 def test_three_spikes_are_reported_with_the_first_vertex(name, height, caplog):
     clean = SURFACES[name][0]()
     spikes = np.random.default_rng(3).choice(clean.n_vertices, 3, replace=False)
-    outward = noisy_surfaces.vertex_normals(clean)[spikes]
+    outward = mesh_noise.vertex_normals(clean)[spikes]
     points = clean.points.copy()
     points[spikes] += height * clean.side_length.mean() * outward
     measure_curvature(clean.moved(points), full=False)
@@ -121,11 +121,11 @@ def test_voxels_are_recognised_and_the_radius_reduces_the_error(radius, caplog):
 @pytest.mark.parametrize("body", ["ellipsoid", "rounded box"])
 def test_the_automatic_radius_on_voxels_is_near_the_best_and_states_its_error(body, scheme):
     """Balls as large as the roundings of a box change little with the radius, and are all wrong."""
-    surface = noisy_surfaces.voxels(body, noisy_surfaces.cubes)
+    surface = known_surfaces.voxels(body, known_surfaces.cubes)
 
     def error_at(radius):
         result = measure_curvature(surface.mesh, scheme, radius, full=False)
-        return noisy_surfaces.mean_error(surface, result.vertex["mean_curvature"]), result.results
+        return known_surfaces.mean_error(surface, result.vertex["mean_curvature"]), result.results
 
     automatic, results = error_at("auto")
     best = min(error_at(radius)[0] for radius in (2.6, 3.6, 5.2))
@@ -365,8 +365,8 @@ def test_the_warning_is_about_the_values_of_the_run_not_about_those_of_the_estim
 
     body = level_sets.Body(level, (25, 25, 25))
     values, place = level_sets.samples(body)
-    mesh = noisy_surfaces.grey(values)
-    known = noisy_surfaces.known(body, mesh.moved(place(mesh.points)))
+    mesh = known_surfaces.grey(values)
+    known = known_surfaces.known(body, mesh.moved(place(mesh.points)))
     result = measure_curvature(known.mesh, full=False)
     assert mean_error(known, result.vertex["mean_curvature"]) < 0.04
     assert "at the default region" not in caplog.text and result.results["expected_error"] is None
