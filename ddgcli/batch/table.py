@@ -71,7 +71,8 @@ def completed_rows(
     for entry in (*_table_entries(Path(table), collect), *_json_entries(journal)):
         try:
             task = by_command[entry["command"]]
-            row = TaskRow(**{**entry, "index": task.index, "parameters": task.parameters})
+            known = {"index": task.index, "input": task.input, "parameters": task.parameters}
+            row = TaskRow(**{**entry, **known})
             row.collected = {name: row.collected[name] for name in collect}
         except (TypeError, KeyError):
             continue

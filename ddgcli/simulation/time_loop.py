@@ -32,6 +32,9 @@ from ddgcli.simulation.model import (
 log = logging.getLogger("ddgcli")
 RECOVERY_FACTOR = 8.0  # of the shortest part of a step, what the next one tries first
 STEP_GROWTH = 1.1  # of the part tried, with each that succeeds
+# Rejected steps of a run: some of its steps may need many shorter ones, but if all of them do, the run takes
+# hundreds of times what its scene and its prediction say.
+MAX_REJECTED, MAX_REJECTED_PER_STEP = 200, 20
 STOP_REASON_BYTES = 240  # of the reason to stop in a checkpoint, whose arrays keep their shapes
 
 
@@ -44,6 +47,7 @@ class ActiveModel:
     state: Any
     next_dt: float
     n_steps: int = 0
+    n_rejected: int = 0
     smallest: float = math.inf
     stopped: str = ""
     divided: bool = False
@@ -54,18 +58,15 @@ class ActiveModel:
     report_progress: Callable[[], None] = field(default=lambda: None)
 
     def pack(self) -> Arrays:
-        clock = np.array([self.next_dt, self.n_steps, self.smallest])
+        clock = np.array([self.next_dt, self.n_steps, self.smallest, self.n_rejected])
         reason = np.zeros(STOP_REASON_BYTES, dtype=np.uint8)
         text = self.stopped.encode()[:STOP_REASON_BYTES]
         reason[: len(text)] = np.frombuffer(text, dtype=np.uint8)
         return {"clock": clock, "stopped": reason, **self.model.pack(self.state)}
 
     def restore(self, arrays: Arrays) -> None:
-        self.next_dt, self.n_steps, self.smallest = (
-            float(arrays["clock"][0]),
-            int(arrays["clock"][1]),
-            float(arrays["clock"][2]),
-        )
+        self.next_dt, n_steps, self.smallest, n_rejected = arrays["clock"].tolist()
+        self.n_steps, self.n_rejected = int(n_steps), int(n_rejected)
         self.divided = self.rescue_reported = True
         self.stopped = _reason_text(arrays["stopped"])
         self.state = self.model.unpack({k: v for k, v in arrays.items() if k not in ("clock", "stopped")})
@@ -270,6 +271,8 @@ def _step_or_halves(
     except StepRejected as rejected:
         detail = f"{active.name}: step of {dt:.3g} {active.model.time_unit} rejected: {rejected}"
         events.append(Event(step, time, rejected.cause, rejected.place, rejected.value, detail))
+        active.n_rejected += 1
+        _check_rejected(active, step, time, schedule.dt)
         if schedule.on_failure == "stop" or depth >= rejected.halvings:
             raise SolveError(
                 f"t = {time:.6g} {active.model.time_unit}, {detail}; try a smaller step"
@@ -288,6 +291,15 @@ def _step_or_halves(
     active.shortest = min(active.shortest, dt)
     active.allowed *= STEP_GROWTH
     return state
+
+
+def _check_rejected(active: ActiveModel, step: int, time: float, dt: float) -> None:
+    if active.n_rejected > MAX_REJECTED + MAX_REJECTED_PER_STEP * step:
+        unit, shorter = active.model.time_unit, min(active.smallest, dt / 2)
+        raise SolveError(
+            f"t = {time:.6g} {unit}, {active.name}: {active.n_rejected} attempts have failed in {step + 1} "
+            f"steps of {dt:.3g} {unit}; weaken the loads, or make the step {shorter:.1g} {unit}"
+        )
 
 
 def _advanced(

@@ -9,14 +9,16 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
 from ddgcli.batch import process
-from ddgcli.batch.process import TaskLimits
+from ddgcli.batch.process import TaskLimits, TaskRow
 from ddgcli.batch.run import run_batch
-from ddgcli.batch.tasks import make_tasks, parsed_sweeps, shard_of
+from ddgcli.batch.table import completed_rows
+from ddgcli.batch.tasks import Task, make_tasks, parsed_sweeps, shard_of
 from ddgcli.errors import MissingExtraError, ParameterError
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
@@ -126,6 +128,16 @@ def test_a_resumed_batch_runs_only_what_is_missing(stub, inputs, tmp_path):
         tasks, TaskLimits(), table=table, resume=True, progress=lambda done, total: started.append(done)
     )
     assert len(started) == 2  # the changed input, and the one that failed
+
+
+def test_an_entry_of_a_journal_with_values_of_other_types_does_not_end_a_batch(tmp_path):
+    task = Task(0, "a.ply", {}, None, ("info", "a.ply"))
+    row = TaskRow(0, "a.ply", task.command, {}, None, "done", 0, 1.0, 1.0, "0" * 64, "", {"area": 1})
+    entries = [asdict(row) | {"input": {}}, asdict(row) | {"collected": 7}, asdict(row) | {"status": []}]
+    for entry, complete in zip(entries, (True, False, False), strict=True):
+        (tmp_path / "t.jsonl").write_text(json.dumps(entry))
+        rows = completed_rows(str(tmp_path / "t.jsonl"), [task], {"a.ply": "0" * 64}, ["area"])
+        assert [r.input for r in rows.values()] == ["a.ply"] * complete
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".jsonl"])

@@ -1,5 +1,6 @@
 """Order, invariants and accounting of the time schemes; parametrised over the table itself."""
 
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -260,7 +261,7 @@ plane = {}
         )
 
 
-@pytest.mark.parametrize("limit, later", [(0.011, 0.011), (0.011, 1.0), (0.2, 0.003)])
+@pytest.mark.parametrize("limit, later", [(0.011, 0.011), (0.011, 1.0), (0.2, 0.005)])
 def test_what_failed_is_not_tried_at_every_turn(limit, later):
     """Steps of 1 s of a model that takes parts up to a limit, which changes half-way: the whole time is
     marched, no part is much shorter than it must be, and few are tried in vain."""
@@ -282,6 +283,23 @@ def test_what_failed_is_not_tried_at_every_turn(limit, later):
     for some_sizes, bound in ((step_sizes[when < 5], limit), (step_sizes[when >= 7], later)):
         assert np.median(some_sizes) > bound / 4 and some_sizes.max() <= bound
     assert tried < 0.35 * len(step_sizes) + 40
+
+
+def test_a_run_whose_every_step_needs_a_thousand_parts_ends_and_names_a_step_that_works():
+    from ddgcli.simulation.model import Model, Observation, Schedule, StepRejected
+
+    def advance(state, time, dt):
+        if dt > 4e-4:
+            raise StepRejected("too long")
+        return state + dt
+
+    shown = Observation(None)
+    model = Model(np.zeros(1), advance, lambda state: shown, lambda s: {"s": s}, lambda a: a["s"])
+    with pytest.raises(SolveError, match="200 attempts|201 attempts") as refusal:
+        list(evolve({"m": model}, Schedule(1.0, 10), Account()))
+    step = float(re.search(r"make the step (\S+) s", str(refusal.value))[1])
+    end = list(evolve({"m": model}, Schedule(step, 2000), Account()))[-1]
+    assert end.checkpoint["m/s"] == pytest.approx(2000 * step) and not end.events
 
 
 def test_a_step_whose_error_does_not_fall_with_its_length_ends_the_run():
