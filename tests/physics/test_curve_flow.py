@@ -110,6 +110,14 @@ def test_a_circle_grows_freely_at_the_exact_rate_of_the_elastic_flow():
     assert last["length"] / first["length"] == pytest.approx((1 + 4 * 0.2) ** 0.25, rel=5e-3)
 
 
+def test_a_circle_of_random_points_grows_at_the_exact_rate_of_the_elastic_flow():
+    t = np.sort(np.random.default_rng(4).uniform(0, 2 * np.pi, 60))
+    circle = closed_curve(np.stack([np.cos(t), np.sin(t), 0 * t], axis=1))
+    first, last, _ = flow_series(circle, 0.02, 25, flow="elastic", length_penalty=0.0)
+    assert first["longest_segment"] / first["shortest_segment"] > 30
+    assert last["length"] == pytest.approx(2 * np.pi * 3**0.25, rel=0.02)
+
+
 def test_redistribution_evens_the_spacing_and_leaves_the_circle():
     circle = ellipse(32, 1, 1, uneven=0.5)
     ratios = {}

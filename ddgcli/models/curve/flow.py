@@ -271,7 +271,8 @@ class NormalStep:
         mesh = flow.mesh
         self.flow, self.state, self.dt = flow, state, dt
         self.shape = polygon.geometry(mesh, state.points)
-        self.tangent = polygon.vertex_tangents(mesh, state.points)
+        tangents = polygon.circle_tangents if flow.kind == "elastic" else polygon.vertex_tangents
+        self.tangent = tangents(mesh, state.points)
         self.free = np.zeros(mesh.n, dtype=bool)
         self.free[mesh.joint] = True
         self.free &= state.active[mesh.curve]

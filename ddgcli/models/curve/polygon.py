@@ -182,7 +182,23 @@ def stiffness(mesh: Polygons, length: NDArray) -> csr_array:
 
 
 def vertex_tangents(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
-    """(n, 3) unit vectors along the chord of both neighbours; zero at ends, and where the chord is zero."""
+    """(n, 3) unit vectors along the chord of both neighbours; zero at ends, and where the chord is zero.
+
+    They are normal to the gradient of the area, so that normal motions lose area at the right rate.
+    """
     tangent = np.zeros((mesh.n, 3))
     tangent[mesh.joint] = unit_vectors(points[mesh.head[mesh.after]] - points[mesh.tail[mesh.before]])
+    return tangent
+
+
+def circle_tangents(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
+    """(n, 3) unit tangents of the circles through each point and its neighbours; zero at ends.
+
+    On uneven points the chord of both neighbours leans towards the longer segment. Normals to it differ
+    between near neighbours by a part of that segment, and bending would hold such points where they are.
+    """
+    tangent = np.zeros((mesh.n, 3))
+    before, after = (points[mesh.head[k]] - points[mesh.tail[k]] for k in (mesh.before, mesh.after))
+    squares = [row_dot(side, side)[:, None] for side in (before, after)]
+    tangent[mesh.joint] = unit_vectors(squares[1] * before + squares[0] * after)
     return tangent
