@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ddgcli.errors import SolveError
+from ddgcli.errors import ParameterError, SolveError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh import shapes
 from ddgcli.models.fluid.scene import KIND as FLUID
@@ -49,6 +49,32 @@ bending = {}
 gravity = {}
 pin = { vertices = [0, 1, 2, 3] }
 """
+BEAM = """
+[time]
+integrator = "static"
+[[object]]
+role = "shell"
+grid = { size = [0.5, 0.05], cells = [6, 1] }
+density = 7.8
+thickness = 1e-3
+young = 2e11
+poisson = 0.0
+[effects]
+stretching = {}
+bending = { model = "quadratic" }
+gravity = { acceleration = [0, 0, -0.1] }
+pin = { vertices = [0, 1], clamp = true }
+"""
+BOX = """
+[time]
+duration = 0.1
+step = 0.05
+[[object]]
+role = "fluid"
+box = { corner = [0, 0, 0], size = [1, 1, 1], cells = [2, 2, 2] }
+[effects]
+initial = { velocity = ["y - 0.5", "0.5 - x", "0"] }
+"""
 
 
 def steady_rows(**options):
@@ -72,6 +98,29 @@ def test_within_names_no_row_of_a_steady_flow_whose_mesh_is_far_off():
         assert row.max_error == row.time_error.max + row.mesh_error.max
         assert abs(row.max_error - error) <= row.uncertainty.max < 0.5 * error
     assert assign_verdicts(table, 2e-3) is not None
+
+
+def test_models_of_a_static_scene_have_the_mesh_error_of_its_equilibrium():
+    """The limit of fine meshes of a clamped strip under its weight is the beam of Euler and Bernoulli."""
+    problem = simulate.shell_problem(parse_scene(BEAM), None)
+    table = run_problem(problem, repeat=0)
+    assert {row.method for row in table.rows} >= {"static", "static midedge bending"}
+    tip = 7.8 * 0.1 * 0.5**4 / 8 / (2e11 * 1e-9 / 12)
+    largest = np.abs(table.mesh_limit.values).max()
+    assert abs(largest / tip - 1) <= table.mesh_limit.uncertainty.max < 0.02
+    for row, candidate in zip(table.rows, problem.candidates):
+        own = np.abs(candidate.solve(candidate.setup())).max()
+        assert abs(row.mesh_error.max - abs(tip / own - 1)) <= 2 * row.uncertainty.max
+    with pytest.raises(ParameterError, match="equilibria"):
+        simulate.shell_problem(parse_scene(BEAM), None, options={"step": 0.1})
+
+
+def test_fluids_in_volumes_are_compared_by_the_integrators_that_they_have():
+    problem = simulate.fluid_problem(parse_scene(BOX), None, None, error_part="time")
+    assert {c.arguments["integrator"] for c in problem.candidates} == {"circulation", "covector", "energy"}
+    candidates = [c for c in problem.candidates if c.method == "energy"]
+    table = run_problem(replace(problem, candidates=candidates), repeat=0)
+    assert table.reference.name.startswith("energy") and len(table.rows) == len(candidates)
 
 
 def test_methods_that_interpolate_are_named_where_their_time_error_does_not_fall():

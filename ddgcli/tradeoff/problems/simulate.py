@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.scenes.scene import MODEL_KEYS, SceneKind, resolve
+from ddgcli.scenes.scene import resolve
 from ddgcli.scenes.sections import Document
-from ddgcli.simulation.account import Account
-from ddgcli.simulation.time_loop import evolve
 from ddgcli.tradeoff.candidates import (
     NO_OPTIONS,
     Candidate,
@@ -23,79 +21,25 @@ from ddgcli.tradeoff.candidates import (
     Problem,
     Reference,
 )
-from ddgcli.tradeoff.refinement import refined_scene
+from ddgcli.tradeoff.problems.equilibrium import equilibrium_problem
+from ddgcli.tradeoff.problems.simulator import (
+    REFINEMENTS,
+    TIME_OPTIONS,
+    InputVertices,
+    ObservationSeries,
+    Simulator,
+    other_models,
+    relative_lengths,
+    truth_models,
+)
 from ddgcli.tradeoff.richardson import mesh_limit, remaining_error
 
 # steps of the candidates and of the references, in units of the scene's step
 STEP_FACTORS = (4.0, 2.0, 1.0, 0.5)
 REFERENCE_STEP_FACTORS = (1 / 8, 1 / 2, 2.0)
 TOLERANCES = (1e-3, 1e-5)
-TIME_OPTIONS = ("steps", "duration", "step", "tolerance", "integrator")
-ObservationSeries = Sequence[Mapping[str, Any]]  # observations by object, of each frame
-InputVertices = Mapping[str, NDArray[np.int64]]  # vertices of the input in finer meshes, by object
 MAX_STEPS = 16  # of the scene's own length: later, chaos dominates the errors
-REFINEMENTS = (2, 1)  # of the meshes of limits
 MESH_STEP_FACTOR = 1 / 2  # step on them, in units of the scene's step
-# models of effects; those that converge on any mesh come first: the truth has them, if they are not laws
-MODELS = {
-    "bending": ("midedge", "hinge", "quadratic", "cubic"),
-    "stretching": ("stvk", "edges", "edges-area"),
-    "viscosity": ("hodge", "bochner", "deformation"),
-}
-DEFAULT_MODELS = {"bending": "hinge", "stretching": "stvk", "viscosity": "hodge"}
-LAWS = ("viscosity",)  # its kinds are different laws of friction: the truth keeps the scene's own
-
-
-@dataclass(frozen=True)
-class Simulator:
-    """How the scenes of one simulator run.
-
-    Attributes
-    ----------
-    document : Document
-    kind : SceneKind
-    read, array : callable
-        Readers of meshes and arrays.
-    contexts : callable
-        (scene, read, array) -> context of each object.
-    models : callable
-        (scene, contexts, account) -> models of the time loop.
-    integrators : list of str
-    reference_integrator : str
-    answer : callable
-        Observations, and the vertices of each object to compare (None for all) -> answer.
-    noun : str
-        What the answer is.
-    """
-
-    document: Document
-    kind: SceneKind
-    read: Callable[[str], Any]
-    array: Callable[[str], NDArray] | None
-    contexts: Callable[..., dict[str, Any]]
-    models: Callable[..., dict[str, Any]]
-    integrators: list[str]
-    reference_integrator: str
-    answer: Callable[[ObservationSeries, InputVertices | None], NDArray]
-    noun: str
-
-    def setup(self, overrides: Mapping[str, Any]) -> Any:
-        """Models, schedule and account of a run."""
-        scene, account = resolve(self.document, self.kind, overrides), Account()
-        contexts = self.contexts(scene, self.read, self.array)
-        return self.models(scene, contexts, account), scene.schedule(), account
-
-    def solve(self, state: Any, input_vertices: InputVertices | None = None) -> NDArray[np.float64]:
-        """Answer at the end of a run."""
-        models, schedule, account = state
-        observations = [snapshot.observations for snapshot in evolve(models, schedule, account)]
-        return self.answer(observations, input_vertices)
-
-    def finer_answer(self, overrides: Mapping[str, Any], times: int) -> NDArray[np.float64]:
-        """Answer on meshes refined `times` times, at the vertices of the input."""
-        finer = refined_scene(self.document, self.kind, self.read, self.array, times)
-        one = replace(self, document=finer.document, read=finer.read, array=finer.array)
-        return one.solve(one.setup(overrides), finer.input_vertices)
 
 
 def shell_problem(
@@ -105,7 +49,7 @@ def shell_problem(
     options: CommandOptions = NO_OPTIONS,
     error_part: str = "both",
 ) -> Problem:
-    """Positions of a shell scene at the end."""
+    """Positions of a shell scene at the end, or in equilibrium where its integrator is `static`."""
     from ddgcli.models.shell import model
     from ddgcli.models.shell.scene import KIND
 
@@ -116,6 +60,9 @@ def shell_problem(
     simulator = Simulator(
         document, KIND, read, None, contexts, model.build, names, "newmark", _displacement, "displacement"
     )
+    time_options = {name: options[name] for name in TIME_OPTIONS if name in options}
+    if resolve(document, KIND, time_options).time.integrator == "static":
+        return equilibrium_problem(simulator, options, error_part)
     return _problem(simulator, options, error_part)
 
 
@@ -129,7 +76,7 @@ def fluid_problem(
 ) -> Problem:
     """Vorticity of a fluid scene at the end."""
     from ddgcli.models.fluid import model
-    from ddgcli.models.fluid.scene import KIND
+    from ddgcli.models.fluid.scene import KIND, TRANSPORTS
 
     def contexts(scene: Any, read: Any, array: Any) -> dict[str, Any]:
         return {name: context for name, (context, _) in model.contexts(scene, read, array).items()}
@@ -137,9 +84,12 @@ def fluid_problem(
     def models(scene: Any, fluids: Any, account: Any) -> dict[str, Any]:
         return {name: fluid.model() for name, fluid in model.build(scene, fluids, account).items()}
 
-    names = list(KIND.integrators)
+    fluids = contexts(resolve(document, KIND, {}), read, array).values()
+    dimensions = {3 if fluid.is_volume else 2 for fluid in fluids}
+    names = [name for name, modules in TRANSPORTS.items() if dimensions <= set(modules)]
+    reference = "conservative" if "conservative" in names else "energy"  # which volumes have
     simulator = Simulator(
-        document, KIND, read, array, contexts, models, names, "conservative", _vorticity, "vorticity"
+        document, KIND, read, array, contexts, models, names, reference, _vorticity, "vorticity"
     )
     return _problem(simulator, options, error_part)
 
@@ -161,29 +111,6 @@ def _vorticity(
 
 def _at(input_vertices: InputVertices | None, name: str, values: NDArray) -> NDArray:
     return values if input_vertices is None else values[input_vertices[name]]
-
-
-def _other_models(simulator: Simulator, own_models: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Models that rows vary: those of effects with their default parameters, without the scene's own."""
-    effects = simulator.document.data.get("effects", {})
-    names = {text.partition("=")[0] for text in own_models}
-    others = {}
-    for effect, models in MODELS.items():
-        table = effects.get(effect)
-        if isinstance(table, dict) and effect not in names and "stiffness" not in table:
-            own = table.get(MODEL_KEYS[effect], DEFAULT_MODELS[effect])
-            others[effect] = tuple(m for m in models if m != own)
-    return others
-
-
-def _truth_models(others: Mapping[str, tuple[str, ...]], own_models: Sequence[str]) -> tuple[str, ...]:
-    """Models of the limit: where one of an effect converges on any mesh, that one."""
-    best = [
-        f"{effect}={MODELS[effect][0]}"
-        for effect, models in others.items()
-        if effect not in LAWS and MODELS[effect][0] in models
-    ]
-    return (*own_models, *best)
 
 
 @dataclass(frozen=True)
@@ -223,7 +150,7 @@ class _Runs:
     def reference(self, finest: float, models: Sequence[str]) -> Reference:
         """Run with `finest` of the scene's step; two with longer steps give its uncertainty."""
         coarse, middle, limit = (self.answer(f, models) for f in (4 * finest, 2 * finest, finest))
-        first, second = _relative(coarse, middle), _relative(middle, limit)
+        first, second = relative_lengths(coarse, middle), relative_lengths(middle, limit)
         name = f"{self.simulator.reference_integrator} with {finest:g} of the scene's step"
         name += f", as far as {2 * finest:g} and {4 * finest:g} agree"
         largest = remaining_error(first.max(initial=0.0), second.max(initial=0.0))
@@ -237,10 +164,10 @@ class _Runs:
         answers = [self.simulator.finer_answer(run, level) for level in range(times + 1)]
         limit, other = mesh_limit(*answers)
         # the error in time of these runs: that of a method of first order, at the least
-        in_time = 2.0 * _relative(self.answer(MESH_STEP_FACTOR / 2, models), answers[0])
+        in_time = 2.0 * relative_lengths(self.answer(MESH_STEP_FACTOR / 2, models), answers[0])
         finest = f"{2**times} times as fine" if times == 1 else f"2 and {2**times} times as fine"
         name = f"meshes {finest}, extrapolated" + (f", with {', '.join(models)}" if models else "")
-        return MeshLimit(name, limit, ErrorNorms.of(_relative(other, limit)) + ErrorNorms.of(in_time))
+        return MeshLimit(name, limit, ErrorNorms.of(relative_lengths(other, limit)) + ErrorNorms.of(in_time))
 
     def candidate(
         self, integrator: str, option: str, value: float, work: float, effect: str = "", model: str = ""
@@ -285,21 +212,21 @@ def _problem(simulator: Simulator, options: CommandOptions, error_part: str) -> 
     names = [options["integrator"]] if "integrator" in options else simulator.integrators
     base = names[0] if "integrator" in options else simulator.reference_integrator
     tolerances = (options["tolerance"],) if "tolerance" in options else TOLERANCES
-    others = _other_models(simulator, runs.models)
+    others = other_models(simulator, runs.models)
     varied = [] if error_part == "time" else [(e, m) for e, models in others.items() for m in models]
     candidates = [
         *(runs.candidate(name, "dt", span / n, unit * n / steps) for n in counts for name in names),
         *(runs.candidate(base, "dt", span / round(steps), unit, effect, model) for effect, model in varied),
         *(runs.candidate(base, "tolerance", t, 3 * unit * (1e-3 / t) ** (1 / 3)) for t in tolerances),
     ]
-    truths = dict.fromkeys((_truth_models(others, runs.models), runs.models))
+    truths = dict.fromkeys((truth_models(others, runs.models), runs.models))
     return Problem(
         candidates=candidates,
         references=[
             (1.75 * unit / finest, partial(runs.reference, finest, runs.models))
             for finest in REFERENCE_STEP_FACTORS
         ],
-        error=_relative,
+        error=relative_lengths,
         error_scale=f"the largest {simulator.noun} of the reference at t = {span:.6g} s",
         query=f"run of {span:.3g} s",
         error_part=error_part,
@@ -310,12 +237,3 @@ def _problem(simulator: Simulator, options: CommandOptions, error_part: str) -> 
             for times in REFINEMENTS
         ],
     )  # fmt: skip
-
-
-def _relative(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
-    """Length of the difference at each vertex over the largest of the truth."""
-    difference, size = answer - truth, truth
-    if truth.ndim == 2:
-        difference, size = np.linalg.norm(difference, axis=1), np.linalg.norm(truth, axis=1)
-    error = np.abs(difference) / (np.abs(size).max(initial=0.0) or 1.0)
-    return np.nan_to_num(error, nan=np.inf)
