@@ -159,7 +159,7 @@ def picture_name(command: str, case: Case) -> str:
 
 
 def picture(command: str, case: Case, rows: list[dict[str, Any]]) -> None:
-    """Error against seconds: a line a configuration, a point a mesh (or a step)."""
+    """Error against seconds: a line per configuration, a point per mesh (or a step)."""
     lines: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
         lines.setdefault(row["configuration"], []).append(row)

@@ -250,7 +250,7 @@ def run_catalogue(
     missing: bool = False,
     preloaded: bool = False,
 ) -> None:
-    """Run cells into `results`, one line a cell on standard error.
+    """Run cells into `results`, one line per cell on standard error.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ def run_batch(
     Parameters
     ----------
     jobs : int
-        Processes side by side.
+        Processes in parallel.
     table : str, optional
         Path of the table; its journal `TABLE.part` gets a line when a task ends.
     resume : bool

@@ -26,7 +26,7 @@ from ddgcli.errors import DdgError, excerpt
 
 # name -> (module of ddgcli.cli.commands, help line); a module is imported only when its command runs
 COMMANDS = {
-    "info": ("info", "Contents and quality of a mesh file, and which commands take it."),
+    "info": ("info", "Contents and quality of a mesh file, and which commands accept it."),
     "repair": ("repair", "Weld, split, orient, fill, cut: each by its own flag."),
     "curvature": ("curvature", "Gaussian, mean and principal curvature of surfaces and curves."),
     "delaunay": ("delaunay", "Intrinsic Delaunay triangulation, refinement, common subdivision."),
@@ -34,10 +34,10 @@ COMMANDS = {
     "dec": ("dec", "Derivatives, Hodge stars, codifferentials and Laplacians as sparse matrices."),
     "hodge": ("hodge", "Split a vector field into exact, coexact and harmonic parts."),
     "geodesic": ("geodesic", "Distances, shortest paths, straightest lines, transport."),
-    "shell-sim": ("shell_sim", "Move thin elastic shells: a scene in, a trajectory out."),
-    "fluid-sim": ("fluid_sim", "Move an incompressible fluid on a surface or in a volume."),
-    "willmore-flow": ("willmore_flow", "Flow a surface down its bending energy."),
-    "curve-flow": ("curve_flow", "Flow curves down their length or bending energy."),
+    "shell-sim": ("shell_sim", "Simulate thin elastic shells: bending, contact, fracture."),
+    "fluid-sim": ("fluid_sim", "Simulate incompressible flow on a surface or in a volume."),
+    "willmore-flow": ("willmore_flow", "Gradient flow of the bending energy of a surface."),
+    "curve-flow": ("curve_flow", "Gradient flows of the length or bending energy of curves."),
     "tradeoff": ("tradeoff", "What accuracy costs in time, on your own input."),
     "frames": ("frames", "Export frames of a trajectory: meshes, pictures, animations."),
     "view": ("view", "A page for the browser: rotate, read values, play."),

@@ -64,7 +64,7 @@ def tradeoff_table(
     error : {'both', 'time', 'mesh'}, optional
         'willmore-flow': part of the error that rows are compared by; the sum of both by default.
     repeat : int
-        Timed queries a row.
+        Timed queries per row.
     budget : float
         Seconds for everything; what would exceed it is left out.
     **options

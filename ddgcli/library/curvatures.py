@@ -39,7 +39,7 @@ def curvature_measures(
     -------
     RegionMeasures
         `area`, `phi_k` (integral of the Gaussian curvature), `phi_h` (of the sum of the principal
-        curvatures), tensors `anisotropic` and `normal_cycle` (k, 3, 3); one entry a region.
+        curvatures), tensors `anisotropic` and `normal_cycle` (k, 3, 3); one entry per region.
 
     Raises
     ------

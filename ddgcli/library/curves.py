@@ -42,7 +42,7 @@ def isolines(mesh: TriangleMesh, values: ArrayLike, count: int = 10) -> Measurem
     -------
     Measurement
         `mesh` (CurveSet) and `polylines`, higher values on the left; `vertex` holds `level`;
-        `results["paths"]` one entry a line (`length`, `closed`, ...).
+        `results["paths"]` one entry per line (`length`, `closed`, ...).
 
     Examples
     --------

@@ -23,7 +23,7 @@ class Measurement:
     vertex, face, edge : dict of str to ndarray
         Arrays of leading length n, m and e (`mesh.topology.edges` order).
     results : dict
-        Numbers of the whole mesh, and one entry a curve under `paths`.
+        Numbers of the whole mesh, and one entry per curve under `paths`.
     accuracy : dict
         Measures of the error: residuals of identities and of solvers, estimates.
     converged : bool

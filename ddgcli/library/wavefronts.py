@@ -161,7 +161,7 @@ def geodesic_fan(
     Measurement
         `mesh` (CurveSet) and `polylines`: rays, circles (polygons through the points of equal length),
         caustics (through the first points at which neighbouring rays cross). `vertex` holds `level`
-        (length from the source) and `caustic` (1 behind the caustic); `results["paths"]` one entry a curve.
+        (length from the source) and `caustic` (1 behind the caustic); `results["paths"]` one entry per curve.
 
     Raises
     ------

@@ -82,7 +82,7 @@ def _vertex_cover(lower: NDArray, upper: NDArray) -> NDArray:
 
 
 def _are_short(half: NDArray, separator: NDArray, row_length: float) -> bool:
-    """Whether no large part has a long separator; `row_length`: mean entries a row."""
+    """Whether no large part has a long separator; `row_length`: mean entries per row."""
     whole = np.bincount(half // 2)
     length = np.bincount(half[separator] // 2, minlength=len(whole))
     good = length <= MAX_SEPARATOR_RATIO * np.sqrt(row_length * whole)

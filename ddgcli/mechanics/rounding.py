@@ -30,7 +30,7 @@ class Rounding:
     length : float
         m.
     mass, stiffness : float
-        kg and N/m: traces of the mass matrix (three coordinates a vertex) and of the elastic Hessian.
+        kg and N/m: traces of the mass matrix (three coordinates per vertex) and of the elastic Hessian.
     force : float
         N: sum of the absolute forces of all potentials on the coordinates.
     """

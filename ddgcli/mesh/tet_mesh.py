@@ -1,4 +1,4 @@
-"""Tetrahedral meshes: positions and four corners a cell, immutable."""
+"""Tetrahedral meshes: positions and four corners per cell, immutable."""
 
 from __future__ import annotations
 

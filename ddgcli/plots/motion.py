@@ -25,7 +25,11 @@ from ddgcli.plots.page import page
 from ddgcli.plots.surface import draw_surface
 
 MAX_PICTURE_FRAMES = 4
-MIN_RATE, MAX_RATE, MAX_GIF_RATE = 0.01, 1000.0, 50.0  # frames a second; viewers slow shorter GIF frames down
+MIN_RATE, MAX_RATE, MAX_GIF_RATE = (
+    0.01,
+    1000.0,
+    50.0,
+)  # frames per second; viewers slow shorter GIF frames down
 NEAR_SHARE = 0.15  # of the diagonal of all frames: how far beyond them obstacles are shown
 
 
@@ -258,7 +262,7 @@ def check_animation(path: str, size: tuple[int, int] | None, frames_per_second: 
     if frames_per_second is not None and not MIN_RATE <= frames_per_second <= most:
         suffix = path[path.rindex(".") :]
         raise ParameterError(
-            f"{frames_per_second:g}: a {suffix} shows {MIN_RATE:g} to {most:g} frames a second",
+            f"{frames_per_second:g}: a {suffix} shows {MIN_RATE:g} to {most:g} frames per second",
             parameter="fps",
         )
     if path.lower().endswith(".mp4"):

@@ -25,11 +25,11 @@ class ViewedObject:
     ----------
     name : str
     points : sequence of (n, 3) ndarray
-        One entry, or one a frame.
+        one entry, or one per frame.
     cells : sequence of (m, 3) or (m, 2) ndarray of int64
-        Triangles or segments: one entry, or one a frame.
+        Triangles or segments: one entry, or one per frame.
     vertex, face : mapping of str to sequence of ndarray
-        One array, or one a frame; vectors are shown by their length.
+        One array, or one per frame; vectors are shown by their length.
     """
 
     name: str

@@ -239,7 +239,7 @@ def test_frames_of_equal_change_lie_where_a_motion_happens():
     (["--array", "velocity", "-o", "x.ply"], "--array is for"),
     (["--view", "iso"], "--view is for"),
     (["--fps", 3, "-o", "x.png"], "--fps is for .gif .mp4"),
-    (["--fps", 60, "-o", "x.gif"], "--fps: 60: a .gif shows 0.01 to 50 frames a second"),
+    (["--fps", 60, "-o", "x.gif"], "--fps: 60: a .gif shows 0.01 to 50 frames per second"),
     (["--fps", 1e-6, "-o", "x.gif"], "--fps: 1e-06: a .gif shows 0.01 to 50"),
     (["--fps", 1e9, "-o", "x.mp4"], "--fps: 1e+09: a .mp4 shows 0.01 to 1000"),
 ])  # fmt: skip

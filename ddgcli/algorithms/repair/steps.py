@@ -156,7 +156,7 @@ def split_fans(repaired: RepairedMesh) -> RepairedMesh:
 
 
 def split_folds(repaired: RepairedMesh) -> RepairedMesh:
-    """Part the faces at edges that are folded by 180 degrees, so that each sheet has a boundary there."""
+    """Separate the faces at edges folded by 180 degrees, so that each sheet has a boundary there."""
     folded = folded_edges(dihedral_angle(repaired.mesh))
     repaired = separated(repaired, ~np.isin(np.arange(repaired.mesh.topology.n_edges), folded))
     changes = repaired.changes

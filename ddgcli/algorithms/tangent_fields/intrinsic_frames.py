@@ -26,7 +26,7 @@ def frame_turn(mesh: SurfaceMesh, flipped: IntrinsicDelaunay) -> NDArray[np.comp
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
-        Consistently oriented, one fan a vertex.
+        Consistently oriented, one fan per vertex.
     flipped : IntrinsicDelaunay
         Intrinsic Delaunay triangulation of `mesh`, with tracked crossings.
 

@@ -31,7 +31,7 @@ REFINEMENT_RESIDUAL = 1e-12  # solutions with a larger residual are refined
 def _delaunay_frames(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.complex128]]:
     """Intrinsic Delaunay triangulation, and the rotation of its vertex frames to those of the mesh."""
     unchanged = mesh, np.ones(mesh.n_vertices, dtype=np.complex128)
-    side_angles(mesh)  # one fan a vertex
+    side_angles(mesh)  # one fan per vertex
     if len(mesh.topology.nonmanifold_edges):
         _log.warning(
             "vectors diffuse on the faces of the mesh: edges with three faces have no Delaunay flips"

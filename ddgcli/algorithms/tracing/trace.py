@@ -224,7 +224,7 @@ def check_start(
     k = len(face)
     if len(barycentric) != k:
         raise ParameterError(
-            f"{k} faces but {len(barycentric)} barycentric coordinates; give one triple a face"
+            f"{k} faces but {len(barycentric)} barycentric coordinates; give one triple per face"
         )
     length = np.broadcast_to(np.asarray(length, dtype=np.float64), (k,))
     bad = np.flatnonzero(~(length >= 0) | ~np.isfinite(length))

@@ -38,7 +38,7 @@ COMMANDS_OUTSIDE_BATCHES = ("batch", "check", "examples")
     default=1,
     show_default=True,
     metavar="N",
-    help="Processes side by side.",
+    help="Processes in parallel.",
 )
 @click.option("--timeout", type=options.POSITIVE_NUMBER, metavar="S", help="Seconds that a run may take.")
 @click.option(
@@ -46,7 +46,7 @@ COMMANDS_OUTSIDE_BATCHES = ("batch", "check", "examples")
 )
 @click.option("--shard", metavar="I/N", help="Only every N-th run, from the I-th: for job arrays.")
 @click.option("--cluster", metavar="ADDRESS", help="Run on the workers of this Dask scheduler.")
-@click.option("--resume", is_flag=True, help="Keep the runs that the table holds as done.")
+@click.option("--resume", is_flag=True, help="Skip the runs that the table lists as done.")
 @click.option("--table", metavar="PATH", help="Write the results as a table (.jsonl or .csv).")
 @click.option(
     "--collect",
@@ -66,9 +66,9 @@ def command(
     names. Each run is a process of its own; one that fails, hangs or takes too much memory does not stop the
     rest. Exit code: 0 if all are done, else 1.
 
-    The table has a row a run: input, command, parameters, output, status (done, failed, timeout, memory,
-    killed), exit_code, seconds, peak_mib, sha256 of the input, message, collected values. --resume runs what
-    the table does not hold as done; until the table is written, TABLE.part holds the runs that ended.
+    The table has a row per run: input, command, parameters, output, status (done, failed, timeout, memory,
+    killed), exit_code, seconds, peak_mib, sha256 of the input, message, collected values. --resume skips
+    the runs that the table lists as done; until the table is written, TABLE.part lists the runs that ended.
 
     \b
     Examples:

@@ -63,13 +63,13 @@ FRAME_COLOURS = {"frenet_normal": "#c03030", "frenet_binormal": "#3060c0"}
     type=Radius(),
     metavar="R|auto",
     help="Measure in balls of this radius, in length units (default: the vertex star; quadric: two rings). "
-    "auto: the radius that averages the noise of the vertices, if there is noise.",
+    "auto: a radius chosen from the estimated noise of the vertices.",
 )
 @click.option(
     "--map",
     "map_name",
     metavar="ARRAY",
-    help="Array of the input (n, 2) or (n, 3): report its non-conformality, Dirichlet energy - area.",
+    help="Vertex array (n, 2) or (n, 3) of MESH, taken as a map: report its Dirichlet energy minus its area.",
 )
 @click.option(
     "--frames",
@@ -81,7 +81,7 @@ FRAME_COLOURS = {"frenet_normal": "#c03030", "frenet_binormal": "#3060c0"}
     "--resample",
     type=click.IntRange(min=3),
     metavar="N",
-    help="Curves: first take N points at even arc lengths on each curve; -o writes these.",
+    help="Curves: first resample each curve at N points, evenly spaced by arc length; -o writes these.",
 )
 @click.option(
     "--jobs",

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     "--length-penalty",
     type=options.NONNEGATIVE_NUMBER,
     metavar="W",
-    help="Elastic flow: descend int kappa^2 + W length (0: the free flow) instead of keeping the length.",
+    help="Elastic flow: minimise int kappa^2 + W length (0: the free flow) instead of keeping the length.",
 )
 @click.option(
     "--redistribute/--no-redistribute",
@@ -53,11 +53,11 @@ def command(
     length_penalty: float | None,
     redistribute: bool,
 ) -> None:
-    """Flow the polylines of CURVE, in the plane or in space, down their length or bending energy.
+    """Gradient flow of the length or the bending energy of the polylines of CURVE, in the plane or in space.
 
     The ends of open curves stay fixed. A curve that shrinks to a point stays there; the flow ends when all
-    have, and without --steps and --duration when no curve moves. Time is in length^2, length being the unit
-    of CURVE; with --flow elastic in length^4.
+    have, and without --steps and --duration when no curve moves. Time is in length^2, where length is the
+    unit of CURVE; with --flow elastic in length^4.
 
     \b
     Examples:

@@ -38,7 +38,7 @@ OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", "
     metavar="N",
     type=click.IntRange(min=0),
     help="With --refine: at most N Steiner points (exit 1 when they run out)  "
-    "[default: 10 a vertex, at least 100000].",
+    "[default: 10 per vertex, at least 100000].",
 )
 @click.option(
     "--overlay",

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @click.command(
     "fluid-sim",
-    epilog="Which: conservative for accuracy; circulation for steps many cells long. See "
+    epilog="Choosing an integrator: conservative for accuracy; circulation for steps many cells long. See "
     "docs/fluid-sim.md and docs/accuracy/fluid-sim.md.",
 )
 @scene_options
@@ -37,7 +37,9 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option("--viscosity", metavar="NU", help="Quick form: kinematic viscosity [m^2/s].")
 def command(call: SceneCall, glyphs: str, **quick: Any) -> None:
-    """Move an incompressible fluid on a surface or in a volume: SCENE in (.toml, or a mesh: quick form).
+    """Simulate incompressible flow on a surface or in a volume.
+
+    SCENE is a .toml file, or a mesh with the options of the quick form.
 
     \b
     Examples:

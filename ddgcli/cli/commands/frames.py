@@ -45,7 +45,7 @@ FRAME_NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # where an output's name has th
     metavar="N",
     default=1,
     show_default=True,
-    help="Take one frame in N.",
+    help="Take every N-th frame.",
 )
 @click.option("--array", metavar="NAME", help="The same as --show; 'none' for none.")
 @click.option("--paths", is_flag=True, help="Write the paths of particles as polylines instead of the mesh.")
@@ -58,7 +58,7 @@ FRAME_NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # where an output's name has th
     metavar="N",
     help="Processes that draw pictures and animations; the files are the same.  [default: 1]",
 )
-@click.option("--fps", type=options.POSITIVE_NUMBER, help="Frames a second of an animation.  [default: 25]")
+@click.option("--fps", type=options.POSITIVE_NUMBER, help="Frames per second of an animation.  [default: 25]")
 def command(path: str, common: CommonOptions, **settings: Any) -> None:
     """Export frames of a trajectory (complete, or a .part that still grows).
 

@@ -26,7 +26,7 @@ PICTURE_ARRAYS = ("geodesic_distance", "signed_distance", "vertex_type")  # the 
 
 _OPTIONS = (
     click.option("--source", multiple=True, type=Ids(), metavar="ID...",
-                 help="Source vertex; several after one another, with commas, or by repeating the option."),
+                 help="Source vertices: 0 5 9, or 0,5,9, or repeat the option."),
     click.option("--source-point", multiple=True, type=Numbers(3, "0.5,1,0"), metavar="X,Y,Z...",
                  help="Source at the point of the surface nearest to this one."),
     click.option("--source-face", multiple=True, type=FacePoint(), metavar="F:b0,b1,b2...",
@@ -39,12 +39,13 @@ _OPTIONS = (
     click.option("--target-point", multiple=True, type=Numbers(3, "0.5,1,0"), metavar="X,Y,Z...",
                  help="exact: also the distance at the point of the surface nearest to this one."),
     click.option("--target-face", multiple=True, type=FacePoint(), metavar="F:b0,b1,b2...",
-                 help="exact: also the distance at a point inside a face, into results.targets."),
+                 help="exact: also the distance at a point inside a face, in results.targets."),
     click.option("--method", type=click.Choice(DISTANCE_METHODS), default="exact", show_default=True,
                  help="exact: the polyhedral distance. heat: two linear solves, factored once; faster for "
                       "many sources. fast-marching: first order. dijkstra: along edges."),
     click.option("--tolerance", type=NONNEGATIVE_NUMBER, metavar="TAU",
-                 help="exact: slack in edge lengths, used where it saves time; errs upwards only."),
+                 help="exact: allowed error in edge lengths, used where it saves time; distances are never "
+                      "too short."),
     click.option("--operator", type=click.Choice(HEAT_OPERATORS),
                  help="heat: the Laplacian. [default: intrinsic-delaunay, tufted where non-manifold]"),
     click.option("--heat-time", type=POSITIVE_NUMBER, metavar="M",
@@ -53,10 +54,10 @@ _OPTIONS = (
     click.option("--heat-refine", type=click.IntRange(0, 100), metavar="K",
                  help="heat: normalise and integrate the gradient K more times. [default: 0]"),
     click.option("--each-source", is_flag=True,
-                 help="Also one array a source: geodesic_distance_000, ..."),
+                 help="Also one array per source: geodesic_distance_000, ..."),
     click.option("--gradient", is_flag=True, help="Also the face array distance_gradient."),
     click.option("--isolines", type=click.IntRange(1, 10_000), metavar="N",
-                 help="Level lines of the distance at N even levels, into --paths-output."),
+                 help="Level lines of the distance at N evenly spaced levels, in --paths-output."),
     click.option("--compare", multiple=True, type=click.Choice(DISTANCE_METHODS), metavar="METHOD...",
                  help="Error against other methods, and their seconds."),
     click.option("--certify", is_flag=True,

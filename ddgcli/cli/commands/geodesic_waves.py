@@ -46,12 +46,11 @@ _OPTIONS = (
                  help="Array signed_distance: negative on the left of curves of edges (named as for "
                       "--source-edges); exact for curves that separate the surface, else signed heat."),
     click.option("--fan", type=click.IntRange(3, 100_000), metavar="N",
-                 help="N straightest geodesics from the one source in even directions, their geodesic "
-                      "circles "
-                      "and caustics, into --paths-output."),
+                 help="N straightest geodesics from the only source in evenly spaced directions, "
+                      "their geodesic circles and caustics, in --paths-output."),
     click.option("--fan-length", type=POSITIVE_NUMBER, metavar="LENGTH", help="Length of the rays of --fan."),
     click.option("--fan-circles", type=click.IntRange(1, 10_000), default=8, show_default=True, metavar="K",
-                 help="Geodesic circles of --fan at even lengths."),
+                 help="Geodesic circles of --fan, evenly spaced."),
     click.option("--vertex-types", is_flag=True,
                  help="Array vertex_type: 1 spherical, 0 Euclidean, -1 hyperbolic, 2 boundary."),
 )  # fmt: skip

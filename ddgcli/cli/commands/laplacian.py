@@ -117,7 +117,7 @@ class FixedValue(click.ParamType):
     "--boundary",
     type=click.Choice(CONFORMAL_BOUNDARIES),
     help="With discrete-conformal: free keeps boundary lengths (least distortion of area), lengths takes log "
-    " scale factors, angles takes angle sums.  [default: free]",
+    "scale factors, angles takes angle sums.  [default: free]",
 )
 @click.option(
     "--boundary-values",

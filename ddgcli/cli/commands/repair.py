@@ -27,16 +27,16 @@ if TYPE_CHECKING:
     metavar="[DISTANCE]",
     help="Merge vertices at equal positions, or up to DISTANCE apart.",
 )
-@click.option("--orient", is_flag=True, help="Turn faces over so that neighbours agree.")
+@click.option("--orient", is_flag=True, help="Reverse faces so that neighbours have the same orientation.")
 @click.option(
     "--split-fans",
     is_flag=True,
-    help="One vertex for each fan of faces; edges of three or more faces are parted.",
+    help="Duplicate vertices: one for each fan of faces; splits edges of three or more faces.",
 )
-@click.option("--split-folds", is_flag=True, help="Part the faces at edges folded by 180 degrees.")
+@click.option("--split-folds", is_flag=True, help="Separate the faces at edges folded by 180 degrees.")
 @click.option("--drop-degenerate", is_flag=True, help="Remove faces without area.")
 @click.option("--drop-duplicates", is_flag=True, help="Remove faces that occur twice.")
-@click.option("--drop-unused", is_flag=True, help="Remove vertices that no face uses.")
+@click.option("--drop-unused", is_flag=True, help="Remove vertices that belong to no face.")
 @click.option(
     "--fill-holes",
     type=click.IntRange(min=3),

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 @click.command(
     "shell-sim",
-    epilog="Which: newmark (second order) unless motion is stiff and detail unwanted, then "
-    "implicit-euler; verlet where its stable step is long enough. See docs/shell-sim.md and "
+    epilog="Choosing an integrator: newmark (second order); implicit-euler for stiff motion without fine "
+    "detail; verlet where its stable step is long enough. See docs/shell-sim.md and "
     "docs/accuracy/shell-sim.md.",
 )
 @scene_options
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     help="Factors on the loads at which the shell at rest buckles (linear theory); takes no time steps.",
 )  # fmt: skip
 def command(call: SceneCall, modes: int | None, buckling: int | None, **quick: Any) -> None:
-    """Move thin elastic shells: SCENE (.toml, or a mesh for the quick form) in, a trajectory out.
+    """Simulate thin elastic shells: SCENE is a .toml file, or a mesh with the options of the quick form.
 
     \b
     Examples:

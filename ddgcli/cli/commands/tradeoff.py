@@ -78,7 +78,7 @@ SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
     metavar="SECONDS",
     default=60.0,
     show_default=True,
-    help="Time for everything; slower rows are left out.",
+    help="Time for the whole comparison; slower rows are left out.",
 )
 @click.option(
     "--repeat",
@@ -86,7 +86,7 @@ SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
     metavar="N",
     default=5,
     show_default=True,
-    help="Timed queries a row.",
+    help="Timed queries per row.",
 )
 @options.common
 def command(
@@ -282,7 +282,7 @@ def write(run: Run, results: dict[str, Any]) -> None:
 def draw(
     path: str, table: Table, results: dict[str, Any], within: float | None, size: dict[str, Any]
 ) -> None:
-    """Draw error against seconds: one line a method, parameter values at the points, Pareto front ringed."""
+    """Draw error against seconds: a line per method, parameter values at the points, Pareto front ringed."""
     from ddgcli.plots.chart import draw_chart
     from ddgcli.tradeoff.report import chart_of
 

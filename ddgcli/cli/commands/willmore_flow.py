@@ -17,10 +17,11 @@ from ddgcli.errors import ParameterError
 
 @click.command(
     "willmore-flow",
-    epilog="Which: no --dt for the shape of least energy; --dt and --duration for the flow in time, with "
-    "--integrator rosenbrock (the default, of second order) or semi-implicit (of first order, a quarter "
-    "cheaper a step, the only one of mean-curvature); gauss-map for closed surfaces, cotan for open "
-    "ones; the others to compare with. See docs/willmore-flow.md and docs/accuracy/willmore-flow.md.",
+    epilog="Choosing a method: no --dt for the shape of least energy; --dt and --duration for the flow in "
+    "time, with --integrator rosenbrock (the default, second order) or semi-implicit (first order, a "
+    "quarter cheaper per step; mean-curvature has no other). --energy gauss-map for closed surfaces, "
+    "cotan for open ones; the other energies are for comparison. See "
+    "docs/willmore-flow.md and docs/accuracy/willmore-flow.md.",
 )
 @options.mesh_arg
 @options.common
@@ -45,7 +46,7 @@ from ddgcli.errors import ParameterError
     "--spontaneous-curvature",
     metavar="H0",
     type=options.REAL_NUMBER,
-    help="Lower int (H - H0)^2; unit 1/length, positive as on a sphere. Needs --fix-area or --fix-volume.",
+    help="Minimise int (H - H0)^2; unit 1/length, positive as on a sphere. Needs --fix-area or --fix-volume.",
 )
 @click.option(
     "--stop-gradient",
@@ -55,18 +56,18 @@ from ddgcli.errors import ParameterError
 @click.option(
     "--stop-energy",
     type=options.POSITIVE_NUMBER,
-    help="Stop when a step lowers the energy by less than this part of it.  [default: 1e-8]",
+    help="Stop when a step lowers the energy by less than this fraction.  [default: 1e-8]",
 )
 @click.option(
     "--remesh",
     metavar="LENGTH",
-    help="Split, collapse and flip edges to this length during the flow; mean: that of the input.",
+    help="Split, collapse and flip edges towards this length during the flow; mean: the mean of the input.",
 )
 @click.option("--remesh-adaptive", is_flag=True, help="With --remesh: shorter where the surface is curved.")
 @click.option("--report-energy", help="all: every energy at every frame.")
 @click.option(
     "--region",
-    help="Move these vertices only: an array of the input or a file, one value a vertex (not 0: moves), or "
+    help="Move these vertices only: an array of the input or a file, one value per vertex (not 0: moves), or "
     "vertex numbers.",
 )
 def command(
@@ -77,11 +78,11 @@ def command(
     subdivide: int,
     **parameters: Any,
 ) -> None:
-    """Flow MESH down its bending energy int H^2 (or its area).
+    """Gradient flow of the bending energy int H^2 of MESH (or of its area).
 
-    Without --dt or --duration the steps are as long as the energy falls, and the flow stops at rest. With
-    them steps have the given length and follow the flow in time. Time is in length^4, length being the unit
-    of MESH; with --flow mean-curvature in length^2.
+    Without --dt and --duration the flow minimises: each step is as long as the decrease of the energy allows,
+    and the flow stops at a stationary shape. With them, steps follow the flow in time. Time is in length^4,
+    where length is the unit of MESH; with --flow mean-curvature in length^2.
 
     \b
     Examples:

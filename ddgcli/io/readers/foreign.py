@@ -155,7 +155,7 @@ def _vertex_colors(visual: Any, count: int) -> np.ndarray | None:
 
 
 def _rows_of(values: Any, count: int) -> np.ndarray | None:
-    """A table with one row a vertex, None if it is missing or has another length."""
+    """A table with one row per vertex, None if it is missing or has another length."""
     return None if values is None or np.ndim(values) != 2 or len(values) != count else np.asarray(values)
 
 

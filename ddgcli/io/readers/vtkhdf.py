@@ -18,7 +18,7 @@ TOPOLOGIES = (("Vertices", 1), ("Lines", 4), ("Polygons", 7), ("Strips", 6))
 
 
 def read_vtkhdf(data: bytes) -> RawMesh:
-    """Read one step (the last) of a VTKHDF file of one part a step."""
+    """Read one step (the last) of a VTKHDF file of one part per step."""
     return guarded("readers.vtkhdf", "content_of_vtkhdf", data, size=len(data), needs=("h5py",))
 
 

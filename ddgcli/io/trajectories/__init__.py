@@ -1,4 +1,4 @@
-"""Trajectories of simulations: one HDF5 file a run, in the VTKHDF layout.
+"""Trajectories of simulations: one HDF5 file per run, in the VTKHDF layout.
 
 `writer` appends frames so that the file is complete at every moment, `trajectory` reads them, `layout`
 holds names and shapes, `layout_check` what a file must hold, `paths` the paths of

@@ -21,9 +21,9 @@ VERTICES, INDICES = 34962, 34963  # targets of buffer views
 
 
 def glb_bytes(data: CellData) -> bytes:
-    """One mesh with float32 positions; vertices at seams of the texture coordinates are written once a value.
+    """One mesh with float32 positions; vertices at texture seams are written once per value.
 
-    glTF has one texture coordinate a vertex: the attribute `_INPUT_VERTEX` then holds the vertex of the mesh.
+    glTF has one texture coordinate per vertex; the attribute `_INPUT_VERTEX` then holds the mesh vertex.
     """
     data = surface_only(data, ".glb")
     warn_of_lost_arrays(data, ".glb", writable_names=("uv", "corner_uv", "color"))
@@ -68,7 +68,7 @@ def _split(data: CellData, seams: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     uv[place] = rows[order, 1:]
     added = len(source) - n
     log.warning(
-        f".glb has one texture coordinate a vertex: {added} vertices at seams are added, "
+        f".glb has one texture coordinate per vertex: {added} vertices at seams are added, "
         "the attribute _INPUT_VERTEX names the vertex of each"
     )
     return rank[np.ravel(number)].reshape(-1, 3), source, uv

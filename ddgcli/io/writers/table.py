@@ -1,4 +1,4 @@
-"""Bytes of .csv files: one row a vertex."""
+"""Bytes of .csv files: one row per vertex."""
 
 from __future__ import annotations
 

@@ -369,7 +369,7 @@ class NormalStep:
         return later
 
     def _with_length(self, points: NDArray) -> NDArray[np.float64]:
-        """Points of the first length, by Newton's method for one factor a curve."""
+        """Points of the first length, by Newton's method for one factor per curve."""
         mesh, active = self.flow.mesh, self.state.active
         direction = self._solve(polygon.length_gradient(mesh, self.shape))
         for _ in range(MAX_CONSTRAINT_ITERATIONS):

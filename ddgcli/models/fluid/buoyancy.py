@@ -31,7 +31,7 @@ class BuoyancySection(Section):
     """Excess temperature at the start, and how it drives the flow."""
 
     temperature: str = Field("0", description="at the start: array, .npy, or expression in x, y, z [K]")
-    expansion: quantity("", "relative change of density per kelvin [1/K]") = 3.4e-3
+    expansion: quantity("", "relative change of density per kelvin") = 3.4e-3
     gravity: vector("m/s^2", "acceleration of gravity") = (0.0, 0.0, -9.81)
     diffusivity: quantity("m^2/s", "of the temperature", ge=0) = 0.0
     source: str | None = Field(None, description="heating: expression in x, y, z, t [K/s]")
@@ -105,4 +105,4 @@ def build(parameters: BuoyancySection, context: FluidContext) -> list[PhaseReque
     return [PhaseRequest(temperature), PhaseRequest(push)]
 
 
-EFFECT = Effect("buoyancy", BuoyancySection, build, "a tracer, and two solves a step", ("fluid",))
+EFFECT = Effect("buoyancy", BuoyancySection, build, "a tracer, and two solves per step", ("fluid",))

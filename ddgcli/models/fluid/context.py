@@ -72,7 +72,7 @@ class FluidContext:
         elif source.endswith(".npy"):
             values = np.asarray(self.load(source), dtype=np.float64)
         elif source in self.face:
-            raise ValueError(f"{what} '{excerpt(source)}' is an array on faces; give one number a vertex")
+            raise ValueError(f"{what} '{excerpt(source)}' is an array on faces; give one number per vertex")
         else:
             try:
                 values = evaluate(source, dict(zip("xyz", self.points.T)))
@@ -84,7 +84,7 @@ class FluidContext:
                 ) from error
         if values.shape != (n,):
             raise ValueError(
-                f"{what} '{excerpt(source)}' has shape {values.shape}; one number a vertex is ({n},)"
+                f"{what} '{excerpt(source)}' has shape {values.shape}; one number per vertex is ({n},)"
             )
         return _finite(values, what, source)
 
@@ -108,7 +108,7 @@ class FluidContext:
             values = values[cells].mean(axis=1)
         if values.shape != (len(cells), 3):
             raise ValueError(
-                f"velocity '{excerpt(source)}' has shape {values.shape}; give three numbers a cell "
+                f"velocity '{excerpt(source)}' has shape {values.shape}; give three numbers per cell "
                 f"({len(cells)}) or a vertex ({n})"
             )
         return _finite(values, "velocity", source)

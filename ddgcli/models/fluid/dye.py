@@ -1,4 +1,4 @@
-"""Effect `dye`: a passive amount carried by the flow."""
+"""Effect `dye`: a passive concentration carried by the flow."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -45,4 +45,4 @@ def build(parameters: DyeSection, context: FluidContext) -> list[PhaseRequest]:
     return [PhaseRequest(make)]
 
 
-EFFECT = Effect("dye", DyeSection, build, "a trace a vertex and two solves a step", ("fluid",))
+EFFECT = Effect("dye", DyeSection, build, "one trace per vertex and two solves per step", ("fluid",))

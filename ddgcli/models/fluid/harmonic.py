@@ -22,7 +22,7 @@ class HarmonicSection(Section):
     """Keep the harmonic part of the flow, and let it change or not."""
 
     kind: Literal["frozen", "evolved"] = Field(
-        "evolved", description="constant, or as Euler's equation has it"
+        "evolved", description="frozen: constant in time; evolved: by Euler's equation"
     )
     coefficients: list[quantity("m^2/s", "")] | None = Field(
         None, description="at the start, of the orthonormal basis; added to those of the initial flow"
@@ -48,5 +48,9 @@ def build(parameters: HarmonicSection, context: FluidContext) -> list[Harmonic |
 
 
 EFFECT = Effect(
-    "harmonic", HarmonicSection, build, "a basis once; an inner product a basis flow and stage", ("fluid",)
+    "harmonic",
+    HarmonicSection,
+    build,
+    "a basis at the start; one inner product per basis flow and evaluation",
+    ("fluid",),
 )

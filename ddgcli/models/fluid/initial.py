@@ -36,7 +36,7 @@ class InitialSection(Section):
         None, description="array on faces or vertices, .npy, or three numbers or expressions [m/s]"
     )
     flow: str | None = Field(None, description=f"by name: {', '.join(NAMED_FLOWS)}")
-    strength: quantity("m/s", "speed of a named flow; negative turns it round") = 1.0
+    strength: quantity("m/s", "speed of a named flow; negative reverses it") = 1.0
     core: quantity("m", "radius of its vortices", gt=0) | None = None
     separation: quantity("m", "distance of their centres", gt=0) | None = None
     center: vector("m", "between them; default the middle of the surface") | None = None

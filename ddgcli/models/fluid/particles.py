@@ -159,4 +159,4 @@ def build(parameters: ParticlesSection, context: FluidContext) -> list[PhaseRequ
     return [PhaseRequest(make)]
 
 
-EFFECT = Effect("particles", ParticlesSection, build, "a line a particle and step", ("fluid",))
+EFFECT = Effect("particles", ParticlesSection, build, "one trace per particle and step", ("fluid",))

@@ -5,7 +5,7 @@ The flow needs no pressure; it is what its accelerations leave over. The total h
     (grad B, grad q) = (- omega n x u + f + nu laplacian u, grad q)      for all q,
 
 f the accelerations by effects. B is linear in every face; at natural outflows it is the head there,
-elsewhere the mean of p over each component is zero. In volumes B has one value a face of the mesh.
+elsewhere the mean of p over each component is zero. In volumes B has one value per face of the mesh.
 """
 
 from __future__ import annotations
@@ -155,4 +155,4 @@ def build(parameters: PressureSection, context: FluidContext) -> list[PhaseReque
     return [PhaseRequest(make)]
 
 
-EFFECT = Effect("pressure", PressureSection, build, "one factorisation, then one solve a frame", ("fluid",))
+EFFECT = Effect("pressure", PressureSection, build, "one factorisation, then one solve per frame", ("fluid",))

@@ -77,4 +77,4 @@ def build(parameters: RotationSection, context: FluidContext) -> list[PhaseReque
     return [PhaseRequest(make)]
 
 
-EFFECT = Effect("rotation", RotationSection, build, "eight solves a step", ("fluid",))
+EFFECT = Effect("rotation", RotationSection, build, "eight solves per step", ("fluid",))

@@ -17,16 +17,22 @@ EFFECTS = EffectTable(
     {
         "initial": ("ddgcli.models.fluid.initial", "The flow at the start."),
         "viscosity": ("ddgcli.models.fluid.viscosity", "Friction within the fluid."),
-        "harmonic": ("ddgcli.models.fluid.harmonic", "Flows round handles and holes, without vorticity."),
+        "harmonic": (
+            "ddgcli.models.fluid.harmonic",
+            "Harmonic flow around handles and holes, without vorticity.",
+        ),
         "boundary": ("ddgcli.models.fluid.boundary", "Slip or friction at the edge of the surface."),
         "force": ("ddgcli.models.fluid.force", "An acceleration given by expressions in x, y, z, t."),
-        "rotation": ("ddgcli.models.fluid.rotation", "Coriolis force of a turning frame, with the latitude."),
+        "rotation": (
+            "ddgcli.models.fluid.rotation",
+            "Coriolis force of a rotating frame; depends on the latitude.",
+        ),
         "buoyancy": (
             "ddgcli.models.fluid.buoyancy",
             "A temperature that drives the flow.",
         ),
         "pressure": ("ddgcli.models.fluid.pressure", "The pressure in every frame."),
-        "dye": ("ddgcli.models.fluid.dye", "A passive amount carried by the flow."),
+        "dye": ("ddgcli.models.fluid.dye", "A passive concentration carried by the flow."),
         "particles": ("ddgcli.models.fluid.particles", "Points that move with the flow, and their paths."),
     },
 )

@@ -57,5 +57,5 @@ def build(parameters: ViscositySection, context: FluidContext) -> list[PhaseRequ
 
 
 EFFECT = Effect(
-    "viscosity", ViscositySection, build, "one factorisation, then four solves a step", ("fluid",)
+    "viscosity", ViscositySection, build, "one factorisation, then four solves per step", ("fluid",)
 )

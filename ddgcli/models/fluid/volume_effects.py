@@ -56,7 +56,7 @@ class ImplicitDiffusion:
         self._solvers: dict[float, Dirichlet] = {}
 
     def step(self, values: NDArray, wall_values: NDArray, dt: float) -> NDArray[np.float64]:
-        """(k, c) values after dt, `held` (f, c) at the fixed ones; one factorisation a step length."""
+        """(k, c) values after dt, `held` (f, c) at the fixed ones; one factorisation per step length."""
         if dt not in self._solvers:
             if len(self._solvers) > 3:
                 self._solvers.clear()

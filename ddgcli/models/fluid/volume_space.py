@@ -2,7 +2,7 @@
 
 A velocity is a flux U through every face, closed around every cell: it is constant in each cell and its
 divergence vanishes exactly. The flow nearest to any cell velocities v is v minus the broken gradient of a
-potential with one value a face (Crouzeix and Raviart, 1973):
+potential with one value per face (Crouzeix and Raviart, 1973):
 
     (grad p, grad q) = (v, grad q) - int g q,      u = v - grad p,
 
@@ -106,7 +106,7 @@ class VolumeSpace:
 
     @cached_property
     def face_stiffness(self) -> csr_array:
-        """(F, F) Laplacian of functions linear in each cell with one value a face, positive semidefinite."""
+        """(F, F) positive semidefinite Laplacian of functions linear in each cell; one value per face."""
         local = np.einsum("kia,kja->kij", self.area, self.area) / self.volume[:, None, None]
         rows = np.repeat(self.cell_face, 4, axis=1).ravel()
         columns = np.tile(self.cell_face, (1, 4)).ravel()

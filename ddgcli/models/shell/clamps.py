@@ -1,4 +1,4 @@
-"""Edges whose direction a pin with `clamp` holds, for bending with a rotation an edge."""
+"""Edges whose direction a pin with `clamp` holds, for bending with a rotation per edge."""
 
 from __future__ import annotations
 

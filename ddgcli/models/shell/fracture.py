@@ -20,10 +20,10 @@ class Fracture(Section):
     """Brittle edges: those beyond a strain or an angle open for good after the step."""
 
     object: str | None = Field(None, description="shell; needed where the scene has several")
-    strain: (
-        quantity("", "elongation of an edge, relative to its length at rest, that it bears", gt=0) | None
-    ) = None
-    angle: quantity("rad", "change of the angle across an edge that it bears", gt=0) | None = None
+    strain: quantity("", "an edge opens beyond this elongation, relative to its rest length", gt=0) | None = (
+        None
+    )
+    angle: quantity("rad", "an edge opens beyond this change of its dihedral angle", gt=0) | None = None
 
     @model_validator(mode="after")
     def _one(self) -> Fracture:
@@ -68,5 +68,5 @@ def _require_separable(shell: str, name: str, section: Any) -> None:
 
 
 EFFECT = Effect(
-    "fracture", Fracture, build, "one pass over the interior edges a step", ("shell",), repeatable=True
+    "fracture", Fracture, build, "one pass over the interior edges per step", ("shell",), repeatable=True
 )

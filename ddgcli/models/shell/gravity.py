@@ -23,4 +23,4 @@ def build(parameters: Gravity, context: ShellContext) -> list[DeadLoad]:
     return [DeadLoad("gravity", context.mass[:, None] * np.array(parameters.acceleration))]
 
 
-EFFECT = Effect("gravity", Gravity, build, "one addition a step", ("shell",))
+EFFECT = Effect("gravity", Gravity, build, "one addition per step", ("shell",))

@@ -147,4 +147,4 @@ def _moment(parameters: Load, context: ShellContext) -> HingeMoment:
     return HingeMoment(stencil[edge], float(parameters.moment or 0) * hinge_frame.length, hinge_frame.angle)
 
 
-EFFECT = Effect("load", Load, build, "one addition a step", ("shell",), repeatable=True)
+EFFECT = Effect("load", Load, build, "one addition per step", ("shell",), repeatable=True)

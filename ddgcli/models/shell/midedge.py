@@ -1,4 +1,4 @@
-"""Mid-edge bending: a Kirchhoff-Love shell with linear displacements and one rotation an edge.
+"""Mid-edge bending: a Kirchhoff-Love shell with linear displacements and one rotation per edge.
 
 The director of an edge is turned about the edge by the angle a from the mean of the normals of its two faces.
 In a face the director turns against the normal by p_j = +- a_j + (angle_j - rest_j) / 2 at the middle of side

@@ -21,8 +21,10 @@ class Plasticity(Section):
     """Permanent deformation beyond a yield strain or a yield angle."""
 
     object: str | None = Field(None, description="shell; by default all")
-    yield_strain: quantity("", "elastic strain that stretching bears", gt=0) | None = None
-    yield_angle: quantity("rad", "elastic change of a hinge's angle that bending bears", gt=0) | None = None
+    yield_strain: quantity("", "elastic strain at which stretching yields", gt=0) | None = None
+    yield_angle: quantity("rad", "elastic change of a hinge's angle at which bending yields", gt=0) | None = (
+        None
+    )
     hardening: quantity("", "growth of the yield limit per plastic strain or angle", ge=0) = 0.0
 
     @model_validator(mode="after")
@@ -225,7 +227,7 @@ EFFECT = Effect(
     "plasticity",
     Plasticity,
     build,
-    "one pass over the faces and hinges a step",
+    "one pass over the faces and hinges per step",
     ("shell",),
     acts_on_all=True,
 )

@@ -194,6 +194,6 @@ def build(parameters: Pressure, context: ShellContext) -> list[Any]:
 
 
 EFFECT = Effect(
-    "pressure", Pressure, build, "one pass over the faces; a gas: one more solve a factorisation", ("shell",),
-    repeatable=True,
+    "pressure", Pressure, build, "one pass over the faces; a gas: one more solve per factorisation",
+    ("shell",),    repeatable=True,
 )  # fmt: skip

@@ -79,4 +79,4 @@ def _fixed_vertices(context: ShellContext) -> NDArray[np.bool_]:
     return np.asarray(fixed.all(axis=1))
 
 
-EFFECT = Effect("rigid", Rigid, build, "one factorisation of an e x e matrix a step, e edges", ("shell",))
+EFFECT = Effect("rigid", Rigid, build, "one factorisation of an e x e matrix per step, e edges", ("shell",))

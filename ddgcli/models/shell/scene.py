@@ -27,7 +27,7 @@ EFFECTS = EffectTable(
         "load": ("ddgcli.models.shell.load", "Forces on vertices, tractions, moments on edges."),
         "pressure": ("ddgcli.models.shell.pressure", "Pressure or a gas inside a closed shell."),
         "wind": ("ddgcli.models.shell.wind", "Drag and lift of moving or still air on the faces."),
-        "plasticity": ("ddgcli.models.shell.plasticity", "Rest lengths and angles that yield."),
+        "plasticity": ("ddgcli.models.shell.plasticity", "Plastic flow of the rest lengths and rest angles."),
         "fracture": ("ddgcli.models.shell.fracture", "Edges that open beyond a strain or an angle."),
         "rigid": ("ddgcli.models.shell.rigid", "Edges that keep their lengths exactly."),
         "pin": ("ddgcli.models.shell.pin", "Vertices held still, in all directions or some."),

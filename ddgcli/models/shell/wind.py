@@ -151,4 +151,4 @@ def build(parameters: Wind, context: ShellContext) -> list[FaceDrag]:
     return [kind(np.asarray(context.mesh.faces), velocity, half, parameters.normal, parameters.tangential)]
 
 
-EFFECT = Effect("wind", Wind, build, "one pass over the faces a step", ("shell",), acts_on_all=True)
+EFFECT = Effect("wind", Wind, build, "one pass over the faces per step", ("shell",), acts_on_all=True)

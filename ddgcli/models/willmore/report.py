@@ -89,7 +89,7 @@ def _finite(value: float) -> float | None:
 
 
 def every_energy(series: Mapping[str, NDArray]) -> dict[str, dict[str, Any]]:
-    """All energies, one value a frame, with their conventions (`report_energy=all`).
+    """All energies, one value per frame, with their conventions (`report_energy=all`).
 
     None, with a warning, in frames where an energy is not defined: `quadratic` of other faces, `gauss-map`
     where the normals around a vertex cancel.

@@ -143,7 +143,7 @@ def least_energy(topology: Topology) -> float:
     opened = np.bincount(component[topology.boundary_vertex], minlength=n) > 0
     vertices = np.bincount(component[topology.referenced_vertex], minlength=n)
     faces = np.bincount(topology.face_component, minlength=n)
-    # a closed part has three sides a face, each shared by two
+    # a closed part has three sides per face, each shared by two
     least = np.where(2 * vertices - faces == 4, 4.0 * np.pi, 2.0 * np.pi**2)
     return float(least[~opened & (faces > 0)].sum())
 

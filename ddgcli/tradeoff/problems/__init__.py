@@ -1,3 +1,3 @@
-"""Problems of the compared commands: candidates, parameters and references, one module a command."""
+"""Problems of the compared commands: candidates, parameters and references, one module per command."""
 
 __all__ = ["geodesic", "conservation", "simulate", "table"]

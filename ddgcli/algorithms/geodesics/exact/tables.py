@@ -31,7 +31,7 @@ FLAT_ANGLE = 2 * np.pi - 1e-9  # at a larger angle a shortest path may pass thro
 
 @dataclass(frozen=True, eq=False)
 class SideTables:
-    """Constants of the sides, packed by rows for one gather a window.
+    """Constants of the sides, packed by rows for one gather per window.
 
     Parameters
     ----------
