@@ -140,9 +140,14 @@ def write(command: str, rows: list[dict[str, Any]]) -> None:
         writer.writerows(
             {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows
         )
-    for case in drawn(command):
-        rows_of_case = [r for r in rows if (r["truth"], r["mesh_class"]) == (case.truth, case.mesh_class)]
-        picture(command, case, rows_of_case)
+    charts = {
+        case: drawn_lines([r for r in rows if (r["truth"], r["mesh_class"]) == (case.truth, case.mesh_class)])
+        for case in drawn(command)
+    }
+    names = dict.fromkeys(name for lines in charts.values() for name in lines)
+    styles = {name: k for k, name in enumerate(names)}  # a configuration has one style in all charts
+    for case, lines in charts.items():
+        picture(command, case, lines, styles)
     (ATLAS_FOLDER / f"{command}.md").write_text(page(command, rows), encoding="utf-8")
 
 
@@ -158,8 +163,8 @@ def picture_name(command: str, case: Case) -> str:
     return re.sub(r"[^a-z0-9]+", "-", " ".join(words).lower()) + ".png"
 
 
-def picture(command: str, case: Case, rows: list[dict[str, Any]]) -> None:
-    """Error against seconds: a line per configuration, a point per mesh (or a step)."""
+def drawn_lines(rows: list[dict[str, Any]]) -> dict[str, tuple[list[float], list[float]]]:
+    """Seconds and errors of all peers and of our best configurations, at most `MAX_LINES` lines."""
     lines: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
         lines.setdefault(row["configuration"], []).append(row)
@@ -168,17 +173,24 @@ def picture(command: str, case: Case, rows: list[dict[str, Any]]) -> None:
     heads = list({name.split()[0]: name for name in reversed(best)}.values())  # each method's best line first
     best = sorted(best, key=lambda name: name not in heads)
     best = best[: MAX_LINES - len(lines) + len(ours)]
-    drawn_lines = {name: points(line) for name, line in lines.items() if name in best or name not in ours}
+    return {name: points(line) for name, line in lines.items() if name in best or name not in ours}
+
+
+def picture(
+    command: str, case: Case, lines: dict[str, tuple[list[float], list[float]]], styles: dict[str, int]
+) -> None:
+    """Error against seconds: a line per configuration, a point per mesh (or a step)."""
     draw_chart(
         str(ATLAS_FOLDER / picture_name(command, case)),
-        drawn_lines,
-        pareto_front=pareto_front(drawn_lines),
+        lines,
+        pareto_front=pareto_front(lines),
+        styles=styles,
         xlabel="CPU seconds (set-up and one query)",
         ylabel="mean relative error",
         log="xy",
         title=f"{command}: {case.truth}, {case.mesh_class}"
         + ("" if command in SIMULATIONS else " triangulations"),
-        caption=f"One point a {'step' if case.mesh_class == 'steps' else 'mesh'} of the sequence. "
+        caption=f"One point per {'step' if case.mesh_class == 'steps' else 'mesh'} of the sequence. "
         f"Grey: Pareto front. CPU seconds, one thread.\n{machine()}",
     )
 

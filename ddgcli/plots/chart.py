@@ -35,6 +35,7 @@ def draw_chart(
     labels: Mapping[str, Sequence[str]] | None = None,
     ringed: Mapping[str, Sequence[int]] | None = None,
     pareto_front: Series | None = None,
+    styles: Mapping[str, int] | None = None,
     width: float = 7.0,
     height: float = 4.6,
     dpi: float = 200,
@@ -55,6 +56,9 @@ def draw_chart(
         Points to mark with a ring, such as those of the Pareto front.
     pareto_front : (x, y), optional
         Pareto front, drawn as a broad grey line behind the series.
+    styles : mapping of name to int, optional
+        Number of the colour, marker and dash of each series, so that several charts draw a series alike.
+        By default the series are numbered in order.
     """
     with page(path, width, height, dpi) as figure:
         across = 0.85 if len(series) < 2 else 0.64 - 0.009 * max(0, max(map(len, series)) - 16)
@@ -67,10 +71,10 @@ def draw_chart(
         if pareto_front is not None:
             x, y, shown = _drawable(*pareto_front, log)
             axes.plot(x[shown], y[shown], color="0.85", linewidth=6, solid_capstyle="round", zorder=0.5,
-                      drawstyle="steps-post", label="front")  # fmt: skip
+                      drawstyle="steps-post", label="Pareto front")  # fmt: skip
         texts: list[tuple[str, float, float]] = []
         for k, (name, (x, y, shown)) in enumerate(drawable.items()):
-            _draw_series(axes, k, name, x[shown], y[shown])
+            _draw_series(axes, k if styles is None else styles[name], name, x[shown], y[shown])
             if labels and name in labels:
                 texts += [(labels[name][int(i)], float(x[i]), float(y[i])) for i in np.flatnonzero(shown)]
             for i in (ringed or {}).get(name, ()):

@@ -112,3 +112,17 @@ PEERS = {
     "laplacian": {"robust_laplacian", "libigl"},
     "delaunay": {"robust_laplacian"},
 }
+
+
+def test_a_configuration_has_one_style_in_all_charts_of_its_command(monkeypatch, tmp_path):
+    charts = []
+    rows = table("curvature")
+    monkeypatch.setattr(accuracy, "ATLAS_FOLDER", tmp_path)
+    monkeypatch.setattr(
+        accuracy, "draw_chart", lambda path, lines, **options: charts.append((lines, options))
+    )
+    accuracy.write("curvature", rows)
+    assert len(charts) == 5 and len({tuple(lines) for lines, _ in charts}) > 1
+    styles = charts[0][1]["styles"]
+    assert len(set(styles.values())) == len(styles)
+    assert all(options["styles"] == styles and styles.keys() >= lines.keys() for lines, options in charts)
