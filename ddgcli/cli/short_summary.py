@@ -55,8 +55,8 @@ SHORT_FIELDS: dict[str, dict[str, str]] = {
         "accuracy": "energy_drift momentum_drift angular_momentum_drift max_strain",
     },
     "fluid-sim": {
-        "results": "frames steps rejected_steps kinetic_energy_start kinetic_energy enstrophy_start "
-        "enstrophy total_vorticity total_dye effects",
+        "results": "integrator frames steps rejected_steps kinetic_energy_start kinetic_energy "
+        "enstrophy_start enstrophy total_vorticity total_dye effects",
         "accuracy": "energy_drift enstrophy_drift circulation_drift divergence_max",
     },
     "willmore-flow": {

@@ -127,7 +127,7 @@ def simulate(
         {name: value for name, value in overrides.items() if value is not None},
     )
     account = Account()
-    models, meshes = (_fluids if checked.kind is FLUID else _shells)(checked, account)
+    checked, models, meshes = (_fluids if checked.kind is FLUID else _shells)(checked, account)
     schedule = checked.schedule()
     return Simulation(
         joined_mesh(meshes)[0],
@@ -153,20 +153,21 @@ def _is_fluid(document: SceneDocument) -> bool:
     return any(isinstance(table, dict) and table.get("role") in roles for table in objects)
 
 
-def _shells(scene: Scene, account: Account) -> tuple[dict[str, Model], list[Any]]:
-    """Models and meshes of the shells of a scene."""
+def _shells(scene: Scene, account: Account) -> tuple[Scene, dict[str, Model], list[Any]]:
+    """The scene, models and meshes of its shells."""
     folder = Path(scene.document.folder)
     contexts = shell_model.contexts(scene, lambda name: read_mesh(str(folder / name)))
     shells = {name: context for name, (context, _) in contexts.items()}
-    return shell_model.build(scene, shells, account), [context.mesh for context in shells.values()]
+    return scene, shell_model.build(scene, shells, account), [context.mesh for context in shells.values()]
 
 
-def _fluids(scene: Scene, account: Account) -> tuple[dict[str, Model], list[Any]]:
-    """Models and meshes of the fluids of a scene."""
+def _fluids(scene: Scene, account: Account) -> tuple[Scene, dict[str, Model], list[Any]]:
+    """The scene with the integrator of its meshes, models and meshes of its fluids."""
     folder = Path(scene.document.folder)
     contexts = fluid_model.contexts(
         scene, lambda name: read_mesh(str(folder / name)), lambda name: read_array(str(folder / name))
     )
     fluids = {name: context for name, (context, _) in contexts.items()}
+    scene = fluid_model.with_default_integrator(scene, fluids.values())
     models = fluid_model.build(scene, fluids, account)
-    return {name: one.model() for name, one in models.items()}, [c.mesh for c in fluids.values()]
+    return scene, {name: one.model() for name, one in models.items()}, [c.mesh for c in fluids.values()]

@@ -89,6 +89,8 @@ class Scene:
     effects : tuple of (Effect, Section, Key)
         In the order of the file, with the place of their parameters.
     document : Document
+    has_default_integrator : bool
+        Neither the scene nor the command line names an integrator or a parameter of one.
     """
 
     kind: SceneKind
@@ -96,6 +98,13 @@ class Scene:
     objects: tuple[Any, ...]
     effects: tuple[tuple[Effect, Any, Key], ...]
     document: Document
+    has_default_integrator: bool = False
+
+    def with_integrator(self, name: str) -> Scene:
+        """The scene with another integrator in place of the default, whose parameters have their defaults."""
+        values = self.time.model_dump(include=set(TimeSection.model_fields) - {"integrator"})
+        time = time_model(self.kind.integrators[name]).model_validate({**values, "integrator": name})
+        return replace(self, time=time, has_default_integrator=False)
 
     def refuse(self, key: Key, message: str) -> NoReturn:
         """Raise SceneError that points at a key."""
@@ -193,7 +202,7 @@ def resolve(document: Document, kind: SceneKind, overrides: Mapping[str, Any] | 
         raise SceneError(
             located(document, ("format",), f"format {data['format']!r} is not known; write {FORMAT!r}")
         )
-    scene = Scene(kind, time, objects, effects, document)
+    scene = Scene(kind, time, objects, effects, document, _is_default(document, kind, overrides, time))
     _check_clock(scene, is_step_overridden=overrides.get("step") is not None)
     return scene
 
@@ -292,6 +301,13 @@ def _time(document: Document, kind: SceneKind, overrides: dict[str, Any]) -> Any
     elif default and time.step > time.duration:
         time = time.model_copy(update={"step": time.duration})
     return time
+
+
+def _is_default(document: Document, kind: SceneKind, overrides: Mapping[str, Any], time: Any) -> bool:
+    """Whether no integrator and no parameter of the default one is named."""
+    is_named = "integrator" in document.data.get("time", {}) or overrides.get("integrator") is not None
+    own = set(kind.integrators[kind.integrator].model_fields)
+    return not is_named and not own & time.model_fields_set
 
 
 def _leave_out_other_scheme(kind: SceneKind, written: str, name: str, values: dict[str, Any]) -> None:

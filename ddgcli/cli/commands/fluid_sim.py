@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 @click.command(
     "fluid-sim",
-    epilog="Choosing an integrator: conservative for accuracy; circulation for steps many cells long. See "
-    "docs/fluid-sim.md and docs/accuracy/fluid-sim.md.",
+    epilog="Choosing an integrator: conservative (volumes: energy), the default, for accuracy; circulation "
+    "for steps many cells long. See docs/fluid-sim.md and docs/accuracy/fluid-sim.md.",
 )
 @scene_options
 @click.option("--vorticity", metavar="ARRAY", help="Quick form: vertex array, .npy or expression in x, y, z.")
@@ -88,8 +88,9 @@ class Fluids:
         from ddgcli.models.fluid import model
 
         contexts = model.contexts(scene, read_mesh, read_array)
-        self.scene, self.account = scene, account
         self.contexts = {name: context for name, (context, _) in contexts.items()}
+        self.scene = model.with_default_integrator(scene, self.contexts.values())
+        self.account = account
         self.meshes = {name: context.mesh for name, context in self.contexts.items()}
         self.sha256 = {name: sha for name, (_, sha) in contexts.items()}
         self.largest, self.glyphs = 0.0, glyphs

@@ -43,6 +43,7 @@ ReadArray = Callable[[str], "NDArray"]
 class Physics(Protocol):
     """One simulator, built from a scene, the account and the readers of meshes and arrays."""
 
+    scene: Scene  # with the defaults that depend on the meshes
     meshes: dict[str, Any]
     sha256: dict[str, str]
     moving: bool
@@ -125,6 +126,7 @@ def run_scene(
         log.warning("the scene has no effects, so nothing acts on its objects; --effects lists the effects")
     read = mesh_reader(run, document)
     simulator = physics(scene, account, read, array_reader(document))
+    scene = simulator.scene
     meshes, schedule = list(simulator.meshes.values()), simulator.schedule()
     resolved, digest = fingerprint(scene.resolved(), simulator.sha256)
     describe_input(run, call.path or "", meshes, digest)

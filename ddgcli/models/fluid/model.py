@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart, Harmonic, Initial
 from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest, Step, TransportPhase
-from ddgcli.models.fluid.scene import OPEN_TRANSPORTS, TRANSPORTS
+from ddgcli.models.fluid.scene import DEFAULT_VOLUME_INTEGRATOR, OPEN_TRANSPORTS, TRANSPORTS
 from ddgcli.models.fluid.space import FlowSpace
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count, require_flow
@@ -40,7 +40,7 @@ def contexts(
     scene: Scene, read: Callable[[str], Any], load: Callable[[str], NDArray]
 ) -> dict[str, tuple[FluidContext, str]]:
     """Context of every fluid and the SHA-256 of its mesh file, by name."""
-    by_name = {}
+    by_name: dict[str, tuple[FluidContext, str]] = {}
     for number, section in enumerate(scene.objects):
         if section.role != "fluid":
             continue
@@ -59,8 +59,23 @@ def contexts(
             context = with_triangulation(context, section.triangulation)
         except ValueError as error:
             scene.refuse(("object", number), f"object {section.name!r}: {error}")
+        first = next((one for one, _ in by_name.values()), context)
+        if context.is_volume != first.is_volume:
+            kinds = ("surface", "volume") if context.is_volume else ("volume", "surface")
+            scene.refuse(
+                ("object", number),
+                f"{first.name!r} is a {kinds[0]} and {section.name!r} a {kinds[1]}, which one trajectory "
+                "cannot hold; nothing couples fluids: write a scene for each",
+            )
         by_name[section.name] = context, placement.sha256
     return by_name
+
+
+def with_default_integrator(scene: Scene, fluids: Iterable[FluidContext]) -> Scene:
+    """The scene with the default integrator of volumes, where it names none and its fluids are volumes."""
+    if scene.has_default_integrator and any(fluid.is_volume for fluid in fluids):
+        return scene.with_integrator(DEFAULT_VOLUME_INTEGRATOR)
+    return scene
 
 
 def _require_mesh(mesh: Any) -> None:

@@ -36,6 +36,7 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     names, series, last = list(models), outcome.series, outcome.last
     integrator = next(iter(models.values())).scene.time.integrator
     results: dict[str, Any] = {
+        "integrator": integrator,
         "frames": outcome.n_frames,
         "steps": outcome.steps,
         **({"smallest_step": outcome.smallest_step} if outcome.steps else {}),

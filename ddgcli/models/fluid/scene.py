@@ -47,6 +47,10 @@ TRANSPORTS = {
 }
 
 
+# of volumes: as `conservative` on surfaces it keeps the energy and lets fluid cross the boundary
+DEFAULT_VOLUME_INTEGRATOR = "energy"
+
+
 # integrators that let fluid cross the boundary
 OPEN_TRANSPORTS = ("conservative", "energy")
 
