@@ -380,3 +380,19 @@ def test_a_cylinder_of_needles_has_few_windows_and_its_unrolled_distances():
     truth = np.hypot(along, np.asarray(mesh.points)[:, 2])
     assert np.abs(result.distance - truth).max() < 1e-12 * truth.max()
     assert result.windows < 0.2 * (2 * around) ** 2  # 0.83 where each tie bends a path anew
+
+
+@pytest.mark.parametrize("length", [1e2, 1e3, 1e4])
+@pytest.mark.parametrize("source", [3, 41, 72])
+def test_lines_through_flat_vertices_of_a_long_prism_reach_the_vertices_behind(length, source):
+    rings, around = 20, 6
+    ring, corner = np.divmod(np.arange(rings * around), around)
+    angle = 2 * np.pi * corner / around
+    points = np.stack([length * ring / (rings - 1), np.cos(angle), np.sin(angle)], axis=1)
+    a = np.flatnonzero(ring < rings - 1)
+    b = a - corner[a] + (corner[a] + 1) % around
+    faces = np.concatenate([np.stack([a, b + around, a + around], 1), np.stack([a, b, b + around], 1)])
+    turn = np.abs(corner - corner[source])
+    truth = np.hypot(np.minimum(turn, around - turn), points[:, 0] - points[source, 0])
+    distance = exact_distance(TriangleMesh.from_arrays(points, faces), source).distance
+    assert np.abs(distance - truth).max() < 1e-12 * truth.max()

@@ -71,6 +71,34 @@ def dominate(
     return lines.take(nonempty, axis=1), where.take(nonempty, axis=1)
 
 
+def reaching(at: NDArray, lines: NDArray, dx: NDArray, dy: NDArray) -> NDArray[np.bool_]:
+    """True where the lines to points of the faces of windows pass through the windows.
+
+    Parameters
+    ----------
+    at : (k,) ndarray of float64
+        Where the lines cross the sides.
+    lines : (4, k) ndarray of float64
+        b0, b1, ... of the windows.
+    dx, dy : (k,) ndarrays of float64
+        The lines, from the unfolded sources to the points.
+
+    Notes
+    -----
+    A line through a vertex lies on the common end of two windows, and rounding opens a gap between them:
+    as wide as the rounding of the unfolded source, which grows with the length of the line, and wider by the
+    inverse of the sine of the angle at which the line crosses the side. So the tolerance is measured across
+    the line: a line that passes the vertex on the wrong side is too short by no more than that.
+    """
+    length = np.abs(dx)
+    length += dy
+    tolerance = length + 1.0
+    tolerance *= length
+    tolerance *= DOMINANCE_TOLERANCE
+    tolerance /= dy
+    return (at >= lines[0] - tolerance) & (at <= lines[1] + tolerance)
+
+
 def _gap(x: NDArray, p: tuple, q: tuple) -> NDArray[np.float64]:
     """Distance at x by window p less that by q, each (distance of the origin, sx, sy)."""
     gap = _length(x - p[1], p[2])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.exact.dominance import DOMINANCE_TOLERANCE
+from ddgcli.algorithms.geodesics.exact.dominance import DOMINANCE_TOLERANCE, reaching
 from ddgcli.algorithms.geodesics.exact.pool import WindowOrigins
 from ddgcli.algorithms.geodesics.exact.tables import SideTables
 from ddgcli.geometry.surface_points import SurfacePoints
@@ -41,11 +41,10 @@ class WindowTargets:
         row, target = self._inside(where[0] // 3)
         if not len(row):
             return
-        (b0, b1, sx, sy), (side, origin) = lines[:4].take(row, axis=1), where[:2].take(row, axis=1)
+        lines, (side, origin) = lines[:4].take(row, axis=1), where[:2].take(row, axis=1)
         x, y = self._place(side, target)
-        dx, dy = x - sx, y - sy
-        at = sx - dx * sy / dy
-        reached = (at >= b0 - DOMINANCE_TOLERANCE) & (at <= b1 + DOMINANCE_TOLERANCE)
+        dx, dy = x - lines[2], y - lines[3]
+        reached = reaching(lines[2] - dx * lines[3] / dy, lines, dx, dy)
         self._lower(
             target[reached],
             (origins.distance.take(origin) + np.sqrt(dx * dx + dy * dy))[reached],

@@ -21,7 +21,12 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.bundles import Bundles
 from ddgcli.algorithms.geodesics.exact.children import children, norm, reflect, side_turns
-from ddgcli.algorithms.geodesics.exact.dominance import DOMINANCE_TOLERANCE, TIE_TOLERANCE, dominate
+from ddgcli.algorithms.geodesics.exact.dominance import (
+    DOMINANCE_TOLERANCE,
+    TIE_TOLERANCE,
+    dominate,
+    reaching,
+)
 from ddgcli.algorithms.geodesics.exact.pool import POPPED_KEY, WindowOrigins, WindowPool
 from ddgcli.algorithms.geodesics.exact.shadow import MARGIN, shadow_of
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables, incoming_directions
@@ -353,10 +358,11 @@ class Wavefront:
         dx, dy = shape[1] - sx, shape[2] - sy
         at = sx - dx * sy / dy  # where the line to the apex crosses the side
 
-        reached = ((at >= b0 - DOMINANCE_TOLERANCE) & (at <= b1 + DOMINANCE_TOLERANCE)).nonzero()[0]
+        reached = reaching(at, lines, dx, dy).nonzero()[0]
         if len(reached):
             reach = base.take(reached) + norm(dx.take(reached), dy.take(reached))
-            update = ids[2].take(reached), reach, origin.take(reached), side.take(reached), at.take(reached)
+            crossing = np.clip(at.take(reached), 0.0, shape[0].take(reached))
+            update = ids[2].take(reached), reach, origin.take(reached), side.take(reached), crossing
             self.improve(*update, self._departures(lines, dx, dy, reached))
 
         left, right = (at > b0).nonzero()[0], (at < b1).nonzero()[0]
