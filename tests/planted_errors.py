@@ -116,10 +116,21 @@ def returned(change):
 
 def bent(lines):
     """Recorded traces whose second point lies elsewhere on its side."""
-    b, i = lines.path_barycentric.copy(), lines.path_start[:-1] + 1
+    b = _moved_on_sides(lines.path_barycentric, lines.path_start[:-1] + 1)
+    return dataclasses.replace(lines, path_barycentric=b)
+
+
+def bent_halfedge(points):
+    """Points of a traced halfedge, of which the second lies elsewhere on its side."""
+    face, barycentric, rest = points
+    return face, _moved_on_sides(barycentric, np.arange(1, min(2, len(face)))), rest
+
+
+def _moved_on_sides(barycentric, i):
+    b = barycentric.copy()
     low, high = np.argsort(b[i], axis=1)[:, 1:].T
     b[i, low], b[i, high] = 0.3 * b[i, low], b[i, high] + 0.7 * b[i, low]
-    return dataclasses.replace(lines, path_barycentric=b)
+    return b
 
 
 def rougher_steps(sound):

@@ -11,6 +11,7 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from tests.planted_errors import (
     bent,
+    bent_halfedge,
     bulged,
     crooked,
     crooked_turn,
@@ -74,6 +75,7 @@ HEAT = "ddgcli.algorithms.geodesics.heat:HeatSolver.distance"
 EXACT_DISTANCE = "ddgcli.algorithms.geodesics.exact.exact_distance:exact_distance"
 OPERATOR = "ddgcli.algorithms.laplacian.solve_tasks:laplace_operator"
 TRACE_CHECKED = "ddgcli.algorithms.tracing.trace:Tracer.trace_checked"
+HALFEDGE_POINTS = "ddgcli.algorithms.geodesics.halfedge_traces:_points_before_vertices"
 STEP = "ddgcli.algorithms.tangent_fields.integral_curves:runge_kutta_step"
 EVOLVE = "ddgcli.simulation.recording:evolve"
 SIDE_FLUX = "ddgcli.models.fluid.surface_space:SurfaceSpace.side_flux"
@@ -159,7 +161,7 @@ PLANTS = {
             lambda sound: lambda self: True,
             ["path_angle_deficit"],
         ),
-        (TRACE_CHECKED, returned(bent), ["path_angle_deficit"]),
+        (HALFEDGE_POINTS, returned(bent_halfedge), ["path_angle_deficit"]),
     ],
     "followed": [(STEP, rougher_steps, ["field_error_estimate"])],
     "steps": [(STEP, rougher_steps, ["field_error_estimate"])],

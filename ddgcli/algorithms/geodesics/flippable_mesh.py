@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import atan2, cos, hypot, inf, sin
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,11 @@ from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import ranges
 from ddgcli.mesh.vectors import vector_length
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 DETOUR_LIMITS = (1.3, 2.0, inf)  # search an edge path among vertices with at limit this detour, in this order
 
@@ -48,27 +52,26 @@ class FlippableMesh:
         total = np.where(fans.total_angle > 0, fans.total_angle, 1.0)
         self.total = np.where(fans.is_open, inf, total).data
         self.twin = np.concatenate([twin, rim]).data
-        self._initial = {
-            "next": (following, np.full(len(rim), -1)),
-            "tail": (mesh.topology.side_tail, mesh.topology.side_tail[head]),
-            "fan": (fans.fan, fans.fan[head]),
-            "length": (length, length[rim]),
-            "angle": (fans.corner_angle, np.full(len(rim), inf)),
-            "post": (fans.angle_before, at_end),
-        }
-        self._current = {name: np.concatenate(arrays) for name, arrays in self._initial.items()}
-        views: list[Any] = [array.data for array in self._current.values()]
+        pairs: list[tuple[NDArray, NDArray]] = [
+            (following, np.full(len(rim), -1)),
+            (mesh.topology.side_tail, mesh.topology.side_tail[head]),
+            (fans.fan, fans.fan[head]),
+            (length, length[rim]),
+            (fans.corner_angle, np.full(len(rim), inf)),
+            (fans.angle_before, at_end),
+        ]
+        self._initial = [np.concatenate(pair) if len(rim) else pair[0] for pair in pairs]
+        self._current = [array.copy() for array in self._initial]
+        views: list[Any] = [array.data for array in self._current]
         self.next, self.tail, self.fan, self.length, self.angle, self.post = views
         self.flipped: set[int] = set()
         self._changed: list[int] = []
 
     def rewind(self) -> None:
         """Undo all flips."""
-        changed = np.unique(np.array(self._changed, dtype=np.int64))
-        inside, outside = np.split(changed, [np.searchsorted(changed, self.sides)])
-        for name, (sides, beyond) in self._initial.items():
-            self._current[name][inside] = sides[inside]
-            self._current[name][outside] = beyond[outside - self.sides]
+        changed = np.array(self._changed, dtype=np.int64)
+        for current, initial in zip(self._current, self._initial, strict=True):
+            current[changed] = initial[changed]
         self.flipped.clear()
         self._changed.clear()
 
@@ -108,22 +111,21 @@ class FlippableMesh:
                 raise MeshError(f"halfedges {first} and {last} do not leave the same fan of a vertex")
         return around, total
 
-    def can_flip(self, h: int) -> bool:
-        """True if the edge of h has two different faces."""
-        t = self.twin[h]
-        return self.next[h] >= 0 and self.next[t] >= 0 and t not in (self.next[h], self.next[self.next[h]])
+    def flip(self, h: int) -> bool:
+        """Flip the edge of h and return True; False if it has not two different faces.
 
-    def flip(self, h: int) -> None:
-        """Flip the edge of h; the two triangles must form a convex quadrilateral.
-
-        The new edge splits the angles at its ends, and the angles at the ends of the old edge are merged: the
-        angle sums stay.
+        The two triangles must form a convex quadrilateral. The new edge splits the angles at its ends, and
+        the angles at the ends of the old edge are merged: the angle sums stay.
         """
         following, tail, fan = self.next, self.tail, self.fan
         length, angle, post = self.length, self.angle, self.post
         t = self.twin[h]
         h1, t1 = following[h], following[t]  # b -> c, a -> d
+        if h1 < 0 or t1 < 0:
+            return False
         h2, t2 = following[h1], following[t1]  # c -> a, d -> b
+        if t in (h1, h2):
+            return False
         at_a, at_b, at_c, at_d = angle[h] + angle[t1], angle[t] + angle[h1], angle[h2], angle[t2]
         ca, ad = length[h2], length[t1]
         cosine, sine = cos(at_a), sin(at_a)
@@ -142,6 +144,7 @@ class FlippableMesh:
         post[t] = post[h2] + angle_c
         self.flipped.add(h if h < t else t)
         self._changed += (h, t, h1, t1, h2, t2)
+        return True
 
 
 class EdgeGraph:
@@ -164,6 +167,9 @@ class EdgeGraph:
         self.key, self.side = key[first], order[first]
         ends = matrix_indices(tail[self.side], n), matrix_indices(head[self.side], n)
         self.graph = coo_array((length[self.side], ends), shape=(n, n)).tocsr()
+        # coordinates in units of the longest side, whose squares are safe
+        scale = float(length.max(initial=0.0)) or 1.0
+        self._columns = None if mesh.points is None else np.ascontiguousarray(mesh.points.T / scale)
 
     def between(self, a: int, b: int) -> int:
         """Halfedge from a to b (3m + k outside the boundary), or -1."""
@@ -173,11 +179,25 @@ class EdgeGraph:
 
     def detours(self, a: int, b: int) -> NDArray[np.float64]:
         """(n,) length of the way from a to b through each vertex, relative to the chord, in space."""
-        points = self.mesh.points
-        if points is None:
+        if self._columns is None:
             return np.ones(self.mesh.n_vertices)
-        scale = float(vector_length(points[a] - points[b])) or 1.0
-        return vector_length((points - points[a]) / scale) + vector_length((points - points[b]) / scale)
+        detour = sum(np.sqrt(sum((c - c[end]) ** 2 for c in self._columns)) for end in (a, b))
+        return detour / (detour[a] or 1.0)
+
+    def _subgraph(self, vertex: NDArray) -> csr_array:
+        """The graph on some vertices, in increasing order."""
+        from scipy.sparse import csr_array
+
+        n, graph = len(vertex), self.graph
+        start = graph.indptr[vertex]
+        entry, first = ranges(start, graph.indptr[vertex + 1] - start)
+        number = np.full(graph.shape[0], -1, dtype=graph.indices.dtype)
+        number[vertex] = np.arange(n)
+        head = number[graph.indices[entry]]
+        stays = head >= 0
+        before = np.concatenate([[0], np.cumsum(stays)])
+        entry = entry[stays]
+        return csr_array((graph.data[entry], head[stays], before[np.append(first, len(head))]), shape=(n, n))
 
     def shortest_path(self, a: int, b: int) -> list[int]:
         """Halfedges of the shortest edge path from a to b.
@@ -195,7 +215,7 @@ class EdgeGraph:
             inside = np.flatnonzero(detour <= limit * (1 + 1e-9))
             if 2 * len(inside) > n:  # as much work as the whole
                 inside, limit = np.arange(n), inf
-            graph = self.graph if limit == inf else self.graph[inside][:, inside]
+            graph = self.graph if limit == inf else self._subgraph(inside)
             start, end = np.searchsorted(inside, [a, b]).tolist()
             distance, before = dijkstra(graph, indices=end, return_predecessors=True)
             if limit == inf or distance[start] <= limit * self._chord(a, b):

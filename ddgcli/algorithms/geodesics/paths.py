@@ -119,6 +119,8 @@ class Joints:
         Vertex at the point, or -1.
     segment : (p,) ndarray of float64
         Length of the shorter of both segments, relative to the longest side of the mesh; nan at open ends.
+    length : (p,) ndarray of float64
+        Length of the segment that leaves the point; nan at open ends.
     """
 
     left: NDArray[np.float64]
@@ -126,6 +128,7 @@ class Joints:
     total: NDArray[np.float64]
     vertex: NDArray[np.int64]
     segment: NDArray[np.float64]
+    length: NDArray[np.float64]
 
     @property
     def geodesic_curvature(self) -> NDArray[np.float64]:
@@ -169,15 +172,17 @@ def barycentric_in(
         out[rows] = 0.0
         out[rows, i] = barycentric[rows, np.where(same, j, NEXT[j])]
         out[rows, NEXT[i]] = barycentric[rows, np.where(same, NEXT[j], j)]
-    for j in range(3):
-        twin = topology.side_twin[face, j]
-        hit = np.isnan(out[:, 0]) & (twin >= 0) & (twin // 3 == other)
-        hit &= barycentric[:, PREVIOUS[j]] <= tolerance
-        rows, i = np.flatnonzero(hit), twin[hit] % 3
-        out[rows] = 0.0
-        out[rows, i] = barycentric[rows, NEXT[j]]
-        out[rows, NEXT[i]] = barycentric[rows, j]
-    rows = np.flatnonzero(np.isnan(out[:, 0]) & (barycentric.max(axis=1, initial=0.0) >= 1 - tolerance))
+    rows = np.flatnonzero(np.isnan(out[:, 0]))
+    twin = topology.side_twin[face[rows]]
+    shared = (twin // 3 == other[rows, None]) & (barycentric[rows][:, PREVIOUS] <= tolerance)
+    j = np.argmax(shared, axis=1)  # the first of them
+    crosses = shared[np.arange(len(rows)), j]
+    side, j, crossing = twin[crosses, j[crosses]] % 3, j[crosses], rows[crosses]
+    out[crossing] = 0.0
+    out[crossing, side] = barycentric[crossing, NEXT[j]]
+    out[crossing, NEXT[side]] = barycentric[crossing, j]
+    rows = rows[~crosses]
+    rows = rows[barycentric[rows].max(axis=1, initial=0.0) >= 1 - tolerance]
     vertex = topology.faces[face[rows], np.argmax(barycentric[rows], axis=1)]
     match = topology.faces[other[rows]] == vertex[:, None]
     has_vertex = match.any(axis=1)
@@ -194,7 +199,16 @@ def segment_vectors(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float6
     ParameterError
         When two consecutive points do not share the face named by the first.
     """
-    after = paths.following()
+    return _segments(mesh, paths, paths.following())[0]
+
+
+def _segments(
+    mesh: SurfaceMesh, paths: SurfacePaths, after: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(p, 2) segment vectors, and (p, 3) barycentric coordinates of their heads in the faces of their tails.
+
+    nan at open ends. `after` is `paths.following()`.
+    """
     here = np.flatnonzero(after >= 0)
     there = after[here]
     target = barycentric_in(mesh.topology, paths.face[there], paths.barycentric[there], paths.face[here])
@@ -205,16 +219,20 @@ def segment_vectors(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float6
             f"path {paths.of_point()[i]} leaves point {i - paths.start[paths.of_point()[i]]} in face "
             f"{paths.face[i]}, which does not contain the next point; give a face that contains both points"
         )
-    vector = np.full((len(after), 2), np.nan)
+    vector, head = np.full((len(after), 2), np.nan), np.full((len(after), 3), np.nan)
     vector[here] = planar_difference(unfold(mesh), paths.face[here], paths.barycentric[here], target)
-    return vector
+    head[here] = target
+    return vector, head
 
 
 def path_lengths(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
     """(k,) lengths of paths, from edge lengths alone."""
-    vector = segment_vectors(mesh, paths)
-    length = np.nan_to_num(np.hypot(vector[:, 0], vector[:, 1]))
-    return sum_by_index(paths.of_point(), length, len(paths))
+    return _sums_by_path(paths, np.hypot(*segment_vectors(mesh, paths).T))
+
+
+def _sums_by_path(paths: SurfacePaths, length: NDArray) -> NDArray[np.float64]:
+    """(k,) sums of the lengths of segments; nan counts as 0."""
+    return sum_by_index(paths.of_point(), np.nan_to_num(length), len(paths))
 
 
 def joints(mesh: SurfaceMesh, paths: SurfacePaths) -> Joints:
@@ -236,39 +254,25 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths) -> Joints:
     before[after[after >= 0]] = np.flatnonzero(after >= 0)
     at = np.flatnonzero((after >= 0) & (before >= 0))
     face, b = paths.face[at], paths.barycentric[at]
-    into_face = paths.face[before[at]]
-    into_b = barycentric_in(topology, face, b, into_face)
-    ahead = barycentric_in(topology, paths.face[after[at]], paths.barycentric[after[at]], face)
-    leaving = planar_difference(unfolding, face, b, ahead) / unfolding.scale
-    backward = (
-        planar_difference(unfolding, into_face, into_b, paths.barycentric[before[at]]) / unfolding.scale
-    )
-
-    def angle(face: NDArray, b: NDArray, d: NDArray) -> NDArray:
-        """Angle of direction d in the tangent plane at the point: the fan's, the edge's or the face's."""
-        count = (b > SIDE_TOLERANCE).sum(axis=1)
-        j = np.where(count == 1, np.argmax(b, axis=1), NEXT[np.argmin(b, axis=1)])
-        e = np.where((count == 3)[:, None], np.array([1.0, 0.0]), unfolding.direction[face, j])
-        local = np.arctan2(e[:, 0] * d[:, 1] - e[:, 1] * d[:, 0], np.einsum("ij,ij->i", d, e))
-        side = 3 * face + j
-        twin = topology.side_twin[face, j]
-        at_vertex = fans.angle_before[side] + np.clip(local, -1e-6, None)
-        on_edge = local + np.where((twin >= 0) & (twin < side), np.pi, 0.0)
-        return np.where(count == 1, at_vertex, np.where(count == 2, on_edge, local))
-
-    count = (b > SIDE_TOLERANCE).sum(axis=1)
-    j = np.where(count == 1, np.argmax(b, axis=1), NEXT[np.argmin(b, axis=1)])
-    fan = fans.fan[3 * face + j]
-    edge_of_boundary = (count == 2) & (topology.side_twin[face, j] < 0)
-    total = np.where(count == 1, fans.total_angle[fan], np.where(edge_of_boundary, np.pi, 2 * np.pi))
-    is_open = np.where(count == 1, fans.is_open[fan], edge_of_boundary)
+    vector, ahead = _segments(mesh, paths, after)
+    segment_length = np.hypot(vector[:, 0], vector[:, 1])
+    # angles at each point of the leaving segment, then those of the arriving one, backward
+    faces = np.concatenate([face, paths.face[before[at]]])
+    in_faces = np.concatenate([b, ahead[before[at]]])
+    direction = np.concatenate([vector[at], -vector[before[at]]]) / unfolding.scale
+    angle, kinds, corner = _tangent_angles(mesh, faces, in_faces, direction)
+    kind = kinds[: len(at)]
+    fan, fan_before = np.split(fans.fan[corner], 2)
+    edge_of_boundary = (kind == 2) & (topology.side_twin.ravel()[corner[: len(at)]] < 0)
+    total = np.where(kind == 1, fans.total_angle[fan], np.where(edge_of_boundary, np.pi, 2 * np.pi))
+    is_open = np.where(kind == 1, fans.is_open[fan], edge_of_boundary)
     with np.errstate(invalid="ignore", divide="ignore"):
-        turn = angle(into_face, into_b, backward) - angle(face, b, leaving)
+        turn = angle[len(at) :] - angle[: len(at)]
         left = np.where(is_open, np.where(turn >= 0, turn, np.nan), turn % total)
         right = np.where(is_open, np.where(turn < 0, -turn, np.nan), total - left)
-    segment = np.minimum(np.hypot(*leaving.T), np.hypot(*backward.T))
+    segment = np.minimum(segment_length[at], segment_length[before[at]]) / unfolding.scale
     short = segment <= SEGMENT_TOLERANCE
-    short |= (count == 1) & (fans.fan[3 * into_face + np.argmax(into_b, axis=1)] != fan)  # from fan to fan
+    short |= (kind == 1) & (fan_before != fan)  # from fan to fan
     result = {name: np.full(len(after), np.nan) for name in ("left", "right", "total", "segment")}
     result["left"][at], result["right"][at] = np.where(short, np.nan, left), np.where(short, np.nan, right)
     result["total"][at], result["segment"][at] = total, segment
@@ -277,7 +281,27 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths) -> Joints:
         topology.faces[paths.face, np.argmax(paths.barycentric, axis=1)] if len(paths.face) else -1,
         -1,
     )
-    return Joints(vertex=vertex, **result)
+    return Joints(vertex=vertex, length=segment_length, **result)
+
+
+def _tangent_angles(
+    mesh: SurfaceMesh, face: NDArray, barycentric: NDArray, direction: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Angles of directions in the tangent plane at points: the fan's at a vertex, the edge's or the face's.
+
+    Also the kind of each point (1: vertex, 2: on an edge, 3: in a face), and the side that leaves the vertex,
+    contains the point or is any.
+    """
+    unfolding, d = unfold(mesh), direction
+    kind = (barycentric > SIDE_TOLERANCE).sum(axis=1)
+    j = np.where(kind == 1, np.argmax(barycentric, axis=1), NEXT[np.argmin(barycentric, axis=1)])
+    side = 3 * face + j
+    e = np.where((kind == 3)[:, None], np.array([1.0, 0.0]), unfolding.direction.reshape(-1, 2)[side])
+    local = np.arctan2(e[:, 0] * d[:, 1] - e[:, 1] * d[:, 0], np.einsum("ij,ij->i", d, e))
+    twin = mesh.topology.side_twin.ravel()[side]
+    at_vertex = vertex_fans(mesh).angle_before[side] + np.clip(local, -1e-6, None)
+    on_edge = local + np.where((twin >= 0) & (twin < side), np.pi, 0.0)
+    return np.where(kind == 1, at_vertex, np.where(kind == 2, on_edge, local)), kind, side
 
 
 def reversed_paths(mesh: SurfaceMesh, paths: SurfacePaths) -> SurfacePaths:
@@ -323,7 +347,8 @@ def describe_paths(
     """
     if not len(paths):
         return []
-    length, joint = path_lengths(mesh, paths), joint or joints(mesh, paths)
+    joint = joint or joints(mesh, paths)
+    length = _sums_by_path(paths, joint.length)
     entries = []
     for i, kind in enumerate(kinds):
         a, b = int(paths.start[i]), int(paths.start[i + 1])

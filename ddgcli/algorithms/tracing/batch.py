@@ -15,7 +15,7 @@ from ddgcli.algorithms.tracing.crossing import (
     next_side,
     on_side,
     previous_side,
-    scalar_crossing,
+    scalar_crossings,
     to_exit,
 )
 from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, END_STATUS, FAILURE_STATUS, LineStart, Traces
@@ -85,6 +85,19 @@ class TraceBatch:
         line = np.flatnonzero(self.left_over > 0)
         b, face = start.barycentric[line], start.face[line]
         d = start.direction[line].view(np.complex128)[:, 0]
+        inside = b > VERTEX_TOLERANCE
+        at_vertex = inside[:, 0].astype(np.int8) + inside[:, 1] + inside[:, 2] == 1
+        if not at_vertex.all():
+            self._leave_faces(*(column[~at_vertex] for column in (line, face, b, d)))
+        self.starts_on_side[line[at_vertex]] = True
+        self._leave_vertices(line[at_vertex], face[at_vertex], np.argmax(b[at_vertex], axis=1), d[at_vertex])
+        active = np.zeros(len(self.starts_on_side), dtype=bool)
+        active[self.line] = True
+        self.starts_on_side &= active
+        self._record()
+
+    def _leave_faces(self, line: NDArray, face: NDArray, b: NDArray, d: NDArray) -> None:
+        """Start lines inside faces and on sides: advance them to the first side, or end them."""
         e = self.along.reshape(-1, 3)[face]
         turned = -d[:, None] * e.conj()  # in the frame of each side's twin
         apex = self.table[:, APEX].reshape(-1, 3)[face]
@@ -99,22 +112,13 @@ class TraceBatch:
         by_head, by_apex = b.ravel()[pick - j + NEXT[j]], b.ravel()[pick - j + PREVIOUS[j]]
         u = by_head * length + by_apex * apex.real.ravel()[pick] - distance * turned.real
         u = np.clip(u, 0.0, length)
-        inside = b > VERTEX_TOLERANCE
-        at_vertex = inside[:, 0].astype(np.int8) + inside[:, 1] + inside[:, 2] == 1
         rest = self.left_over[line] - distance
-        ends_here = np.flatnonzero((rest <= 0) & ~at_vertex)
+        ends_here, on = np.flatnonzero(rest <= 0), np.flatnonzero(rest > 0)
         self._finish_in_first_face(
             line[ends_here], b[ends_here], side[ends_here], u[ends_here], distance[ends_here]
         )
-        on = np.flatnonzero((rest > 0) & ~at_vertex)
         self.starts_on_side[line[on]] = distance[on] <= 0
         self._leave(line[on], side[on], u[on], turned[on], rest[on])
-        self.starts_on_side[line[at_vertex]] = True
-        self._leave_vertices(line[at_vertex], face[at_vertex], np.argmax(b[at_vertex], axis=1), d[at_vertex])
-        active = np.zeros(len(self.starts_on_side), dtype=bool)
-        active[self.line] = True
-        self.starts_on_side &= active
-        self._record()
 
     def _finish_in_first_face(
         self, line: NDArray, b: NDArray, side: NDArray, u: NDArray, distance: NDArray
@@ -171,18 +175,20 @@ class TraceBatch:
     def _cross_scalar(self, max_steps: int) -> None:
         """Advance a few lines with scalar arithmetic, until a crossing needs special treatment."""
         rows = self.table.view(np.uint8).data
-        state: list[Any] = list(zip(*(column.tolist() for column in self._state()[1:]), strict=True))
-        marks: list[complex] = []
-        for _ in range(max_steps):
-            after: list[Any] = [scalar_crossing(rows, *line) for line in state]
-            if None in after:
-                break
-            self.steps += 1
-            state = after
-            marks += [complex(x / width, side) for side, x, _, _, width in state]
-        if self.recorder is not None and marks:
+        starts = zip(*(column.tolist() for column in self._state()[1:]), strict=True)
+        states_of_lines: list[list[tuple]] = []
+        for start in starts:  # all lines make as many steps as the first that needs special treatment
+            states_of_lines.append(scalar_crossings(rows, start, max_steps))
+            max_steps = len(states_of_lines[-1])
+        if not max_steps:
+            return
+        self.steps += max_steps
+        if self.recorder is not None:
+            steps = zip(*states_of_lines, strict=False)
+            marks = [complex(x / width, side) for states in steps for side, x, _, _, width in states]
             self.recorder.record_steps(self.line, marks)
-        self._set_state(self.line, *(np.array(column) for column in zip(*state, strict=True)))
+        last = [states[max_steps - 1] for states in states_of_lines]
+        self._set_state(self.line, *(np.array(column) for column in zip(*last, strict=True)))
 
     def _exits(self, side: NDArray, x: NDArray, heading: NDArray, width: NDArray) -> tuple[NDArray, ...]:
         """Exits of lines from their faces: (right, twin, turned, exit_length, u, beyond_u, distance).

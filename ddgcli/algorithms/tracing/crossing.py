@@ -35,22 +35,30 @@ def to_exit(
     return u, exit_length - u, k * sine
 
 
-def scalar_crossing(
-    rows: memoryview, side: int, x: float, heading: complex, rest: float, width: float
-) -> tuple[int, float, complex, float, float] | None:
-    """State of one line after the next face; None if the crossing needs special treatment."""
-    apex_x, apex_y, back_x, back_y, on_x, on_y, back, on = ROW.unpack_from(rows, ROW.size * side)
-    apex = complex(apex_x, apex_y)
-    right = leaves_right(apex, x, heading)
-    twin, turn = (on, complex(on_x, on_y)) if right else (back, complex(back_x, back_y))
-    turned, sine = heading * turn, abs(turn.imag)
-    if twin < 0 or turned.imag == 0.0 or sine < MIN_SINE:
-        return None
-    exit_length = apex_y / sine
-    u, beyond_u, distance = to_exit(x, width, heading, turned, sine, exit_length, right)
-    if not (min(u, beyond_u) > VERTEX_TOLERANCE * exit_length and distance < rest):
-        return None
-    return twin, u + right * (beyond_u - u), turned, rest - distance, exit_length
+def scalar_crossings(rows: memoryview, state: tuple, max_steps: int) -> list[tuple]:
+    """States (side, x, heading, rest, width) of one line after each of the next faces.
+
+    Ends before a crossing that needs special treatment. `rows` are the bytes of Unfolding.side.
+    """
+    states = []
+    unpack, size = ROW.unpack_from, ROW.size
+    side, x, heading, rest, width = state
+    for _ in range(max_steps):
+        apex_x, apex_y, back_x, back_y, on_x, on_y, back, on = unpack(rows, size * side)
+        right = leaves_right(complex(apex_x, apex_y), x, heading)
+        side, turn = (on, complex(on_x, on_y)) if right else (back, complex(back_x, back_y))
+        before, sine = heading, abs(turn.imag)
+        heading = before * turn
+        if side < 0 or heading.imag == 0.0 or sine < MIN_SINE:
+            break
+        exit_length = apex_y / sine
+        u, beyond_u, distance = to_exit(x, width, before, heading, sine, exit_length, right)
+        least_u = u if u < beyond_u else beyond_u
+        if not (least_u > VERTEX_TOLERANCE * exit_length and distance < rest):
+            break
+        x, rest, width = beyond_u if right else u, rest - distance, exit_length
+        states.append((side, x, heading, rest, width))
+    return states
 
 
 def next_side(side: NDArray) -> NDArray[np.int64]:
