@@ -35,6 +35,7 @@ def draw_chart(
     labels: Mapping[str, Sequence[str]] | None = None,
     ringed: Mapping[str, Sequence[int]] | None = None,
     pareto_front: Series | None = None,
+    threshold: tuple[str, float] | None = None,
     styles: Mapping[str, int] | None = None,
     width: float = 7.0,
     height: float = 4.6,
@@ -56,12 +57,18 @@ def draw_chart(
         Points to mark with a ring, such as those of the Pareto front.
     pareto_front : (x, y), optional
         Pareto front, drawn as a broad grey line behind the series.
+    threshold : (name, y), optional
+        Horizontal line across the chart.
     styles : mapping of name to int, optional
         Number of the colour, marker and dash of each series, so that several charts draw a series alike.
         By default the series are numbered in order.
     """
     with page(path, width, height, dpi) as figure:
-        across = 0.85 if len(series) < 2 else 0.64 - 0.009 * max(0, max(map(len, series)) - 16)
+        across = (
+            0.85
+            if len(series) + (threshold is not None) < 2
+            else 0.64 - 0.009 * max(0, max(map(len, series)) - 16)
+        )
         below = [row for line in caption.splitlines() for row in textwrap.wrap(line, int(16 * width))]
         bottom = 0.18 + 0.03 * max(0, len(below) - 2)
         axes = figure.add_axes((0.125, bottom, max(across, 0.4) - 0.015, 0.91 - bottom))
@@ -80,6 +87,8 @@ def draw_chart(
             for i in (ringed or {}).get(name, ()):
                 if shown[i]:
                     axes.plot(x[i], y[i], "o", ms=12, mfc="none", mec="0.3", mew=0.9)
+        if threshold is not None:
+            axes.axhline(threshold[1], label=threshold[0], color="0.3", linewidth=1.0, linestyle=(0, (1, 2)))
         _widen(axes, drawable, log)
         axes.set(xlabel=xlabel, ylabel=ylabel, title=title)
         axes.grid(True, which="major", color="0.85", linewidth=0.5)
@@ -88,7 +97,7 @@ def draw_chart(
             if name in log:
                 _label_few_decades(axis)
         axes.spines[["top", "right"]].set_visible(False)
-        if len(series) > 1:
+        if len(series) + (threshold is not None) > 1:
             axes.legend(
                 loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, handlelength=3.2, fontsize=8
             )

@@ -196,7 +196,7 @@ def _number(value: float | None) -> str:
 
 def _left_out(left_out: list[dict[str, str]]) -> list[str]:
     """One line for each configuration left out, and one for all that exceed the budget."""
-    expensive = [one["row"] for one in left_out if one["why"].startswith("estimated")]
+    expensive = dict.fromkeys(one["row"] for one in left_out if one["why"].startswith("estimated"))
     lines = [f"left out: {one['row']}: {one['why']}" for one in left_out if one["row"] not in expensive]
     return lines + [f"left out, estimated above the rest of the budget: {', '.join(expensive)}"] * bool(
         expensive
@@ -211,18 +211,22 @@ def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> 
     lines: dict[str, list[Row]] = {}
     for row in rows:
         lines.setdefault(row.method, []).append(row)
-    seconds = [row.total_seconds for row in rows]
     series = {
         name: ([r.total_seconds for r in line], [max(r.error(norm), floor) for r in line])
         for name, line in lines.items()
     }
-    if within is not None and seconds:
-        series[f"within {within:g}"] = ([min(seconds), max(seconds)], [within, within])
     labels = {name: [_parameter_values(row) for row in line] for name, line in lines.items()}
     ringed = {name: [k for k, row in enumerate(line) if row.on_front] for name, line in lines.items()}
     best = sorted((r.total_seconds, max(r.error(norm), floor)) for r in rows if r.on_front)
     pareto_front = ([x for x, _ in best], [y for _, y in best]) if best else None
-    return {"series": series, "labels": labels, "ringed": ringed, "pareto_front": pareto_front}
+    threshold = None if within is None else (f"within {within:g}", within)
+    return {
+        "series": series,
+        "labels": labels,
+        "ringed": ringed,
+        "pareto_front": pareto_front,
+        "threshold": threshold,
+    }
 
 
 def _parameter_values(row: Row) -> str:

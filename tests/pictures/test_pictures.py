@@ -163,6 +163,18 @@ def test_a_long_caption_stays_on_the_page(tmp_path):
     assert " ".join(lines).split() == words
 
 
+def test_a_threshold_of_a_chart_crosses_it_and_is_in_the_legend(tmp_path):
+    bare, marked = tmp_path / "a.svg", tmp_path / "b.svg"
+    draw_chart(str(bare), {"x": ([1, 2], [3, 5])})
+    draw_chart(str(marked), {"x": ([1, 2], [3, 5])}, threshold=("within 4", 4.0))
+    assert "within 4" in marked.read_text() and "within 4" not in bare.read_text()
+    dotted = re.findall(
+        r'<path d="M ([\d.]+) ([\d.]+) \s*L ([\d.]+) ([\d.]+)[^>]*stroke-dasharray', marked.read_text()
+    )
+    x, y, end, level = map(float, max(dotted, key=lambda line: float(line[2]) - float(line[0])))
+    assert y == level and end - x > 150, "a level line of the width of the chart"
+
+
 @pytest.mark.parametrize("view, up", [("iso", 2), ("x", 2), ("y", 2), ("z", 1)])
 def test_what_is_higher_in_space_is_higher_in_the_picture(view, up):
     mesh = shapes.icosphere(1)

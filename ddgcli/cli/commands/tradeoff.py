@@ -288,6 +288,8 @@ def draw(
 
     any_on_front = any(row.on_front for row in table.rows)
     remark = "Rings: Pareto front." if any_on_front else f"No Pareto front: {results['undecided']}."
+    names = ", ".join(dict.fromkeys(name for row in table.rows for name in row.parameters))
+    remark = f"Labels of points: {names}. {remark}" if names else remark
     draw_chart(
         path,
         **chart_of(table.rows, results["norm"], within, results["reference_uncertainty"] or 0.0),

@@ -118,11 +118,11 @@ def _compared(mesh: TriangleMesh, inside: NDArray, edge: float, radii: tuple[flo
         gap[inside] += gap[inside].mean() if inside.any() else 0.0
     else:
         limit = balls[0] + (balls[0] - balls[1]) / ((radii[1] / radii[0]) ** 2 - 1)
-        name = f"balls of {radii[0]:g} and {radii[1]:g} edges, extrapolated to none,"
+        name = f"balls of {radii[0]:g} and {radii[1]:g} edges, extrapolated to radius 0"
         scale = float(np.sqrt(np.nanmean(fitted**2))) or 1.0
         moved = np.abs(limit - balls[0])[inside] / scale
         gap = relative_to_rms(limit, fitted)
         gap[inside] += np.maximum(moved, moved.mean() if len(moved) else 0.0)
     return Reference.from_agreement(
-        f"quadric fits, as far as corrected measures in {name} agree", fitted, gap
+        f"quadric fits (uncertainty from corrected measures in {name})", fitted, gap
     )

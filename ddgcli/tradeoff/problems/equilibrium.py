@@ -60,7 +60,7 @@ class _Equilibria:
             self.simulator.solve(self.setup(models, count))
             for count in (self.load_steps, 2 * self.load_steps)
         )
-        name = f"static with {2 * self.load_steps} load steps, as far as {self.load_steps} agree"
+        name = f"static with {2 * self.load_steps} load steps (uncertainty from {self.load_steps})"
         return Reference.from_agreement(name, other, relative_lengths(own, other))
 
     def fine_meshes(self, times: int, models: Sequence[str]) -> MeshLimit:

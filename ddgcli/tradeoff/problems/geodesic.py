@@ -106,7 +106,7 @@ def _approximate_reference(mesh: TriangleMesh, sources: Sources) -> Reference:
     tables = window_tables(mesh)
     coarse, fine = (exact_distance(mesh, sources, tables=tables, tolerance=t).distance for t in (0.3, 0.1))
     gap = relative_to_largest(coarse, np.minimum(coarse, fine))
-    name = "exact method with tolerance 0.1, as far as 0.3 agrees"
+    name = "exact method with tolerance 0.1 (uncertainty from tolerance 0.3)"
     return Reference.from_agreement(name, np.minimum(coarse, fine), gap)
 
 
@@ -116,7 +116,7 @@ def _fast_marching_reference(mesh: TriangleMesh, sources: Sources) -> Reference:
         distance_solver(mesh, method, DistanceOptions())(sources) for method in ("fast-marching", "dijkstra")
     )
     gap = relative_to_largest(along_edges, distance)
-    name = "fast marching, as far as distance along edges agrees"
+    name = "fast marching (uncertainty from distances along edges)"
     return Reference.from_agreement(name, distance, gap)
 
 

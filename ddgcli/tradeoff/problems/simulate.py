@@ -151,8 +151,9 @@ class _Runs:
         """Run with `finest` of the scene's step; two with longer steps give its uncertainty."""
         coarse, middle, limit = (self.answer(f, models) for f in (4 * finest, 2 * finest, finest))
         first, second = relative_lengths(coarse, middle), relative_lengths(middle, limit)
-        name = f"{self.simulator.reference_integrator} with {finest:g} of the scene's step"
-        name += f", as far as {2 * finest:g} and {4 * finest:g} agree"
+        short, *longer = (f"{self.step(factor):.3g} s" for factor in (finest, 2 * finest, 4 * finest))
+        name = f"{self.simulator.reference_integrator} with steps of {short}"
+        name += f" (uncertainty from steps of {' and '.join(longer)})"
         largest = remaining_error(first.max(initial=0.0), second.max(initial=0.0))
         mean = remaining_error(first.mean(), second.mean())
         return Reference(name, limit, largest, mean_uncertainty=mean)

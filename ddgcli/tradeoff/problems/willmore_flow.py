@@ -132,7 +132,7 @@ def _reference(mesh: TriangleMesh, fixed_options: CommandOptions, span: float, s
     runs = [float(_answer(_setup(mesh, fixed_options, span, {"step": span / n}))[0]) for n in counts]
     order = 1.0 if fixed_options.get("flow") == "mean-curvature" else 2.0
     gap = remaining_error(*(b - a for a, b in itertools.pairwise(runs)), order=order) / abs(runs[-1])
-    name = f"{steps} steps, as far as {counts[2]}, {counts[1]} and {counts[0]} agree"
+    name = f"{steps} steps (uncertainty from {counts[2]}, {counts[1]} and {counts[0]} steps)"
     return Reference(name, np.array(runs[-1:]), gap)
 
 
