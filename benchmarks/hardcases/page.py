@@ -140,7 +140,8 @@ def _peers(results: dict[str, dict[str, dict[str, Any]]], ours: dict[str, dict[s
     lines.append(
         "Written by `make hardcases-peers`: each call in a process of its own, 20 s of processor time, the "
         "same checks of distances (within 1e-6), total curvature and eigenvalues as above. Readers get the "
-        "file itself, other calls what our reader makes of it (none where it refuses it). A "
+        "file itself, other calls what our reader makes of it; a cell is blank where there is no file, or "
+        "our reader refuses it. A "
         "refusal is an exception that Python reports; a crash ends the process; a reader is silently wrong "
         "where it reads a broken file, or names vertices that there are not. The last rows are our commands "
         "on the same cases; wrong ones of any kind, of which there are none, count as silently wrong.\n"
@@ -161,7 +162,7 @@ def _peers(results: dict[str, dict[str, dict[str, Any]]], ours: dict[str, dict[s
         lines.append(_row([f"`ddgcli {name}`", *cells, counts[DEGRADED_VERDICT]]))
     lines += ["", _row(["case", *tasks]), _row(["---"] * (len(tasks) + 1))]
     for case, row in results.items():
-        lines.append(_row([case, *(row[name]["kind"] if name in row else "?" for name in tasks)]))
+        lines.append(_row([case, *(row[name]["kind"] if name in row else BLANK_MARK for name in tasks)]))
     return "\n".join(lines)
 
 
