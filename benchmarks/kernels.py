@@ -171,18 +171,18 @@ def compare(name: str, case: Case, reference: dict, environment: str, other: dic
     ]
 
 
-def compare_all(chosen: list[str], planted: float = 0.0) -> tuple[list[Row], list[str]]:
+def compare_all(names: list[str], planted: float = 0.0) -> tuple[list[Row], list[str]]:
     """Rows of the chosen cases in every environment that the CPU has, and notes on those it has not.
 
     `planted` changes the first number of every environment by this share, to see the comparison fail.
     """
     rows, notes, features = [], [], cpu_features()
-    reference = {name: results_of(CASES[name], {}) for name in chosen}
-    for environment, (variables, needed) in ENVIRONMENTS.items():
-        if needed and features and needed not in features:
-            notes.append(f"{environment}: skipped, this CPU has no {needed}")
+    reference = {name: results_of(CASES[name], {}) for name in names}
+    for environment, (variables, feature) in ENVIRONMENTS.items():
+        if feature and features and feature not in features:
+            notes.append(f"{environment}: skipped, this CPU has no {feature}")
             continue
-        for name in chosen:
+        for name in names:
             try:
                 other = results_of(CASES[name], variables)
             except RuntimeError as error:

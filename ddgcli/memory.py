@@ -40,7 +40,7 @@ def _unused_memory() -> float:
         limits.append(free)
     elif hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
         limits.append(float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")))
-    limits += [_number(most) - (_number(used) or 0.0) for most, used in CGROUP_FILES if _number(most)]
+    limits += [_number(most) - (_number(usage) or 0.0) for most, usage in CGROUP_FILES if _number(most)]
     if resource is not None and (soft := resource.getrlimit(resource.RLIMIT_AS)[0]) >= 0:
         limits.append(soft - (_proc_value("/proc/self/status", "VmSize:") or 0.0))
     return max(0.0, min(limits))

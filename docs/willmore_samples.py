@@ -44,8 +44,8 @@ def holed_scan() -> TriangleMesh:
     ball = bumpy_ball()
     away = ball.points[ball.faces].mean(axis=1) @ [0.0, -0.8, 0.6]
     faces = ball.faces[away < 0.8 * away.max()]
-    used, renamed = np.unique(faces, return_inverse=True)
-    return TriangleMesh.from_arrays(ball.points[used], renamed.reshape(-1, 3))
+    vertices, renamed = np.unique(faces, return_inverse=True)
+    return TriangleMesh.from_arrays(ball.points[vertices], renamed.reshape(-1, 3))
 
 
 def flat_spheroid() -> TriangleMesh:

@@ -87,8 +87,8 @@ def _fan(rng: np.random.Generator) -> Complex:
 
 
 def _duplicate_faces(rng: np.random.Generator, points: NDArray, faces: NDArray) -> Complex:
-    chosen = faces[rng.integers(0, len(faces), 2)]
-    return points, np.concatenate([faces, chosen, chosen[:1, ::-1]])
+    repeated = faces[rng.integers(0, len(faces), 2)]
+    return points, np.concatenate([faces, repeated, repeated[:1, ::-1]])
 
 
 def _coincident_points(rng: np.random.Generator, points: NDArray, faces: NDArray) -> Complex:

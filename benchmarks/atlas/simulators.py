@@ -201,14 +201,14 @@ def _shell(text: str, mesh: TriangleMesh | None = None) -> Any:
 
 def _cantilever(weight: int, pattern: Pattern, level: int) -> Trial:
     n, across = 10 * 2**level, 2 * 2**level
-    return _dropped(weight, grid_mesh(Grid(size=[1, 0.2], cells=[n, across], pattern=pattern)), n)
+    return _cantilever_trial(weight, grid_mesh(Grid(size=[1, 0.2], cells=[n, across], pattern=pattern)), n)
 
 
 def _cantilever_on(weight: int, strip: Callable[[int], TriangleMesh], level: int) -> Trial:
-    return _dropped(weight, strip(level), 10 * 2**level)
+    return _cantilever_trial(weight, strip(level), 10 * 2**level)
 
 
-def _dropped(weight: int, rest: TriangleMesh, n: int) -> Trial:
+def _cantilever_trial(weight: int, rest: TriangleMesh, n: int) -> Trial:
     """Drop of the tip under its own weight; the first of n columns of cells is clamped."""
     tip = rest.points[:, 0] > 1 - 1e-9
 

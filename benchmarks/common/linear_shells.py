@@ -63,8 +63,8 @@ class LinearProblem:
 
 def pin(vertices: NDArray, axes: str, clamp: bool = False) -> str:
     """Lines of a pin."""
-    held = f'[[effects.pin]]\nvertices = {numbers(vertices)}\naxes = "{axes}"\n'
-    return held + ("clamp = true\n" if clamp else "")
+    text = f'[[effects.pin]]\nvertices = {numbers(vertices)}\naxes = "{axes}"\n'
+    return text + ("clamp = true\n" if clamp else "")
 
 
 def force(vertices: NDArray, vector: str) -> str:

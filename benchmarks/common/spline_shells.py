@@ -182,8 +182,8 @@ class SplineShell:
         for side in support.sides:
             rows = np.moveaxis(self._number, side.axis, 0)[:: 1 - 2 * side.end]
             for c in side.held:
-                held = master[rows[0], "xyz".index(c)]
-                master[np.isin(master, held[held >= 0])] = -1
+                unknowns = master[rows[0], "xyz".index(c)]
+                master[np.isin(master, unknowns[unknowns >= 0])] = -1
         if all(side.held == "y" or side.held == "x" for side in support.sides):
             master[master == master[0, 2]] = -1  # the translation that symmetry leaves
         flat = master.ravel()

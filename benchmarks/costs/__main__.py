@@ -42,7 +42,7 @@ def write_table(table: dict[str, Cost], probe_seconds: float) -> None:
     )
 
 
-def _chosen(name: str, word: str) -> bool:
+def _matches(name: str, word: str) -> bool:
     return name + "=" == word or name.startswith(word)
 
 
@@ -64,7 +64,7 @@ def main() -> None:
         folder = Path(arguments.folder or temporary)
         for task in TASKS:
             name = f"{task.kernel} {task.suffix}".strip()
-            if arguments.only and not any(_chosen(name, word) for word in arguments.only):
+            if arguments.only and not any(_matches(name, word) for word in arguments.only):
                 continue
             if arguments.missing and name in table:
                 continue

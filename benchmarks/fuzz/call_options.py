@@ -271,8 +271,8 @@ def random_words(name: str, place: Place, outputs: bool = True) -> list[str]:
     options = [o for o in options_of(name) if o.name not in RARE and o.name != "outputs"]
     rare = [o for o in options_of(name) if o.name in RARE]
     count = min(rng.choice(OPTION_COUNTS), len(options))
-    chosen = rng.sample(options, count) + [o for o in rare if rng.random() < SHARE_OF_RARE / 2]
-    for option in chosen:
+    sample = rng.sample(options, count) + [o for o in rare if rng.random() < SHARE_OF_RARE / 2]
+    for option in sample:
         if option.name == "dry_run" and rng.random() < 0.8:
             continue
         for _ in range(rng.choice([1, 1, 2]) if option.multiple else 1):

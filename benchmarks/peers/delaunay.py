@@ -80,8 +80,8 @@ def growth(rows: list[list], column: int = -1, *, cost: Callable = lambda n: n *
     Of the n in the second column; n log n by default.
     """
     seconds = [row[column] for row in rows]
-    for row, spent in zip(rows, seconds):
-        row.append(round(spent / seconds[0] / (cost(row[1]) / cost(rows[0][1])), 2))
+    for row, cost_seconds in zip(rows, seconds):
+        row.append(round(cost_seconds / seconds[0] / (cost(row[1]) / cost(rows[0][1])), 2))
 
 
 def overlay_row(flipped: IntrinsicDelaunay, base: BaseTriangulation, repeat: int) -> list:

@@ -286,7 +286,7 @@ COMMANDS = (
 
 if __name__ == "__main__":
     print(measure.machine())
-    chosen = [word for word in sys.argv[1:] if not word.startswith("-")] or list(TOPICS)
-    for topic in chosen:
+    topics = [word for word in sys.argv[1:] if not word.startswith("-")] or list(TOPICS)
+    for topic in topics:
         TOPICS[topic]()
     measure.print_commands(*COMMANDS)

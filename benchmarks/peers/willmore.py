@@ -150,10 +150,10 @@ def to_rest() -> list[list]:
         ("bubble (area)", ellipsoid(4), bubble, {"flow": "mean-curvature", "fix_volume": True}),
         ("catenoid (area)", shapes.cylinder(96, 48, 1.0, 1.2), catenoid, {"flow": "mean-curvature"}),
     ):
-        chosen = with_stop(FlowOptions(**options), mesh.topology, False)
+        flow_options = with_stop(FlowOptions(**options), mesh.topology, False)
 
-        def run(mesh: TriangleMesh = mesh, chosen: FlowOptions = chosen) -> list:
-            flow, model = setup.build(mesh, chosen)
+        def run(mesh: TriangleMesh = mesh, flow_options: FlowOptions = flow_options) -> list:
+            flow, model = setup.build(mesh, flow_options)
             return list(evolve({"s": model}, setup.schedule(flow, {}), Account()))
 
         timing = timed(run, repeat=1, warm_up=False)

@@ -13,7 +13,7 @@ from typing import Any
 REPEAT_DELAY = 0.01  # seconds after which a signal whose exception was dropped is delivered again
 
 _received: BaseException | None = None
-_dropped = False  # the exception of the last signal was dropped and not raised since
+_was_dropped = False  # the exception of the last signal was dropped and not raised since
 
 
 class Terminated(BaseException):
@@ -27,8 +27,8 @@ def received_signal() -> signal.Signals | None:
 
 def raise_received() -> None:
     """Raise the exception of a signal that came since `signals_as_exceptions` began."""
-    global _dropped
-    _dropped = False
+    global _was_dropped
+    _was_dropped = False
     if _received is not None:
         raise type(_received)(*_received.args)
 
@@ -41,7 +41,7 @@ def _raise(number: int, stack_frame: Any) -> None:
 
 
 def _deliver_again(number: signal.Signals) -> None:
-    if _dropped:
+    if _was_dropped:
         with suppress(RuntimeError):
             _thread.interrupt_main(number)
 
@@ -53,8 +53,8 @@ def signals_as_exceptions() -> Iterator[None]:
     Extension modules that are interrupted during their import print a traceback of it and raise ImportError;
     Python ends a process whose text of `exec` or `eval` was interrupted by SIGINT, whatever its exit code.
     """
-    global _received, _dropped
-    _received, _dropped = None, False
+    global _received, _was_dropped
+    _received, _was_dropped = None, False
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -68,13 +68,13 @@ def signals_as_exceptions() -> Iterator[None]:
         if not issubclass(kind, (KeyboardInterrupt, Terminated)):
             print_exception(kind, *rest)
 
-    def deliver_dropped_again(dropped: sys.UnraisableHookArgs) -> None:
+    def deliver_dropped_again(hook_args: sys.UnraisableHookArgs) -> None:
         """Python drops exceptions in destructors and callbacks; a dropped signal comes again later."""
-        global _dropped
-        if not isinstance(dropped.exc_value, (KeyboardInterrupt, Terminated)):
-            print_dropped(dropped)
+        global _was_dropped
+        if not isinstance(hook_args.exc_value, (KeyboardInterrupt, Terminated)):
+            print_dropped(hook_args)
         elif _received is not None:
-            _dropped = True
+            _was_dropped = True
             with suppress(RuntimeError):  # no thread starts while the interpreter ends
                 threading.Timer(REPEAT_DELAY, _deliver_again, _received.args).start()
 
@@ -82,7 +82,7 @@ def signals_as_exceptions() -> Iterator[None]:
     try:
         yield
     finally:
-        _dropped = False
+        _was_dropped = False
         sys.excepthook, sys.unraisablehook = print_exception, print_dropped
         for kind, handler in before.items():
             signal.signal(kind, handler)

@@ -19,9 +19,9 @@ def subdivided_input(source: MeshInput, times: int) -> MeshInput:
     if source.kind == "tetrahedra":
         raise ParameterError("splits the faces of a surface, and MESH holds tetrahedra; leave it out",
                              parameter="subdivide")  # fmt: skip
-    dropped = sorted({*source.vertex, *source.face, *source.edge})
-    if dropped:
-        log.warning("`subdivide` drops the arrays %s", ", ".join(dropped))
+    names = sorted({*source.vertex, *source.face, *source.edge})
+    if names:
+        log.warning("`subdivide` drops the arrays %s", ", ".join(names))
     n_faces = source.surface.n_faces * 4**times
     if n_faces > MAX_SUBDIVIDED_FACES:
         raise ParameterError(

@@ -156,13 +156,13 @@ def _solver_of_little_memory(
     """
     n = size * matrix.shape[0]
     available = max(available_memory() - further, 0.0) if n >= MIN_CHECKED_UNKNOWNS else np.inf
-    needed, analysis = _needed_bytes(matrix, available, entries, size)
-    if needed <= available:
+    required_bytes, analysis = _needed_bytes(matrix, available, entries, size)
+    if required_bytes <= available:
         return None, analysis
     iterative = preferred_iterative_solver()
     log.warning(
         "the factors of %d unknowns need about %.3g GiB, %.3g GiB are available: %s solve instead",
-        n, needed / 2**30, available / 2**30,
+        n, required_bytes / 2**30, available / 2**30,
         "conjugate gradients with multigrid" if iterative == "multigrid" else "conjugate gradients",
     )  # fmt: skip
     return iterative, None

@@ -146,8 +146,8 @@ def _sub_blocks(stencil: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     k, s = stencil.shape
     i, j = np.repeat(stencil, s, axis=1).ravel(), np.tile(stencil, (1, s)).ravel()
     corner = (np.arange(k)[:, None, None] * 3 * s + np.arange(s)[:, None] * 3) * s + np.arange(s)
-    kept = i <= j
-    return i[kept], j[kept], corner.ravel()[kept]
+    upper = i <= j
+    return i[upper], j[upper], corner.ravel()[upper]
 
 
 def _pairs(stencil: NDArray) -> tuple[NDArray, NDArray, NDArray]:

@@ -96,9 +96,9 @@ class BlockLayout:
         free = self._free.ravel()
         if not free.all():
             of_column = np.concatenate([[0], np.cumsum(free[row] & np.repeat(free, np.diff(start)))])
-            kept = np.flatnonzero(np.diff(of_column))
+            nonempty = np.flatnonzero(np.diff(of_column))
             number = np.cumsum(free) - 1
-            value, row = value[kept], number.astype(np.int32)[row[kept]]
+            value, row = value[nonempty], number.astype(np.int32)[row[nonempty]]
             start = np.concatenate([of_column[start[:-1][free]], of_column[-1:]])
         return value, row, matrix_indices(start, len(row))
 
@@ -122,11 +122,11 @@ class BlockLayout:
         free = self._free[:, 0]
         if free.all():
             return self._pair, self._beyond, self._row, self._start
-        kept = free[self._row] & np.repeat(free, np.diff(self._start))
-        before = np.concatenate([[0], np.cumsum(kept)])
+        is_free = free[self._row] & np.repeat(free, np.diff(self._start))
+        before = np.concatenate([[0], np.cumsum(is_free)])
         start = matrix_indices(before[self._start[np.append(free, True)]], len(self._row))
         number = np.cumsum(free) - 1
-        return self._pair[kept], self._beyond[kept], number[self._row[kept]].astype(np.int32), start
+        return self._pair[is_free], self._beyond[is_free], number[self._row[is_free]].astype(np.int32), start
 
 
 _ONES = np.ones(0)

@@ -111,15 +111,15 @@ class System:
             p for p in all_terms if isinstance(p, FixedCoordinates | PrescribedMotion) and p.name
         ]
         self.constraints = [p for p in self.all_terms if hasattr(p, "jacobian")]
-        held = np.zeros((len(mass), 3), dtype=bool)
+        fixed = np.zeros((len(mass), 3), dtype=bool)
         for any_term in all_terms:
             if isinstance(any_term, FixedCoordinates | PrescribedMotion):
-                held |= any_term.mask
-        self.free = ~held
-        self.all_free = not held.any()
-        self._held = np.flatnonzero(held)
+                fixed |= any_term.mask
+        self.free = ~fixed
+        self.all_free = not fixed.any()
+        self._fixed = np.flatnonzero(fixed)
         self.start, self.size = start, size or float(np.ptp(start, axis=0).max())
-        by_vertex = bool((held.all(axis=1) == held.any(axis=1)).all())
+        by_vertex = bool((fixed.all(axis=1) == fixed.any(axis=1)).all())
         self.linear = by_vertex and all(is_dead(p) or hasattr(p, "matrix") for p in self.potentials)
         self.cache: dict[str, Any] = {}
         timed = any(isinstance(any_term, TimeDependent) for any_term in self.all_terms)
@@ -191,7 +191,7 @@ class System:
         if self.all_free:
             return vectors
         vectors = np.array(vectors, dtype=np.float64, order="C")
-        vectors.ravel()[self._held] = 0.0  # a few: a mask would read all
+        vectors.ravel()[self._fixed] = 0.0  # a few: a mask would read all
         return vectors
 
     def held_as(self, x: NDArray, y: NDArray) -> NDArray[np.float64]:
@@ -199,7 +199,7 @@ class System:
         if self.all_free:
             return y
         y = np.array(y, dtype=np.float64, order="C")
-        y.ravel()[self._held] = x.ravel()[self._held]
+        y.ravel()[self._fixed] = x.ravel()[self._fixed]
         return y
 
     @cached_property

@@ -51,10 +51,10 @@ def bisected(mesh: TriangleMesh, marked: NDArray) -> Bisected:
     longest_edge = side_edge[np.arange(len(faces)), longest]
     split[longest_edge[marked]] = True
     while True:
-        touched = split[side_edge].any(axis=1) & ~split[longest_edge]
-        if not touched.any():
+        nonconforming = split[side_edge].any(axis=1) & ~split[longest_edge]
+        if not nonconforming.any():
             break
-        split[longest_edge[touched]] = True
+        split[longest_edge[nonconforming]] = True
     number = np.full(topology.n_edges, -1, dtype=np.int64)
     ends = topology.edges[split]
     number[split] = mesh.n_vertices + np.arange(len(ends))

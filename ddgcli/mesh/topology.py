@@ -251,10 +251,10 @@ class Topology:
     @cached_property
     def _vertex_components(self) -> tuple[int, NDArray[np.int64]]:
         _, label = connected_labels(self.edges[:, 0], self.edges[:, 1], self.n_vertices)
-        used = np.flatnonzero(np.bincount(label[self.referenced_vertex]))
+        labels = np.flatnonzero(np.bincount(label[self.referenced_vertex]))
         rank = np.full(label.max(initial=-1) + 1, -1, dtype=np.int64)
-        rank[used] = np.arange(len(used))
-        return len(used), frozen(rank[label])
+        rank[labels] = np.arange(len(labels))
+        return len(labels), frozen(rank[label])
 
     @property
     def n_components(self) -> int:

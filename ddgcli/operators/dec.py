@@ -107,8 +107,8 @@ class Complex:
         if self.dimension == 2:
             mask[self.boundary_faces] = True
         elif len(self.boundary_faces):
-            touched = self.derivatives[1][self.boundary_faces]
-            mask[touched.indices] = True
+            boundary_rows = self.derivatives[1][self.boundary_faces]
+            mask[boundary_rows.indices] = True
         return mask
 
 

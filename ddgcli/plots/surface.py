@@ -217,17 +217,17 @@ def _interest(
 
 def _squares(mesh: TriangleMesh, visible: PixelFaces, flat: NDArray) -> NDArray[np.float64]:
     """(k, 3) colours of a chessboard over flat coordinates; conformal maps preserve the squares."""
-    used = flat[mesh.topology.referenced_vertex]
-    side = float(np.ptp(used, axis=0).max()) / N_SQUARES or 1.0
+    corners = flat[mesh.topology.referenced_vertex]
+    side = float(np.ptp(corners, axis=0).max()) / N_SQUARES or 1.0
     at = np.einsum("fki,fk->fi", flat[mesh.faces[visible.face]], visible.barycentric) / side
-    odd = np.floor(at - used.min(axis=0) / side).sum(axis=1) % 2 == 1
+    odd = np.floor(at - corners.min(axis=0) / side).sum(axis=1) % 2 == 1
     return np.where(odd[:, None], BLUE_SQUARE_COLOUR, LIGHT_SQUARE_COLOUR)
 
 
 def _in_unit_box(mesh: TriangleMesh, fit: NDArray | None) -> tuple[TriangleMesh, NDArray, Callable]:
     """Mesh and (k, 3) points inside the picture, both in a unit box, and the map into it."""
-    used = mesh.points[mesh.topology.referenced_vertex] if mesh.n_faces else mesh.points
-    fit_points = used if fit is None else np.asarray(fit, dtype=np.float64)
+    corners = mesh.points[mesh.topology.referenced_vertex] if mesh.n_faces else mesh.points
+    fit_points = corners if fit is None else np.asarray(fit, dtype=np.float64)
     if len(fit_points) == 0:
         fit_points = np.zeros((1, 3))
     placed = unit_box(fit_points)

@@ -158,7 +158,7 @@ def _reference(problem: Problem, time_budget: TimeBudget, table: Table) -> Refer
     DdgError
         If there is none: the error of the last one, or that the budget is too short.
     """
-    failure, needed = "", 0.0
+    failure, required_budget = "", 0.0
     for work, compute in problem.references:
         seconds_left = time_budget.seconds_left()
         share = REFERENCE_SHARE * seconds_left
@@ -176,9 +176,9 @@ def _reference(problem: Problem, time_budget: TimeBudget, table: Table) -> Refer
                 why = failure = str(error)
         if why != failure:  # half as much again as the reference needs, after the seconds so far
             passed = (time_budget.seconds or 0.0) - seconds_left
-            needed = passed + 1.5 / REFERENCE_SHARE * max(estimate, share)
+            required_budget = passed + 1.5 / REFERENCE_SHARE * max(estimate, share)
         table.left_out.append(("a finer reference", why))
-    longer = f"; use `budget={math.ceil(needed)}` or more" if needed else ""
+    longer = f"; use `budget={math.ceil(required_budget)}` or more" if required_budget else ""
     raise SolveError((failure or f"no reference is affordable: the cheapest was {why}") + longer)
 
 

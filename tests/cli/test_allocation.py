@@ -50,6 +50,6 @@ def test_arrays_reuse_freed_memory_unless_the_environment_sets_the_allocator():
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc's allocator")
 def test_memory_kept_for_arrays_counts_as_available():
     process = subprocess.run([sys.executable, "-c", RELEASE], capture_output=True, text=True, check=True)
-    kept, still_kept, released = (float(word) for word in process.stdout.split())
-    assert kept - released > 300 * 2**20
-    assert kept - still_kept < 2**20  # where the rest suffices nothing is released
+    held_bytes, still_kept, released = (float(word) for word in process.stdout.split())
+    assert held_bytes - released > 300 * 2**20
+    assert held_bytes - still_kept < 2**20  # where the rest suffices nothing is released

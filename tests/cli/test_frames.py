@@ -224,9 +224,9 @@ def _without_obstacles(path, target):
 def test_frames_of_equal_change_lie_where_a_motion_happens():
     still, moved = np.zeros((4, 3)), np.ones((4, 3))
     positions = [still] * 40 + [still + k / 10 * moved for k in range(11)] + [moved] * 40
-    chosen = frames_of_equal_change(positions, [None] * len(positions), 4)
-    assert chosen[0] == 0 and chosen[-1] == 90
-    assert all(40 < k < 51 for k in chosen[1:-1])
+    frame_numbers = frames_of_equal_change(positions, [None] * len(positions), 4)
+    assert frame_numbers[0] == 0 and frame_numbers[-1] == 90
+    assert all(40 < k < 51 for k in frame_numbers[1:-1])
     assert frames_of_equal_change([still] * 90, [None] * 90, 4) == [0, 30, 59, 89]
 
 

@@ -27,7 +27,7 @@ RUNS = {  # each takes some tenths of a second
     "curve-flow": (ROOT / "sample_meshes" / "trefoil.obj", "--steps", "15"),
 }
 
-KEPT = ROOT / "build" / "kills"  # folders of runs that failed
+FAILED_RUNS = ROOT / "build" / "kills"  # folders of runs that failed
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads the processor clock of a child")
 
@@ -62,7 +62,9 @@ def test_a_simulator_killed_at_random_moments_and_resumed_ends_with_the_same_bit
             )
             code = ended(forked(tmp_path, [*call, *(again or ["-o", broken])]), at)
             if code not in (0, -signal.SIGKILL):
-                copy = KEPT / f"{command}-{os.getpid()}"  # for this does not come again under another load
+                copy = (
+                    FAILED_RUNS / f"{command}-{os.getpid()}"
+                )  # for this does not come again under another load
                 shutil.copytree(tmp_path, copy, dirs_exist_ok=True)
                 words = (tmp_path / "streams").read_text()[-2000:]
                 pytest.fail(f"kill {killed}, at {at:.4f} of {cpu:.4f} s: exit code {code}; {copy}: {words}")

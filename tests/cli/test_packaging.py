@@ -32,8 +32,8 @@ def test_the_version_stands_in_one_place():
 def test_the_conda_recipe_needs_what_pip_needs():
     recipe = (ROOT / "packaging" / "conda" / "meta.yaml").read_text("utf-8")
     run = recipe.split("  run:")[1].split("  run_constrained:")[0]
-    needed = {line.strip("- ").replace(" ", "") for line in run.splitlines() if line.strip()}
-    assert needed - {"python>=3.11"} == set(PROJECT["project"]["dependencies"])
+    requirements = {line.strip("- ").replace(" ", "") for line in run.splitlines() if line.strip()}
+    assert requirements - {"python>=3.11"} == set(PROJECT["project"]["dependencies"])
 
 
 def test_every_extra_that_a_message_names_exists_and_the_page_on_installing_lists_it():

@@ -145,8 +145,8 @@ def test_static_on_a_slope_ends_where_nothing_holds_the_shell(load_steps, attemp
     failed = run("shell-sim", scene)
     assert failed.exit_code == 1 and "motion without bound at vertex" in failed.stderr
     assert failed.stderr.count("rejected") == (attempts > 1) * 2  # the first warns, the last is the error
-    held = SLOPE.replace("contact", CLAMPED + "contact")
-    assert run("shell-sim", strip_scene(tmp_path, held, "static", 1e-3)).exit_code == 0
+    effects = SLOPE.replace("contact", CLAMPED + "contact")
+    assert run("shell-sim", strip_scene(tmp_path, effects, "static", 1e-3)).exit_code == 0
 
 
 def test_a_step_longer_than_the_run_is_refused(run, tmp_path):

@@ -181,8 +181,8 @@ def test_remaining_error_of_planted_sequences():
 
 def test_within_prints_the_command_and_misses_are_exit_1(sphere, run, summary):
     report = summary("tradeoff", "geodesic", sphere, "--within", "1e-2", "--repeat", 1)
-    chosen = report["results"]["chosen"]
-    assert chosen["max_error"] <= 1e-2 and chosen["command"].startswith("ddgcli geodesic")
+    cheapest = report["results"]["chosen"]
+    assert cheapest["max_error"] <= 1e-2 and cheapest["command"].startswith("ddgcli geodesic")
     miss = run("tradeoff", "laplacian", sphere, "--truth", "sphere:1", "--within", "1e-9", "--repeat", 1)
     assert miss.exit_code == 1 and "no row is within" in miss.stdout
     assert miss.stdout.startswith("tradeoff laplacian ")

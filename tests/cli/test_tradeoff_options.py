@@ -352,11 +352,13 @@ WITHIN = {
 def test_the_command_printed_for_within_reproduces_its_error(command, inputs, run, compare, tmp_path):
     within, words, small = WITHIN[command]
     results = compare(command, *words, "--within", within)["results"]
-    chosen = results["chosen"]
+    cheapest = results["chosen"]
     good = [row for row in results["rows"] if row["max_error"] <= within]
     assert len(good) < len(results["rows"])  # or the bound excludes nothing
-    assert chosen["setup_seconds"] + chosen["seconds"] == min(r["setup_seconds"] + r["seconds"] for r in good)
-    line = shlex.split(chosen["command"])
+    assert cheapest["setup_seconds"] + cheapest["seconds"] == min(
+        r["setup_seconds"] + r["seconds"] for r in good
+    )
+    line = shlex.split(cheapest["command"])
     reference = None
     if small is not None:
         at = line.index("--duration")
@@ -364,5 +366,5 @@ def test_the_command_printed_for_within_reproduces_its_error(command, inputs, ru
         step = repr(float(line[at + 1]) / steps)
         reference = [command, inputs[command], *problem_options, "--dt", step, *line[at : at + 4]]
     error = error_of(command, line, reference, run, tmp_path)
-    assert error == pytest.approx(chosen["max_error"], rel=1e-4, abs=1e-10)
+    assert error == pytest.approx(cheapest["max_error"], rel=1e-4, abs=1e-10)
     assert error <= within

@@ -192,10 +192,10 @@ def test_rings_by_sorting_are_those_of_the_matrix_product():
         t, some = mesh.topology, np.arange(0, mesh.n_vertices, 3)
         by_faces = rings._adjacency_of(t.faces, t.n_vertices)
         assert np.array_equal(rings.adjacency(t).toarray() > 0, by_faces.toarray() > 0)
-        for chosen in (None, some):
-            centre = np.arange(t.n_vertices) if chosen is None else chosen
+        for vertices in (None, some):
+            centre = np.arange(t.n_vertices) if vertices is None else vertices
             may_grow = t.referenced_vertex[centre]
-            expected = rings._rings_by_product(rings.adjacency(t), chosen, 15, may_grow)
+            expected = rings._rings_by_product(rings.adjacency(t), vertices, 15, may_grow)
             actual = rings._rings_by_sorting(t, centre, 15)
             assert np.array_equal(actual.start, expected.start)
             pieces = [np.split(r.member, r.start[1:-1]) for r in (actual, expected)]

@@ -50,13 +50,13 @@ def bumpy_disk():
 
 
 def far_vertices(mesh, k):
-    chosen = [int(mesh.points[:, 0].argmax())]
+    landmarks = [int(mesh.points[:, 0].argmax())]
     distance = np.full(mesh.n_vertices, np.inf)
     for _ in range(k - 1):
-        apart = np.linalg.norm(mesh.points - mesh.points[chosen[-1]], axis=1)
+        apart = np.linalg.norm(mesh.points - mesh.points[landmarks[-1]], axis=1)
         distance = np.minimum(distance, apart)
-        chosen.append(int(distance.argmax()))
-    return chosen
+        landmarks.append(int(distance.argmax()))
+    return landmarks
 
 
 def angle_sums(mesh):

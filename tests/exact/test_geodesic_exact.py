@@ -98,8 +98,8 @@ def test_several_sources_give_the_minimum_of_single_ones():
     together = exact_distance(mesh, Sources(np.array([3, 200]), points))
     alone = np.stack([exact_distance(mesh, one).distance for one in together_each(points)])
     assert np.allclose(together.distance, alone.min(axis=0), rtol=1e-14, atol=0)
-    chosen = np.take_along_axis(alone, together.nearest_source[None], axis=0)[0]
-    assert np.allclose(chosen, together.distance, rtol=1e-14, atol=0)
+    of_nearest = np.take_along_axis(alone, together.nearest_source[None], axis=0)[0]
+    assert np.allclose(of_nearest, together.distance, rtol=1e-14, atol=0)
 
 
 def together_each(points: SurfacePoints) -> list[Sources]:
@@ -310,15 +310,15 @@ def test_distance_is_a_metric(seed):
     rng = np.random.default_rng(seed)
     mesh = shapes.random_sphere(120, seed)
     mesh = mesh.moved(mesh.points * rng.uniform(0.2, 3, 3) * (1 + 0.2 * rng.normal(size=(120, 1))))
-    chosen = rng.choice(120, 5, replace=False)
-    rows = np.stack([exact_distance(mesh, v).distance for v in chosen])
-    table = rows[:, chosen]
+    vertices = rng.choice(120, 5, replace=False)
+    rows = np.stack([exact_distance(mesh, v).distance for v in vertices])
+    table = rows[:, vertices]
     assert np.abs(table - table.T).max() < 1e-12 * table.max()
     assert (table[:, None, :] <= table[:, :, None] + table[None, :, :] + 1e-12 * table.max()).all()
     edges, length = mesh.topology.edges, np.empty(mesh.topology.n_edges)
     length[mesh.topology.side_edge] = mesh.side_length
     assert (np.abs(rows[:, edges[:, 0]] - rows[:, edges[:, 1]]) <= length + 1e-12 * table.max()).all()
-    straight = np.linalg.norm(mesh.points[None] - mesh.points[chosen][:, None], axis=2)
+    straight = np.linalg.norm(mesh.points[None] - mesh.points[vertices][:, None], axis=2)
     assert (rows >= straight - 1e-12 * table.max()).all()
 
 

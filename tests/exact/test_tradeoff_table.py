@@ -61,10 +61,10 @@ def test_planted_candidates_are_ranked_where_they_belong():
         ),
         repeat=2,
     )
-    chosen = assign_verdicts(table, 1e-3)
+    cheapest = assign_verdicts(table, 1e-3)
     rows = {row.method: row for row in table.rows}
     assert {name for name, row in rows.items() if row.on_front} == {"rough", "good"}
-    assert chosen is rows["good"]
+    assert cheapest is rows["good"]
     assert rows["wrong"].verdict == "misses 0.001"
     assert rows["slow"].verdict.startswith("beaten by good")
     assert rows["good"].max_error == pytest.approx(1e-4) and rows["good"].max_error_at == 3
@@ -117,9 +117,9 @@ def test_quadric_fits_have_no_error_of_zero_where_they_are_the_reference():
 @pytest.mark.parametrize("norm", ["max", "mean"])
 def test_within_never_names_a_row_above(within, norm):
     table = run_problem(problem(*(planted(f"m{k}", 10.0**-k, 0.001) for k in range(5))), repeat=1)
-    chosen = cheapest_within(table.rows, within, norm)
-    assert chosen is None or chosen.error(norm) <= within
-    assert (chosen is None) == all(row.error(norm) > within for row in table.rows)
+    cheapest = cheapest_within(table.rows, within, norm)
+    assert cheapest is None or cheapest.error(norm) <= within
+    assert (cheapest is None) == all(row.error(norm) > within for row in table.rows)
 
 
 def test_an_answer_that_is_not_finite_is_never_within():

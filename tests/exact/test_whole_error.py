@@ -78,8 +78,8 @@ initial = { velocity = ["y - 0.5", "0.5 - x", "0"] }
 
 
 def steady_rows(**options):
-    chosen = {"integrator": "conservative", "tolerance": 1e-4, **options}
-    problem = simulate.fluid_problem(parse_scene(STEADY), None, None, options=chosen)
+    scheme = {"integrator": "conservative", "tolerance": 1e-4, **options}
+    problem = simulate.fluid_problem(parse_scene(STEADY), None, None, options=scheme)
     return run_problem(problem, repeat=0)
 
 
@@ -87,8 +87,8 @@ def test_within_names_no_row_of_a_steady_flow_whose_mesh_is_far_off():
     """A Rossby-Haurwitz wave of one degree does not change: its true error is known at every vertex."""
     table = steady_rows()
     assert assign_verdicts(table, 1e-6) is None and all("misses" in row.verdict for row in table.rows)
-    chosen = {"integrator": "conservative"}
-    problem = simulate.fluid_problem(parse_scene(STEADY), None, None, options=chosen)
+    scheme = {"integrator": "conservative"}
+    problem = simulate.fluid_problem(parse_scene(STEADY), None, None, options=scheme)
     x, y, z = shapes.icosphere(2).points.T
     truth = 10 * x * y * z
     for row, candidate in zip(table.rows[:2], problem.candidates):

@@ -185,7 +185,7 @@ def test_stiffness_damping_keeps_both_momenta_and_takes_energy():
     assert (np.diff(energy) <= 1e-12).all()
 
 
-DROPPED = """
+FALLING_SHELL = """
 [time]
 duration = {duration}
 step = 1e-3
@@ -217,7 +217,7 @@ def test_a_dropped_hat_keeps_its_energy_down_and_its_iterations_few(integrator):
     """The sample scene from 6 ms before it strikes: its waves are far faster than the step, and their energy
     grew until every step took 70 iterations; one that struck ended the implicit midpoint rule."""
     speed = np.sqrt(2 * 9.81 * (1.2 - 0.03))
-    text = DROPPED.format(integrator=integrator, duration=0.06, height=0.03, velocity=-speed)
+    text = FALLING_SHELL.format(integrator=integrator, duration=0.06, height=0.03, velocity=-speed)
     snapshots, contexts, _ = shell_run(text, lambda name: read_mesh(str(SAMPLES / name)))
     energy, iterations = (np.array(scalar(snapshots, name)) for name in ("energy", "newton_iterations"))
     assert len(energy) == 61

@@ -277,12 +277,12 @@ def test_what_failed_is_not_tried_at_every_turn(limit, later):
     model = Model(np.zeros(0), advance, lambda state: shown, lambda s: {"s": s}, lambda a: a["s"])
     snapshots = list(evolve({"m": model}, Schedule(1.0, 10), Account()))
     step_sizes = snapshots[-1].checkpoint["m/s"]
-    tried = sum(len(snapshot.events) for snapshot in snapshots)
+    n_attempts = sum(len(snapshot.events) for snapshot in snapshots)
     assert step_sizes.sum() == pytest.approx(10)
     when = np.cumsum(step_sizes) - step_sizes
     for some_sizes, bound in ((step_sizes[when < 5], limit), (step_sizes[when >= 7], later)):
         assert np.median(some_sizes) > bound / 4 and some_sizes.max() <= bound
-    assert tried < 0.35 * len(step_sizes) + 40
+    assert n_attempts < 0.35 * len(step_sizes) + 40
 
 
 def test_a_run_whose_every_step_needs_a_thousand_parts_ends_and_names_a_step_that_works():

@@ -19,7 +19,7 @@ from ddgcli.models.willmore.state import CONSTRAINED_NEWTON_STOP, DEFAULT_STOP
 from tests.physics.axisymmetric_vesicles import vesicle
 from tests.physics.willmore_runs import assert_falls, energies, run_flow
 
-KEPT = FlowOptions(fix_area=True, fix_volume=True, stop=DEFAULT_STOP)
+CONSTRAINED = FlowOptions(fix_area=True, fix_volume=True, stop=DEFAULT_STOP)
 
 
 def spheroid(reduced_volume, prolate, level, radius=1.0):
@@ -52,7 +52,7 @@ def test_axisymmetric_solutions_are_those_of_the_literature():
     ],
 )
 def test_vesicles_have_the_energy_of_the_axisymmetric_solution(volume, prolate):
-    snapshots, end, _ = run_flow(spheroid(volume, prolate, 4), KEPT)
+    snapshots, end, _ = run_flow(spheroid(volume, prolate, 4), CONSTRAINED)
     assert energies(snapshots)[-1] == pytest.approx(vesicle(volume, prolate)[0], rel=2.5e-3)
     assert snapshots[-1].scalar["reduced_volume"] == pytest.approx(volume, rel=1e-10)
     assert_falls(snapshots)
@@ -71,7 +71,7 @@ def test_newton_steps_reach_the_axisymmetric_solution_on_a_coarse_mesh(volume, p
 
 def test_a_red_blood_cell_is_a_biconcave_disc():
     """Thinner in the middle than at the rim, as thick as the axisymmetric profile."""
-    snapshots, end, _ = run_flow(spheroid(0.6, False, 3), KEPT)
+    snapshots, end, _ = run_flow(spheroid(0.6, False, 3), CONSTRAINED)
     truth, profile = vesicle(0.6, False)
     assert energies(snapshots)[-1] == pytest.approx(truth, rel=0.02)
     r, z = np.hypot(*end.points[:, :2].T), np.abs(end.points[:, 2])
@@ -155,5 +155,5 @@ def test_the_command_says_what_it_lowers(summary, tmp_path):
     words = ("--fix-area", "--spontaneous-curvature", "0.5", "--steps", 2)
     results = summary("willmore-flow", path, *words)["results"]
     assert "H0 = 0.5" in results["energy_convention"] and results["reduced_volume"] > 0.85
-    plain = setup.build(spheroid(0.9, True, 2), KEPT)[0]
+    plain = setup.build(spheroid(0.9, True, 2), CONSTRAINED)[0]
     assert "H0" not in plain.convention

@@ -108,8 +108,8 @@ def test_boundaries_and_held_vertices_stay():
 
     assert rim(done.mesh) == rim(mesh) and old.euler_characteristic == mesh.topology.euler_characteristic
     place = {int(v): k for k, v in enumerate(done.origin) if v >= 0}
-    held = np.flatnonzero(~movable)
-    assert (done.mesh.points[[place[int(v)] for v in held]] == mesh.points[held]).all()
+    fixed = np.flatnonzero(~movable)
+    assert (done.mesh.points[[place[int(v)] for v in fixed]] == mesh.points[fixed]).all()
     assert (done.origin < 0).any()
 
 

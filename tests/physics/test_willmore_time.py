@@ -92,15 +92,15 @@ def test_semi_implicit_steps_are_first_order():
 
 def test_a_step_too_stiff_for_the_first_method_is_taken_by_the_second(monkeypatch):
     mesh = ellipsoids((1.0, 1.0, 2.0))["stretched"](0)
-    tried, step = [], flow.rosenbrock_step
+    step_sizes, step = [], flow.rosenbrock_step
 
     def counted(inner, dt, *rest):
-        tried.append(dt)
+        step_sizes.append(dt)
         return step(inner, dt, *rest)
 
     monkeypatch.setattr(flow, "rosenbrock_step", counted)
     observations, _, shots = run_flow(mesh, duration=0.05, step=0.005)
-    assert len(tried) > 10 and len(set(tried)) == 1  # some twice, none shortened
+    assert len(step_sizes) > 10 and len(set(step_sizes)) == 1  # some twice, none shortened
     assert_falls(observations)
 
 

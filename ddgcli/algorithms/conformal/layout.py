@@ -139,8 +139,8 @@ def _seams(mesh: IntrinsicMesh, cone: NDArray, crossed: NDArray) -> NDArray[np.b
         remaining[edge] = False
         np.subtract.at(degree, ends[edge].ravel(), 1)
         np.bitwise_xor.at(last, ends[edge].ravel(), np.repeat(edge, 2))
-        touched = np.unique(ends[edge])
-        leaf = touched[(degree[touched] == 1) & ~is_seam_end[touched]]
+        end_vertices = np.unique(ends[edge])
+        leaf = end_vertices[(degree[end_vertices] == 1) & ~is_seam_end[end_vertices]]
     seam = np.zeros(len(twin), dtype=bool)
     seam[side[remaining]] = seam[twin[side[remaining]]] = True
     return seam

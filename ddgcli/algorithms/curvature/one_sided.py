@@ -41,9 +41,9 @@ def double_covered(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.int64]]
     steps = dijkstra(graph, indices=vertices.corner[first_face, 0], unweighted=True, min_only=True)
     number = np.arange(size)
     near, far = steps, steps[vertices.mirror]
-    chosen = (near < far) | ((near == far) & (number < vertices.mirror))
+    is_nearer = (near < far) | ((near == far) & (number < vertices.mirror))
     copy = np.zeros(mesh.n_vertices, dtype=np.int64)
-    copy[vertices.below[chosen]] = number[chosen]
+    copy[vertices.below[is_nearer]] = number[is_nearer]
     return cover, copy
 
 

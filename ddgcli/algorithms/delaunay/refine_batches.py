@@ -94,13 +94,13 @@ class Refinement:
         while True:
             some = bad if len(bad) <= self.crowd else self.random.choice(bad, self.crowd, replace=False)
             some = some[np.argsort(smallest[some])]
-            touched = self._insert_at(some)
-            if len(touched) or len(some) == len(bad):
+            changed_edges = self._insert_at(some)
+            if len(changed_edges) or len(some) == len(bad):
                 break
             self.crowd *= 8
-        if len(touched) == 0:
+        if len(changed_edges) == 0:
             return False
-        self.flips += flip_until_delaunay(state, touched)[0]
+        self.flips += flip_until_delaunay(state, changed_edges)[0]
         self.batches += 1
         return True
 

@@ -100,9 +100,9 @@ def _check_fixed(mesh: TriangleMesh | TetMesh, fixed: Mapping[int, float]) -> No
 def _is_of_cells(mesh: TriangleMesh | TetMesh) -> NDArray[np.bool_]:
     """(n,) whether a cell with a size uses a vertex."""
     if isinstance(mesh, TetMesh):
-        used = mesh.tetrahedra[mesh.signed_volume != 0]
+        cells = mesh.tetrahedra[mesh.signed_volume != 0]
     else:
-        used = mesh.faces
-    is_used = np.zeros(mesh.n_vertices, dtype=bool)
-    is_used[used.ravel()] = True
-    return is_used
+        cells = mesh.faces
+    is_corner = np.zeros(mesh.n_vertices, dtype=bool)
+    is_corner[cells.ravel()] = True
+    return is_corner

@@ -36,14 +36,14 @@ class RepairedSolid:
 def check_solid_steps(chosen_steps: RepairSteps) -> list[str]:
     """The chosen steps; ParameterError for none, or for one that tetrahedra do not have."""
     values = asdict(chosen_steps).items()
-    chosen = [name for name, value in values if value is not None and value is not False]
-    if not chosen:
+    steps = [name for name, value in values if value is not None and value is not False]
+    if not steps:
         raise ParameterError("no repair is chosen; name one, such as `drop_degenerate`")
-    for name in chosen:
+    for name in steps:
         if name not in SOLID_STEPS:
             names = ", ".join(f"`{step}`" for step in SOLID_STEPS)
             raise ParameterError(f"is a step of surfaces; tetrahedra have {names}", parameter=name)
-    return chosen
+    return steps
 
 
 def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
@@ -58,20 +58,20 @@ def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
     MeshError
         Where no cell is left.
     """
-    chosen, changes = check_solid_steps(chosen_steps), {}
+    steps, changes = check_solid_steps(chosen_steps), {}
     cell, vertex = np.arange(len(mesh.tetrahedra)), np.arange(mesh.n_vertices)
     corners = mesh.tetrahedra
-    if "drop_degenerate" in chosen:
+    if "drop_degenerate" in steps:
         cell = np.setdiff1d(cell, mesh.flat_tetrahedra)
         changes["drop_degenerate"] = len(corners) - len(cell)
         corners = corners[cell]
         if not len(cell):
             raise MeshError("every tetrahedron is without volume; correct the coordinates")
-    if "orient" in chosen:
+    if "orient" in steps:
         inverted = mesh.signed_volume[cell] < 0
         corners = np.where(inverted[:, None], corners[:, [1, 0, 2, 3]], corners)
         changes["orient"] = int(inverted.sum())
-    if "drop_unused" in chosen:
+    if "drop_unused" in steps:
         vertex, number = np.unique(corners, return_inverse=True)
         corners = number.reshape(-1, 4)
         changes["drop_unused"] = mesh.n_vertices - len(vertex)

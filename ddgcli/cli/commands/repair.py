@@ -110,7 +110,7 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
     run.finish(results, {}, converged=accepted)
 
 
-def _repair_cells(run: Run, source: MeshInput, for_command: str | None, chosen: dict[str, Any]) -> None:
+def _repair_cells(run: Run, source: MeshInput, for_command: str | None, flags: dict[str, Any]) -> None:
     """Repair tetrahedra, and write them with maps to the input."""
     from ddgcli.algorithms.repair.pipeline import RepairSteps, refusals
     from ddgcli.algorithms.repair.solid import check_solid_steps, repair_solid
@@ -118,7 +118,7 @@ def _repair_cells(run: Run, source: MeshInput, for_command: str | None, chosen: 
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.plots.array import draw_array
 
-    steps = RepairSteps(drop_degenerate=True, orient=True) if for_command else RepairSteps(**chosen)
+    steps = RepairSteps(drop_degenerate=True, orient=True) if for_command else RepairSteps(**flags)
     check_solid_steps(steps)
     run.begin((*source.vertex, "input_vertex"), (*source.vertex, *source.face, "input_vertex", "input_cell"))
     repaired = repair_solid(cast(TetMesh, source.mesh), steps)

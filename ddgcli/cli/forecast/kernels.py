@@ -275,11 +275,11 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
 
 
 def _step_uses(
-    kernel: str, size: InputSize, factor: float = 1.0, unknown: Range = KNOWN, tried: float = TRIED_STEPS
+    kernel: str, size: InputSize, factor: float = 1.0, unknown: Range = KNOWN, attempts: float = TRIED_STEPS
 ) -> Use:
-    """The steps of a run; one costs `factor` of the kernel, within a range, and `tried` where steps adapt."""
+    """The steps of a run: `factor` of the kernel each, within a range, or `attempts` of that if adaptive."""
     if size.adaptive:
-        factor, unknown = tried * factor, _product(unknown, ADAPTIVE_RANGE)
+        factor, unknown = attempts * factor, _product(unknown, ADAPTIVE_RANGE)
     if size.steps is None:
         return Use(kernel, factor * DEFAULT_FLOW_STEPS, range=_product(unknown, FLOW_RANGE))
     return Use(kernel, factor * size.steps, range=unknown)
@@ -344,7 +344,7 @@ def _equilibria(kernel: str, size: InputSize) -> Iterator[Use]:
 def _fluid(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("fluid-sim")
     # the fixed points of short steps need fewer iterations than those of the measured ones
-    yield _step_uses(f"fluid-sim {options.get('integrator') or 'circulation'} step", size, tried=1)
+    yield _step_uses(f"fluid-sim {options.get('integrator') or 'circulation'} step", size, attempts=1)
 
 
 def _frame_export(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:

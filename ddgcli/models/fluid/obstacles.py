@@ -109,21 +109,21 @@ def without_obstacles(
                 f"obstacle {name!r} cuts no cell of {context.name!r}; move it, or refine the mesh"
             )
     inside = np.stack([_inside(context, points, faces, at, d) for at, (_, d, _) in zip(sides, obstacles)])
-    kept = ~inside.any(axis=0)
-    if not kept.any():
+    outside = ~inside.any(axis=0)
+    if not outside.any():
         raise ValueError(f"the obstacles leave nothing of {context.name!r}")
     referenced = np.zeros(len(points), dtype=bool)
-    referenced[faces[kept]] = True
+    referenced[faces[outside]] = True
     marks = {}
     for (name, _, _), cut in zip(obstacles, inside):
-        touched = np.zeros(len(points), dtype=bool)
-        touched[faces[cut]] = True
-        marks[name] = touched[referenced]
+        on_obstacle = np.zeros(len(points), dtype=bool)
+        on_obstacle[faces[cut]] = True
+        marks[name] = on_obstacle[referenced]
     number = np.cumsum(referenced) - 1
     return FluidContext(
-        context.name, _mesh(context, points[referenced], number[faces[kept]]),
+        context.name, _mesh(context, points[referenced], number[faces[outside]]),
         {name: values[referenced] for name, values in context.vertex.items()},
-        {name: values[kept] for name, values in context.face.items()},
+        {name: values[outside] for name, values in context.face.items()},
         context.period, context.load, marks,
     )  # fmt: skip
 
@@ -194,8 +194,8 @@ def _smoothed(context: FluidContext, points: NDArray, fixed: NDArray, at: NDArra
     near = at == 0
     for _ in range(3):
         near = near.copy()
-        touched = near[a] | near[b]
-        near[a[touched]] = near[b[touched]] = True
+        crossing = near[a] | near[b]
+        near[a[crossing]] = near[b[crossing]] = True
     free = near & ~fixed
     count = np.bincount(topology.edges.ravel(), minlength=len(points))
     outside = (at[faces] >= 0).all(axis=1) & near[faces].any(axis=1)

@@ -88,7 +88,7 @@ def placed_seeds(context: FluidContext, points: NDArray) -> tuple[NDArray[np.int
     """Cells and weights of points in a volume, or of the nearest points of a surface."""
     cells = context.points[context.cells]
     reach = POINT_TOLERANCE * float(np.ptp(context.points, axis=0).max())
-    chosen, weights = [], []
+    cell_of_point, weights = [], []
     for number, point in enumerate(points):
         if context.is_volume:
             edge = cells[:, 1:] - cells[:, :1]
@@ -105,9 +105,9 @@ def placed_seeds(context: FluidContext, points: NDArray) -> tuple[NDArray[np.int
             outside = bool(np.ptp(context.points[:, 2]) == 0 and distance[best] > reach)
         if outside:
             raise ValueError(f"point {number} at {point.tolist()} lies outside of {context.name!r}; move it")
-        chosen.append(best)
+        cell_of_point.append(best)
         weights.append(weight[best])
-    return np.array(chosen), np.clip(np.array(weights), 0.0, 1.0)
+    return np.array(cell_of_point), np.clip(np.array(weights), 0.0, 1.0)
 
 
 class ParticlesPhase:

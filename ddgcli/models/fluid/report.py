@@ -83,13 +83,13 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
 def _linear_solver_accuracy(models: Mapping[str, FluidModel]) -> dict[str, Any]:
     """Fields of `accuracy` of a run whose steps were solved by conjugate gradients; none otherwise."""
     solvers = [model.space.factor.iterative for model in models.values()]
-    used = [solver for solver in solvers if solver is not None]
-    if not used:
+    iterative = [solver for solver in solvers if solver is not None]
+    if not iterative:
         return {}
     return {
-        "step_solver": used[0].name,
-        "step_solver_iterations": max(solver.most_iterations for solver in used),
-        "step_solver_residual": max(solver.residual for solver in used),
+        "step_solver": iterative[0].name,
+        "step_solver_iterations": max(solver.most_iterations for solver in iterative),
+        "step_solver_residual": max(solver.residual for solver in iterative),
     }
 
 

@@ -86,8 +86,8 @@ def build(parameters: Attach, context: ShellContext) -> list[Any]:
     if parameters.to_vertices is not None or parameters.stiffness is not None:
         raise ValueError("to_vertices and stiffness are for ties to another shell; an obstacle holds exactly")
     kinds = FixedCoordinates | PrescribedMotion
-    held = [term for terms in context.terms.values() for term in terms if isinstance(term, kinds)]
-    if any(term.mask[vertices].any() for term in held):
+    fixed_terms = [term for terms in context.terms.values() for term in terms if isinstance(term, kinds)]
+    if any(term.mask[vertices].any() for term in fixed_terms):
         raise ValueError("a vertex is already held by another effect; leave it out of one of them")
     mask = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
     mask[vertices] = True

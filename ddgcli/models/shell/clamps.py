@@ -35,21 +35,21 @@ def clamped_sides(context: ShellContext) -> ClampedSides:
     return ClampedSides(np.concatenate(sides), np.concatenate(directions))
 
 
-def _directions(mesh: TriangleMesh, side: NDArray, held: NDArray) -> NDArray[np.float64]:
-    """(c, 3) directions across the sides that `held` (3,) axes keep; ValueError where there is none."""
+def _directions(mesh: TriangleMesh, side: NDArray, axes: NDArray) -> NDArray[np.float64]:
+    """(c, 3) directions across the sides whose pins hold `axes` (3,); ValueError where there is none."""
     x, corner = np.asarray(mesh.points), side_corners(mesh.topology)[side]
     inward = inward_directions(x, corner)
     u = unit_vectors(x[corner[:, 1]] - x[corner[:, 0]])
-    if held.all():
+    if axes.all():
         return inward
-    if held.sum() == 2:
-        across = np.cross(u, (~held).astype(float))
+    if axes.sum() == 2:
+        across = np.cross(u, (~axes).astype(float))
         along = np.linalg.norm(across, axis=1) < PARALLEL_TOLERANCE
         direction = np.where(along[:, None], inward, unit_vectors(np.where(along[:, None], inward, across)))
     else:
-        direction = np.broadcast_to(held.astype(float), u.shape)
-        if (np.abs(u @ held) > PARALLEL_TOLERANCE).any():
-            bad = int(np.argmax(np.abs(u @ held)))
+        direction = np.broadcast_to(axes.astype(float), u.shape)
+        if (np.abs(u @ axes) > PARALLEL_TOLERANCE).any():
+            bad = int(np.argmax(np.abs(u @ axes)))
             raise ValueError(
                 f"the edge {corner[bad, 0]} {corner[bad, 1]} is not across the axis that "
                 "its pin holds, so its direction cannot be clamped; hold all axes, or leave clamp out"

@@ -201,19 +201,21 @@ class MidedgeBending:
         """(n, 3) forces that moments about the hinges and the clamped sides are on the vertices."""
         h = len(self.hinges)
         slope = moment[:h, None, None] * hinge.angle_gradient(self._hinge_frame(x))
-        held = moment[h:, None, None] * hinge.angle_gradient(self._clamp_frame(x))[:, :3]
-        return sum_by_index(self.hinges, slope, len(x)) + sum_by_index(self._clamp_corner, held, len(x))
+        clamp_slope = moment[h:, None, None] * hinge.angle_gradient(self._clamp_frame(x))[:, :3]
+        return sum_by_index(self.hinges, slope, len(x)) + sum_by_index(
+            self._clamp_corner, clamp_slope, len(x)
+        )
 
     def turned(self, x: NDArray, move: NDArray) -> NDArray[np.float64]:
         """Change of the angles by a small move (n, 3) of the vertices at x."""
-        slope, held = (
+        slope, clamp_slope = (
             hinge.angle_gradient(self._hinge_frame(x)),
             hinge.angle_gradient(self._clamp_frame(x))[:, :3],
         )
         return np.concatenate(
             [
                 np.einsum("hvi,hvi->h", slope, move[self.hinges]),
-                np.einsum("hvi,hvi->h", held, move[self._clamp_corner]),
+                np.einsum("hvi,hvi->h", clamp_slope, move[self._clamp_corner]),
             ]
         )
 
@@ -227,8 +229,10 @@ class MidedgeBending:
             j = side % 3
             local = np.stack([j, (j + 1) % 3, (j + 2) % 3, opposite + j], axis=1)
             rate[side[:, None], local] = slope[:, order]
-        held, j = self.clamps.side, self.clamps.side % 3
-        rate[held[:, None], (j[:, None] + corner) % 3] = hinge.angle_gradient(self._clamp_frame(x))[:, :3]
+        clamp_side, j = self.clamps.side, self.clamps.side % 3
+        rate[clamp_side[:, None], (j[:, None] + corner) % 3] = hinge.angle_gradient(self._clamp_frame(x))[
+            :, :3
+        ]
         rate[np.arange(3 * m), 6 + np.arange(3 * m) % 3, 0] = self._slope
         rate = rate.reshape(m, 3, 3 * NODES)
         block = np.matmul(rate.transpose(0, 2, 1), np.matmul(self.plate, rate))

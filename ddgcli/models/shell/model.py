@@ -225,10 +225,10 @@ def _own_terms(scene: Scene, context: ShellContext) -> list[Any]:
     if loose.any():
         all_terms.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1)))
     _require_face_arrays(scene, context)
-    held = [
+    masks = [
         any_term.mask for any_term in all_terms if isinstance(any_term, FixedCoordinates | PrescribedMotion)
     ]
-    if held and np.logical_or.reduce(held).all():
+    if masks and np.logical_or.reduce(masks).all():
         log.warning("every vertex of %s is held: it does not move", context.shell.name)
     return all_terms
 

@@ -43,8 +43,8 @@ def build(parameters: Pin, context: ShellContext) -> list[FixedCoordinates]:
     # mid-edge bending has found the edges between the vertices and holds their directions
     directions = any(hasattr(term, "couples") for term in context.terms.get("bending", []))
     if parameters.clamp and not directions:
-        touched = np.isin(context.mesh.faces, vertices).any(axis=1)
-        vertices = np.unique(np.concatenate([vertices, context.mesh.faces[touched].ravel()]))
+        incident = np.isin(context.mesh.faces, vertices).any(axis=1)
+        vertices = np.unique(np.concatenate([vertices, context.mesh.faces[incident].ravel()]))
     mask = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
     for axis in parameters.axes:
         mask[vertices, "xyz".index(axis)] = True

@@ -103,8 +103,8 @@ def equilibrium_problem(simulator: Simulator, options: CommandOptions, error_par
             "the scene looks for equilibria, which have no steps in time: leave out steps, durations and "
             "tolerances, or name another integrator"
         )
-    chosen = {"integrator": options["integrator"]} if "integrator" in options else {}
-    time: Any = resolve(simulator.document, simulator.kind, chosen).time
+    integrator = {"integrator": options["integrator"]} if "integrator" in options else {}
+    time: Any = resolve(simulator.document, simulator.kind, integrator).time
     if time.arc_length is not None:
         raise ParameterError(
             "tradeoff compares equilibria under the whole load; take arc_length out of the scene"
