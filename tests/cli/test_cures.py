@@ -118,6 +118,8 @@ REFUSALS = [
     (moebius, ("delaunay", "--refine", "20"), "one-sided"),
     (moebius, ("curvature", "--scheme", "corrected"), "one-sided"),
     (moebius, FLATTEN, "one-sided"),
+    (moebius, ("geodesic", "--source", "0", "--signed-distance", "edges.npy"), "one-sided"),
+    (turned, ("geodesic", "--source", "0", "--signed-distance", "edges.npy"), "opposite orientation"),
     (holes, ("willmore-flow", "--fix-volume", "--steps", "1"), "needs a closed surface"),
     (flat_faces, ("willmore-flow", "--steps", "1"), "no area"),
     (flat_faces, ("dec",), "no area"),
@@ -132,7 +134,9 @@ REFUSALS = [
 @pytest.mark.parametrize("bad, words, text", REFUSALS)
 def test_the_command_that_a_refusal_names_cures_it(run, tmp_path, monkeypatch, bad, words, text):
     monkeypatch.chdir(tmp_path)
-    write_mesh("bad mesh.ply", AnnotatedMesh(bad()))
+    mesh = bad()
+    write_mesh("bad mesh.ply", AnnotatedMesh(mesh))
+    np.save("edges.npy", mesh.faces[:1, :2])
     outputs = ("-o", "flow.vtkhdf") if words[0] == "willmore-flow" else ()
     outputs = ("-o", "operators.npz") if words[0] == "dec" else outputs
     refused = run(*words, "bad mesh.ply", *outputs)

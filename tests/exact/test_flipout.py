@@ -292,3 +292,31 @@ def test_a_path_that_blocks_itself_has_a_warning(caplog):
     assert not curves.converged and "overlaps itself" in caplog.text
     assert curves.entries[0]["length"] <= curves.entries[0]["edge_path_length"] * (1 + 1e-12)
     assert curves.converged == (curves.accuracy["path_angle_deficit"] < 1e-6)
+
+
+def test_a_path_across_an_edge_of_three_pages_is_not_straight_and_has_a_warning(caplog):
+    """Three squares on one edge: the shortest path crosses the edge inside, where flips do not move it."""
+    square = shapes.grid(4, 4)
+    spine = np.flatnonzero(square.points[:, 0] < 1e-12)
+    pages, faces = [square.points], [square.faces]
+    for k, angle in enumerate((2.0, 4.0), start=1):
+        turned = square.points * [np.cos(angle), 1, 0] + square.points[:, :1] * [0, 0, np.sin(angle)]
+        number = np.arange(square.n_vertices) + k * square.n_vertices
+        number[spine] = spine
+        pages.append(turned)
+        faces.append(number[square.faces])
+    mesh = TriangleMesh.from_arrays(np.concatenate(pages), np.concatenate(faces))
+    start = int(np.argmin(np.abs(square.points[:, :2] - [0.5, 0.75]).sum(axis=1)))
+    first, second = (
+        int(np.argmin(np.abs(square.points[:, :2] - [x, 0.0]).sum(axis=1))) + square.n_vertices
+        for x in (0.25, 0.75)
+    )
+    by_a_vertex = straighten_curves(mesh, [[start, first]], [False])
+    assert by_a_vertex.entries[0]["length"] == pytest.approx(np.hypot(0.75, 0.75), rel=1e-12)
+    assert by_a_vertex.converged and not caplog.text
+    across = straighten_curves(mesh, [[start, second]], [False])
+    assert across.entries[0]["length"] > np.hypot(1.25, 0.75) + 1e-4
+    assert not across.converged and "edges of three or more faces, at 1 vertices" in caplog.text
+    caplog.clear()
+    on_a_page = straighten_curves(mesh, [[start, int(spine[0])]], [False])
+    assert on_a_page.converged and not caplog.text

@@ -20,6 +20,7 @@ from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths, join
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.topology import PREVIOUS
 
 _log = logging.getLogger("ddgcli")
 STRAIGHT_ANGLE_TOLERANCE = 1e-10  # radians; angles above pi minus this are straight
@@ -223,6 +224,13 @@ class Straightener:
             if not finished:
                 why = ": it overlaps itself; other way-points may help" if path.is_self_blocked else ""
                 _log.warning(f"the path through {stops[:5]} could not be straightened everywhere{why}")
+            sharp = self._sharp_between_fans(path.halfedges(), is_closed)
+            if sharp:
+                converged = False
+                _log.warning(
+                    f"the path through {stops[:5]} is not straight where it crosses edges of three or more "
+                    f"faces, at {len(sharp)} vertices (first: {sharp[0]}); way-points choose the vertices"
+                )
             traced_paths.append(trace_on_input(self.tracer, flipping, path.halfedges(), is_closed))
             kind = {
                 "kind": "loop" if is_closed else "straightened",
@@ -236,6 +244,32 @@ class Straightener:
         sharpest = float(np.nanmin(angles, initial=np.pi))
         accuracy = {"path_angle_deficit": np.pi - sharpest}
         return Curves(paths, describe_paths(mesh, paths, kinds, joint), accuracy, converged)
+
+    def _sharp_between_fans(self, halfedges: list[int], closed: bool) -> list[int]:
+        """Vertices where a path goes to another fan of faces and would be shorter across the edge they share.
+
+        Such an edge has three or more faces, so that no flip moves the path along it.
+        """
+        flipping, following = self.flipping, halfedges[1:] + (halfedges[:1] if closed else [])
+        sharp = []
+        for before, after in zip(halfedges, following):
+            back = flipping.twin[before]
+            if flipping.fan[back] != flipping.fan[after]:
+                arriving, leaving = self._fan_ends(back), self._fan_ends(after)
+                turns = [arriving[edge] + leaving[edge] for edge in arriving.keys() & leaving.keys()]
+                if min(turns, default=pi) < pi - STRAIGHT_ANGLE_TOLERANCE:
+                    sharp.append(flipping.tail[after])
+        return sharp
+
+    def _fan_ends(self, h: int) -> dict[int, float]:
+        """Both edges that bound the open fan of a halfedge, with the angles between them and the halfedge."""
+        fans, edge = self.tracer.fans, self.mesh.topology.side_edge
+        fan, post = self.flipping.fan[h], self.flipping.post[h]
+        if not fans.is_open[fan]:
+            return {}
+        first, last = fans.corner[fans.start[fan]], fans.corner[fans.start[fan + 1] - 1]
+        ends = int(edge[first // 3, first % 3]), int(edge[last // 3, PREVIOUS[last % 3]])
+        return dict(zip(ends, (post, float(fans.total_angle[fan]) - post)))
 
 
 def straighten_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: list[bool]) -> Curves:

@@ -14,13 +14,14 @@ from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.sources import Sources, edge_lengths, no_numbers
 from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
 from ddgcli.choices import SIGNED_DISTANCE_METHODS
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import to_space
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import unfold
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.connection import check_tangent_planes, side_angles
 from ddgcli.operators.gradient import divergence
@@ -93,10 +94,7 @@ def check_query(mesh: TriangleMesh, curves: EdgeSet, method: str = "auto") -> ND
         raise ParameterError(
             f"{method!r} is not one of {', '.join(SIGNED_DISTANCE_METHODS)}", parameter="method"
         )
-    if not mesh.topology.is_oriented:
-        raise MeshError(
-            "neighbouring faces have opposite orientation: a curve has no left side; use `repair=orient`"
-        )
+    require(mesh, "signed distance", oriented=True)
     sign = None if method == "heat" else region_signs(mesh, curves)
     if sign is None and method == "exact":
         raise ParameterError(
