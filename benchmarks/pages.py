@@ -3,7 +3,7 @@
 NAME is a bench of `benchmarks/peers`, or PACKAGE.NAME. What the bench prints is stored, with its words and
 the date, in benchmarks/results/NAME.json; the page docs/benchmarks/NAME.md follows from that file alone: the
 question of the bench (first line of its docstring), the command that repeats it, and its tables. Without
-NAME, all pages are written anew from the stored results. A test compares pages and results.
+NAME, all pages are rewritten from the stored results. A test compares pages and results.
 """
 
 from __future__ import annotations

@@ -234,7 +234,7 @@ def page(command: str, rows: list[dict[str, Any]]) -> str:
                 f"{r['setup_seconds']:.2g} | {r['seconds']:.2g} | "
                 f"{mib(r['peak_mib'])} | {'*' if r['on_front'] else ''} |"
             )
-    note = "CPU seconds, one thread. `make accuracy` measures anew."
+    note = "CPU seconds, one thread. `make accuracy` measures again."
     return "\n".join([*text, "", f"{machine()}. {note}", ""])
 
 
@@ -280,7 +280,7 @@ def main() -> int:
         "commands", nargs="*", default=[*STUDIES, *SIMULATIONS], help="commands (default: all)"
     )
     parser.add_argument("--levels", type=int, default=len(LEVELS), help="only the coarsest so many")
-    parser.add_argument("--pages", action="store_true", help="pages and pictures anew from the tables")
+    parser.add_argument("--pages", action="store_true", help="rewrite pages and pictures from the tables")
     parser.add_argument("--check", action="store_true", help="rerun the small meshes and compare")
     options = parser.parse_args()
     store = ATLAS_FOLDER / "check.json"

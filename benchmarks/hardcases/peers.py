@@ -1,7 +1,7 @@
 """The peers on the catalogue's meshes and files: right, refused, crashed, hung, or wrong without a word.
 
 `python -m benchmarks.hardcases.peers [--only FAMILY] [--missing]` stores verdicts in peer_results.json and
-writes the page anew.
+rewrites the page.
 """
 
 from __future__ import annotations

@@ -263,7 +263,7 @@ def run_catalogue(
     missing : bool
         Run only the cells that no earlier run has filled.
     preloaded : bool
-        Fork instead of starting Python anew (see `run_process`).
+        Fork instead of starting a new Python (see `run_process`).
     """
     for case in cases:
         row = results.setdefault(case.name, {})
@@ -299,7 +299,7 @@ def main(words: list[str]) -> int:
     parser.add_argument("--only", action="append", default=[], help="family or case; repeatable")
     parser.add_argument("--command", action="append", default=[], help="column; repeatable")
     parser.add_argument("--missing", action="store_true", help="only cells that no run has filled")
-    parser.add_argument("--preloaded", action="store_true", help="fork instead of starting Python anew")
+    parser.add_argument("--preloaded", action="store_true", help="fork instead of starting a new Python")
     parser.add_argument("--quick", action="store_true", help="a few cells, not stored")
     parser.add_argument("--page", action="store_true", help="only write the page from the stored results")
     options = parser.parse_args(words)

@@ -93,7 +93,7 @@ def _local_rows(
 def _on_cluster(
     tasks: Sequence[Task], limits: TaskLimits, collect: Sequence[str], address: str
 ) -> Generator[tuple[Task, TaskRow], None, None]:
-    """Rows from the workers of a Dask scheduler; after a lost connection the rest is submitted anew."""
+    """Rows from the workers of a Dask scheduler; after a lost connection the rest is submitted again."""
     try:
         from distributed import Client, as_completed
     except ImportError as error:

@@ -15,7 +15,7 @@ MAX_SECANT_RATIO = 0.8
 class Secants:
     """Limited-memory BFGS about a factorisation: J. Nocedal, S. Wright, "Numerical optimization", 2006, 7.2.
 
-    The moves and changes of the gradient of one step; a new factorisation begins anew.
+    The moves and changes of the gradient of one step; a new factorisation starts again.
     """
 
     def __init__(self) -> None:

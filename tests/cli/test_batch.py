@@ -155,7 +155,7 @@ def test_a_batch_with_failures_leaves_its_table_alone_and_resumes_from_it(
     assert {path: path.stat().st_mtime_ns for path in ran.iterdir()} == written
     rows = [line for line in first.splitlines() if b"bad.ply" not in line]
     assert [line for line in table.read_bytes().splitlines() if b"bad.ply" not in line] == rows
-    assert run(*words, "--resume", "--", "info", "--full").exit_code == 1  # another command: all anew
+    assert run(*words, "--resume", "--", "info", "--full").exit_code == 1  # another command: all again
     assert all(path.stat().st_mtime_ns > written[path] for path in ran.iterdir())
     assert not table.with_name(table.name + ".part").exists()
 

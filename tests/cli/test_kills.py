@@ -74,7 +74,7 @@ def test_a_simulator_killed_at_random_moments_and_resumed_ends_with_the_same_bit
         assert_equal_bits(expected, frames_of(broken))
         runs += 1
     if kills >= 100:
-        assert resumed > kills / 4  # kills before the first frame begin anew
+        assert resumed > kills / 4  # kills before the first frame start again
         assert runs > kills / 25  # else one run is all that is compared
         record_property("kills", f"{command}: {killed}, {resumed} resumes, {runs} runs of {cpu:.2f} s")
     assert not list(tmp_path.glob(".*"))

@@ -196,7 +196,7 @@ def test_a_process_that_is_ended_leaves_whole_frames(tmp_path, sign):
     with Trajectory(str(partial_file)) as partial:
         assert partial.n_frames >= 1
         assert np.isfinite(partial.points(partial.n_frames - 1)).all()
-    if sign == signal.SIGKILL:  # what it was laying out anew goes with the next output
+    if sign == signal.SIGKILL:  # what it was laying out again goes with the next output
         os.unlink(temporary_beside(partial_file))
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 

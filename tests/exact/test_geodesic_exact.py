@@ -379,7 +379,7 @@ def test_a_cylinder_of_needles_has_few_windows_and_its_unrolled_distances():
     along = np.minimum(step, around - step) * 2 * np.sin(np.pi / around)
     truth = np.hypot(along, np.asarray(mesh.points)[:, 2])
     assert np.abs(result.distance - truth).max() < 1e-12 * truth.max()
-    assert result.windows < 0.2 * (2 * around) ** 2  # 0.83 where each tie bends a path anew
+    assert result.windows < 0.2 * (2 * around) ** 2  # 0.83 where each tie bends a path again
 
 
 @pytest.mark.parametrize("length", [1e2, 1e3, 1e4])

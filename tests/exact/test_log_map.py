@@ -60,7 +60,7 @@ def test_the_log_map_is_intrinsic():
         exact_distance(intrinsic, sources),
         sources,
         lambda done, total: calls.append((done, total)),
-    )  # without directions: measured anew
+    )  # without directions: measured again
     assert calls and original.miss < 1e-13 and again.miss < 1e-13
     np.testing.assert_allclose(again.log_map, original.log_map, atol=1e-10)
     turned = np.random.default_rng(0).random(mesh.n_faces) < 0.3

@@ -62,7 +62,7 @@ def test_on_open_surfaces_the_default_is_cotan(summary, run, tmp_path):
 
 
 def test_a_run_at_rest_stays_at_rest_after_resume(run, ellipsoid_file, tmp_path, monkeypatch):
-    """Killed between its last frame and the renaming of its file, it started anew."""
+    """Killed between its last frame and the renaming of its file, it started from the beginning."""
     from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.io.trajectories.writer import TrajectoryWriter
 

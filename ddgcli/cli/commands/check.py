@@ -130,7 +130,7 @@ def command(
     try:
         moved, compared = compare(stored["summary"], summary, Tolerances(**tolerance_options))
     except RecursionError:
-        raise MeshFileError(f"{expected_path}: nested too deeply; store it anew with --update") from None
+        raise MeshFileError(f"{expected_path}: nested too deeply; store it again with --update") from None
     for path in set(common.outputs) - set(diff_paths):
         run.write_bytes(
             path, json.dumps(summary, indent=1, ensure_ascii=False).encode(errors="backslashreplace") + b"\n"
@@ -197,7 +197,7 @@ def read_expected(path: str, *, may_miss: bool) -> dict[str, Any]:
         stored = {"summary": stored, "tolerances": stored.get("tolerances", {})}
     problem = _problem(stored)
     if problem:
-        raise MeshFileError(f"{path}: {problem}; store it anew with --update")
+        raise MeshFileError(f"{path}: {problem}; store it again with --update")
     return stored
 
 

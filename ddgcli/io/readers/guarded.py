@@ -232,7 +232,7 @@ def _check_hdf5(allow: Callable[[Any], None]) -> None:
         if isinstance(name, (str, bytes, os.PathLike)):
             allow(os.fspath(name))
         begin(self, name, *args, **kwargs)
-        if not isinstance(name, identifiers):  # `Group.get` wraps its open file anew at every call
+        if not isinstance(name, identifiers):  # `Group.get` wraps its open file again at every call
             refuse_outside(self)
 
     h5py.File.__init__ = checked

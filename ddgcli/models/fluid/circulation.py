@@ -1,12 +1,12 @@
 """Advection by circulation: each dual loop is carried backwards and takes the circulation at its end.
 
-By Kelvin's theorem the circulation along a loop that moves with the flow stays. The circulation of each dual
+By Kelvin's theorem the circulation along a loop that moves with the flow is constant. The circulation of each dual
 edge is measured once and counted with opposite signs for its two loops, so that the total vorticity is
 exact; the new flow is the one whose circulations against all discrete flows agree (a projection).
 
 Loops are carried by the flow of mid-step and meet a velocity that is linear in every face (`recovery`); what
 a face's own velocity has beyond it stays with the face, so that a step of length zero is the identity. The
-step is made forth and back and its error taken off (Dupont and Liu, "Back and forth error compensation",
+step is repeated backwards and half its error subtracted (Dupont and Liu, "Back and forth error compensation",
 2003): of second order in space and time, stable for steps of any length. Where energy or enstrophy would
 rise, just enough smoothing is mixed in that neither does.
 

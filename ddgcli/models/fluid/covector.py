@@ -5,9 +5,9 @@
 The vertices are carried backwards. The line integral of the velocity along every side of a face is measured
 along the carried side, between the velocities that its ends meet; the three numbers of a face make one
 covector, and the discrete flow nearest to all of them is the new flow. What a step of no length would lose is
-added before; the step is made forth and back and half of the error found is taken off. While nothing else
-changes the flow, the map is followed over several steps back to one flow, so that interpolation acts once in
-them. Of second order in space and time; energy and enstrophy never rise.
+added before; the step is repeated backwards, and half of the error at its start is subtracted. While nothing
+else changes the flow, the map is followed over several steps back to one flow, so that interpolation acts
+once in them. Of second order in space and time; energy and enstrophy never rise.
 
 M. S. Nabizadeh, S. Wang, R. Ramamoorthi, A. Chern, "Covector fluids", ACM Transactions on Graphics, 2022.
 """

@@ -2,7 +2,8 @@
 
 As on surfaces (`covector`): the vertices are carried backwards, the line integrals along the carried edges of
 a cell make one covector, and the discrete flow nearest to all of them is the new flow; what a step of no
-length would lose is added before, and the step is made forth and back. Energy never rises.
+length would lose is added before; the step is repeated backwards and half its error subtracted. Energy never
+rises.
 """
 
 from __future__ import annotations

@@ -133,7 +133,7 @@ def _wall_vertices(space: VolumeSpace) -> tuple[NDArray[np.int64], NDArray[np.fl
 
 
 class VolumeTracer:
-    """Values at vertices carried backwards, forth and back, within the bounds of the cell met."""
+    """Values at vertices carried backwards with error compensation, within the bounds of the cell."""
 
     def __init__(self, setting: FluidSetting) -> None:
         self.space, self.paths = setting.volume, setting.volume_paths

@@ -221,7 +221,7 @@ class PairBarrier:
         return pairs, positions
 
     def begin_step(self) -> None:
-        """Search the near pairs anew: a resumed run has the same bits."""
+        """Search the near pairs again: a resumed run has the same bits."""
         self.__dict__.pop("_last_near", None)
         self.mesh.begin_step()
 
