@@ -47,9 +47,10 @@ Wanner 1996; docs/willmore-flow.md).
     "fluid-sim": """
 In the step: 4 for `conservative` (rk4), 2 for `energy` (midpoint rule), 2 for `circulation` (points move with
 the flow at mid-step, back-and-forth error compensation: Dupont and Liu 2003). In the mesh: 2 for
-`conservative` and `energy` (linear elements, Dziuk 1988); `circulation` and `covector`: 2 together with the step, by fitted
-velocities (Zhang and Naga 2005); `covector` has no limit of small steps on one mesh, for every step
-interpolates.
+`conservative` and `energy` (linear elements, Dziuk 1988); `circulation` and `covector`: 2 together with
+the step, by fitted velocities (Zhang and Naga 2005); `covector` has no limit of small steps on one mesh,
+for every
+step interpolates.
 """,
     "shell-sim": """
 In the step: the order of each integrator (Hairer, Lubich, Wanner 2006; Newmark's with gamma = 1/2: 2). In

@@ -1,7 +1,7 @@
 """Advection by circulation: each dual loop is carried backwards and takes the circulation at its end.
 
-By Kelvin's theorem the circulation along a loop that moves with the flow is constant. The circulation of each dual
-edge is measured once and counted with opposite signs for its two loops, so that the total vorticity is
+By Kelvin's theorem the circulation along a loop that moves with the flow is constant. The circulation of each
+dual edge is measured once and counted with opposite signs for its two loops, so that the total vorticity is
 exact; the new flow is the one whose circulations against all discrete flows agree (a projection).
 
 Loops are carried by the flow of mid-step and meet a velocity that is linear in every face (`recovery`); what

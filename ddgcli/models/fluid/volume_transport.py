@@ -2,8 +2,8 @@
 
 `circulation` (chapter 9): the centroids of cells and faces are carried backwards; the circulation along every
 piece of a dual edge, from the centroid of a cell to those of its faces, is measured where it came from, once
-for all loops that it belongs to. Four numbers per cell make a velocity whose circulations around all edges are
-these sums; one solve finds the discrete flow that has them. What a cell's own velocity has beyond the
+for all loops that it belongs to. Four numbers per cell make a velocity whose circulations around all edges
+are these sums; one solve finds the discrete flow that has them. What a cell's own velocity has beyond the
 vertices' stays with the cell. The step is repeated backwards and half of the error subtracted.
 
 `energy`: (du/dt, w) = - (omega x u, w) for all discrete flows w, omega the mean of the vertices' weak curl.
