@@ -123,7 +123,7 @@ def _obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> 
     return obstacle_work(system, before, replace(after, time=before.time + dt), dt)
 
 
-def _swinging(system: System, increment: Increment, motion: Motion) -> Point:
+def _undamped_guess(system: System, increment: Increment, motion: Motion) -> Point:
     """First guess of the schemes that do not damp.
 
     Motions slower than the step keep their acceleration, those faster change its sign from step to step; the
@@ -168,7 +168,7 @@ def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: An
     start = None if system.linear else StoredEnergy.at(_at_start(system, motion), motion.x)
     target = motion.x + 0.5 * dt * motion.v
     increment = Increment(4 / dt**2, target, 2 / dt, motion.x, system.frozen(motion.x, dt, motion.time))
-    middle, count = newton_of(system).minimise(increment, _swinging(system, increment, motion))
+    middle, count = newton_of(system).minimise(increment, _undamped_guess(system, increment, motion))
     x = end.prescribed_state(2 * middle - motion.x, middle, middle)[0]
     v = 2 * (x - motion.x) / dt - motion.v
     a = system.only_free((v - motion.v) / dt)
@@ -219,7 +219,7 @@ def _implicit_newmark(system: System, motion: Motion, dt: float, beta: float, ga
     c = gamma / (beta * dt)
     frozen = system.frozen(x, dt, motion.time)
     increment = Increment(1 / (beta * dt**2), target, c, target - speed / c if frozen else None, frozen)
-    y, count = newton_of(system).minimise(increment, _swinging(system, increment, motion))
+    y, count = newton_of(system).minimise(increment, _undamped_guess(system, increment, motion))
     new = system.only_free(y - target)
     new *= increment.a
     speed += (dt * gamma) * new
@@ -247,7 +247,7 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     increment = Increment(
         9 / dt**2, target, 3 / dt, (4 * middle.x - x) / 3, system.frozen(middle.x, 0.5 * dt, half.time)
     )
-    y, count = newton_of(system).minimise(increment, _swinging(system, increment, middle))
+    y, count = newton_of(system).minimise(increment, _undamped_guess(system, increment, middle))
     speed = (x - 4 * middle.x + 3 * y) / dt
     a = np.where(system.free, (v - 4 * middle.v + 3 * speed) / dt, 0.0)
     after = checked(system, _after(system, y, speed, a, middle.newton + count))
@@ -294,7 +294,7 @@ def _backward_difference(system: System, motion: Motion, dt: float) -> Motion:
     origin, speed = -(now * x + old * past_x) / new, -(now * v + old * past_v) / new
     c = new / dt
     increment = Increment(c * c, origin + speed / c, c, origin, system.frozen(x, dt, motion.time))
-    y, count = newton_of(system).minimise(increment, _swinging(system, increment, motion))
+    y, count = newton_of(system).minimise(increment, _undamped_guess(system, increment, motion))
     after = c * (y - origin)
     a = system.only_free(c * (after - speed))
     return checked(system, _after(system, y, after, a, motion.newton + count))
