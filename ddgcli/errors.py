@@ -1,7 +1,7 @@
 """Exceptions of the project, and their exit codes.
 
 An `InputError` is caused by the call or the input (exit 2, no output file); a `SolveError` is a failed
-computation with valid input (exit 1). Messages say what is wrong, where, and what to do.
+computation with valid input (exit 1). Messages state what is wrong, where, and what to do.
 """
 
 import re

@@ -19,7 +19,7 @@ CGROUP_FILES = (
 
 
 def available_memory(enough: float = float("inf")) -> float:
-    """Bytes that this process can still take without swapping; inf where the system does not say.
+    """Bytes that this process can still take without swapping; inf where the system does not report it.
 
     The least of the memory that the system can free, what is left of the limit of the container, and what is
     left of `ulimit -v`. What the allocator keeps of freed arrays goes back to the system first, unless

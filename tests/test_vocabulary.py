@@ -12,15 +12,15 @@ ROOT = Path(__file__).parents[1]
 FOLDERS = ("ddgcli", "tests", "benchmarks", "docs", "sample_meshes")
 FILES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
 PARTICIPLES = {"asked", "found", "given", "made", "said", "told", "wanted"}
-# words of several meanings: a name says which one it is (`pareto_front`, `trajectory_frame`)
+# words of several meanings: a name states which one it is (`pareto_front`, `trajectory_frame`)
 AMBIGUOUS = {"front", "fronts", "frame", "frames", "part", "parts", "stage", "stages"}
 METAPHORS = {"dial", "dark", "door", "house", "keeper", "lit", "mend", "purse", "sheet", "story", "wishes"}
 # metaphors, and words of speech for programs and data, in prose: `files announce`, `results are unreliable`
 PROSE = re.compile(
     r"\b(pays?|paid|price|lives?|lived|knows?|speaks?|walks|walked|asks?|asked|tells?|told|story|honest(?:ly)?"
-    r"|trusted|trusts|forgets?|remembers?|remembered|remembering|lonely|believes?|nobody"
+    r"|trusted|trusts|says?|said|anew|forgets?|remembers?|remembered|remembering|lonely|believes?|nobody"
     r"|whoever|somebody|deserves?|by itself|stands? (?:beside|behind|still|once|on|in)|stood|goes on|went on"
-    r"|for ever|forever|mends?|mended|spoils?|spoilt|hurts?|wants|wanted|wishes)\b",
+    r"|for ever|forever|afresh|mends?|mended|spoils?|spoilt|hurts?|wants|wanted|wishes)\b",
     re.IGNORECASE,
 )
 PROSE_FILES = sorted(

@@ -5,7 +5,7 @@ Surface Evolver (the command `evolver`, conjugate gradients with its own `sq_mea
 `star_perp_sq_mean_curvature`) starts at the same ellipsoids; both stop at their own energy 1 % above 4 pi.
 Noise: heights of a tenth of an edge on the vertices of a scan, taken away by the smoothing of each tool. The
 length of ours in time is the best of four on that mesh; every other tool has one setting. A tool that is not
-installed has a row that says so. `benchmarks.peers.willmore` prints the tables.
+installed has a row that reports it. `benchmarks.peers.willmore` prints the tables.
 """
 
 from __future__ import annotations

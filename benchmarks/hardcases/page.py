@@ -188,7 +188,7 @@ def _fuzz(runs: dict[str, dict[str, Any]]) -> str:
         "refused run leaves a file, the summary lists other files than there are, an identity is violated "
         "without a warning (area, Gauss-Bonnet, distances along edges, falling energies), a dry run "
         "refuses another call than the run, or in other words, or a refusal names "
-        "an option or a repair that does not cure it: the fuzz does what the message says and runs again.\n"
+        "an option or a repair that does not cure it: the fuzz follows the message and runs again.\n"
     )
     lines += [_row(FUZZ_COLUMNS), _row(["---"] * len(FUZZ_COLUMNS))]
     for name, row in runs.items():

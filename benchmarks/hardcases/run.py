@@ -151,7 +151,7 @@ def _wait(pid: int, deadline: float) -> tuple[int, resource.struct_rusage]:
 
 
 def _resident_mib(pid: int) -> float:
-    """Resident memory of a process; 0 where the system does not say."""
+    """Resident memory of a process; 0 where the system does not report it."""
     try:
         pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
     except (OSError, IndexError):

@@ -91,14 +91,14 @@ def overlay_row(flipped: IntrinsicDelaunay, base: BaseTriangulation, repeat: int
     its cost grows by is the machine's. And the seconds without those that the system hands out memory in.
     """
 
-    def anew() -> tuple[IntrinsicDelaunay, BaseTriangulation]:
+    def fresh_flips() -> tuple[IntrinsicDelaunay, BaseTriangulation]:
         topology = base.mesh.topology
         mesh = TriangleMesh(base.mesh.points, Topology(topology.faces, topology.n_vertices, topology.gluing))
         source = mesh if base.mesh is base.input else base.input
         again = BaseTriangulation(source, mesh, base.input_face, base.interpolation)
         return flip_to_delaunay(mesh, track=True), again
 
-    timing = measure.timed(common_subdivision, repeat, prepare=anew)
+    timing = measure.timed(common_subdivision, repeat, prepare=fresh_flips)
     cut, values = timing.value, np.random.default_rng(0).random(timing.value.mesh.n_faces)
     order = np.random.default_rng(1).permutation(len(values))
     gather = measure.timed(lambda: values.take(order), repeat).median

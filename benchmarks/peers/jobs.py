@@ -2,7 +2,7 @@
 
 python -m benchmarks.peers.jobs [NAME OF A CASE ...]
 
-Wall-clock seconds of a loaded machine say nothing, so the speed-up is that of the longest chain of work: CPU
+Wall-clock seconds of a loaded machine mean nothing, so the speed-up is that of the longest chain of work: CPU
 seconds of the run with one job, over the CPU seconds of the main thread and of the busiest worker with two
 (or half of all workers, if that is more: a batch has a process for each task).
 It is what two quiet cores show, up to waiting for locks. Workers are the threads and processes below the

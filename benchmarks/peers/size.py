@@ -6,7 +6,7 @@ Every row is one process on an irregular sphere (a grid for shells), read from a
 the program and, apart, of the operating system (nearly all the first touch of memory, up to 16 s a GiB on a
 virtual machine whose host takes idle pages back), peak resident memory, what `--dry-run` predicts, and the
 exponent of growth from the next smaller mesh. A row whose prediction exceeds S (180) CPU seconds, M MiB or
-the available memory is not run; the table says so.
+the available memory is not run, and the table reports it.
 
 The vertices of the sphere are numbered at random, unlike those of scans and marching cubes: arrays that
 no cache holds are read out of order, and the seconds per face grow. Delaunay of 2.5M faces takes 23.8 s,

@@ -78,7 +78,7 @@ def create_new(path: str) -> None:
 
 
 def _host() -> str:
-    """Name of this machine: process numbers of another one, on a shared disk, say nothing here."""
+    """Name of this machine: process numbers of another one, on a shared disk, mean nothing here."""
     return os.uname().nodename.replace("-", "").replace(os.sep, "") if os.name == "posix" else ""
 
 

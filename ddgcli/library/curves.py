@@ -28,7 +28,7 @@ __all__ = ["isolines", "shortest_paths", "straighten_paths", "trace"]
 
 @accepts_arrays("surface")
 def isolines(mesh: TriangleMesh, values: ArrayLike, count: int = 10) -> Measurement:
-    """Level lines of a function on vertices at even levels.
+    """Level lines of a function on vertices at evenly spaced levels.
 
     Parameters
     ----------
@@ -43,6 +43,11 @@ def isolines(mesh: TriangleMesh, values: ArrayLike, count: int = 10) -> Measurem
     Measurement
         `mesh` (CurveSet) and `polylines`, higher values on the left; `vertex` holds `level`;
         `results["paths"]` one entry per line (`length`, `closed`, ...).
+
+    Raises
+    ------
+    ParameterError
+        When there is not one value per vertex, or `count` is less than 1.
 
     Examples
     --------

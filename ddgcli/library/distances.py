@@ -45,7 +45,7 @@ class DistanceSolver:
         'exact': distance on the polyhedron. 'heat': two linear systems, factored here. 'fast-marching':
         first order. 'dijkstra': along edges, never too short.
     **options
-        'exact': `tolerance` (slack in edge lengths, 0; errs upwards only). 'heat': `operator`
+        'exact': `tolerance` (allowed error in edge lengths, 0; never too short). 'heat': `operator`
         ('intrinsic-delaunay', 'plain' or 'tufted'), `heat_time` (in squares of the mean edge length, 1),
         `heat_refine` (further rounds of normalising and integrating the gradient, 0).
 
@@ -306,7 +306,12 @@ def distance_gradient(mesh: TriangleMesh, distance: ArrayLike) -> NDArray[np.flo
     Returns
     -------
     (m, 3) ndarray of float64
-        Without unit, of length about 1; zero where a corner is not reached or a face has no area.
+        Dimensionless, of length about 1; zero where a corner is not reached or a face has no area.
+
+    Raises
+    ------
+    ParameterError
+        When there is not one distance per vertex.
 
     Examples
     --------

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ddgcli.mechanics.system import Motion, System
 
 MAX_CORRECTIONS = 60  # of the positions of a step; each gains a factor of the angle that it turns by
-# of an eigenvalue of the constraints' matrix over the largest, at which some of them say the same
+# of an eigenvalue of the constraints' matrix over the largest, below which some of them are redundant
 REDUNDANCE = 1e-12
 
 
@@ -81,7 +81,7 @@ class Projection:
     Raises
     ------
     SolveError
-        Some constraints say the same as others there.
+        Some constraints are redundant there.
     """
 
     def __init__(self, system: System, edges: RigidEdges, x: NDArray) -> None:

@@ -16,9 +16,9 @@ from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import is_dead
 from ddgcli.simulation.model import StepRejected
 
-# of the energy at hand: how far the balance may exceed its minimum, and how far a step may drop it
+# of the available energy: how far the balance may exceed its minimum, and how far a step may drop it
 MAX_ENERGY_RISE, MAX_ENERGY_FALL = 0.01, 0.1
-# of the energy at hand, that impulses give back; a step of implicit Euler that gains more is halved
+# of the available energy, that impulses give back; a step of implicit Euler that gains more is halved
 MAX_GAIN_OF_IMPULSES = 1e-3
 
 
@@ -77,12 +77,12 @@ def balanced(
         Of the forces of these potentials along the step, in J, as the scheme counts it.
     dt : float
     fall : float, optional
-        Joules by which the step may drop the balance; default a tenth of the energy at hand.
+        Joules by which the step may drop the balance; default a tenth of the available energy.
 
     Raises
     ------
     StepRejected
-        The balance would exceed its minimum by more than a hundredth of the energy at hand, or drop by
+        The balance would exceed its minimum by more than a hundredth of the available energy, or drop by
         more than `fall`.
     """
     change = end.energy - start.energy + work
@@ -98,7 +98,7 @@ def balanced(
 def _scales(
     system: System, before: Motion, after: Motion, start: StoredEnergy, end: StoredEnergy, dt: float
 ) -> tuple[float, float]:
-    """Joules at hand in a step, and joules that the iteration and rounding may leave."""
+    """Joules available in a step, and joules that the iteration and rounding may leave."""
     at_hand = max(kinetic(system, before.v) + start.scale, kinetic(system, after.v) + end.scale)
     # what the iteration may leave, as speed; and rounding
     unresolved = float(system.mass.sum()) * (MOVE_TOLERANCE * system.size / dt) ** 2
@@ -135,7 +135,7 @@ def without_gain(
     Raises
     ------
     StepRejected
-        The step gains more than a thousandth of the energy at hand: its force is no mean of those on the way.
+        The gain exceeds a thousandth of the available energy: the force is no mean of those along the path.
     """
     path, change = after.x - before.x, system.only_free(after.v - before.v)
     force = np.where(system.free, end.gradient, 0.5 * (start.gradient + end.gradient))
@@ -150,7 +150,7 @@ def without_gain(
 
 
 def without_excess(system: System, before: Motion, after: Motion, end: StoredEnergy, dt: float) -> Motion:
-    """The motion after a balanced step, without an excess above a thousandth of the kinetic energy at hand.
+    """The motion after a balanced step, without an excess above a thousandth of the available kinetic energy.
 
     The excess is taken from the impulses of the nonlinear potentials. It would otherwise stay at the limit of
     `balanced`, where every small gain rejects a step.

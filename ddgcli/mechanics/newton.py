@@ -266,7 +266,7 @@ class Newton:
     def _direction(
         self, increment: Increment, y: NDArray, g: NDArray, before: float, least: float
     ) -> NewtonStep:
-        """Descent direction by the factorisation at hand and secants, or by the exact Hessian.
+        """Descent direction by the present factorisation and secants, or by the exact Hessian.
 
         The first one of a step is that of the projected Hessian, which costs half and always factorises; in
         contact that of the exact one where definite. `before`: length of the last move; `least`: its error.
@@ -299,7 +299,7 @@ class Newton:
         return direction
 
     def _secant_direction(self, y: NDArray, g: NDArray, before: float) -> NewtonStep | None:
-        """Direction by the factorisation at hand and past moves, or None where it contracts too little.
+        """Direction by the present factorisation and past moves, or None where it contracts too little.
 
         Or where something is in contact: then a move costs a search for contacts, more than a Hessian.
         """

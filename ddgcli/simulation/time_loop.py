@@ -33,7 +33,7 @@ log = logging.getLogger("ddgcli")
 RECOVERY_FACTOR = 8.0  # of the shortest part of a step, what the next one tries first
 STEP_GROWTH = 1.1  # of the part tried, with each that succeeds
 # Rejected steps of a run: some of its steps may need many shorter ones, but if all of them do, the run takes
-# hundreds of times what its scene and its prediction say.
+# hundreds of times what its scene and its prediction state.
 MAX_REJECTED, MAX_REJECTED_PER_STEP = 200, 30
 STOP_REASON_BYTES = 240  # of the reason to stop in a checkpoint, whose arrays keep their shapes
 

@@ -109,7 +109,7 @@ def test_a_scene_that_cannot_fit_is_refused_in_one_line_before_it_starts(
     call, inputs, tmp_path, run, monkeypatch
 ):
     monkeypatch.setattr(prediction, "available_memory", lambda enough=0: 0.01 * MIB)
-    # the process grows between the two runs, and the message says what is available
+    # the process grows between the two runs, and the message states what is available
     monkeypatch.setattr(prediction, "resident_memory", lambda: (MIB, 2 * MIB))
     words = [*call.format(**inputs).split(), "--steps", 1, "-o", tmp_path / "a.vtkhdf"]
     refusal = run(*words, "--dry-run")

@@ -47,7 +47,7 @@ def test_the_estimate_of_the_time_left_only_falls(capsys):
         bar.began, bar.due = time.perf_counter() - elapsed, 0.0
         bar(done)
         seconds.append(int(re.search(r"(\d+) s left", capsys.readouterr().err)[1]))
-    assert seconds == [9, 2, 2, 0]  # the third step alone would say 25
+    assert seconds == [9, 2, 2, 0]  # the third step alone would give 25
 
 
 def test_progress_bar_is_redrawn_during_silent_work(capsys, monkeypatch):

@@ -1,4 +1,4 @@
-"""Every sample mesh passes every mesh command that `info` says accepts it, with default options."""
+"""Every sample mesh passes every mesh command that accepts it according to `info`, with default options."""
 
 import json
 from pathlib import Path
@@ -33,7 +33,7 @@ def test_every_sample_succeeds_where_info_accepts_it(run, path):
     for command, options in OPTIONS.items():
         result = run(command, path, *options, "--json")
         if accepts[command] is not True and accepts[command] != "yes":
-            assert result.exit_code == 2, f"{command} {path.name}: info says {accepts[command]}"
+            assert result.exit_code == 2, f"{command} {path.name}: info reports {accepts[command]}"
             continue
         assert result.exit_code == 0, f"{command} {path.name}: {result.stderr}"
         results = json.loads(result.stdout)["results"]

@@ -197,7 +197,7 @@ def test_divided_and_rejected_steps_stand_in_the_log(run, tmp_path):
     )
     assert json.loads(stopped.stdout)["results"]["rejected_steps"] == 2  # divided at the start, and crossed
     partial_file = tmp_path / "stopped.vtkhdf.part"
-    for _ in range(2):  # a resumed run fails again, and says so once
+    for _ in range(2):  # a resumed run fails again, with one message
         with Trajectory(str(partial_file)) as ours:
             assert ours.attributes["status"] == "failed" and ours.n_frames >= 1
             kinds = list(ours.log["kind"])

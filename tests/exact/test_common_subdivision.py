@@ -117,7 +117,7 @@ def test_linear_functions_are_transferred_exactly(case):
 def test_interpolants_over_the_intrinsic_triangulation_are_linear_along_its_edges():
     mesh = CASES["planar"]()
     cut = common_subdivision(flip_to_delaunay(mesh, track=True), BaseTriangulation.itself(mesh))
-    # in the plane the vertices are where the intrinsic interpolation of the positions says
+    # in the plane the vertices are where the intrinsic interpolation of the positions places them
     assert np.abs(cut.from_intrinsic @ mesh.points - cut.mesh.points).max() < 1e-12
 
 

@@ -1,4 +1,4 @@
-"""Exterior derivatives are exact; the three stars agree where theory says they do."""
+"""Exterior derivatives are exact; the three stars agree where theory predicts it."""
 
 from itertools import combinations
 from math import factorial

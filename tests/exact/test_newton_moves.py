@@ -54,7 +54,7 @@ def test_assembly_sums_symmetric_blocks(has_fixed):
 
 
 def test_assembly_by_pairs_equals_that_of_whole_blocks():
-    """Elements that translation does not change: pairs say all, in any order of vertices."""
+    """Elements that translation does not change: pairs contain everything, in any order of vertices."""
     rng = np.random.default_rng(1)
     n, stencils = 7, [rng.permuted(np.tile(np.arange(7), (5, 1)), axis=1)[:, :s] for s in (3, 4, 2)]
     free = rng.random((n, 3)) > 0.4

@@ -1,4 +1,4 @@
-"""The samples are what their README says, and come out of their script byte for byte."""
+"""The samples are what their README states, and their script reproduces them byte for byte."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Shapes are what they say: closed, outward, of the right Euler characteristic."""
+"""Shapes have the stated properties: closed, outward, of the right Euler characteristic."""
 
 import numpy as np
 import pytest

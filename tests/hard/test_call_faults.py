@@ -28,7 +28,7 @@ def test_dual_edges_to_a_circumcentre_at_infinity_are_left_out(run, tmp_path):
     points = np.array([[0.0, 0, 0], [2, 0, 0], [1, 0, 0], [0, 1, 0], [5, 0, 0], [6, 0, 0], [5, 1, 0]])
     mesh = TriangleMesh.from_arrays(points, np.array([[0, 2, 1], [4, 5, 6]]))  # the first has no area
     result = run("delaunay", written(tmp_path / "a.npz", mesh), "--dual", tmp_path / "d.vtp")
-    assert result.exit_code == 1  # its residuals are not finite, as a warning says
+    assert result.exit_code == 1  # its residuals are not finite, as a warning states
     lines = read_mesh(str(tmp_path / "d.vtp")).mesh
     assert np.isfinite(lines.points).all()
     assert len(lines.points)

@@ -1,6 +1,6 @@
 """Flips, overlay and refinement of every shared mesh and every hard file: right, or refused with a cure.
 
-The large ones are slow tests; what docs/delaunay.md says of them is counted by
+The large ones are slow tests; what docs/delaunay.md states of them is counted by
 `python -m benchmarks.peers.delaunay --only shared`.
 """
 

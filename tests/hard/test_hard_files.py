@@ -75,7 +75,7 @@ FLOW_IN_A_BODY = "--flow vortex-ring --integrator energy --dt 0.01 --steps 1"
 def words_of(command: str, path: Path) -> list[str]:
     """Words of a command, with a vertex of the surface where one is required."""
     vertex = "0"
-    with contextlib.suppress(InputError, IndexError, AttributeError):  # the command itself will say so
+    with contextlib.suppress(InputError, IndexError, AttributeError):  # the command itself will report it
         if "VERTEX" in COMMANDS[command]:
             vertex = str(read_mesh(str(path)).mesh.faces[0, 0])
         if command == "fluid-sim" and read_mesh(str(path)).kind == "tetrahedra":

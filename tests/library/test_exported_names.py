@@ -146,7 +146,7 @@ def imported_from_outside(package: str, sources: dict[str, str]) -> set[str]:
 @pytest.mark.parametrize("folder", PACKAGES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_every_package_describes_itself_and_lists_its_public_modules(folder):
     package = importlib.import_module(dotted(folder))
-    assert len((package.__doc__ or "").split()) >= 10, "say in a paragraph what the package holds"
+    assert len((package.__doc__ or "").split()) >= 10, "describe in a paragraph what the package contains"
     modules = {p.stem for p in folder.glob("*.py")} | {p.parent.name for p in folder.glob("*/__init__.py")}
     assert set(package.__all__) <= modules, "__all__ lists a module that is not there"
     sources = {dotted(path): path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}

@@ -86,7 +86,7 @@ def test_no_step_is_so_long_that_it_gives_energy(name, step):
 
 @pytest.mark.parametrize("name", ["newmark", "implicit-midpoint"])
 def test_short_steps_do_not_add_up_what_the_solver_leaves(name):
-    """Four hundred steps far shorter than the motion needs: as near to Verlet as their order says."""
+    """Four hundred steps far shorter than the motion needs: as near to Verlet as their order predicts."""
     apart = end(name, 1e-5, 4e-3).vertex["velocity"] - end("verlet", 1e-5, 4e-3).vertex["velocity"]
     assert np.abs(apart).max() < 4e-9
 

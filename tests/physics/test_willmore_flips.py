@@ -61,7 +61,7 @@ def test_no_flip_turns_a_sharp_edge_or_touches_fixed_vertices():
 
 @pytest.mark.parametrize("energy", ["gauss-map", "cotan"])
 def test_energies_agree_on_a_torus_with_bad_triangles(energy):
-    """`gauss-map` fell to 19.4 in one step, where `cotan` said 23.6."""
+    """`gauss-map` fell to 19.4 in one step, where `cotan` was 23.6."""
     observations, end, shots = run_flow(slanted_torus(), FlowOptions(energy=energy, stop=DEFAULT_STOP))
     values = [setup.ENERGIES[name].of(end).value(end.points) for name in ("gauss-map", "cotan")]
     assert values == pytest.approx([2 * np.pi**2] * 2, rel=0.012)

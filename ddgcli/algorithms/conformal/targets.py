@@ -168,7 +168,7 @@ def _check_total(mesh: TriangleMesh, angle: NDArray) -> None:
             raise ParameterError(
                 f"a closed surface of genus {topology.genus} needs cones, whose 360 minus angle sum to "
                 f"{360 * euler} (Gauss-Bonnet): {2 * abs(euler)} vertices with {360 - 180 * np.sign(euler)} "
-                f"degrees, say; or {cure('no boundary', topology)}",
+                f"degrees, for example; or {cure('no boundary', topology)}",
                 parameter="cone",
             )
         where = "vertices" if topology.is_closed else "vertices, 180 minus it on the boundary,"

@@ -1,4 +1,4 @@
-"""Mean curvature of a few vertices in balls of growing radius: what its changes say about the error.
+"""Mean curvature of a few vertices in balls of growing radius: what its changes show about the error.
 
 From one radius to the next, longer by the square root of two, the error of noise falls by a factor of about
 three and the bias doubles. So the change between the two is about the error at the smaller one, whichever of

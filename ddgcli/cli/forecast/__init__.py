@@ -1,6 +1,6 @@
 """Peak memory and time of a command before it computes: `--dry-run`, and the refusal of what cannot fit.
 
-`kernels` says what a command computes for its options, `coefficients` (generated) what a kernel costs,
+`kernels` lists what a command computes for its options, `coefficients` (generated) what a kernel costs,
 `prediction` adds both up and scales seconds by a probe of this machine, commands call `check_cost`.
 """
 

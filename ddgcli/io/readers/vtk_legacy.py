@@ -189,7 +189,7 @@ def _attribute(words: _Words, word: str, length: int, into: dict[str, NDArray]) 
         words.next()
         for _ in range(words.count()):
             name, width, rows, kind = words.next(), words.count(), words.count(), words.next()
-            if kind.lower() not in TYPES:  # text, say
+            if kind.lower() not in TYPES:  # such as text
                 return False
             _store(into, name, words.values(width * rows, kind), width)
             _pass_metadata(words)

@@ -191,7 +191,7 @@ class Trajectory:
             or int(frame_and_log[0]) != last
         ):
             raise MeshFileError(
-                f"{self.path}: the checkpoint of frame {last} is missing; start the run afresh"
+                f"{self.path}: the checkpoint of frame {last} is missing; start the run again"
             )
         return slot
 

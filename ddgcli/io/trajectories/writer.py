@@ -82,7 +82,7 @@ class TrajectoryWriter:
         ----------
         trajectory_frame : TrajectoryFrame
             The names and shapes of its arrays are those of the first frame, but for the number of vertices
-            where the header says that it changes.
+            where the header states that it changes.
         checkpoint : dict of str to ndarray
         effects : rows (name, calls, seconds)
         log : rows (step, time, kind, place, value, detail)

@@ -104,7 +104,7 @@ class Breaking:
                 surfaces[name] = surface
                 shells[name] = split_context(shells[name], surface.faces, surface.origin)
             calls, group = dict(self._account.calls), replace(self._group, shells=shells)
-            with _quiet():  # what the whole shells are warned of has been said
+            with _quiet():  # the whole shells have issued these warnings
                 system, model = self._build(group)
             self._account.calls = calls  # a resumed run builds other epochs than a whole one
             while len(self._epochs) >= MAX_EPOCHS:

@@ -27,7 +27,7 @@ log = logging.getLogger("ddgcli")
 FORCE, MOMENT = "reaction_force_", "reaction_moment_"
 CONTACT_FORCE, CONTACT_MOMENT = "contact_force_", "contact_moment_"
 Order = Sequence[tuple[str, int]]  # system and number of vertices of each shell
-# of the energy at hand: more is description; more makes the result unreliable, exit 1
+# of the available energy: more is description; more makes the result unreliable, exit 1
 ENERGY_GROWTH_WARNING, ENERGY_GROWTH_FAILURE = 0.1, 1.0
 
 
@@ -282,7 +282,7 @@ def failure_reason(outcome: Outcome, least: RunRounding) -> str:
     A smaller rise is a warning.
 
     Energy that rises above the start and the work of handles, of loads that change in time and of wind comes
-    from the scheme. The scale is the energy at hand: that of the start above the lowest potential energy of
+    from the scheme. The scale is the available energy: that of the start above the lowest potential energy of
     the run, and the largest work from outside.
     """
     total, kinetic = outcome.series["energy"], outcome.series["energy_kinetic"]

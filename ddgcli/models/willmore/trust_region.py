@@ -209,7 +209,7 @@ def descending_newton_step(
     least_radius: float,
     along_normals: bool = True,
 ) -> TrustRegionStep | None:
-    """A Newton step, in ever smaller trust regions until the energy falls as the quadratic model says.
+    """A Newton step, in ever smaller trust regions until the energy falls as the quadratic model predicts.
 
     Vertices move along their normals: along the surface minima are those of the mesh, of ever worse faces.
     Where area or volume is kept, the model is that of the Lagrangian among motions tangent to the
