@@ -16,7 +16,7 @@ OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 ADVICE = re.compile(
     r"(use|or|e\.g\.|add|give|needs) (--[a-z][a-z-]+)(?: ((?!or\b|and\b|to\b|is\b|for\b)[\w.:=-]+))?"
 )
-REPAIR = re.compile(r"ddgcli repair (?:[^;]|;(?! ))*?-o (?:\S+-)?repaired\.ply")
+REPAIR = re.compile(r"ddgcli repair (?:[^;]|;(?! ))*?-o (?:\S+-)?repaired\.(?:ply|vtu)")
 DROPS = re.compile(
     r"leave (?:it|them|this|that|one|--[a-z-]+) out|leave out|drop|exclude each other|give one|keep one"
 )
@@ -79,7 +79,7 @@ def cures(words: list[str], message: str, place: Place, mesh_name: str) -> Itera
     present = {name for name, _, _ in spans(words, command)}
     for match in REPAIR.finditer(message):
         repair = shlex.split(match.group(0))[1:]
-        output = "{folder}/repaired.ply"
+        output = "{folder}/" + repair[-1].rpartition("-")[2]
         if repair[1] == mesh_name:
             before = ("repair", "{input}", *repair[2:-1], output)
             superfluous = OPTION.findall(" ".join(LEAVE.findall(message[match.end() :])))

@@ -71,7 +71,12 @@ def _from_here(path: str) -> str:
 def with_repair_of_input(message: str, meta: Mapping[str, Any]) -> str:
     """The message with the repair that it names as a command on the input mesh of a run, from its context."""
     holds_tetrahedra = meta.get("ddgcli.tetrahedra", False)
-    return with_repair_command(message, meta.get("ddgcli.mesh", ()), tetrahedra=holds_tetrahedra)
+    return with_repair_command(message, _read_words(meta), tetrahedra=holds_tetrahedra)
+
+
+def _read_words(meta: Mapping[str, Any], path: str = "") -> tuple[str, ...]:
+    """Words that read the input mesh of a run, or the mesh of this path."""
+    return path or meta.get("ddgcli.mesh", "MESH"), *meta.get("ddgcli.read_options", ())
 
 
 def error_line(error: DdgError, context: click.Context) -> str:
@@ -79,7 +84,7 @@ def error_line(error: DdgError, context: click.Context) -> str:
     message = error_text(error, context.meta.get("ddgcli.options", {}))
     mesh, meta = getattr(error, "mesh", None), context.meta
     if mesh:
-        message = with_repair_command(message, (_from_here(mesh),))
+        message = with_repair_command(message, _read_words(meta, _from_here(mesh)))
     else:
         message = with_repair_of_input(message, meta)
     path = context.meta.get("ddgcli.input")

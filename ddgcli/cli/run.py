@@ -68,6 +68,9 @@ class Run:
         meta = self._context.meta
         self.clock = RunClock(meta.pop("ddgcli.began", time.perf_counter()), meta["ddgcli.imports"])
         self.command, self.common = command, common
+        form = common.input_format
+        if form and form.strip(".").lower() != "toml":  # of a mesh, not of a scene that names meshes
+            meta["ddgcli.read_options"] = ("--input-format", form)
         picture = {name: getattr(common, name) for name in ("colors", "view", "show", "size")}
         options |= {name: value for name, value in picture.items() if value is not None}
         self.options = {name: plain(value) for name, value in options.items()}
@@ -177,8 +180,7 @@ class Run:
             if message := kind_error(source.mesh, accept, self.command, path):
                 raise MeshError(f"{path}: {message}")
             self._context.meta["ddgcli.input"] = path
-            form = self.common.input_format
-            self._context.meta["ddgcli.mesh"] = (path, *(("--input-format", form) if form else ()))
+            self._context.meta["ddgcli.mesh"] = path
             self._context.meta["ddgcli.tetrahedra"] = source.kind == "tetrahedra"
             self._inputs[path] = source.digest.sha256
             if self._planned_outputs:  # needed later: computed now, it releases the bytes of the file

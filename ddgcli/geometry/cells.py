@@ -8,10 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, face_area
-from ddgcli.mesh.cures import cure
-from ddgcli.mesh.require import no_area_error, refuse_flat_faces
+from ddgcli.mesh.require import no_area_error, refuse_flat_cells, refuse_flat_faces
 from ddgcli.mesh.tet_mesh import FLAT_VOLUME_TOLERANCE, TET_EDGES
 
 # local edges of a triangle: its sides in order
@@ -95,11 +93,7 @@ def tetrahedron_metric(edge_length: NDArray) -> CellMetric:
     scale = np.maximum(edge_length.max(axis=1), np.finfo(float).tiny)
     determinant = np.linalg.det(gram / scale[:, None, None] ** 2)
     volume = np.sqrt(np.maximum(determinant, 0.0)) / 6.0
-    flat = np.flatnonzero(~(volume > FLAT_VOLUME_TOLERANCE))
-    if len(flat):
-        raise MeshError(
-            f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); {cure('no volume')}"
-        )
+    refuse_flat_cells(np.flatnonzero(~(volume > FLAT_VOLUME_TOLERANCE)), len(volume))
     inverse = np.linalg.inv(gram)
     product = np.zeros_like(squared)
     product[:, 1:, 1:] = inverse

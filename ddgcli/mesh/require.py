@@ -239,7 +239,7 @@ def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> N
     requirement = REQUIREMENTS[verb]
     if isinstance(mesh, TetMesh):
         if requirement.volume:
-            _require_volume(mesh)
+            refuse_flat_cells(mesh.flat_tetrahedra, len(mesh.tetrahedra))
         if requirement.positive_volume and (mesh.signed_volume < 0).any():
             bad = np.flatnonzero(mesh.signed_volume < 0)
             raise MeshError(f"{len(bad)} tetrahedra are inverted (first: {bad[0]}); {cure('inverted')}")
@@ -301,9 +301,12 @@ def refuse_flat_faces(
     )
 
 
-def _require_volume(mesh: TetMesh) -> None:
-    flat = mesh.flat_tetrahedra
-    if len(flat):
-        raise MeshError(
-            f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); {cure('no volume')}"
-        )
+def refuse_flat_cells(flat: NDArray, n_cells: int) -> None:
+    """MeshError with the count and the first of the tetrahedra `flat`, if there are any, and the repair."""
+    if len(flat) == 0:
+        return
+    if len(flat) == n_cells:  # their removal would leave nothing
+        raise MeshError(f"none of the {n_cells} tetrahedra has a volume; check the coordinates")
+    raise MeshError(
+        f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); {cure('no volume')}"
+    )

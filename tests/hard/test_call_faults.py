@@ -2,6 +2,8 @@
 
 import io
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -50,6 +52,28 @@ def test_a_surface_without_any_area_is_not_sent_to_a_repair_that_leaves_no_face(
         result = run(*words)
         assert "none of the 1 faces has an area" in result.stderr
         assert "repair" not in result.stderr
+
+
+def test_tetrahedra_without_any_volume_are_not_sent_to_a_repair_that_leaves_no_cell(run, tmp_path):
+    np.savez(
+        tmp_path / "t.npz", points=[[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], tetrahedra=[[0, 1, 2, 3]]
+    )
+    for command, *words in (("laplacian",), ("fluid-sim", "--steps", 1), ("repair", "--drop-degenerate")):
+        result = run(command, tmp_path / "t.npz", *words, "-o", tmp_path / "out.vtu")
+        assert result.exit_code == 2
+        assert "none of the 1 tetrahedra has a volume; check the coordinates" in result.stderr
+
+
+def test_the_repair_of_a_mesh_from_standard_input_names_its_format_for_scenes_too(run, tmp_path):
+    points, faces = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]]), np.array([[0, 1, 2], [0, 1, 3]])
+    content = Path(written(tmp_path / "a.npz", TriangleMesh.from_arrays(points, faces))).read_bytes()
+    words = ("--effect", "stretching", "--steps", 1, "--dt", 1e-3)
+    result = run("shell-sim", "-", "--input-format", "npz", *words, input=content)
+    repair = re.search(r"ddgcli (repair MESH .*) -o (\S+)$", result.stderr.strip())
+    assert result.exit_code == 2 and repair
+    arguments = [*repair.group(1).replace("MESH", "-").split(), "-o", tmp_path / repair.group(2)]
+    assert run(*arguments, input=content).exit_code == 0
+    assert run("shell-sim", tmp_path / repair.group(2), *words).exit_code == 0
 
 
 @pytest.mark.parametrize("height, code", [(1e-9, 2), (1e-6, 0)])

@@ -86,7 +86,9 @@ def test_flat_tetrahedra_are_counted_the_first_is_named_and_the_cure_works():
     face = box.tetrahedra[0, :3]
     points = np.vstack([box.points, box.points[face].mean(axis=0)])  # a fourth vertex within the face
     cells = np.vstack([box.tetrahedra, [*face, len(box.points)]])
-    assert "1 tetrahedra have no volume (first: 48); remove" in refusal(FORCE, mesh=TetMesh(points, cells))
+    assert "1 tetrahedra have no volume (first: tetrahedron 48); remove" in refusal(
+        FORCE, mesh=TetMesh(points, cells)
+    )
     run_fluid(FORCE, TIME, mesh=TetMesh(points, cells[:-1]))
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.repair.pipeline import RepairSteps
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import ParameterError
+from ddgcli.mesh.require import refuse_flat_cells
 from ddgcli.mesh.tet_mesh import TetMesh
 
 SOLID_STEPS = ("drop_degenerate", "orient", "drop_unused")
@@ -62,11 +63,12 @@ def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
     cell, vertex = np.arange(len(mesh.tetrahedra)), np.arange(mesh.n_vertices)
     corners = mesh.tetrahedra
     if "drop_degenerate" in steps:
-        cell = np.setdiff1d(cell, mesh.flat_tetrahedra)
+        flat = mesh.flat_tetrahedra
+        if len(flat) == len(corners):
+            refuse_flat_cells(flat, len(corners))
+        cell = np.setdiff1d(cell, flat)
         changes["drop_degenerate"] = len(corners) - len(cell)
         corners = corners[cell]
-        if not len(cell):
-            raise MeshError("every tetrahedron is without volume; correct the coordinates")
     if "orient" in steps:
         inverted = mesh.signed_volume[cell] < 0
         corners = np.where(inverted[:, None], corners[:, [1, 0, 2, 3]], corners)

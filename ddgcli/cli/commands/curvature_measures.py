@@ -38,7 +38,9 @@ class MeasureOptions:
         if self.offset is None:
             for name in ("offset_output", "offset_angle"):
                 if getattr(self, name) != getattr(type(self), name):
-                    raise ParameterError("belongs to `offset`; give that too", parameter=name)
+                    raise ParameterError(
+                        "belongs to `offset`; give that too, or leave this out", parameter=name
+                    )
 
 
 class Region(click.ParamType):

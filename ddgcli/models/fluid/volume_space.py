@@ -27,7 +27,7 @@ from ddgcli.errors import MeshError
 from ddgcli.linalg.constrain import Dirichlet, components
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.cures import cure
-from ddgcli.mesh.require import require_manifold_cells
+from ddgcli.mesh.require import refuse_flat_cells, require_manifold_cells
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.models.fluid.state import FluidState
@@ -44,13 +44,11 @@ def require_volume(mesh: TetMesh) -> None:
     """MeshError where cells are flat or inverted, or a face has more than two cells."""
     corner = mesh.points[mesh.tetrahedra]
     edge = np.linalg.norm(corner[:, :, None] - corner[:, None], axis=3).max(axis=(1, 2))
-    for bad, what, defect in (
-        (mesh.signed_volume < -FLAT_CELL_TOLERANCE * edge**3, "are inverted", "inverted"),
-        (~(mesh.signed_volume > FLAT_CELL_TOLERANCE * edge**3), "have no volume", "no volume"),
-    ):
-        if bad.any():
-            first = np.flatnonzero(bad)[0]
-            raise MeshError(f"{int(bad.sum())} tetrahedra {what} (first: {first}); {cure(defect)}")
+    inverted = np.flatnonzero(mesh.signed_volume < -FLAT_CELL_TOLERANCE * edge**3)
+    if len(inverted):
+        raise MeshError(f"{len(inverted)} tetrahedra are inverted (first: {inverted[0]}); {cure('inverted')}")
+    flat = np.flatnonzero(~(mesh.signed_volume > FLAT_CELL_TOLERANCE * edge**3))
+    refuse_flat_cells(flat, len(mesh.tetrahedra))
     require_manifold_cells(mesh)
 
 
