@@ -1,5 +1,7 @@
 """Implicit smoothing: exact laws, the maximum principle, thin parts, and gates on what went wrong."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
@@ -155,3 +157,24 @@ def test_a_surface_of_which_much_collapses_ends_with_exit_one(run, tmp_path):
     assert result.exit_code == 1
     assert "shrank to lines or points" in result.stderr
     assert run("laplacian", path, "--smooth", 0.1, "--smooth-flow", "conformalized").exit_code == 0
+
+
+def test_the_warning_of_a_collapse_names_only_times_that_are_shorter_and_another_flow(run, tmp_path):
+    """On a sharp cone of few faces the squared mean edge is longer than the time of the tip's collapse."""
+    around, rings = 24, 6
+    angle = 2 * np.pi * np.arange(around) / around
+    ring = np.stack([0.05 * np.cos(angle), 0.05 * np.sin(angle), np.ones(around)], axis=1)
+    points = np.concatenate([np.zeros((1, 3)), *(ring * (i + 1) / rings for i in range(rings))])
+    j, i = np.arange(around), np.arange(rings - 1)[:, None]
+    a, b = 1 + i * around + j, 1 + i * around + (j + 1) % around
+    quads = np.stack([a, a + around, b + around, a, b + around, b], axis=-1).reshape(-1, 3)
+    faces = np.concatenate([np.stack([0 * j, 1 + j, 1 + (j + 1) % around], axis=1), quads])
+    path = tmp_path / "cone.npz"
+    write_mesh(str(path), AnnotatedMesh(TriangleMesh.from_arrays(points, faces)))
+    for flow in ("mean-curvature", "conformalized"):
+        result = run("laplacian", path, "--smooth", 0.01, "--smooth-flow", flow, "--json")
+        line = next(line for line in result.stderr.splitlines() if "shrank to lines or points" in line)
+        collapse = float(line.split("after time ")[1].split(":")[0])
+        named = [float(t) for t in re.findall(r"([0-9.e-]+) (?:removes|changes)", line)]
+        assert named and max(named) < collapse
+        assert ("--smooth-flow" in line) == (flow == "mean-curvature")

@@ -275,22 +275,24 @@ def _smooth(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCa
     result.accuracy["smooth_box_growth"] = smoothed.box_growth
     result.converged &= smoothed.in_box and smoothed.time >= tasks.smooth * (1 - 1e-9)
     result.converged &= smoothed.collapsed <= MAX_COLLAPSED_SHARE * before.n_vertices
-    _warn_of_smoothing(smoothed, tasks.smooth, f"{edge:.2g} removes noise, {shape:.2g} changes the shape")
+    _warn_of_smoothing(smoothed, tasks.smooth, flow, {"removes noise": edge, "changes the shape": shape})
 
 
-def _warn_of_smoothing(smoothed: SmoothingResult, time: float, advice: str) -> None:
+def _warn_of_smoothing(smoothed: SmoothingResult, time: float, flow: str, sensible: dict[str, float]) -> None:
     """Warn if smoothing collapsed parts of the surface or enlarged its bounding box."""
-    if smoothed.time < time * (1 - 1e-9):
-        log.warning(
-            "the surface vanished at time %g of %g: use a shorter time (%s)", smoothed.time, time, advice
-        )
+    vanished = smoothed.time < time * (1 - 1e-9)
+    too_long = smoothed.time if vanished or smoothed.collapse_time is None else smoothed.collapse_time
+    shorter = ", ".join(f"{t:.2g} {effect}" for effect, t in sensible.items() if t < too_long)
+    advice = f"use a shorter time{shorter and f' ({shorter})'}"
+    if vanished:
+        log.warning("the surface vanished at time %g of %g: %s", smoothed.time, time, advice)
     elif smoothed.collapse_time is not None:
+        other = "" if flow == "conformalized" else ", or `smooth_flow=conformalized`, which seldom pinches"
         log.warning(
-            "thin parts with %d vertices shrank to lines or points after time %g: use a shorter time (%s), "
-            "or `smooth_flow=conformalized`, which seldom pinches",
+            "thin parts with %d vertices shrank to lines or points after time %g: %s",
             smoothed.collapsed,
             smoothed.collapse_time,
-            advice,
+            advice + other,
         )
     if not smoothed.in_box:
         log.warning(
