@@ -134,3 +134,17 @@ def test_the_readme_lists_every_command_with_its_page():
 def test_the_changelog_names_every_command():
     text = (ROOT / "CHANGELOG.md").read_text("utf-8")
     assert [name for name in COMMANDS if f"`{name}`" not in text] == []
+
+
+@pytest.mark.parametrize("name", ["shell-sim", "fluid-sim"])
+def test_the_help_of_a_simulator_names_its_integrators_materials_and_flows(name):
+    from ddgcli.models.fluid.initial import NAMED_FLOWS
+    from ddgcli.models.fluid.scene import KIND as FLUID
+    from ddgcli.models.shell.scene import KIND as SHELL
+    from ddgcli.scenes.materials import MATERIALS
+
+    command = command_of(name)
+    text = command.get_help(click.Context(command, info_name=name))
+    words = set(re.findall(r"[a-z][a-z0-9-]*[a-z0-9]", re.sub(r"-\n\s*", "-", text)))
+    kind, others = (SHELL, MATERIALS) if name == "shell-sim" else (FLUID, NAMED_FLOWS)
+    assert {*kind.integrators, *others} - words == set()

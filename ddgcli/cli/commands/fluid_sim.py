@@ -26,11 +26,17 @@ if TYPE_CHECKING:
 @click.command(
     "fluid-sim",
     epilog="Choosing an integrator: conservative (volumes: energy), the default, for accuracy; circulation "
-    "for steps many cells long. See docs/fluid-sim.md and docs/accuracy/fluid-sim.md.",
+    "for steps many cells long; covector on stretched triangles; energy to conserve energy exactly. See "
+    "docs/fluid-sim.md and docs/accuracy/fluid-sim.md.",
 )
 @scene_options
 @click.option("--vorticity", metavar="ARRAY", help="Quick form: vertex array, .npy or expression in x, y, z.")
-@click.option("--flow", metavar="NAME", help="Quick form: an initial flow by name.")
+@click.option(
+    "--flow",
+    metavar="NAME",
+    help="Quick form: initial flow: taylor-vortices, vortex-pair, rotation, taylor-green, jet, "
+    "rossby-haurwitz, shear-layer or vortex-ring.",
+)
 @click.option(
     "--glyphs", type=click.Choice(VELOCITY_GLYPHS), default=VELOCITY_GLYPHS[0], show_default=True,
     help="Velocity in the picture.",

@@ -27,15 +27,21 @@ if TYPE_CHECKING:
 
 @click.command(
     "shell-sim",
-    epilog="Choosing an integrator: newmark (second order); implicit-euler for stiff motion without fine "
-    "detail; verlet where its stable step is long enough. See docs/shell-sim.md and "
+    epilog="Choosing an integrator: newmark (the default, second order); implicit-euler for stiff motion "
+    "without fine detail; verlet, or avi on graded meshes, where the stable step is long enough; static for "
+    "equilibria. Others: implicit-midpoint, symplectic-euler, bdf2. See docs/shell-sim.md and "
     "docs/accuracy/shell-sim.md.",
 )
 @scene_options
 @click.option(
     "--pin", "pinned", type=int, multiple=True, metavar="ID", help="Quick form: hold a vertex. Repeatable."
 )
-@click.option("--material", metavar="NAME", help="Quick form: material preset.")
+@click.option(
+    "--material",
+    metavar="NAME",
+    help="Quick form: material preset: cotton, silk, felt, leather, paper, leaf, rubber, plastic, aluminium, "
+    "steel or glass.",
+)
 @click.option(
     "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Quick form: a key of the object, in TOML."
 )

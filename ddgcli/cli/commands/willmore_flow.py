@@ -15,6 +15,11 @@ from ddgcli.cli.simulation.options import flow_time_options
 from ddgcli.errors import ParameterError
 
 
+def _names(names: tuple[str, ...]) -> str:
+    """Metavar of an option that takes one of these names."""
+    return f"[{'|'.join(names)}]"
+
+
 @click.command(
     "willmore-flow",
     epilog="Choosing a method: no --dt for the shape of least energy; --dt and --duration for the flow in "
@@ -27,13 +32,18 @@ from ddgcli.errors import ParameterError
 @options.common
 @flow_time_options
 @options.subdivide
-@click.option("--flow", default="quadratic", show_default=True, help=" | ".join(WILLMORE_FLOWS))
 @click.option(
-    "--energy",
-    help=f"{' | '.join(WILLMORE_ENERGIES)}  [default: gauss-map; with a boundary cotan]",
+    "--flow", default="quadratic", show_default=True, metavar=_names(WILLMORE_FLOWS), help="Method."
 )
 @click.option(
-    "--boundary", help=f"{' | '.join(WILLMORE_BOUNDARIES)}  [default: clamped; mean-curvature: fixed]"
+    "--energy",
+    metavar=_names(WILLMORE_ENERGIES),
+    help="Discrete bending energy.  [default: gauss-map; with a boundary cotan]",
+)
+@click.option(
+    "--boundary",
+    metavar=_names(WILLMORE_BOUNDARIES),
+    help="What stays fixed at the boundary.  [default: clamped; mean-curvature: fixed]",
 )
 @click.option("--fix-area", is_flag=True, help="Keep the area.")
 @click.option("--fix-volume", is_flag=True, help="Keep the enclosed volume.")
@@ -64,9 +74,10 @@ from ddgcli.errors import ParameterError
     help="Split, collapse and flip edges towards this length during the flow; mean: the mean of the input.",
 )
 @click.option("--remesh-adaptive", is_flag=True, help="With --remesh: shorter where the surface is curved.")
-@click.option("--report-energy", help="all: every energy at every frame.")
+@click.option("--report-energy", metavar="all", help="Report every energy at every frame.")
 @click.option(
     "--region",
+    metavar="ARRAY|FILE",
     help="Move these vertices only: an array of the input or a file, one value per vertex (not 0: moves), or "
     "vertex numbers.",
 )
