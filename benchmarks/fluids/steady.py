@@ -42,7 +42,7 @@ class SteadyFlow:
     def __post_init__(self) -> None:
         self.space = space = self.model.setting.space
         self.scheme: VelocityDiffusion = next(
-            phase.scheme for phase in self.model.sources if phase.effect == "viscosity"  # type: ignore[attr-defined]
+            phase.scheme for phase in self.model.sources.phases if phase.effect == "viscosity"  # type: ignore[attr-defined]
         )  # fmt: skip
         derivative = d0(space.mesh.topology).astype(np.float64)
         flows = csr_array(space.harmonic.T)

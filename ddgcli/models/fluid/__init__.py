@@ -24,6 +24,7 @@ __all__ = [
     "report",
     "scene",
     "smoothing",
+    "sources",
     "space",
     "transport",
     "viscosity",

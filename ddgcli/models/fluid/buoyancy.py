@@ -75,6 +75,7 @@ class BuoyancyPhase(FlowPhase):
     """Acceleration of the flow by its temperature."""
 
     effect = "buoyancy"
+    is_force = True
 
     def __init__(self, setting: FluidSetting, parameters: BuoyancySection) -> None:
         self.setting = setting

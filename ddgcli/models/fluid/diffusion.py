@@ -31,6 +31,7 @@ from ddgcli.simulation.model import Observation
 CURVATURE_SHARE = {"hodge": 0.0, "bochner": 1.0, "deformation": 2.0}
 SPONGE_RINGS = 8
 GAMMA = 1.0 - np.sqrt(0.5)
+Forces = tuple[NDArray, NDArray]  # rates of change of vorticity (n,) and harmonic coefficients (b,)
 
 
 @dataclass(eq=False)
@@ -53,19 +54,19 @@ class Decay:
     b: NDArray[np.float64] | float = 0.0
     _factors: dict[float, Factor] = field(default_factory=dict)
 
-    def rate(self, x: NDArray) -> NDArray[np.float64]:
+    def rate(self, x: NDArray, source: NDArray | float = 0.0) -> NDArray[np.float64]:
         """G times the rate of change."""
-        return -(self.A @ x + self.b)
+        return source - (self.A @ x + self.b)
 
-    def step(self, x: NDArray, dt: float) -> NDArray[np.float64]:
-        """x after a time dt; one factorisation for each step length met."""
+    def step(self, x: NDArray, dt: float, source: NDArray | float = 0.0) -> NDArray[np.float64]:
+        """x after a time dt, `source` added to G x'; one factorisation for each step length met."""
         if dt not in self._factors:
             if len(self._factors) > 3:
                 self._factors.clear()
             self._factors[dt] = Factor(csc_array(self.G + GAMMA * dt * self.A))
         factor = self._factors[dt]
-        first = factor.solve(self.rate(x), refine=False)
-        second = factor.solve(self.rate(x + (1.0 - GAMMA) * dt * first), refine=False)
+        first = factor.solve(self.rate(x, source), refine=False)
+        second = factor.solve(self.rate(x + (1.0 - GAMMA) * dt * first, source), refine=False)
         return x + dt * ((1.0 - GAMMA) * first + GAMMA * second)
 
 
@@ -79,12 +80,16 @@ class VorticityDiffusion:
             diags_array(space.mass[inside]).tocsr(), (nu * space.stiffness[inside][:, inside]).tocsr()
         )
 
-    def step(self, vorticity: NDArray, coefficients: NDArray, dt: float) -> tuple[NDArray, NDArray]:
+    def step(
+        self, vorticity: NDArray, coefficients: NDArray, dt: float, forces: Forces | None = None
+    ) -> tuple[NDArray, NDArray]:
+        force, mean_force = forces or (np.zeros(self.space.n), 0.0)
         omega, mass = np.zeros_like(vorticity), self.space.mass
-        omega[self.inside] = self.decay.step(vorticity[self.inside] / mass[self.inside], dt)
+        inside = self.inside
+        omega[inside] = self.decay.step(vorticity[inside] / mass[inside], dt, force[inside])
         # constants are what the rounding of a long step changes most: dt nu L has no part along them
         after = mass * self.space.centred(omega)
-        return after, coefficients
+        return after, coefficients + dt * mean_force
 
 
 class VelocityDiffusion:
@@ -127,10 +132,13 @@ class VelocityDiffusion:
         """Stream function at the free vertices, without the part that the boundary values bring."""
         return self.space.factor.solve(vorticity[self.space.free], refine=False)
 
-    def step(self, vorticity: NDArray, coefficients: NDArray, dt: float) -> tuple[NDArray, NDArray]:
+    def step(
+        self, vorticity: NDArray, coefficients: NDArray, dt: float, forces: Forces | None = None
+    ) -> tuple[NDArray, NDArray]:
         space = self.space
         phi = self.free_stream_function(vorticity)
-        after = self.decay.step(np.concatenate([phi, coefficients]), dt)
+        source = 0.0 if forces is None else np.concatenate([forces[0][space.free], forces[1]])
+        after = self.decay.step(np.concatenate([phi, coefficients]), dt, source)
         return self.active * (self.curl @ after + self.moving), after[len(space.free) :]
 
 
@@ -168,8 +176,17 @@ class Diffusion(FlowPhase):
         return Observation(None, {}, {f"force_{name}": f for name, f in self.forces.of(state).items()})
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        vorticity, coefficients = self.scheme.step(state["vorticity"], state["coefficients"], step.dt)
-        return state.replaced(vorticity=vorticity, coefficients=coefficients)
+        return self.advance_forced(step, state, state)
+
+    def advance_forced(self, step: Step, state: FluidState, forced: FluidState) -> FluidState:
+        """The state after the span; `forced` is the state with what forces add in it."""
+        names = ("vorticity", "coefficients")
+        vorticity, coefficients = (state[name] for name in names)
+        forces = None
+        if forced is not state:
+            forces = tuple((forced[name] - state[name]) / step.dt for name in names)
+        vorticity, coefficients = self.scheme.step(vorticity, coefficients, step.dt, forces)
+        return forced.replaced(vorticity=vorticity, coefficients=coefficients)
 
 
 def curvature_star(space: SurfaceSpace) -> NDArray[np.float64]:

@@ -34,6 +34,7 @@ class ForcePhase(FlowPhase):
     """Circulation of the force around the vertices' cells, and its share in the harmonic flows."""
 
     effect = "force"
+    is_force = True
 
     def __init__(self, setting: FluidSetting, acceleration: list[str]) -> None:
         self.setting, self.acceleration = setting, acceleration

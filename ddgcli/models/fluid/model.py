@@ -16,6 +16,7 @@ from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart, Harmonic, Initial
 from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest, Step, TransportPhase
 from ddgcli.models.fluid.scene import DEFAULT_VOLUME_INTEGRATOR, OPEN_TRANSPORTS, TRANSPORTS
+from ddgcli.models.fluid.sources import Sources
 from ddgcli.models.fluid.space import FlowSpace
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count, require_flow
@@ -158,7 +159,7 @@ class FluidModel:
         ]
         phases = [phase for phase in requested if phase is not None]
         self.setting.phases += phases
-        self.sources = [phase for phase in phases if phase.step_stage == "source"]
+        self.sources = Sources(phases, list(scene.kind.effects), account)
         self.tracers = [phase for phase in phases if phase.step_stage == "tracer"]
         self.start = self._start(declared)
 
@@ -271,11 +272,11 @@ class FluidModel:
 
     @property
     def phases(self) -> list[Phase]:
-        return [self.transport, *self.sources, *self.tracers]
+        return [self.transport, *self.sources.phases, *self.tracers]
 
     def model(self) -> Model[FluidState]:
         """The joint to the time loop."""
-        order = min(phase.order for phase in (self.transport, *self.sources))
+        order = min(phase.order for phase in (self.transport, *self.sources.phases))
         return Model(
             self.start, self.advance, self.observe, self.pack, self.unpack,
             distance=lambda a, b: self.flows.distance(a, b, self.start), order=order,
@@ -290,21 +291,18 @@ class FluidModel:
     def advance(self, state: FluidState, time: float, dt: float) -> FluidState:
         """One symmetric step, of second order: see `phases`."""
         half = 0.5 * dt
-        for phase in self.sources:
-            state = self._advanced(phase, Step(time, half, state), state)
+        for phase in self.sources.phases:
+            state = self.sources.advanced(phase, Step(time, half, state), state)
         whole = Step(time, dt, state)
         state = self.transport.advance(whole, state)
         for phase in self.tracers:
-            state = self._advanced(phase, whole, state)
-        for phase in reversed(self.sources):
-            state = self._advanced(phase, Step(time + half, half, state), state)
+            with self.account.within(phase.effect):
+                state = phase.advance(whole, state)
+        for phase in reversed(self.sources.phases):
+            state = self.sources.advanced(phase, Step(time + half, half, state), state)
         if not all(np.isfinite(values).all() for values in state.arrays.values()):
             raise StepRejected("not finite")
         return state
-
-    def _advanced(self, phase: Phase, step: Step, state: FluidState) -> FluidState:
-        with self.account.within(phase.effect):
-            return phase.advance(step, state)
 
     def observe(self, state: FluidState) -> Observation:
         """What the space and the phases show of a state."""

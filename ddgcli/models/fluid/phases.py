@@ -1,7 +1,7 @@
 """Phases of a step of a fluid: transport, sources (diffusion, forces) and tracers, with one signature.
 
-A step is symmetric, hence of second order: every source for half of the step, the transport of the flow,
-every tracer, and the sources in reverse for the other half.
+A step is symmetric, hence of second order: every source for half of the step (forces and viscosity together,
+see `sources`), the transport of the flow, every tracer, and the sources in reverse for the other half.
 """
 
 from __future__ import annotations
@@ -85,6 +85,7 @@ class FlowPhase:
     """Base of phases that change the flow and add nothing to the state or to the frames."""
 
     effect = ""
+    is_force = False  # an acceleration that does not depend on the flow
     step_stage: Literal["transport", "source", "tracer"] = "source"
     order = 2
 

@@ -91,6 +91,10 @@ class VolumeDiffusion(FlowPhase):
         self.diffusion = ImplicitDiffusion(space.mass, nu * vertex_stiffness(space), fixed)
         self.cell_rate = nu / np.cbrt(space.volume) ** 2
 
+    def advance_forced(self, step: Step, state: FluidState, forced: FluidState) -> FluidState:
+        """The step of a state in which forces have acted: their balance with an implicit Euler step."""
+        return self.advance(step, forced)
+
     def advance(self, step: Step, state: FluidState) -> FluidState:
         at_vertices, cells = self._vertex_velocity(state), self.space.cells
         change = self.diffusion.step(at_vertices, self.wall, step.dt) - at_vertices

@@ -1,0 +1,65 @@
+"""Sources of a step of a fluid: forces and viscosity as one implicit step, the others one after the other.
+
+Where forces and viscosity act in turn, a fluid at a wall without slip gains `dt / 2` times the force after
+the wall has stopped it, and a steady flow errs by the step. As the right-hand side of the implicit step they
+are in balance at any step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Protocol
+
+from ddgcli.models.fluid.phases import Phase, Step
+from ddgcli.models.fluid.state import FluidState
+from ddgcli.simulation.account import Account
+
+
+class Friction(Phase, Protocol):
+    """Phase of the viscosity."""
+
+    def advance_forced(self, step: Step, state: FluidState, forced: FluidState) -> FluidState:
+        """The state after the span; `forced` is the state with what forces add in it."""
+        ...
+
+
+class Sources:
+    """The sources of a fluid, in an order that does not depend on that of the scene.
+
+    Parameters
+    ----------
+    phases : iterable of Phase
+    effect_names : sequence of str
+        Of all effects, in the order in which sources act. Viscosity acts first and last.
+    account : Account
+
+    Attributes
+    ----------
+    phases : list of Phase
+        Without the forces where there is viscosity.
+    """
+
+    def __init__(self, phases: Iterable[Phase], effect_names: Sequence[str], account: Account) -> None:
+        rank = {name: number for number, name in enumerate(effect_names)}
+        in_order = sorted(
+            (phase for phase in phases if phase.step_stage == "source"), key=lambda phase: rank[phase.effect]
+        )
+        self.account = account
+        self.friction = next((phase for phase in in_order if hasattr(phase, "advance_forced")), None)
+        self.forces = [phase for phase in in_order if getattr(phase, "is_force", False)]
+        self.phases: list[Phase] = in_order
+        if self.friction is not None:
+            others = [phase for phase in in_order if phase not in (self.friction, *self.forces)]
+            self.phases = [self.friction, *others]
+
+    def advanced(self, phase: Phase, step: Step, state: FluidState) -> FluidState:
+        """The state after one source."""
+        if phase is not self.friction:
+            with self.account.within(phase.effect):
+                return phase.advance(step, state)
+        forced = state
+        for force in self.forces:
+            with self.account.within(force.effect):
+                forced = force.advance(step, forced)
+        with self.account.within(phase.effect):
+            return phase.advance_forced(step, state, forced)  # type: ignore[attr-defined]
