@@ -46,7 +46,7 @@ def tradeoff_table(
     budget: float = 60.0,
     **options: Any,
 ) -> Table:
-    """Measure what accuracy costs in time: every method of a question, error against seconds.
+    """Measure what accuracy costs in time: error and seconds of every method of a problem.
 
     Parameters
     ----------

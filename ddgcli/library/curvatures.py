@@ -70,7 +70,7 @@ def curvature_measures(
 
 @accepts_arrays("surface")
 def offset_body(mesh: TriangleMesh, distance: float, *, angle: float = 6.0) -> OffsetBody:
-    """Offset body of a closed surface, whose volume is that of Steiner's polynomial up to its arcs' steps.
+    """Offset body of a closed surface; its volume approaches Steiner's polynomial as its arcs get finer.
 
     Parameters
     ----------

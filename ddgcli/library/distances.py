@@ -36,7 +36,7 @@ OPTIONS_OF_METHOD = {
 
 
 class DistanceSolver:
-    """Solver of geodesic distance on one mesh; what does not depend on the sources is done once.
+    """Solver of geodesic distance on one mesh; the set-up is computed once for all sources.
 
     Parameters
     ----------

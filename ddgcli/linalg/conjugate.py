@@ -39,7 +39,7 @@ def truncated_conjugate_gradients(
     most: int,
     through: Callable[[float], bool] = lambda first: False,
 ) -> NewtonStep | None:
-    """Approximate solution of a symmetric system; a descent direction for rhs = -gradient wherever it stops.
+    """Approximate solution of a symmetric system; a descent direction if rhs = -gradient, wherever it stops.
 
     Parameters
     ----------

@@ -133,7 +133,7 @@ class CurveSet:
 
     @classmethod
     def from_paths(cls, paths: list[NDArray], **arrays: list[NDArray]) -> CurveSet:
-        """Paths, each (n_i, 3), put one after the other; `arrays` give one (n_i, ...) array a path each."""
+        """Paths, each (n_i, 3), concatenated; each entry of `arrays` has one (n_i, ...) array per path."""
         sizes = [len(p) for p in paths]
         start = list_starts(sizes)
         points = np.concatenate(paths) if paths else np.zeros((0, 3))

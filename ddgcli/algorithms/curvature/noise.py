@@ -145,7 +145,7 @@ class Noise:
 def estimate_noise(
     mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: str, *, effort: Effort = "warn"
 ) -> Noise:
-    """Estimate the noise of the vertices and what it does to the mean curvature.
+    """Estimate the noise of the vertices and its effect on the mean curvature.
 
     The radius is one that the scheme can measure in.
 

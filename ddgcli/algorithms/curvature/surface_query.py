@@ -57,7 +57,7 @@ def measure_surface(
     jobs: int = 1,
     full: bool = True,
 ) -> SurfaceMeasurement:
-    """Measure the curvature of a surface, and what else a query names.
+    """Measure the curvature of a surface, and the further quantities of a query.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from ddgcli.operators.laplacian import galerkin_mass, lumped_vertex_area
 
 
 def transfer(cut: CommonSubdivision, values: NDArray, *, to: str) -> NDArray[np.float64]:
-    """The vertex values whose interpolant is nearest in L2 to that of the values on the other triangulation.
+    """Vertex values whose interpolant is nearest in L2 to the interpolant on the other triangulation.
 
     Parameters
     ----------

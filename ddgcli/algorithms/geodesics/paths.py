@@ -28,7 +28,7 @@ MIN_ACCURATE_SEGMENT = 1e-6  # the direction of a segment of length s has an err
 
 @dataclass(frozen=True, eq=False)
 class SurfacePaths:
-    """Polylines on a surface, one after the other; consecutive points share a face.
+    """Polylines on a surface, concatenated; consecutive points share a face.
 
     Parameters
     ----------

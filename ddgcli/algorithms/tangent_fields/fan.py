@@ -83,7 +83,7 @@ def geodesic_fan(
     tracer: Tracer | None = None,
     progress: ProgressCallback | None = None,
 ) -> Curves:
-    """Straightest geodesics from one source in evenly spaced directions, and what they sweep.
+    """Straightest geodesics from one source in evenly spaced directions, with circles and caustics.
 
     Parameters
     ----------
