@@ -16,7 +16,7 @@ from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart, Harmonic, Initial
 from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest, Step, TransportPhase
 from ddgcli.models.fluid.scene import DEFAULT_VOLUME_INTEGRATOR, OPEN_TRANSPORTS, TRANSPORTS
-from ddgcli.models.fluid.sources import Sources
+from ddgcli.models.fluid.sources import SourceSequence
 from ddgcli.models.fluid.space import FlowSpace
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count, require_flow
@@ -159,7 +159,7 @@ class FluidModel:
         ]
         phases = [phase for phase in requested if phase is not None]
         self.setting.phases += phases
-        self.sources = Sources(phases, list(scene.kind.effects), account)
+        self.sources = SourceSequence(phases, list(scene.kind.effects), account)
         self.tracers = [phase for phase in phases if phase.step_stage == "tracer"]
         self.start = self._start(declared)
 

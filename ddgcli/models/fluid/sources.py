@@ -15,7 +15,7 @@ from ddgcli.models.fluid.state import FluidState
 from ddgcli.simulation.account import Account
 
 
-class Friction(Phase, Protocol):
+class ViscousPhase(Phase, Protocol):
     """Phase of the viscosity."""
 
     def advance_forced(self, step: Step, state: FluidState, forced: FluidState) -> FluidState:
@@ -23,7 +23,7 @@ class Friction(Phase, Protocol):
         ...
 
 
-class Sources:
+class SourceSequence:
     """The sources of a fluid, in an order that does not depend on that of the scene.
 
     Parameters
