@@ -15,6 +15,8 @@ def cure_of_bad_shapes(mesh: SurfaceMesh | TetMesh) -> str:
     Thin triangles that have area are left by the repair; their vertices have to move.
     """
     if isinstance(mesh, TetMesh):
+        if not 0 < len(mesh.flat_tetrahedra) < len(mesh.tetrahedra):
+            return "thin tetrahedra leave rounding errors; move their vertices, or mesh the body again"
         return f"cells without volume leave rounding errors; {cure('no volume')}"
     if isinstance(mesh, TriangleMesh):
         n_flat = len(mesh.flat_faces)

@@ -17,7 +17,9 @@ from ddgcli.mesh.vectors import cone_volume
 TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 # local edges of a tetrahedron, in order
 TET_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
-FLAT_VOLUME_TOLERANCE = 1e-8  # of the largest extent cubed; rounding of volumes from edge lengths
+FLAT_VOLUME_TOLERANCE = 1e-8  # of the longest edge cubed; rounding of volumes from edge lengths
+# of volumes from positions: cells that rounding may put below the tolerance above count as flat
+FLAT_POSITION_TOLERANCE = 2 * FLAT_VOLUME_TOLERANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,12 +95,14 @@ class TetMesh:
 
     @cached_property
     def flat_tetrahedra(self) -> NDArray[np.int64]:
-        """(k,) numbers of the tetrahedra without volume, to 1e-8 of their largest extent cubed."""
+        """(k,) numbers of the tetrahedra without volume, to 2e-8 of their longest edge cubed."""
         p = self.points[self.tetrahedra]
-        edge = p[:, 1:] - p[:, :1]
+        edge = p[:, TET_EDGES[:, 1]] - p[:, TET_EDGES[:, 0]]
         extent = np.abs(edge).max(axis=(1, 2), initial=0.0)
-        a, b, c = (edge / np.where(extent > 0, extent, 1.0)[:, None, None]).transpose(1, 2, 0)
-        return frozen(np.flatnonzero(~(np.abs(cone_volume(a, b, c)) > FLAT_VOLUME_TOLERANCE)))
+        edge /= np.where(extent > 0, extent, 1.0)[:, None, None]
+        longest = np.sqrt((edge**2).sum(axis=2).max(axis=1, initial=0.0))
+        a, b, c = edge[:, TET_EDGES[:, 0] == 0].transpose(1, 2, 0)
+        return frozen(np.flatnonzero(~(np.abs(cone_volume(a, b, c)) > FLAT_POSITION_TOLERANCE * longest**3)))
 
     @property
     def edges(self) -> NDArray[np.int64]:

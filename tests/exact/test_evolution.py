@@ -1,5 +1,7 @@
 """Heat and wave equation in time: exact decay and oscillation of eigenfunctions, kept quantities, output."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,35 @@ def test_the_heat_equation_keeps_its_integral_and_ends_at_the_mean_even_in_one_h
     area = OPERATOR.mass @ np.ones(len(start))
     assert result.accuracy["total_drift"] < 1e-10 and result.accuracy["energy_increases"] == 0
     assert np.abs(result.evolution_frames[-1].values - (area @ start) / area.sum()).max() < 1e-4
+
+
+@pytest.mark.parametrize("duration", [1.0, 1e8, 1e13])
+def test_heat_of_two_spheres_ends_at_the_mean_of_each_after_any_duration(duration):
+    one = shapes.icosphere(1)
+    n = one.n_vertices
+    points = np.concatenate([one.points, 2 * one.points + [9, 0, 0]])
+    operator = laplace_operator(TriangleMesh.from_arrays(points, np.concatenate([one.faces, one.faces + n])))
+    start = np.random.default_rng(1).uniform(1, 2, 2 * n)
+    solved = solve_evolution(operator, "heat", start, EvolutionTimes(duration, 100, 100))
+    assert solved.accuracy["total_drift"] < 1e-13
+    size, end = operator.mass @ np.ones(2 * n), solved.evolution_frames[-1].values
+    for rows in (slice(0, n), slice(n, 2 * n)):
+        mean = (size * start)[rows].sum() / size[rows].sum()
+        assert abs((size * end)[rows].sum() / size[rows].sum() - mean) < 1e-13
+        if duration > 1e3:
+            assert np.abs(end[rows] - mean).max() < 1e-12
+
+
+@pytest.mark.parametrize("equation", ["heat", "wave"])
+def test_a_duration_of_another_unit_is_refused_with_one_that_runs(run, tmp_path, equation):
+    path = tmp_path / "small.npz"
+    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(2, radius=1e-9)))
+    refused = run("laplacian", path, f"--{equation}", 0, "--duration", 1)
+    assert refused.exit_code == 2 and "--duration" in refused.stderr
+    longest = refused.stderr.split("give ")[1].split(" or less")[0]
+    ended = run("laplacian", path, f"--{equation}", 0, "--duration", longest, "--json")
+    assert ended.exit_code == 0, ended.stderr
+    assert json.loads(ended.stdout)["accuracy"]["total_drift"] < 1e-12
 
 
 def test_the_wave_equation_keeps_energy_and_integral_and_runs_backwards():

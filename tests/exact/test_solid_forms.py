@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from ddgcli.errors import MeshError
+from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.operators.dec import complex_of
 from ddgcli.operators.stars import hodge_star
@@ -190,3 +192,33 @@ def test_lie_derivatives_on_tetrahedra_converge_at_first_order_against_smooth_fo
     _, errors = products
     assert np.log2(errors[1] / errors[2]).min() > 0.8
     assert errors[-1].max() < 0.04
+
+
+def test_cells_are_flat_in_every_position_and_numbering_and_wherever_their_lengths_are_those_of_flat_ones():
+    """Near the tolerance a cell was flat or not by its rotation: refused, and left by the repair."""
+    rng = np.random.default_rng(0)
+    ends = np.array([[0, 0, 0], [1, 0, 0], [0.5, 0.5, 0], [0.5, -0.5, 0], [0.5, 0, 1.0]])
+    cells = np.array([[0, 1, 2, 3], [0, 1, 2, 4]])
+    refused = 0
+    for height in np.geomspace(1e-8, 1e-6, 30):
+        points = ends + [0, 0, height] * (np.arange(5) == 2)[:, None]
+        turned = points @ np.linalg.qr(rng.normal(size=(3, 3)))[0].T
+        meshes = [TetMesh.from_arrays(p, cells[:, rng.permutation(4)]) for p in (points, turned, turned)]
+        flat = [len(mesh.flat_tetrahedra) for mesh in meshes]
+        assert min(flat) == max(flat)
+        for mesh in meshes:
+            try:
+                complex_of(mesh)
+            except MeshError:
+                refused += 1
+                assert len(mesh.flat_tetrahedra) == 1
+    assert 0 < refused < 90
+
+
+@pytest.mark.parametrize(
+    "height, text", [(1e-6, "mesh the body again"), (0.0, "repair_cells=drop_degenerate")]
+)
+def test_the_cure_of_thin_cells_is_a_repair_only_where_cells_have_no_volume(height, text):
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.3, 0.3, height], [0.3, 0.3, 1.0]])
+    mesh = TetMesh.from_arrays(points, np.array([[0, 1, 2, 3], [0, 1, 3, 4]]))
+    assert text in cure_of_bad_shapes(mesh)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.choices import EVOLUTIONS
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.components import connected_labels
 from ddgcli.progress import ProgressCallback
 
 HEAT, WAVE = EVOLUTIONS
@@ -23,6 +24,7 @@ MAX_STEPS = 1_000_000
 # of the mean vertex area (of tetrahedra volume^(2/3)): heat time of each of two steps that smooth the start
 # of a wave
 BUMP_TIME = 4.0
+MAX_STIFFNESS = 1e13  # of a step: above it M + dt L is singular to rounding
 ROUNDING_RISE = 1e-12  # relative rise of the energy that rounding explains
 DEFAULT_STEPS, DEFAULT_FRAMES = 100, 50
 
@@ -112,7 +114,8 @@ def evolve_function(
     -----
     Heat: TR-BDF2, of second order and L-stable; it keeps the integral. Wave: implicit midpoint rule,
     variational and of second order; it keeps the energy and the integral of a function at rest. Each needs
-    one factorisation.
+    one factorisation. After each step the integral on every component is restored from the rounding of long
+    steps.
     """
     n = operator.stiffness.shape[0]
     start = checked_start(start, n, equation)
@@ -120,6 +123,7 @@ def evolve_function(
     L, M = (csc_array(matrix)[:, vertices][vertices] for matrix in (operator.stiffness, operator.mass))
     u = start[vertices]
     dt = times.duration / times.steps
+    _check_stiffness(L, M, equation, times)
     advance = _heat_step(L, M, dt) if equation == HEAT else _wave_step(L, M, dt)
     velocity = None if equation == HEAT else np.zeros_like(u)
     for step in range(times.steps + 1):
@@ -144,23 +148,49 @@ def checked_start(start: NDArray, n: int, equation: str) -> NDArray[np.float64]:
     return values
 
 
+def _check_stiffness(L: csc_array, M: csc_array, equation: str, times: EvolutionTimes) -> None:
+    """Raise ParameterError for steps after which rounding decides what is left of the function."""
+    rate = float(L.diagonal().sum() / M.diagonal().sum()) if L.shape[0] else 0.0
+    order = 1 if equation == HEAT else 2
+    if rate * (times.duration / times.steps) ** order > MAX_STIFFNESS:
+        longest = times.steps * (MAX_STIFFNESS / rate) ** (1 / order)
+        raise ParameterError(
+            f"{times.duration:g} is too long for a mesh of this size: rounding decides what is left of the "
+            f"function; give {0.5 * longest:.1g} or less",
+            parameter="duration",
+        )
+
+
+def _integral_keeper(L: csc_array, M: csc_array) -> Callable[[NDArray, NDArray], NDArray[np.float64]]:
+    """Function of (before, after) that shifts `after` to the integral of `before` on every component."""
+    count, component = connected_labels(*L.nonzero(), L.shape[0])
+    size = np.bincount(component, M @ np.ones(len(component)), count)
+
+    def shifted(before: NDArray, after: NDArray) -> NDArray[np.float64]:
+        return after + (np.bincount(component, M @ (before - after), count) / size)[component]
+
+    return shifted
+
+
 def _heat_step(L: csc_array, M: csc_array, dt: float):
     factor = Factor(csc_array(M + 0.5 * GAMMA * dt * L))
     first, last = 1.0 / (GAMMA * (2.0 - GAMMA)), (1.0 - GAMMA) ** 2 / (GAMMA * (2.0 - GAMMA))
+    with_integral_of = _integral_keeper(L, M)
 
     def step(u: NDArray, velocity: NDArray | None) -> tuple[NDArray, None]:
         middle = factor.solve(M @ u - 0.5 * GAMMA * dt * (L @ u))
-        return factor.solve(M @ (first * middle - last * u)), None
+        return with_integral_of(u, factor.solve(M @ (first * middle - last * u))), None
 
     return step
 
 
 def _wave_step(L: csc_array, M: csc_array, dt: float):
     factor = Factor(csc_array(M + 0.25 * dt**2 * L))
+    with_integral_of = _integral_keeper(L, M)
 
     def step(u: NDArray, velocity: NDArray) -> tuple[NDArray, NDArray]:
         # the mean velocity w of the step: (M + dt^2 L / 4) w = M v - dt L u / 2
-        mean = factor.solve(M @ velocity - 0.5 * dt * (L @ u))
+        mean = with_integral_of(velocity, factor.solve(M @ velocity - 0.5 * dt * (L @ u)))
         return u + dt * mean, 2.0 * mean - velocity
 
     return step

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.eigen import Eigenpairs, smallest_eigenpairs
-from ddgcli.mesh.require import require
+from ddgcli.mesh.require import refuse_flat_cells, require
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import Complex, complex_of
@@ -46,7 +46,10 @@ class FormSpectrum:
 
 def check_forms(mesh: TriangleMesh | TetMesh, k: int) -> Complex:
     """The complex of a mesh that has k eigenforms; the errors of `form_spectrum` for any other."""
-    surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
+    surface = mesh
+    if isinstance(mesh, TetMesh):
+        refuse_flat_cells(mesh.flat_tetrahedra, len(mesh.tetrahedra))
+        surface = mesh.boundary
     require(surface, "`form_eigen`", manifold=True, oriented=True)
     complex_ = complex_of(mesh)
     if k > complex_.counts[1]:
