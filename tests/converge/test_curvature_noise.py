@@ -141,6 +141,69 @@ def test_radii_behind_which_the_curvature_changes_little_do_not_hide_its_bias():
     assert np.argmin(error) == 1 and error[4] > 0.3
 
 
+THIN_TORUS = level_sets.Body(lambda x, y, z: np.hypot(np.hypot(x, y) - 20, z) - 5, (25.0, 25.0, 5.0))
+
+
+@pytest.mark.parametrize(
+    "body, steps",
+    [("thin torus", 0), ("thin torus", 2), ("thin torus", 10), ("capsule", 0), ("capsule", 2)]
+    + [("rounded box", 0), ("rounded box", 2)],
+)
+def test_surface_nets_and_smoothed_ones_are_reported_with_their_error_and_a_radius(body, steps, caplog):
+    """As programs for segmented images write them: the default is off by 60 to 200 %.
+
+    Cylinders and planes have stairs in one direction, which fits over two rings follow exactly.
+    """
+    shape = THIN_TORUS if body == "thin torus" else known_surfaces.BODIES[body]
+    values, place = level_sets.samples(shape)
+    mesh = known_surfaces.nets(values)
+    known = known_surfaces.known(shape, mesh_noise.taubin(steps, mesh.moved(place(mesh.points))))
+    default = mean_error(known, measure_curvature(known.mesh, full=False).vertex["mean_curvature"])
+    error, scheme, radius = proposal(caplog.text)
+    assert default / 2 < error < 2 * default
+    mean = measure_curvature(known.mesh, scheme, radius, full=False).vertex["mean_curvature"]
+    assert mean_error(known, mean) < 0.25 * default
+
+
+def test_surface_nets_of_a_gyroid_are_reported(caplog):
+    """Its mean curvature is below a tenth of the principal ones: errors are compared with those."""
+    shape = level_sets.Body(known_surfaces.BODIES["gyroid"].level, (14.0, 14.0, 14.0))
+    values, place = level_sets.samples(shape)
+    mesh = known_surfaces.nets(values)
+    mesh = mesh.moved(place(mesh.points))
+    inner = (np.abs(mesh.points) < 9).all(axis=1)
+    default = np.abs(measure_curvature(mesh, full=False).vertex["mean_curvature"])[inner].mean()
+    _, scheme, radius = proposal(caplog.text)
+    assert (
+        np.abs(measure_curvature(mesh, scheme, radius, full=False).vertex["mean_curvature"])[inner].mean()
+        < 0.25 * default
+    )
+
+
+def proposal(text):
+    """Error by default, scheme and radius of a warning."""
+    stated = re.search(r"about (\d+) %; use (?:`scheme=(.*)` with )?`radius=(\S+)`", text)
+    assert stated, text
+    return int(stated[1]) / 100, stated[2] or "quadric", float(stated[3])
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2])
+def test_waves_of_four_edges_are_details_that_the_default_resolves(share, caplog):
+    """Stripes of four edges are also those of a corrugated surface, measured to 10 %."""
+    u, v, faces = shapes.wrapped_grid(80, 40, wrap_u=True, wrap_v=False)
+    rng, radius, k = np.random.default_rng(0), 80 / (2 * np.pi), np.pi / 2
+    angle = 2 * np.pi * u + 0.25 / radius * rng.uniform(-1, 1, len(u))
+    y = 0.9 * 39 * v + 0.25 * rng.uniform(-1, 1, len(v))
+    height, slope, bend = share * np.sin(k * y), share * k * np.cos(k * y), -share * k * k * np.sin(k * y)
+    r = radius + height
+    truth = 0.5 * (1 / (r * np.sqrt(1 + slope**2)) - bend / (1 + slope**2) ** 1.5)
+    points = np.stack([r * np.cos(angle), r * np.sin(angle), y], axis=1)
+    mean = measure_curvature(TriangleMesh.from_arrays(points, faces), full=False).vertex["mean_curvature"]
+    inner = np.abs(v - 0.5) < 0.35
+    assert np.abs(np.abs(mean) - np.abs(truth))[inner].mean() < 0.1 * np.abs(truth)[inner].mean()
+    assert "at the default region" not in caplog.text
+
+
 def torus_and_cylinder():
     """Masks of a torus of radii 16 and 7 and of a cylinder of radius 9, about a centre off the grid."""
     x, y, z = np.indices((52, 52, 52)) - 25.63

@@ -59,6 +59,8 @@ class Deviation:
         'voxels', 'rounded', 'spikes', 'partial' or 'noise', as in `Noise`.
     detail_ratio : float
         Median residual of cubic fits over that of quartic ones.
+    flat_share : float
+        Share of the edges that are flat.
     doubtful : bool
         Whether residuals or flat faces are like those of details and creases.
     noisy : (k,) ndarray of bool
@@ -76,6 +78,7 @@ class Deviation:
     relative: float
     kind: str
     detail_ratio: float
+    flat_share: float
     doubtful: bool
     noisy: NDArray[np.bool_]
     sample: NDArray[np.int64]
@@ -118,7 +121,7 @@ def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Dev
         kind, deviation = "spikes", float(np.sqrt(np.nanmean(residuals[0] ** 2)))
     flat_share = float((np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean())
     doubtful = detail_ratio > MIN_DETAIL_RATIO or flat_share > MIN_CREASED_FLAT_SHARE
-    whole = Deviation(deviation / edge, kind, detail_ratio, doubtful, noisy, sample, some, normal)
+    whole = Deviation(deviation / edge, kind, detail_ratio, flat_share, doubtful, noisy, sample, some, normal)
     if flat_share <= MIN_CREASED_FLAT_SHARE:
         return whole
     return replace(whole, of_bent=_of_bent(whole, residuals[0], residuals[1], edge))

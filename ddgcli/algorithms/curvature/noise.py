@@ -57,10 +57,17 @@ MIN_MEDIAN_SHARE = 0.1  # median error of grids of voxels over the mean one, whi
 # cancel to 0.15 to 0.24; where they cancel to less, up to the second limit
 MAX_ROUGH_ERROR, MAX_CANCELLED_ERROR = 0.25, 0.5
 MAX_CANCELLATION_OF_STEPS = 0.12
-# smoothed stairs and noise over several edges: the error at the best radius, that of the default region over
-# it, and the median over the mean of the latter. Scans and modelled surfaces have errors of 0.17 to 0.7, and
-# smooth ones with a bias in balls ratios of 1.1 to 1.9
-MAX_UNEVEN_ERROR, MIN_UNEVEN_ERROR_RATIO, MIN_UNEVEN_MEDIAN_SHARE = 0.13, 2.3, 0.4
+# smoothed stairs and noise over several edges: the error at the best radius over the larger curvature, that
+# of the default region over it, and the median over the mean of the latter. Scans and modelled surfaces have
+# errors of 0.15 to 0.9, smooth ones with a bias in balls ratios of 1.1 to 1.9, and details that two rings
+# resolve errors of 0.13 and more
+MAX_UNEVEN_ERROR, MIN_UNEVEN_ERROR_RATIO, MIN_UNEVEN_MEDIAN_SHARE = 0.12, 2.3, 0.4
+# larger errors, of bodies with rims: the first change of the curvature over the second one. Stairs, also
+# smoothed, and surface nets have 3.6 to 13, scans and modelled surfaces with errors below 0.2 have 1.2 to 2.7
+MAX_STEEP_ERROR, MIN_STEEP_FALL = 0.18, 3.2
+# stairs of cylinders and planes are alike along a line: five rows of two rings, which quartics fit exactly.
+# Their residuals are 0.005 to 0.09 of an edge, those of smooth fine meshes of flat quadrangles less
+MIN_RULED_FLAT_SHARE, MIN_RULED_RESIDUAL, MIN_RULED_FALL = 0.3, 0.004, 4.0
 MAX_ERROR = 0.08  # of curvature, root mean square, by noise, above which the default region is unreliable
 MAX_REMAINING_ERROR_SHARE = 0.75  # largest share of that error at the proposed radius
 # at the best radius of voxels and rounded coordinates: parts of blocks, pleats and layers have more
@@ -173,7 +180,8 @@ def estimate_noise(
     scales = _scales(mesh, faces, normal, regions, deviation.sample[few], scheme)
     if scales is None or not _settles(kind, deviation, share, scales, faces, regions):
         return Noise(deviation.relative)
-    if kind == "partial" and deviation.doubtful and scales.median_share > MIN_UNEVEN_MEDIAN_SHARE:
+    everywhere = scales.median_share > MIN_UNEVEN_MEDIAN_SHARE
+    if kind == "ruled" or (kind == "partial" and deviation.doubtful and everywhere):
         kind = "uneven"  # smoothed stairs have large residuals in places, and errors everywhere
     noise = Noise(deviation.relative, kind, scales)
     if scales.default_rms < MAX_ERROR or effort == "fits":
@@ -200,7 +208,7 @@ def _kind(
         return "grid", deviation, 1.0
     share, bent = share_of(deviation), deviation.of_bent
     kind = _kind_by_creases(deviation, share)
-    if kind in ("", "uneven") and bent is not None:
+    if kind in ("", "uneven", "ruled") and bent is not None:
         bent_share = share_of(bent)
         if _kind_by_creases(bent, bent_share) == "rough":
             return "rough", bent, bent_share
@@ -216,7 +224,10 @@ def _kind_by_creases(deviation: Deviation, share: float) -> str:
         return "noise" if share <= of_noise else ""
     if share <= MAX_ROUGH_CANCELLATION and deviation.detail_ratio <= MAX_ROUGH_DETAIL_RATIO:
         return "rough"
-    return "uneven" if deviation.detail_ratio <= MAX_UNEVEN_DETAIL_RATIO else ""
+    if deviation.detail_ratio <= MAX_UNEVEN_DETAIL_RATIO:
+        return "uneven"
+    is_ruled = deviation.flat_share > MIN_RULED_FLAT_SHARE and deviation.relative > MIN_RULED_RESIDUAL
+    return "ruled" if is_ruled else ""
 
 
 def _settles(
@@ -224,16 +235,24 @@ def _settles(
 ) -> bool:
     """Whether the curvature settles with the radius, where the kind may also be creases or details."""
     ratio = scales.default_error / scales.error
-    clear = scales.error < MAX_UNEVEN_ERROR and ratio > MIN_UNEVEN_ERROR_RATIO
+    everywhere = scales.median_share > MIN_UNEVEN_MEDIAN_SHARE
+    clear = scales.bending_error < MAX_UNEVEN_ERROR and ratio > MIN_UNEVEN_ERROR_RATIO
+    least_fall = MIN_RULED_FALL if kind == "ruled" else MIN_STEEP_FALL
+    steep = everywhere and scales.bending_error < MAX_STEEP_ERROR and scales.fall > least_fall
     if kind == "uneven":
-        return clear and scales.median_share > MIN_UNEVEN_MEDIAN_SHARE
+        return clear and everywhere
+    if kind == "ruled":
+        return steep
+    if kind == "rough" and (steep or (clear and everywhere)):
+        return True
     if kind == "rough" and ratio > MIN_ROUGH_ERROR_RATIO:
         cancels = share <= MAX_CANCELLATION_OF_STEPS
         return scales.error <= (MAX_CANCELLED_ERROR if cancels else MAX_ROUGH_ERROR)
     if kind == "rough":
         return _falls_as_noise(faces, deviation.normal, regions, scales)
     if kind == "partial":
-        return not deviation.doubtful or clear or _falls_as_noise(faces, deviation.normal, regions, scales)
+        settles = clear or steep or not deviation.doubtful
+        return settles or _falls_as_noise(faces, deviation.normal, regions, scales)
     return kind != "grid" or scales.median_share >= MIN_MEDIAN_SHARE  # creases of a part
 
 

@@ -59,6 +59,8 @@ class Scales:
     error, default_error, default_rms : float
         Relative errors of the mean curvature: mean over the vertices in the balls of that radius and over the
         default region, and root mean square over the latter.
+    bending_error : float
+        The first of these over the typical size of the larger principal curvature.
     expected_error : float
         The first of these with the whole bias, of which the change to the next radius is a share.
     default, first_mean, mean : (k,) ndarray
@@ -75,6 +77,7 @@ class Scales:
     best: int
     best_radius: float
     error: float
+    bending_error: float
     default_error: float
     default_rms: float
     expected_error: float
@@ -83,6 +86,11 @@ class Scales:
     mean: NDArray[np.float64]
     size: float
     median_share: float
+
+    @property
+    def fall(self) -> float:
+        """First change of the curvature over the second one: of noise and of stairs more than of details."""
+        return float(self.change[0] / self.change[1]) if self.change[1] > 0 else np.inf
 
 
 def measure_scales(
@@ -147,6 +155,7 @@ def measure_scales(
         best=best,
         best_radius=_least_between(np.array(radii), error, best),
         error=relative,
+        bending_error=relative * size / max(float(np.median(larger)), size),
         expected_error=max(float(error[best]) / (bias_growth - 1) / size, MIN_ERROR),
         default_error=float(np.hypot(measured / size, relative)),
         default_rms=float(np.sqrt(np.mean(difference**2))) / size,
