@@ -54,6 +54,22 @@ def test_drifts_of_vorticity_that_is_rounding_are_rounding(summary, tmp_path, sh
     assert out["warnings"] == [] and max(out["accuracy"].values()) < 1e-13
 
 
+@pytest.mark.parametrize(
+    "shape, flow, is_at_rest",
+    [
+        (SQUARE, 'flow = "rossby-haurwitz"', True),
+        (SQUARE, 'flow = "vortex-pair", separation = 100', True),
+        (SQUARE, 'flow = "vortex-pair"', False),
+        (BALL, 'flow = "rossby-haurwitz"', False),
+        (BALL, 'flow = "rotation", strength = 0', False),
+    ],
+)
+def test_a_flow_by_name_that_moves_nothing_is_reported(summary, tmp_path, shape, flow, is_at_rest):
+    out = summary("fluid-sim", scene(tmp_path / "s.toml", shape, f"initial = {{ {flow} }}"))
+    assert any("leaves the fluid at rest" in text for text in out["warnings"]) is is_at_rest
+    assert not is_at_rest or out["results"]["kinetic_energy"] < 1e-20
+
+
 def test_drift_after_a_start_without_vorticity_is_relative_to_what_came(summary, tmp_path):
     effects = "initial = { velocity = [1, 0, 0] }\nharmonic = {}\nviscosity = { nu = 0.1 }\n"
     effects += 'boundary = { kind = "no-slip", velocity = [1, 0, 0], where = "y > 0.9" }'

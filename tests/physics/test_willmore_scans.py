@@ -104,6 +104,21 @@ def test_the_command_warns_of_noise_and_of_none_on_smooth_surfaces(run, tmp_path
         assert result.exit_code == 0 and ("the vertices have noise of 0.0" in result.stderr) is warned
 
 
+@pytest.mark.parametrize(
+    "words",
+    [("--energy", "circle-angle"), ("--spontaneous-curvature", 1, "--fix-area")],
+    ids=("zero", "negative"),
+)
+def test_no_noise_is_reported_where_there_is_none_and_the_energy_is_rounding_or_negative(
+    summary, tmp_path, words
+):
+    """Random points of a sphere: no noise, whatever the triangles, and energies about zero."""
+    path = tmp_path / "mesh.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.random_sphere(800, 3)))
+    out = summary("willmore-flow", path, *words, "--steps", 1)
+    assert abs(out["results"]["energy"][0]) < 0.1 and out["warnings"] == []
+
+
 def test_a_conformal_flow_that_cannot_go_on_says_so_and_names_the_flow_that_can(run, tmp_path):
     path = tmp_path / "mesh.ply"
     write_mesh(str(path), AnnotatedMesh(dumbbell()))

@@ -23,6 +23,7 @@ from ddgcli.simulation.effects import Effect
 log = logging.getLogger("ddgcli")
 NAMED_FLOWS: dict[str, NamedFlow | VolumeFlow] = {**FLOWS, **VOLUME_FLOWS}
 MAX_LOST_ENERGY_SHARE = 0.01  # share of the energy of an initial velocity that no discrete flow holds
+REST_SPEED_SHARE = 1e-9  # root mean square speed over the strength, up to which a flow by name is none
 BALANCE_TOLERANCE = 1e-10  # total vorticity over the total of its terms that counts as zero
 
 
@@ -99,7 +100,10 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
 
     def of_vorticity(space: SurfaceSpace) -> dict[str, NDArray]:
         vorticity = omega * space.mass
-        return {"vorticity": balanced(space, vorticity, np.abs(vorticity))}
+        vorticity = balanced(space, vorticity, np.abs(vorticity))
+        if parameters.flow is not None:
+            _warn_of_rest(parameters, space, vorticity)
+        return {"vorticity": vorticity}
 
     return [Initial(of_vorticity)]
 
@@ -118,6 +122,18 @@ def _warn_of_lost_harmonic(
             "harmonic part, which the effect harmonic = {} keeps",
             100.0 * (whole - energy_without) / whole, context.name,
         )  # fmt: skip
+
+
+def _warn_of_rest(parameters: InitialSection, space: SurfaceSpace, vorticity: NDArray) -> None:
+    """Report a flow by name that does not move the fluid, such as a wave of a sphere on a flat square."""
+    phi = space.stream_function(vorticity)
+    energy = space.kinetic_energy(phi, vorticity, np.zeros(len(space.harmonic)))
+    if energy <= 0.5 * float(space.area.sum()) * (REST_SPEED_SHARE * parameters.strength) ** 2 != 0.0:
+        log.warning(
+            "flow %r leaves the fluid at rest on this surface: its vorticity is none, constant or on walls "
+            "alone; give another flow or other keys (such as center), or vorticity",
+            parameters.flow,
+        )
 
 
 def balanced(space: SurfaceSpace, vorticity: NDArray, terms: NDArray) -> NDArray[np.float64]:

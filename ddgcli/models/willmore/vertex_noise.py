@@ -12,6 +12,7 @@ from ddgcli.geometry.extrinsic import dihedral_angle, face_normal
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
+NOISE_ROUNDING = 1e-12  # mean edge lengths, up to which noise is that of the arithmetic
 SHARE_WARNING = 0.2  # of the energy at the start, from which a warning is due
 
 
@@ -45,7 +46,7 @@ def noise_energy(mesh: TriangleMesh) -> tuple[float, float]:
 def warn_of_noise(mesh: TriangleMesh, energy: float) -> None:
     """A warning where noise makes a large part of an energy at the start."""
     relative, energy_of_noise = noise_energy(mesh)
-    if energy_of_noise > SHARE_WARNING * energy:
+    if relative > NOISE_ROUNDING and energy_of_noise > SHARE_WARNING * abs(energy):
         logging.getLogger("ddgcli").warning(
             "the vertices have noise of %.2g of an edge, which makes about %.2g of the energy %.4g at the "
             "start, whichever energy: only values after the first steps, which smooth it, are of the surface",
