@@ -45,7 +45,7 @@ def dominate(
     tie = TIE_TOLERANCE * (1 + np.maximum(base_p, base_q))
     p_wins = (g_lo <= tie) & (g_hi <= tie) & (g_mid <= tie)
     q_wins = (g_lo > 0) & (g_hi > 0) & (g_mid > 0) & ~contained & ~p_wins
-    p_first = (g_lo < 0) & (g_hi > 0)
+    p_first = (g_lo < 0) & (g_hi > 0) & ~p_wins  # of a tie, only one window is cut
     q_first = contained & (g_lo > 0) & (g_hi < 0)
     root = np.flatnonzero(p_first | q_first)
     if len(root):
