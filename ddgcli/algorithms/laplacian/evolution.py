@@ -161,21 +161,22 @@ def _check_stiffness(L: csc_array, M: csc_array, equation: str, times: Evolution
         )
 
 
-def _integral_keeper(L: csc_array, M: csc_array) -> Callable[[NDArray, NDArray], NDArray[np.float64]]:
+def _integral_correction(L: csc_array, M: csc_array) -> Callable[[NDArray, NDArray], NDArray[np.float64]]:
     """Function of (before, after) that shifts `after` to the integral of `before` on every component."""
-    count, component = connected_labels(*L.nonzero(), L.shape[0])
+    row, column = L.nonzero()
+    count, component = connected_labels(row, column, L.shape[0])
     size = np.bincount(component, M @ np.ones(len(component)), count)
 
-    def shifted(before: NDArray, after: NDArray) -> NDArray[np.float64]:
+    def correct(before: NDArray, after: NDArray) -> NDArray[np.float64]:
         return after + (np.bincount(component, M @ (before - after), count) / size)[component]
 
-    return shifted
+    return correct
 
 
 def _heat_step(L: csc_array, M: csc_array, dt: float):
     factor = Factor(csc_array(M + 0.5 * GAMMA * dt * L))
     first, last = 1.0 / (GAMMA * (2.0 - GAMMA)), (1.0 - GAMMA) ** 2 / (GAMMA * (2.0 - GAMMA))
-    with_integral_of = _integral_keeper(L, M)
+    with_integral_of = _integral_correction(L, M)
 
     def step(u: NDArray, velocity: NDArray | None) -> tuple[NDArray, None]:
         middle = factor.solve(M @ u - 0.5 * GAMMA * dt * (L @ u))
@@ -186,7 +187,7 @@ def _heat_step(L: csc_array, M: csc_array, dt: float):
 
 def _wave_step(L: csc_array, M: csc_array, dt: float):
     factor = Factor(csc_array(M + 0.25 * dt**2 * L))
-    with_integral_of = _integral_keeper(L, M)
+    with_integral_of = _integral_correction(L, M)
 
     def step(u: NDArray, velocity: NDArray) -> tuple[NDArray, NDArray]:
         # the mean velocity w of the step: (M + dt^2 L / 4) w = M v - dt L u / 2

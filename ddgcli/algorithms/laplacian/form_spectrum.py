@@ -46,10 +46,9 @@ class FormSpectrum:
 
 def check_forms(mesh: TriangleMesh | TetMesh, k: int) -> Complex:
     """The complex of a mesh that has k eigenforms; the errors of `form_spectrum` for any other."""
-    surface = mesh
     if isinstance(mesh, TetMesh):
         refuse_flat_cells(mesh.flat_tetrahedra, len(mesh.tetrahedra))
-        surface = mesh.boundary
+    surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
     require(surface, "`form_eigen`", manifold=True, oriented=True)
     complex_ = complex_of(mesh)
     if k > complex_.counts[1]:
