@@ -14,6 +14,7 @@ from ddgcli.mechanics.terms import Mode
 from ddgcli.simulation.model import StepRejected
 
 MAX_EQUILIBRIUM_ITERATIONS = 2000
+MAX_CONTRACTION = 0.5  # of a move, what a whole one may leave where energies do not judge it
 MAX_SHIFT = 1e12  # of the first shift
 # sizes of the object: what moves farther has no rest, nor have nearly all halves of its step
 MAX_TRAVEL, HALVINGS_AFTER_TRAVEL = 1e4, 3
@@ -52,7 +53,10 @@ class Equilibrium:
                 shift, exact_allowed = max(10 * shift, unit), False
                 continue
             size = float(np.abs(move).max())
+            before_search = point
             t, point = newton.search(increment, point, move, float(np.vdot(g, move)))
+            if t < 1.0 and exact_used and self._contracts(increment, before_search.y, move):
+                t, point = 1.0, newton.at(increment, before_search.y + move)
             if t == 0.0 and size > enough:
                 if shift >= MAX_SHIFT * unit:
                     raise StepRejected("line search", worst(g), float(np.abs(g).max()))
@@ -61,7 +65,7 @@ class Equilibrium:
             shift = shift / 10 if t == 1.0 else shift * (1.0 if t > 0.1 else 4.0)
             exact_allowed = shift < 1e-3 * unit and t == 1.0
             quick = exact_used and t == 1.0 and size < before < np.inf
-            following = size * size / before if quick else size * max(t, 1e-3)
+            following = size * size / before if quick else size
             following = max(following, newton.solver(increment).error * size)
             before = size if t == 1.0 else np.inf
             if following <= enough:
@@ -72,6 +76,25 @@ class Equilibrium:
         farthest = float(np.abs(moved).max())
         if farthest > MAX_TRAVEL * self.system.size:
             raise StepRejected("motion without bound", worst(moved), farthest, halvings=HALVINGS_AFTER_TRAVEL)
+
+    def _contracts(self, increment: Increment, y: NDArray, move: NDArray) -> bool:
+        """Whether the whole move leaves less than half of it to do, by the factorisation that made it.
+
+        Near an equilibrium the energies of two points differ by rounding, and cannot judge a move: the
+        natural monotonicity test [P. Deuflhard, "Newton methods for nonlinear problems", 2004].
+        """
+        newton = self.newton
+        if newton.reach(y, move) < 1.0:
+            return False
+        g = newton.slope(increment, y + move)
+        if not np.isfinite(g).all():
+            return False
+        with self.system.account.within("solver"):
+            try:
+                left = newton.spread(newton.solver(increment).solve(newton.entries(-g)))
+            except SolveError:
+                return False
+        return float(np.abs(left).max()) <= MAX_CONTRACTION * float(np.abs(move).max())
 
     def _unit(self, increment: Increment, y: NDArray) -> float:
         """First shift, per mass: a fraction of the system's own stiffness."""

@@ -347,7 +347,7 @@ INTEGRATORS: dict[str, Integrator] = {
     "newmark": Integrator("newmark", 2, _newmark, _newmark_reach, _composite),
     "implicit-midpoint": Integrator("implicit-midpoint", 2, _implicit_midpoint, _any_step, _composite),
     "implicit-euler": Integrator("implicit-euler", 1, _implicit_euler, _any_step),
-    "bdf2": Integrator("bdf2", 2, _bdf2, _any_step, multistep=True),
+    "bdf2": Integrator("bdf2", 2, _bdf2, _any_step, _composite, multistep=True),
     "static": Integrator("static", 0, _static, _any_step),
 }
 

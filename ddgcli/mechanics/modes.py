@@ -40,6 +40,8 @@ def natural_modes(system: System, x: NDArray, k: int) -> Modes:
     matrix, newton = _hessian(system, x), newton_of(system)
     mass = newton.entries(np.repeat(system.mass[:, None], 3, axis=1))
     k = min(k, int(np.count_nonzero(mass)))
+    if k == 0:
+        return Modes(np.zeros(0), np.zeros((0, *x.shape)))
     values, vectors = lowest_eigenpairs(matrix, mass, k)
     frequency = np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
     return Modes(frequency, np.stack([_shape(newton.spread(column)) for column in vectors.T]))

@@ -114,7 +114,7 @@ class Newton:
         points = []
         for guess in guesses:
             move = self.system.only_free(guess - x)
-            if self._reach(x, move) == 1.0:
+            if self.reach(x, move) == 1.0:
                 points.append(self.at(increment, x + move))
         return min(points, key=lambda point: point.value) if points else self.at(increment, x)
 
@@ -141,7 +141,7 @@ class Newton:
     def with_prescribed(self, x: NDArray) -> NDArray:
         """Positions `x` with the prescribed vertices at the time of the system."""
         moved = self.system.prescribed_state(x, x, x)[0]
-        if moved is not x and self._reach(x, moved - x) < 1.0:
+        if moved is not x and self.reach(x, moved - x) < 1.0:
             raise StepRejected("barrier crossed", worst(moved - x))
         return moved
 
@@ -173,7 +173,7 @@ class Newton:
             direction = self._direction(increment, point.y, g, before, exact)
             move = self.spread(direction.x)
             short = direction.convex and max(float(np.abs(move).max()), direction.error) <= enough
-            if short and self._reach(point.y, move) == 1.0:
+            if short and self.reach(point.y, move) == 1.0:
                 # too short for values to judge: they differ by rounding
                 point, near = self.at(increment, point.y + move), near + 1
                 continue
@@ -242,7 +242,7 @@ class Newton:
         if float(np.abs(left).max()) <= self._moved(increment, point.y):
             return point, g
         move = self.system.only_free(np.broadcast_to(left, point.y.shape))
-        if self._reach(point.y, move) < 1.0:
+        if self.reach(point.y, move) < 1.0:
             return point, g
         moved = point.y + move
         slope = self.slope(increment, moved)
@@ -356,7 +356,7 @@ class Newton:
         except SolveError as error:
             raise StepRejected(str(error)) from error
 
-    def _reach(self, y: NDArray, move: NDArray) -> float:
+    def reach(self, y: NDArray, move: NDArray) -> float:
         """Largest fraction of a move that stays inside every barrier."""
         t = 1.0
         for barrier in self.system.barriers:
@@ -371,7 +371,7 @@ class Newton:
 
         Each fraction is the least point of the parabola through what is known, within bounds.
         """
-        t = self._reach(point.y, move)
+        t = self.reach(point.y, move)
         while t > MIN_STEP_FRACTION:
             trial = self.at(increment, point.y + t * move)
             slack = sum_rounding(max(point.scale, trial.scale), len(move))
@@ -382,7 +382,7 @@ class Newton:
 
     def _further(self, increment: Increment, point: Point, move: NDArray) -> Point:
         """Along a move that curves downhill, as far as doubling it again and again gains."""
-        while self._reach(point.y, move) == 1.0:
+        while self.reach(point.y, move) == 1.0:
             trial = self.at(increment, point.y + move)
             if not trial.value < point.value:
                 break

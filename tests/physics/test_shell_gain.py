@@ -7,6 +7,7 @@ from benchmarks.drops import drop
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.simulation.account import Account
+from tests.simulate import shell_run
 
 
 class Hill:
@@ -69,3 +70,30 @@ def test_contact_gives_bdf2_at_most_a_hundredth():
     """Not judged, two steps in which the sheet leaves the ball gave 7 % of the energy."""
     crossed, gain = drop(25, duration=0.224, integrator="bdf2")
     assert crossed == 0 and gain <= 0.01
+
+
+HANGING = """
+[time]
+duration = 0.2
+step = 0.005
+integrator = "bdf2"
+[[object]]
+name = "s"
+role = "shell"
+grid = { size = [0.1, 0.1], cells = [4, 4] }
+material = "rubber"
+thickness = "1 mm"
+[effects]
+stretching = {}
+bending = { model = "midedge" }
+gravity = {}
+pin = { vertices = [0, 4] }
+"""
+
+
+def test_bdf2_swings_through_the_lowest_point_in_whole_steps():
+    """Its error takes energy on the way down and gives it back, in halved steps too, which had no end."""
+    run, *_ = shell_run(HANGING)
+    assert run[-1].steps == 40 and run[-1].smallest_step == 0.005
+    energy = [sum(v for k, v in s.observations["s"].scalar.items() if k.startswith("energy_")) for s in run]
+    assert max(energy) <= energy[0] + 0.02 * max(s.observations["s"].scalar["energy_kinetic"] for s in run)

@@ -180,3 +180,49 @@ def test_command_writes_modes_and_face_arrays(tmp_path, summary, integrator):
     assert np.linalg.norm(saved.vertex["mode_000"], axis=1).max() == pytest.approx(1)
     names = {"stress", "strain_tensor", "bending_moment", "principal_stress", "principal_moment"}
     assert names <= set(saved.face)
+
+
+def test_modes_of_a_held_shell_are_refused_without_a_file(tmp_path, run):
+    scene, out = tmp_path / "plate.toml", tmp_path / "plate.vtkhdf"
+    scene.write_text(PLATE.format(integrator="newmark").replace("[0, 1, 0]]", "[1, 1, 0]]"))
+    result = run("shell-sim", scene, "--modes", 2, "-o", out)
+    assert result.exit_code == 2 and "every vertex is held" in result.stderr
+    assert list(tmp_path.iterdir()) == [scene]
+
+
+def test_a_shell_without_load_or_freedom_leaves_the_modes_of_the_others(tmp_path, summary):
+    """The second plate is held as a whole, and no load acts on it."""
+    scene, text = tmp_path / "plates.toml", PLATE.format(integrator="newmark")
+    plate = text[text.index("[[object]]") : text.index("[effects]")]
+    alone, counts = text.replace("[6, 6]", "[2, 2]"), ("--modes", 2, "--buckling", 2)
+    scene.write_text(alone)
+    results = summary("shell-sim", scene, *counts)["results"]
+    other = plate.replace('"plate"', '"other"').replace("poisson", "position = [0, 0, 1]\npoisson")
+    both = text.replace(plate, plate + other).replace("[6, 6]", "[2, 2]")
+    both = both.replace("pin = {", 'pin = [{ object = "plate",').replace(
+        "clamp = true }", 'clamp = true }, { object = "other", box = [[0, 0, 0], [1, 1, 1]] }]'
+    )
+    scene.write_text(both.replace("load = {", 'load = { object = "plate",'))
+    out = summary("shell-sim", scene, *counts)
+    for name in ("frequencies", "load_factors"):
+        assert out["results"][name] == pytest.approx(results[name], rel=1e-9)
+    assert any("other: no load acts" in warning for warning in out["warnings"])
+
+
+def test_fewer_modes_than_the_call_names_are_a_warning(tmp_path, summary):
+    scene = tmp_path / "plate.toml"
+    scene.write_text(PLATE.format(integrator="newmark").replace("[6, 6]", "[2, 2]"))
+    out = summary("shell-sim", scene, "--modes", 40)
+    assert len(out["results"]["frequencies"]) == 18
+    assert any("18 modes in place of 40" in warning for warning in out["warnings"])
+
+
+def test_a_plate_whose_every_direction_is_clamped_stretches_in_its_plane(tmp_path, summary):
+    """No rotation of an edge is free; a matrix without rows was an error of the scene."""
+    scene = tmp_path / "plate.toml"
+    text = PLATE.format(integrator="static").replace("[6, 6]", "[2, 2]")
+    level = '{ box = [[0, 0, 0], [1, 1, 0]], axes = "z", clamp = true }'
+    flat = f"pin = [{{ box = [[0, 0, 0], [0, 1, 0]] }}, {level}]"
+    scene.write_text(text[: text.index("pin = ")] + flat + "\n" + text[text.index("load = ") :])
+    energies = summary("shell-sim", scene, "--modes", 2)["results"]["energies"]
+    assert energies["bending"]["end"] == 0 < energies["stretching"]["end"]

@@ -108,3 +108,16 @@ def test_effect_without_object_acts_on_every_shell_as_on_that_which_it_names(eff
         every = end(name, "")
         assert np.array_equal(every, end(name, f'object = "{name}", '))
         assert not np.array_equal(every, end(name, f'object = "{other}", '))
+
+
+def test_wind_on_an_equilibrium_is_refused_and_the_cures_run(run, tmp_path):
+    """It has no energy: it changed nothing there, with exit 0."""
+    scene, clamp = tmp_path / "plate.toml", "pin = { vertices = [0, 1, 2] }\n"
+    wind = "wind = { velocity = [0, 0, 5] }"
+    scene.write_text(plate_text(clamp + wind, integrator="static"))
+    result = run("shell-sim", scene)
+    assert result.exit_code == 2 and "wind: the force of the wind has no energy" in result.stderr
+    scene.write_text(plate_text(clamp + "load = { traction = [0, 0, 16] }", integrator="static"))
+    assert run("shell-sim", scene).exit_code == 0
+    scene.write_text(plate_text(clamp + wind + "\ndamping = { mass = 10 }", integrator="implicit-euler"))
+    assert run("shell-sim", scene).exit_code == 0

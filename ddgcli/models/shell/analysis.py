@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import SolveError
 from ddgcli.mechanics.modes import Modes, buckling_modes, natural_modes
 from ddgcli.mechanics.system import System
 
@@ -38,16 +39,33 @@ def buckling(systems: dict[str, System], order: Order, k: int) -> tuple[dict[str
 def _lowest(
     systems: dict[str, System], modes_of: Callable[[str, System], Modes], order: Order, k: int
 ) -> tuple[list[float], list[NDArray]]:
-    """The k lowest values over all systems, and their shapes on the vertices of all shells."""
+    """The k lowest values over all systems, and their shapes on the vertices of all shells.
+
+    Raises
+    ------
+    SolveError
+        Of the first system, where none has any; else that of a system is a warning.
+    """
     values: list[float] = []
     shapes: list[NDArray] = []
+    failures: dict[str, SolveError] = {}
     owners = np.concatenate([np.full(count, owner, dtype=object) for owner, count in order])
     for name, system in systems.items():
-        modes = modes_of(name, system)
+        try:
+            modes = modes_of(name, system)
+        except SolveError as error:
+            failures[name] = error
+            continue
         for value, shape in zip(modes.values, modes.shapes):
             whole = np.zeros((len(owners), 3))
             whole[owners == name] = shape
             values.append(float(value))
             shapes.append(whole)
+    if not values and failures:
+        raise next(iter(failures.values()))
+    for name, failure in failures.items():
+        log.warning("%s: %s", name, failure)
+    if len(values) < k:
+        log.warning("%d modes in place of %d: the shells have no more", len(values), k)
     ascending = np.argsort(values, kind="stable")[:k]
     return [values[i] for i in ascending], [shapes[i] for i in ascending]

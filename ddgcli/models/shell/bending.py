@@ -115,7 +115,9 @@ class QuadraticBending:
     name = "bending"
 
     def __init__(self, stencil: NDArray, weight: NDArray, c: NDArray, n: int) -> None:
-        self.stencil = stencil
+        self.stencil, self.weight = stencil, weight
+        rows, number = np.indices(stencil.shape)[0].ravel(), stencil.ravel()
+        self._curvature: csr_array = coo_array((c.ravel(), (rows, number)), shape=(len(stencil), n)).tocsr()
         local = weight[:, None, None] * c[:, :, None] * c[:, None, :]
         corner = matrix_indices(stencil, n, local.size)
         rows, cols = np.repeat(corner, 4, axis=1).ravel(), np.tile(corner, (1, 4)).ravel()
@@ -123,10 +125,12 @@ class QuadraticBending:
         self._local = local
 
     def energy(self, x: NDArray) -> float:
-        return 0.5 * float(np.vdot(x, self.matrix @ x))
+        # x . Q x cancels: its rounding exceeds what the last moves to an equilibrium change
+        bend = self._curvature @ (x - x[0])
+        return 0.5 * float(self.weight @ np.einsum("ki,ki->k", bend, bend))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        return self.matrix @ x
+        return self.matrix @ (x - x[0])
 
     def material_operator(self, x: NDArray) -> LinearOperator:
         """Product of the Hessian, which is constant, with velocities (n, 3)."""

@@ -137,7 +137,7 @@ class MidedgeBending:
 
         k = self.internal
         self._solver = Factor(summed(rotation, slope, rotation, slope, (k, k))) if k else None
-        self._mixed = summed(rotation, slope, angle, half_turn, (k, angles))
+        self._mixed = summed(rotation, slope, angle, half_turn, (k, angles)) if k else csr_array((0, angles))
         self._stiffness = summed(angle, half_turn, angle, half_turn, (angles, angles))
 
     def _stencil(self, faces: NDArray) -> NDArray[np.int64]:

@@ -199,6 +199,8 @@ def check_analysis(systems: dict[str, System]) -> None:
         raise ParameterError("modes of shells with rigid edges are not computed; leave rigid out")
     if _yields(systems):
         raise ParameterError("modes of shells with plasticity are not computed; leave plasticity out")
+    if not any(system.free.any() for system in systems.values()):
+        raise ParameterError("every vertex is held, so nothing vibrates or buckles; pin fewer vertices")
 
 
 def final(

@@ -141,6 +141,11 @@ def _depends_on_time(text: str) -> bool:
 
 
 def build(parameters: Wind, context: ShellContext) -> list[FaceDrag]:
+    if context.scene.time.integrator == "static":
+        raise ValueError(
+            'the force of the wind has no energy, of which "static" finds the least; write '
+            'load = { traction = [...] }, or integrator = "implicit-euler" with damping = { mass = ... }'
+        )
     if parameters.density == 0 or parameters.normal == parameters.tangential == 0:
         log.warning("effect wind on %s has no strength: it changes nothing", context.shell.name)
         return []
