@@ -35,7 +35,7 @@ class Side:
     ----------
     axis, end : int
         The side where the parameter `axis` is least (0) or largest (1).
-    held : str
+    fixed : str
         Coordinates that do not move on the side.
     flat : str
         Coordinates whose derivative across the side does not change.
@@ -43,7 +43,7 @@ class Side:
 
     axis: int
     end: int
-    held: str
+    fixed: str
     flat: str
 
 
@@ -171,7 +171,7 @@ class SplineShell:
         return self.functions @ control[self.nodes][:, None]
 
     def _supports(self, support: Support) -> tuple[NDArray[np.int64], int]:
-        """Number of the unknown that every coordinate of a control point follows (-1: held), and how many."""
+        """Number of the unknown that each coordinate of a control point follows (-1: fixed), and how many."""
         n = self._number.size
         master = np.arange(3 * n).reshape(n, 3)
         for side in support.sides:
@@ -181,10 +181,10 @@ class SplineShell:
                 master[rows[1], k] = master[rows[0], k]
         for side in support.sides:
             rows = np.moveaxis(self._number, side.axis, 0)[:: 1 - 2 * side.end]
-            for c in side.held:
+            for c in side.fixed:
                 unknowns = master[rows[0], "xyz".index(c)]
                 master[np.isin(master, unknowns[unknowns >= 0])] = -1
-        if all(side.held == "y" or side.held == "x" for side in support.sides):
+        if all(side.fixed == "y" or side.fixed == "x" for side in support.sides):
             master[master == master[0, 2]] = -1  # the translation that symmetry leaves
         flat = master.ravel()
         # a coordinate may follow one that itself follows another, at a corner of two sides

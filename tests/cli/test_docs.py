@@ -109,6 +109,15 @@ def test_every_example_is_a_call(page, line):
     assert context.params.keys() == {parameter.name for parameter in command.params if parameter.expose_value}
 
 
+def test_every_sample_that_an_example_names_exists():
+    lines = [line for page in PAGES for line in examples(page)]
+    samples = [
+        word for line in lines for word in shlex.split(line, comments=True) if word.startswith("sample_")
+    ]
+    assert len(samples) > 60
+    assert [word for word in samples if not list(ROOT.glob(word))] == []
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
 def test_every_link_leads_somewhere(page):
     for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
