@@ -264,3 +264,9 @@ def test_times_of_a_flow_have_the_unit_of_a_length_power(summary, tmp_path, word
     summary("willmore-flow", tmp_path / "a.ply", *words)
     summary("frames", tmp_path / "w.vtkhdf", "--at", 0, "-o", tmp_path / "b.svg")
     assert f"t = 0 {unit}" in (tmp_path / "b.svg").read_text(encoding="utf-8")
+
+
+def test_paths_of_a_run_without_particles_name_the_command_that_has_them(run, trajectory, tmp_path):
+    result = run("frames", trajectory, "--paths", "-o", tmp_path / "paths.vtp")
+    assert result.exit_code == 2 and result.stderr.count(str(trajectory)) == 1
+    assert "name the effect particles in a scene of fluid-sim" in result.stderr

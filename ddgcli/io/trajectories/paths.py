@@ -19,7 +19,7 @@ def check_particles(source: Trajectory) -> list[str]:
     names = [name for name in source.scalars if name.startswith(PREFIX)]
     if not names:
         raise ParameterError(
-            f"{source.path} holds no particles; add the effect particles to the scene", parameter="paths"
+            "the run has no particles; name the effect particles in a scene of fluid-sim", parameter="paths"
         )
     return names
 
