@@ -1,10 +1,14 @@
-"""Cures of ill-conditioned systems, which depend on the shapes of the faces."""
+"""Cures that depend on the mesh: of ill-conditioned systems, and of components that touch without edges."""
 
 from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -23,3 +27,12 @@ def cure_of_bad_shapes(mesh: SurfaceMesh | TetMesh) -> str:
         if n_flat < mesh.n_faces and (n_flat or len(folded_edges(dihedral_angle(mesh)))):
             return f"faces without area or folded onto others leave rounding errors; {cure('folds')}"
     return "thin triangles leave rounding errors; move their vertices, or mesh the surface again"
+
+
+def weld_advice(mesh: SurfaceMesh, unreached: NDArray[np.bool_]) -> str:
+    """After a semicolon: the weld, where an unreached vertex lies at the position of a reached one."""
+    if not isinstance(mesh, TriangleMesh):
+        return ""
+    place, used = merged_points(mesh.points)[1], mesh.topology.referenced_vertex
+    meet = np.isin(place[used & unreached], place[used & ~unreached]).any()
+    return f"; {cure('equal positions')}" if meet else ""

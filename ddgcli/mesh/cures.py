@@ -25,6 +25,7 @@ CURES = {
     "no volume": ("remove such cells", "drop_degenerate"),
     "inverted": ("exchange two corners of each", "orient"),
     "repeated vertex": ("remove such faces", "drop_degenerate"),
+    "equal positions": ("join vertices at equal positions", "weld"),
     "components": ("keep the largest", "largest"),
     "no boundary": ("cut it open", "cut_to_disk"),
     "handles": ("cut them open", "cut_to_disk"),

@@ -223,6 +223,21 @@ def test_a_soup_has_one_warning_of_all_its_unreached_components(summary, tmp_pat
     ]
 
 
+def test_components_that_meet_at_equal_positions_are_joined_by_the_repair_that_the_warning_names(
+    run, summary, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    sphere = shapes.icosphere(1)
+    corners = np.arange(3 * sphere.n_faces).reshape(-1, 3)
+    write_mesh(
+        "stl.npz", AnnotatedMesh(TriangleMesh.from_arrays(sphere.points[sphere.faces.ravel()], corners))
+    )
+    (warning,) = summary("geodesic", "stl.npz", "--source", 0)["warnings"]
+    repair = warning.split("with ddgcli ")[1].split()
+    assert run(*repair).exit_code == 0
+    assert not summary("geodesic", repair[-1], "--source", 0)["warnings"]
+
+
 @pytest.mark.parametrize(
     "words, message",
     [

@@ -16,7 +16,7 @@ from ddgcli.algorithms.geodesics.edge_distance import downhill_source
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
 from ddgcli.choices import DEFAULT_HEAT_TIME, DISTANCE_METHODS, HEAT_OPERATORS
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.cures import cure_of_bad_shapes
+from ddgcli.geometry.cures import cure_of_bad_shapes, weld_advice
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -379,12 +379,13 @@ def report_unreachable(mesh: SurfaceMesh, distance: NDArray) -> int:
     if named.sum() == 1:
         log.warning(
             f"component {numbers[named][0]} ({sizes[named][0]} vertices, first: vertex {first[named][0]}) "
-            "is not reached by any source; its distance is inf"
+            f"is not reached by any source; its distance is inf{weld_advice(mesh, unreached)}"
         )
     elif named.any():
         log.warning(
             f"{named.sum()} components ({sizes[named].sum()} vertices; first: component {numbers[named][0]}, "
             f"vertex {first[named][0]}) are not reached by any source; their distance is inf"
+            f"{weld_advice(mesh, unreached)}"
         )
     if not named.all():
         log.warning(f"{int(sizes[~named].sum())} vertices belong to no face; their distance is inf")
