@@ -1,3 +1,3 @@
 """Straightest geodesics: `trace.trace` and `trace.Tracer` trace thousands of lines at once."""
 
-__all__ = ["lines", "trace"]
+__all__ = ["crossing", "lines", "trace"]
