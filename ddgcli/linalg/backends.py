@@ -38,6 +38,8 @@ MATRIX_BYTES = 24.0  # of an entry of a matrix while it is assembled: value, row
 MIN_CHOLMOD_UNKNOWNS = 3000
 # entries below which dissection costs more than minimum degree (8,600 vertices of a mesh, 350 of a shell)
 MIN_MULTIFRONTAL_ENTRIES = 100_000
+# eigenpairs and entries from which a shift among the eigenvalues costs less
+MIN_SHIFTED_PAIRS, MIN_SHIFTED_ENTRIES = 20, 50_000
 
 
 class Backend(Protocol):
@@ -108,6 +110,19 @@ def choose_solver(
         return name, None
     iterative, analysis = _solver_of_little_memory(matrix, entries)
     return (iterative, None) if iterative else (_by_size(matrix), analysis)
+
+
+def shift_is_cheap(solver: str | None, matrix: csc_array, k: int) -> bool:
+    """Whether k eigenpairs cost least by a multifrontal factor of the matrix with a shift.
+
+    Few pairs cost little more than the factor of the solver itself.
+    """
+    name = _solver_setting(solver)
+    if name == "auto" and k < MIN_SHIFTED_PAIRS:
+        name = _by_size(matrix)
+    if name != "auto":
+        return name == "multifrontal"
+    return matrix.nnz >= MIN_SHIFTED_ENTRIES and direct_fits(matrix)
 
 
 def displacement_solver(graph: csc_array, size: int) -> str | None:

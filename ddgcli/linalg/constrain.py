@@ -238,28 +238,6 @@ class Poisson:
             return inner
         return np.append(self._dirichlet.free[inner], self.pinned)
 
-    def count_below(self, shift: float, mass: NDArray) -> int | None:
-        """Number of eigenvalues of L x = lambda diag(mass) x below `shift`, by the analysis of the factor.
-
-        The pinned unknowns come last: the Schur complement of L - shift diag(mass) on them is diagonal, with
-        one entry for each floating component. None where the factor does not count.
-        """
-        inner, free = self.factor.matrix, self._dirichlet.free
-        column = np.repeat(np.arange(len(free), dtype=inner.indices.dtype), np.diff(inner.indptr))
-        diagonal = np.flatnonzero(inner.indices == column)
-        if inner.shape[0] != len(free) or len(diagonal) != len(free):
-            return None
-        data = inner.data.copy()
-        data[diagonal] -= shift * mass[free]
-        load = self.matrix[:, self.pinned].sum(axis=1)
-        counted = self.factor.inertia(data, load[free])
-        if counted is None:
-            return None
-        label, floating = self.label[free], self.label[free] >= 0
-        energy = np.bincount(label[floating], weights=counted.energy[floating], minlength=self.count)
-        schur = self.matrix.diagonal()[self.pinned] - shift * mass[self.pinned] - energy
-        return counted.negative + int((schur < 0).sum())
-
     def _spread(self, total: NDArray) -> NDArray:
         """(n, ...) multiple of the mass, with the (count, ...) sum `total` over each floating component."""
         weight = self._sums(self.weight)

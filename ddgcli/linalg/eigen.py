@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, eigh, solve_triangular
-from scipy.sparse import csc_array, csr_array, sparray
+from scipy.sparse import csc_array, csr_array, sparray, triu
 from scipy.sparse.linalg import splu
 
 from ddgcli.errors import ParameterError
-from ddgcli.linalg.backends import direct_fits
-from ddgcli.linalg.constrain import Poisson
+from ddgcli.linalg.backends import direct_fits, shift_is_cheap
+from ddgcli.linalg.constrain import Poisson, floating_components
 from ddgcli.linalg.indices import compact
 from ddgcli.linalg.lanczos import BlockLanczos
 from ddgcli.linalg.ordering import fill_reducing_ordering
+from ddgcli.linalg.shift_invert import ShiftInvert
 from ddgcli.memory import check_memory
 from ddgcli.progress import ProgressCallback
 
@@ -26,6 +28,9 @@ log = logging.getLogger("ddgcli")
 
 MAX_DENSE_SIZE = 400  # unknowns; larger problems are dense only for more than a third of the spectrum
 VECTORS_PER_PAIR = 4  # in memory
+SHIFTED_WIDTH = 8  # vectors of a block: the multifrontal solver takes as long for eight as for four
+SMALL = 1e-2  # eigenvalue relative to the shift, below which two and more of its digits are lost
+ROUNDING = 1e-9  # of a zero eigenvalue, relative to the shift
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,22 +107,23 @@ def _scaled_eigenpairs(
     L: csr_array, M: csr_array, k: int, seed: int, progress: ProgressCallback | None, options: dict[str, Any]
 ) -> Eigenpairs:
     """`smallest_eigenpairs` for masses near 1."""
-    n = L.shape[0]
-    problem = Poisson(L, M @ np.ones(n), **options)
+    n, label, weight = L.shape[0], floating_components(L), M @ np.ones(L.shape[0])
+    null = _null_vectors(label, weight, k)
     if n <= MAX_DENSE_SIZE or 3 * k > n:
-        return _with_residuals(L, M, *_dense(M, problem, k), complete=True)
-    null = _null_vectors(problem, k)
+        return _with_residuals(L, M, *_dense(M, Poisson(L, weight, **options), null, k), complete=True)
     if null.shape[1] == k:
         return _with_residuals(L, M, np.zeros(k), null, complete=True)
-    values, vectors, complete = _lanczos(L, M, problem, null, k - null.shape[1], seed, progress)
+    inverse = _shifted(L, M, k, **options) or _pinned(L, M, weight, options)
+    n_null = int(label.max(initial=-1)) + 1
+    values, vectors, complete = _lanczos(M, inverse, null, k - null.shape[1], n_null, seed, progress)
+    values = _with_small_values(L, M, label, values, vectors, SMALL * inverse.shift)
     values = np.concatenate([np.zeros(null.shape[1]), values])
     pairs = _with_residuals(L, M, values, np.column_stack([null, vectors]), complete=complete)
-    return replace(pairs, solver=problem.factor.solver)
+    return replace(pairs, solver=inverse.solver)
 
 
-def _dense(M: csr_array, problem: Poisson, k: int) -> tuple[NDArray, NDArray]:
+def _dense(M: csr_array, problem: Poisson, null: NDArray, k: int) -> tuple[NDArray, NDArray]:
     """All eigenpairs of the inverse, whose largest are the smallest ones to full relative precision."""
-    null = _null_vectors(problem, k)
     c = null.shape[1]
     R = cholesky(M.toarray())
     inverse = R @ problem.apply_inverse(np.asfortranarray(R.T))
@@ -126,13 +132,13 @@ def _dense(M: csr_array, problem: Poisson, k: int) -> tuple[NDArray, NDArray]:
     return np.concatenate([np.zeros(c), 1.0 / theta]), np.column_stack([null, solve_triangular(R, S)])
 
 
-def _null_vectors(problem: Poisson, k: int) -> NDArray[np.float64]:
+def _null_vectors(label: NDArray, weight: NDArray, k: int) -> NDArray[np.float64]:
     """(n, min(c, k)) normalised indicators of components that have the constants as null space."""
-    vectors = np.zeros((len(problem.label), min(problem.count, k)))
-    inside = np.flatnonzero((problem.label >= 0) & (problem.label < k))
-    label = problem.label[inside]
-    size = np.bincount(label, weights=problem.weight[inside], minlength=problem.count)
-    vectors[inside, label] = 1.0 / np.sqrt(size[label])
+    count = int(label.max(initial=-1)) + 1
+    vectors = np.zeros((len(label), min(count, k)))
+    inside = np.flatnonzero((label >= 0) & (label < k))
+    size = np.bincount(label[inside], weights=weight[inside], minlength=count)
+    vectors[inside, label[inside]] = 1.0 / np.sqrt(size[label[inside]])
     return vectors
 
 
@@ -148,53 +154,113 @@ def _with_residuals(L: csr_array, M: csr_array, values: NDArray, X: NDArray, *, 
     return Eigenpairs(values, X, norm(LX - MX * values, axis=0) / scale, complete)
 
 
+def _with_small_values(
+    L: csr_array, M: csr_array, label: NDArray, values: NDArray, X: NDArray, bound: float
+) -> NDArray[np.float64]:
+    """Values; those below a bound are Rayleigh quotients of squared differences, which keep their digits."""
+    small = np.flatnonzero(values < bound)
+    if not len(small):
+        return values
+    X = X[:, small]
+    edges = triu(L, 1).tocoo()
+    row_sum = np.where(label < 0, L @ np.ones(len(X)), 0.0)
+    energy = row_sum @ X**2 - edges.data @ (X[edges.row] - X[edges.col]) ** 2
+    values = values.copy()
+    values[small] = energy / (X * (M @ X)).sum(axis=0)
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class _Inverse:
+    """Inverse of L - shift M, and the number of eigenvalues below a value (None: not counted)."""
+
+    solve: Callable[[NDArray], NDArray]
+    count_below: Callable[[float], int | None]
+    solver: str
+    shift: float = 0.0
+    width: int = 4  # vectors of a block
+
+
+def _shifted(L: csr_array, M: csr_array, k: int, solver: str | None = None) -> _Inverse | None:
+    """Inverse with a shift among the k eigenvalues; None for other solvers, or without a good shift."""
+    if not shift_is_cheap(solver, csc_array(L), k):
+        return None
+    shifted = ShiftInvert(L, M)
+    if not shifted.factorise_near(k):
+        return None
+
+    def count(value: float) -> int:
+        below = shifted.count_below(value)
+        return count_below(L, M, value) if below is None else below
+
+    return _Inverse(shifted.solve, count, "multifrontal", shifted.shift, SHIFTED_WIDTH)
+
+
+def _pinned(L: csr_array, M: csr_array, weight: NDArray, options: dict[str, Any]) -> _Inverse:
+    """Inverse of L in the complement of its null space, with the solver of `Factor`."""
+    problem = Poisson(L, weight, **options)
+
+    def count(value: float) -> int | None:
+        order = problem.order
+        if order is None and not direct_fits(csc_array(L)):
+            return None
+        return count_below(L, M, value, order)
+
+    return _Inverse(problem.pinned_solve, count, problem.factor.solver)
+
+
 def _lanczos(
-    L: csr_array,
     M: csr_array,
-    problem: Poisson,
+    inverse: _Inverse,
     null: NDArray,
     k: int,
+    n_null: int,
     seed: int,
     progress: ProgressCallback | None,
 ) -> tuple[NDArray, NDArray, bool]:
-    """The k smallest eigenpairs orthogonal to `null`, and whether none is missing.
+    """The k smallest eigenpairs orthogonal to `null`, and whether none is missing; `n_null` zero eigenvalues.
 
-    A diagonal mass is applied on both sides, M^(1/2) L^-1 M^(1/2), so that the inner product is Euclidean.
+    A diagonal mass is applied on both sides, M^(1/2) (L - shift M)^-1 M^(1/2), so that the inner product is
+    Euclidean.
     """
     diagonal = M.diagonal() if M.nnz == M.shape[0] else np.zeros(1)
     root = np.sqrt(diagonal) if (diagonal > 0).all() else None
+    shift = inverse.shift
 
-    def inverse(block: NDArray) -> NDArray:
+    def apply(block: NDArray) -> NDArray:
         if root is None:
-            return problem.pinned_solve(M @ block.T).T
-        return problem.pinned_solve((block * root).T).T * root
+            return inverse.solve(M @ block.T).T
+        return inverse.solve((block * root).T).T * root
 
     excluded = null.T if root is None else null.T * root
-    search = BlockLanczos(inverse, M if root is None else None, excluded, seed)
-    theta, vectors, complete = search.largest(
-        k, lambda theta: _none_missing(L, M, 1.0 / theta, problem), progress
+    inner = M if root is None else None
+    search = BlockLanczos(apply, inner, excluded, seed, lambda theta: _ascending(theta, shift), inverse.width)
+    theta, vectors, complete = search.first(
+        k, lambda theta: _none_missing(shift + 1.0 / theta, inverse, n_null), progress
     )
     if not complete:
         log.warning("eigenvalues below the last one are missing; compute fewer, or check the list")
-    return 1.0 / theta, (vectors if root is None else vectors / root).T, complete
+    return shift + 1.0 / theta, (vectors if root is None else vectors / root).T, complete
 
 
-def _none_missing(L: csr_array, M: csr_array, values: NDArray, problem: Poisson) -> bool:
+def _ascending(theta: NDArray, shift: float) -> NDArray[np.int64]:
+    """Order of Ritz values 1 / (lambda - shift) by lambda; of negative lambda (not converged) last."""
+    value = shift + 1.0 / np.where(theta == 0, np.finfo(float).tiny, theta)
+    return np.lexsort((value, value < -ROUNDING * shift))
+
+
+def _none_missing(values: NDArray, inverse: _Inverse, n_null: int) -> bool:
     """Whether inertia counts no more eigenvalues than `values` below the cluster of the last one."""
-    order = problem.order
-    if order is None and not direct_fits(csc_array(L)):
+    last = values[-1]
+    smaller = values[values < last * (1 - 1e-6)]
+    count = inverse.count_below(0.5 * (last + (smaller[-1] if len(smaller) else 0.0)))
+    if count is None:
         log.warning(
             "whether an eigenvalue is missing was not counted: the factors do not fit into memory; "
             "use a coarser mesh to check"
         )
         return True
-    last = values[-1]
-    smaller = values[values < last * (1 - 1e-6)]
-    shift = 0.5 * (last + (smaller[-1] if len(smaller) else 0.0))
-    count = problem.count_below(shift, M.diagonal()) if M.nnz == M.shape[0] else None
-    if count is None:
-        count = count_below(L, M, shift, order)
-    return count <= len(smaller) + problem.count
+    return count <= len(smaller) + n_null
 
 
 def count_below(L: sparray, M: sparray, shift: float, order: NDArray | None = None) -> int:

@@ -12,14 +12,12 @@ from ddgcli.errors import SolveError
 from ddgcli.linalg.backends import (
     Analysis,
     Backend,
-    Multifrontal,
     NotPositiveDefinite,
     SymmetricLU,
     choose_solver,
     make_backend,
 )
 from ddgcli.linalg.indices import compact
-from ddgcli.linalg.inertia import Inertia, inertia
 from ddgcli.linalg.iterative import Iterative
 
 log = logging.getLogger("ddgcli")
@@ -109,18 +107,6 @@ class Factor:
     def order(self) -> NDArray[np.int64] | None:
         """Unknown eliminated at each step; None where pivoting decides."""
         return self._backend.order
-
-    def inertia(self, data: NDArray, load: NDArray) -> Inertia | None:
-        """Inertia of a real matrix with the pattern of this one; None where only other backends count it.
-
-        None also where a block of pivots is singular.
-        """
-        if not isinstance(self._backend, Multifrontal):
-            return None
-        try:
-            return inertia(self._backend.levels, data, load)
-        except np.linalg.LinAlgError:
-            return None
 
     def same_pattern(self, other: csc_array) -> bool:
         """Whether another matrix stores the same entries in the same order."""

@@ -1,4 +1,4 @@
-"""Largest eigenpairs of a self-adjoint operator, by block Lanczos with thick restarts."""
+"""Eigenpairs of a self-adjoint operator at one end of an order, by block Lanczos with thick restarts."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from ddgcli.progress import ProgressCallback
 log = logging.getLogger("ddgcli")
 
 
-# vectors a step: few for few pairs (fewer applications), more for many (fewer passes over the basis)
-MIN_BLOCK_WIDTH, MAX_BLOCK_WIDTH = 4, 32
+MAX_BLOCK_WIDTH = 32  # vectors a step, of many pairs: fewer passes over the basis
 MIN_FREE_VECTORS = 32  # of a basis, beyond the eigenvectors that it keeps
 MIN_BASIS_SIZE = 200  # vectors
 RESIDUAL_TOLERANCE = 1e-10  # relative, before the last step; eigenvalues are accurate to its square
@@ -35,13 +34,17 @@ class BlockLanczos:
     Parameters
     ----------
     apply : callable
-        (w, n) rows to their images; self-adjoint and positive semidefinite in the inner product.
+        (w, n) rows to their images; self-adjoint in the inner product.
     mass : (n, n) csr_array or None
         The inner product; None is Euclidean.
     excluded : (c, n) ndarray
         Orthonormal vectors; the search is in their complement.
     seed : int
         Of the starting block.
+    order : callable, optional
+        Ritz values to their order; the search is for the first ones. Default: the largest first.
+    min_width : int
+        Least number of vectors in a block: few for few pairs (fewer applications).
     """
 
     def __init__(
@@ -50,17 +53,20 @@ class BlockLanczos:
         mass: csr_array | None,
         excluded: NDArray,
         seed: int,
+        order: Callable[[NDArray], NDArray] = lambda theta: np.argsort(-theta, kind="stable"),
+        min_width: int = 4,
     ) -> None:
         self.apply, self.mass, self.excluded = apply, mass, excluded
+        self.order, self.min_width = order, min_width
         self.rng = np.random.default_rng(seed)
         self.n = excluded.shape[1]
 
-    def largest(
+    def first(
         self, k: int, none_missing: Callable[[NDArray], bool], progress: ProgressCallback | None = None
     ) -> tuple[NDArray, NDArray, bool]:
-        """Eigenvalues (k,) descending, vectors (k, n), and whether none is missing at the end."""
+        """The first k eigenvalues (k,), vectors (k, n), and whether none is missing at the end."""
         self.progress, self.n_converged = progress, 0
-        self.width = min(max(MIN_BLOCK_WIDTH, k // 25), MAX_BLOCK_WIDTH)
+        self.width = min(max(self.min_width, k // 25), MAX_BLOCK_WIDTH)
         free = max(MIN_FREE_VECTORS, 8 * self.width)
         limit = min(self.n - len(self.excluded), max(2 * k, min(4 * k, MIN_BASIS_SIZE)) + free)
         self.basis = np.empty((limit + self.width, self.n))
@@ -89,7 +95,7 @@ class BlockLanczos:
     def _expand(self, block: NDArray, k: int, limit: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
         """Grow the basis until k pairs have converged or it is full.
 
-        Returns Ritz values (descending) and vectors, the coupling of the last block to the next, the next.
+        Returns Ritz values (in order) and vectors, the coupling of the last block to the next, the next.
         """
         check = max(self.used, k)  # the projected problem costs its size cubed: solve it rarely
         while True:
@@ -106,7 +112,8 @@ class BlockLanczos:
                 check = self.used
                 T = self.projected[: self.used, : self.used]
                 theta, S = np.linalg.eigh(0.5 * (T + T.T))
-                theta, S = theta[::-1], S[:, ::-1]
+                order = self.order(theta)
+                theta, S = theta[order], S[:, order]
                 error = np.linalg.norm(coupling @ S[-len(coupling) :, :k], axis=0)
                 converged = error < RESIDUAL_TOLERANCE * np.abs(theta[:k])
                 if self.progress is not None:

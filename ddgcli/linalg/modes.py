@@ -117,7 +117,7 @@ def _shifted(
         return count is None or count <= len(below)
 
     search = BlockLanczos(inverse, None, np.zeros((0, len(heavy))), seed)
-    theta, rows, _ = search.largest(k, none_missing)
+    theta, rows, _ = search.first(k, none_missing)
     vectors = solve(rows) / theta
     vectors /= np.sqrt(np.einsum("nk,n,nk->k", vectors, mass, vectors))
     values = np.einsum("nk,nk->k", vectors, stiffness @ vectors)
@@ -141,5 +141,5 @@ def largest_ratios(
         return factor.solve(np.asfortranarray(numerator @ rows.T)).T
 
     search = BlockLanczos(apply, csr_array(stiffness), np.zeros((0, n)), seed)
-    values, rows, _ = search.largest(k, lambda theta: True)
+    values, rows, _ = search.first(k, lambda theta: True)
     return values, rows.T

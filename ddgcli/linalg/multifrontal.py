@@ -1,15 +1,20 @@
-"""Multifrontal Cholesky factorisation in stacks of dense frontal matrices, vectorised with numpy.
+"""Multifrontal factorisation in stacks of dense frontal matrices, vectorised with numpy.
+
+A = L L^T if A is positive definite, else A = L J L^T with signs J. Frontal matrices whose pivots are not
+definite are eliminated one by one with pivoting inside of each: at most one for each negative eigenvalue and
+the others of its chunk.
 
 I. Duff, J. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", 1983.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import get_lapack_funcs
+from scipy.linalg import get_lapack_funcs, ldl
 
 from ddgcli.linalg.assembly_tree import AssemblyLevel, FrontalGroup
 
@@ -21,20 +26,22 @@ MAX_STACKED_TRIANGLE = 24
 
 @dataclass(frozen=True, eq=False)
 class CholeskyGroup:
-    """Cholesky factors of a group of frontal matrices.
+    """Factors of a group of frontal matrices.
 
     Parameters
     ----------
     pivot : (g, s) ndarray of int64
     update : (g, u) ndarray of int64
     inverse : (g, s, s) ndarray
-        Inverse of the Cholesky factor of the pivots, lower triangular.
+        Inverse of the factor of the pivots; lower triangular where they are definite.
     below : (g, u, s) ndarray
-        Rows of the Cholesky factor below the pivots.
+        Rows of the factor below the pivots.
     first : int
         Row of the first pivot among the pivots of all groups; those of one group lie together.
     update_row : (g, u) ndarray of int64
         `update` as such rows.
+    sign : (g, s) ndarray of float64, or None
+        Of the pivots; None if all are positive.
     """
 
     pivot: NDArray[np.int64]
@@ -43,33 +50,65 @@ class CholeskyGroup:
     below: NDArray
     first: int
     update_row: NDArray[np.int64]
+    sign: NDArray[np.float64] | None = None
+
+    @property
+    def negative(self) -> int:
+        """Number of negative pivots; by Sylvester's law, over all groups that of negative eigenvalues."""
+        return 0 if self.sign is None else int((self.sign < 0).sum())
 
     def subset(self, members: NDArray) -> CholeskyGroup:
         """Factors of some frontal matrices of the group."""
         inverse, below = self.inverse[members], self.below[members]
         row = self.update_row[members]
-        return CholeskyGroup(self.pivot[members], self.update[members], inverse, below, self.first, row)
+        sign = None if self.sign is None else self.sign[members]
+        return CholeskyGroup(self.pivot[members], self.update[members], inverse, below, self.first, row, sign)
 
 
-def cholesky_groups(levels: list[AssemblyLevel], data: NDArray) -> list[CholeskyGroup]:
-    """Cholesky factor of a matrix with the entries `data`, level by level.
+def cholesky_groups(
+    levels: list[AssemblyLevel], data: NDArray, *, definite: bool = True
+) -> list[CholeskyGroup]:
+    """Factor of a matrix with the entries `data`, level by level.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        A pivot is not positive.
+        A pivot is not positive; with definite=False, for real matrices, a block of pivots is singular.
     """
-    factors = _empty_factors([group for level in levels for group in level.groups], data.dtype)
-    next_factor = iter(factors)
+    empty = _empty_factors([group for level in levels for group in level.groups], data.dtype)
+    return list(_factors(levels, data, iter(empty), definite))
+
+
+def count_negative(levels: list[AssemblyLevel], data: NDArray) -> int:
+    """Number of negative eigenvalues of a real matrix with the entries `data`; its factor is not stored.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        A block of pivots is singular.
+    """
+    empty = (_one_empty_factor(group) for level in levels for group in level.groups)
+    return sum(factor.negative for factor in _factors(levels, data, empty, False))
+
+
+def _factors(
+    levels: list[AssemblyLevel], data: NDArray, empty: Iterator[CholeskyGroup], definite: bool
+) -> Iterator[CholeskyGroup]:
+    """The factors of all groups, level by level, in the memory of `empty`."""
     memory = np.zeros(levels[0].size, dtype=data.dtype)
     for k, level in enumerate(levels):
         memory[level.place] += data[level.entry]
         memory[level.padding] = 1.0
         above = np.zeros(levels[k + 1].size if k + 1 < len(levels) else 0, dtype=data.dtype)
         for group in level.groups:
-            _eliminate(group, memory, above, next(next_factor))
+            yield _eliminate(group, memory, above, next(empty), definite)
         memory = above
-    return factors
+
+
+def _one_empty_factor(group: FrontalGroup) -> CholeskyGroup:
+    """Uninitialised factor of one group, for no solution."""
+    (g, s), u = group.pivot.shape, group.update.shape[1]
+    return CholeskyGroup(group.pivot, group.update, np.empty((g, s, s)), np.empty((g, u, s)), 0, group.update)
 
 
 def _empty_factors(groups: list[FrontalGroup], kind: np.dtype) -> list[CholeskyGroup]:
@@ -97,8 +136,11 @@ def _rows_of_pivots(groups: list[FrontalGroup] | list[CholeskyGroup]) -> NDArray
     return row
 
 
-def _eliminate(group: FrontalGroup, memory: NDArray, above: NDArray, factor: CholeskyGroup) -> None:
+def _eliminate(
+    group: FrontalGroup, memory: NDArray, above: NDArray, factor: CholeskyGroup, definite: bool
+) -> CholeskyGroup:
     """Eliminate a group in chunks that fit in the cache; add the updates to the memory of the next level."""
+    sign = None
     g, s = group.pivot.shape
     f = s + group.update.shape[1]
     stack = memory[group.start : group.start + g * f * f].reshape(g, f, f)
@@ -106,12 +148,45 @@ def _eliminate(group: FrontalGroup, memory: NDArray, above: NDArray, factor: Cho
     for begin in range(0, g, step):
         chunk = slice(begin, begin + step)
         frontal, inverse, below = stack[chunk], factor.inverse[chunk], factor.below[chunk]
-        inverse[:] = inverse_triangles(np.linalg.cholesky(frontal[:, :s, :s]))
+        try:
+            inverse[:] = inverse_triangles(np.linalg.cholesky(frontal[:, :s, :s]))
+            of_chunk = None
+        except np.linalg.LinAlgError:
+            if definite:
+                raise
+            of_chunk = _invert_factors(frontal[:, :s, :s], inverse)
+            sign = np.ones((g, s)) if sign is None else sign
+            sign[chunk] = of_chunk
         np.matmul(frontal[:, s:, :s], _adjoint(inverse), out=below)
         if f > s:
-            update = frontal[:, s:, s:] - below @ _adjoint(below)
+            signed = below if of_chunk is None else below * of_chunk[:, None, :]
+            update = frontal[:, s:, s:] - signed @ _adjoint(below)
             place = group.row[chunk][:, :, None] + group.column[chunk][:, None, :]
             np.add.at(above, place.ravel(), update.ravel())
+    return replace(factor, sign=sign)
+
+
+def _invert_factors(pivots: NDArray, inverse: NDArray) -> NDArray[np.float64]:
+    """Write the inverses C of factors with C P C^T = J of the (g, s, s) pivots P; the signs J, (g, s)."""
+    sign = np.ones(pivots.shape[:2])
+    for i, lower in enumerate(pivots):
+        factor, blocks, order = ldl(lower, lower=True)
+        w, Q = _diagonal_blocks(blocks)
+        if not (w != 0).all():
+            raise np.linalg.LinAlgError("a block of pivots is singular")
+        (invert,) = get_lapack_funcs(("trtri",), (factor,))
+        inverse[i][:, order] = (Q.T / np.sqrt(np.abs(w))[:, None]) @ invert(factor[order], lower=1)[0]
+        sign[i] = np.sign(w)
+    return sign
+
+
+def _diagonal_blocks(blocks: NDArray) -> tuple[NDArray, NDArray]:
+    """Eigenvalues and eigenvectors of a symmetric matrix with blocks of one or two rows on its diagonal."""
+    w, Q = np.diag(blocks).copy(), np.eye(len(blocks))
+    for i in np.flatnonzero(np.diag(blocks, -1)):
+        pair = slice(i, i + 2)
+        w[pair], Q[pair, pair] = np.linalg.eigh(blocks[pair, pair])
+    return w, Q
 
 
 def inverse_triangles(lower: NDArray) -> NDArray:
@@ -170,7 +245,8 @@ def cholesky_solve(groups: list[CholeskyGroup], rhs: NDArray, order: PivotOrder 
     for group in reversed(groups):
         pivots = _pivot_rows(group, x)
         if group.update.shape[1]:
-            pivots -= group.below.swapaxes(1, 2) @ x.take(group.update_row, axis=0)
+            change = group.below.swapaxes(1, 2) @ x.take(group.update_row, axis=0)
+            pivots -= change if group.sign is None else group.sign[:, :, None] * change
         pivots[:] = group.inverse.swapaxes(1, 2) @ pivots
     solution = x.take(order.row, axis=0).reshape(rhs.shape)
     return np.conjugate(solution, out=solution) if np.iscomplexobj(solution) else solution
@@ -190,13 +266,19 @@ def _forward(group: CholeskyGroup, x: NDArray, sparse: bool) -> None:
         if not len(active):
             return
         group = group.subset(active)
-        reduced = pivots[active] = group.inverse @ pivots[active]
+        reduced = pivots[active] = _reduced(group, pivots[active])
     else:
-        reduced = group.inverse @ pivots
+        reduced = _reduced(group, pivots)
         pivots[:] = reduced
-    change, row = group.below @ reduced, group.update_row.ravel()
-    for j in range(x.shape[1]):
-        np.subtract.at(x[:, j], row, change[:, :, j].ravel())
+    k = x.shape[1]
+    place = (k * group.update_row[:, :, None] + np.arange(k)).ravel()
+    np.subtract.at(x.reshape(-1), place, (group.below @ reduced).ravel())
+
+
+def _reduced(group: CholeskyGroup, loads: NDArray) -> NDArray:
+    """Loads (g, s, k) of the pivots by the inverse of the factor and the signs."""
+    reduced = group.inverse @ loads
+    return reduced if group.sign is None else group.sign[:, :, None] * reduced
 
 
 def _adjoint(stack: NDArray) -> NDArray:

@@ -10,8 +10,8 @@ from scipy.sparse.linalg import eigsh
 
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.backends import cholmod_available
-from ddgcli.linalg.constrain import Poisson
 from ddgcli.linalg.eigen import count_below, smallest_eigenpairs
+from ddgcli.linalg.shift_invert import ShiftInvert
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import galerkin_mass, lumped_mass, stiffness
@@ -99,19 +99,56 @@ def test_count_below_is_the_inertia():
 
 
 @pytest.mark.parametrize("boundary", [False, True])
-def test_count_below_by_the_analysis_of_the_factor_is_the_inertia(boundary):
-    """Two floating components, one with a fixed vertex, and shifts from one to all eigenvalues."""
+def test_counts_of_the_shifted_factor_are_the_inertia(boundary):
+    """Two components with a null space, one with a fixed vertex, and values from one to all eigenvalues."""
     mesh = shapes.grid(16, 13, pattern="alternating") if boundary else shapes.random_sphere(250, seed=3)
     L, mass = stiffness(mesh), lumped_mass(mesh).diagonal()
     fixed = csr_array(L + diags_array(np.eye(1, len(mass), 7)[0] * mass))
     three, masses = csr_array(block_diag([L, fixed, L])), np.tile(mass, 3)
-    problem = Poisson(three, masses, solver="multifrontal")
-    assert problem.factor.solver == "multifrontal" and problem.count == 2
+    shifted = ShiftInvert(three, csr_array(diags_array(masses)))
     values = eigh(three.toarray(), np.diag(masses), eigvals_only=True)
-    for shift in (1 + 1e-6) * values[[2, 3, 40, 400, -1]]:
-        below = int((values < shift).sum())
-        assert problem.count_below(shift, masses) == below
-        assert count_below(three, diags_array(masses), shift) == below
+    for value in (1 + 1e-6) * values[[2, 3, 40, 400, -1]]:
+        below = int((values < value).sum())
+        assert shifted.count_below(value) == below
+        assert count_below(three, diags_array(masses), value) == below
+
+
+@pytest.mark.parametrize("mass", [lumped_mass, galerkin_mass])
+def test_a_shift_among_the_eigenvalues_is_factorised_and_inverted(mass):
+    mesh = shapes.random_sphere(800, seed=3)
+    L, M = csr_array(stiffness(mesh)), csr_array(mass(mesh))
+    shifted = ShiftInvert(L, M)
+    assert shifted.factorise_near(40)
+    values = eigh(L.toarray(), M.toarray(), eigvals_only=True)
+    assert values[5] < shifted.shift < values[39]
+    b = np.random.default_rng(0).normal(size=(800, 3))
+    matrix = L - shifted.shift * M
+    x = shifted.solve(b)
+    assert np.abs(matrix @ x - b).max() < 1e-12 * (abs(matrix) @ np.abs(x)).max()
+
+
+@pytest.mark.parametrize("unit", [2.0**-40, 1.0, 2.0**40])
+def test_a_first_shift_above_all_pairs_is_lowered(unit):
+    """The eigenvalues of a chain are far below Weyl's law of surfaces, in any unit of L."""
+    n, k = 1500, 25
+    step = np.ones(n - 1)
+    chain = diags_array([-step, -step], offsets=[-1, 1]) + diags_array(np.r_[1.0, 2 * step[1:], 1.0])
+    pairs = smallest_eigenpairs(csr_array(unit * chain), eye_array(n), k, solver="multifrontal")
+    expected = unit * 4 * np.sin(np.arange(k) * np.pi / (2 * n)) ** 2
+    assert pairs.complete
+    np.testing.assert_allclose(pairs.values, expected, rtol=1e-9)
+
+
+def test_the_eigenvalue_of_a_weak_link_keeps_its_digits():
+    """Two spheres with a conductance w between them: w (1/A + 1/A) to first order, far below the shift."""
+    mesh, w = shapes.random_sphere(700, seed=1), 1e-9
+    mass, link = lumped_mass(mesh), np.zeros(1400)
+    link[[0, 700]] = 1, -1
+    L = csr_array(block_diag([stiffness(mesh)] * 2) + w * np.outer(link, link))
+    M = csr_array(block_diag([mass] * 2))
+    pairs = smallest_eigenpairs(L, M, 24, solver="multifrontal")
+    assert pairs.complete and pairs.solver == "multifrontal" and pairs.values[0] == 0.0
+    assert pairs.values[1] == pytest.approx(2 * w / mass.sum(), rel=1e-7)
 
 
 def test_impossible_counts_are_an_error():
@@ -153,11 +190,12 @@ def test_eigenvectors_beyond_memory_are_refused_with_the_estimate():
 
 
 @pytest.mark.skipif(not cholmod_available(), reason="needs the extra `fast`")
-def test_eigenpairs_with_the_extra_equal_those_without(monkeypatch):
+def test_eigenpairs_with_the_extra_equal_those_with_a_shift(monkeypatch):
+    """Few pairs take the solver of the extra, many a shift among the eigenvalues."""
     monkeypatch.delenv("DDGCLI_SOLVER", raising=False)
-    mesh = shapes.random_sphere(3100, seed=1)
+    mesh = shapes.random_sphere(7300, seed=1)
     L, M = stiffness(mesh), lumped_mass(mesh)
-    without, pairs = smallest_eigenpairs(L, M, 20, solver="multifrontal"), smallest_eigenpairs(L, M, 20)
-    assert without.solver == "multifrontal" and pairs.solver == "cholmod"
-    assert pairs.complete and pairs.residuals.max() < 1e-10
-    assert pairs.values == pytest.approx(without.values, rel=1e-10)
+    few, many = smallest_eigenpairs(L, M, 10), smallest_eigenpairs(L, M, 20)
+    assert few.solver == "cholmod" and many.solver == "multifrontal"
+    assert many.complete and few.complete and max(few.residuals.max(), many.residuals.max()) < 1e-10
+    assert few.values == pytest.approx(many.values[:10], rel=1e-10)
