@@ -35,6 +35,7 @@ from ddgcli.algorithms.curvature.staircase import cancellation
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 Effort = Literal["fits", "warn", "auto"]
+FITTED_SCHEMES = ("quadric", "normal-voting")  # those of which `Scales` are measured
 
 BENDING_SAMPLE_SIZE = 100  # vertices sampled for curvature
 # residual of cubic fits over that of quartic ones: stairs that were averaged or cut have 1.2 to 1.7, details
@@ -138,10 +139,19 @@ class Noise:
         """Curvature in balls by a scheme, or by the one that is most like it."""
         return self.voting if scheme == "normal-voting" and self.voting is not None else self.scales
 
-    def expected_error(self, scheme: str) -> float | None:
-        """Mean error of the mean curvature in balls of the best radius, over its mean size."""
-        scales = self.scales_of(scheme)
-        return None if scales is None else scales.expected_error
+    def expected_error(self, scheme: str, mean: NDArray | None = None) -> float | None:
+        """Mean error of the mean curvature in balls of the best radius, over its mean size.
+
+        Measures such as normal cycles have a bias at any radius, as stairs have more area than the body:
+        their error is the distance of their mean curvature (n,) to that of the best scheme.
+        """
+        scales, best = self.scales_of(scheme), self.scales_of(self.best_scheme)
+        if scales is None or best is None:
+            return None
+        if mean is None or scheme in FITTED_SCHEMES:
+            return scales.expected_error
+        distance = float(np.abs(mean[best.vertices] - best.mean).mean()) / best.size
+        return float(np.hypot(distance, best.expected_error))
 
     def radius_of(self, scheme: str) -> float:
         """Radius with the least error of a scheme, in length units."""

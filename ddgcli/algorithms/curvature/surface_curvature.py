@@ -122,17 +122,19 @@ def measure_curvature(
     surface = prepare_surface(mesh, scheme)
     measured = surface.cover or surface  # with two sides, where a sign has a meaning
     noise = _noise(measured, scheme, radius, one_sided=surface.cover is not None)
-    at_default, noisy, principal, expected_error = radius is None, noise.dominates_curvature, None, None
+    at_default, automatic = radius is None, radius == "auto"
+    noisy, principal, expected_error = noise.dominates_curvature, None, None
     if radius == "auto":
         if noise.kind and not noisy:  # by the sample; the fits of all vertices may have another penalty
             principal = _pointwise(measured, scheme, None, False, jobs, full)
             noisy = noise.default_error(principal.mean) is not None
         radius = noise.radius_of(scheme) * surface.scale if noisy else None
         _check_radius(mesh, radius, scheme)
-        expected_error = noise.expected_error(scheme) if noisy else None
     in_ball = None if radius is None else radius / surface.scale
     if principal is None or in_ball is not None:
         principal = _pointwise(measured, scheme, in_ball, noisy, jobs, full)
+    if automatic and noisy:
+        expected_error = noise.expected_error(scheme, principal.mean)
     if at_default:
         expected_error = warn_of_noise(noise, scheme, principal.mean, surface.scale)
         if expected_error is None:
