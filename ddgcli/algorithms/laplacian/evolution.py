@@ -13,7 +13,7 @@ from scipy.sparse import csc_array
 
 from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.choices import EVOLUTIONS
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.components import connected_labels
 from ddgcli.progress import ProgressCallback
@@ -149,15 +149,14 @@ def checked_start(start: NDArray, n: int, equation: str) -> NDArray[np.float64]:
 
 
 def _check_stiffness(L: csc_array, M: csc_array, equation: str, times: EvolutionTimes) -> None:
-    """Raise ParameterError for steps after which rounding decides what is left of the function."""
+    """Raise SolveError for steps after which rounding decides what is left of the function."""
     rate = float(L.diagonal().sum() / M.diagonal().sum()) if L.shape[0] else 0.0
     order = 1 if equation == HEAT else 2
     if rate * (times.duration / times.steps) ** order > MAX_STIFFNESS:
         longest = times.steps * (MAX_STIFFNESS / rate) ** (1 / order)
-        raise ParameterError(
-            f"{times.duration:g} is too long for a mesh of this size: rounding decides what is left of the "
-            f"function; give {0.5 * longest:.1g} or less",
-            parameter="duration",
+        raise SolveError(
+            f"`duration={times.duration:g}` is too long for a mesh of this size: rounding decides "
+            f"what is left of the function; give {0.5 * longest:.1g} or less"
         )
 
 
