@@ -227,3 +227,43 @@ def test_a_dropped_hat_keeps_its_energy_down_and_its_iterations_few(integrator):
     # it leaps as it does with Verlet and steps of 8e-6 s (1.86 m/s), though the waves lose their energy
     speed_up = np.array(scalar(snapshots, "momentum"))[-1, 2] / contexts["s"].mass.sum()
     assert speed_up == pytest.approx(1.86, rel=0.15)
+
+
+RESTING = """
+[time]
+duration = 0.01
+step = 0.002
+[[object]]
+name = "s"
+role = "shell"
+grid = {{ size = [0.1, 0.1], cells = [2, 2] }}
+material = "rubber"
+thickness = "1 mm"
+[[object]]
+name = "floor"
+role = "obstacle"
+plane = {{ point = [0, 0, {height}], normal = [0, 0, 1] }}
+[effects]
+stretching = {{}}
+gravity = {{}}
+contact = {{ pairs = [["s", "floor"]] }}
+"""
+
+
+@pytest.mark.parametrize(
+    "height, code, words",
+    [
+        ("1e-3", 2, "starts 0.001 m inside 'floor'"),
+        ("0", 2, "starts on 'floor' (distance 0); move one of them, so that 0.001 m"),
+        ("-1e-9", 2, "starts 1e-09 m from 'floor', nearly in touch"),
+        ("-5e-5", 0, "contact throws it away"),
+        ("-1e-3", 0, ""),
+    ],
+)
+def test_a_shell_that_starts_on_an_obstacle_is_refused_and_the_cure_runs(run, tmp_path, height, code, words):
+    """On it, the message named 0 m inside; 1e-9 m above it, every step failed and the message blamed them."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(RESTING.format(height=height))
+    result = run("shell-sim", scene)
+    assert result.exit_code == code and words in result.stderr and "-0 m" not in result.stderr
+    assert ("throw" in result.stderr) == ("1e-9" in height or "throw" in words)

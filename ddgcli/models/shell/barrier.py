@@ -13,6 +13,7 @@ from ddgcli.models.shell.obstacle_motion import PlacedMotion
 from ddgcli.models.shell.surfaces import PosedSurface, Surface
 
 STANDARD_GRAVITY = 9.81
+MIN_START_DISTANCE = 1e-3  # of the gap: there a barrier has 800 times its pressure at half the gap
 SLIP_FRACTION = 1e-4  # of the speed of a fall: the default slip
 
 

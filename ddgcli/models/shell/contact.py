@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ddgcli.models.shell.barrier import (
+    MIN_START_DISTANCE,
     STANDARD_GRAVITY,
     Barrier,
     Friction,
@@ -29,7 +31,9 @@ from ddgcli.simulation.effects import Effect
 
 ENERGY_SAFETY_FACTOR = 2.0  # waves may bring a vertex more than the energy of its own fall
 HALF_GAP = 2 * 0.5 * np.log(2) + 0.5  # slope of the barrier at half its range, in units of its stiffness
+THROWING_DISTANCE = 0.1  # of the gap: a shell that starts nearer is thrown many gaps away
 KEY: Key = ("effects", "contact")
+log = logging.getLogger("ddgcli")
 
 
 class Contact(Section):
@@ -92,18 +96,35 @@ def _with_obstacle(parameters: Contact, context: ShellContext, obstacle: Obstacl
         at_origin = obstacle.rotation is None and not any(obstacle.position)
         barrier = Barrier(surface if at_origin else start, gap, weight, closest)
     barrier.obstacle = obstacle.name
-    inside = barrier.outside(np.asarray(context.mesh.points))
-    if inside is not None:
-        raise ValueError(
-            f"vertex {inside[0]} of {shell.name!r} starts {-inside[1]:.3g} m inside "
-            f"{obstacle.name!r}; move one of them"
-        )
+    _require_apart(barrier, context, gap)
     if not parameters.friction:
         return [barrier]
     slip = slip_speed(parameters.slip, [context], motion.pose(0.0).velocity)
     if isinstance(barrier, MovingBarrier):
         return [barrier, MovingFriction(barrier, parameters.friction, slip)]
     return [barrier, Friction(barrier, parameters.friction, slip)]
+
+
+def _require_apart(barrier: Barrier, context: ShellContext, gap: float) -> None:
+    """ValueError for a shell that starts inside an obstacle, on it or nearly so."""
+    distance = barrier.surface.gap(np.asarray(context.mesh.points))[0]
+    nearest = int(np.argmin(distance))
+    least, vertex = float(distance[nearest]), f"vertex {nearest} of {context.shell.name!r}"
+    if least < 0:
+        raise ValueError(f"{vertex} starts {-least:.3g} m inside {barrier.obstacle!r}; move one of them")
+    apart = f"move one of them, so that {gap:.3g} m (the gap) are between them"
+    if not least > 0:
+        raise ValueError(f"{vertex} starts on {barrier.obstacle!r} (distance 0); {apart}")
+    if least < MIN_START_DISTANCE * gap:
+        raise ValueError(
+            f"{vertex} starts {least:.3g} m from {barrier.obstacle!r}, nearly in touch for a gap "
+            f"of {gap:.3g} m: contact would throw it away; {apart}"
+        )
+    if least < THROWING_DISTANCE * gap:
+        log.warning(
+            "contact: %s starts %.3g m from %r, within the gap of %.3g m: contact throws it away; %s",
+            vertex, least, barrier.obstacle, gap, apart,
+        )  # fmt: skip
 
 
 def impact(context: ShellContext, surface: Surface, motion: PlacedMotion) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.shapes import box
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.shell.barrier import STANDARD_GRAVITY, slip_speed
+from ddgcli.models.shell.barrier import MIN_START_DISTANCE, STANDARD_GRAVITY, slip_speed
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle import Obstacle
 from ddgcli.models.shell.obstacle_motion import motion_of
@@ -24,7 +24,6 @@ from ddgcli.models.shell.pair_contact import (
 )
 
 SELF_GAP_FRACTION = 0.5  # of the least distance at the start between parts that are not adjacent
-MIN_START_DISTANCE = 1e-3  # of the gap: there a barrier has 800 times its pressure at half the gap
 log = logging.getLogger("ddgcli")
 
 
