@@ -98,6 +98,17 @@ def test_area_preserving_flow_keeps_the_area_and_ends_as_a_circle():
     assert last["length"] ** 2 / (4 * np.pi * last["area"]) == pytest.approx(regular, rel=1e-4)
 
 
+def test_area_preserving_flow_keeps_the_area_where_a_loop_shrinks_away_and_points_are_spaced_anew():
+    options = CurveFlowOptions(stop_at_rest=False, flow="area-preserving")
+    _, model = build(limacon(200), options)
+    frames = [
+        s.observations["curve"].scalar for s in evolve({"curve": model}, Schedule(2e-3, 60, 1), Account())
+    ]
+    area = np.array([frame["area"] for frame in frames])
+    assert frames[-1]["turning_number"] < frames[0]["turning_number"]
+    assert np.abs(area / area[0] - 1).max() < 1e-12
+
+
 def test_elastic_flow_keeps_the_length_and_ends_at_the_energy_of_the_circle():
     first, last, _ = flow_series(ellipse(32), 0.1, 60, flow="elastic")
     assert abs(last["length"] / first["length"] - 1) < 1e-12

@@ -119,7 +119,10 @@ class CurveFlow:
             raise StepRejected("not finite")
         if self.kind == "elastic" and worst > MAX_ENERGY_RISE:
             raise StepRejected("energy", value=worst)
-        return self._after(state, self._respaced(points, state.active), time, dt, bool(risen.any()))
+        respaced = self._respaced(points, state.active)
+        if respaced is not points:
+            points = step.constrained(respaced)
+        return self._after(state, points, time, dt, bool(risen.any()))
 
     def _respaced(self, points: NDArray, active: NDArray) -> NDArray[np.float64]:
         """Points at even distances on curves with a segment of almost no length.
