@@ -101,11 +101,12 @@ def test_area_preserving_flow_keeps_the_area_and_ends_as_a_circle():
 def test_area_preserving_flow_keeps_the_area_where_a_loop_shrinks_away_and_points_are_spaced_anew():
     options = CurveFlowOptions(stop_at_rest=False, flow="area-preserving")
     _, model = build(limacon(200), options)
-    frames = [
-        s.observations["curve"].scalar for s in evolve({"curve": model}, Schedule(2e-3, 60, 1), Account())
-    ]
-    area = np.array([frame["area"] for frame in frames])
-    assert frames[-1]["turning_number"] < frames[0]["turning_number"]
+    states = list(evolve({"curve": model}, Schedule(2e-3, 60, 1), Account()))
+    turning, area = (
+        np.array([state.observations["curve"].scalar[name] for state in states])
+        for name in ("turning_number", "area")
+    )
+    assert turning[-1] < turning[0]
     assert np.abs(area / area[0] - 1).max() < 1e-12
 
 
