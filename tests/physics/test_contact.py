@@ -222,8 +222,10 @@ def test_a_dropped_hat_keeps_its_energy_down_and_its_iterations_few(integrator):
     energy, iterations = (np.array(scalar(snapshots, name)) for name in ("energy", "newton_iterations"))
     assert len(energy) == 61
     assert (energy <= 1.01 * energy[0]).all()
-    assert iterations[-1] <= 15 * 60
-    assert np.diff(iterations).max() <= 60
+    steps = np.array([snapshot.steps for snapshot in snapshots])  # the blow divides some of them
+    # a composite step solves twice, and friction below a slip of 1e-4 of the speed takes 6 % more than 1e-2
+    assert iterations[-1] <= 20 * steps[-1]
+    assert np.diff(iterations).max() <= 60 * np.diff(steps).max()
     # it leaps as it does with Verlet and steps of 8e-6 s (1.86 m/s), though the waves lose their energy
     speed_up = np.array(scalar(snapshots, "momentum"))[-1, 2] / contexts["s"].mass.sum()
     assert speed_up == pytest.approx(1.86, rel=0.15)
