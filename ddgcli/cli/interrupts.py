@@ -6,6 +6,7 @@ import _thread
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -14,6 +15,7 @@ REPEAT_DELAY = 0.01  # seconds after which a signal whose exception was dropped 
 
 _received: BaseException | None = None
 _was_dropped = False  # the exception of the last signal was dropped and not raised since
+_is_in_hook = False  # Python handles a dropped exception: another one would be printed
 
 
 class Terminated(BaseException):
@@ -37,13 +39,28 @@ def _raise(number: int, stack_frame: Any) -> None:
     global _received
     kind = KeyboardInterrupt if number == signal.SIGINT else Terminated
     _received = kind(signal.Signals(number))
-    raise_received()
+    if _is_in_hook:
+        _deliver_later()
+    else:
+        raise_received()
+
+
+def _deliver_later() -> None:
+    """Deliver the signal again from a thread of its own, whose start does not wait for the thread."""
+    global _was_dropped
+    if _received is not None:
+        _was_dropped = True
+        with suppress(RuntimeError):  # no thread starts while the interpreter ends
+            _thread.start_new_thread(_deliver_again, _received.args)
 
 
 def _deliver_again(number: signal.Signals) -> None:
-    if _was_dropped:
-        with suppress(RuntimeError):
-            _thread.interrupt_main(number)
+    """Deliver a signal until its exception is raised."""
+    while _was_dropped:
+        time.sleep(REPEAT_DELAY)
+        if _was_dropped:
+            with suppress(RuntimeError):
+                _thread.interrupt_main(number)
 
 
 @contextmanager
@@ -70,13 +87,15 @@ def signals_as_exceptions() -> Iterator[None]:
 
     def deliver_dropped_again(hook_args: sys.UnraisableHookArgs) -> None:
         """Python drops exceptions in destructors and callbacks; a dropped signal comes again later."""
-        global _was_dropped
-        if not isinstance(hook_args.exc_value, (KeyboardInterrupt, Terminated)):
-            print_dropped(hook_args)
-        elif _received is not None:
-            _was_dropped = True
-            with suppress(RuntimeError):  # no thread starts while the interpreter ends
-                threading.Timer(REPEAT_DELAY, _deliver_again, _received.args).start()
+        global _is_in_hook
+        _is_in_hook = True
+        try:
+            if isinstance(hook_args.exc_value, (KeyboardInterrupt, Terminated)):
+                _deliver_later()
+            else:
+                print_dropped(hook_args)
+        finally:
+            _is_in_hook = False
 
     sys.excepthook, sys.unraisablehook = print_other, deliver_dropped_again
     try:

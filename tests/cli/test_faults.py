@@ -207,6 +207,32 @@ def test_a_command_without_steps_ends_where_python_drops_the_exception_of_a_sign
     assert (child.returncode, child.stderr) == (128 + getattr(signal, name), text)
 
 
+@needs_posix
+def test_a_signal_that_comes_again_before_python_has_dropped_it_prints_nothing(ball):
+    """On a busy machine the thread that delivers it runs before the hook has returned."""
+    program = INTERRUPTED.format(
+        body="""import _thread, threading, time
+    def slow(start):
+        def call(*words):
+            start(*words)
+            time.sleep(0.1)
+        return call
+    threading.Thread.start = slow(threading.Thread.start)
+    _thread.start_new_thread = slow(_thread.start_new_thread)
+    class Signalled:
+        def __del__(self):
+            os.kill(os.getpid(), signal.SIGINT)
+    Signalled()
+    for _ in range(1000):
+        time.sleep(0.05)"""
+    )
+    child = subprocess.run(
+        [sys.executable, "-c", program, ball], capture_output=True, text=True, timeout=60,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    assert (child.returncode, child.stderr) == (130, "Interrupted\n")
+
+
 INTERRUPTED = """
 import os, signal, sys
 from ddgcli.cli import main

@@ -115,6 +115,7 @@ REFUSED = {
     "fracture": EXPLICIT | {"static"},
     "fracture self_contact": EXPLICIT | {"static"},
     "rigid": set(INTEGRATORS) - {"verlet"},
+    "wind": {"static"},
 }
 
 # scalars that show that an effect has acted
