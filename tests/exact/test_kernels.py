@@ -1,6 +1,9 @@
 """`make kernels`: agreement passes, a planted disagreement fails, a missing kernel is skipped with a note."""
 
 import math
+import os
+import subprocess
+import sys
 
 import pytest
 
@@ -51,3 +54,17 @@ def test_every_command_on_samples_has_a_case():
     assert len(kernels.CASES) >= 12
     others = "info curvature delaunay laplacian hodge geodesic shell-sim fluid-sim willmore-flow"
     assert commands == set(others.split())
+
+
+def test_the_baseline_of_numpy_has_none_of_its_dispatched_instructions():
+    """NumPy 2.4 renamed them: with the old names nothing was turned off, and all results agreed."""
+    variables, _ = kernels.ENVIRONMENTS["numpy baseline"]
+    program = (
+        "from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__\n"
+        "print([name for name in __cpu_dispatch__ if __cpu_features__[name]])"
+    )
+    child = subprocess.run(
+        [sys.executable, "-W", "error", "-c", program],
+        capture_output=True, text=True, env=os.environ | variables, check=True,
+    )  # fmt: skip
+    assert child.stdout.strip() == "[]"
