@@ -187,22 +187,38 @@ def test_a_run_ends_where_python_drops_the_exception_of_a_signal(tmp_path, name)
     assert "ignored" not in child.stderr and "Traceback" not in child.stderr
 
 
+INTERRUPTED = """
+import os, signal, sys
+from ddgcli.cli import main
+from ddgcli.io import mesh_file
+def read(*words, **more):
+    {body}
+mesh_file.read_mesh = read
+sys.exit(main.main(["info", sys.argv[1]]))
+"""
+
+
+def info_with_reader(path, body, *folders):
+    """The process of `info` on a file, with this body in place of that of the reader of meshes."""
+    return subprocess.run(
+        [sys.executable, "-c", INTERRUPTED.format(body=body), path], capture_output=True, text=True, timeout=60,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([*map(str, folders), *sys.path])},
+    )  # fmt: skip
+
+
 @needs_posix
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_command_without_steps_ends_where_python_drops_the_exception_of_a_signal(ball, name):
-    program = INTERRUPTED.format(
-        body=f"""import time
+    child = info_with_reader(
+        ball,
+        f"""import time
     class Signalled:
         def __del__(self):
             os.kill(os.getpid(), signal.{name})
     Signalled()
     for _ in range(1000):
-        time.sleep(0.05)"""
+        time.sleep(0.05)""",
     )
-    child = subprocess.run(
-        [sys.executable, "-c", program, ball], capture_output=True, text=True, timeout=60,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-    )  # fmt: skip
     text = {"SIGINT": "Interrupted\n", "SIGTERM": "Ended by SIGTERM\n"}[name]
     assert (child.returncode, child.stderr) == (128 + getattr(signal, name), text)
 
@@ -210,8 +226,9 @@ def test_a_command_without_steps_ends_where_python_drops_the_exception_of_a_sign
 @needs_posix
 def test_a_signal_that_comes_again_before_python_has_dropped_it_prints_nothing(ball):
     """On a busy machine the thread that delivers it runs before the hook has returned."""
-    program = INTERRUPTED.format(
-        body="""import _thread, threading, time
+    child = info_with_reader(
+        ball,
+        """import _thread, threading, time
     def slow(start):
         def call(*words):
             start(*words)
@@ -224,24 +241,9 @@ def test_a_signal_that_comes_again_before_python_has_dropped_it_prints_nothing(b
             os.kill(os.getpid(), signal.SIGINT)
     Signalled()
     for _ in range(1000):
-        time.sleep(0.05)"""
+        time.sleep(0.05)""",
     )
-    child = subprocess.run(
-        [sys.executable, "-c", program, ball], capture_output=True, text=True, timeout=60,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-    )  # fmt: skip
     assert (child.returncode, child.stderr) == (130, "Interrupted\n")
-
-
-INTERRUPTED = """
-import os, signal, sys
-from ddgcli.cli import main
-from ddgcli.io import mesh_file
-def read(*words, **more):
-    {body}
-mesh_file.read_mesh = read
-sys.exit(main.main(["info", sys.argv[1]]))
-"""
 
 
 @needs_posix
@@ -250,10 +252,7 @@ def test_sigterm_that_a_library_makes_another_error_ends_with_its_code(ball):
         "try:\n        os.kill(os.getpid(), signal.SIGTERM)\n"
         "    except BaseException:\n        raise RuntimeError('failed') from None"
     )
-    child = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED.format(body=body), ball], capture_output=True, text=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}, timeout=60,
-    )  # fmt: skip
+    child = info_with_reader(ball, body)
     assert (child.returncode, child.stderr) == (128 + signal.SIGTERM, "Ended by SIGTERM\n")
 
 
@@ -274,9 +273,5 @@ def test_an_interrupt_that_python_or_a_library_changes_ends_with_130(tmp_path, b
         "    sys.excepthook(*sys.exc_info())\n"
         "    raise ImportError('failed to import') from None\n"
     )
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
-    program = INTERRUPTED.format(body=body)
-    child = subprocess.run(
-        [sys.executable, "-c", program, ball], capture_output=True, text=True, env=environment, timeout=60
-    )
+    child = info_with_reader(ball, body, tmp_path)
     assert (child.returncode, child.stderr) == (130, "Interrupted\n")
