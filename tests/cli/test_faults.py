@@ -199,9 +199,10 @@ sys.exit(main.main(["info", sys.argv[1]]))
 
 
 def info_with_reader(path, body, *folders):
-    """The process of `info` on a file, with this body in place of that of the reader of meshes."""
+    """The process of `info` on a file, with this body in place of the reader of meshes."""
     return subprocess.run(
-        [sys.executable, "-c", INTERRUPTED.format(body=body), path], capture_output=True, text=True, timeout=60,
+        [sys.executable, "-c", INTERRUPTED.format(body=body), path],
+        capture_output=True, text=True, timeout=60,
         env=os.environ | {"PYTHONPATH": os.pathsep.join([*map(str, folders), *sys.path])},
     )  # fmt: skip
 
