@@ -233,7 +233,8 @@ def run_cell(case: Case, command: str, preloaded: bool = False) -> tuple[Verdict
 
 def cell_record(verdict: Verdict, outcome: Outcome, preloaded: bool = False) -> dict[str, Any]:
     """What the page needs of one cell; paths of the run are left out."""
-    note = re.sub(rf"{re.escape(tempfile.gettempdir())}/tmp\w+/", "", verdict.note.replace(f"{ROOT}/", ""))
+    note = verdict.note.replace(f"{ROOT}/", "").replace(f"{ROOT.parent}/", "../")
+    note = re.sub(rf"{re.escape(tempfile.gettempdir())}/tmp\w+/", "", note)
     return {
         "kind": verdict.kind,
         "preloaded": preloaded,
