@@ -27,7 +27,7 @@ ENVIRONMENTS: dict[str, tuple[dict[str, str], str]] = {
     "Haswell": ({"OPENBLAS_CORETYPE": "Haswell"}, "avx2"),
     "Sandybridge": ({"OPENBLAS_CORETYPE": "Sandybridge"}, "avx"),
     "SkylakeX": ({"OPENBLAS_CORETYPE": "SkylakeX"}, "avx512f"),
-    # names differ between versions of numpy, which ignores those that it does not know
+    # names differ between versions of numpy, which ignores names of other versions
     "numpy baseline": ({"NPY_DISABLE_CPU_FEATURES": " ".join(__cpu_dispatch__)}, ""),
 }
 # Relative tolerances. Sums and sparse solves on these samples have condition below 1e6: 1e-16 becomes 1e-10;

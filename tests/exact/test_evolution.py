@@ -65,14 +65,16 @@ def test_heat_of_two_spheres_ends_at_the_mean_of_each_after_any_duration(duratio
 
 @pytest.mark.parametrize("equation", ["heat", "wave"])
 def test_a_duration_of_another_unit_is_refused_with_one_that_runs(run, tmp_path, equation):
-    path = tmp_path / "small.npz"
-    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(2, radius=1e-9)))
+    path, mesh = tmp_path / "small.npz", shapes.icosphere(2, radius=1e-9)
+    write_mesh(str(path), AnnotatedMesh(mesh))
     refused = run("laplacian", path, f"--{equation}", 0, "--duration", 1)
     assert refused.exit_code == 1 and "--duration" in refused.stderr
     longest = refused.stderr.split("give ")[1].split(" or less")[0]
     ended = run("laplacian", path, f"--{equation}", 0, "--duration", longest, "--json")
     assert ended.exit_code == 0, ended.stderr
-    assert json.loads(ended.stdout)["accuracy"]["total_drift"] < 1e-12
+    # no value exceeds the first peak, whose integral is the total: each of 100 steps rounds some ten times
+    rounding = 10 * 100 * mesh.n_vertices * np.finfo(float).eps
+    assert json.loads(ended.stdout)["accuracy"]["total_drift"] < rounding
 
 
 def test_the_wave_equation_keeps_energy_and_integral_and_runs_backwards():
