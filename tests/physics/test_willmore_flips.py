@@ -20,7 +20,7 @@ from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.models.willmore.state import DEFAULT_STOP
 from tests.physics.willmore_runs import assert_falls, energies, run_flow
 
-REGRESSIONS = "/work/shared/regressions"
+REGRESSIONS = os.path.join(os.path.dirname(__file__), "../../../shared/regressions")
 
 
 def slanted_torus(cells=2):
