@@ -8,7 +8,7 @@ are in balance at any step.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Protocol
+from typing import Protocol, cast
 
 from ddgcli.models.fluid.phases import Phase, Step
 from ddgcli.models.fluid.state import FluidState
@@ -45,7 +45,8 @@ class SourceSequence:
             (phase for phase in phases if phase.step_stage == "source"), key=lambda phase: rank[phase.effect]
         )
         self.account = account
-        self.friction = next((phase for phase in in_order if hasattr(phase, "advance_forced")), None)
+        viscous = (phase for phase in in_order if hasattr(phase, "advance_forced"))
+        self.friction = cast("ViscousPhase | None", next(viscous, None))
         self.forces = [phase for phase in in_order if getattr(phase, "is_force", False)]
         self.phases: list[Phase] = in_order
         if self.friction is not None:
@@ -54,7 +55,7 @@ class SourceSequence:
 
     def advanced(self, phase: Phase, step: Step, state: FluidState) -> FluidState:
         """The state after one source."""
-        if phase is not self.friction:
+        if self.friction is None or phase is not self.friction:
             with self.account.within(phase.effect):
                 return phase.advance(step, state)
         forced = state
@@ -62,4 +63,4 @@ class SourceSequence:
             with self.account.within(force.effect):
                 forced = force.advance(step, forced)
         with self.account.within(phase.effect):
-            return phase.advance_forced(step, state, forced)  # type: ignore[attr-defined]
+            return self.friction.advance_forced(step, state, forced)
