@@ -1,11 +1,13 @@
 """`ddgcli fluid-sim` without an integrator: the default depends on the mesh and is in the summary."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import ddgcli as ddg
+from ddgcli.cli.simulation.plot import Picture
 from ddgcli.io.trajectories.trajectory import Trajectory
 
 BOX = '[[object]]\nname = "box"\nrole = "fluid"\nbox = { size = [1, 1, 1], cells = [2, 2, 2] }\n'
@@ -63,3 +65,18 @@ def test_the_library_takes_the_same_default():
     simulation = ddg.simulate(document, steps=2)
     assert simulation.scene["time"]["integrator"] == "energy"
     assert np.ptp([one.scalar["kinetic_energy"] for one in simulation]) < 1e-12
+
+
+def test_the_energy_of_a_picture_has_the_unit_of_the_dimension(run, tmp_path, monkeypatch):
+    labels = []
+
+    def recorded(*words, **options):
+        labels.append(options["energy"])
+        return Picture(*words, **options)
+
+    monkeypatch.setattr("ddgcli.cli.simulation.plot.Picture", recorded)
+    samples = Path(__file__).parents[2] / "sample_meshes"
+    for name in ("ball.vtu", "sphere.ply"):
+        words = ("--steps", 1, "--dt", 0.01, "--plot", tmp_path / "a.png")
+        assert run("fluid-sim", samples / name, *words).exit_code == 0
+    assert [label.split("[")[1] for label in labels] == ["m^5/s^2]", "m^4/s^2]"]

@@ -141,12 +141,13 @@ class Fluids:
 
         reach = self.largest or 1.0  # vortices are small and count: no robust limits
         # vorticity at rough walls is large, that of volumes a length: robust limits there
-        robust = any(fluid.setting.no_slip or fluid.context.is_volume for fluid in self.fluids.values())
+        in_volume = any(context.is_volume for context in self.contexts.values())
+        robust = in_volume or any(fluid.setting.no_slip for fluid in self.fluids.values())
         limits = None if robust else (-reach, reach)
         return Picture(
             "vorticity", "vorticity [1/s]", limits, shown=~wraps(list(self.meshes.values())),
             arrows="velocity", glyphs=self.glyphs,
-            energy="kinetic energy over density [m^4/s^2]",
+            energy=f"kinetic energy over density [m^{5 if in_volume else 4}/s^2]",
         )  # fmt: skip
 
     def failure_reason(self, outcome: Outcome) -> str:
