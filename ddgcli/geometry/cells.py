@@ -49,7 +49,23 @@ class CellMetric:
 
 
 def check_triangles(side_length: NDArray) -> NDArray[np.float64]:
-    """(m,) areas of the faces; MeshError where one has none."""
+    """Areas of triangles, every one of which must be positive.
+
+    Parameters
+    ----------
+    side_length : (m, 3) ndarray of float64
+        Side j runs from corner j to corner j+1.
+
+    Returns
+    -------
+    (m,) ndarray of float64
+        In length^2.
+
+    Raises
+    ------
+    MeshError
+        When a face has no area.
+    """
     area = face_area(side_length)
     flat = np.flatnonzero(~(area > 0))
     if len(flat) and len(flat) == len(area):
@@ -59,12 +75,29 @@ def check_triangles(side_length: NDArray) -> NDArray[np.float64]:
 
 
 def triangle_metric(side_length: NDArray) -> CellMetric:
-    """Metric of triangles; side j runs from corner j to corner j+1.
+    """Metric of triangles from their side lengths.
+
+    Parameters
+    ----------
+    side_length : (m, 3) ndarray of float64
+        Side j runs from corner j to corner j+1.
+
+    Returns
+    -------
+    CellMetric
+        Areas, squared side lengths and gradient products: between corners a and b, -cot(third angle)/(2
+        area).
 
     Raises
     ------
     MeshError
         When a face has no area: its gradients are infinite.
+
+    Examples
+    --------
+    >>> right = triangle_metric(np.array([[1.0, np.sqrt(2.0), 1.0]]))
+    >>> right.measure.round(12).tolist()
+    [0.5]
     """
     area = check_triangles(side_length)
     squared = np.zeros((len(area), 3, 3))
@@ -79,12 +112,28 @@ def triangle_metric(side_length: NDArray) -> CellMetric:
 
 
 def tetrahedron_metric(edge_length: NDArray) -> CellMetric:
-    """Metric of tetrahedra from the (m, 6) lengths of TET_EDGES.
+    """Metric of tetrahedra from their edge lengths.
+
+    Parameters
+    ----------
+    edge_length : (m, 6) ndarray of float64
+        In the order of `TET_EDGES`.
+
+    Returns
+    -------
+    CellMetric
+        Volumes in length^3, squared edge lengths, gradient products (from the inverse Gram matrix).
 
     Raises
     ------
     MeshError
         When a tetrahedron has no volume, or no tetrahedron has its lengths.
+
+    Examples
+    --------
+    >>> regular = tetrahedron_metric(np.ones((1, 6)))
+    >>> bool(np.isclose(regular.measure[0], np.sqrt(2.0) / 12.0))
+    True
     """
     squared = np.zeros((len(edge_length), 4, 4))
     for j, (a, b) in enumerate(TET_EDGES):

@@ -14,9 +14,18 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 def cure_of_bad_shapes(mesh: SurfaceMesh | TetMesh) -> str:
-    """What to do about cells whose shapes leave rounding errors: a repair if it changes the mesh.
+    """What to do about cells whose shapes cause large rounding errors, for error messages.
 
     Thin triangles that have area are left by the repair; their vertices have to move.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, IntrinsicMesh or TetMesh
+
+    Returns
+    -------
+    str
+        The advice; names a repair if the repair changes this mesh.
     """
     if isinstance(mesh, TetMesh):
         if not 0 < len(mesh.flat_tetrahedra) < len(mesh.tetrahedra):
@@ -30,7 +39,19 @@ def cure_of_bad_shapes(mesh: SurfaceMesh | TetMesh) -> str:
 
 
 def weld_advice(mesh: SurfaceMesh, unreached: NDArray[np.bool_]) -> str:
-    """After a semicolon: the weld, where an unreached vertex lies at the position of a reached one."""
+    """Advice to weld the mesh, where an unreached vertex has the position of a reached one.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    unreached : (n,) ndarray of bool
+        Vertices that a propagation did not reach.
+
+    Returns
+    -------
+    str
+        The advice after a semicolon; empty where a weld connects nothing.
+    """
     if not isinstance(mesh, TriangleMesh):
         return ""
     place, used = merged_points(mesh.points)[1], mesh.topology.referenced_vertex

@@ -13,7 +13,23 @@ EDGES_PER_BLOCK = 16_384  # edges handled at once: the working arrays stay in th
 
 
 def face_area_vector(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(m, 3) normal times area, in length units squared."""
+    """Area vector of each face: its unit normal times its area.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    (m, 3) ndarray of float64
+        In length^2; counter-clockwise faces have it towards the viewer.
+
+    Examples
+    --------
+    >>> square = TriangleMesh.from_arrays([[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0, 1, 2]])
+    >>> face_area_vector(square).tolist()
+    [[0.0, 0.0, 2.0]]
+    """
     # column by column: rows of three cost several times as much
     columns = np.ascontiguousarray(mesh.points.T)
     a, b, c = (columns.take(corner, axis=1) for corner in np.ascontiguousarray(mesh.faces.T))
@@ -21,32 +37,82 @@ def face_area_vector(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 
 def face_normal(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(m, 3) unit normals; zero where a face has no area."""
+    """Unit normal of each face.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    (m, 3) ndarray of float64
+        Counter-clockwise faces have it towards the viewer; zero where a face has no area.
+    """
     return unit_vectors(face_area_vector(mesh))
 
 
 def enclosed_volume(mesh: TriangleMesh) -> float:
-    """Signed volume of a closed surface, positive for outward orientation; measured from the centroid."""
+    """Signed volume that a closed surface encloses.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Closed and consistently oriented; not checked.
+
+    Returns
+    -------
+    float
+        In length^3; positive where the normals are outward.
+
+    Notes
+    -----
+    Sum of the signed tetrahedra over the faces. Their apex is the centroid of the vertices, so that a distant
+    surface loses no digits.
+    """
     columns = np.ascontiguousarray((mesh.points - mesh.points.mean(axis=0)).T)
     corners = (columns.take(corner, axis=1) for corner in np.ascontiguousarray(mesh.faces.T))
     return float(cone_volume(*corners).sum())
 
 
 def folded_edges(dihedral: NDArray) -> NDArray[np.int64]:
-    """Edges whose (e,) dihedral angle is 180 degrees, so that one face lies on the other."""
+    """Edges along which one face lies on the other.
+
+    Parameters
+    ----------
+    dihedral : (e,) ndarray of float64
+        Dihedral angles in radians (`dihedral_angle`).
+
+    Returns
+    -------
+    (k,) ndarray of int64
+        Edges whose angle is 180 degrees up to `FOLD_TOLERANCE`, in ascending order.
+    """
     return np.flatnonzero(np.abs(dihedral) > np.pi - FOLD_TOLERANCE)
 
 
 def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray[np.float64]:
-    """(e,) signed angle between the normals of an edge's two faces, in radians; positive where convex.
+    """Signed angle between the normals of the two faces of each edge.
 
     Zero on boundary and non-manifold edges. The reference direction is that of the first of the edge's two
     sides. If the second face is oriented against the first, its normal is reversed.
 
     Parameters
     ----------
-    normal : (m, 3) ndarray, optional
+    mesh : TriangleMesh
+    normal : (m, 3) ndarray of float64, optional
         Unit normals to use instead of `face_normal`, which is zero on faces without area.
+
+    Returns
+    -------
+    (e,) ndarray of float64
+        In radians, in [-pi, pi]: zero where flat, positive where convex (with outward normals).
+
+    Examples
+    --------
+    >>> from ddgcli.mesh.shapes import box
+    >>> angle = dihedral_angle(box())
+    >>> sorted({float(a) for a in np.degrees(angle).round(9)})
+    [0.0, 90.0]
     """
     return dihedral_angle_and_length(mesh, normal)[0]
 
@@ -54,7 +120,20 @@ def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray
 def dihedral_angle_and_length(
     mesh: TriangleMesh, normal: NDArray | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(e,) `dihedral_angle`, and (e,) lengths of the edges, in one pass."""
+    """Dihedral angles and lengths of the edges, in one pass.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    normal : (m, 3) ndarray of float64, optional
+        As in `dihedral_angle`.
+
+    Returns
+    -------
+    angle : (e,) ndarray of float64
+        `dihedral_angle`, in radians.
+    length : (e,) ndarray of float64
+    """
     topology = mesh.topology
     # column by column: gathering rows of three costs several times as much
     normals = np.ascontiguousarray((face_normal(mesh) if normal is None else normal).T)
@@ -120,5 +199,16 @@ def hinge_bending(
 
 
 def hinge_constant(euler_characteristic: int, closed: bool) -> float:
-    """(2/3) int K of a closed surface, 4 pi chi / 3, which sums over hinges lack; 0 of an open one."""
+    """Constant that makes the sum of the hinge energies of a closed surface approximate int H^2.
+
+    Parameters
+    ----------
+    euler_characteristic : int
+    closed : bool
+
+    Returns
+    -------
+    float
+        (2/3) int K = 4 pi chi / 3 on a closed surface (see `hinge_bending`); 0 on an open one. Without unit.
+    """
     return 4.0 * np.pi * euler_characteristic / 3.0 if closed else 0.0

@@ -13,7 +13,18 @@ from ddgcli.mesh.vectors import unit_vectors
 
 
 def face_axes(mesh: TriangleMesh, face: NDArray) -> tuple[NDArray, NDArray]:
-    """((k, 3), (k, 3)) unit axes in space of the planar frames of faces; zero where a face has no area."""
+    """Axes in space of the planar frames of faces: x along side 0, y towards corner 2.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    face : (k,) ndarray of int64
+
+    Returns
+    -------
+    x, y : (k, 3) ndarray of float64
+        Unit vectors, orthogonal; y is zero where a face has no area, x where its side 0 has no length.
+    """
     scale = float(mesh.side_length.max(initial=0.0)) or 1.0
     side, back = mesh.side_vector[face, 0] / scale, mesh.side_vector[face, 2] / -scale
     x = unit_vectors(side)
@@ -21,7 +32,24 @@ def face_axes(mesh: TriangleMesh, face: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def to_face_frame(mesh: SurfaceMesh, face: NDArray, vector: NDArray) -> NDArray[np.float64]:
-    """(k, 2) vectors in space, projected to the planar frames of faces."""
+    """Components of vectors in space in the planar frames of faces.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    face : (k,) ndarray of int64
+    vector : (k, 3) ndarray of float64
+
+    Returns
+    -------
+    (k, 2) ndarray of float64
+        In the unit of the vectors, without their normal component.
+
+    Raises
+    ------
+    ParameterError
+        When the mesh has no positions.
+    """
     if not isinstance(mesh, TriangleMesh):
         raise ParameterError(
             "a mesh without positions has no directions in space; use 2 numbers in the frame of the face"
@@ -31,13 +59,42 @@ def to_face_frame(mesh: SurfaceMesh, face: NDArray, vector: NDArray) -> NDArray[
 
 
 def to_space(mesh: TriangleMesh, face: NDArray, planar: NDArray) -> NDArray[np.float64]:
-    """(k, 3) vectors in space of (k, 2) vectors in the planar frames of faces."""
+    """Vectors in space from their components in the planar frames of faces.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    face : (k,) ndarray of int64
+    planar : (k, 2) ndarray of float64
+
+    Returns
+    -------
+    (k, 3) ndarray of float64
+        In the unit of the components.
+    """
     x, y = face_axes(mesh, face)
     return planar[:, :1] * x + planar[:, 1:] * y
 
 
 def surface_position(mesh: SurfaceMesh, face: NDArray, barycentric: NDArray) -> NDArray[np.float64]:
-    """(k, 3) positions of surface points."""
+    """Positions in space of points on faces.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    face : (k,) ndarray of int64
+    barycentric : (k, 3) ndarray of float64
+        Weights of the corners, which sum to 1.
+
+    Returns
+    -------
+    (k, 3) ndarray of float64
+
+    Raises
+    ------
+    ParameterError
+        When the mesh has no positions.
+    """
     if mesh.points is None:
         raise ParameterError("the mesh has no positions")
     return np.einsum("ij,ijk->ik", barycentric, mesh.points[mesh.faces[face]])
@@ -46,5 +103,18 @@ def surface_position(mesh: SurfaceMesh, face: NDArray, barycentric: NDArray) -> 
 def planar_difference(
     unfolding: Unfolding, face: NDArray, tail: NDArray, head: NDArray
 ) -> NDArray[np.float64]:
-    """(k, 2) vectors from one point of a face to another, in the planar frame of the face."""
+    """Vectors from one point of a face to another, in the planar frame of the face.
+
+    Parameters
+    ----------
+    unfolding : Unfolding
+    face : (k,) ndarray of int64
+    tail, head : (k, 3) ndarray of float64
+        Barycentric coordinates of both points.
+
+    Returns
+    -------
+    (k, 2) ndarray of float64
+        In the length unit of the mesh.
+    """
     return np.einsum("ij,ijk->ik", head - tail, corner_position(unfolding, face))

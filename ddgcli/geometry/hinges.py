@@ -11,9 +11,22 @@ from ddgcli.mesh.topology import Topology
 
 
 def hinges(topology: Topology) -> NDArray[np.int64]:
-    """(h, 4) vertices x0, x1, x2, x3 of every edge with two faces that agree in orientation.
+    """Hinges of a surface: the vertices of every edge with two faces that agree in orientation.
 
-    x0 x1 is the edge, x2 the apex of the face (x0, x1, x2), x3 that of (x1, x0, x3).
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    (h, 4) ndarray of int64
+        Vertices x0, x1, x2, x3: x0 x1 is the edge, x2 the apex of the face (x0, x1, x2), x3 that of
+        (x1, x0, x3).
+
+    Examples
+    --------
+    >>> hinges(Topology(np.array([[0, 1, 2], [2, 1, 3]]), 4)).tolist()
+    [[1, 2, 0, 3]]
     """
     faces, tail, head = topology.faces, topology.side_tail, topology.side_head
     side, other = hinge_sides(topology)
@@ -23,7 +36,17 @@ def hinges(topology: Topology) -> NDArray[np.int64]:
 
 
 def hinge_sides(topology: Topology) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(h,) flat numbers of the sides in the first and in the second face of every hinge."""
+    """Both sides of every hinge.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    first, second : (h,) ndarray of int64
+        Flat side numbers 3*face + j in both faces; the edge x0 x1 of `hinges` runs along the first.
+    """
     side = topology.interior_sides
     other = topology.side_twin.ravel()[side]
     agree = topology.side_tail[side] == topology.side_head[other]
@@ -31,12 +54,22 @@ def hinge_sides(topology: Topology) -> tuple[NDArray[np.int64], NDArray[np.int64
 
 
 def hinge_cotans(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(h, 4) coefficients c with |sum c_i x_i| = 2 |e| sin(angle / 2) where x is isometric to the mesh.
+    """Coefficients of the quadratic bending energy of hinges.
 
-    Notes
-    -----
-    M. Bergou, M. Wardetzky, D. Harmon, D. Zorin, E. Grinspun, "A quadratic bending model for inextensible
-    surfaces", 2006.
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        The rest shape.
+
+    Returns
+    -------
+    (h, 4) ndarray of float64
+        Without unit, one for each vertex of `hinges`. If positions x are isometric to the mesh, then
+        |sum c_i x_i| = 2 |e| sin(theta/2) for the edge e with dihedral angle theta. Each row sums to zero.
+
+    References
+    ----------
+    Bergou2006 in docs/references.bib.
     """
     cotan = corner_cotan(mesh.side_length).ravel()
     side, other = hinge_sides(mesh.topology)

@@ -25,9 +25,27 @@ MIN_UNSCALED_LENGTH, MAX_UNSCALED_LENGTH = 1e-70, 1e70
 
 
 def face_area(side_length: NDArray) -> NDArray[np.float64]:
-    """(m,) areas in length units squared; zero where the triangle inequality fails or holds with equality.
+    """Areas of triangles from their side lengths.
 
-    Infinite above the range of numbers.
+    Parameters
+    ----------
+    side_length : (m, 3) ndarray of float64
+        Side j runs from corner j to corner j+1.
+
+    Returns
+    -------
+    (m,) ndarray of float64
+        In length^2. Zero where the triangle inequality fails or is an equality; infinite above the range of
+        numbers.
+
+    Notes
+    -----
+    Heron's formula in Kahan's order of subtraction.
+
+    Examples
+    --------
+    >>> face_area(np.array([[3.0, 4.0, 5.0], [1.0, 1.0, 2.0]])).tolist()
+    [6.0, 0.0]
     """
     area = np.empty(len(side_length))
     with np.errstate(over="ignore"):
@@ -37,16 +55,40 @@ def face_area(side_length: NDArray) -> NDArray[np.float64]:
 
 
 def corner_cotan(side_length: NDArray) -> NDArray[np.float64]:
-    """(m, 3) cotangent of the angle at each corner.
+    """Cotangent of the angle at each corner.
 
-    In a triangle without area the cotangents of the angles 0 and pi are plus and minus infinity. Angles that
-    the lengths do not determine (at a side of length zero) count as right, with cotangent zero. Never NaN.
+    Parameters
+    ----------
+    side_length : (m, 3) ndarray of float64
+
+    Returns
+    -------
+    (m, 3) ndarray of float64
+        Never NaN: in a triangle without area plus and minus infinity at the angles 0 and pi. Angles that the
+        lengths do not determine (at a side of length zero) count as right, with cotangent zero.
+
+    Examples
+    --------
+    >>> corner_cotan(np.array([[3.0, 4.0, 5.0]])).round(3).tolist()
+    [[0.75, 0.0, 1.333]]
     """
     return cotan_and_area(side_length)[0]
 
 
 def cotan_and_area(side_length: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """`corner_cotan` (m, 3) and `face_area` (m,) in one pass."""
+    """Cotangents of the corners and areas, in one pass.
+
+    Parameters
+    ----------
+    side_length : (m, 3) ndarray of float64
+
+    Returns
+    -------
+    cotan : (m, 3) ndarray of float64
+        `corner_cotan`.
+    area : (m,) ndarray of float64
+        `face_area`, in length^2.
+    """
     m = len(side_length)
     cotan, area = np.empty((m, 3)), np.empty(m)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -64,7 +106,17 @@ def cotan_and_area(side_length: NDArray) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def half_angle_tangent(side_length: NDArray) -> NDArray[np.float64]:
-    """(m, 3) tan(theta/2) of the angle at each corner: in [0, inf], inf at the flat corner of a cap."""
+    """Tangent of half the angle at each corner.
+
+    Parameters
+    ----------
+    side_length : (m, 3) ndarray of float64
+
+    Returns
+    -------
+    (m, 3) ndarray of float64
+        In [0, inf]: inf at a corner of 180 degrees.
+    """
     sine, cosine = _half_angle(side_length)
     with np.errstate(divide="ignore"):
         tangent: NDArray[np.float64] = sine / cosine
@@ -72,7 +124,22 @@ def half_angle_tangent(side_length: NDArray) -> NDArray[np.float64]:
 
 
 def corner_angle(side_length: NDArray) -> NDArray[np.float64]:
-    """(m, 3) interior angle at each corner, in radians."""
+    """Interior angle at each corner.
+
+    Parameters
+    ----------
+    side_length : (m, 3) ndarray of float64
+
+    Returns
+    -------
+    (m, 3) ndarray of float64
+        In radians, in [0, pi].
+
+    Examples
+    --------
+    >>> np.degrees(corner_angle(np.array([[1.0, np.sqrt(2.0), 1.0]]))).round(9).tolist()
+    [[90.0, 45.0, 45.0]]
+    """
     sine, cosine = _half_angle(side_length)
     return 2.0 * np.arctan2(sine, cosine)
 
@@ -111,7 +178,21 @@ def mixed_voronoi_share(squared_length: NDArray, cotan: NDArray, area: NDArray) 
 
 
 def triangle_excess(side_length: NDArray) -> NDArray[np.float64]:
-    """(m, 3) sum of the other two sides minus side j, clipped at zero; Kahan's order of subtraction."""
+    """By how much the two other sides together are longer than side j.
+
+    Parameters
+    ----------
+    side_length : (m, 3) ndarray of float64
+
+    Returns
+    -------
+    (m, 3) ndarray of float64
+        A length; zero where the triangle inequality fails.
+
+    Notes
+    -----
+    Kahan's order of subtraction, so that the relative precision is full even on needles.
+    """
     result = np.empty(side_length.shape)
     for block, _, u, scale in _blocks(side_length):
         for j in range(3):
@@ -153,13 +234,39 @@ def _blocks(side_length: NDArray) -> Iterator[tuple[slice, NDArray, list[NDArray
 
 
 def excess(a: NDArray, b: NDArray, c: NDArray) -> NDArray:
-    """max(b + c - a, 0) in the sides' own precision, without loss of relative precision where it cancels."""
+    """Triangle excess max(b + c - a, 0), without loss of relative precision where it cancels.
+
+    Parameters
+    ----------
+    a, b, c : (k,) ndarray
+        Lengths, in any float precision.
+
+    Returns
+    -------
+    (k,) ndarray
+        In the precision of the lengths.
+    """
     result = signed_excess(a, b, c)
     return np.maximum(result, 0.0, out=result)
 
 
 def signed_excess(a: NDArray, b: NDArray, c: NDArray) -> NDArray:
-    """b + c - a, negative where the triangle inequality fails; the close numbers are subtracted first."""
+    """Triangle excess b + c - a, without loss of relative precision where it cancels.
+
+    Parameters
+    ----------
+    a, b, c : (k,) ndarray
+        Lengths, in any float precision.
+
+    Returns
+    -------
+    (k,) ndarray
+        In the precision of the lengths; negative where the triangle inequality fails.
+
+    Notes
+    -----
+    The two close numbers are subtracted first.
+    """
     result = np.maximum(b, c)
     result -= a
     result += np.minimum(b, c)

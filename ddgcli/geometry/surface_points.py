@@ -114,6 +114,7 @@ def nearest_points(mesh: TriangleMesh, positions: NDArray) -> tuple[SurfacePoint
 
     Parameters
     ----------
+    mesh : TriangleMesh
     positions : (k, 3) ndarray
 
     Returns

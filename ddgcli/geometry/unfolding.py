@@ -61,8 +61,20 @@ class Unfolding:
 
 
 def unfold(mesh: SurfaceMesh) -> Unfolding:
-    """Lay every face out in the plane; cached as long as the mesh exists.
+    """Lay every face out in the plane, in the frame of each of its sides.
 
+    The layout is cached as long as the mesh exists.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    Unfolding
+
+    Notes
+    -----
     Heights come from cross products where the mesh has positions (accurate on caps), from Kahan's ordering of
     Heron's formula where it has only lengths.
     """
@@ -123,7 +135,19 @@ def _unit(x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def corner_position(unfolding: Unfolding, face: NDArray | None = None) -> NDArray[np.float64]:
-    """(k, 3, 2) corners of faces (by default all) in their own frames, in the input's length unit."""
+    """Corners of faces in their own planar frames: corner 0 at the origin, corner 1 on the x axis.
+
+    Parameters
+    ----------
+    unfolding : Unfolding
+    face : (k,) ndarray of int64, optional
+        By default all faces.
+
+    Returns
+    -------
+    (k, 3, 2) ndarray of float64
+        In the length unit of the mesh.
+    """
     first = 3 * np.arange(len(unfolding.direction)) if face is None else 3 * face
     corners = np.zeros((len(first), 3, 2))
     corners[:, 1, 0] = unfolding.length[first]
@@ -185,7 +209,19 @@ def counterclockwise_corner(topology: Topology) -> NDArray[np.int64]:
 
 
 def vertex_fans(mesh: SurfaceMesh) -> Fans:
-    """Order the corners around every vertex of an oriented mesh; cached as long as the mesh exists."""
+    """Order the corners around every vertex of an oriented mesh counter-clockwise.
+
+    The fans are cached as long as the mesh exists.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Consistently oriented.
+
+    Returns
+    -------
+    Fans
+    """
     if mesh not in _FANS:
         _FANS[mesh] = _ordered_fans(mesh)
     return _FANS[mesh]
@@ -241,9 +277,16 @@ def _first_corners(after: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def face_corner_angle(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(m, 3) corner angles: from positions where there are any (accurate on caps), else from lengths.
+    """Interior angle at each corner, from positions where the mesh has them, else from lengths.
 
-    Beside a side of length zero they count as right.
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (m, 3) ndarray of float64
+        In radians; pi/2 beside a side of length zero.
     """
     if not isinstance(mesh, TriangleMesh):
         return corner_angle(mesh.side_length)

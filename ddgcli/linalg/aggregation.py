@@ -36,6 +36,11 @@ def aggregation_cycle(matrix: Any, modes: NDArray) -> Callable[[NDArray], NDArra
         Symmetric, positive definite.
     modes : (n, k) ndarray
         Vectors that every level represents.
+
+    Returns
+    -------
+    callable
+        Preconditioner: takes and returns an (n,) ndarray; symmetric and positive definite.
     """
     from pyamg.multilevel import MultilevelSolver
     from pyamg.relaxation.smoothing import change_smoothers

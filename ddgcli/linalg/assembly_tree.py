@@ -71,7 +71,18 @@ class AssemblyLevel:
 
 
 def assembly_levels(matrix: csc_array, dissection: Dissection) -> list[AssemblyLevel]:
-    """Levels of frontal matrices of a symmetric pattern (both triangles stored), leaves first."""
+    """Levels of frontal matrices of a symmetric pattern, leaves first.
+
+    Parameters
+    ----------
+    matrix : (n, n) csc_array
+        Both triangles stored; only the pattern is read.
+    dissection : Dissection
+
+    Returns
+    -------
+    list of AssemblyLevel
+    """
     n = matrix.shape[0]
     tops = _tops(dissection)
     level = np.searchsorted(tops, dissection.height)

@@ -82,7 +82,18 @@ class Analysis:
 
 
 def analyse(matrix: csc_array) -> Analysis | None:
-    """Symbolic analysis by nested dissection; None of graphs without short separators."""
+    """Symbolic analysis of a matrix by nested dissection.
+
+    Parameters
+    ----------
+    matrix : (n, n) csc_array
+        Symmetric pattern.
+
+    Returns
+    -------
+    Analysis or None
+        None for graphs without short separators.
+    """
     dissection = nested_dissection(matrix)
     return None if dissection is None else Analysis(dissection, assembly_levels(matrix, dissection))
 
@@ -99,9 +110,22 @@ def choose_solver(
     *,
     entries: float | None = None,
 ) -> tuple[str, Analysis | None]:
-    """`solver_name`, and the symbolic analysis if the estimate of memory needed one.
+    """Name of the solver for a matrix, and its symbolic analysis if the estimate of memory needed one.
 
-    `entries` are `Analysis.entries` of the pattern, if known.
+    Parameters
+    ----------
+    solver : str or None
+        Name that the caller requires; None for the setting of DDGCLI_SOLVER, which is `auto` by default.
+    matrix : (n, n) csc_array
+    definite : bool
+        Positive definite; other matrices are factorised with pivoting.
+    entries : float, optional
+        `Analysis.entries` of the pattern, if known.
+
+    Returns
+    -------
+    name : str
+    analysis : Analysis or None
     """
     name = _solver_setting(solver)
     if name == "pivoted" or not definite:
@@ -116,6 +140,17 @@ def shift_is_cheap(solver: str | None, matrix: csc_array, k: int) -> bool:
     """Whether k eigenpairs cost least by a multifrontal factor of the matrix with a shift.
 
     Few pairs cost little more than the factor of the solver itself.
+
+    Parameters
+    ----------
+    solver : str or None
+        As in `choose_solver`.
+    matrix : (n, n) csc_array
+    k : int
+
+    Returns
+    -------
+    bool
     """
     name = _solver_setting(solver)
     if name == "auto" and k < MIN_SHIFTED_PAIRS:
@@ -128,8 +163,18 @@ def shift_is_cheap(solver: str | None, matrix: csc_array, k: int) -> bool:
 def displacement_solver(graph: csc_array, size: int) -> str | None:
     """Iterative solver of a system that has (size, size) blocks in the places of a graph's entries.
 
-    None where its factors and the matrix, which is not there yet, fit into the available memory, or
-    DDGCLI_SOLVER names a direct solver.
+    Parameters
+    ----------
+    graph : (n, n) csc_array
+        Pattern of the vertices that are coupled.
+    size : int
+        Unknowns of a vertex.
+
+    Returns
+    -------
+    str or None
+        None where the factors and the matrix, which does not exist yet, fit into the available memory, or
+        DDGCLI_SOLVER names a direct solver.
     """
     name = _solver_setting(None)
     if name != "auto":
@@ -138,7 +183,17 @@ def displacement_solver(graph: csc_array, size: int) -> str | None:
 
 
 def direct_solver(matrix: csc_array) -> str:
-    """Direct solver of a definite matrix whose factors fit: that of DDGCLI_SOLVER, else by size."""
+    """Direct solver of a positive definite matrix whose factors fit into memory.
+
+    Parameters
+    ----------
+    matrix : (n, n) csc_array
+
+    Returns
+    -------
+    str
+        That of DDGCLI_SOLVER, else by the size of the matrix.
+    """
     name = _solver_setting(None)
     return _by_size(matrix) if name == "auto" else name
 
@@ -184,7 +239,17 @@ def _solver_of_little_memory(
 
 
 def direct_fits(matrix: csc_array) -> bool:
-    """Whether a factorisation of a definite matrix fits into the available memory."""
+    """Whether a factorisation of a positive definite matrix fits into the available memory.
+
+    Parameters
+    ----------
+    matrix : (n, n) csc_array
+
+    Returns
+    -------
+    bool
+        True without an estimate for small matrices.
+    """
     available = available_memory() if matrix.shape[0] >= MIN_CHECKED_UNKNOWNS else np.inf
     return factor_bytes(matrix, available) <= available
 
@@ -212,7 +277,20 @@ def _needed_bytes(
 
 
 def make_backend(name: str, matrix: csc_array, like: Backend | Analysis | None = None) -> Backend:
-    """Analyse and factorise with the named backend."""
+    """Analyse and factorise a matrix with a named solver.
+
+    Parameters
+    ----------
+    name : str
+        Such as `multifrontal`, `superlu`, `cholmod`, `pivoted` or the name of an iterative solver.
+    matrix : (n, n) csc_array
+    like : Backend or Analysis, optional
+        Of a matrix with the same pattern; its analysis is used again.
+
+    Returns
+    -------
+    Backend
+    """
     if name in ITERATIVE_SOLVERS:
         return Iterative(matrix, name)
     kinds: dict[str, Callable[[csc_array, Backend | Analysis | None], Backend]]

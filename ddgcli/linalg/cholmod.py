@@ -24,7 +24,12 @@ class NotPositiveDefinite(SolveError):
 
 @cache
 def cholmod_available() -> bool:
-    """Whether the CHOLMOD wheel of the extra `fast` can be imported; reported once at level INFO."""
+    """Whether CHOLMOD of the extra `fast` can be imported; reported at level INFO.
+
+    Returns
+    -------
+    bool
+    """
     available = importlib.util.find_spec("cvxopt") is not None
     if available:
         log.info("CHOLMOD (cvxopt, GPL-3) is installed and used for large systems")

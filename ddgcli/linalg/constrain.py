@@ -20,7 +20,18 @@ BALANCE_TOLERANCE = 1e-10  # relative sum of a right-hand side over a component
 
 
 def components(matrix: sparray) -> tuple[int, NDArray[np.int64]]:
-    """Number of connected components of the non-zero pattern, and (n,) component of each unknown."""
+    """Connected components of the pattern of non-zero entries.
+
+    Parameters
+    ----------
+    matrix : (n, n) sparse array
+
+    Returns
+    -------
+    count : int
+    label : (n,) ndarray of int64
+        Component of each unknown.
+    """
     graph = compact(csc_array(matrix)).T  # the same graph by rows, which csgraph takes without a copy
     if (graph.data == 0).any():
         graph = graph.copy()
@@ -30,9 +41,18 @@ def components(matrix: sparray) -> tuple[int, NDArray[np.int64]]:
 
 
 def floating_components(matrix: sparray) -> NDArray[np.int64]:
-    """(n,) component of each unknown whose component has the constants as null space; -1 elsewhere.
+    """Components of unknowns that have the constants as null space.
 
     A component floats when every one of its rows sums to zero, relative to the row's absolute sum.
+
+    Parameters
+    ----------
+    matrix : (n, n) sparse array
+
+    Returns
+    -------
+    (n,) ndarray of int64
+        Number of the floating component of each unknown; -1 elsewhere.
     """
     count, label = components(matrix)
     ones = np.ones(matrix.shape[0])

@@ -58,10 +58,20 @@ class Dissection:
 
 
 def nested_dissection(matrix: csc_array) -> Dissection | None:
-    """Nested dissection of the graph of a matrix; None where a large part has no short separator.
+    """Nested dissection of the graph of a matrix.
 
     Unknowns with the same neighbours (the coordinates of one vertex) stay together. Components are
     dissected one after the other; small ones share leaves.
+
+    Parameters
+    ----------
+    matrix : (n, n) csc_array
+        Only the pattern is read; made symmetric.
+
+    Returns
+    -------
+    Dissection or None
+        None where a large part has no short separator.
     """
     graph = compact(_symmetric_graph(matrix))
     if graph.nnz < MIN_CONDENSED_ROW * graph.shape[0]:

@@ -87,6 +87,11 @@ def smallest_eigenpairs(
     options
         Passed on to `Factor`.
 
+    Returns
+    -------
+    Eigenpairs
+        Ascending; vectors (n, k) orthonormal in the mass.
+
     Raises
     ------
     ParameterError

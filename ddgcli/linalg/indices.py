@@ -30,14 +30,28 @@ def matrix_indices(index: NDArray, *sizes: int) -> NDArray[np.integer]:
         Rows, columns or starts of rows; each below the largest size, or equal to it.
     sizes : int
         Numbers of rows, of columns, of entries: whatever the matrix has to count.
+
+    Returns
+    -------
+    ndarray of int32 or int64
+        The input itself where it has the type already.
     """
     return index.astype(np.int32 if max(sizes) <= LARGEST_INT32 else np.int64, copy=False)
 
 
 def compact(matrix: Compressed) -> Compressed:
-    """A matrix by rows or columns with indices of `matrix_indices`, which share its values.
+    """Matrix with indices of the type of `matrix_indices`; shares the values.
 
-    Products inherit them; graph algorithms and factorisations of scipy before 1.17 take no others.
+    Products inherit the type; graph algorithms and factorisations of scipy before 1.17 take no others.
+
+    Parameters
+    ----------
+    matrix : csr_array or csc_array
+
+    Returns
+    -------
+    csr_array or csc_array
+        The input itself where its indices have the type already.
     """
     sizes = (*matrix.shape, len(matrix.indices))
     index, start = matrix_indices(matrix.indices, *sizes), matrix_indices(matrix.indptr, *sizes)

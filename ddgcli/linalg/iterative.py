@@ -41,12 +41,28 @@ FAILURE_ERROR = 1e-6  # componentwise backward error of a solution that is refus
 
 
 def preferred_iterative_solver() -> str:
-    """`multigrid` where pyamg is installed, else `conjugate-gradients`."""
+    """Name of the iterative solver to prefer.
+
+    Returns
+    -------
+    str
+        `multigrid` where pyamg is installed, else `conjugate-gradients`.
+    """
     return ITERATIVE_SOLVERS[0 if importlib.util.find_spec("pyamg") else 1]
 
 
 def require_multigrid(name: str) -> None:
-    """Raise MissingExtraError for `multigrid` without pyamg."""
+    """Raise an error if a solver needs pyamg and it is not installed.
+
+    Parameters
+    ----------
+    name : str
+        Of the solver.
+
+    Raises
+    ------
+    MissingExtraError
+    """
     if name == "multigrid" and not importlib.util.find_spec("pyamg"):
         raise MissingExtraError(
             "solver 'multigrid' needs pyamg; pip install 'ddgcli[multigrid]', or use 'conjugate-gradients'"
@@ -174,7 +190,18 @@ def _local_order(matrix: csc_array) -> NDArray[np.intp]:
 
 
 def jacobi(matrix: csr_array) -> Callable[[NDArray], NDArray]:
-    """The inverse of the diagonal."""
+    """Jacobi preconditioner: division by the diagonal.
+
+    Parameters
+    ----------
+    matrix : (n, n) csr_array
+        Without zeros on the diagonal.
+
+    Returns
+    -------
+    callable
+        Takes and returns an (n,) ndarray.
+    """
     inverse = 1.0 / matrix.diagonal().real
     return lambda r: inverse * r
 

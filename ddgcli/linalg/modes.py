@@ -128,7 +128,25 @@ def _shifted(
 def largest_ratios(
     numerator: csc_array, stiffness: csc_array, k: int, seed: int = 0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The k largest mu with A x = mu K x, K positive definite and A symmetric; and the vectors (n, k)."""
+    """Largest eigenpairs of A x = mu K x with A symmetric and K positive definite.
+
+    Parameters
+    ----------
+    numerator : (n, n) csc_array
+        A.
+    stiffness : (n, n) csc_array
+        K.
+    k : int
+    seed : int
+        Of the starting block.
+
+    Returns
+    -------
+    values : (k,) ndarray of float64
+        Descending; fewer if n < k.
+    vectors : (n, k) ndarray of float64
+        Orthonormal in K.
+    """
     n = stiffness.shape[0]
     if n <= MAX_DENSE_SIZE:
         values, vectors = eigh(

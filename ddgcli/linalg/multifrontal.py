@@ -70,6 +70,19 @@ def cholesky_groups(
 ) -> list[CholeskyGroup]:
     """Factor of a matrix with the entries `data`, level by level.
 
+    Parameters
+    ----------
+    levels : list of AssemblyLevel
+    data : (nnz,) ndarray
+        Entries of the matrix, in the order of the pattern that was analysed.
+    definite : bool
+        Positive definite: L L^T; else L J L^T with signs J.
+
+    Returns
+    -------
+    list of CholeskyGroup
+        Factors of the frontal matrices, leaves first.
+
     Raises
     ------
     numpy.linalg.LinAlgError
@@ -81,6 +94,16 @@ def cholesky_groups(
 
 def count_negative(levels: list[AssemblyLevel], data: NDArray) -> int:
     """Number of negative eigenvalues of a real matrix with the entries `data`; its factor is not stored.
+
+    Parameters
+    ----------
+    levels : list of AssemblyLevel
+    data : (nnz,) ndarray
+        Entries of the matrix, in the order of the pattern that was analysed.
+
+    Returns
+    -------
+    int
 
     Raises
     ------
@@ -227,9 +250,18 @@ class PivotOrder:
 
 
 def cholesky_solve(groups: list[CholeskyGroup], rhs: NDArray, order: PivotOrder | None = None) -> NDArray:
-    """Solution for (n,) or (n, k) right-hand sides; skips frontal matrices without a non-zero entry.
+    """Solution of a system from the factor of its matrix; skips frontal matrices without a non-zero entry.
 
-    `order` is that of the groups, for many solves.
+    Parameters
+    ----------
+    groups : list of CholeskyGroup
+    rhs : (n,) or (n, k) ndarray
+    order : PivotOrder, optional
+        That of the groups, if many systems are solved.
+
+    Returns
+    -------
+    (n,) or (n, k) ndarray
     """
     n, k = len(rhs), 1 if rhs.ndim == 1 else rhs.shape[1]
     order = order or PivotOrder.of(groups, n)

@@ -34,6 +34,10 @@ def within_residuals(
         What the caller can do, for the warning; a function is called for the first one only.
     warning, largest : float
         Residuals above `warning` are reported; above `largest`, or not finite, the answer is False.
+
+    Returns
+    -------
+    bool
     """
     converged = True
     for name in names:

@@ -14,7 +14,7 @@ MIN_CHECKED_SIZE = 2000  # parts up to this size may have longer separators
 
 
 def separator_level(path: NDArray[np.int64], levels: int, graph: csr_array) -> NDArray[np.int64] | None:
-    """(n,) level at which each vertex separates the halves of its part; `levels` for other vertices.
+    """Level at which each vertex separates the halves of its part of a recursively halved graph.
 
     Parameters
     ----------
@@ -26,7 +26,8 @@ def separator_level(path: NDArray[np.int64], levels: int, graph: csr_array) -> N
 
     Returns
     -------
-    (n,) ndarray of int64, or None if the separator of a large part is too long.
+    (n,) ndarray of int64 or None
+        `levels` for vertices that separate nothing; None if the separator of a large part is too long.
     """
     n = len(path)
     level = np.full(n, levels, dtype=np.int64)

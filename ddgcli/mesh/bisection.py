@@ -38,6 +38,11 @@ def bisected(mesh: TriangleMesh, marked: NDArray) -> Bisected:
     mesh : TriangleMesh
     marked : (m,) ndarray of bool
 
+    Returns
+    -------
+    Bisected
+        The refined mesh, the vertices whose midpoint is each new vertex, and the input face of each face.
+
     Notes
     -----
     A face with any split side has its longest side split; the others hang on the two halves (M. C. Rivara,

@@ -9,7 +9,18 @@ from ddgcli.mesh.topology import Topology
 
 
 def boundary_vertex_loops(topology: Topology) -> list[NDArray[np.int64]]:
-    """Vertices of each boundary loop of an oriented manifold surface, in the order of its faces."""
+    """Vertices of each boundary loop of an oriented manifold surface.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    list of (k,) ndarray of int64
+        Each loop from its lowest vertex, in the direction of the sides of its faces (the surface on the
+        left).
+    """
     side = np.flatnonzero(topology.side_twin.ravel() < 0)
     following = dict(zip(topology.side_tail[side].tolist(), topology.side_head[side].tolist()))
     loops = []

@@ -37,22 +37,42 @@ STEPS_ON_MANIFOLDS = ("fill_holes", "cut_to_disk")
 def cure(
     defect: str, topology: Topology | None = None, *, manifold: bool = False, oriented: bool = False
 ) -> str:
-    """What to do about a defect of `CURES`, with the steps of the repair; parameters as in `with_repair`."""
+    """What to do about a defect of a mesh, with the steps of the repair.
+
+    Parameters
+    ----------
+    defect : str
+        A key of `CURES`.
+    topology : Topology, optional
+        Of the refused mesh; adds the steps that the cure needs on this mesh.
+    manifold, oriented : bool
+        What else the refused computation requires of the mesh.
+
+    Returns
+    -------
+    str
+        Such as ``fill the holes with `repair=fill_holes=12` ``.
+    """
     return f"{CURES[defect][0]} {with_repair(defect, topology, manifold=manifold, oriented=oriented)}"
 
 
 def with_repair(
     defect: str, topology: Topology | None = None, *, manifold: bool = False, oriented: bool = False
 ) -> str:
-    """The steps of the repair of a defect in back quotes, after the word "with".
+    """Steps of the repair of a defect, in back quotes, after the word "with".
 
     Parameters
     ----------
     defect : str
+        A key of `CURES`.
     topology : Topology, optional
         Of the refused mesh; adds the steps that the cure needs on this mesh.
     manifold, oriented : bool
-        What else the refused computation needs of the mesh.
+        What else the refused computation requires of the mesh.
+
+    Returns
+    -------
+    str
     """
     step = CURES[defect][1]
     steps = [step]

@@ -146,10 +146,19 @@ class CurveSet:
 
 
 def plane_normal(points: NDArray) -> NDArray[np.float64] | None:
-    """Unit normal of the plane in which a curve lies, None for a space curve.
+    """Unit normal of the plane in which a curve lies.
 
     The plane is viewed from the positive side of the axis nearest to the normal (of equally near ones z, else
     y): for horizontal planes from above. The plane of a straight line is the one nearest to the horizontal.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray of float64
+
+    Returns
+    -------
+    (3,) ndarray of float64 or None
+        None for a space curve: a point leaves the plane by more than `PLANARITY_TOLERANCE` of the size.
     """
     size = float(np.abs(points - points[0]).max())
     if size == 0 or (points[:, 2] == points[0, 2]).all():
@@ -168,6 +177,16 @@ def plane_normal(points: NDArray) -> NDArray[np.float64] | None:
 
 
 def nearest_axis(normal: NDArray) -> int:
-    """The last of the largest components: rounding must not decide between equal ones."""
+    """Number of the axis nearest to a direction.
+
+    Parameters
+    ----------
+    normal : (3,) ndarray of float64
+
+    Returns
+    -------
+    int
+        The last of the largest components: rounding must not decide between equal ones.
+    """
     size = np.abs(normal)
     return int(np.flatnonzero(size >= (1 - PLANARITY_TOLERANCE) * size.max())[-1])

@@ -14,7 +14,19 @@ from ddgcli.mesh.topology import Topology
 
 
 def reversed_sides(side: NDArray, n_faces: int) -> NDArray[np.int64]:
-    """The side over the same edge of the other copy of its face; its own inverse."""
+    """Side over the same edge in the other copy of its face; its own inverse.
+
+    Parameters
+    ----------
+    side : (k,) ndarray of int64
+        Flat side numbers 3*face + j of the cover.
+    n_faces : int
+        Faces of the surface, m.
+
+    Returns
+    -------
+    (k,) ndarray of int64
+    """
     face, j = np.divmod(side, 3)
     return 3 * ((face + n_faces) % (2 * n_faces)) + (1 - j) % 3
 
@@ -25,17 +37,33 @@ def covering_faces(corner: NDArray, mirrored: NDArray | None = None) -> NDArray:
 
 
 def covering_sides(values: NDArray) -> NDArray:
-    """(2m, 3) values on the sides of the cover from those, (m, 3), on the sides of the surface."""
+    """Values on the sides of the double cover from values on the sides of the surface.
+
+    Parameters
+    ----------
+    values : (m, 3) ndarray
+
+    Returns
+    -------
+    (2m, 3) ndarray
+    """
     return np.concatenate([values, values[:, [1, 0, 2]]])
 
 
 def double_cover(topology: Topology) -> Topology:
-    """The cover over the same vertices: sides are glued to sides of opposite direction.
+    """Orientation double cover of a surface, over the same vertices.
+
+    Sides are glued to sides of opposite direction, so that the cover is oriented.
 
     Parameters
     ----------
     topology : Topology
         Edges with at most two sides; faces may be turned at will.
+
+    Returns
+    -------
+    Topology
+        2m faces: those of the surface, then the same with reversed corners.
     """
     m = topology.n_faces
     side = np.arange(3 * m)
@@ -74,7 +102,16 @@ class CoverVertices:
 
 
 def cover_vertices(topology: Topology) -> CoverVertices:
-    """Number the vertices of the double cover, two for each fan of faces around a vertex."""
+    """Number the vertices of the double cover: two for each fan of faces around a vertex.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    CoverVertices
+    """
     m = topology.n_faces
     fan = double_cover(topology).corner_fans
     corner, mirrored = fan[:m], fan[m:, ::-1]

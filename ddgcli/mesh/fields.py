@@ -70,7 +70,7 @@ class TrajectoryFrame:
 def frames_of_equal_change(
     positions: Sequence[NDArray | None], values: Sequence[NDArray | None], count: int
 ) -> list[int]:
-    """Numbers of `count` frames between which a motion changes by equal amounts; first and last are included.
+    """Numbers of frames between which a motion changes by equal amounts.
 
     The change of a step is the root mean square of the displacements over the extent, and that of the values
     over their range.
@@ -79,6 +79,13 @@ def frames_of_equal_change(
     ----------
     positions, values : sequence of ndarray or None
         Of every frame; None where there are none.
+    count : int
+        How many to choose, at least 2.
+
+    Returns
+    -------
+    list of int
+        Ascending, at most `count`; the first and the last frame are included.
     """
     n = len(positions)
     if n <= count:

@@ -7,32 +7,98 @@ from numpy.typing import NDArray
 
 
 def list_starts(count: NDArray | list[int]) -> NDArray[np.int64]:
-    """(k + 1,) first position of each of k lists with `count` members, and the end of the last."""
+    """First position of each of k ragged lists, and the end of the last.
+
+    Parameters
+    ----------
+    count : (k,) ndarray of int64 or list of int
+        Members of each list.
+
+    Returns
+    -------
+    (k + 1,) ndarray of int64
+    """
     return np.concatenate([[0], np.cumsum(count)]).astype(np.int64, copy=False)
 
 
 def ranges(first: NDArray, count: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Numbers of the ranges [first, first + count) in sequence, and the position where each range begins."""
+    """Numbers of the ranges [first, first + count), one range after the other.
+
+    Parameters
+    ----------
+    first, count : (k,) ndarray of int64
+
+    Returns
+    -------
+    number : (sum(count),) ndarray of int64
+    begin : (k,) ndarray of int64
+        Position in `number` where each range begins.
+
+    Examples
+    --------
+    >>> ranges(np.array([5, 0]), np.array([2, 3]))[0].tolist()
+    [5, 6, 0, 1, 2]
+    """
     end = count.cumsum()
     begin = end - count
     return np.arange(end[-1] if len(end) else 0) + (first - begin).repeat(count), begin
 
 
 def repeat_with_place(item: NDArray, count: NDArray) -> tuple[NDArray, NDArray[np.int64]]:
-    """Repeat each item `count` times, and number its repetitions from 0."""
+    """Repeat each item `count` times, and number its repetitions from 0.
+
+    Parameters
+    ----------
+    item : (k,) ndarray
+    count : (k,) ndarray of int64
+
+    Returns
+    -------
+    item : (sum(count),) ndarray
+    place : (sum(count),) ndarray of int64
+    """
     return np.repeat(item, count), ranges(np.zeros(len(count), dtype=np.int64), count)[0]
 
 
 def group_by_key(key: NDArray, item: NDArray, n_keys: int) -> tuple[NDArray[np.int64], NDArray]:
-    """Lists of the items with key 0 .. n_keys - 1, as (start, member); items keep their order."""
+    """Ragged lists of the items that have the same key.
+
+    Parameters
+    ----------
+    key : (k,) ndarray of int64
+        In 0 .. n_keys - 1.
+    item : (k,) ndarray
+    n_keys : int
+
+    Returns
+    -------
+    start : (n_keys + 1,) ndarray of int64
+    member : (k,) ndarray
+        The items of key i are `member[start[i]:start[i + 1]]`, in their input order.
+    """
     return list_starts(np.bincount(key, minlength=n_keys)), item[sorted_keys(key, n_keys)[1]]
 
 
 def sorted_keys(key: NDArray, n_keys: int, *, overwrite: bool = False) -> tuple[NDArray, NDArray[np.int64]]:
-    """Keys 0 .. n_keys - 1 in ascending order, and the stable order that sorts them.
+    """Keys in ascending order, and the stable order that sorts them.
 
+    Parameters
+    ----------
+    key : (k,) ndarray of int64
+        In 0 .. n_keys - 1.
+    n_keys : int
+    overwrite : bool
+        A key of int64 may lose its values, which saves a copy.
+
+    Returns
+    -------
+    key : (k,) ndarray
+    order : (k,) ndarray of int64
+
+    Notes
+    -----
     Key and place are packed into one integer where 63 bits hold them: sorting values is several times faster
-    than sorting their places. `overwrite`: a key of int64 may lose its values, which saves a copy.
+    than sorting their places.
     """
     bits = len(key).bit_length()
     if int(n_keys).bit_length() + bits > 63:
@@ -48,9 +114,20 @@ def sorted_keys(key: NDArray, n_keys: int, *, overwrite: bool = False) -> tuple[
 
 
 def ascending_order(values: NDArray) -> NDArray[np.int64]:
-    """Stable order that sorts float64 values, none negative: that of `argsort`, in a third of its time.
+    """Stable order that sorts non-negative float64 values: that of `argsort`, in a third of its time.
 
-    By their leading bits; where these do not separate them, by the last bits first.
+    Parameters
+    ----------
+    values : (k,) ndarray of float64
+        None negative, none NaN.
+
+    Returns
+    -------
+    (k,) ndarray of int64
+
+    Notes
+    -----
+    Sorts by the leading bits; where these do not separate the values, by the last bits first.
     """
     bits = len(values).bit_length()
     image = np.ascontiguousarray(values + 0.0).view(np.int64)  # no -0.0: its order is that of the values
@@ -66,7 +143,20 @@ def ascending_order(values: NDArray) -> NDArray[np.int64]:
 def expand_lists(
     owner: NDArray, number: NDArray, lists: tuple[NDArray, NDArray]
 ) -> tuple[NDArray, NDArray[np.int64]]:
-    """Pair each owner with every member of the list of its number; `lists` is (start, member)."""
+    """Pair each owner with every member of the list of its number.
+
+    Parameters
+    ----------
+    owner : (k,) ndarray
+    number : (k,) ndarray of int64
+        The list of each owner.
+    lists : (start, member)
+        Ragged lists.
+
+    Returns
+    -------
+    owner, member : (p,) ndarray
+    """
     start, member = lists
     count = start[number + 1] - start[number]
     return np.repeat(owner, count), member[ranges(start[number], count)[0]]

@@ -14,7 +14,18 @@ HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB13311
 
 
 def merged_points(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Unique positions in order of first appearance, and the unique position of each point."""
+    """Unique positions in order of first appearance, and the unique position of each point.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray of float64
+        Compared exactly, with -0 equal to 0.
+
+    Returns
+    -------
+    points : (k, 3) ndarray of float64
+    index : (n,) ndarray of int64
+    """
     columns = np.array(np.asarray(points).T, dtype=np.float64, order="C")
     columns += 0.0  # -0 becomes 0
     if columns.size == 0:
@@ -77,7 +88,17 @@ def _position_hash(columns: NDArray) -> NDArray[np.uint64]:
 
 
 def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:
-    """The mesh with consistently oriented faces, and the mask of the reversed ones (the fewer of each piece).
+    """Orient the faces of a surface consistently.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    mesh : TriangleMesh
+    turn : (m,) ndarray of bool
+        The reversed faces: of each connected piece the fewer.
 
     Raises
     ------
@@ -93,15 +114,35 @@ def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:
 
 
 def reverse_faces(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
-    """The mesh with the faces of an (m,) mask reversed."""
+    """Reverse the orientation of some faces.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    turn : (m,) ndarray of bool
+
+    Returns
+    -------
+    TriangleMesh
+    """
     faces = np.where(turn[:, None], mesh.faces[:, ::-1], mesh.faces)
     return TriangleMesh.from_arrays(mesh.points, faces)
 
 
 def one_vertex_a_fan(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.int64]]:
-    """The mesh with a separate vertex for every fan of faces, and the input vertex of each vertex.
+    """Duplicate vertices that join several fans of faces, so that each fan has its own.
 
     The first fan of a vertex keeps its number; the others get new numbers after all vertices.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    mesh : TriangleMesh
+    original : (n',) ndarray of int64
+        Input vertex of each vertex.
     """
     n = mesh.n_vertices
     if len(mesh.topology.nonmanifold_vertices) == 0:

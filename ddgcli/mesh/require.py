@@ -37,6 +37,7 @@ def require(
 
     Parameters
     ----------
+    mesh : TriangleMesh
     verb : str
         Subject of the message, such as the name of a command.
     faces : bool
@@ -46,6 +47,7 @@ def require(
     manifold, manifold_edges : bool
         No edge with three faces, and (`manifold`) no vertex with several fans.
     oriented, closed : bool
+        Neighbouring faces agree in orientation; every edge has two faces.
     one_sided : bool
         With `oriented`: components that have no orientation are accepted.
     """
@@ -109,7 +111,19 @@ def _extent(mesh: TriangleMesh) -> float:
 
 
 def check_size(longest: float, *, in_range: bool = True) -> None:
-    """Raise MeshError for a zero length or, with `in_range`, one whose square underflows or overflows."""
+    """Raise an error for a surface whose longest side is zero or not in the range of its square.
+
+    Parameters
+    ----------
+    longest : float
+        Longest side.
+    in_range : bool
+        Also refuse lengths whose square underflows or overflows.
+
+    Raises
+    ------
+    MeshError
+    """
     if longest == 0:
         raise MeshError("every vertex is at the same place: there is no surface; correct the coordinates")
     if in_range and not LENGTH_RANGE[0] < longest < LENGTH_RANGE[1]:
@@ -198,14 +212,39 @@ _PHRASE = {"surface": "a surface", "tetrahedra": "tetrahedra", "curve": "a curve
 
 
 def kind_of(mesh: TriangleMesh | TetMesh | CurveSet) -> str:
-    """'surface', 'tetrahedra' or 'curve'."""
+    """Kind of a mesh, as the requirements of the commands name it.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, TetMesh or CurveSet
+
+    Returns
+    -------
+    {'surface', 'tetrahedra', 'curve'}
+    """
     return "tetrahedra" if isinstance(mesh, TetMesh) else "curve" if isinstance(mesh, CurveSet) else "surface"
 
 
 def kind_error(
     mesh: TriangleMesh | TetMesh | CurveSet, kinds: Sequence[str], verb: str = "it", path: str = "MESH"
 ) -> str | None:
-    """Why a mesh has none of the `kinds` that `verb` takes, with a cure; None if it has."""
+    """Why a command does not take a mesh of this kind, with a cure.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, TetMesh or CurveSet
+    kinds : sequence of {'surface', 'tetrahedra', 'curve'}
+        What the command takes.
+    verb : str
+        Subject of the message, such as the name of a command.
+    path : str
+        Of the mesh file, for the cure.
+
+    Returns
+    -------
+    str or None
+        None if the mesh has one of the kinds.
+    """
     kind = kind_of(mesh)
     if kind in kinds:
         return None
@@ -215,7 +254,19 @@ def kind_error(
 
 
 def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
-    """First requirement of a command that the mesh does not meet, with a cure; None if it meets all."""
+    """First requirement of a command that a mesh does not meet, with a cure.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, TetMesh or CurveSet
+    verb : str
+        Name of the command, a key of `REQUIREMENTS`.
+
+    Returns
+    -------
+    str or None
+        None if the mesh meets all.
+    """
     requirement = REQUIREMENTS[verb]
     if requirement.instead:
         return requirement.instead
@@ -235,7 +286,18 @@ def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None
 
 
 def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> None:
-    """Raise MeshError for a face without area or a tetrahedron without volume, if the command takes none."""
+    """Raise an error for faces without area and for flat or inverted tetrahedra, if the command takes none.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, TetMesh or CurveSet
+    verb : str
+        Name of the command, a key of `REQUIREMENTS`.
+
+    Raises
+    ------
+    MeshError
+    """
     requirement = REQUIREMENTS[verb]
     if isinstance(mesh, TetMesh):
         if requirement.volume:
@@ -250,7 +312,16 @@ def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> N
 
 
 def require_manifold_cells(mesh: TetMesh) -> None:
-    """Raise MeshError for a face of more than two tetrahedra."""
+    """Raise an error for a face of more than two tetrahedra.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+
+    Raises
+    ------
+    MeshError
+    """
     faces, count = np.unique(
         np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1), axis=0, return_counts=True
     )
@@ -271,7 +342,17 @@ def _require_area(mesh: TriangleMesh) -> None:
 
 
 def surely_has_area(mesh: TriangleMesh) -> bool:
-    """Whether one of the first faces shows, at little cost, that the surface has an area."""
+    """Whether one of the first faces shows, at little cost, that the surface has an area.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    bool
+        False where a closer look is necessary.
+    """
     corners = mesh.points[mesh.faces[:SAMPLE_SIZE]]
     longest = 2.0 * _extent(mesh) or 1.0  # no side is longer
     side = (corners[:, 1:] - corners[:, :1]) / longest
@@ -279,16 +360,36 @@ def surely_has_area(mesh: TriangleMesh) -> bool:
 
 
 def no_area_error(n_faces: int) -> MeshError:
-    """Error of a surface whose faces have no area at all."""
+    """Error of a surface none of whose faces has an area.
+
+    Parameters
+    ----------
+    n_faces : int
+
+    Returns
+    -------
+    MeshError
+    """
     return MeshError(f"none of the {n_faces} faces has an area; check the coordinates")
 
 
 def refuse_flat_faces(
     flat: NDArray, topology: Topology | None = None, *, manifold: bool = False, oriented: bool = False
 ) -> None:
-    """MeshError with the count and the first of the faces `flat`, if there are any, and the repair.
+    """Raise an error with the count and the first of the faces without area, if there are any.
 
-    `manifold` and `oriented`: what the caller requires of a mesh beside, for the repair.
+    Parameters
+    ----------
+    flat : (k,) ndarray of int64
+        Faces without area.
+    topology : Topology, optional
+        Adds the vertices of the first face, and the steps that the repair needs on this mesh.
+    manifold, oriented : bool
+        What else the caller requires of the mesh, for the repair.
+
+    Raises
+    ------
+    MeshError
     """
     if len(flat) == 0:
         return
@@ -302,7 +403,18 @@ def refuse_flat_faces(
 
 
 def refuse_flat_cells(flat: NDArray, n_cells: int) -> None:
-    """MeshError with the count and the first of the tetrahedra `flat`, if there are any, and the repair."""
+    """Raise an error with the count and the first of the tetrahedra without volume, if there are any.
+
+    Parameters
+    ----------
+    flat : (k,) ndarray of int64
+        Tetrahedra without volume.
+    n_cells : int
+
+    Raises
+    ------
+    MeshError
+    """
     if len(flat) == 0:
         return
     if len(flat) == n_cells:  # their removal would leave nothing

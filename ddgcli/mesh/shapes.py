@@ -50,12 +50,32 @@ def _on_sphere(points: np.ndarray) -> np.ndarray:
 
 
 def mesh_on_sphere(mesh: TriangleMesh) -> TriangleMesh:
-    """Vertices pushed radially to the unit sphere."""
+    """Project the vertices radially to the unit sphere.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    TriangleMesh
+    """
     return mesh.moved(_on_sphere(mesh.points))
 
 
 def midpoint_subdivided(mesh: TriangleMesh, times: int = 1) -> TriangleMesh:
-    """Every face split in four at its edge midpoints; original vertices keep their numbers."""
+    """Split every face in four at the midpoints of its edges.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    times : int
+
+    Returns
+    -------
+    TriangleMesh
+        4^times m faces; input vertices keep their numbers.
+    """
     for _ in range(times):
         mesh = _split_in_four(mesh)
     return mesh
@@ -87,10 +107,13 @@ def random_sphere(n: int = 1000, seed: int = 0, radius: float = 1.0) -> Triangle
 def wrapped_grid(
     nu: int, nv: int, wrap_u: bool = False, wrap_v: bool = False, pattern: str = "right"
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parameters and triangles of a grid of nu x nv cells.
+    """Parameters and triangles of a grid of nu x nv cells, open or closed in each direction.
 
     Parameters
     ----------
+    nu, nv : int
+    wrap_u, wrap_v : bool
+        The last cell ends at the first vertices.
     pattern : {'right', 'left', 'alternating'}
         Which diagonal splits a cell.
 
@@ -216,7 +239,19 @@ def catenoid(nu: int = 48, nz: int = 32, waist: float = 1.0, half_height: float 
 def box_tetrahedra(
     nx: int = 4, ny: int = 4, nz: int = 4, size: tuple[float, float, float] = (1.0, 1.0, 1.0)
 ) -> TetMesh:
-    """Solid box [0, size] of nx x ny x nz cells, each cut into six tetrahedra round its diagonal (Kuhn)."""
+    """Solid box [0, size], each cell of a grid cut into six tetrahedra around its diagonal (Kuhn).
+
+    Parameters
+    ----------
+    nx, ny, nz : int
+        Cells along each axis.
+    size : tuple of 3 floats
+
+    Returns
+    -------
+    TetMesh
+        All cells of positive volume.
+    """
     counts = np.array([nx, ny, nz])
     axes = np.meshgrid(*(np.arange(c + 1) for c in counts), indexing="ij")
     lattice = np.stack(axes, axis=-1).reshape(-1, 3)

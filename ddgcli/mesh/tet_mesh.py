@@ -150,6 +150,21 @@ def _numbered(corners: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def parity(corners: NDArray) -> NDArray[np.int64]:
-    """(k,) +1 where sorting three vertex numbers is an even permutation, -1 where it is odd."""
+    """Sign of the permutation that sorts three vertex numbers.
+
+    Parameters
+    ----------
+    corners : (k, 3) ndarray of int64
+
+    Returns
+    -------
+    (k,) ndarray of int64
+        +1 for an even permutation, -1 for an odd one.
+
+    Examples
+    --------
+    >>> parity(np.array([[0, 1, 2], [1, 0, 2]])).tolist()
+    [1, -1]
+    """
     a, b, c = corners.T
     return np.where((a < b) ^ (b < c) ^ (a < c), 1, -1)

@@ -24,7 +24,17 @@ MAX_ROTATION_STEPS = 500  # corners of a vertex up to which rotation about all v
 
 
 def frozen(array: NDArray) -> NDArray:
-    """The array, contiguous and read-only."""
+    """Make an array contiguous and read-only.
+
+    Parameters
+    ----------
+    array : ndarray
+
+    Returns
+    -------
+    ndarray
+        The array itself where it is contiguous already.
+    """
     array = np.ascontiguousarray(array)
     array.flags.writeable = False
     return array
@@ -365,7 +375,21 @@ class Topology:
 
 
 def sorted_sides(low: NDArray, high: NDArray, n_vertices: int) -> tuple[NDArray, NDArray]:
-    """Keys of the sides' end vertices in ascending order, and the sides in that order, stable."""
+    """Sort sides by their end vertices.
+
+    Parameters
+    ----------
+    low, high : (k,) ndarray of int64
+        Lower and higher vertex of each side.
+    n_vertices : int
+
+    Returns
+    -------
+    key : (k,) ndarray
+        low * n_vertices + high, ascending.
+    order : (k,) ndarray of int64
+        The sides in that order, stable.
+    """
     n = max(n_vertices, 1)
     key = low * np.int64(n)
     key += high
@@ -373,9 +397,23 @@ def sorted_sides(low: NDArray, high: NDArray, n_vertices: int) -> tuple[NDArray,
 
 
 def check_faces(faces: NDArray, n_vertices: int, *, copy: bool = True) -> NDArray[np.int64]:
-    """Faces as (m, 3) int64 with every index in range, or MeshError naming the first bad one.
+    """Convert faces to the form that a mesh stores, or raise an error for the first bad one.
 
-    Without `copy`, an array that has this form already is returned itself.
+    Parameters
+    ----------
+    faces : (m, 3) ndarray of integers
+    n_vertices : int
+    copy : bool
+        If not, an array that has this form already is returned itself.
+
+    Returns
+    -------
+    (m, 3) ndarray of int64
+
+    Raises
+    ------
+    MeshError
+        For another shape or type, or a vertex number out of range.
     """
     faces = np.asarray(faces)
     if faces.size == 0:

@@ -19,7 +19,22 @@ BLOCK_SIZE = 1 << 14  # faces at a time, so that temporaries stay in cache
 
 
 def check_points(points: NDArray) -> NDArray[np.float64]:
-    """Points as (n, 3) float64, finite, or MeshError naming the first bad one."""
+    """Convert positions to the form that a mesh stores, or raise an error for the first bad one.
+
+    Parameters
+    ----------
+    points : (n, 3) or (n, 2) ndarray
+        Points of a plane get z = 0.
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+
+    Raises
+    ------
+    MeshError
+        For another shape, or a coordinate that is not finite or above `MAX_COORDINATE`.
+    """
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise MeshError(f"points must have shape (n, 3), found {points.shape}")
@@ -146,9 +161,17 @@ class TriangleMesh:
 
 
 def unit_side_blocks(mesh: TriangleMesh) -> Iterator[tuple[slice, NDArray[np.float64]]]:
-    """Blocks of faces, and columns (3, 3, k) of their side vectors: component, side, face.
+    """Side vectors of blocks of faces, each face scaled so that products neither overflow nor vanish.
 
-    Each face is divided by its largest component, so that products neither overflow nor vanish.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Yields
+    ------
+    faces : slice
+    side : (3, 3, k) ndarray of float64
+        Component, side, face; each face is divided by its largest component.
     """
     points = mesh.points.T.copy()
     for begin in range(0, mesh.n_faces, BLOCK_SIZE):

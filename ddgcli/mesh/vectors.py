@@ -7,7 +7,16 @@ from numpy.typing import NDArray
 
 
 def vector_length(vectors: NDArray) -> NDArray[np.float64]:
-    """(...,) Euclidean length of (..., d) vectors, safe at 1e-160 and 1e160."""
+    """Euclidean length of vectors, safe at 1e-160 and 1e160.
+
+    Parameters
+    ----------
+    vectors : (..., d) ndarray of float64
+
+    Returns
+    -------
+    (...,) ndarray of float64
+    """
     largest = np.abs(vectors).max(initial=0.0)
     if largest == 0.0 or 1e-100 < largest < 1e150:
         return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
@@ -16,47 +25,126 @@ def vector_length(vectors: NDArray) -> NDArray[np.float64]:
 
 
 def bounding_box(points: NDArray) -> tuple[NDArray, NDArray]:
-    """(d,) least and greatest coordinates of (n, d) points, n > 0.
+    """Least and greatest coordinates of points.
 
+    Parameters
+    ----------
+    points : (n, d) ndarray of float64
+        At least one.
+
+    Returns
+    -------
+    low, high : (d,) ndarray of float64
+
+    Notes
+    -----
     Column by column: reductions of rows of three take 25 times as long.
     """
     return np.array([c.min() for c in points.T]), np.array([c.max() for c in points.T])
 
 
 def row_matrix(values: NDArray) -> NDArray:
-    """(n, k) entries of each of n rows, of any shape; `reshape(n, -1)` fails where n is 0."""
+    """Entries of each of n rows, of any shape, as a matrix; `reshape(n, -1)` fails where n is 0.
+
+    Parameters
+    ----------
+    values : (n, ...) ndarray
+
+    Returns
+    -------
+    (n, k) ndarray
+    """
     return values.reshape(len(values), int(np.prod(values.shape[1:])))
 
 
 def unit_vectors(vectors: NDArray) -> NDArray[np.float64]:
-    """(..., d) vectors at unit length; zero where they are zero."""
+    """Scale vectors to unit length.
+
+    Parameters
+    ----------
+    vectors : (..., d) ndarray of float64
+
+    Returns
+    -------
+    (..., d) ndarray of float64
+        Zero where the vector is zero.
+    """
     length = vector_length(vectors)[..., None]
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def row_dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    """(...,) scalar products of (..., d) vectors."""
+    """Scalar products of vectors stored as rows.
+
+    Parameters
+    ----------
+    a, b : (..., d) ndarray of float64
+
+    Returns
+    -------
+    (...,) ndarray of float64
+    """
     return np.einsum("...i,...i->...", a, b)
 
 
 def cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    """(3, ...) cross products of (3, ...) columns."""
+    """Cross products of vectors stored as columns.
+
+    Parameters
+    ----------
+    a, b : (3, ...) ndarray of float64
+
+    Returns
+    -------
+    (3, ...) ndarray of float64
+    """
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    """(...) scalar products of (3, ...) columns."""
+    """Scalar products of vectors stored as columns.
+
+    Parameters
+    ----------
+    a, b : (3, ...) ndarray of float64
+
+    Returns
+    -------
+    (...,) ndarray of float64
+    """
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def ratio(a: NDArray | float, b: NDArray) -> NDArray[np.float64]:
-    """Quotient a / b, and 0 where b is 0."""
+    """Quotient a / b, and 0 where b is 0.
+
+    Parameters
+    ----------
+    a : ndarray or float
+    b : ndarray
+
+    Returns
+    -------
+    ndarray of float64
+        Of the common shape.
+    """
     return np.divide(a, b, out=np.zeros(np.broadcast_shapes(np.shape(a), b.shape)), where=b != 0)
 
 
 def angle_of(sine: NDArray, cosine: NDArray) -> NDArray[np.float64]:
-    """(k,) angle in radians, in -pi .. pi, of multiples of its sine and cosine.
+    """Angle from multiples of its sine and cosine.
 
+    Parameters
+    ----------
+    sine, cosine : (k,) ndarray of float64
+
+    Returns
+    -------
+    (k,) ndarray of float64
+        In radians, in [-pi, pi].
+
+    Notes
+    -----
     The arctangent of the quotient takes half the time of `np.arctan2`, which computes the obtuse ones.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -69,17 +157,50 @@ def angle_of(sine: NDArray, cosine: NDArray) -> NDArray[np.float64]:
 
 
 def cone_volume(a: NDArray, b: NDArray, c: NDArray) -> NDArray[np.float64]:
-    """(m,) signed volumes of tetrahedra over triangles with corners a, b, c (3, m), apex at the origin."""
+    """Signed volumes of the tetrahedra over triangles, with their apex at the origin.
+
+    Parameters
+    ----------
+    a, b, c : (3, m) ndarray of float64
+        Corners of the triangles.
+
+    Returns
+    -------
+    (m,) ndarray of float64
+        Positive where the triangle is counter-clockwise as seen from outside.
+    """
     return dot(cross(a, b), c) / 6.0
 
 
 def moved_rigidly(points: NDArray, row: NDArray) -> NDArray[np.float64]:
-    """(n, 3) points after a rigid motion, given as (12,) rotation by rows, then translation."""
+    """Positions of points after a rigid motion.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray of float64
+    row : (12,) ndarray of float64
+        Rotation matrix by rows, then translation.
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+    """
     return points @ row[:9].reshape(3, 3).T + row[9:12]
 
 
 def tangents(normal: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Two unit vectors that make a right-handed frame with a unit normal (3,); axes where it is one."""
+    """Two unit vectors that make a right-handed frame with a unit normal.
+
+    Parameters
+    ----------
+    normal : (3,) ndarray of float64
+        Of unit length.
+
+    Returns
+    -------
+    first, second : (3,) ndarray of float64
+        first x second = normal; along axes where the normal is along one.
+    """
     axis = np.eye(3)[int(np.argmin(np.abs(normal)))]
     second = np.cross(normal, axis)
     second /= np.linalg.norm(second)

@@ -25,13 +25,37 @@ from ddgcli.mesh.vectors import row_dot, unit_vectors
 
 
 def angle_scale(fans: Fans) -> NDArray[np.float64]:
-    """(c,) 2 pi / total angle of closed fans, 1 of open ones."""
+    """Factor from surface angles around a vertex to angles in its tangent plane.
+
+    Parameters
+    ----------
+    fans : Fans
+
+    Returns
+    -------
+    (c,) ndarray of float64
+        2 pi / total angle of closed fans, 1 of open ones.
+    """
     total = np.where(fans.total_angle > 0, fans.total_angle, 1.0)
     return np.where(fans.is_open, 1.0, 2 * np.pi / total)
 
 
 def check_tangent_planes(mesh: SurfaceMesh) -> Fans:
-    """The fans of a mesh; MeshError at vertices that join several, which have no unique tangent plane."""
+    """Fans of a mesh each of whose vertices has a unique tangent plane.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    Fans
+
+    Raises
+    ------
+    MeshError
+        At vertices that join several fans of faces.
+    """
     fans = vertex_fans(mesh)
     count = np.bincount(fans.vertex, minlength=mesh.n_vertices)
     if count.max(initial=0) > 1:
@@ -44,6 +68,10 @@ def check_tangent_planes(mesh: SurfaceMesh) -> Fans:
 
 def side_angles(mesh: SurfaceMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Directions of sides in the tangent planes of both their ends.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
 
     Returns
     -------
@@ -114,11 +142,25 @@ def connection_laplacian(mesh: SurfaceMesh) -> csr_array:
 
 
 def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """((n, 3), (n, 3)) axes in space of the vertices' tangent frames.
+    """Axes in space of the tangent frames of the vertices.
 
     They span the plane orthogonal to the vertex normal (the area-weighted mean of the face normals), rotated
-    so that the projected sides have their intrinsic angles in the mean over the sides. Zero at vertices
-    without faces.
+    so that the projected sides have their intrinsic angles in the mean over the sides.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Consistently oriented.
+
+    Returns
+    -------
+    x, y : (n, 3) ndarray of float64
+        Unit vectors; zero at vertices without faces.
+
+    Raises
+    ------
+    MeshError
+        At vertices that join several fans of faces.
     """
     fans = vertex_fans(mesh)
     star = np.repeat(face_area_vector(mesh), 3, axis=0)
@@ -139,12 +181,34 @@ def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 def to_vertex_frames(mesh: TriangleMesh, vector: NDArray) -> NDArray[np.complex128]:
-    """(n,) complex tangent vectors of (n, 3) vectors in space, projected to the tangent planes."""
+    """Complex tangent vectors at vertices from vectors in space, projected to the tangent planes.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    vector : (n, 3) ndarray of float64
+
+    Returns
+    -------
+    (n,) ndarray of complex128
+        In the unit of the vectors.
+    """
     x, y = vertex_axes(mesh)
     return row_dot(vector, x) + 1j * row_dot(vector, y)
 
 
 def from_vertex_frames(mesh: TriangleMesh, vector: NDArray) -> NDArray[np.float64]:
-    """(n, 3) vectors in space of (n,) complex tangent vectors."""
+    """Vectors in space from complex tangent vectors at vertices.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    vector : (n,) ndarray of complex128
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+        In the unit of the vectors.
+    """
     x, y = vertex_axes(mesh)
     return vector.real[:, None] * x + vector.imag[:, None] * y

@@ -27,7 +27,22 @@ SimplicialMesh = TriangleMesh | IntrinsicMesh | TetMesh
 
 
 def d0(topology: Topology) -> csr_array:
-    """(e, n) int8 derivative of vertex functions: value at the edge's head minus value at its tail."""
+    """Exterior derivative of functions on vertices.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    (e, n) csr_array of int8
+        Value at the head of the edge minus value at its tail.
+
+    Examples
+    --------
+    >>> d0(Topology(np.array([[0, 1, 2]]), 3)).toarray().tolist()
+    [[-1, 1, 0], [-1, 0, 1], [0, -1, 1]]
+    """
     return _incidence(topology.edges, np.array([-1, 1], dtype=np.int8), topology.n_vertices)
 
 
@@ -113,7 +128,21 @@ class Complex:
 
 
 def complex_of(mesh: SimplicialMesh) -> Complex:
-    """The complex of a triangle mesh, an intrinsic triangulation or a tetrahedral mesh."""
+    """Simplicial complex of a mesh: simplices, exterior derivatives and metric.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, IntrinsicMesh or TetMesh
+
+    Returns
+    -------
+    Complex
+
+    Raises
+    ------
+    MeshError
+        When a cell has no area or volume.
+    """
     return _tet_complex(mesh) if isinstance(mesh, TetMesh) else _surface_complex(mesh)
 
 

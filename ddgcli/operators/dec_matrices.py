@@ -67,6 +67,16 @@ def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
     The codifferential of k-forms needs the inverse of the star of (k-1)-forms. That of a `galerkin` star is
     dense, so the diagonal `barycentric` star is inverted in its place (mass lumping).
 
+    Parameters
+    ----------
+    complex_ : Complex
+    star : {'circumcentric', 'barycentric', 'galerkin'}
+
+    Returns
+    -------
+    DecMatrices
+        Sparse matrices by name: `d0`, `star0`, `codifferential1`, `laplacian0`, ...
+
     Raises
     ------
     MeshError
@@ -94,6 +104,11 @@ def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
 def check_star(mesh: TriangleMesh | TetMesh, star: Star) -> None:
     """Raise the errors of `dec_matrices` about the entries of its star, before it computes.
 
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    star : {'circumcentric', 'barycentric', 'galerkin'}
+
     Raises
     ------
     MeshError
@@ -110,6 +125,18 @@ def form_laplacian(complex_: Complex, degree: int, star: Star = "galerkin") -> t
     """Laplacian and star of k-forms, as `dec_matrices` has them, without the other degrees.
 
     They are to be factorised: what the factor of a Laplacian that fills up needs is checked too.
+
+    Parameters
+    ----------
+    complex_ : Complex
+    degree : int
+    star : {'circumcentric', 'barycentric', 'galerkin'}
+
+    Returns
+    -------
+    laplacian : (n_k, n_k) csr_array
+        Symmetric positive semidefinite: the star times the Laplace-de Rham operator.
+    star : (n_k, n_k) csr_array
 
     Raises
     ------

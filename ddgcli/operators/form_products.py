@@ -62,6 +62,12 @@ def form_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray] |
         Two forms; or a field, (n, 3) or (m, 3), and a form. The length of a form is that of the simplices
         of its degree. Absent and None products are left out.
 
+    Returns
+    -------
+    FormProducts
+        Arrays by name, and relative residuals of their identities (Leibniz rule; Lie derivative and d
+        commute).
+
     Raises
     ------
     ParameterError
@@ -103,7 +109,18 @@ def form_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray] |
 
 
 def check_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray]]) -> None:
-    """Raise the errors of `form_products`, without the products."""
+    """Raise the errors of `form_products`, without computing the products.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    pairs : mapping of str to two arrays
+        As in `form_products`.
+
+    Raises
+    ------
+    ParameterError
+    """
     complex_ = complex_of(mesh)
     for name, pair in pairs.items():
         try:

@@ -55,7 +55,19 @@ def stiffness(mesh: SurfaceMesh) -> csr_array:
 
 
 def laplacian_of_sides(mesh: SurfaceMesh, weight: NDArray) -> csr_array:
-    """(n, n) weighted graph Laplacian from a weight (m, 3) on each side; the sides of an edge add up."""
+    """Weighted graph Laplacian from a weight on each side of each face.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    weight : (m, 3) ndarray of float64
+        The weights of the sides of an edge add up.
+
+    Returns
+    -------
+    (n, n) csr_array of float64
+        Off-diagonal entries are minus the weights; rows sum to zero.
+    """
     n = mesh.n_vertices
     corner = matrix_indices(mesh.faces.T, n, 3 * mesh.n_faces)
     rows, cols = corner.ravel(), corner[NEXT].ravel()
@@ -104,12 +116,36 @@ def uniform_stiffness(mesh: SurfaceMesh) -> csr_array:
 
 
 def lumped_vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(n,) a third of the area of each incident face."""
+    """Vertex areas: a third of the area of each incident face.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (n,) ndarray of float64
+        In length^2; they sum to the area of the surface.
+    """
     return corner_sum(mesh, np.repeat(face_area(mesh.side_length) / 3.0, 3))
 
 
 def voronoi_vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(n,) mixed Voronoi areas (`mixed_voronoi_share`); they sum to the area of the surface."""
+    """Mixed Voronoi areas of the vertices.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (n,) ndarray of float64
+        In length^2; they sum to the area of the surface.
+
+    References
+    ----------
+    Meyer2003 in docs/references.bib; `mixed_voronoi_share` has the formula.
+    """
     cotan, area = cotan_and_area(mesh.side_length)
     with np.errstate(invalid="ignore"):
         share = mixed_voronoi_share(mesh.side_length.T**2, cotan.T, area)
@@ -117,7 +153,17 @@ def voronoi_vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
 
 
 def corner_sum(mesh: SurfaceMesh, values: NDArray) -> NDArray[np.float64]:
-    """(n,) sum over the corners at each vertex, of (3m,) or (m, 3) values on corners."""
+    """Sum of values on corners over the corners at each vertex.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    values : (m, 3) or (3m,) ndarray of float64
+
+    Returns
+    -------
+    (n,) ndarray of float64
+    """
     return sum_by_index(mesh.faces.ravel(), values.ravel(), mesh.n_vertices)
 
 

@@ -65,6 +65,11 @@ def mollify_lengths(length: NDArray, side_edge: NDArray) -> Mollification:
     side_edge : (m, 3) ndarray of int64
         Edge of each side.
 
+    Returns
+    -------
+    Mollification
+        The lengths, the degenerate faces, and how many edges changed by how much.
+
     Raises
     ------
     MeshError
@@ -90,13 +95,33 @@ def mollify_lengths(length: NDArray, side_edge: NDArray) -> Mollification:
 
 
 def check_mollifiable(mesh: TriangleMesh | IntrinsicMesh) -> None:
-    """Raise the error of `mollify_lengths`, before it computes."""
+    """Raise the error of `mollify_lengths`, before it computes.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Raises
+    ------
+    MeshError
+        When no face has an area.
+    """
     if all_flat(mesh.side_length):
         raise no_area_error(mesh.n_faces)
 
 
 def all_flat(length: NDArray) -> bool:
-    """Whether no face of these sides (m, 3) has an area."""
+    """Whether no face has an area.
+
+    Parameters
+    ----------
+    length : (m, 3) ndarray of float64
+        Side lengths.
+
+    Returns
+    -------
+    bool
+    """
     return bool(_is_flat(length[:SAMPLE_SIZE]).all() and _is_flat(length).all())
 
 
@@ -107,7 +132,23 @@ def _is_flat(length: NDArray, least_excess: NDArray | None = None) -> NDArray[np
 
 
 def mollify_mesh(mesh: TriangleMesh | IntrinsicMesh) -> tuple[TriangleMesh | IntrinsicMesh, Mollification]:
-    """The mesh with mollified lengths (the mesh itself if no face is degenerate), and the mollification."""
+    """Mesh with mollified side lengths, see `mollify_lengths`.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    mesh : TriangleMesh or IntrinsicMesh
+        The input itself if no face is degenerate.
+    mollification : Mollification
+
+    Raises
+    ------
+    MeshError
+        When no face has an area.
+    """
     mollification = mollify_lengths(mesh.side_length, mesh.topology.side_edge)
     if len(mollification.faces) == 0:
         return mesh, mollification

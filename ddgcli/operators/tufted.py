@@ -20,12 +20,17 @@ BACK_CORNERS = [0, 2, 1]
 
 
 def tufted_cover(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
-    """(2m faces) fronts and backs of all faces, glued in pairs around every edge in dihedral order.
+    """Tufted cover: fronts and backs of all faces, glued in pairs around every edge in dihedral order.
 
-    The front of face f is face f, its back face m + f. Around an edge with k faces there are k wedges of
-    space; the two sheets that bound a wedge are glued along the edge. At a boundary edge front and back of
-    its one face meet; on a closed manifold surface the cover is the surface twice. Vertices stay shared. Half
-    the stiffness and half the mass of the cover are those of the mesh.
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Manifold or not.
+
+    Returns
+    -------
+    IntrinsicMesh
+        2m faces, closed and oriented.
 
     Raises
     ------

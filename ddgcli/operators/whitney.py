@@ -21,7 +21,17 @@ SpaceMesh = TriangleMesh | TetMesh
 
 
 def barycentric_gradients(mesh: SpaceMesh) -> NDArray[np.float64]:
-    """(m, c, 3) gradients of the barycentric coordinates of each cell, in 1/length; c = 3 or 4."""
+    """Gradients of the barycentric coordinates of each cell.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+
+    Returns
+    -------
+    (m, c, 3) ndarray of float64
+        In 1/length; c = 3 corners of a triangle or 4 of a tetrahedron. They sum to zero over the corners.
+    """
     corners = mesh.points[mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces]
     edges = corners[:, 1:] - corners[:, :1]
     inverse = np.linalg.pinv(edges)  # (m, 3, c-1): columns are the gradients of corners 1 ...
@@ -58,7 +68,19 @@ def whitney_vectors(
 
 
 def sharp(mesh: SpaceMesh, form: NDArray) -> NDArray[np.float64]:
-    """(m, 3) vectors on cells from a 1-form: the mean of its Whitney interpolation."""
+    """Vectors on cells from a 1-form: the mean of its Whitney interpolation over each cell.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    form : (e,) ndarray of float64
+        Integral along each edge.
+
+    Returns
+    -------
+    (m, 3) ndarray of float64
+        In the unit of the form divided by length.
+    """
     return whitney_vectors(mesh, form)
 
 
@@ -93,7 +115,19 @@ def _mean_over_cells(index: NDArray, vectors: NDArray, count: int) -> NDArray[np
 
 
 def whitney_load(mesh: SpaceMesh, vectors: NDArray) -> NDArray:
-    """(e,) integral of a cell-wise constant (m, 3) field against the Whitney form of every edge."""
+    """Integral of a field that is constant on each cell against the Whitney form of every edge.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    vectors : (m, 3) ndarray of float64
+
+    Returns
+    -------
+    (e,) ndarray of float64
+        Right-hand side of a projection to 1-forms: in the unit of the field times length (surfaces) or
+        length^2 (volumes).
+    """
     complex_ = complex_of(mesh)
     tail, head = local_edges(complex_).T
     gradient = barycentric_gradients(mesh)
@@ -108,7 +142,18 @@ def local_edges(complex_: Complex) -> NDArray:
 
 
 def check_degrees(complex_: Complex, p: int, q: int) -> None:
-    """Raise ParameterError for degrees whose wedge is zero."""
+    """Raise an error for degrees whose wedge is zero.
+
+    Parameters
+    ----------
+    complex_ : Complex
+    p, q : int
+
+    Raises
+    ------
+    ParameterError
+        When p + q exceeds the dimension.
+    """
     if p + q > complex_.dimension:
         raise ParameterError(
             f"a {p}-form and a {q}-form have no wedge in dimension {complex_.dimension}: it is zero"
@@ -120,6 +165,7 @@ def wedge(complex_: Complex, a: NDArray, b: NDArray) -> NDArray[np.float64]:
 
     Parameters
     ----------
+    complex_ : Complex
     a, b : ndarray
         Their lengths determine the degrees: values on vertices, edges, faces (or tetrahedra).
 
@@ -171,6 +217,15 @@ def _wedge_with_two_form(complex_: Complex, a: NDArray, b: NDArray) -> NDArray[n
 def degree_of(complex_: Complex, form: NDArray) -> int:
     """Degree of a form, determined by its length.
 
+    Parameters
+    ----------
+    complex_ : Complex
+    form : ndarray
+
+    Returns
+    -------
+    int
+
     Raises
     ------
     ParameterError
@@ -192,10 +247,16 @@ def interior_product(mesh: SpaceMesh, vectors: NDArray, form: NDArray) -> NDArra
 
     Parameters
     ----------
+    mesh : TriangleMesh or TetMesh
     vectors : (m, 3) ndarray
         On cells; on faces of a surface tangent.
     form : ndarray
         Values on edges, faces or tetrahedra.
+
+    Returns
+    -------
+    ndarray of float64
+        A (k-1)-form: values on vertices, edges or faces.
     """
     complex_ = complex_of(mesh)
     degree, measure = degree_of(complex_, form), complex_.metric.measure
@@ -235,7 +296,21 @@ def flat_of_cells(complex_: Complex, mesh: SpaceMesh, vectors: NDArray) -> NDArr
 
 
 def lie_derivative(mesh: SpaceMesh, vectors: NDArray, form: NDArray) -> NDArray[np.float64]:
-    """Lie derivative of a form along cell vectors, Cartan's i_X d + d i_X; commutes with d exactly."""
+    """Lie derivative of a form along vectors on cells: Cartan's formula i_X d + d i_X.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    vectors : (m, 3) ndarray of float64
+        On cells; on faces of a surface tangent.
+    form : ndarray
+        Its length determines the degree.
+
+    Returns
+    -------
+    ndarray of float64
+        A form of the same degree. Commutes with d to round-off.
+    """
     complex_ = complex_of(mesh)
     degree = degree_of(complex_, form)
     result = np.zeros(len(form))
