@@ -17,6 +17,9 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = (
+    "ddgcli.algorithms.curvature",
+    "ddgcli.algorithms.delaunay",
+    "ddgcli.algorithms.tracing",
     "ddgcli.geometry",
     "ddgcli.linalg",
     "ddgcli.mesh",

@@ -14,14 +14,39 @@ MEMBERS_PER_BLOCK = 4_000_000
 
 
 def averaged_normals(faces: Faces, normal: NDArray, regions: Regions) -> NDArray[np.float64]:
-    """(3, k) directions of the total area vectors of regions; `normal` (3, k) where that is zero."""
+    """Directions of the total area vectors of regions.
+
+    Parameters
+    ----------
+    faces : Faces
+    normal : (3, k) ndarray of float64
+        Unit normals to return where the total is zero.
+    regions : Regions
+        k regions of vertices.
+
+    Returns
+    -------
+    (3, k) ndarray of float64
+        Unit vectors.
+    """
     total = region_sums(regions, faces.stars(faces.doubled))
     length = np.sqrt(dot(total, total))
     return np.where(length > 0, ratio(total, length), normal)
 
 
 def region_sums(regions: Regions, columns: NDArray) -> NDArray[np.float64]:
-    """(d, k) sums over k regions of (d, n) values."""
+    """Sums of values at vertices over regions.
+
+    Parameters
+    ----------
+    regions : Regions
+        k regions of vertices.
+    columns : (d, n) ndarray of float64
+
+    Returns
+    -------
+    (d, k) ndarray of float64
+    """
     n = columns.shape[1]
     rows, total = np.ascontiguousarray(columns.T), np.zeros((len(regions.start) - 1, len(columns)))
     for first, last in chunks(regions, MEMBERS_PER_BLOCK):

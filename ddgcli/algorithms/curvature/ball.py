@@ -23,7 +23,28 @@ from ddgcli.mesh.vectors import ratio
 def corrected_in_balls(
     mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float
 ) -> PrincipalCurvatures:
-    """Corrected measures of the faces in the ball, those on its rim by the share of area inside."""
+    """Principal curvatures from corrected measures of the faces in balls around the vertices.
+
+    Faces on the rim of a ball count by the share of their area inside.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
+    normal : (3, n) ndarray of float64
+        Unit vertex normals.
+    radius : float
+        Of the balls, in the length unit of the mesh.
+
+    Returns
+    -------
+    PrincipalCurvatures
+
+    References
+    ----------
+    Lachaud2020 in docs/references.bib.
+    """
     # a face without area has no share inside
     of_face = np.where(faces.area > 0, corrected_measures(faces, normal), 0.0).T
     of_face = np.ascontiguousarray(of_face)
@@ -37,7 +58,30 @@ def corrected_in_balls(
 def normal_cycle_in_balls(
     mesh: TriangleMesh, normal: NDArray, defect: NDArray, dihedral: NDArray, radius: float
 ) -> PrincipalCurvatures:
-    """Cohen-Steiner and Morvan's tensor of the clipped edges over the clipped area of the ball."""
+    """Principal curvatures from the normal cycle of the edges in balls around the vertices.
+
+    The tensor of the clipped edges is divided by the clipped area of the ball.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    normal : (3, n) ndarray of float64
+        Unit vertex normals.
+    defect : (n,) ndarray of float64
+        Angle defects in radians.
+    dihedral : (e,) ndarray of float64
+        Dihedral angles in radians, positive where convex.
+    radius : float
+        Of the balls, in the length unit of the mesh.
+
+    Returns
+    -------
+    PrincipalCurvatures
+
+    References
+    ----------
+    CohenSteinerMorvan2003 in docs/references.bib.
+    """
     side = mesh.side_vector
     length = np.sqrt(np.einsum("fki,fki->fk", side, side))
     x, y, z = np.moveaxis(ratio(side, length[..., None]), -1, 0)

@@ -61,7 +61,12 @@ FRAME_SCALARS = ("arc_length", "osculating_radius")
 
 
 def check_frames(curves: CurveSet) -> None:
-    """Raise the errors of `curve_frames`."""
+    """Raise the errors of `curve_frames`, without computing.
+
+    Parameters
+    ----------
+    curves : CurveSet
+    """
     for path, closed in curves.paths():
         _segment_directions(curves.points[path], closed, path)
 

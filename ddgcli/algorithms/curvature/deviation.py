@@ -88,7 +88,7 @@ class Deviation:
 
 
 def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Deviation | None:
-    """Measure the deviation of the vertices from smooth surfaces; None where too few have enough neighbours.
+    """Measure the deviation of the vertices from smooth surfaces.
 
     Parameters
     ----------
@@ -97,6 +97,11 @@ def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Dev
         Of the mesh.
     dihedral : (e,) ndarray
         Dihedral angles of the edges in radians, positive where convex.
+
+    Returns
+    -------
+    Deviation or None
+        None where too few vertices have enough neighbours.
     """
     normal = area_normals(faces)
     vertices = _candidates(mesh, faces)

@@ -40,7 +40,16 @@ class PrincipalCurvatures:
 
 
 def unit_normals(faces: Faces) -> NDArray[np.float64]:
-    """(3, n) vertex normals with Max's weights, exact on any mesh inscribed in a sphere; +z where undefined.
+    """Vertex normals with Max's weights, exact on any mesh inscribed in a sphere.
+
+    Parameters
+    ----------
+    faces : Faces
+
+    Returns
+    -------
+    (3, n) ndarray of float64
+        Unit vectors; +z where undefined.
 
     Notes
     -----
@@ -58,7 +67,17 @@ def _weighted_normals(faces: Faces) -> NDArray[np.float64]:
 
 
 def area_normals(faces: Faces) -> NDArray[np.float64]:
-    """(3, n) vertex normals weighted by area: coarser than Max's, but robust to tiny noisy faces."""
+    """Vertex normals weighted by area: coarser than Max's, but robust to tiny noisy faces.
+
+    Parameters
+    ----------
+    faces : Faces
+
+    Returns
+    -------
+    (3, n) ndarray of float64
+        Unit vectors; +z where undefined.
+    """
     return _unit_columns(faces.doubled_star)
 
 
@@ -71,7 +90,15 @@ def _unit_columns(total: NDArray) -> NDArray[np.float64]:
 
 
 def tangent_frame(normal: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Two (3, n) unit tangents that make a right-handed frame with (3, n) unit normals.
+    """Two unit tangents that make a right-handed frame with a unit normal.
+
+    Parameters
+    ----------
+    normal : (3, n) ndarray of float64
+
+    Returns
+    -------
+    first, second : (3, n) ndarray of float64
 
     Notes
     -----
@@ -86,7 +113,20 @@ def tangent_frame(normal: NDArray) -> tuple[NDArray[np.float64], NDArray[np.floa
 
 
 def eigen_2x2(xx: NDArray, xy: NDArray, yy: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Eigenvalues low <= high of symmetric 2 x 2 matrices, and cos and sin of the high one's direction."""
+    """Eigenvalues of symmetric 2 x 2 matrices, and the direction of the larger one.
+
+    Parameters
+    ----------
+    xx, xy, yy : (n,) ndarray of float64
+        Entries.
+
+    Returns
+    -------
+    low, high : (n,) ndarray of float64
+        low <= high.
+    cos, sin : (n,) ndarray of float64
+        Eigenvector of `high`; (-sin, cos) belongs to `low`.
+    """
     middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
     reach = np.hypot(half, xy)
     angle = 0.5 * np.arctan2(xy, half)
@@ -96,7 +136,19 @@ def eigen_2x2(xx: NDArray, xy: NDArray, yy: NDArray) -> tuple[NDArray, NDArray, 
 def in_tangent_plane(
     tensor: NDArray, first: NDArray, second: NDArray
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Entries xx, xy, yy of (6, n) symmetric tensors (xx, yy, zz, yz, zx, xy) in tangent frames."""
+    """Entries of symmetric tensors in tangent frames.
+
+    Parameters
+    ----------
+    tensor : (6, n) ndarray of float64
+        xx, yy, zz, yz, zx, xy.
+    first, second : (3, n) ndarray of float64
+        Unit tangents.
+
+    Returns
+    -------
+    xx, xy, yy : (n,) ndarray of float64
+    """
 
     def form(a: NDArray, b: NDArray) -> NDArray[np.float64]:
         (ax, ay, az), (bx, by, bz) = a, b
@@ -114,5 +166,16 @@ def in_tangent_plane(
 
 
 def turned(first: NDArray, second: NDArray, cos: NDArray, sin: NDArray) -> tuple[NDArray, NDArray]:
-    """Directions cos, sin and -sin, cos in (3, n) frames."""
+    """Axes of frames after a rotation in their planes.
+
+    Parameters
+    ----------
+    first, second : (3, n) ndarray of float64
+    cos, sin : (n,) ndarray of float64
+        Of the angle.
+
+    Returns
+    -------
+    first, second : (3, n) ndarray of float64
+    """
     return cos * first + sin * second, cos * second - sin * first

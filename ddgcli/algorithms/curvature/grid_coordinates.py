@@ -18,12 +18,26 @@ MIN_GRID_SHARE, MIN_AXIS_SHARE = 0.8, 0.08
 
 
 def rounding_deviation(ordered: NDArray, normal: NDArray, sides: NDArray, edge: float) -> float:
-    """Standard deviation along the normals by which coordinates were rounded, in length units; 0 where not.
+    """Standard deviation along the normals by which coordinates were rounded.
 
     Rounded coordinates are whole multiples of a step, up to a shift, and the step of each axis is the least
     difference of its coordinates. One coordinate alone may be rounded, as to the layers of a printer.
-    `ordered` (3, n) are the coordinates of each axis in ascending order, `normal` (3, k) unit normals,
-    `sides` (3, s) sides of faces, and `edge` is the mean edge length.
+
+    Parameters
+    ----------
+    ordered : (3, n) ndarray of float64
+        Coordinates of each axis in ascending order.
+    normal : (3, k) ndarray of float64
+        Unit normals.
+    sides : (3, s) ndarray of float64
+        Vectors along sides of faces.
+    edge : float
+        Mean edge length.
+
+    Returns
+    -------
+    float
+        A length; 0 where the coordinates are not rounded.
     """
     variance = np.zeros(3)
     for axis, values in enumerate(ordered):
@@ -48,9 +62,20 @@ def _distinct(ordered: NDArray, edge: float) -> NDArray[np.float64]:
 
 
 def on_grid_edges(points: NDArray, ordered: NDArray, edge: float) -> bool:
-    """Whether nearly all vertices (3, n) share two coordinates with many others and the third with few.
+    """Whether nearly all vertices share two coordinates with many others and the third with few.
 
-    `ordered` (3, n) are the coordinates of each axis in ascending order.
+    Marching cubes places such vertices on the edges of a grid.
+
+    Parameters
+    ----------
+    points, ordered : (3, n) ndarray of float64
+        Positions, and the coordinates of each axis in ascending order.
+    edge : float
+        Mean edge length.
+
+    Returns
+    -------
+    bool
     """
     if not _may_lie_on_grid_edges(ordered, edge):
         return False

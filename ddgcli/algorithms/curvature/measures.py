@@ -20,9 +20,23 @@ from ddgcli.mesh.vectors import cross, ratio
 
 
 def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(n,) integrated Gaussian curvature: 2 pi - sum of angles inside, pi - sum on the boundary, in radians.
+    """Integrated Gaussian curvature of the vertices: 2 pi - sum of angles inside, pi - sum on the boundary.
 
-    Zero at vertices that no face uses. Chapter 3, 2.1; on manifolds the sum is 2 pi chi.
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (n,) ndarray of float64
+        In radians; zero at vertices that no face uses. On manifolds the sum is 2 pi chi (chapter 3, 2.1).
+
+    Examples
+    --------
+    >>> from ddgcli.mesh.shapes import box
+    >>> defect = angle_defect(box())
+    >>> bool(np.isclose(defect.sum(), 4 * np.pi)), bool(np.isclose(defect.max(), np.pi / 2))
+    (True, True)
     """
     if isinstance(mesh, TriangleMesh):
         return defect_of(Faces.of(mesh), mesh.topology)
@@ -38,9 +52,22 @@ def defect_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
 def star_measures(
     faces: Faces, topology: Topology, *further: Callable[[Faces], NDArray]
 ) -> list[NDArray[np.float64]]:
-    """`vertex_area`, `angle_defect`, (3, n) `curvature_vector` and sums of further terms, in one pass.
+    """Areas, angle defects and curvature vectors of the vertices, and sums of further terms, in one pass.
 
-    The sums of `Faces.doubled_star` are stored with it.
+    The sums of `Faces.doubled_star` are stored in `faces`.
+
+    Parameters
+    ----------
+    faces : Faces
+    topology : Topology
+    *further : callable
+        Further terms on the corners of a block of faces.
+
+    Returns
+    -------
+    list of ndarray of float64
+        `vertex_area` (n,), `angle_defect` (n,), `curvature_vector` as (3, n), then the sum of each further
+        term.
     """
     area, angle, pull, doubled, *sums = faces.vertex_sums(
         _share, _angle, _pull, lambda block: block.on_corners, *further
@@ -84,8 +111,19 @@ def _surely_closed(faces: Faces) -> bool:
 
 
 def gauss_bonnet_total(mesh: SurfaceMesh) -> float:
-    """Sum of the angle defects of any complex: 2 pi chi, plus pi for each surplus boundary corner.
+    """Sum that the angle defects have on any complex: 2 pi chi, plus pi for each surplus boundary corner.
 
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    float
+        In radians.
+
+    Notes
+    -----
     At a vertex with k boundary edges the defect that makes the sum 2 pi chi is 2 pi - k pi / 2 - sum of
     angles; k is 0 or 2 on a manifold. Edges with three or more faces count as -(faces - 2) boundary edges.
     """
@@ -98,7 +136,16 @@ def gauss_bonnet_total(mesh: SurfaceMesh) -> float:
 
 
 def vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(n,) mixed Voronoi areas, in length^2: they sum to the area of the surface.
+    """Mixed Voronoi areas of the vertices.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (n,) ndarray of float64
+        In length^2; they sum to the area of the surface.
 
     Notes
     -----
@@ -118,9 +165,18 @@ def area_of(faces: Faces) -> NDArray[np.float64]:
 
 
 def volume_of(faces: Faces) -> float:
-    """Signed volume of a closed surface, positive for outward orientation: cones over the faces.
+    """Signed volume of a closed surface.
 
-    The apex is the origin, which should lie near the surface.
+    Parameters
+    ----------
+    faces : Faces
+        Closed, oriented; the origin should lie near, as the volume is summed from cones over the faces with
+        their apex there.
+
+    Returns
+    -------
+    float
+        In length^3, positive for outward orientation.
     """
     first = faces.corner[0]
     return float(sum(np.take(p, first) @ normal for p, normal in zip(faces.points, faces.doubled)) / 6.0)
@@ -137,18 +193,35 @@ def boundary_length(mesh: SurfaceMesh) -> NDArray[np.float64]:
 
 
 def geodesic_curvature(mesh: SurfaceMesh, defect: NDArray | None = None) -> NDArray[np.float64]:
-    """(n,) angle defect / boundary length at boundary vertices, in 1/length; 0 inside."""
+    """Geodesic curvature of the boundary: angle defect over boundary length.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    defect : (n,) ndarray of float64, optional
+        Angle defects, if known.
+
+    Returns
+    -------
+    (n,) ndarray of float64
+        In 1/length; 0 at vertices inside.
+    """
     defect = angle_defect(mesh) if defect is None else defect
     length = boundary_length(mesh)
     return ratio(defect, length)
 
 
 def combinatorial_curvature(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(n,) angle defect of equilateral triangles with the same connectivity, in radians.
+    """Angle defect of equilateral triangles with the same connectivity.
 
-    pi/3 (6 - degree) inside.
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
 
-    Chapter 3, 2.1. On the boundary pi - pi/3 for each face, that is pi/3 (4 - degree).
+    Returns
+    -------
+    (n,) ndarray of float64
+        In radians: pi/3 (6 - degree) inside, pi/3 (4 - degree) on the boundary (chapter 3, 2.1).
     """
     topology = mesh.topology
     faces = np.bincount(mesh.faces.ravel(), minlength=mesh.n_vertices)
@@ -157,17 +230,37 @@ def combinatorial_curvature(mesh: SurfaceMesh) -> NDArray[np.float64]:
 
 
 def curvature_vector(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(n, 3) integrated mean curvature vector, minus half the area gradient: inward where convex.
+    """Integrated mean curvature vector of the vertices: minus half the area gradient.
 
     Half of H_p in chapter 3, because H is half the sum of the principal curvatures here. On the boundary the
     tension along the boundary edges, which is not curvature of the surface, is subtracted: the sum over the
     edges with two faces remains. Flat faces add nothing.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+        A length; inward where convex.
     """
     return np.ascontiguousarray(vector_of(Faces.of(mesh), mesh.topology).T)
 
 
 def vector_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
-    """(3, n) `curvature_vector` from `Faces`."""
+    """Integrated mean curvature vectors by columns, as `curvature_vector` has them.
+
+    Parameters
+    ----------
+    faces : Faces
+    topology : Topology
+
+    Returns
+    -------
+    (3, n) ndarray of float64
+        A length; inward where convex.
+    """
     return _without_tension(faces.vertex_sums(_pull)[0], faces, topology)
 
 
@@ -194,15 +287,32 @@ def _without_tension(total: NDArray, faces: Faces, topology: Topology) -> NDArra
 
 
 def link_conormal(faces: Faces) -> NDArray[np.float64]:
-    """(3, 3, m) integral of the outward conormal over the side opposite each corner, component first.
+    """Integral of the outward conormal over the side opposite each corner, from face normals alone.
 
-    From face normals alone. Its sum over the star of an interior vertex, the integral over the link, equals
-    the integral of the mean curvature vector (sum of the principal curvatures): the force balance of
-    chapter 3, 1.4.
+    Its sum over the star of an interior vertex, the integral over the link, equals the integral of the mean
+    curvature vector (sum of the principal curvatures): the force balance of chapter 3, 1.4.
+
+    Parameters
+    ----------
+    faces : Faces
+
+    Returns
+    -------
+    (3, 3, m) ndarray of float64
+        A length; component, corner, face.
     """
     return np.stack([cross(faces.side[NEXT[k]], faces.normal) for k in range(3)], axis=1)
 
 
 def link_length(faces: Faces) -> NDArray[np.float64]:
-    """(3, m) length of the side opposite each corner."""
+    """Length of the side opposite each corner.
+
+    Parameters
+    ----------
+    faces : Faces
+
+    Returns
+    -------
+    (3, m) ndarray of float64
+    """
     return faces.length[NEXT]

@@ -32,12 +32,18 @@ def neighbourhoods(
     Parameters
     ----------
     mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
     normal : (3, n) ndarray
         Approximate unit normals.
     at_least : int
         Neighbours below which a third ring is added.
     vertices : (k,) ndarray of int, optional
         Whose neighbours; default all.
+
+    Returns
+    -------
+    Regions
     """
     rings = two_rings(mesh.topology, at_least, vertices)
     if not _sheared(mesh, faces):

@@ -178,6 +178,10 @@ def estimate_noise(
     effort : {'fits', 'warn', 'auto'}
         'fits': without averaged normals, which cost more; 'auto': with wide balls of them on voxels, which
         may take several times as long as the measurement.
+
+    Returns
+    -------
+    Noise
     """
     deviation = vertex_deviation(mesh, faces, dihedral)
     if deviation is None:

@@ -57,7 +57,27 @@ class OffsetArcs:
 
 
 def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> OffsetArcs:
-    """Raise the errors of `offset_body`; the directions of its arcs."""
+    """Directions of the arcs of an offset body; raises the errors of `offset_body`.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    distance : float
+        Of the offset, positive.
+    resolution : float
+        Largest step of the arcs, in degrees.
+
+    Returns
+    -------
+    OffsetArcs
+
+    Raises
+    ------
+    ParameterError
+        For a distance or an angle out of range, or an angle that gives too many faces.
+    MeshError
+        When the surface is not closed, oriented and manifold, or has normals without arcs between them.
+    """
     if not (np.isfinite(distance) and distance > 0):
         raise ParameterError(f"must be a positive length, not {distance}", parameter="offset")
     if not 0 < resolution <= 90:

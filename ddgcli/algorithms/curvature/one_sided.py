@@ -48,9 +48,20 @@ def double_covered(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.int64]]
 
 
 def unsigned_normals(mesh: TriangleMesh, faces: Faces) -> NDArray[np.float64]:
-    """(3, n) vertex normals of a one-sided surface that is not manifold: the sign is that of one face.
+    """Vertex normals of a one-sided surface that is not manifold, with the sign of one face.
 
     Where faces of opposite orientation meet, it is the line nearest to the normals of the star.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
+
+    Returns
+    -------
+    (3, n) ndarray of float64
+        Unit vectors.
     """
     normal = unit_normals(faces)
     seam = np.unique(mesh.topology.edges[mesh.topology.misoriented_edges])
@@ -68,7 +79,21 @@ def unsigned_normals(mesh: TriangleMesh, faces: Faces) -> NDArray[np.float64]:
 
 
 def of_copies(cover: PrincipalCurvatures, copy: NDArray, referenced: NDArray) -> PrincipalCurvatures:
-    """Values of a surface's vertices from those of their copies in its double cover."""
+    """Values at the vertices of a surface from those at their copies in its double cover.
+
+    Parameters
+    ----------
+    cover : PrincipalCurvatures
+        Of the vertices of the cover.
+    copy : (n,) ndarray of int64
+        One copy of each vertex.
+    referenced : (n,) ndarray of bool
+        Vertices with faces; the others get zero.
+
+    Returns
+    -------
+    PrincipalCurvatures
+    """
     low, high, gaussian = (
         np.where(referenced, values[copy], 0.0) for values in (cover.low, cover.high, cover.gaussian)
     )

@@ -96,7 +96,15 @@ def measure_curves(
 
 
 def check_query(curves: CurveSet, *, with_frames: bool = False, resample: int | None = None) -> None:
-    """Raise the errors of `measure_curves`, before it measures."""
+    """Raise the errors of `measure_curves`, before it measures.
+
+    Parameters
+    ----------
+    curves : CurveSet
+    with_frames : bool
+    resample : int, optional
+        As in `measure_curves`.
+    """
     if resample is not None:
         curves = resampled(curves, resample)
     if not any((vector_length(np.diff(curves.points[path], axis=0)) > 0).any() for path, _ in curves.paths()):
@@ -108,7 +116,19 @@ def check_query(curves: CurveSet, *, with_frames: bool = False, resample: int | 
 def array_names(
     curves: CurveSet, *, with_frames: bool = False, resample: int | None = None
 ) -> tuple[list[str], list[str]]:
-    """Names of the scalars and of the vectors of `measure_curves`."""
+    """Names of the arrays of `measure_curves`.
+
+    Parameters
+    ----------
+    curves : CurveSet
+    with_frames : bool
+    resample : int, optional
+        As in `measure_curves`.
+
+    Returns
+    -------
+    scalars, vectors : list of str
+    """
     planar = all(normal is not None for normal in plane_normals(curves))
     of_resampling = ["arc_length"] if resample is not None and not with_frames else []
     scalars = [*_scalar_names(planar), *of_resampling, *(FRAME_SCALARS if with_frames else ())]

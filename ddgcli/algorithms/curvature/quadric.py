@@ -51,6 +51,8 @@ def quadric(
     Parameters
     ----------
     mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
     normal : (3, n) ndarray
         Approximate unit normals.
     radius : float, optional
@@ -60,6 +62,10 @@ def quadric(
         balls, as single normals are far off and stairs are no noise of single vertices.
     jobs : int
         Threads that fit blocks of vertices; the result does not depend on it.
+
+    Returns
+    -------
+    PrincipalCurvatures
     """
     regions = neighbourhoods(mesh, faces, normal, _MIN_NEIGHBOURS)
     if radius is not None:
@@ -131,7 +137,24 @@ def fit_forms(
 def local_coordinates(
     columns: NDArray, centre: NDArray, vertex_frame: NDArray, start: NDArray, member: NDArray
 ) -> list[NDArray]:
-    """Coordinates x, y and heights z of the neighbours in the frame (9, c) of their vertex."""
+    """Coordinates of the neighbours in the frame of their vertex.
+
+    Parameters
+    ----------
+    columns : (3, n) ndarray of float64
+        Positions of all vertices.
+    centre : (3, c) ndarray of float64
+        Origins of the frames.
+    vertex_frame : (9, c) ndarray of float64
+        Three orthonormal axes, the normal last.
+    start, member : ndarray of int
+        Ragged lists of the neighbours of the c vertices.
+
+    Returns
+    -------
+    list of three (p,) ndarray of float64
+        x, y and height z.
+    """
     count = np.diff(start)
     offset = [np.take(c, member) - np.repeat(o, count) for c, o in zip(columns, centre)]
     local = []
@@ -243,8 +266,23 @@ def _sampled_penalty(columns: NDArray, normal: NDArray, regions: Regions) -> flo
 
 
 def cross_validated_penalty(columns: NDArray, normal: NDArray, some: Regions, vertices: NDArray) -> float:
-    """The penalty whose fits over the regions of some vertices predict their data best.
+    """Penalty whose fits over the regions of some vertices predict their data best.
 
+    Parameters
+    ----------
+    columns, normal : (3, n) ndarray of float64
+        Positions, and unit normals.
+    some : Regions
+        Of the k vertices.
+    vertices : (k,) ndarray of int64
+
+    Returns
+    -------
+    float
+        Of the terms of degree three and four, relative.
+
+    Notes
+    -----
     Generalised cross-validation: the least of residual / (data - degrees of freedom)^2, in the mean of the
     logarithms, so that a few creases do not decide for all.
     """
@@ -254,9 +292,22 @@ def cross_validated_penalty(columns: NDArray, normal: NDArray, some: Regions, ve
 
 
 def sampled_regions(columns: NDArray, centre: NDArray, regions: Regions, most: int) -> NDArray[np.int64]:
-    """About `most` regions with enough vertices to test a fit, small and large ones, around centres (3, k).
+    """Choose about `most` regions with enough vertices to test a fit, small and large ones.
 
-    Ordered by their size, so that the choice does not depend on the numbering.
+    Parameters
+    ----------
+    columns : (3, n) ndarray of float64
+        Positions.
+    centre : (3, k) ndarray of float64
+        Centres of the regions.
+    regions : Regions
+    most : int
+
+    Returns
+    -------
+    (c,) ndarray of int64
+        Numbers of regions, ordered by their size where there are more than `most`, so that the choice does
+        not depend on the numbering of the vertices.
     """
     count = regions.count
     able = np.flatnonzero((count > len(_TERMS) + 3) & (count <= 400))
@@ -280,10 +331,25 @@ def _systems(
 def polynomial_residuals(
     columns: NDArray, normal: NDArray, some: Regions, vertices: NDArray, degrees: tuple[int, ...]
 ) -> NDArray[np.float64]:
-    """(d, k) standard deviation of the heights around each vertex from their fits of some degrees, up to 4.
+    """Standard deviation of the heights around each vertex from their fits of some degrees.
 
     An unbiased estimate of the noise of vertices along the normal, where the surface itself is a polynomial
-    of that degree; NaN where a region has too few vertices for a fit.
+    of that degree.
+
+    Parameters
+    ----------
+    columns, normal : (3, n) ndarray of float64
+        Positions, and unit normals.
+    some : Regions
+        Of the k vertices.
+    vertices : (k,) ndarray of int64
+    degrees : tuple of d ints
+        Up to 4.
+
+    Returns
+    -------
+    (d, k) ndarray of float64
+        A length; NaN where a region has too few vertices for a fit.
     """
     matrix, right, squared, count = _systems(columns, normal, some, vertices)
     deviation = []
@@ -334,7 +400,22 @@ def _squared_offset(columns: NDArray, centre: NDArray, regions: Regions) -> NDAr
 
 
 def principal_of_forms(gradient: NDArray, hessian: NDArray, normal: NDArray) -> PrincipalCurvatures:
-    """Principal curvatures and directions of height fields over frames of `tangent_frame(normal)`."""
+    """Principal curvatures and directions of height fields over tangent frames.
+
+    Parameters
+    ----------
+    gradient : (2, n) ndarray of float64
+        Of the height at the vertex, in the frame of `tangent_frame(normal)`.
+    hessian : (3, n) ndarray of float64
+        xx, xy, yy, in 1/length.
+    normal : (3, n) ndarray of float64
+        Unit normals.
+
+    Returns
+    -------
+    PrincipalCurvatures
+        Positive where the height curves away from the normal.
+    """
     first, second = tangent_frame(normal)
     gx, gy = gradient
     stretch = np.sqrt(1 + gx * gx + gy * gy)

@@ -189,7 +189,19 @@ def measures_in_ball(mesh: TriangleMesh, centre: NDArray, radius: float) -> Regi
 
 
 def labels_of(array: NDArray) -> tuple[NDArray[np.int64], NDArray]:
-    """Labels 0..k-1 of the different values of an array, and the values.
+    """Number the different values of an array.
+
+    Parameters
+    ----------
+    array : (k,) or (k, 1) ndarray
+        Whole numbers.
+
+    Returns
+    -------
+    label : (k,) ndarray of int64
+        0, 1, 2, ...
+    names : ndarray of int64
+        The value of each label, ascending.
 
     Raises
     ------

@@ -42,7 +42,18 @@ class Regions:
 
 
 def chunks(regions: Regions, members: int) -> Iterator[tuple[int, int]]:
-    """Ranges of vertices that together have about `members` members."""
+    """Ranges of vertices whose regions together have about `members` members.
+
+    Parameters
+    ----------
+    regions : Regions
+    members : int
+
+    Yields
+    ------
+    first, last : int
+        The range [first, last); at least one vertex.
+    """
     n = len(regions.start) - 1
     first = 0
     while first < n:
@@ -57,15 +68,29 @@ MAX_BALL_PAIRS = {"quadric": 5e8, "normal-voting": 1e9, "corrected": 2e8, "norma
 
 
 def largest_radius(mesh: TriangleMesh, area: float, scheme: str) -> float:
-    """Radius up to which a scheme measures in balls around all vertices of a surface of this area."""
+    """Radius up to which a scheme measures in balls around all vertices.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    area : float
+        Of the surface.
+    scheme : str
+
+    Returns
+    -------
+    float
+        In the length unit of the area.
+    """
     return float(np.sqrt(MAX_BALL_PAIRS[scheme] * area / np.pi / (float(mesh.n_vertices) * mesh.n_faces)))
 
 
 def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float, scheme: str) -> None:
-    """Refuse a radius whose balls hold so many faces that the measurement would take many minutes.
+    """Raise an error for a radius whose balls contain so many faces that measuring would take many minutes.
 
     Parameters
     ----------
+    mesh : TriangleMesh
     area : float
         Of the surface.
     radius : float
@@ -89,7 +114,16 @@ def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float, sc
 
 
 def piece_extents(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(c,) largest extent of each component along an axis."""
+    """Largest extent of each component along an axis.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    (c,) ndarray of float64
+    """
     topology = mesh.topology
     vertices = np.flatnonzero(topology.referenced_vertex)
     piece, n = topology.vertex_component[vertices], topology.n_components
@@ -103,13 +137,11 @@ def piece_extents(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 
 def check_reach(mesh: TriangleMesh, radius: float) -> None:
-    """Refuse a radius at which balls hold every component whole; warn where they hold some.
-
-    There is no curvature at a point in such a ball: its total is that of the component, wherever the point
-    lies.
+    """Raise an error for a radius at which balls contain every component whole; warn where they contain some.
 
     Parameters
     ----------
+    mesh : TriangleMesh
     radius : float
         In the length unit of `mesh`.
 
@@ -138,18 +170,51 @@ def check_reach(mesh: TriangleMesh, radius: float) -> None:
 
 
 def listed(regions: Regions, vertices: NDArray) -> Regions:
-    """The regions of some vertices, in their order."""
+    """Regions of some vertices, in their order.
+
+    Parameters
+    ----------
+    regions : Regions
+    vertices : (k,) ndarray of int64
+
+    Returns
+    -------
+    Regions
+    """
     _, member = expand_lists(vertices, vertices, (regions.start, regions.member))
     return Regions(list_starts(regions.count[vertices]), member)
 
 
 def larger(one: Regions, other: Regions) -> Regions:
-    """The region with more members for each vertex."""
+    """The region with more members, for each vertex.
+
+    Parameters
+    ----------
+    one, other : Regions
+        Of the same vertices.
+
+    Returns
+    -------
+    Regions
+        From `one` where both have as many.
+    """
     return select_regions(one, other, other.count > one.count)
 
 
 def select_regions(one: Regions, other: Regions, takes_other: NDArray[np.bool_]) -> Regions:
-    """The region of each vertex from `other` where `takes_other` is True, else from `one`."""
+    """Choose the region of each vertex from two lists.
+
+    Parameters
+    ----------
+    one, other : Regions
+        Of the same vertices.
+    takes_other : (n,) ndarray of bool
+        Where to take `other`.
+
+    Returns
+    -------
+    Regions
+    """
     if takes_other.all():
         return other
     n = len(one.start) - 1
@@ -161,7 +226,22 @@ def select_regions(one: Regions, other: Regions, takes_other: NDArray[np.bool_])
 
 
 def balls_around(points: NDArray, few: NDArray, tree: cKDTree, radius: float) -> Regions:
-    """Vertices in the balls around a few vertices, connected or not, in ascending order."""
+    """Vertices in the balls around a few vertices, connected to them or not.
+
+    Parameters
+    ----------
+    points : (3, n) ndarray of float64
+    few : (k,) ndarray of int64
+        Centres.
+    tree : cKDTree
+        Of all points.
+    radius : float
+
+    Returns
+    -------
+    Regions
+        Members in ascending order.
+    """
     # a matrix of distances takes a third of the time of lists of members
     centres = type(tree)(points[:, few].T, balanced_tree=False, compact_nodes=False)
     pairs = centres.sparse_distance_matrix(tree, radius, output_type="ndarray")

@@ -33,6 +33,10 @@ def two_rings(topology: Topology, at_least: int, vertices: NDArray | None = None
         Neighbours below which the third ring is added.
     vertices : (k,) ndarray of int, optional
         Whose rings; default all.
+
+    Returns
+    -------
+    Regions
     """
     centre = np.arange(topology.n_vertices) if vertices is None else vertices
     mean_degree = 1 + 3 * topology.n_faces / max(topology.n_vertices, 1)
@@ -131,7 +135,17 @@ def _distinct_pairs(first: NDArray, second: NDArray, n: int) -> tuple[NDArray, N
 
 
 def adjacency(topology: Topology) -> csr_array:
-    """(n, n) ones where an edge joins two vertices, and on the diagonal."""
+    """Adjacency matrix of the vertices, with ones on the diagonal.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    (n, n) csr_array of float32
+        One where an edge joins two vertices.
+    """
     if topology.gluing is not None:  # whose edges may be several between two vertices
         return _adjacency_of(topology.faces, topology.n_vertices)
     from scipy.sparse import csr_array

@@ -118,6 +118,11 @@ def measure_scales(
         Of the bias of these fits from one radius to the next, above 1.
     default_by_fits : bool
         Whether such fits gave `default`, so that their noise there bounds that in the first ball.
+
+    Returns
+    -------
+    Scales or None
+        None where fewer than two radii could be measured.
     """
     radii: list[float] = []
     fits: list[PrincipalCurvatures] = []
@@ -202,7 +207,16 @@ def _mean_distance(one: NDArray, other: NDArray) -> float:
 
 
 def typical_size(difference: NDArray) -> float:
-    """Mean size, the largest left out: creases and boundaries have differences at any radius."""
+    """Mean size of differences, the largest left out: creases and boundaries have some at any radius.
+
+    Parameters
+    ----------
+    difference : (k,) ndarray of float64
+
+    Returns
+    -------
+    float
+    """
     size = np.sort(np.abs(difference))
     return float(size[: max(1, int(TYPICAL_SHARE * len(size)))].mean())
 
@@ -210,7 +224,24 @@ def typical_size(difference: NDArray) -> float:
 def fits_in_balls(
     points: NDArray, grid: PointGrid, normal: NDArray, few: NDArray, radius: float
 ) -> PrincipalCurvatures:
-    """Principal curvatures of quadratic fits in the balls around a few vertices; `grid` has all points."""
+    """Principal curvatures of quadratic fits in the balls around a few vertices.
+
+    Parameters
+    ----------
+    points : (3, n) ndarray of float64
+    grid : PointGrid
+        Of all points.
+    normal : (3, n) ndarray of float64
+        Unit normals.
+    few : (k,) ndarray of int64
+        Centres.
+    radius : float
+
+    Returns
+    -------
+    PrincipalCurvatures
+        Of the k vertices.
+    """
     regions = grid.balls(few, radius)
     start, member = regions.start, regions.member
     # the mean normal of the ball: single normals of noise and of voxels are far off
@@ -223,7 +254,26 @@ def fits_in_balls(
 def fits_at(
     points: NDArray, normal: NDArray, few: NDArray, centre_normal: NDArray, regions: Regions, penalty: float
 ) -> PrincipalCurvatures:
-    """Principal curvatures of fits around a few vertices, one region for each."""
+    """Principal curvatures of fits around a few vertices.
+
+    Parameters
+    ----------
+    points, normal : (3, n) ndarray of float64
+        Positions and unit normals.
+    few : (k,) ndarray of int64
+        Centres.
+    centre_normal : (3, k) ndarray of float64
+        Unit normals of the planes over which the heights are fitted.
+    regions : Regions
+        One for each centre.
+    penalty : float
+        Of the terms of degree three and four.
+
+    Returns
+    -------
+    PrincipalCurvatures
+        Of the k vertices.
+    """
     columns = np.concatenate([points[:, few], np.take(points, regions.member, axis=1)], axis=1)
     normals = np.concatenate([centre_normal, np.take(normal, regions.member, axis=1)], axis=1)
     own = Regions(regions.start, len(few) + np.arange(len(regions.member)))

@@ -29,9 +29,7 @@ THREE_RINGS = (
 def spikes_among(
     points: NDArray, normal: NDArray, regions: Regions, vertices: NDArray, edge: float
 ) -> NDArray[np.bool_]:
-    """(k,) whether vertices lie far off the fit to the others of their regions, whose residuals are small.
-
-    The vertices of a crease are none: the others of their regions do not lie on a smooth surface either.
+    """Mark vertices far off the fit to the others of their regions, whose residuals are small.
 
     Parameters
     ----------
@@ -42,6 +40,10 @@ def spikes_among(
     vertices : (k,) ndarray of int
     edge : float
         Mean edge length, in length units.
+
+    Returns
+    -------
+    (k,) ndarray of bool
     """
     is_spike = np.zeros(len(vertices), dtype=bool)
     large = np.flatnonzero(regions.count >= MIN_MEMBERS)

@@ -41,6 +41,10 @@ def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
         Of the mesh.
     dihedral : (e,) ndarray
         Dihedral angles of the edges in radians, positive where convex.
+
+    Returns
+    -------
+    bool
     """
     edges, n_referenced = mesh.topology.edges, int(mesh.topology.referenced_vertex.sum())
     least = MIN_STEPPED_SHARE * n_referenced
@@ -67,7 +71,16 @@ def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
 
 
 def sampled_sides(faces: Faces) -> NDArray[np.float64]:
-    """(3, k) vectors along the sides of some faces with area."""
+    """Vectors along the sides of some faces with area.
+
+    Parameters
+    ----------
+    faces : Faces
+
+    Returns
+    -------
+    (3, k) ndarray of float64
+    """
     corner = faces.corner[:, _sampled_faces(faces)]
     return (faces.points[:, corner[[1, 2, 0]]] - faces.points[:, corner]).reshape(3, -1)
 
@@ -110,7 +123,19 @@ def cancellation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, regions: R
     Noise and stairs have as many concave creases beside convex ones; a crease of a part, a fold or a rounded
     detail has one sign over two rings.
 
-    `dihedral` (e,) are dihedral angles in radians, positive where convex.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
+    dihedral : (e,) ndarray of float64
+        Dihedral angles in radians, positive where convex.
+    regions : Regions
+
+    Returns
+    -------
+    float
+        In [0, 1].
     """
     is_member = np.zeros(mesh.n_vertices, dtype=bool)
     is_member[regions.member] = True

@@ -29,10 +29,12 @@ def cotan(
     *,
     directions: bool = True,
 ) -> PrincipalCurvatures:
-    """Meyer et al.: H from the area gradient, K from the angle defect, directions by least squares.
+    """Principal curvatures of Meyer et al.: H from the area gradient, K from the angle defect.
 
     Parameters
     ----------
+    faces : Faces
+    topology : Topology
     normal : (3, n) ndarray
         Unit vertex normals.
     area, defect : (n,) ndarray
@@ -41,6 +43,10 @@ def cotan(
         Integrated mean curvature vectors (`vector_of`).
     directions : bool
         Whether to compute the directions; without them their arrays are (3, 0).
+
+    Returns
+    -------
+    PrincipalCurvatures
 
     Notes
     -----
@@ -99,7 +105,22 @@ def _fitted_form(
 def normal_cycle(
     faces: Faces, edges: NDArray, normal: NDArray, area: NDArray, defect: NDArray, dihedral: NDArray
 ) -> PrincipalCurvatures:
-    """Cohen-Steiner and Morvan's tensor over the star: half of every incident edge, over the vertex area.
+    """Principal curvatures from the normal cycle of half of every incident edge, over the vertex area.
+
+    Parameters
+    ----------
+    faces : Faces
+    edges : (e, 2) ndarray of int64
+    normal : (3, n) ndarray of float64
+        Unit vertex normals.
+    area, defect : (n,) ndarray of float64
+        Vertex areas in length^2, angle defects in radians.
+    dihedral : (e,) ndarray of float64
+        Dihedral angles in radians, positive where convex.
+
+    Returns
+    -------
+    PrincipalCurvatures
 
     Notes
     -----
@@ -117,7 +138,21 @@ def normal_cycle(
 
 
 def swapped_principal(tensor: NDArray, normal: NDArray, gaussian: NDArray) -> PrincipalCurvatures:
-    """Principal curvatures of a normal-cycle tensor density; its two directions are exchanged."""
+    """Principal curvatures from the tensor of a normal cycle, whose two directions are exchanged.
+
+    Parameters
+    ----------
+    tensor : (6, n) ndarray of float64
+        xx, yy, zz, yz, zx, xy, divided by area; in 1/length.
+    normal : (3, n) ndarray of float64
+        Unit vertex normals.
+    gaussian : (n,) ndarray of float64
+        In 1/length^2; passed on.
+
+    Returns
+    -------
+    PrincipalCurvatures
+    """
     first, second = tangent_frame(normal)
     low, high, cos, sin = eigen_2x2(*in_tangent_plane(tensor, first, second))
     along_high_eigenvalue, across = turned(first, second, cos, sin)
@@ -125,7 +160,17 @@ def swapped_principal(tensor: NDArray, normal: NDArray, gaussian: NDArray) -> Pr
 
 
 def corrected(faces: Faces, normal: NDArray) -> PrincipalCurvatures:
-    """Interpolated corrected curvature measures of the star.
+    """Principal curvatures from interpolated corrected curvature measures of the star.
+
+    Parameters
+    ----------
+    faces : Faces
+    normal : (3, n) ndarray of float64
+        Unit vertex normals.
+
+    Returns
+    -------
+    PrincipalCurvatures
 
     Notes
     -----
@@ -142,9 +187,23 @@ def _on_corners(values: NDArray) -> NDArray[np.float64]:
 
 
 def corrected_measures(faces: Faces, normal: NDArray) -> NDArray[np.float64]:
-    """(9, m) area, mean, Gaussian measure and the tensor (xx, yy, zz, yz, zx, xy) of every face.
+    """Interpolated corrected curvature measures of every face.
 
-    The tensor is that of the second fundamental form, positive where convex.
+    Parameters
+    ----------
+    faces : Faces
+    normal : (3, n) ndarray of float64
+        Unit vertex normals.
+
+    Returns
+    -------
+    (9, m) ndarray of float64
+        Area (length^2), mean measure (length), Gaussian measure, and the tensor xx, yy, zz, yz, zx, xy of the
+        second fundamental form (length), positive where convex.
+
+    References
+    ----------
+    Lachaud2020 in docs/references.bib.
     """
     a, b = faces.side[0], -faces.side[2]
     u0, u1, u2 = faces.at_corners(normal)
@@ -171,7 +230,19 @@ def corrected_measures(faces: Faces, normal: NDArray) -> NDArray[np.float64]:
 
 
 def corrected_principal(measures: NDArray, normal: NDArray) -> PrincipalCurvatures:
-    """Densities of summed measures; the tensor's half-sum is set to the mean measure's."""
+    """Principal curvatures from sums of corrected measures; their half-sum is that of the mean measure.
+
+    Parameters
+    ----------
+    measures : (9, n) ndarray of float64
+        Sums over faces of `corrected_measures`.
+    normal : (3, n) ndarray of float64
+        Unit vertex normals.
+
+    Returns
+    -------
+    PrincipalCurvatures
+    """
     area = measures[0]
     area = np.where(area > 1e-9 * np.abs(area).max(initial=0.0), area, 0.0)
     density = ratio(measures[1:], area)

@@ -166,7 +166,18 @@ def check_curvature(
     *,
     image: NDArray | None = None,
 ) -> None:
-    """Raise the errors of `measure_curvature`, before it measures; `radius='auto'` may still be too large."""
+    """Raise the errors of `measure_curvature`, before it measures.
+
+    A radius of 'auto' may still be too large.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    scheme : str
+    radius : float, 'auto' or None
+    image : ndarray, optional
+        As in `measure_curvature`.
+    """
     _check_parameters(scheme, radius)
     require(mesh, "curvature")
     if scheme in TWO_SIDED_SCHEMES and not (mesh.topology.is_oriented or mesh.topology.is_orientable):

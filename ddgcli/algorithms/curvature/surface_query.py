@@ -72,6 +72,10 @@ def measure_surface(
         Distance of an offset body.
     offset_angle : float
         Largest step of its arcs, in degrees.
+
+    Returns
+    -------
+    SurfaceMeasurement
     """
     full = full or offset is not None  # the volume of an offset body needs Steiner's polynomial
     measured = measure_curvature(mesh, scheme, radius, image=image, jobs=jobs, full=full)
@@ -105,7 +109,13 @@ def check_query(
     offset: float | None = None,
     offset_angle: float = 6.0,
 ) -> None:
-    """Raise the errors of `measure_surface`, before it measures; parameters as there."""
+    """Raise the errors of `measure_surface`, before it measures.
+
+    Parameters
+    ----------
+    mesh, scheme, radius, image, regions, balls, vertex_vectors, offset, offset_angle
+        As in `measure_surface`.
+    """
     check_curvature(mesh, scheme, radius, image=image)
     if regions or balls:
         require_regions(mesh)
@@ -118,12 +128,31 @@ def check_query(
 
 
 def array_names(*, full: bool = True, vertex_vectors: bool = False) -> list[str]:
-    """Names of the vertex arrays of `measure_surface`."""
+    """Names of the vertex arrays of `measure_surface`.
+
+    Parameters
+    ----------
+    full, vertex_vectors : bool
+        As in `measure_surface`.
+
+    Returns
+    -------
+    list of str
+    """
     return [*(VERTEX_ARRAYS if full else CURVATURE_ARRAYS), *(GRADIENT_VECTORS if vertex_vectors else ())]
 
 
 def require_regions(mesh: TriangleMesh) -> None:
-    """Raise MeshError for a surface whose faces are not oriented."""
+    """Raise an error for a surface whose faces are not oriented.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Raises
+    ------
+    MeshError
+    """
     if not mesh.topology.is_oriented:
         raise MeshError(
             f"neighbouring faces have opposite orientation; regions need one: {cure('orientation')}"

@@ -13,10 +13,19 @@ from ddgcli.mesh.vectors import cross, dot, ratio
 
 
 def filled_normals(faces: Faces, topology: Topology) -> NDArray[np.float64]:
-    """(3, m) unit normals; a flat face takes that of the neighbour across its longest side.
+    """Unit normals of all faces; a flat face takes that of the neighbour across its longest side.
 
     Any unit vector orthogonal to a flat face's line keeps the sums of |e| theta over edges and all balance
     laws exact; the neighbour's normal makes the flat face invisible.
+
+    Parameters
+    ----------
+    faces : Faces
+    topology : Topology
+
+    Returns
+    -------
+    (3, m) ndarray of float64
     """
     open_faces = np.flatnonzero(faces.flat)
     if len(open_faces) == 0:
@@ -40,19 +49,55 @@ def filled_normals(faces: Faces, topology: Topology) -> NDArray[np.float64]:
 def intrinsic_volumes(
     euler: int, total_mean_curvature: float | None, area: float, volume: float | None
 ) -> list[float | None]:
-    """[V0, V1, V2, V3] of the body inside (chapter 2, 5): chi/2, sum |e| theta / (2 pi), area/2, volume."""
+    """Intrinsic volumes of the body inside a closed surface (chapter 2, 5).
+
+    Parameters
+    ----------
+    euler : int
+        Euler characteristic of the surface.
+    total_mean_curvature : float or None
+        Sum of |e| theta / 2 over the edges.
+    area : float
+    volume : float or None
+
+    Returns
+    -------
+    list of float or None
+        [V0, V1, V2, V3]: chi/2, sum |e| theta / (2 pi), area/2, volume.
+    """
     mean_width = None if total_mean_curvature is None else total_mean_curvature / np.pi
     return [euler / 2, mean_width, area / 2, volume]
 
 
 def steiner_polynomial(volumes: list[float | None]) -> list[float | None]:
-    """[c0..c3] with V(eps) = c0 + c1 eps + c2 eps^2 + c3 eps^3: V3, 2 V2, pi V1, 4 pi / 3 V0."""
+    """Coefficients of Steiner's polynomial, the volume of the body offset by eps.
+
+    Parameters
+    ----------
+    volumes : list of float or None
+        Of `intrinsic_volumes`.
+
+    Returns
+    -------
+    list of float or None
+        [c0..c3] with V(eps) = c0 + c1 eps + c2 eps^2 + c3 eps^3: V3, 2 V2, pi V1, 4 pi / 3 V0.
+    """
     ball = (4 * np.pi / 3, np.pi, 2.0, 1.0)
     return [None if v is None else b * v for b, v in zip(ball[::-1], volumes[::-1])]
 
 
 def vector_area(faces: Faces) -> NDArray[np.float64]:
-    """(3,) integral of the normal: half the integral of x cross dx over the boundary; zero when closed."""
+    """Integral of the normal over a surface: half the integral of x cross dx over its boundary.
+
+    Parameters
+    ----------
+    faces : Faces
+
+    Returns
+    -------
+    (3,) ndarray of float64
+        In length^2; zero on a closed surface.
+    """
     return 0.5 * faces.doubled.sum(axis=1)
 
 
@@ -66,7 +111,7 @@ def willmore_energies(
     defect: NDArray,
     area_vector: NDArray | None,
 ) -> dict[str, float | None]:
-    """Discrete integrals of H^2 with H half the sum of the principal curvatures, by name.
+    """Discrete integrals of H^2, with H half the sum of the principal curvatures, by name.
 
     `cotan`: |integrated vector|^2 / vertex area. `sullivan`: (h_p / 2)^2 a third of the star, with
     h_p = |grad Area| / |grad Vol| (chapter 3, 2.5). `hinge`: see `hinge_bending`. Of H^2 - K:
@@ -74,6 +119,24 @@ def willmore_energies(
     zero on Delaunay meshes inscribed in a sphere (Bobenko; an edge that is not Delaunay adds to it even
     there), and `cotan-minus-gauss`, `cotan` less the angle defects; both over
     interior vertices.
+
+    Parameters
+    ----------
+    faces : Faces
+    topology : Topology
+    dihedral, edge_length : (e,) ndarray of float64
+        Dihedral angles in radians, and lengths.
+    area, defect : (n,) ndarray of float64
+        Vertex areas and angle defects.
+    vector : (3, n) ndarray of float64
+        Integrated mean curvature vectors.
+    area_vector : (3, n) ndarray of float64 or None
+        Sums of face area vectors over the stars, for `sullivan`.
+
+    Returns
+    -------
+    dict of str to float or None
+        Without unit.
     """
     squared = dot(vector, vector)
     inside = topology.referenced_vertex & ~topology.boundary_vertex
@@ -154,6 +217,8 @@ def balances(
 
     Parameters
     ----------
+    faces : Faces
+    topology : Topology
     normal : (3, m) ndarray
         Unit normals, of flat faces too (`filled_normals`).
     dihedral : (e,) ndarray
@@ -216,6 +281,7 @@ def nonconformality(faces: Faces, image: NDArray) -> dict[str, float]:
 
     Parameters
     ----------
+    faces : Faces
     image : (n, 2) or (n, 3) ndarray
         Image of each vertex.
 
@@ -236,10 +302,23 @@ def nonconformality(faces: Faces, image: NDArray) -> dict[str, float]:
 
 
 def star_balance(vector: NDArray, conormal: NDArray, link: NDArray, inside: NDArray) -> float:
-    """Largest gap between the mean curvature vector of a star and the conormals of its link, relative.
+    """Largest gap between the mean curvature vector of a star and the conormals of its link.
 
-    `vector` (3, n) of `vector_of`; `conormal` (3, n) and `link` (n,) are sums of `link_conormal` and
-    `link_length`; `inside` (n,) where to compare.
+    Parameters
+    ----------
+    vector : (3, n) ndarray of float64
+        Of `vector_of`.
+    conormal : (3, n) ndarray of float64
+        Sums of `link_conormal` over the stars.
+    link : (n,) ndarray of float64
+        Sums of `link_length` over the stars.
+    inside : (n,) ndarray of bool
+        Where to compare.
+
+    Returns
+    -------
+    float
+        Relative to the length of the link.
     """
     gap = 4 * vector - conormal
     return float(ratio(np.sqrt(dot(gap, gap)), link)[inside].max(initial=0.0))

@@ -65,7 +65,17 @@ class UnitSurface:
 
 
 def one_sided_error(mesh: TriangleMesh, scheme: str) -> MeshError:
-    """Error of a scheme that needs two sides."""
+    """Error of a scheme that requires two sides, on a surface that has one.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    scheme : str
+
+    Returns
+    -------
+    MeshError
+    """
     return MeshError(
         f"the surface is one-sided (not orientable) and {scheme} needs two sides; "
         f"use `scheme=quadric` or `scheme=cotan`, or {cure('one side', mesh.topology)}"
@@ -73,7 +83,24 @@ def one_sided_error(mesh: TriangleMesh, scheme: str) -> MeshError:
 
 
 def prepare_surface(mesh: TriangleMesh, scheme: str) -> UnitSurface:
-    """Scale the surface to unit size (by a power of two, which is exact), and warn of its defects."""
+    """Scale a surface to unit size, measure what is exact on polyhedra, and warn of its defects.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    scheme : str
+        For the warnings.
+
+    Returns
+    -------
+    UnitSurface
+        Scaled by a power of two, which is exact; faces oriented where the surface is orientable.
+
+    Raises
+    ------
+    MeshError
+        When the surface has no extent or no area.
+    """
     in_face = mesh.topology.referenced_vertex
     low, high = mesh.bounding_box if in_face.all() else bounding_box(mesh.points[in_face])
     middle = low / 2 + high / 2

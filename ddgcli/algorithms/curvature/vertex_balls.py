@@ -67,7 +67,20 @@ def vertex_balls(mesh: TriangleMesh, radius: float, *, jobs: int = 1) -> Regions
 
 
 def map_blocks(function: Callable[[Any], Any], blocks: Sequence[Any], jobs: int) -> Iterator[Any]:
-    """Results of independent blocks in order; numpy computes outside the interpreter's lock."""
+    """Apply a function to independent blocks, in threads; numpy computes outside the interpreter's lock.
+
+    Parameters
+    ----------
+    function : callable
+    blocks : sequence
+    jobs : int
+        Number of threads.
+
+    Yields
+    ------
+    object
+        The results in the order of the blocks.
+    """
     if jobs == 1:
         yield from map(function, blocks)
         return

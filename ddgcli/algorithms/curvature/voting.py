@@ -44,6 +44,10 @@ def normal_voting(
     radius : float, optional
         Of the ball; a vertex whose ball holds fewer neighbours than its two rings keeps the rings.
 
+    Returns
+    -------
+    PrincipalCurvatures
+
     References
     ----------
     D. L. Page et al., "Normal vector voting", 2002, and M. Salfer et al., "Reliable estimation of membrane
@@ -62,7 +66,23 @@ def normal_voting_at(
 ) -> PrincipalCurvatures | None:
     """Principal curvatures of `normal_voting` at a few vertices, in balls that need not be connected.
 
-    None where the balls around all vertices of these balls would have more than `max_pairs` members.
+    Parameters
+    ----------
+    faces : Faces
+    normal : (3, n) ndarray of float64
+        Unit normals.
+    few : (k,) ndarray of int64
+        Vertices to measure.
+    tree : cKDTree
+        Of all vertices.
+    radius : float
+    max_pairs : float
+
+    Returns
+    -------
+    PrincipalCurvatures or None
+        Of the k vertices; None where the balls around all vertices of these balls would have more than
+        `max_pairs` members.
     """
     regions = balls_around(faces.points, few, tree, radius)
     around, place = np.unique(regions.member, return_inverse=True)

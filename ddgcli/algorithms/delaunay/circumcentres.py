@@ -29,20 +29,52 @@ class Targets:
 
 
 def triangle_share(corners: NDArray, point: NDArray) -> NDArray[np.float64]:
-    """(k, 3) barycentric coordinates of points in triangles (k, 3) of complex numbers."""
+    """Barycentric coordinates of points in planar triangles.
+
+    Parameters
+    ----------
+    corners : (k, 3) ndarray of complex128
+    point : (k,) ndarray of complex128
+
+    Returns
+    -------
+    (k, 3) ndarray of float64
+        Negative where the point lies outside.
+    """
     away = corners - point[:, None]
     corner_area = planar_cross(away[:, [1, 2, 0]], away[:, [2, 0, 1]])
     return corner_area / planar_cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
 
 
 def pushed_inside(corners: NDArray, point: NDArray) -> NDArray[np.complex128]:
-    """Points with no barycentric coordinate below MIN_BARYCENTRIC, so that no part of a cut face is flat."""
+    """Move points so far into their triangles that no piece of a cut face is flat.
+
+    Parameters
+    ----------
+    corners : (k, 3) ndarray of complex128
+    point : (k,) ndarray of complex128
+
+    Returns
+    -------
+    (k,) ndarray of complex128
+        With no barycentric coordinate much below `MIN_BARYCENTRIC`.
+    """
     share = np.maximum(triangle_share(corners, point), MIN_BARYCENTRIC)
     return (share * corners).sum(axis=1) / share.sum(axis=1)
 
 
 def apex_of(state: SideArrays, side: NDArray) -> NDArray[np.complex128]:
-    """The corner opposite each side, in the frame where the side runs from 0 to 1."""
+    """Corner opposite each side, in the frame where the side runs from 0 to 1.
+
+    Parameters
+    ----------
+    state : SideArrays
+    side : (k,) ndarray of int64
+
+    Returns
+    -------
+    (k,) ndarray of complex128
+    """
     _, following, previous = around(side)
     t = state.tangent[following]
     return (1 + 1j * t) ** 2 / (1 + t * t) * (state.length[previous] / state.length[side])
@@ -52,6 +84,17 @@ def seek_circumcentres(state: SideArrays, face: NDArray) -> Targets:
     """Trace straight lines from Delaunay faces to their circumcentres.
 
     The circumdisk of a face is flat and contains no vertex, so the line across the longest side is unique.
+
+    Parameters
+    ----------
+    state : SideArrays
+        Of a Delaunay triangulation.
+    face : (k,) ndarray of int64
+
+    Returns
+    -------
+    Targets
+        The face that contains each circumcentre, or the boundary side that the line meets.
     """
     tangent = state.tangent.reshape(-1, 3)[face]
     widest = tangent.argmax(axis=1)
@@ -101,7 +144,18 @@ class Cavity:
 
 
 def conflict_cavity(state: SideArrays, targets: Targets) -> Cavity:
-    """Collect, from the face of each target outward, the faces that its insertion changes."""
+    """Collect, from the face of each target outward, the faces that its insertion changes.
+
+    Parameters
+    ----------
+    state : SideArrays
+        Of a Delaunay triangulation.
+    targets : Targets
+
+    Returns
+    -------
+    Cavity
+    """
     k = len(targets.side)
     encroached = np.full(k, -1)
     item, side, corners = np.arange(k), targets.side, targets.corners

@@ -246,6 +246,10 @@ def common_subdivision(
     place_lines : callable
         Positions of crossings along edges and base sides, as `lines_over` gives them.
 
+    Returns
+    -------
+    CommonSubdivision
+
     Raises
     ------
     MeshError

@@ -188,14 +188,23 @@ def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
 
 
 def max_flip_rounds(n_faces: int) -> int:
-    """Bound on batches of independent flips, far above what any surface needs."""
+    """Bound on batches of independent flips, far above what any surface needs.
+
+    Parameters
+    ----------
+    n_faces : int
+
+    Returns
+    -------
+    int
+    """
     return 1000 + 10 * n_faces
 
 
 def flip_until_delaunay(
     state: SideArrays, active: NDArray | None = None, *, max_rounds: int | None = None
 ) -> tuple[int, int, bool]:
-    """Flip edges that are not locally Delaunay until none remains; returns flips, rounds, completeness.
+    """Flip edges that are not locally Delaunay until none remains.
 
     Parameters
     ----------
@@ -204,6 +213,13 @@ def flip_until_delaunay(
         Sides whose edges may need a flip; all by default.
     max_rounds : int, optional
         Bound on the batches; `max_flip_rounds` by default.
+
+    Returns
+    -------
+    flips, rounds : int
+        Edges flipped, and batches.
+    complete : bool
+        False where `max_rounds` ended the flips.
 
     Notes
     -----

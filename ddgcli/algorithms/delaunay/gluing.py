@@ -12,7 +12,17 @@ PREVIOUS_SIDE = np.array([2, -1, -1])
 
 
 def around(side: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Face of each side, and the next and the previous side in it."""
+    """Face of each side, and the next and the previous side in it.
+
+    Parameters
+    ----------
+    side : (k,) ndarray of int64
+        Flat side numbers 3*face + j.
+
+    Returns
+    -------
+    face, following, previous : (k,) ndarray of int64
+    """
     face = side // 3
     corner = side - 3 * face
     return face, side + NEXT_SIDE.take(corner), side + PREVIOUS_SIDE.take(corner)

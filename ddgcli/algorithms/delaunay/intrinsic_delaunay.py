@@ -117,7 +117,16 @@ class DelaunayResult:
 def check_query(
     mesh: TriangleMesh, degrees: float | None = None, transferred: dict[str, NDArray] | None = None
 ) -> None:
-    """Raise the errors of `intrinsic_delaunay`, before it computes."""
+    """Raise the errors of `intrinsic_delaunay`, before it computes.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    degrees : float, optional
+        Least angle of the refinement.
+    transferred : dict of str to ndarray, optional
+        Functions on vertices to transfer.
+    """
     check_transferable(transferred or {}, OWN_ARRAYS)
     if degrees is not None:
         check_refinement(mesh, degrees)
@@ -255,7 +264,18 @@ def subdivision_residuals(cut: CommonSubdivision, mesh: TriangleMesh) -> dict[st
 
 
 def overlay_mesh(cut: CommonSubdivision, transferred: dict[str, TransferResult]) -> AnnotatedMesh:
-    """The common subdivision with its labels and the interpolants of the input's functions."""
+    """Common subdivision as a mesh with its labels and the interpolants of the input's functions.
+
+    Parameters
+    ----------
+    cut : CommonSubdivision
+    transferred : dict of str to TransferResult
+
+    Returns
+    -------
+    AnnotatedMesh
+        Vertex array `vertex_kind`, face arrays `input_face` and `intrinsic_face`, and the functions by name.
+    """
     arrays = {name: cut.from_input @ one.input_values for name, one in transferred.items()}
     return AnnotatedMesh(
         cut.mesh,

@@ -40,7 +40,21 @@ def corner_arcs(opposite: NDArray, left: NDArray, right: NDArray) -> tuple[NDArr
 
 
 def flipped_crossings(ij: NDArray, jk: NDArray, ki: NDArray, il: NDArray, lj: NDArray) -> NDArray[np.int64]:
-    """Coordinate of kl after the flip of ij between the faces (i, j, k) and (j, i, l)."""
+    """Normal coordinate of edge kl after the flip of ij between the faces (i, j, k) and (j, i, l).
+
+    Parameters
+    ----------
+    ij, jk, ki, il, lj : (k,) ndarray of int64
+        Normal coordinates of the five edges.
+
+    Returns
+    -------
+    (k,) ndarray of int64
+
+    References
+    ----------
+    GillespieSharpCrane2021 in docs/references.bib.
+    """
     along = np.maximum(-ij, 0)
     ij, jk, ki, il, lj = (np.maximum(n, 0) for n in (ij, jk, ki, il, lj))
     leave_k, cut_k = corner_arcs(ij, jk, ki)
@@ -112,12 +126,34 @@ class Crossings:
 
 
 def ahead(half: NDArray, places: NDArray | int) -> NDArray[np.int64]:
-    """The half-crossings a number of places nearer the head of the same side."""
+    """Half-crossings a number of places nearer the head of the same side.
+
+    Parameters
+    ----------
+    half : (k,) ndarray of int64
+    places : (k,) ndarray of int64 or int
+
+    Returns
+    -------
+    (k,) ndarray of int64
+    """
     return half + places * (2 - 4 * (half & 1))
 
 
 def crossings_of(coordinate: NDArray, side_twin: NDArray) -> Crossings:
-    """Half-crossings and arcs of normal coordinates (m, 3) on a gluing (m, 3)."""
+    """Half-crossings and arcs of normal coordinates.
+
+    Parameters
+    ----------
+    coordinate : (m, 3) ndarray of int64
+        Normal coordinate of each side.
+    side_twin : (m, 3) ndarray of int64
+        Gluing of the sides.
+
+    Returns
+    -------
+    Crossings
+    """
     count, twin = np.maximum(coordinate, 0), side_twin.ravel()
     flat = count.ravel()
     side = np.flatnonzero((flat > 0) & (np.arange(len(flat)) < twin))
@@ -135,19 +171,50 @@ def crossings_of(coordinate: NDArray, side_twin: NDArray) -> Crossings:
 
 
 def blocks(count: NDArray, together: int) -> list[slice]:
-    """Slices of lists with about `together` members in total, so that temporaries stay in cache."""
+    """Slices of ragged lists with about `together` members in total, so that temporaries stay in cache.
+
+    Parameters
+    ----------
+    count : (k,) ndarray of int64
+        Members of each list.
+    together : int
+
+    Returns
+    -------
+    list of slice
+    """
     block_number = (np.cumsum(count) - count) // together
     bounds = np.concatenate([[0], np.flatnonzero(block_number[1:] != block_number[:-1]) + 1, [len(count)]])
     return [slice(a, b) for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist()) if a < b]
 
 
 def following(side: NDArray) -> NDArray[np.int64]:
-    """The next side of the same face."""
+    """Next side of the same face.
+
+    Parameters
+    ----------
+    side : (k,) ndarray of int64
+        Flat side numbers 3*face + j.
+
+    Returns
+    -------
+    (k,) ndarray of int64
+    """
     return side + np.where(side % 3 == 2, -2, 1)
 
 
 def preceding(side: NDArray) -> NDArray[np.int64]:
-    """The side before in the same face."""
+    """Previous side of the same face.
+
+    Parameters
+    ----------
+    side : (k,) ndarray of int64
+        Flat side numbers 3*face + j.
+
+    Returns
+    -------
+    (k,) ndarray of int64
+    """
     return side + np.where(side % 3 == 0, 2, -1)
 
 
@@ -182,6 +249,10 @@ def base_edges_of(c: Crossings, tail: NDArray) -> BaseEdges:
     c : Crossings
     tail : (3m,) ndarray of int64
         Vertex at each corner.
+
+    Returns
+    -------
+    BaseEdges
     """
     onward, here, corner = _arcs(c)
     head = tail[corner]

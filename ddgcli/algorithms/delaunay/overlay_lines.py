@@ -147,6 +147,10 @@ def in_order(share: NDArray, label: NDArray, edges: BaseEdges) -> NDArray[np.flo
     label : (x,) ndarray of int64
         Of all crossings of some base edges: see `BaseEdges.label`.
     edges : BaseEdges
+
+    Returns
+    -------
+    (x,) ndarray of float64
     """
     one = np.arange(len(edges.reverse)) < edges.reverse  # of the two chains of an edge
     present = np.zeros(len(one), dtype=bool)

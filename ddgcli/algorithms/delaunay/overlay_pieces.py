@@ -85,6 +85,18 @@ class Pieces:
 def cut_faces(c: Crossings, names: Names, labels: Labels) -> Pieces:
     """Cut faces along their arcs into convex pieces, and those into fans of triangles.
 
+    Parameters
+    ----------
+    c : Crossings
+    names : Names
+        Numbers of the vertices and crossings in the result.
+    labels : Labels
+        Which input faces lie beside the arcs.
+
+    Returns
+    -------
+    Pieces
+
     Notes
     -----
     Around a corner that arcs cut off lie a triangle and quadrilaterals. What is left is one polygon of at

@@ -69,7 +69,20 @@ class RefinementResult:
 
 
 def check_refinement(mesh: TriangleMesh, degrees: float) -> None:
-    """Raise the errors of `refine`."""
+    """Raise the errors of `refine`, before it computes.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    degrees : float
+        Least angle to reach.
+
+    Raises
+    ------
+    ParameterError
+        When the refinement might not end at this angle.
+    MeshError
+    """
     if not 0 < degrees <= MAX_REFINEMENT_DEGREES:
         raise ParameterError(
             f"refinement to {degrees:g} degrees does not end; use at most {MAX_REFINEMENT_DEGREES:g} "

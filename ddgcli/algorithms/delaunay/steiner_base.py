@@ -55,7 +55,18 @@ class SteinerPoints:
 
 
 def with_steiner_points(mesh: TriangleMesh, steiner: SteinerPoints) -> BaseTriangulation:
-    """Insert points into the input: input vertices come first, every face lies inside one input face."""
+    """Insert points into the input triangulation.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    steiner : SteinerPoints
+
+    Returns
+    -------
+    BaseTriangulation
+        Input vertices come first; every face lies inside one input face.
+    """
     work = _Insertion(mesh, steiner)
     work.cut_boundary()
     work.cut_faces()

@@ -74,7 +74,18 @@ class TransferResult:
 
 
 def check_transferable(arrays: dict[str, NDArray], reserved: Collection[str]) -> None:
-    """Refuse arrays with a reserved name, and arrays of anything but finite numbers; ParameterError."""
+    """Raise an error for arrays with a reserved name, and for arrays of anything but finite numbers.
+
+    Parameters
+    ----------
+    arrays : dict of str to ndarray
+    reserved : collection of str
+        Names of arrays of the output.
+
+    Raises
+    ------
+    ParameterError
+    """
     for name, values in arrays.items():
         if name in reserved:
             raise ParameterError(f"the output has its own array {name!r}; rename yours", parameter="transfer")
@@ -91,7 +102,18 @@ def check_transferable(arrays: dict[str, NDArray], reserved: Collection[str]) ->
 
 
 def transfer_to_intrinsic(cut: CommonSubdivision, arrays: dict[str, NDArray]) -> dict[str, TransferResult]:
-    """Transfer arrays on the input's vertices to the intrinsic triangulation, by `transfer` in one solve."""
+    """Transfer functions on the input's vertices to the intrinsic triangulation, by `transfer` in one solve.
+
+    Parameters
+    ----------
+    cut : CommonSubdivision
+    arrays : dict of str to (n, ...) ndarray
+
+    Returns
+    -------
+    dict of str to TransferResult
+        With the relative L2 change of the interpolant, and the relative change of the integral.
+    """
     columns = {name: row_matrix(np.asarray(a, dtype=np.float64)) for name, a in arrays.items()}
     whole = np.concatenate(list(columns.values()), axis=1)
     transferred = transfer(cut, whole, to="intrinsic")

@@ -145,7 +145,21 @@ def _missing(numbers: NDArray) -> NDArray[np.int64]:
 
 
 def glue(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
-    """The mesh by its side lengths, with an explicit gluing; MeshError where faces do not pair up."""
+    """Intrinsic mesh of a surface: its side lengths and an explicit gluing of its sides.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    IntrinsicMesh
+
+    Raises
+    ------
+    MeshError
+        Where faces do not pair up, or a length is negative or not finite.
+    """
     topology = mesh.topology
     if topology.n_faces == 0:
         raise MeshError("no triangles; the intrinsic Delaunay triangulation needs a surface")
@@ -187,7 +201,20 @@ def require_oriented(mesh: TriangleMesh | IntrinsicMesh, verb: str) -> None:
 
 
 def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str, *, one_sided: bool = False) -> None:
-    """Raise MeshError for a mesh whose faces cannot be glued in pairs, oriented or (`one_sided`) without."""
+    """Raise an error for a mesh whose faces cannot be glued in pairs.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    verb : str
+        Subject of the message.
+    one_sided : bool
+        Whether components without an orientation are accepted.
+
+    Raises
+    ------
+    MeshError
+    """
     topology = mesh.topology
     twice = np.flatnonzero((topology.side_tail == topology.side_head).reshape(-1, 3).any(axis=1))
     if len(twice):
@@ -216,16 +243,41 @@ def _is_gluing(topology: Topology) -> bool:
 
 
 def check_area(mesh: TriangleMesh | IntrinsicMesh) -> None:
-    """Raise MeshError for a surface without area, as the flips do, at little cost on others."""
+    """Raise an error for a surface without area, as the flips do, at little cost on others.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Raises
+    ------
+    MeshError
+    """
     if all_flat(mesh.side_length):
         working_lengths(mesh, glue(mesh))  # in extended precision some face may have an area
 
 
 def working_lengths(mesh: TriangleMesh | IntrinsicMesh, glued: IntrinsicMesh) -> Mollification:
-    """Side lengths for the flips: mollified where a triangle has no area.
+    """Side lengths for the flips, mollified where a triangle has no area.
 
     In extended precision if the mesh has positions and caps so flat that float64 lengths would lose their
     heights (float64 on platforms without extended precision).
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        The input.
+    glued : IntrinsicMesh
+        The same by `glue`.
+
+    Returns
+    -------
+    Mollification
+
+    Raises
+    ------
+    MeshError
+        When no face has an area.
     """
     length = glued.side_length
     if len(_caps(length, CAP_TOLERANCE)) == 0:
@@ -245,7 +297,17 @@ def _caps(length: NDArray, least: float) -> NDArray[np.int64]:
 
 
 def length_scale(length: NDArray) -> float:
-    """A power of two near the mean length: dividing by it is exact and keeps products in range."""
+    """Power of two near the mean length: dividing by it is exact and keeps products in range.
+
+    Parameters
+    ----------
+    length : ndarray of float64
+
+    Returns
+    -------
+    float
+        1 where the mean is zero.
+    """
     mean = float(length.mean()) if length.size else 1.0
     return float(2.0 ** np.round(np.log2(mean))) if mean > 0 else 1.0
 
@@ -258,12 +320,31 @@ def unglue(state: SideArrays, mesh: IntrinsicMesh, scale: float) -> IntrinsicMes
 
 
 def remaining_note(count: int) -> str:
-    """The warning of edges that are not Delaunay after the flips."""
+    """Warning of edges that are not Delaunay after the flips.
+
+    Parameters
+    ----------
+    count : int
+
+    Returns
+    -------
+    str
+    """
     return f"{count} edges of flat triangles are not flipped: rounding decides their Delaunay test"
 
 
 def non_delaunay_edges(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.bool_]:
-    """(m, 3) True at one side of each interior edge whose opposite angles sum to more than pi + 1e-9."""
+    """Interior edges whose opposite angles sum to more than pi, beyond a tolerance.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (m, 3) ndarray of bool
+        True at one side of each such edge.
+    """
     angle = 2.0 * np.arctan(half_angle_tangent(mesh.side_length))
     opposite = angle[:, [2, 0, 1]].ravel()
     twin = mesh.topology.side_twin.ravel()
@@ -273,7 +354,17 @@ def non_delaunay_edges(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.bool_]:
 
 
 def negative_cotan_edges(mesh: TriangleMesh | IntrinsicMesh) -> int:
-    """Edges, boundary ones included, of negative cotangent weight (beyond 1e-9 of its terms)."""
+    """Count the edges of negative cotangent weight, boundary edges included.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    int
+        Without weights that are zero up to 1e-9 of their terms.
+    """
     cotan = corner_cotan(mesh.side_length)[:, [2, 0, 1]].ravel()
     edge = mesh.topology.side_edge.ravel()
     weight, size = (sum_by_index(edge, c, mesh.topology.n_edges) for c in (cotan, np.abs(cotan)))

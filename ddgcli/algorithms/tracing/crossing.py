@@ -18,17 +18,48 @@ ROW = Struct("6d2q")  # a row of Unfolding.side
 
 
 def leaves_right(apex: Any, x: Any, heading: Any) -> Any:
-    """True where the line leaves by the next side. From a vertex it always does (the opposite side)."""
+    """Whether a line leaves a face by the next side; from a vertex it always does (the opposite side).
+
+    Parameters
+    ----------
+    apex, heading : complex or (k,) ndarray of complex128
+        In the frame of the entry side.
+    x : float or (k,) ndarray of float64
+        Position on the entry side, from its tail.
+
+    Returns
+    -------
+    bool or (k,) ndarray of bool
+    """
     return (heading.real * apex.imag > heading.imag * (apex.real - x)) | (x == 0.0)
 
 
 def to_exit(
     x: Any, width: Any, heading: Any, turned: Any, sine: Any, exit_length: Any, share: Any
 ) -> tuple[Any, Any, Any]:
-    """Position of the exit from the corner shared by entry and exit side, from the apex, and its distance.
+    """Where a line leaves a face, and how far it runs inside.
 
-    `turned` is the heading in the frame of the exit's twin, `sine` the sine of the angle between the two
-    sides. `share` is 1 where the line leaves by the next side, 0 where it leaves by the previous.
+    Parameters
+    ----------
+    x, width : float or (k,) ndarray of float64
+        Position on the entry side from its tail, and length of that side.
+    heading, turned : complex or (k,) ndarray of complex128
+        Unit heading in the frame of the entry side, and of the twin of the exit side.
+    sine : float or (k,) ndarray of float64
+        Sine of the angle between both sides.
+    exit_length : float or (k,) ndarray of float64
+        Length of the exit side.
+    share : float or (k,) ndarray of float64
+        1 where the line leaves by the next side, 0 where by the previous.
+
+    Returns
+    -------
+    u : float or (k,) ndarray of float64
+        Distance of the exit from the corner that both sides share.
+    beyond_u : float or (k,) ndarray of float64
+        Distance of the exit from the apex.
+    distance : float or (k,) ndarray of float64
+        Length of the line inside the face.
     """
     k = (x + share * (width - 2.0 * x)) / turned.imag
     u = k * heading.imag
@@ -36,9 +67,20 @@ def to_exit(
 
 
 def scalar_crossings(rows: memoryview, state: tuple, max_steps: int) -> list[tuple]:
-    """States (side, x, heading, rest, width) of one line after each of the next faces.
+    """Follow one line through the next faces, until a crossing that needs special treatment.
 
-    Ends before a crossing that needs special treatment. `rows` are the bytes of Unfolding.side.
+    Parameters
+    ----------
+    rows : memoryview
+        Bytes of `Unfolding.side`.
+    state : tuple
+        Side, position, heading, rest of the length, width of the side.
+    max_steps : int
+
+    Returns
+    -------
+    list of tuple
+        The state after each face.
     """
     states = []
     unpack, size = ROW.unpack_from, ROW.size
@@ -62,23 +104,63 @@ def scalar_crossings(rows: memoryview, state: tuple, max_steps: int) -> list[tup
 
 
 def next_side(side: NDArray) -> NDArray[np.int64]:
-    """Next side of the same face."""
+    """Next side of the same face.
+
+    Parameters
+    ----------
+    side : (k,) ndarray of int64
+        Flat side numbers 3*face + j.
+
+    Returns
+    -------
+    (k,) ndarray of int64
+    """
     return side + np.where(side % 3 == 2, -2, 1)
 
 
 def previous_side(side: NDArray) -> NDArray[np.int64]:
-    """Previous side of the same face."""
+    """Previous side of the same face.
+
+    Parameters
+    ----------
+    side : (k,) ndarray of int64
+        Flat side numbers 3*face + j.
+
+    Returns
+    -------
+    (k,) ndarray of int64
+    """
     return side + np.where(side % 3 == 0, 2, -1)
 
 
 def least(x: NDArray, y: NDArray, z: NDArray) -> NDArray[np.int64]:
-    """Index of the least of three numbers, row by row (numpy reductions over short axes are slow)."""
+    """Index of the least of three numbers, row by row (numpy reductions over short axes are slow).
+
+    Parameters
+    ----------
+    x, y, z : (k,) ndarray of float64
+
+    Returns
+    -------
+    (k,) ndarray of int64
+    """
     return np.where(x <= y, np.where(x <= z, 0, 2), np.where(y <= z, 1, 2))
 
 
 def on_side(side: NDArray, share: NDArray) -> NDArray[np.float64]:
-    """(k, 3) barycentric coordinates of the points at the fraction `share` along sides, in the face of the
-    side."""
+    """Barycentric coordinates of points on sides, in the face of the side.
+
+    Parameters
+    ----------
+    side : (k,) ndarray of int64
+        Flat side numbers 3*face + j.
+    share : (k,) ndarray of float64
+        Position of the point as a fraction of the side, from its tail.
+
+    Returns
+    -------
+    (k, 3) ndarray of float64
+    """
     barycentric = np.zeros((len(side), 3))
     rows, j = np.arange(len(side)), side % 3
     barycentric[rows, j] = 1.0 - share
