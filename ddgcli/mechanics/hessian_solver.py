@@ -41,6 +41,11 @@ class HessianSolver:
         self.error = 10 * self._iterative.reduction if name else 0.0
 
     @property
+    def iterative(self) -> str | None:
+        """Name of the iterative solver; None where the matrices are factorised."""
+        return self._iterative.name if self._iterative else None
+
+    @property
     def by_blocks(self) -> bool:
         """Whether matrices with (3, 3) blocks are preferred."""
         return self._iterative is not None

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from benchmarks.common.process import measured_command
+from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.cli.forecast import check_cost, prediction
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
-from ddgcli.cli.forecast.kernels import (
-    CONTACT_STEPS,
-)
+from ddgcli.cli.forecast.kernels import CONTACT_STEPS
 from ddgcli.io.mesh_file import write_mesh
+from ddgcli.linalg import backends
 from ddgcli.mesh import shapes
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -119,25 +119,29 @@ def test_a_scene_that_cannot_fit_is_refused_in_one_line_before_it_starts(
     assert run(*words).stderr == refusal.stderr and list(tmp_path.iterdir()) == []
 
 
-def test_shell_steps_whose_factors_do_not_fit_are_predicted_with_conjugate_gradients(
-    tmp_path, run, summary, monkeypatch
-):
+def test_a_dry_run_of_shells_predicts_the_solver_that_the_run_chooses(tmp_path, run, summary, monkeypatch):
+    """Both decide by the pattern of the Hessians and the memory that is available."""
     path = tmp_path / "sheet.npz"
     write_mesh(str(path), AnnotatedMesh(shapes.grid(110, 110)))
-    words = ("shell-sim", path, *SHELL.split(), "--steps", 3, "--dry-run")
+    words = ("shell-sim", path, *SHELL.split(), "--pin", 0, "--steps", 1)
     # without the peak of the tests before in this process
     monkeypatch.setattr(prediction, "resident_memory", lambda: (100 * MIB, 100 * MIB))
 
     def kernel(mib):
-        monkeypatch.setattr(prediction, "available_memory", lambda enough=0: mib * MIB)
-        return facts_of(summary(*words))["kernels"][-1]
+        for module in (prediction, backends):
+            monkeypatch.setattr(module, "available_memory", lambda enough=0: mib * MIB)
+        return facts_of(summary(*words, "--dry-run"))["kernels"][-1]
 
-    direct, iterative = kernel(1e4), kernel(200)
-    assert direct["kernel"] == "shell-sim implicit step" and direct["mib"] > 200
+    # the measured peak of factors, 270 MiB, fits into both; the run's estimate with the matrix is 338 MiB
+    direct, iterative = kernel(360), kernel(320)
+    assert direct["kernel"] == "shell-sim implicit step" and 250 < direct["mib"] < 320
     assert iterative["kernel"] == "shell-sim iterative implicit step" and iterative["mib"] < 200
+    assert summary(*words)["accuracy"]["step_solver"] in ITERATIVE_SOLVERS
+    kernel(360)
+    assert "step_solver" not in summary(*words)["accuracy"]
     monkeypatch.setattr(prediction, "available_memory", lambda enough=0: 50 * MIB)
     monkeypatch.setattr(check_cost, "MIN_CHECKED_ELEMENTS", 1)
-    refusal = run(*words[:-1])
+    refusal = run(*words)
     assert refusal.exit_code == 2 and "needs about" in refusal.stderr
     monkeypatch.setenv("DDGCLI_SOLVER", "conjugate-gradients")
     assert kernel(1e4)["kernel"] == iterative["kernel"]

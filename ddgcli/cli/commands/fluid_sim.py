@@ -115,6 +115,9 @@ class Fluids:
     def cost_facts(self) -> dict[str, Any]:
         return {}
 
+    def linear_solver(self) -> str | None:
+        return None
+
     def step_limit(self) -> float:
         return min((fluid.step_limit() for fluid in self.fluids.values()), default=math.inf)
 

@@ -142,6 +142,11 @@ class Shells:
         counts = {"modes": self.n_modes, "buckling": self.n_buckling}
         return cost_facts(self.scene, self.contexts) | counts
 
+    def linear_solver(self) -> str | None:
+        from ddgcli.models.shell.report import step_solver
+
+        return step_solver(self.scene, self.systems)
+
     def step_limit(self) -> float:
         return min((model.largest_step for model in self.models().values()), default=math.inf)
 

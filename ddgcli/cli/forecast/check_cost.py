@@ -65,10 +65,13 @@ def _angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
     return float(np.maximum(1.0 - smallest / degrees, 0.0).sum())
 
 
-def predict_run(run: Any, size: InputSize, options: Mapping[str, Any] | None = None) -> Prediction:
+def predict_run(
+    run: Any, size: InputSize, options: Mapping[str, Any] | None = None, earlier: Prediction | None = None
+) -> Prediction:
     """Cost of a run on an input of a size; `options` replace those of the summary.
 
     Where factors do not fit into memory, conjugate gradients take their place, as they do in the run.
+    `earlier` is a prediction of the same run, before which nothing was computed.
     """
     from ddgcli.cli.forecast.prediction import fits, predict
 
@@ -81,7 +84,7 @@ def predict_run(run: Any, size: InputSize, options: Mapping[str, Any] | None = N
             run.command, all_options | {"solver": solver}, size, common.outputs, common.plot is not None,
             common.exceeds_short_summary,
         )  # fmt: skip
-        return predict(uses, size, calibrate=common.dry_run)
+        return predict(uses, size, calibrate=common.dry_run, earlier=earlier)
 
     prediction = prediction_of(all_options["solver"])
     if all_options["solver"] in (None, "auto") and not fits(prediction):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ddgcli.choices import ITERATIVE_SOLVERS, MAX_REFINEMENT_DEGREES
+from ddgcli.choices import EXPLICIT_INTEGRATORS, ITERATIVE_SOLVERS, MAX_REFINEMENT_DEGREES
 
 __all__ = ["InputSize", "Use", "kernels_of"]
 
@@ -32,7 +32,6 @@ ADAPTIVE_RANGE: Range = (1.0, 10.0)  # adaptive steps of a frame
 CONTACT_STEPS = 2.2  # steps without contact that cost as much as one with it, for its Newton iterations
 CONTACT_RANGE: Range = (0.4, 5.0)  # before contact none; a stiff sheet that has struck something needs many
 STEPS_PER_ITERATION = 0.5  # one factorisation in place of a factorisation and the moves after it
-EXPLICIT_INTEGRATORS = ("verlet", "symplectic-euler", "avi")
 DESCENT_RANGE: Range = (0.1, 1.5)  # of --steps, where a flow ends at rest before
 CONFORMAL_RANGE: Range = (0.2, 5.0)
 MAX_COMPARED_FACES, TRADEOFF_RANGE = 14_000, (0.2, 5.0)  # on larger meshes the budget bounds the rows

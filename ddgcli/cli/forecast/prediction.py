@@ -58,6 +58,8 @@ class Prediction:
         the sums.
     read_mib, read_seconds : float
         Resident memory and CPU seconds so far.
+    read_peak_mib : float
+        Largest resident memory so far.
     """
 
     peak_mib: float
@@ -66,9 +68,12 @@ class Prediction:
     kernels: list[dict[str, Any]]
     read_mib: float
     read_seconds: float
+    read_peak_mib: float = 0.0
 
 
-def predict(uses: Sequence[Use], size: InputSize, *, calibrate: bool = True) -> Prediction:
+def predict(
+    uses: Sequence[Use], size: InputSize, *, calibrate: bool = True, earlier: Prediction | None = None
+) -> Prediction:
     """Predict the cost of kernels, from the state of this process after reading.
 
     Parameters
@@ -77,9 +82,14 @@ def predict(uses: Sequence[Use], size: InputSize, *, calibrate: bool = True) -> 
     size : InputSize
     calibrate : bool
         Scale the seconds of the table by a probe of a few ms; False: leave them as measured.
+    earlier : Prediction, optional
+        Whose state of the process counts, where it has computed since.
     """
-    seconds_so_far = time.process_time()
-    now, peak = (value / MIB for value in resident_memory())
+    if earlier is None:
+        seconds_so_far = time.process_time()
+        now, peak = (value / MIB for value in resident_memory())
+    else:
+        seconds_so_far, now, peak = earlier.read_seconds, earlier.read_mib, earlier.read_peak_mib
     scale = probe() / PROBE_SECONDS if calibrate else 1.0
     kernels = [_row(use, size, scale) for use in uses]
     shared = max((row["mib"] for row in kernels if row["mib"] and not row["added"]), default=0.0)
@@ -89,7 +99,7 @@ def predict(uses: Sequence[Use], size: InputSize, *, calibrate: bool = True) -> 
         seconds_so_far + sum(use.range[k] * (row["seconds"] or 0.0) for use, row in zip(uses, kernels))
         for k in (0, 1)
     )
-    return Prediction(max(peak, now + shared + added), total, (low, high), kernels, now, seconds_so_far)
+    return Prediction(max(peak, now + shared + added), total, (low, high), kernels, now, seconds_so_far, peak)
 
 
 def with_divided_steps(

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from ddgcli.cli.forecast.check_cost import predict_run, refuse_run
 from ddgcli.cli.forecast.kernels import InputSize
 from ddgcli.cli.forecast.prediction import as_results, with_divided_steps
 from ddgcli.cli.run import Run
@@ -55,6 +56,10 @@ class Physics(Protocol):
 
     def cost_facts(self) -> dict[str, Any]:
         """Facts of the scene by which `forecast.kernels` chooses its kernels."""
+        ...
+
+    def linear_solver(self) -> str | None:
+        """Solver of the linear systems of the steps, as the run chooses it; None where they have none."""
         ...
 
     def step_limit(self) -> float:
@@ -145,6 +150,9 @@ def run_scene(
     )  # fmt: skip
     check_job(run, job)
     if call.common.dry_run and prediction is not None:
+        if solver := simulator.linear_solver():
+            prediction = predict_run(run, size, facts | {"solver": solver}, prediction)
+            refuse_run(run, size, prediction)
         prediction = with_divided_steps(
             prediction, schedule.dt, simulator.step_limit(), adaptive=schedule.tolerance is not None
         )

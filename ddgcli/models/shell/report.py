@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.choices import EXPLICIT_INTEGRATORS
 from ddgcli.errors import ParameterError
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.rounding import Rounding
@@ -92,6 +93,19 @@ def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any
         "midedge": any(name == "bending" and p.model == "midedge" for name, p in effects),
         "pair_elements": sum(faces.get(name, 0) for name in searched),
     }
+
+
+def step_solver(scene: Scene, systems: dict[str, System]) -> str | None:
+    """Solver of the linear systems of the steps: an iterative one, or `direct`; None of explicit steps.
+
+    The decision is that of the run, by the patterns of the Hessians and the available memory.
+    """
+    from ddgcli.mechanics.newton import Increment, newton_of
+
+    if scene.time.integrator in EXPLICIT_INTEGRATORS:
+        return None
+    solvers = [newton_of(system).solver(Increment(1.0, system.start)) for system in systems.values()]
+    return next((solver.iterative for solver in solvers if solver.iterative), "direct")
 
 
 DRIFTS = ("energy_drift", "energy_gain", "momentum_drift", "angular_momentum_drift")
