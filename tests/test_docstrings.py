@@ -19,6 +19,10 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = (
     "ddgcli.algorithms.curvature",
     "ddgcli.algorithms.delaunay",
+    "ddgcli.algorithms.geodesics",
+    "ddgcli.algorithms.hodge",
+    "ddgcli.algorithms.laplacian",
+    "ddgcli.algorithms.tangent_fields",
     "ddgcli.algorithms.tracing",
     "ddgcli.geometry",
     "ddgcli.linalg",

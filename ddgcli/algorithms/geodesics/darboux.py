@@ -63,7 +63,16 @@ def add_darboux_frames(mesh: TriangleMesh, curves: Curves) -> Curves:
 
 
 def sphere_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(n, 3) unit normals at vertices, exact where a vertex and its neighbours lie on a sphere.
+    """Unit normals at vertices, exact where a vertex and its neighbours lie on a sphere.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+        Zero where undefined.
 
     References
     ----------

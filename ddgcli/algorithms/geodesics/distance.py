@@ -104,10 +104,18 @@ def prepare_solver(
 
     Parameters
     ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    method : {'exact', 'heat', 'fast-marching', 'dijkstra'}
+    options : DistanceOptions
     targets : SurfacePoints, optional
         exact: points on faces whose distances go into `results["targets"]`.
     progress : callable, optional
         exact: called with the number of final vertices and of all vertices.
+
+    Returns
+    -------
+    callable
+        Function from `Sources` to a `DistanceResult`.
 
     Raises
     ------
@@ -236,7 +244,18 @@ def _heat_mesh(mesh: SurfaceMesh, operator: str | None) -> tuple[str, SurfaceMes
 
 
 def check_heat(mesh: SurfaceMesh, operator: str | None) -> None:
-    """Raise the error of the heat method about a surface without area, at little cost on others."""
+    """Raise the error of the heat method about a surface without area, at little cost on others.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    operator : str or None
+        As in `DistanceOptions`.
+
+    Raises
+    ------
+    MeshError
+    """
     if all_flat(mesh.side_length):
         check_mollifiable(_heat_mesh(mesh, operator)[1])
 
@@ -280,8 +299,16 @@ def measure_distance(
 
     Parameters
     ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    sources : Sources
+    method : {'exact', 'heat', 'fast-marching', 'dijkstra'}
+    options : DistanceOptions
     solver : callable, optional
         `prepare_solver(mesh, method, options)`, shared by several calls.
+
+    Returns
+    -------
+    DistanceResult
 
     Raises
     ------
@@ -331,10 +358,23 @@ def compare(
     methods: list[str],
     options: DistanceOptions = DistanceOptions(),
 ) -> dict[str, dict[str, Any]]:
-    """Difference of `distance` to the results of other methods, and their seconds.
+    """Differences of a distance from the results of other methods, and their seconds.
 
-    Errors are relative to the largest distance of the other method. `setup_seconds` is spent once for any
-    number of sources.
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    sources : Sources
+    distance : (n,) ndarray of float64
+        To compare.
+    methods : list of str
+    options : DistanceOptions
+        Of the other methods; their tolerance is set to 0.
+
+    Returns
+    -------
+    dict of str to dict
+        For each method its errors, relative to its largest distance, and seconds; `setup_seconds` is spent
+        once for any number of sources.
     """
     table: dict[str, dict[str, Any]] = {}
     for method in methods:
@@ -358,7 +398,18 @@ def compare(
 
 
 def distance_gradient(mesh: TriangleMesh, distance: NDArray) -> NDArray[np.float64]:
-    """(m, 3) gradient of the distance on faces; zero where a corner is unreached or a face has no area."""
+    """Gradient of a distance on faces.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    distance : (n,) ndarray of float64
+
+    Returns
+    -------
+    (m, 3) ndarray of float64
+        Without unit; zero where a corner is unreached or a face has no area.
+    """
     from ddgcli.operators.gradient import gradient
 
     reached = np.isfinite(distance)

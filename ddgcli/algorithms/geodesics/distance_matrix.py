@@ -36,6 +36,7 @@ def distance_matrix(
     sources, targets : (s,), (t,) array_like of int
     method : {'exact', 'heat', 'fast-marching', 'dijkstra'}
         With 'exact' and 'dijkstra', which are symmetric, the smaller of the two sets is propagated.
+    options : DistanceOptions, optional
     jobs : int
         Number of processes; the result does not depend on it.
     progress : callable, optional
@@ -77,12 +78,21 @@ def distance_rows(
 
     Parameters
     ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    starts : sequence of Sources
+    method : {'exact', 'heat', 'fast-marching', 'dijkstra'}
+    options : DistanceOptions
     targets : (t,) ndarray of int, optional
         Vertices; default all.
     jobs : int
         Number of processes. Each prepares its own solver.
     solver : callable, optional
         `prepare_solver(mesh, method, options)`, if there is one already; used with one job.
+
+    Yields
+    ------
+    (t,) ndarray of float64
+        For each element of `starts`.
     """
     jobs = min(jobs, len(starts))
     if jobs <= 1:

@@ -44,9 +44,23 @@ class DistanceQueryResult:
 
 
 def query_sources(mesh: TriangleMesh, query: DistanceQuery, source_edges: EdgeSet | None = None) -> Sources:
-    """Checked sources: vertices, points in space, points on faces, curves of edges, boundary loops.
+    """Sources of a query: vertices, points in space, points on faces, curves of edges, boundary loops.
 
-    `source_edges` is the edge set of `query.source_edges`; its connected parts are the curves.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    query : DistanceQuery
+    source_edges : EdgeSet, optional
+        Edge set of `query.source_edges`; its connected parts are the curves.
+
+    Returns
+    -------
+    Sources
+        Checked.
+
+    Raises
+    ------
+    ParameterError, MeshError
     """
     points = surface_points(mesh, query.source_point, query.source_face)
     sets = [source_edges] if source_edges is not None else []
@@ -65,7 +79,19 @@ def query_sources(mesh: TriangleMesh, query: DistanceQuery, source_edges: EdgeSe
 def query_options(
     mesh: TriangleMesh, query: DistanceQuery, *, directions: bool = False
 ) -> solvers.DistanceOptions:
-    """Options of the method of a query."""
+    """Options of the distance method of a query.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    query : DistanceQuery
+    directions : bool
+        Whether directions at the source are needed; computed on oriented meshes only.
+
+    Returns
+    -------
+    DistanceOptions
+    """
     return solvers.DistanceOptions(
         tolerance=query.tolerance or 0.0,
         operator=query.operator,
@@ -128,6 +154,10 @@ def query_distance(
         Processes for `query.each_source`; the result does not depend on it.
     stage_progress : callable, optional
         Called with the name of each stage; returns its progress callback.
+
+    Returns
+    -------
+    DistanceQueryResult
     """
     options = query_options(mesh, query, directions=directions)
     solver = solvers.prepare_solver(
@@ -158,7 +188,16 @@ def query_distance(
 
 
 def each_source_names(count: int) -> list[str]:
-    """Names of the distance arrays of single sources."""
+    """Names of the distance arrays of single sources.
+
+    Parameters
+    ----------
+    count : int
+
+    Returns
+    -------
+    list of str
+    """
     digits = max(3, len(str(count - 1)))
     return [f"geodesic_distance_{i:0{digits}d}" for i in range(count)]
 

@@ -31,9 +31,17 @@ class EdgeDistance(VertexDistances):
 
 
 def edge_graph(mesh: SurfaceMesh) -> csr_array:
-    """(n, n) symmetric graph of edge lengths, with the shortest of several edges between two vertices.
+    """Graph of the edges with their lengths.
 
-    Edges of length zero are stored explicitly, as scipy.sparse.csgraph requires.
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (n, n) csr_array of float64
+        Symmetric; of several edges between two vertices the shortest. Edges of length zero are stored
+        explicitly, as scipy.sparse.csgraph requires.
     """
     topology = mesh.topology
     n = max(mesh.n_vertices, 1)
@@ -111,10 +119,21 @@ def edge_distance(
 
 
 def downhill_source(mesh: SurfaceMesh, distance: NDArray, sources: Sources) -> NDArray[np.int64]:
-    """(n,) number of the source at the end of steepest descent along edges from each vertex.
+    """Source at the end of steepest descent along edges from each vertex.
 
     Vertices whose descent ends elsewhere (an approximate distance may have other minima) take the nearest
-    source along edges; -1 where the distance is inf.
+    source along edges.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    distance : (n,) ndarray of float64
+    sources : Sources
+
+    Returns
+    -------
+    (n,) ndarray of int64
+        Number of the source; -1 where the distance is inf.
     """
     n = mesh.n_vertices
     reached = np.isfinite(distance)

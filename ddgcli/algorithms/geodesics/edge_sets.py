@@ -62,6 +62,10 @@ def edge_set(mesh: SurfaceMesh, array: NDArray, place: str = "", *, parameter: s
     parameter : str, optional
         Named in errors.
 
+    Returns
+    -------
+    EdgeSet
+
     Raises
     ------
     ParameterError
@@ -139,7 +143,21 @@ def _of_marks(mesh: SurfaceMesh, marks: NDArray, place: str) -> EdgeSet:
 
 
 def boundary_set(mesh: SurfaceMesh) -> EdgeSet:
-    """Boundary edges, directed with the surface on their left."""
+    """Boundary edges, directed with the surface on their left.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    EdgeSet
+
+    Raises
+    ------
+    MeshError
+        When the surface is closed.
+    """
     topology = mesh.topology
     side = np.flatnonzero(topology.side_twin.ravel() < 0)
     side = side[topology.edge_face_count[topology.side_edge.ravel()[side]] == 1]
@@ -150,7 +168,20 @@ def boundary_set(mesh: SurfaceMesh) -> EdgeSet:
 
 
 def curve_pairs(mesh: TriangleMesh, points: NDArray, lines: NDArray) -> NDArray[np.int64]:
-    """(k, 2) vertices of the mesh at the ends of segments in space.
+    """Vertices of the mesh at the ends of the segments of curves in space.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    points : (p, 3) ndarray of float64
+        Of the curves.
+    lines : (k, 2) ndarray of int64
+        Points at the ends of each segment.
+
+    Returns
+    -------
+    (k', 2) ndarray of int64
+        Without segments both of whose ends are at the same vertex.
 
     Raises
     ------

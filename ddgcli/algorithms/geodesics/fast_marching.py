@@ -76,12 +76,20 @@ class FastMarchingDistance(VertexDistances):
 
 
 def fast_marching_stencils(mesh: SurfaceMesh) -> Stencils:
-    """Stencils of a surface: one for each acute corner, two for each obtuse one.
+    """Stencils of a surface for fast marching: one for each acute corner, two for each obtuse one.
 
     They are those of the intrinsic Delaunay triangulation if it exists: it has fewer obtuse corners and
     shorter edges, which needs fewer unfoldings and lowers the error. On other surfaces (edges with three
     faces, mixed orientation) they are those of the mesh itself. Flipped edges still carry straight paths,
     so that no distance is longer than a path along edges.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    Stencils
     """
     triangulation, flipped_sides = _delaunay_if_surface(mesh)
     scale, (across, mirrored, _) = table_scale(triangulation), sides_across(triangulation.topology)
@@ -231,6 +239,14 @@ def fast_marching_distance(
     planar : bool
         Wavefronts are straight lines, as published (first order). Default: circles around an unfolded point
         source, which are exact on flat pieces visible from the source.
+
+    Returns
+    -------
+    FastMarchingDistance
+
+    References
+    ----------
+    KimmelSethian1998 in docs/references.bib.
     """
     sources = check_sources(mesh, sources)
     stencils = stencils or fast_marching_stencils(mesh)
@@ -324,8 +340,23 @@ class _FastMarching:
 def circular_update(
     da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray
 ) -> tuple[NDArray, NDArray]:
-    """Distance of c from the point below ab at da from a and db from b, and the crossing of the ray with
-    ab."""
+    """Distance of c from the point below side ab that has given distances to a and b.
+
+    Parameters
+    ----------
+    da, db : (k,) ndarray of float64
+        Distances of a and b.
+    length : (k,) ndarray of float64
+        Of side ab.
+    x, y : (k,) ndarray of float64
+        Position of c in the frame of the side.
+
+    Returns
+    -------
+    distance : (k,) ndarray of float64
+    crossing : (k,) ndarray of float64
+        Where the ray from the point to c crosses ab, from a.
+    """
     sx = da - db
     sx *= da + db
     sx /= length

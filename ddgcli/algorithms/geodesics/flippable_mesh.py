@@ -241,7 +241,18 @@ def no_path_error(a: int, b: int) -> ParameterError:
 
 
 def check_waypoints(mesh: SurfaceMesh, waypoints: list[int], closed: bool) -> None:
-    """Raise the errors of `edge_path`, without the graph."""
+    """Raise the errors of `edge_path`, without its graph.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    waypoints : list of int
+    closed : bool
+
+    Raises
+    ------
+    ParameterError
+    """
     stops = stops_of(waypoints, closed, mesh.n_vertices)
     component, is_used = mesh.topology.vertex_component, mesh.topology.referenced_vertex
     for a, b in zip(stops[:-1], stops[1:], strict=True):
@@ -269,6 +280,19 @@ def stops_of(waypoints: list[int], closed: bool, n: int) -> list[int]:
 
 def edge_path(graph: EdgeGraph, waypoints: list[int], closed: bool) -> list[int]:
     """Halfedges of an edge path through vertices, with shortest edge paths between non-neighbours.
+
+    Parameters
+    ----------
+    graph : EdgeGraph
+    waypoints : list of int
+        Vertices in order.
+    closed : bool
+        Whether the path returns to its first vertex.
+
+    Returns
+    -------
+    list of int
+        Halfedges.
 
     Raises
     ------

@@ -25,7 +25,21 @@ _log = logging.getLogger("ddgcli")
 def trace_on_input(
     tracer: Tracer, flipping: FlippableMesh, halfedges: list[int], closed: bool
 ) -> SurfacePaths:
-    """Trace a path of halfedges of the flipped triangulation on the input mesh."""
+    """Trace a path of halfedges of the flipped triangulation on the input mesh.
+
+    Parameters
+    ----------
+    tracer : Tracer
+        Of the input mesh.
+    flipping : FlippableMesh
+    halfedges : list of int
+    closed : bool
+
+    Returns
+    -------
+    SurfacePaths
+        One path.
+    """
     mesh, fans = tracer.mesh, tracer.fans
     if not halfedges:
         return SurfacePaths(

@@ -13,7 +13,20 @@ from ddgcli.mesh.topology import NEXT
 
 
 def isoline_curves(mesh: SurfaceMesh, values: NDArray, count: int) -> Curves:
-    """Level lines at `count` equidistant levels, as curves with the array `level` on their points."""
+    """Level lines at equidistant levels.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    values : (n,) ndarray of float64
+    count : int
+        Number of levels.
+
+    Returns
+    -------
+    Curves
+        With the array `level` on their points.
+    """
     paths, level = isolines(mesh, values, even_levels(values, count))
     entries = [
         {"kind": "isoline", "level": float(x), "length": float(length), "closed": bool(closed)}
@@ -23,7 +36,18 @@ def isoline_curves(mesh: SurfaceMesh, values: NDArray, count: int) -> Curves:
 
 
 def even_levels(values: NDArray, count: int) -> NDArray[np.float64]:
-    """(count,) levels that divide the range of the finite values into count + 1 equal parts."""
+    """Levels that divide the range of the finite values into count + 1 equal parts.
+
+    Parameters
+    ----------
+    values : (n,) ndarray of float64
+    count : int
+
+    Returns
+    -------
+    (count,) ndarray of float64
+        Ascending; none where all values are equal.
+    """
     finite = values[np.isfinite(values)]
     low, high = finite.min(initial=np.inf), finite.max(initial=-np.inf)
     if not high > low:

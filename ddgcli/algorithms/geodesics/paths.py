@@ -156,6 +156,17 @@ def barycentric_in(
 ) -> NDArray[np.float64]:
     """Barycentric coordinates of surface points in other faces that contain them.
 
+    Parameters
+    ----------
+    topology : Topology
+    face : (k,) ndarray of int64
+    barycentric : (k, 3) ndarray of float64
+        The points.
+    other : (k,) ndarray of int64
+        The other faces.
+    tolerance : float
+        Largest barycentric coordinate that counts as zero.
+
     Returns
     -------
     (k, 3) ndarray of float64
@@ -192,7 +203,17 @@ def barycentric_in(
 
 
 def segment_vectors(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
-    """(p, 2) vector of the segment that leaves each point, in the planar frame of its face; nan at open ends.
+    """Vector of the segment that leaves each point of paths, in the planar frame of its face.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    paths : SurfacePaths
+
+    Returns
+    -------
+    (p, 2) ndarray of float64
+        A length; nan at open ends.
 
     Raises
     ------
@@ -226,7 +247,17 @@ def _segments(
 
 
 def path_lengths(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
-    """(k,) lengths of paths, from edge lengths alone."""
+    """Lengths of paths, from edge lengths alone.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    paths : SurfacePaths
+
+    Returns
+    -------
+    (k,) ndarray of float64
+    """
     return _sums_by_path(paths, np.hypot(*segment_vectors(mesh, paths).T))
 
 
@@ -305,7 +336,22 @@ def _tangent_angles(
 
 
 def reversed_paths(mesh: SurfaceMesh, paths: SurfacePaths) -> SurfacePaths:
-    """Reverse open paths."""
+    """Reverse open paths.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    paths : SurfacePaths
+
+    Returns
+    -------
+    SurfacePaths
+
+    Raises
+    ------
+    ParameterError
+        When a path is closed.
+    """
     if paths.closed.any():
         raise ParameterError("closed paths cannot be reversed; give open paths")
     order = np.concatenate(
@@ -320,8 +366,20 @@ def reversed_paths(mesh: SurfaceMesh, paths: SurfacePaths) -> SurfacePaths:
 
 
 def curve_set(mesh: TriangleMesh, paths: SurfacePaths, **arrays: NDArray) -> CurveSet:
-    """Polylines in space with the arrays `path_id`, `face`, `barycentric` and further `arrays`; closed ones
-    end at their first point."""
+    """Polylines in space of surface paths; closed ones end at their first point.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    paths : SurfacePaths
+    **arrays : (p, ...) ndarray
+        Further arrays on the points.
+
+    Returns
+    -------
+    CurveSet
+        With the arrays `path_id`, `face`, `barycentric` and the further ones.
+    """
     index = [
         np.append(np.arange(a, b), [a] if closed and b > a else []).astype(np.int64)
         for a, b, closed in zip(paths.start[:-1], paths.start[1:], paths.closed, strict=True)
@@ -340,10 +398,16 @@ def describe_paths(
 
     Parameters
     ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    paths : SurfacePaths
     kinds : list of dict
         First fields of each entry: kind, source, target, ...
     joint : Joints, optional
         Of the paths, where they are known.
+
+    Returns
+    -------
+    list of dict
     """
     if not len(paths):
         return []

@@ -41,7 +41,17 @@ class _Segment:
 
 
 def check_targets(mesh: SurfaceMesh, targets: list[int]) -> None:
-    """Raise ParameterError for a target vertex that does not exist."""
+    """Raise an error for a target vertex that does not exist.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    targets : list of int
+
+    Raises
+    ------
+    ParameterError
+    """
     bad = [t for t in targets if not 0 <= t < mesh.n_vertices]
     if bad:
         raise ParameterError(f"target vertex {bad[0]} does not exist; vertices are 0..{mesh.n_vertices - 1}")
@@ -66,8 +76,11 @@ def shortest_paths(
         Consistently oriented.
     exact : ExactDistance
         Of these sources on this mesh.
+    sources : Sources
     targets : list of int
         Vertices.
+    tracer : Tracer, optional
+        Of the mesh, shared by several calls.
     join_lifts : callable, optional
         Joins separately lifted segments to one lift of a path, if the mesh is a cover
         (`OrientedCover.join_lifts`).
@@ -153,8 +166,22 @@ def _segments(
 def last_segment(
     mesh: SurfaceMesh, exact: ExactDistance, vertex: NDArray
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Last segments of shortest paths to vertices with `side` >= 0: face, and barycentric coordinates of
-    the vertex and of the point where the path enters the face."""
+    """Last segments of shortest paths to vertices.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    exact : ExactDistance
+    vertex : (k,) ndarray of int64
+        With `exact.side` >= 0.
+
+    Returns
+    -------
+    face : (k,) ndarray of int64
+        The face of the segment.
+    apex, crossing : (k, 3) ndarray of float64
+        Barycentric coordinates of the vertex, and of the point where the path enters the face.
+    """
     face, j = np.divmod(exact.side[vertex], 3)
     rows = np.arange(len(vertex))
     apex = np.eye(3)[(j + 2) % 3]

@@ -17,12 +17,26 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 def no_numbers() -> NDArray[np.int64]:
-    """An empty array of numbers."""
+    """Empty array of numbers of elements.
+
+    Returns
+    -------
+    (0,) ndarray of int64
+    """
     return np.zeros(0, dtype=np.int64)
 
 
 def edge_lengths(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(e,) length of each edge of the topology."""
+    """Length of each edge of the topology.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (e,) ndarray of float64
+    """
     length = np.zeros(mesh.topology.n_edges)
     length[mesh.topology.side_edge.ravel()] = mesh.side_length.ravel()
     return length
@@ -159,6 +173,15 @@ class VertexDistances:
 def check_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | int) -> Sources:
     """Check that sources lie on `mesh`: vertices in range and used by a face.
 
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    sources : Sources, vertex number or array of vertex numbers
+
+    Returns
+    -------
+    Sources
+
     Raises
     ------
     ParameterError
@@ -191,7 +214,16 @@ def check_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | in
 
 
 def face_frame(side_length: NDArray) -> NDArray[np.float64]:
-    """(m, 3, 2) corners of each face in its plane: corner 0 at the origin, corner 1 on the x axis, y >= 0."""
+    """Corners of each face in its plane: corner 0 at the origin, corner 1 on the x axis, corner 2 above it.
+
+    Parameters
+    ----------
+    side_length : (m, 3) ndarray of float64
+
+    Returns
+    -------
+    (m, 3, 2) ndarray of float64
+    """
     from ddgcli.geometry.intrinsic import face_area
 
     a, b, c = side_length.T
@@ -206,7 +238,18 @@ def face_frame(side_length: NDArray) -> NDArray[np.float64]:
 
 
 def corner_distance(side_length: NDArray, barycentric: NDArray) -> NDArray[np.float64]:
-    """(k, 3) straight distances from points in faces to the corners; side lengths (k, 3) in the face."""
+    """Straight distances from points in faces to the corners.
+
+    Parameters
+    ----------
+    side_length : (k, 3) ndarray of float64
+        Of the face of each point.
+    barycentric : (k, 3) ndarray of float64
+
+    Returns
+    -------
+    (k, 3) ndarray of float64
+    """
     flat_corners = face_frame(side_length)
     position = np.einsum("kc,kcd->kd", barycentric, flat_corners)
     return np.linalg.norm(flat_corners - position[:, None], axis=2)

@@ -41,7 +41,17 @@ class Curves:
 
 
 def concatenate_curves(curve_sets: list[Curves]) -> Curves:
-    """Concatenate several sets of curves; merge their accuracies."""
+    """Concatenate several sets of curves; merge their accuracies.
+
+    Parameters
+    ----------
+    curve_sets : list of Curves
+
+    Returns
+    -------
+    Curves
+        Converged if all are.
+    """
     accuracy: dict[str, Any] = {}
     for curve_set in curve_sets:
         accuracy |= curve_set.accuracy
@@ -77,10 +87,17 @@ def trace_curves(
     at_boundary: str = "stop",
     progress: ProgressCallback | None = None,
 ) -> Curves:
-    """Trace straightest geodesics as curves; `accuracy.trace_angle_defect` is computed from the resulting
-    points.
+    """Trace straightest geodesics as curves.
 
-    Parameters are those of `ddgcli.algorithms.tracing.trace.trace`.
+    Parameters
+    ----------
+    mesh, face, barycentric, direction, length, at_boundary, progress
+        As in `ddgcli.algorithms.tracing.trace.trace`.
+
+    Returns
+    -------
+    Curves
+        `accuracy.trace_angle_defect` is computed from the resulting points.
     """
     lines = Tracer(mesh).trace(
         face, barycentric, direction, length, at_boundary=at_boundary, record=True, progress=progress
@@ -116,6 +133,16 @@ def add_geodesic_curvature(mesh: SurfaceMesh, curves: Curves) -> Curves:
     """Add the discrete geodesic curvature to curves: at each point in radians, and in total.
 
     It is (2 pi / total)(total / 2 - left), positive where the curve turns left; 0 at open ends.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    curves : Curves
+
+    Returns
+    -------
+    Curves
+        With the array `geodesic_curvature`, and `total_geodesic_curvature` in the entries.
     """
     turning = np.nan_to_num(joints(mesh, curves.paths).geodesic_curvature)
     total = sum_by_index(curves.paths.of_point(), turning, len(curves.paths))

@@ -27,13 +27,39 @@ FLAT_ANGLE_TOLERANCE = 1e-9  # radians from 2 pi
 def voronoi_regions(
     mesh: SurfaceMesh, sources: Sources, *, progress: ProgressCallback | None = None
 ) -> NDArray[np.int64]:
-    """(m,) number of the source nearest to the centroid of each face, exactly; -1 where none reaches."""
+    """Source nearest to the centroid of each face, by exact distance.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    sources : Sources
+    progress : callable, optional
+        Called with the number of final vertices and of all vertices.
+
+    Returns
+    -------
+    (m,) ndarray of int64
+        Number of the source; -1 where none reaches.
+    """
     centroids = SurfacePoints(np.arange(mesh.n_faces), np.full((mesh.n_faces, 3), 1 / 3))
     return exact_distance(mesh, sources, targets=centroids, progress=progress).target_source
 
 
 def describe_regions(mesh: SurfaceMesh, region: NDArray, n_sources: int) -> list[dict[str, Any]]:
-    """Number of faces and area of the region of each source."""
+    """Number of faces and area of the region of each source.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    region : (m,) ndarray of int64
+        Of `voronoi_regions`.
+    n_sources : int
+
+    Returns
+    -------
+    list of dict
+        `faces`, and `area` in length^2.
+    """
     faces = np.bincount(region[region >= 0], minlength=n_sources)
     area = sum_by_index(
         np.maximum(region, 0), np.where(region >= 0, face_area(mesh.side_length), 0.0), n_sources
@@ -42,11 +68,19 @@ def describe_regions(mesh: SurfaceMesh, region: NDArray, n_sources: int) -> list
 
 
 def vertex_types(mesh: SurfaceMesh) -> NDArray[np.int64]:
-    """(n,) type of each vertex by its total angle: 1 spherical (below 2 pi), 0 Euclidean, -1 hyperbolic; 2
-    on the boundary and without faces.
+    """Type of each vertex by its total angle.
 
     A shortest path never passes a spherical vertex; through a hyperbolic one pass shortest paths that are not
     straightest.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (n,) ndarray of int64
+        1 spherical (below 2 pi), 0 Euclidean, -1 hyperbolic; 2 on the boundary and without faces.
     """
     total = sum_by_index(mesh.faces.ravel(), corner_angle(mesh.side_length).ravel(), mesh.n_vertices)
     kind = np.where(total < 2 * np.pi - FLAT_ANGLE_TOLERANCE, SPHERICAL_VERTEX, EUCLIDEAN_VERTEX)

@@ -75,6 +75,15 @@ def decompose_form(mesh: SpaceMesh, form: NDArray, boundary: Boundary = "tangent
         Integrals along the edges.
     boundary : {'tangential', 'normal'}
         Boundary condition of the harmonic part.
+
+    Returns
+    -------
+    HodgeDecomposition
+
+    Raises
+    ------
+    ParameterError
+        For a form of another length or with values that are not finite.
     """
     projection = ClosedProjection(mesh, boundary)
     form = finite_field(form, projection.complex.counts[1], "edge")
@@ -101,6 +110,22 @@ def decompose_cell_vectors(
 
     On surfaces normal components must have been removed (`tangent_part`). In tetrahedra the coexact part is a
     curl of tangential vectors on the faces, which are not unique and not returned.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    vectors : (m, 3) ndarray of float64
+    boundary : {'tangential', 'normal'}
+        Boundary condition of the harmonic part.
+
+    Returns
+    -------
+    HodgeDecomposition
+
+    Raises
+    ------
+    ParameterError
+        For a field of another length or with values that are not finite.
     """
     projection = ClosedProjection(mesh, boundary)
     complex_ = projection.complex
@@ -128,6 +153,23 @@ def decompose_vertex_vectors(
     """Split vectors on vertices: average to cells, split there, average the parts back with areas.
 
     The reconstruction residual measures the loss of the two averages, O(h) for a smooth field.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    vectors : (n, 3) ndarray of float64
+    boundary : {'tangential', 'normal'}
+        Boundary condition of the harmonic part.
+
+    Returns
+    -------
+    HodgeDecomposition
+        With parts on vertices.
+
+    Raises
+    ------
+    ParameterError
+        For a field of another length or with values that are not finite.
     """
     vectors = finite_field(vectors, mesh.n_vertices, "vertex")
     corners = mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces
@@ -149,7 +191,19 @@ def decompose_vertex_vectors(
 
 
 def tangent_part(mesh: TriangleMesh, vectors: NDArray) -> tuple[NDArray[np.float64], float]:
-    """Face vectors without normal components, and the largest removed relative to the largest vector."""
+    """Remove the normal components of vectors on faces.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    vectors : (m, 3) ndarray of float64
+
+    Returns
+    -------
+    tangent : (m, 3) ndarray of float64
+    largest : float
+        The largest normal component, relative to the largest component of a vector.
+    """
     normal = face_normal(mesh)
     along = np.einsum("ij,ij->i", vectors, normal)
     largest = np.abs(vectors).max(initial=0.0) or 1.0
@@ -157,7 +211,18 @@ def tangent_part(mesh: TriangleMesh, vectors: NDArray) -> tuple[NDArray[np.float
 
 
 def to_vertices(mesh: SpaceMesh, on_cells: NDArray) -> NDArray[np.float64]:
-    """(n, d) mean over the cells around each vertex, weighted with their measures; zero without cells."""
+    """Mean over the cells around each vertex, weighted with their measures.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    on_cells : (m, d) ndarray of float64
+
+    Returns
+    -------
+    (n, d) ndarray of float64
+        Zero at vertices without cells.
+    """
     corners, measure = _cells(mesh)
     matrix = _corner_sums(corners, mesh.n_vertices)
     total, weight = matrix @ (measure[:, None] * on_cells), matrix @ measure
@@ -181,7 +246,25 @@ def _corner_sums(corners: NDArray, n: int) -> csr_array:
 
 
 def finite_field(values: NDArray, count: int, place: str) -> NDArray[np.float64]:
-    """The field in double precision; ParameterError for another length or values that are not finite."""
+    """Convert a field to double precision and check it.
+
+    Parameters
+    ----------
+    values : (count, ...) ndarray
+    count : int
+        Elements of the mesh.
+    place : str
+        Kind of the elements, for the message.
+
+    Returns
+    -------
+    (count, ...) ndarray of float64
+
+    Raises
+    ------
+    ParameterError
+        For another length or values that are not finite.
+    """
     values = np.asarray(values, dtype=np.float64)
     if len(values) != count:
         raise ParameterError(

@@ -140,6 +140,15 @@ def harmonic_basis(mesh: SimplicialMesh, boundary: Boundary = "tangential") -> H
     """Orthonormal basis of the harmonic 1-forms; its size is the first Betti number (relative for `normal`).
 
     Whitney forms, Galerkin star: closed exactly, divergence-free against every vertex function.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, IntrinsicMesh or TetMesh
+    boundary : {'tangential', 'normal'}
+
+    Returns
+    -------
+    HarmonicBasis
     """
     projection = ClosedProjection(mesh, boundary)
     cochains = projection.cochains.toarray()
@@ -160,7 +169,21 @@ def _orthonormal(columns: NDArray, inner: csr_array) -> NDArray[np.float64]:
 
 
 def harmonic_residual(complex_: Complex, star1: csr_array, forms: NDArray, boundary: Boundary) -> float:
-    """Largest curl around a face, or divergence at a free vertex, relative to the largest terms."""
+    """Largest curl around a face, or divergence at a free vertex, relative to the largest terms.
+
+    Parameters
+    ----------
+    complex_ : Complex
+    star1 : (e, e) csr_array
+        Hodge star of 1-forms.
+    forms : (e, b) ndarray of float64
+    boundary : {'tangential', 'normal'}
+        With 'normal' boundary vertices are not free.
+
+    Returns
+    -------
+    float
+    """
     if forms.size == 0 or not np.abs(forms).max():
         return 0.0
     curl = np.abs(complex_.derivatives[1] @ forms).max() / np.abs(forms).max()

@@ -70,6 +70,10 @@ def hodge_analysis(
     progress : callable
         Called with (parts done, parts): homology, basis and decomposition.
 
+    Returns
+    -------
+    HodgeAnalysis
+
     Raises
     ------
     MeshError
@@ -110,7 +114,20 @@ def hodge_analysis(
 
 
 def check_query(mesh: SpaceMesh, field: tuple[NDArray, str] | None, with_basis: bool) -> str:
-    """Place of the results of `hodge_analysis`, "" without any; its errors, before it computes."""
+    """Place of the results of `hodge_analysis`; raises its errors, before it computes.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    field : (ndarray, str), optional
+        Array and its place.
+    with_basis : bool
+
+    Returns
+    -------
+    str
+        `edge`, `cell` or `vertex`; empty without results.
+    """
     check_mesh(mesh)
     if isinstance(mesh, TriangleMesh) and (with_basis or field is not None):
         check_triangles(mesh.side_length)
@@ -122,7 +139,21 @@ def check_query(mesh: SpaceMesh, field: tuple[NDArray, str] | None, with_basis: 
 
 
 def array_names(mesh: SpaceMesh, place: str, n_basis_fields: int, *, has_field: bool) -> dict[str, list[str]]:
-    """Names of the vertex and the face arrays of `hodge_analysis`."""
+    """Names of the vertex and the face arrays of `hodge_analysis`.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    place : str
+        Of `check_query`.
+    n_basis_fields : int
+    has_field : bool
+
+    Returns
+    -------
+    dict
+        Lists of names under `vertex` and `face`.
+    """
     names: dict[str, list[str]] = {"vertex": [], "face": []}
     of_form = names.get({"cell": "face"}.get(place, place), [])
     if has_field:
@@ -135,7 +166,16 @@ def array_names(mesh: SpaceMesh, place: str, n_basis_fields: int, *, has_field: 
 
 
 def check_mesh(mesh: SpaceMesh) -> None:
-    """Refuse non-manifold meshes, and orientable components that are not oriented."""
+    """Raise an error for non-manifold meshes, and for orientable components that are not oriented.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+
+    Raises
+    ------
+    MeshError
+    """
     if isinstance(mesh, TetMesh):
         if len(mesh.tetrahedra) == 0:
             raise MeshError("no tetrahedra; hodge needs a surface or a mesh of tetrahedra")
@@ -150,7 +190,19 @@ def check_mesh(mesh: SpaceMesh) -> None:
 
 
 def field_place(mesh: SpaceMesh, array: NDArray, place: str) -> str:
-    """Place of a field: 'vertex', 'cell' (both (k, 3)) or 'edge' ((e,)); inferred from its shape if unknown.
+    """Place of a field; inferred from its shape if unknown.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    array : ndarray
+        (k, 3) vectors on vertices or cells, or (e,) numbers on edges.
+    place : str
+        Its place, if known; else empty.
+
+    Returns
+    -------
+    {'vertex', 'cell', 'edge'}
 
     Raises
     ------

@@ -46,6 +46,16 @@ def betti_numbers(mesh: SurfaceMesh | TetMesh, modulo_2: bool = False) -> BettiN
     surfaces follow from the components, the closed components and the Euler characteristic; those of solids
     from duality: each boundary surface beyond the first of a component encloses one cavity. Both fields give
     the same numbers except on surfaces that are not orientable, whose homology has torsion 2.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, IntrinsicMesh or TetMesh
+    modulo_2 : bool
+        Over the integers modulo 2 instead of the rationals.
+
+    Returns
+    -------
+    BettiNumbers
     """
     return _solid_betti(mesh) if isinstance(mesh, TetMesh) else _surface_betti(mesh.topology, modulo_2)
 
@@ -230,6 +240,11 @@ def _spanning_forest(ends: NDArray, weight: NDArray, usable: NDArray) -> tuple[N
 def closed_cochains(mesh: SurfaceMesh, boundary: Boundary = "tangential") -> csr_array:
     """Closed integer 1-forms that span the rational cohomology, one for each class.
 
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    boundary : {'tangential', 'normal'}
+
     Returns
     -------
     (e, b) csr_array of float
@@ -306,10 +321,20 @@ def _path_to_root(parent: NDArray, node: int) -> list[int]:
 
 
 def generator_loops(mesh: SurfaceMesh) -> list[NDArray[np.int64]]:
-    """Closed edge loops that generate the first homology: the vertices of each, start not repeated.
+    """Closed edge loops that generate the first homology.
 
     On a closed component that is not orientable one of them, or their sum, has finite order: their number
     exceeds the rational Betti number by one.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Manifold.
+
+    Returns
+    -------
+    list of (k,) ndarray of int64
+        Vertices of each loop in order; the start is not repeated.
     """
     trees = tree_cotree(mesh, "tangential")
     edges = mesh.topology.edges
@@ -327,6 +352,7 @@ def loops_with_periods(
     length : (e,) ndarray
     forms : (e, b) ndarray
         Closed 1-forms in independent classes.
+    n_vertices : int
 
     Returns
     -------

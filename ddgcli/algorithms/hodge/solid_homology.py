@@ -15,10 +15,25 @@ from ddgcli.operators.stars import hodge_star
 
 
 def solid_cochains(complex_: Complex, count: int, boundary: Boundary, seed: int = 0) -> csr_array:
-    """Closed 1-forms of a solid in `count` independent classes: random forms minus their coexact parts.
+    """Closed 1-forms of a solid in independent classes: random forms minus their coexact parts.
 
     The coexact part c of w solves d' star2 d c = d' star2 d w, a consistent singular system, by conjugate
     gradients.
+
+    Parameters
+    ----------
+    complex_ : Complex
+        Of tetrahedra.
+    count : int
+        Number of classes.
+    boundary : {'tangential', 'normal'}
+        With 'normal' the forms vanish on boundary edges.
+    seed : int
+        Of the random forms.
+
+    Returns
+    -------
+    (e, count) csr_array
 
     Raises
     ------
@@ -44,7 +59,17 @@ def solid_cochains(complex_: Complex, count: int, boundary: Boundary, seed: int 
 
 
 def solid_generator_loops(mesh: TetMesh) -> list[NDArray[np.int64]]:
-    """Closed edge loops that generate the first homology of a solid over the rationals."""
+    """Closed edge loops that generate the first homology of a solid over the rationals.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+
+    Returns
+    -------
+    list of (k,) ndarray of int64
+        Vertices of each loop in order; the start is not repeated.
+    """
     complex_ = complex_of(mesh)
     forms = solid_cochains(complex_, betti_numbers(mesh).absolute[1], "tangential").toarray()
     ends = mesh.points[complex_.edges]

@@ -23,7 +23,17 @@ BOUNDARY_CURE = "write their boundary with ddgcli info MESH -o surface.ply"
 
 
 def check_tasks(mesh: TriangleMesh | TetMesh, tasks: LaplacianTasks) -> None:
-    """Raise the errors of `solve_laplacian_tasks`, before it computes."""
+    """Raise the errors of `solve_laplacian_tasks`, before it computes.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    tasks : LaplacianTasks
+
+    Raises
+    ------
+    ParameterError, MeshError
+    """
     for task in ("smooth", "parameterize") if isinstance(mesh, TetMesh) else ():
         if getattr(tasks, task) is not None:
             raise ParameterError(
@@ -61,7 +71,22 @@ def check_tasks(mesh: TriangleMesh | TetMesh, tasks: LaplacianTasks) -> None:
 def check_evolution(
     mesh: TriangleMesh | TetMesh, equation: str, start: NDArray | int, operator: str | None, mass: str
 ) -> None:
-    """Raise the errors of `solve_evolution` and its operator, before they compute."""
+    """Raise the errors of `solve_evolution` and its operator, before they compute.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    equation : {'heat', 'wave'}
+    start : (n,) ndarray or int
+        As in `solve_evolution`.
+    operator : str or None
+    mass : str
+        As in `laplace_operator`.
+
+    Raises
+    ------
+    ParameterError, MeshError
+    """
     from ddgcli.algorithms.laplacian.evolution import check_vertex, checked_start
 
     check_operator(mesh, operator, mass)
@@ -72,7 +97,18 @@ def check_evolution(
 
 
 def array_names(mesh: TriangleMesh | TetMesh, tasks: LaplacianTasks) -> dict[str, list[str]]:
-    """Names of the vertex and the face arrays of `solve_laplacian_tasks`."""
+    """Names of the vertex and the face arrays of `solve_laplacian_tasks`.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    tasks : LaplacianTasks
+
+    Returns
+    -------
+    dict
+        Lists of names under `vertex` and `face`.
+    """
     vertex = ["vertex_volume" if isinstance(mesh, TetMesh) else "vertex_area"]
     vertex += [f"eigenvector_{i:03d}" for i in range(tasks.eigen or 0)]
     vertex += [f"hks_{i:03d}" for i in range(len(tasks.hks))]

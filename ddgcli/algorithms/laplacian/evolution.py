@@ -135,7 +135,25 @@ def evolve_function(
 
 
 def checked_start(start: NDArray, n: int, equation: str) -> NDArray[np.float64]:
-    """The function at the start; ParameterError for another shape or values that are not finite."""
+    """Check the function from which an evolution starts.
+
+    Parameters
+    ----------
+    start : (n,) or (n, 1) ndarray
+    n : int
+        Vertices of the mesh.
+    equation : str
+        Named in errors.
+
+    Returns
+    -------
+    (n,) ndarray of float64
+
+    Raises
+    ------
+    ParameterError
+        For another shape or values that are not finite.
+    """
     values = np.asarray(start, dtype=np.float64)
     if values.shape not in ((n,), (n, 1)):
         raise ParameterError(
@@ -241,12 +259,31 @@ class EvolutionResult:
 
 
 def array_names(equation: str) -> tuple[str, ...]:
-    """Names of the vertex arrays of a frame."""
+    """Names of the vertex arrays of a frame.
+
+    Parameters
+    ----------
+    equation : {'heat', 'wave'}
+
+    Returns
+    -------
+    tuple of str
+    """
     return (HEAT,) if equation == HEAT else (WAVE, "wave_velocity")
 
 
 def frame_arrays(evolution_frame: EvolutionFrame) -> dict[str, NDArray]:
-    """Vertex arrays of a frame: `heat`, or `wave` and `wave_velocity`."""
+    """Vertex arrays of a frame, by name.
+
+    Parameters
+    ----------
+    evolution_frame : EvolutionFrame
+
+    Returns
+    -------
+    dict of str to (n,) ndarray
+        `heat`, or `wave` and `wave_velocity`.
+    """
     if evolution_frame.velocity is None:
         return {HEAT: evolution_frame.values}
     return {WAVE: evolution_frame.values, "wave_velocity": evolution_frame.velocity}
@@ -263,11 +300,23 @@ def solve_evolution(
 
     Parameters
     ----------
+    operator : LaplaceOperator
+    equation : {'heat', 'wave'}
     start : (n,) ndarray or int
         Values at the vertices, or a vertex that holds a function of integral 1 (of waves spread over some
         edges).
+    times : EvolutionTimes
     progress : callable, optional
         Called with the number of finished steps and of all steps.
+
+    Returns
+    -------
+    EvolutionResult
+
+    Raises
+    ------
+    ParameterError
+        For an unknown equation or a bad start.
     """
     if equation not in EVOLUTIONS:
         raise ParameterError(f"{equation!r} is not one of {', '.join(EVOLUTIONS)}", parameter="equation")
@@ -299,7 +348,22 @@ def solve_evolution(
 
 
 def check_vertex(vertex: int, n: int, has_size: NDArray, equation: str) -> None:
-    """Raise ParameterError for a vertex that does not exist, or without `has_size` (n,)."""
+    """Raise an error for a vertex that does not exist, or whose cells have no size.
+
+    Parameters
+    ----------
+    vertex : int
+    n : int
+        Vertices of the mesh.
+    has_size : (n,) ndarray of bool
+        Vertices with a cell that has a size.
+    equation : str
+        Named in errors.
+
+    Raises
+    ------
+    ParameterError
+    """
     if not 0 <= vertex < n:
         raise ParameterError(f"vertex {vertex} is outside 0..{n - 1}", parameter=equation)
     if not has_size[vertex]:

@@ -45,7 +45,21 @@ class FormSpectrum:
 
 
 def check_forms(mesh: TriangleMesh | TetMesh, k: int) -> Complex:
-    """The complex of a mesh that has k eigenforms; the errors of `form_spectrum` for any other."""
+    """Simplicial complex of a mesh that has k eigenforms; raises the errors of `form_spectrum` for any other.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    k : int
+
+    Returns
+    -------
+    Complex
+
+    Raises
+    ------
+    MeshError, ParameterError
+    """
     if isinstance(mesh, TetMesh):
         refuse_flat_cells(mesh.flat_tetrahedra, len(mesh.tetrahedra))
     surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
@@ -73,6 +87,12 @@ def form_spectrum(
     k : int
     seed : int
         Of the starting block.
+    progress : callable, optional
+        Called with (converged pairs, k).
+
+    Returns
+    -------
+    FormSpectrum
 
     Raises
     ------

@@ -86,6 +86,10 @@ def laplace_operator(
     max_rounds : int, optional
         Bound on the batches of Delaunay flips (see `flip_to_delaunay`); past it weights may be negative.
 
+    Returns
+    -------
+    LaplaceOperator
+
     Raises
     ------
     MeshError
@@ -120,7 +124,19 @@ def check_names(operator: str | None, mass: str) -> None:
 
 
 def check_operator(mesh: TriangleMesh | TetMesh, operator: str | None, mass: str) -> None:
-    """Raise the errors of `laplace_operator`, without the matrices."""
+    """Raise the errors of `laplace_operator`, without the matrices.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    operator : str or None
+    mass : str
+        As in `laplace_operator`.
+
+    Raises
+    ------
+    ParameterError, MeshError
+    """
     check_names(operator, mass)
     if isinstance(mesh, TetMesh):
         from ddgcli.algorithms.laplacian.solid_operator import check_solid_operator
@@ -218,7 +234,17 @@ def _warn_of_isolated_vertices(referenced: NDArray) -> None:
 
 
 def negative_weights(L: csr_array) -> int:
-    """Number of edges with negative weight (positive off-diagonal entry) beyond rounding."""
+    """Number of edges with negative weight, that is a positive off-diagonal entry, beyond rounding.
+
+    Parameters
+    ----------
+    L : (n, n) csr_array
+        Stiffness.
+
+    Returns
+    -------
+    int
+    """
     diagonal = L.diagonal()
     if np.count_nonzero(L.data > 0) == np.count_nonzero(diagonal > 0):
         return 0
@@ -229,7 +255,16 @@ def negative_weights(L: csr_array) -> int:
 
 
 def symmetry_residual(L: csr_array) -> float:
-    """Largest |L - L'| relative to the largest |L|."""
+    """Largest entry of |L - L'| relative to the largest of |L|.
+
+    Parameters
+    ----------
+    L : (n, n) csr_array
+
+    Returns
+    -------
+    float
+    """
     transposed = L.tocsc()  # the arrays of L' by rows
     if np.array_equal(transposed.indptr, L.indptr) and np.array_equal(transposed.indices, L.indices):
         difference = np.abs(transposed.data - L.data).max(initial=0.0)

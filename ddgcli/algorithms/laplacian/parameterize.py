@@ -65,11 +65,29 @@ class Parameterization:
 
 
 def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Parameterization:
-    """Harmonic map onto the unit disk, boundary on the circle by arc length.
+    """Harmonic map onto the unit disk, with the boundary on the circle by arc length.
 
-    Weights of an intrinsic Delaunay operator are not negative inside, so that no triangle of it is flipped
-    (W. Tutte 1963; M. Floater 2003). The longest of several boundary loops maps to the circle; fans fill the
-    others, so that the same holds.
+    Weights of an intrinsic Delaunay operator are not negative inside, so that no triangle of it is flipped.
+    The longest of several boundary loops maps to the circle; fans fill the others, so that the same holds.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        A disk, perhaps with holes.
+    operator : LaplaceOperator
+
+    Returns
+    -------
+    Parameterization
+
+    Raises
+    ------
+    MeshError
+        When the surface is no disk with holes.
+
+    References
+    ----------
+    W. Tutte, "How to draw a graph", 1963; Floater2003 in docs/references.bib.
     """
     loops = boundary_loops(mesh, "`parameterize=harmonic`")
     loop = loops[0]
@@ -89,8 +107,27 @@ def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Para
 def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Parameterization:
     """Conformal map with free boundary: the smallest conformal energy for given boundary size.
 
-    P. Mullen et al., "Spectral conformal parameterization", 2008. The result has the area of the surface, its
-    centre at the origin and its longer axis along u.
+    The result has the area of the surface, its centre at the origin and its longer axis along u.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        A disk, perhaps with holes.
+    operator : LaplaceOperator
+
+    Returns
+    -------
+    Parameterization
+        With a warning where the iteration did not converge.
+
+    Raises
+    ------
+    MeshError
+        When the surface is no disk with holes.
+
+    References
+    ----------
+    P. Mullen et al., "Spectral conformal parameterization", 2008.
     """
     loops = boundary_loops(mesh, "`parameterize=conformal`")
     vertices = operator.referenced_vertices
@@ -107,7 +144,24 @@ def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Par
 
 
 def boundary_loops(mesh: TriangleMesh, verb: str) -> list[NDArray[np.int64]]:
-    """Boundary loops in the order of their faces, longest first; MeshError unless a disk with holes."""
+    """Boundary loops of a disk with holes, longest first.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    verb : str
+        Subject of the message.
+
+    Returns
+    -------
+    list of (k,) ndarray of int64
+        Vertices in the order of the faces.
+
+    Raises
+    ------
+    MeshError
+        When the surface is not oriented, not connected, closed, or has handles.
+    """
     require(mesh, verb, manifold=True, oriented=True)
     topology = mesh.topology
     if topology.n_components != 1:
@@ -131,7 +185,17 @@ def _local_numbers(n_vertices: int, vertices: NDArray, loops: list[NDArray]) -> 
 
 
 def require_size_at_boundary(loops: list[NDArray], has_size: NDArray) -> None:
-    """Raise MeshError for boundary vertices without `has_size` (n,)."""
+    """Raise an error for boundary vertices that have only faces without area.
+
+    Parameters
+    ----------
+    loops : list of (k,) ndarray of int64
+    has_size : (n,) ndarray of bool
+
+    Raises
+    ------
+    MeshError
+    """
     missing = [int(v) for loop in loops for v in loop[~has_size[loop]]]
     if missing:
         raise MeshError(

@@ -43,9 +43,19 @@ def poisson(operator: LaplaceOperator, source: NDArray, fixed: Mapping[int, floa
 
     Parameters
     ----------
+    operator : LaplaceOperator
     source : (n,) or (n, c) ndarray
         f at the vertices, not integrated.
     fixed : mapping of vertex to value, optional
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    ParameterError
+        For a source of another shape, or values that are not finite.
     """
     source = checked_source(source, operator.stiffness.shape[0])
     rhs = operator.mass @ source
@@ -58,7 +68,23 @@ def poisson(operator: LaplaceOperator, source: NDArray, fixed: Mapping[int, floa
 
 
 def checked_source(source: NDArray, n: int) -> NDArray[np.float64]:
-    """f at n vertices; ParameterError for another shape or values that are not finite."""
+    """Check the right-hand side of a Poisson problem.
+
+    Parameters
+    ----------
+    source : (n,) or (n, c) ndarray
+    n : int
+        Vertices of the mesh.
+
+    Returns
+    -------
+    (n,) or (n, c) ndarray of float64
+
+    Raises
+    ------
+    ParameterError
+        For another shape or values that are not finite.
+    """
     source = np.asarray(source, dtype=np.float64)
     if source.shape[:1] != (n,) or source.ndim > 2:
         raise ParameterError(
@@ -71,7 +97,22 @@ def checked_source(source: NDArray, n: int) -> NDArray[np.float64]:
 
 
 def harmonic(operator: LaplaceOperator, fixed: Mapping[int, float]) -> Solution:
-    """Solve L u = 0 at every vertex except those of `fixed`, which keep their values."""
+    """Solve L u = 0 at every vertex except those of `fixed`, which keep their values.
+
+    Parameters
+    ----------
+    operator : LaplaceOperator
+    fixed : mapping of vertex to value
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    ParameterError
+        Without fixed values, or for a component that has none.
+    """
     if not fixed:
         raise ParameterError("needs fixed values; add `fix=ID=VALUE`", parameter="harmonic")
     return _with_fixed(operator, fixed, None)
@@ -100,7 +141,18 @@ def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDAr
 
 
 def check_fixed_vertices(fixed: Mapping[int, float], n: int) -> None:
-    """Raise ParameterError for a vertex that is not one of n."""
+    """Raise an error for a fixed vertex that does not exist.
+
+    Parameters
+    ----------
+    fixed : mapping of vertex to value
+    n : int
+        Vertices of the mesh.
+
+    Raises
+    ------
+    ParameterError
+    """
     outside = [v for v in fixed if not 0 <= v < n]
     if outside:
         raise ParameterError(
@@ -109,9 +161,19 @@ def check_fixed_vertices(fixed: Mapping[int, float], n: int) -> None:
 
 
 def refuse_floating(label: NDArray, vertices: NDArray, fixed: Mapping[int, float]) -> None:
-    """Refuse a component without a fixed value: its values would be arbitrary.
+    """Raise an error for a component without a fixed value, as its values would be arbitrary.
 
-    `label` (n,) is the component of each vertex, `vertices` are those that cells use.
+    Parameters
+    ----------
+    label : (n,) ndarray of int64
+        Component of each vertex.
+    vertices : (k,) ndarray of int64
+        Vertices that cells use.
+    fixed : mapping of vertex to value
+
+    Raises
+    ------
+    ParameterError
     """
     missing = np.setdiff1d(label[vertices], label[np.array(list(fixed))])
     if len(missing):

@@ -81,6 +81,10 @@ def smooth(
 
     Parameters
     ----------
+    mesh : TriangleMesh
+    time : float
+        In length^2.
+    steps : int
     flow : {'mean-curvature', 'conformalized'}
         With L and M of the surface at the start of each step (M. Desbrun et al., "Implicit fairing of
         irregular meshes using diffusion and curvature flow", 1999), which pinches thin parts off; or with the
@@ -90,6 +94,12 @@ def smooth(
     operator, mass : str
         See `laplace_operator`. With weights that are not negative and a diagonal mass (the defaults) each new
         point is a weighted mean of old ones.
+    progress : callable, optional
+        Called with the number of finished steps and of all steps.
+
+    Returns
+    -------
+    SmoothingResult
 
     Raises
     ------
@@ -185,6 +195,16 @@ def bounded_stiffness(laplace: LaplaceOperator) -> csr_array:
 
 
 def sensible_times(mesh: TriangleMesh) -> tuple[float, float]:
-    """Smoothing times: squared mean edge length (removes noise), a thousandth of the area (changes shape)."""
+    """Two smoothing times: one that removes noise, and one that changes the shape.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    noise, shape : float
+        Squared mean edge length, and a thousandth of the area; in length^2.
+    """
     length = mesh.side_length
     return float(length.mean()) ** 2, 1e-3 * float(face_area(length).sum())

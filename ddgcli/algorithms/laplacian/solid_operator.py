@@ -14,7 +14,17 @@ STAR_OF_MASS = {"lumped": "barycentric", "galerkin": "galerkin"}
 
 
 def check_solid_operator(mesh: TetMesh, operator: str, mass: str) -> None:
-    """Raise ParameterError for an operator or a mass of surfaces, MeshError without tetrahedra."""
+    """Raise an error for an operator or a mass that tetrahedra do not have, or a mesh without tetrahedra.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+    operator, mass : str
+
+    Raises
+    ------
+    ParameterError, MeshError
+    """
     if operator not in SOLID_OPERATORS:
         raise ParameterError(
             f"{operator!r} is an operator of surfaces; tetrahedra have {' and '.join(SOLID_OPERATORS)}",

@@ -21,7 +21,17 @@ MAX_SIGNATURE_PAIRS, SIGNATURE_TAIL = 300, 1e-6
 
 
 def check_pair_count(k: int, n: int) -> None:
-    """Raise ParameterError for more eigenpairs than vertices of cells."""
+    """Raise an error for more eigenpairs than vertices of cells.
+
+    Parameters
+    ----------
+    k, n : int
+        Numbers of pairs and of vertices.
+
+    Raises
+    ------
+    ParameterError
+    """
     if k > n:
         raise ParameterError(
             f"{k} eigenpairs exceed the {n} vertices that belong to faces; use at most {n}",
@@ -32,7 +42,27 @@ def check_pair_count(k: int, n: int) -> None:
 def spectrum(
     operator: LaplaceOperator, k: int, *, seed: int = 0, progress: ProgressCallback | None = None
 ) -> Eigenpairs:
-    """The k smallest eigenpairs of L x = lambda M x; eigenvectors vanish on vertices without faces."""
+    """Smallest eigenpairs of L x = lambda M x.
+
+    Parameters
+    ----------
+    operator : LaplaceOperator
+    k : int
+    seed : int
+        Of the starting block.
+    progress : callable, optional
+        Called with (converged pairs, k).
+
+    Returns
+    -------
+    Eigenpairs
+        Eigenvectors (n, k) vanish on vertices without faces.
+
+    Raises
+    ------
+    ParameterError
+        For more pairs than vertices.
+    """
     vertices = operator.referenced_vertices
     n = len(operator.mass.diagonal())
     check_pair_count(k, len(vertices))
@@ -60,17 +90,46 @@ class HeatKernelSignature:
 
 
 def signature_pairs(operator: LaplaceOperator, times: Sequence[float]) -> int:
-    """Number of eigenpairs to resolve the heat kernel at the shortest time, by Weyl's law; at most 300."""
+    """Number of eigenpairs that resolve the heat kernel at the shortest time, by Weyl's law.
+
+    Parameters
+    ----------
+    operator : LaplaceOperator
+    times : sequence of float
+        In length^2.
+
+    Returns
+    -------
+    int
+        At most `MAX_SIGNATURE_PAIRS`.
+    """
     measure, largest = float(operator.mass.sum()), -np.log(SIGNATURE_TAIL) / min(times)
     n_pairs = measure * (largest / (4 * np.pi) if operator.dimension == 2 else largest**1.5 / (6 * np.pi**2))
     return int(min(np.ceil(n_pairs) + 10, MAX_SIGNATURE_PAIRS, len(operator.referenced_vertices)))
 
 
 def heat_kernel_signature(pairs: Eigenpairs, times: NDArray) -> HeatKernelSignature:
-    """Heat remaining at each vertex after each time from a unit source there, by eigenpairs.
+    """Heat that remains at each vertex after each time from a unit source there, by eigenpairs.
 
-    J. Sun, M. Ovsjanikov, L. Guibas, "A concise and provably informative multi-scale signature based on heat
-    diffusion", 2009.
+    Parameters
+    ----------
+    pairs : Eigenpairs
+    times : (t,) ndarray of float64
+        In length^2.
+
+    Returns
+    -------
+    HeatKernelSignature
+        With a warning where the pairs do not resolve the shortest time.
+
+    Raises
+    ------
+    SolveError
+        When the values leave the range of numbers.
+
+    References
+    ----------
+    SunOvsjanikovGuibas2009 in docs/references.bib.
     """
     times = np.asarray(times, dtype=np.float64)
     with np.errstate(over="ignore"):

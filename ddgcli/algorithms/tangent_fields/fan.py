@@ -63,7 +63,25 @@ class _Rays:
 def check_fan(
     mesh: TriangleMesh, source: Sources, rays: int, length: float, tracer: Tracer | None = None
 ) -> SourceFrame:
-    """Frame of the source of a fan; the errors of `geodesic_fan`."""
+    """Tangent frame at the source of a fan; raises the errors of `geodesic_fan`.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    source : Sources
+    rays : int
+    length : float
+    tracer : Tracer, optional
+        As in `geodesic_fan`.
+
+    Returns
+    -------
+    SourceFrame
+
+    Raises
+    ------
+    ParameterError
+    """
     if rays < 3:
         raise ParameterError(f"needs 3 rays or more, not {rays}", parameter="fan")
     if not (np.isfinite(length) and length > 0):
@@ -98,6 +116,10 @@ def geodesic_fan(
         Of each ray; rays end at the boundary.
     circles : int
         Number of geodesic circles, at even lengths.
+    tracer : Tracer, optional
+        Of the mesh, shared by several calls.
+    progress : callable, optional
+        Called with the work done and the whole work.
 
     Returns
     -------
@@ -226,7 +248,17 @@ def _caustics(swept: _Rays, caustic: NDArray, is_open: bool) -> list[Curves]:
 
 
 def describe_fan(fan: Curves) -> dict[str, Any]:
-    """Summary of a fan: its rays by how they end, its circles and caustics."""
+    """Summary of a fan: its rays by how they end, its circles and caustics.
+
+    Parameters
+    ----------
+    fan : Curves
+        Of `geodesic_fan`.
+
+    Returns
+    -------
+    dict
+    """
     rays = [entry for entry in fan.entries if entry["kind"] == "fan ray"]
     lengths = [entry["caustic_length"] for entry in rays if entry["caustic_length"] is not None]
     return {

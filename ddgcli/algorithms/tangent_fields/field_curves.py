@@ -28,9 +28,25 @@ def field_curves(
     progress: ProgressCallback | None = None,
     place: str = "",
 ) -> Curves:
-    """Integral curves of an array of vectors, as curves; see `integral_curves` and `field_of_array`.
+    """Integral curves of an array of vectors, as curves.
 
-    `accuracy.field_error_estimate` is the largest estimated error of an end, in length units.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    values : (n, 3) or (m, 3) ndarray of float64
+        Vectors on vertices or faces.
+    starts : SurfacePoints
+    duration : float, optional
+        By default that of `default_duration`.
+    order, step, tolerance, progress
+        As in `integral_curves`.
+    place : {'vertex', 'face', ''}
+        Of the vectors; inferred from their number if empty.
+
+    Returns
+    -------
+    Curves
+        `accuracy.field_error_estimate` is the largest estimated error of an end, in length units.
     """
     tangent_field = field_of_array(mesh, values, place)
     duration = default_duration(mesh, np.asarray(values)) if duration is None else duration
@@ -57,7 +73,17 @@ def field_curves(
 
 
 def add_transport(mesh: TriangleMesh, curves: Curves) -> Curves:
-    """Add a transported frame to the points of curves, and the holonomy to closed curves."""
+    """Add a transported frame to the points of curves, and the holonomy to closed curves.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    curves : Curves
+
+    Returns
+    -------
+    Curves
+    """
     angles = holonomy(mesh, curves.paths)
     entries = [
         entry | ({"holonomy": float(angle)} if np.isfinite(angle) else {})

@@ -99,7 +99,18 @@ def geodesic_query(
 def solve_geodesic_task(
     task: GeodesicTask, stage_progress: StageProgress = no_stage_progress
 ) -> GeodesicResult:
-    """Compute all results of a task; `stage_progress` as in `geodesic_query`."""
+    """Compute all results of a geodesic task.
+
+    Parameters
+    ----------
+    task : GeodesicTask
+    stage_progress : callable
+        As in `geodesic_query`.
+
+    Returns
+    -------
+    GeodesicResult
+    """
     mesh, sources, distance_query, curve_query, wave_query = (
         task.mesh, task.sources, task.distance_query, task.curve_query, task.wave_query
     )  # fmt: skip

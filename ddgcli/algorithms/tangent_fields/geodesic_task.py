@@ -127,7 +127,21 @@ def _check_curves(
 
 
 def trace_starts(cover: OrientedCover, query: CurveQuery) -> tuple[SurfacePoints, NDArray, NDArray]:
-    """Starts of the traces on the cover, their directions and lengths."""
+    """Starts of the traces of a query on the oriented cover, with their directions and lengths.
+
+    Parameters
+    ----------
+    cover : OrientedCover
+    query : CurveQuery
+        With at least one trace.
+
+    Returns
+    -------
+    start : SurfacePoints
+        k points on the cover.
+    direction : (k, ...) ndarray
+    length : (k,) ndarray
+    """
     face, barycentric, direction, length = (np.array(x) for x in zip(*query.trace, strict=True))
     start = cover.lift_points(SurfacePoints.checked(face, barycentric, cover.base.n_faces))
     return start, direction, length

@@ -42,7 +42,16 @@ def vertex_gradient(mesh: TriangleMesh) -> csr_array:
 
 
 def require_source_vertex(sources: Sources) -> None:
-    """Raise ParameterError unless there is one source, at a vertex."""
+    """Raise an error unless there is one source, at a vertex.
+
+    Parameters
+    ----------
+    sources : Sources
+
+    Raises
+    ------
+    ParameterError
+    """
     require_single_source(sources)
     if not len(sources.vertex):
         raise ParameterError(
@@ -73,6 +82,10 @@ def heat_log_map(
         Of this mesh, shared by several sources.
     slope : csr_array, optional
         `vertex_gradient(mesh)`, shared by several sources.
+
+    Returns
+    -------
+    LogMap
 
     Raises
     ------

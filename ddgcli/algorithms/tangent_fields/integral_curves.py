@@ -35,7 +35,25 @@ TIME_STOP, BOUNDARY_STOP, CRITICAL_POINT_STOP, STALL_STOP = "time", "boundary", 
 
 
 def checked_field(mesh: TriangleMesh, values: NDArray, place: str = "") -> tuple[NDArray[np.float64], str]:
-    """Vectors in double precision and their place; ParameterError for another shape or no finite values."""
+    """Check a field of vectors, and infer its place.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    values : (n, 3) or (m, 3) ndarray
+    place : {'vertex', 'face', ''}
+        Empty: by the number of vectors, vertices first.
+
+    Returns
+    -------
+    values : (k, 3) ndarray of float64
+    place : {'vertex', 'face'}
+
+    Raises
+    ------
+    ParameterError
+        For another shape or values that are not finite.
+    """
     values = np.asarray(values, dtype=np.float64)
     shapes = {"vertex": (mesh.n_vertices, 3), "face": (mesh.n_faces, 3)}
     place = place or ("vertex" if values.shape == shapes["vertex"] else "face")
@@ -51,11 +69,27 @@ def checked_field(mesh: TriangleMesh, values: NDArray, place: str = "") -> tuple
 
 
 def field_of_array(mesh: TriangleMesh, values: NDArray, place: str = "") -> TangentField:
-    """Tangent field of an array of vectors in space, on faces (constant) or on vertices (linear in each
-    face).
+    """Tangent field of an array of vectors in space, constant on faces or linear in each face.
 
-    Vectors are projected to the plane of the face. `place` is "vertex" or "face"; an empty place is
-    inferred from the length, vertices first.
+    Vectors are projected to the plane of the face.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    values : (n, 3) or (m, 3) ndarray
+    place : {'vertex', 'face', ''}
+        Empty: by the number of vectors, vertices first.
+
+    Returns
+    -------
+    callable
+        Function of faces (k,) and barycentric coordinates (k, 3) to vectors (k, 2) in the frames of the
+        faces.
+
+    Raises
+    ------
+    ParameterError
+        For another shape or values that are not finite.
     """
     values, place = checked_field(mesh, values, place)
     face = np.arange(mesh.n_faces)
@@ -332,7 +366,18 @@ class _CurveIntegrator:
 
 
 def random_starts(mesh: TriangleMesh, k: int, seed: int = 0) -> SurfacePoints:
-    """Random points, uniformly distributed over the area."""
+    """Random points on a surface, uniformly distributed over its area.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    k : int
+    seed : int
+
+    Returns
+    -------
+    SurfacePoints
+    """
     rng = np.random.default_rng(seed)
     area = face_area(mesh.side_length)
     face = rng.choice(mesh.n_faces, size=k, p=area / area.sum())
@@ -340,7 +385,18 @@ def random_starts(mesh: TriangleMesh, k: int, seed: int = 0) -> SurfacePoints:
 
 
 def starts_at(mesh: TriangleMesh, sources: Sources) -> SurfacePoints:
-    """Sources as surface points; vertices as corners of one of their faces."""
+    """Sources as surface points; vertices as corners of one of their faces.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    sources : Sources
+
+    Returns
+    -------
+    SurfacePoints
+        The vertices first.
+    """
     vertices = sources.vertex.tolist()
     face = np.array([np.flatnonzero((mesh.faces == v).any(axis=1))[0] for v in vertices], dtype=np.int64)
     corner = (mesh.faces[face] == sources.vertex[:, None]).astype(np.float64)
@@ -351,7 +407,23 @@ def starts_at(mesh: TriangleMesh, sources: Sources) -> SurfacePoints:
 
 
 def default_duration(mesh: TriangleMesh, values: NDArray) -> float:
-    """Time in which the root mean square speed crosses the bounding box."""
+    """Time in which the root mean square speed of a field crosses the bounding box.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    values : (k, 3) ndarray of float64
+        Vectors of the field.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ParameterError
+        When the field is zero everywhere.
+    """
     speed = float(np.sqrt(np.mean(np.einsum("ij,ij->i", values, values))))
     if not speed > 0:
         raise ParameterError("the field is zero everywhere and has no integral curves; give another field")

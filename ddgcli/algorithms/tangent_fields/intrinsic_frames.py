@@ -21,7 +21,7 @@ _STOP_FRACTION = 1e-4  # of an edge; traced edges stop this far from their head
 
 
 def frame_turn(mesh: SurfaceMesh, flipped: IntrinsicDelaunay) -> NDArray[np.complex128] | None:
-    """(n,) unit complex numbers that rotate tangent vectors from the intrinsic frames to those of the mesh.
+    """Rotations of tangent vectors at vertices from the intrinsic frames to those of the mesh.
 
     Parameters
     ----------
@@ -32,7 +32,8 @@ def frame_turn(mesh: SurfaceMesh, flipped: IntrinsicDelaunay) -> NDArray[np.comp
 
     Returns
     -------
-    ndarray, or None if the angle of a vertex remains unknown
+    (n,) ndarray of complex128 or None
+        Unit complex numbers; None if the angle of a vertex remains unknown.
     """
     tracer = Tracer(mesh)
     own, other = tracer.fans, vertex_fans(flipped.mesh)

@@ -56,7 +56,16 @@ class LogMap:
 
 
 def require_single_source(sources: Sources) -> None:
-    """Raise ParameterError if there are several sources."""
+    """Raise an error if there are several sources.
+
+    Parameters
+    ----------
+    sources : Sources
+
+    Raises
+    ------
+    ParameterError
+    """
     if len(sources) != 1:
         raise ParameterError(f"needs exactly one source, got {len(sources)}", parameter="log_map")
 

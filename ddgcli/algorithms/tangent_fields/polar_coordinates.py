@@ -91,9 +91,23 @@ def _radius(approximate: FastMarchingDistance, sources: Sources, mesh: SurfaceMe
 def submesh_near_source(
     mesh: SurfaceMesh, near: NDArray, sources: Sources
 ) -> tuple[NDArray, SurfaceMesh, Sources]:
-    """Faces at vertices where `near` (n,), ascending; their mesh; and the source on it.
+    """Submesh of the faces at some vertices, with the source on it.
 
     Vertices keep their numbers, and complete fans of faces keep their first corners.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    near : (n,) ndarray of bool
+    sources : Sources
+
+    Returns
+    -------
+    face : (k,) ndarray of int64
+        Faces with a vertex in `near`, ascending.
+    submesh : TriangleMesh or IntrinsicMesh
+    sources : Sources
+        On the submesh.
     """
     points = sources.points
     face = np.flatnonzero(near[mesh.faces].any(axis=1))
@@ -223,7 +237,20 @@ def _least(value: NDArray, vertex: NDArray, n: int) -> tuple[NDArray[np.int64], 
 
 
 def direction_skew(mesh: SurfaceMesh, distance: NDArray, unit: NDArray) -> dict[str, float] | None:
-    """|cos| of the angle between the gradients of distance and direction on faces; Gauss's lemma: 0."""
+    """How far the gradients of distance and direction are from orthogonal, which Gauss's lemma demands.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    distance : (n,) ndarray of float64
+    unit : (n,) ndarray of complex128
+        Direction as a unit complex number; 0 where unknown.
+
+    Returns
+    -------
+    dict or None
+        `median` and `p90` of |cos| of the angle between both on faces; None without a face to measure on.
+    """
     corner = unit[mesh.faces]
     turn = np.angle(corner * corner[:, :1].conj()) * float(mesh.side_length.max())  # in units of length
     (ax, bx), (ay, by), area = face_gradient(mesh, np.stack([distance[mesh.faces], turn]))

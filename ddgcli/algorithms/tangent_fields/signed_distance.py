@@ -66,6 +66,10 @@ def signed_distance(mesh: TriangleMesh, curves: EdgeSet, method: str = "auto") -
         of the curves, as gaps in them allow, and integrates the normalised result. 'auto' is exact where
         it can be.
 
+    Returns
+    -------
+    SignedDistance
+
     Raises
     ------
     ParameterError
@@ -89,7 +93,23 @@ def signed_distance(mesh: TriangleMesh, curves: EdgeSet, method: str = "auto") -
 
 
 def check_query(mesh: TriangleMesh, curves: EdgeSet, method: str = "auto") -> NDArray[np.float64] | None:
-    """(m,) signs of the faces for the exact method, None for the heat method; errors of `signed_distance`."""
+    """Signs of the faces for the exact method; raises the errors of `signed_distance`.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    curves : EdgeSet
+    method : {'auto', 'exact', 'heat'}
+
+    Returns
+    -------
+    (m,) ndarray of float64 or None
+        None for the heat method.
+
+    Raises
+    ------
+    ParameterError, MeshError
+    """
     if method not in SIGNED_DISTANCE_METHODS:
         raise ParameterError(
             f"{method!r} is not one of {', '.join(SIGNED_DISTANCE_METHODS)}", parameter="method"

@@ -61,10 +61,19 @@ def transported_frame(mesh: TriangleMesh, paths: SurfacePaths) -> dict[str, NDAr
 
 
 def holonomy(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
-    """(k,) holonomy: angle in (-pi, pi] by which transport once around a closed path turns a vector.
+    """Holonomy: angle by which transport once around a closed path turns a vector.
 
-    For a counter-clockwise loop around a disk it is the sum of the angle defects inside, modulo 2 pi. nan for
-    open paths.
+    For a counter-clockwise loop around a disk it is the sum of the angle defects inside, modulo 2 pi.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    paths : SurfacePaths
+
+    Returns
+    -------
+    (k,) ndarray of float64
+        In radians, in (-pi, pi]; nan for open paths.
     """
     turning = np.nan_to_num(joints(mesh, paths).geodesic_curvature)
     total = sum_by_index(paths.of_point(), turning, len(paths))

@@ -30,7 +30,16 @@ class VertexVectors:
 
 
 def merge_vectors(vector_sets: list[VertexVectors]) -> VertexVectors:
-    """Merge the arrays, results and accuracies of several results."""
+    """Merge the arrays, results and accuracies of several results.
+
+    Parameters
+    ----------
+    vector_sets : list of VertexVectors
+
+    Returns
+    -------
+    VertexVectors
+    """
     whole = VertexVectors()
     for vector_set in vector_sets:
         whole = VertexVectors(
@@ -47,9 +56,20 @@ def log_map_vectors(
     sources: Sources,
     progress: ProgressCallback | None = None,
 ) -> VertexVectors:
-    """Array `log_map` (n, 2) by the method of the distance, and its x axis.
+    """Array `log_map` by the method of the distance, and its x axis.
 
-    An `arrival` that is a `DistanceResult` alone (by the heat method) gives the map by vector heat.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    arrival : ExactDistance, FastMarchingDistance or DistanceResult
+        A `DistanceResult` alone (by the heat method) gives the map by vector heat.
+    sources : Sources
+        One source.
+    progress : callable, optional
+
+    Returns
+    -------
+    VertexVectors
     """
     from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
 
@@ -75,7 +95,25 @@ def log_map_vectors(
 
 
 def vectors_at_sources(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) -> NDArray[np.complex128]:
-    """Tangent vectors at the source vertices in their frames; the errors of `transport_vectors`."""
+    """Complex tangent vectors at the source vertices in their frames.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    sources : Sources
+        k vertices.
+    vectors : (k, 3) array_like
+        In space.
+
+    Returns
+    -------
+    (k,) ndarray of complex128
+
+    Raises
+    ------
+    ParameterError
+        As in `transport_vectors`.
+    """
     from ddgcli.operators.connection import to_vertex_frames
 
     vectors = np.asarray(vectors, dtype=np.float64)
@@ -99,7 +137,20 @@ def vectors_at_sources(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike)
 
 
 def transport_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) -> VertexVectors:
-    """Array `transported_vector` (n, 3): vectors parallel to that of the nearest source vertex (vector heat).
+    """Array `transported_vector`: vectors parallel to that of the nearest source vertex, by vector heat.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    sources : Sources
+        k vertices.
+    vectors : (k, 3) array_like
+        In space; their tangential components are transported.
+
+    Returns
+    -------
+    VertexVectors
+        `transported_vector` (n, 3).
 
     Raises
     ------
@@ -107,6 +158,10 @@ def transport_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) 
         When the number of vectors is not that of the source vertices, or a source lies inside a face.
     MeshError
         When squares of lengths underflow or overflow.
+
+    References
+    ----------
+    SharpSolimanCrane2019Vector in docs/references.bib.
     """
     from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
     from ddgcli.operators.connection import from_vertex_frames

@@ -46,7 +46,21 @@ class WaveResult:
 def check_waves(
     mesh: TriangleMesh, query: WaveQuery, sources: Sources | None, method: str, signed_curves: EdgeSet | None
 ) -> None:
-    """Raise the errors of `query_waves`, before it computes; parameters as there."""
+    """Raise the errors of `query_waves`, before it computes.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    query : WaveQuery
+    sources : Sources or None
+    method : str
+    signed_curves : EdgeSet or None
+        As in `query_waves`.
+
+    Raises
+    ------
+    ParameterError, MeshError
+    """
     if query.target and sources is not None:
         if sources.first_curve != len(sources.vertex) or len(sources.edge):
             raise ParameterError(
@@ -87,6 +101,12 @@ def query_waves(
         Of the distance matrix; 'heat' also selects the signed heat method.
     signed_curves : EdgeSet, optional
         Of `query.signed_distance`.
+    stage_progress : callable
+        Called with the name of a computation; returns its progress callback or None.
+
+    Returns
+    -------
+    WaveResult
     """
     result = WaveResult()
     if query.target and sources is not None:

@@ -21,9 +21,24 @@ def children(
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Child windows on the two other sides of a face; the first `n_left` leave by (v0, apex).
 
-    All are seen in a frame that starts at their near vertex, v0 or mirrored v1, and runs along the old
-    side; `cut` is where the line to the apex ends a reached window, `slack` that of the wavefront.
-    Overwrites its arguments.
+    Inside, all are seen in a frame that starts at their near vertex, v0 or mirrored v1, and runs along the
+    old side. Overwrites its arguments.
+
+    Parameters
+    ----------
+    n_left : int
+    lines : (c, k) ndarray of float64
+        Windows in the frames of their sides: b0, b1, x and y of the source, ...
+    cut : (k,) ndarray of float64
+        Where the line to the apex crosses the side, in the frames of the sides.
+    shape : (5, k) ndarray of float64
+        Length of the old side, apex, and lengths of both new sides.
+    corner : (3, k) ndarray of float64
+        Distances of v0, v1 and the apex.
+    base : (k,) ndarray of float64
+        Distance of the unfolded source.
+    slack : float
+        By how much the wavefront lets windows exceed a known distance.
 
     Returns
     -------
@@ -81,7 +96,16 @@ def children(
 
 
 def norm(x: NDArray, y: NDArray) -> NDArray[np.float64]:
-    """Length of (x, y); overwrites both. Lengths here are of order 1, so squares are safe."""
+    """Length of plane vectors of order 1, whose squares are safe; overwrites both arguments.
+
+    Parameters
+    ----------
+    x, y : (k,) ndarray of float64
+
+    Returns
+    -------
+    (k,) ndarray of float64
+    """
     x *= x
     y *= y
     x += y
@@ -89,7 +113,17 @@ def norm(x: NDArray, y: NDArray) -> NDArray[np.float64]:
 
 
 def reflect(lines: NDArray, flip: NDArray, length: NDArray) -> None:
-    """Mirror windows where `flip`: x becomes length - x."""
+    """Mirror some windows in place: x becomes length - x.
+
+    Parameters
+    ----------
+    lines : (4 or 6, k) ndarray of float64
+        Windows: b0, b1, source; perhaps the direction in which the path leaves, and its sense.
+    flip : (k,) ndarray of bool
+        Which to mirror.
+    length : (k,) ndarray of float64
+        Of their sides.
+    """
     i = np.flatnonzero(flip)
     b0, b1, sx = lines[:3, i]
     lines[:3, i] = length[i] - np.stack([b1, b0, sx])
@@ -99,6 +133,16 @@ def reflect(lines: NDArray, flip: NDArray, length: NDArray) -> None:
 
 
 def side_turns(tables: WindowTables) -> NDArray[np.float64]:
-    """(6m,) rotations from the frame of each side to those across (v0, apex) and across (apex, v1)."""
+    """Rotations from the frame of each side to those across (v0, apex) and across (apex, v1).
+
+    Parameters
+    ----------
+    tables : WindowTables
+
+    Returns
+    -------
+    (6m,) ndarray of float64
+        In radians, two for each side.
+    """
     length, x, y = tables.shape[:, :3].T
     return np.stack([np.arctan2(y, x), -np.arctan2(y, length - x)], axis=1).ravel()

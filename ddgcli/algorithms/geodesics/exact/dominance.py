@@ -17,6 +17,22 @@ def dominate(
     Only parts where another window of the batch is at least as near are cut, so no distance changes by more
     than a tie (TIE_TOLERANCE).
 
+    Parameters
+    ----------
+    lines : (c, k) ndarray of float64
+        Windows: b0, b1, source, ...
+    where : (2 or 3, k) ndarray of int64
+        Side of each window, the vertex that is its origin, and perhaps the number of faces that it has
+        crossed.
+    shape : ndarray of float64
+        `SideTables.shape`.
+    origin_distance : (n,) ndarray of float64
+
+    Returns
+    -------
+    lines, where : ndarray
+        The windows that are left, sorted by side.
+
     Notes
     -----
     On a side, the difference of two windows' distances has at most one interior extremum, where the line
@@ -82,6 +98,10 @@ def reaching(at: NDArray, lines: NDArray, dx: NDArray, dy: NDArray) -> NDArray[n
         b0, b1, ... of the windows.
     dx, dy : (k,) ndarrays of float64
         The lines, from the unfolded sources to the points.
+
+    Returns
+    -------
+    (k,) ndarray of bool
 
     Notes
     -----

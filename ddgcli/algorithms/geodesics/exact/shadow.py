@@ -69,6 +69,11 @@ def shadow_of(
         Angle of each corner's fan (inf: open), and direction back along the path (nan: the whole corner).
     margin : float
         Radians by which the shadow is widened on both sides.
+
+    Returns
+    -------
+    begin, end : (k,) ndarray of float64
+        Empty where end <= begin.
     """
     after = turn - incoming
     after = np.where((after < 0) & (total < np.inf), after + total, after)

@@ -55,6 +55,8 @@ def propagate_strips(
         Strips farther than this are not propagated.
     most_windows : float
         Number of windows and strips after which SolveError is raised.
+    progress : callable, optional
+        Called with the number of final vertices and of all vertices.
     """
     tables = wavefront.tables
     length = tables.shape[side, 0]

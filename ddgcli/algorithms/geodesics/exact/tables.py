@@ -127,7 +127,16 @@ def side_tables(mesh: SurfaceMesh) -> SideTables:
 
 
 def window_tables(mesh: SurfaceMesh) -> WindowTables:
-    """Window tables of a surface of any topology."""
+    """Constants of the sides of a surface of any topology, for the propagation of windows.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    WindowTables
+    """
     from scipy.sparse import coo_array
 
     sides, topology, n = side_tables(mesh), mesh.topology, mesh.n_vertices
@@ -156,9 +165,18 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
 
 
 def incoming_directions(tables: WindowTables, side: NDArray, crossing: NDArray) -> NDArray[np.float64]:
-    """(k,) directions back along paths that reach apexes, as angles around them; nan if unknown.
+    """Directions back along paths that reach apexes, as angles around them.
 
-    `side` and `crossing` are those of `Wavefront.improve`.
+    Parameters
+    ----------
+    tables : WindowTables
+    side, crossing : (k,) ndarray
+        As in `Wavefront.improve`.
+
+    Returns
+    -------
+    (k,) ndarray of float64
+        In radians; nan if unknown.
     """
     side = np.where(side < -1, -2 - side, side)
     _, ax, ay, _, _ = tables.shape.take(side, axis=0).T
@@ -168,15 +186,41 @@ def incoming_directions(tables: WindowTables, side: NDArray, crossing: NDArray) 
 
 
 def table_scale(mesh: SurfaceMesh) -> float:
-    """A power of two above the longest side and less than twice it; 1 where no side is longer than 0."""
+    """Power of two above the longest side and at most twice it, which scales lengths exactly.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    float
+        1 where no side is longer than 0.
+    """
     longest = float(mesh.side_length.max(initial=0.0))
     return float(2.0 ** np.frexp(longest)[1]) if longest > 0 else 1.0
 
 
 def side_shapes(mesh: SurfaceMesh, scale: float, shape: NDArray) -> NDArray[np.float64]:
-    """(3m, c) rows of SideTables.shape, its first c columns, written to `shape` (m, 3, c).
+    """Shapes of faces in the frames of their sides: length, apex, lengths of both other sides.
 
     They are computed in blocks of faces that fit in the cache.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    scale : float
+        Lengths are divided by it.
+    shape : (m, 3, c) ndarray of float64
+        Array to write to; its first c columns of `SideTables.shape`.
+
+    Returns
+    -------
+    (3m, c) ndarray of float64
+        The same memory by sides.
+
+    Notes
+    -----
     Heights come from cross products where the mesh has positions: lengths alone give the height of a cap only
     to the square root of rounding.
     """
@@ -209,10 +253,23 @@ def _apexes(mesh: SurfaceMesh, block: slice, length: NDArray, scale: float) -> t
 
 
 def sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | None]:
-    """Code of the side across each side, sides that run the same way, and the sides of each edge.
+    """Side across each side of a surface that need not be manifold or oriented.
 
     Faces with a repeated vertex have no interior: they are left out, so that their two equal sides do not
     fold the surface; their edges still carry paths. Of several faces on the same vertices only one is used.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    code : ndarray of int64
+        Side across each side; negative at the boundary and at edges of several faces.
+    mirrored : (3m,) ndarray of bool or None
+        Sides that run the same way as the side across; None if there are none.
+    edge_sides : tuple or None
+        Ragged lists of the sides of each edge; None if every edge has two sides at most.
     """
     if topology.gluing is not None:
         return topology.gluing, None, None
