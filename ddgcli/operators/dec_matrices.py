@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from ddgcli.errors import MeshError
@@ -20,7 +21,7 @@ from ddgcli.operators.stars import Star, hodge_star
 BYTES_PER_ENTRY = 12  # of a sparse matrix: a float64 and an int32
 COPIES_AT_PEAK = 2.15  # a sum and its term; later the matrix and its transpose (2.09)
 COPIES_TO_FACTORISE = 9  # measured: 8.9 on a fan of valence 2200, 12 on tetrahedra, 26 on a sphere
-LEAST_STAR_ENTRY = 1e-14  # of the largest entry: a smaller one has no inverse
+LEAST_STAR_ENTRY = 1e-14  # of the largest entry in the cells around: a smaller one has no inverse
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,17 +198,20 @@ def _inverse(complex_: Complex, degree: int, star: Star) -> csr_array:
     diagonal = hodge_star(complex_, degree, kind).diagonal()
     simplices = (complex_.corners, complex_.cell_edge, complex_.cell_face)[degree]
     is_referenced = np.bincount(simplices.ravel(), minlength=len(diagonal)) > 0
-    bad = np.flatnonzero(
-        is_referenced & (np.abs(diagonal) <= LEAST_STAR_ENTRY * np.abs(diagonal).max(initial=0.0))
-    )
-    if len(bad):
-        simplex = ("vertex", "edge", "face")[degree]
-        remedy = "correct the flat cells there"  # on others the other stars are positive
-        if kind == "circumcentric":
-            remedy = "use `star=barycentric` or `star=galerkin`"
-        raise MeshError(
-            f"the {kind} star is zero at {len(bad)} simplices (first: {simplex} {bad[0]}) and has no "
-            f"inverse: {remedy}"
-        )
+    if kind == "circumcentric":  # the entries of others are positive where cells have a size
+        _require_inverse(diagonal, simplices, is_referenced, ("vertex", "edge", "face")[degree])
     reciprocal = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=is_referenced)
     return compact(csr_array(diags_array(reciprocal)))
+
+
+def _require_inverse(diagonal: NDArray, simplices: NDArray, is_referenced: NDArray, simplex: str) -> None:
+    """Raise MeshError for entries that are zero beside those of the same cells (meshes have many scales)."""
+    size = np.abs(diagonal)
+    scale = np.zeros_like(size)
+    np.maximum.at(scale, simplices, size[simplices].max(axis=1, keepdims=True))
+    bad = np.flatnonzero(is_referenced & (size <= LEAST_STAR_ENTRY * scale))
+    if len(bad):
+        raise MeshError(
+            f"the circumcentric star is zero at {len(bad)} simplices (first: {simplex} {bad[0]}) and has no "
+            "inverse: use `star=barycentric` or `star=galerkin`"
+        )

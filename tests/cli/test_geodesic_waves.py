@@ -57,6 +57,15 @@ def test_source_edges_are_an_array_pairs_or_polylines(square, summary, tmp_path,
     assert (arrays["region"] == 0).all() and report["results"]["regions"][0]["area"] == pytest.approx(1)
 
 
+@pytest.mark.parametrize("suffix, separator", [(".csv", ","), (".txt", " ")])
+def test_a_file_of_one_pair_is_one_edge(square, summary, tmp_path, suffix, separator):
+    path = (tmp_path / "pair").with_suffix(suffix)
+    path.write_text(separator.join(["40", "41"]) + "\n")
+    report = summary("geodesic", square, "--source-edges", path)
+    assert report["results"]["sources"][0]["edges"] == 1
+    assert report["results"]["sources"][0]["length"] == pytest.approx(0.125)
+
+
 def test_signed_distance_needs_no_source(square, summary, tmp_path):
     report = summary(
         "geodesic", square, "--signed-distance", "label", "--vertex-types", "-o", tmp_path / "d.npz"

@@ -123,3 +123,18 @@ def test_a_star_that_vanishes_is_refused_with_another_star_as_cure():
     with pytest.raises(MeshError, match="star=barycentric"):
         dec_matrices(grid, "circumcentric")
     assert dec_matrices(grid, "barycentric").negative_entries == 0
+
+
+@pytest.mark.parametrize("star", STARS)
+def test_components_of_far_different_sizes_have_the_operators_of_each(star):
+    one = irregular_torus()
+    n, small = one.n_vertices, 2.0**-26  # a power of two scales without rounding
+    both = TriangleMesh.from_arrays(
+        np.concatenate([one.points, small * one.points]), np.concatenate([one.faces, one.faces + n])
+    )
+    alone, matrices = (dec_matrices(complex_of(mesh), star).matrices for mesh in (one, both))
+    for name, power in (("laplacian0", 0), ("codifferential1", -2), ("laplacian2", -4)):
+        truth, shape = alone[name], alone[name].shape
+        assert abs(matrices[name][: shape[0]][:, : shape[1]] - truth).max() <= 1e-12 * abs(truth).max()
+        rest = matrices[name][shape[0] :][:, shape[1] :] / small**power
+        assert abs(rest - truth).max() <= 1e-12 * abs(truth).max()

@@ -46,6 +46,23 @@ def test_the_heat_equation_keeps_its_integral_and_ends_at_the_mean_even_in_one_h
     assert np.abs(result.evolution_frames[-1].values - (area @ start) / area.sum()).max() < 1e-4
 
 
+@pytest.mark.parametrize("duration, steps", [(60.0, 300), (1e6, 40)])
+def test_a_uniform_function_has_no_energy_and_its_rounding_is_no_increase(duration, steps):
+    start = 1e3 + np.random.default_rng(2).normal(size=OPERATOR.stiffness.shape[0])
+    solved = solve_evolution(OPERATOR, "heat", start, EvolutionTimes(duration, steps, 1))
+    energy = solved.results["energy"]
+    assert solved.accuracy["energy_increases"] == 0
+    assert min(energy) >= 0 and energy[-1] < 1e-20 * energy[0]
+
+
+def test_a_rise_of_the_energy_above_rounding_is_counted(monkeypatch):
+    descending = list(evolve_function(OPERATOR, "heat", 1e3 + PAIRS.vectors[:, 6], EvolutionTimes(0.1, 9, 1)))
+    name = "ddgcli.algorithms.laplacian.evolution.evolve_function"
+    monkeypatch.setattr(name, lambda *_: iter(descending[::-1]))
+    solved = solve_evolution(OPERATOR, "heat", descending[0].values, EvolutionTimes(0.1, 9, 1))
+    assert solved.accuracy["energy_increases"] == 9
+
+
 @pytest.mark.parametrize("duration", [1.0, 1e8, 1e13])
 def test_heat_of_two_spheres_ends_at_the_mean_of_each_after_any_duration(duration):
     one = shapes.icosphere(1)

@@ -49,11 +49,17 @@ def npy_array(data: bytes) -> NDArray:
 
 
 def text_array(data: bytes, separator: str | None) -> NDArray:
-    """Rows of numbers; `separator` None is white space."""
+    """Table of numbers, one element a row; one number a row, or one row of more than three, is a list.
+
+    `separator` None is white space.
+    """
     text = data.decode("utf-8-sig", "replace")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a file without rows, which the caller rejects by its length
         try:
-            return np.loadtxt(io.StringIO(text), delimiter=separator)
+            table = np.loadtxt(io.StringIO(text), delimiter=separator, ndmin=2)
         except (ValueError, OverflowError) as error:
             raise MeshFileError(f"no table of numbers ({excerpt(error)}); correct that row") from None
+    rows, columns = table.shape
+    is_vector = rows == 1 and 1 < columns <= 3  # a pair of vertices, or coordinates
+    return table if is_vector or min(rows, columns) > 1 else table.ravel()
