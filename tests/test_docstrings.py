@@ -26,8 +26,12 @@ PACKAGES = (
     "ddgcli.algorithms.tracing",
     "ddgcli.geometry",
     "ddgcli.linalg",
+    "ddgcli.mechanics",
     "ddgcli.mesh",
+    "ddgcli.models.curve",
+    "ddgcli.models.willmore",
     "ddgcli.operators",
+    "ddgcli.simulation",
 )
 
 

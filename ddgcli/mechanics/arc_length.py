@@ -22,7 +22,24 @@ MAX_CORRECTIONS = 25
 
 
 def arc_step(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
-    """The next equilibrium on the path; at load factor 1 exactly where the step would pass it.
+    """The next equilibrium on the path of loads.
+
+    At load factor 1 exactly where the step would pass it.
+
+    Parameters
+    ----------
+    system : System
+    motion : Motion
+        At an equilibrium.
+    dt : float
+        Step in s, which sets the arc length.
+    parameters : object
+        Of the scene: `duration`, `arc_length`, `load_steps`.
+
+    Returns
+    -------
+    Motion
+        At rest at the next equilibrium.
 
     Raises
     ------

@@ -58,7 +58,24 @@ class Levels:
 
 
 def step(system: System, motion: Motion, dt: float) -> tuple[NDArray, NDArray]:
-    """Positions and velocities after dt."""
+    """Positions and velocities after a step of asynchronous velocity Verlet.
+
+    Parameters
+    ----------
+    system : System
+    motion : Motion
+    dt : float
+        In s.
+
+    Returns
+    -------
+    x, v : (n, 3) ndarray of float64
+        In m and m/s.
+
+    References
+    ----------
+    A. Lew, J. E. Marsden, M. Ortiz, M. West, "Asynchronous variational integrators", 2003.
+    """
     levels = levels_of(system, dt)
     finest = len(levels.batches) - 1
     count, small = 2**finest, dt / 2**finest

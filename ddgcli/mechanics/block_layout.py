@@ -133,7 +133,16 @@ _ONES = np.ones(0)
 
 
 def ones(count: int) -> NDArray[np.float64]:
-    """`count` ones, shared by all matrices of ones."""
+    """Read-only array of ones, shared by all matrices of ones.
+
+    Parameters
+    ----------
+    count : int
+
+    Returns
+    -------
+    (count,) ndarray of float64
+    """
     global _ONES
     if len(_ONES) < count:
         _ONES = np.ones(count)

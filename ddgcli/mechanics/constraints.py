@@ -131,7 +131,19 @@ def projection(system: System, edges: RigidEdges, x: NDArray) -> Projection:
 
 
 def redundant(system: System, edges: RigidEdges, x: NDArray) -> int:
-    """Number of rigid edges whose lengths follow from the others, to the first order, at positions x."""
+    """Number of rigid edges whose lengths follow from the others, to the first order.
+
+    Parameters
+    ----------
+    system : System
+    edges : RigidEdges
+    x : (n, 3) ndarray of float64
+        Positions in m.
+
+    Returns
+    -------
+    int
+    """
     jacobian = edges.jacobian(x)
     weight = diags_array((system.free / system.mass[:, None]).ravel())
     matrix = csc_array(jacobian @ weight @ jacobian.T)
@@ -143,7 +155,28 @@ def redundant(system: System, edges: RigidEdges, x: NDArray) -> int:
 
 
 def rattle(system: System, motion: Motion, dt: float) -> tuple[Any, ...]:
-    """(x, v, a, multipliers) after a step of velocity Verlet under rigid edges; multipliers in N."""
+    """State after a step of velocity Verlet under rigid edges (RATTLE).
+
+    Parameters
+    ----------
+    system : System
+        With one constraint.
+    motion : Motion
+    dt : float
+        In s.
+
+    Returns
+    -------
+    x, v, a : (n, 3) ndarray of float64
+        Positions in m, velocities, accelerations.
+    multipliers : (k,) ndarray of float64
+        In N.
+
+    References
+    ----------
+    H. C. Andersen, "RATTLE: a velocity version of the SHAKE algorithm for molecular dynamics calculations",
+    1983.
+    """
     (edges,) = system.constraints
     guess = 0.5 * dt * motion.multipliers
     half = motion.v + 0.5 * dt * motion.a

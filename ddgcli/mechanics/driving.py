@@ -12,10 +12,23 @@ from ddgcli.mechanics.terms import TimeDependent
 
 
 def driving_work(system: System, before: Motion, after: Motion, dt: float) -> float:
-    """Joules that a step adds to kinetic and potential energy from outside, by the trapezoidal rule.
+    """Work that a step adds to kinetic and potential energy from outside, by the trapezoidal rule.
 
-    The sum of three parts: the reaction forces of prescribed vertices along their path, with the change of
+    The sum of three terms: the reaction forces of prescribed vertices along their path, with the change of
     their kinetic energy; the change of potentials in time at fixed positions; and what moving air adds.
+
+    Parameters
+    ----------
+    system : System
+    before, after : Motion
+        At both ends of the step.
+    dt : float
+        In s.
+
+    Returns
+    -------
+    float
+        In J.
     """
     start, end, move = system.at(before.time), system.at(after.time), after.x - before.x
     work = 0.0
@@ -45,10 +58,22 @@ def driving_work(system: System, before: Motion, after: Motion, dt: float) -> fl
 
 
 def reactions(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDArray, NDArray]]:
-    """Force (N) and moment about the origin (N m) that each pin and handle exerts on the object, by name.
+    """Force and moment that each pin and handle exerts on the object.
 
     The force is mass times acceleration plus the gradient of the potentials and of the dissipation, over the
     coordinates of the support; a coordinate of two supports counts for the first.
+
+    Parameters
+    ----------
+    system : System
+    motion : Motion
+    dt : float
+        Of the last step, in s.
+
+    Returns
+    -------
+    dict of str to ((3,) ndarray, (3,) ndarray)
+        By name: force in N, and moment about the origin in N m.
     """
     system = system.at(motion.time)
     if not system.supports:
@@ -79,7 +104,21 @@ def _couples(system: System, x: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> float:
-    """Joules that moving obstacles add to the stored energy in a step, by the trapezoidal rule."""
+    """Work that moving obstacles add to the stored energy in a step, by the trapezoidal rule.
+
+    Parameters
+    ----------
+    system : System
+    before, after : Motion
+        At both ends of the step.
+    dt : float
+        In s.
+
+    Returns
+    -------
+    float
+        In J.
+    """
     if not system.pushed:
         return 0.0
     terms = [term for term in system.all_terms if hasattr(term, "power")]
@@ -87,7 +126,20 @@ def obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> f
 
 
 def contact_forces(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDArray, NDArray]]:
-    """Force (N) and moment about the origin (N m) that shells exert on each obstacle, by name."""
+    """Force and moment that shells exert on each obstacle.
+
+    Parameters
+    ----------
+    system : System
+    motion : Motion
+    dt : float
+        Of the last step, in s.
+
+    Returns
+    -------
+    dict of str to ((3,) ndarray, (3,) ndarray)
+        By name: force in N, and moment about the origin in N m.
+    """
     system = system.at(motion.time)
     forces: dict[str, tuple[NDArray, NDArray]] = {}
     terms: list[Any] = [*system.potentials, *system.dissipations]

@@ -261,13 +261,37 @@ def embedded(own_term: Any, rows: Rows) -> Any:
 
 
 def terms_of_rows(terms: list[Any], rows: slice) -> list[Any]:
-    """The terms of one object among those of a system, without their embedding."""
+    """Terms of one object among those of a system, without their embedding.
+
+    Parameters
+    ----------
+    terms : list
+        Of the system.
+    rows : slice
+        Vertices of the object.
+
+    Returns
+    -------
+    list
+    """
     own_terms = [term.own_term for term in terms if isinstance(term, _Term) and term.rows.rows == rows]
     return own_terms if any(isinstance(term, _Term) for term in terms) else list(terms)
 
 
 def embedded_terms(own_terms: list[Any], rows: Rows) -> list[Any]:
-    """All terms of one object, memories with the terms that they replace."""
+    """All terms of one object as terms of a system of several; memories with the terms that they replace.
+
+    Parameters
+    ----------
+    own_terms : list
+        Of the object.
+    rows : Rows
+        Its vertices.
+
+    Returns
+    -------
+    list
+    """
     new = {
         id(own_term): embedded(own_term, rows) for own_term in own_terms if not isinstance(own_term, Memory)
     }

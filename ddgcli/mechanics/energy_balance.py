@@ -46,7 +46,19 @@ class StoredEnergy:
 
 
 def kinetic(system: System, v: NDArray) -> float:
-    """Kinetic energy in J of the free coordinates."""
+    """Kinetic energy of the free coordinates.
+
+    Parameters
+    ----------
+    system : System
+    v : (n, 3) ndarray of float64
+        In m/s.
+
+    Returns
+    -------
+    float
+        In J.
+    """
     v = system.only_free(v)
     return 0.5 * float(system.mass @ np.einsum("ni,ni->n", v, v))
 
@@ -71,6 +83,9 @@ def balanced(
 
     Parameters
     ----------
+    system : System
+    before, after : Motion
+        At both ends of the step.
     start, end : StoredEnergy
         At both positions.
     work : float
@@ -78,6 +93,11 @@ def balanced(
     dt : float
     fall : float, optional
         Joules by which the step may drop the balance; default a tenth of the available energy.
+
+    Returns
+    -------
+    Motion
+        `after` with the terms of the balance.
 
     Raises
     ------
@@ -126,11 +146,18 @@ def without_gain(
 
     Parameters
     ----------
+    system : System
+    before, after : Motion
+        At both ends of the step.
     start, end : StoredEnergy
         At both positions.
     pushed : float
         Joules that moving obstacles add.
     dt : float
+
+    Returns
+    -------
+    Motion
 
     Raises
     ------
@@ -154,6 +181,20 @@ def without_excess(system: System, before: Motion, after: Motion, end: StoredEne
 
     The excess is taken from the impulses of the nonlinear potentials. It would otherwise stay at the limit of
     `balanced`, where every small gain rejects a step.
+
+    Parameters
+    ----------
+    system : System
+    before, after : Motion
+        At both ends of the step.
+    end : StoredEnergy
+        At the positions of `after`.
+    dt : float
+        In s.
+
+    Returns
+    -------
+    Motion
     """
     at_hand = max(kinetic(system, before.v), kinetic(system, after.v))
     if not after.balance_excess > MAX_GAIN_OF_IMPULSES * at_hand:

@@ -124,11 +124,22 @@ class Equilibrium:
 
 
 def unstable_directions(system: System, x: NDArray) -> int | None:
-    """Number of negative eigenvalues of the exact Hessian at an equilibrium (n, 3).
+    """Number of negative eigenvalues of the exact Hessian at an equilibrium.
 
     0 at a minimum; more at a saddle point, which a disturbance leaves. Rounding moves the forces by eps of
     the stiffness, and the stress by eps max |x| over the length of an edge: eigenvalues within that count as
-    zero (the rigid motions of what nothing holds). None where the factorisation fails or does not fit.
+    zero (the rigid motions of what nothing holds).
+
+    Parameters
+    ----------
+    system : System
+    x : (n, 3) ndarray of float64
+        Positions in m.
+
+    Returns
+    -------
+    int or None
+        None where the factorisation fails or does not fit into memory.
     """
     if newton_of(system).solver(Increment(0.0, x)).by_blocks:
         return None  # its factors do not fit

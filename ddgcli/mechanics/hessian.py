@@ -18,14 +18,35 @@ from ddgcli.mechanics.terms import Mode, Potential, is_dead
 
 
 def assembly_of(system: System, increment: Increment) -> Assembly:
-    """Pattern of the Hessian of a system, with the stencils of its terms."""
+    """Pattern of the Hessian of a system, with the stencils of its terms.
+
+    Parameters
+    ----------
+    system : System
+    increment : Increment
+        The implicit step, with its dissipation.
+
+    Returns
+    -------
+    Assembly
+    """
     terms = [p for p in system.potentials if len(p.stencil)]
     terms += [p for p in increment.frozen if not hasattr(p, "hessian")]
     return assembly_of_terms(system.free, terms)
 
 
 def assembly_of_terms(free: NDArray[np.bool_], terms: Sequence[Potential]) -> Assembly:
-    """Pattern of the Hessian of potentials over the free coordinates (n, 3)."""
+    """Pattern of the Hessian of potentials over the free coordinates.
+
+    Parameters
+    ----------
+    free : (n, 3) ndarray of bool
+    terms : sequence of Potential
+
+    Returns
+    -------
+    Assembly
+    """
     by_pairs, stencils = [], []
     for p in terms:
         own = stencils_of(p)
@@ -35,7 +56,21 @@ def assembly_of_terms(free: NDArray[np.bool_], terms: Sequence[Potential]) -> As
 
 
 def blocks_of(potential: Any, by_pairs: Iterator[bool], x: NDArray, mode: Mode) -> Iterator[NDArray]:
-    """Blocks of the elements of each piece of a potential, those of pairs where `by_pairs` of the piece."""
+    """Blocks of the Hessian of the elements of each piece of a potential.
+
+    Parameters
+    ----------
+    potential : Potential or PotentialPieces
+    by_pairs : iterator of bool
+        For each piece, whether to give the blocks of pairs of vertices.
+    x : (n, 3) ndarray of float64
+    mode : str
+        Which terms of the Hessian: exact, or positive semidefinite.
+
+    Yields
+    ------
+    ndarray of float64
+    """
     for piece, own_x in pieces_of(potential, x):
         yield piece.pair_blocks(own_x, mode) if next(by_pairs) else piece.blocks(own_x, mode)
 
@@ -50,9 +85,26 @@ def total_hessian(
     *,
     by_blocks: bool = False,
 ) -> csc_array | bsr_array:
-    """Hessian over the free coordinates and the internal unknowns, plus `shift` times the masses.
+    """Hessian of the function that an implicit step minimises, plus `shift` times the masses.
 
-    `by_blocks`: with (3, 3) blocks if the unknowns are those of whole vertices.
+    Parameters
+    ----------
+    system : System
+    increment : Increment
+    assembly : Assembly
+        Of both.
+    y : (n, 3) ndarray of float64
+        Where to evaluate.
+    mode : str
+        Which terms of the Hessian: exact, or positive semidefinite.
+    shift : float
+    by_blocks : bool
+        With (3, 3) blocks if the unknowns are those of whole vertices.
+
+    Returns
+    -------
+    csc_array or bsr_array
+        Over the free coordinates and the internal unknowns.
     """
     changing: list[Any] = []
     blocks = _blocks(system, increment, assembly, y, mode, changing)

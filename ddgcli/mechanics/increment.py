@@ -47,10 +47,26 @@ class Point:
 
 
 def shorter_fraction(t: float, change: float, downhill: float) -> float:
-    """The next fraction of a move to try after t, which changed the value by `change`.
+    """The next fraction of a move to try in a line search.
 
-    Where the parabola with the slope `downhill` at 0 and that change at t is least, between a tenth and a
-    half of t (J. Nocedal and S. Wright, "Numerical optimization", 2006, section 3.5).
+    Where the parabola with the slope at 0 and the change at t is least, between a tenth and a half of t.
+
+    Parameters
+    ----------
+    t : float
+        Fraction tried.
+    change : float
+        Of the value from 0 to t.
+    downhill : float
+        Slope at 0, negative.
+
+    Returns
+    -------
+    float
+
+    References
+    ----------
+    J. Nocedal, S. Wright, "Numerical optimization", 2006, section 3.5.
     """
     above = change - t * downhill  # of the value over the tangent
     least = -0.5 * downhill * t * t / above if np.isfinite(above) and above > 0 else 0.5 * t

@@ -11,14 +11,38 @@ Operator = Callable[[NDArray], NDArray]
 
 
 def product(matrix: Operator, columns: NDArray | None) -> Operator:
-    """The product with matrix + U U^T, U the (n, k) columns; None means no column."""
+    """Product with a matrix plus a term of low rank, A + U U^T.
+
+    Parameters
+    ----------
+    matrix : callable
+        Product with A.
+    columns : (n, k) ndarray of float64 or None
+        U; None without such a term.
+
+    Returns
+    -------
+    callable
+    """
     if columns is None:
         return matrix
     return lambda v: matrix(v) + columns @ (columns.T @ v)
 
 
 def solver(solve: Operator, columns: NDArray | None) -> Operator:
-    """The solution with A + U U^T from the solution with A."""
+    """Solution with A + U U^T from the solution with A, by Woodbury's identity.
+
+    Parameters
+    ----------
+    solve : callable
+        Solution with A.
+    columns : (n, k) ndarray of float64 or None
+        U; None without such a term.
+
+    Returns
+    -------
+    callable
+    """
     if columns is None:
         return solve
     inverse = np.stack([solve(column) for column in columns.T], axis=1)

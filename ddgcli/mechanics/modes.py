@@ -36,7 +36,21 @@ class Modes:
 
 
 def natural_modes(system: System, x: NDArray, k: int) -> Modes:
-    """Frequencies and shapes of the k slowest small vibrations about positions x (n, 3), undamped."""
+    """Frequencies and shapes of the slowest small vibrations about a rest shape, undamped.
+
+    Parameters
+    ----------
+    system : System
+    x : (n, 3) ndarray of float64
+        Positions at rest, in m.
+    k : int
+        Number of modes.
+
+    Returns
+    -------
+    Modes
+        Frequencies in Hz; negative for the square root of a negative eigenvalue (an unstable direction).
+    """
     matrix, newton = _hessian(system, x), newton_of(system)
     mass = newton.entries(np.repeat(system.mass[:, None], 3, axis=1))
     k = min(k, int(np.count_nonzero(mass)))
@@ -48,15 +62,30 @@ def natural_modes(system: System, x: NDArray, k: int) -> Modes:
 
 
 def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
-    """Factors on all loads at which the shell at rest at x (n, 3) buckles: linear theory, up to k, ascending.
+    """Factors on all loads at which a shell at rest buckles, by linear theory.
 
-    The stress grows in proportion to the load, and the shape stays that at rest: K0 + s K1 is singular, K1
-    the derivative of the stress part of the Hessian along the small displacement that the loads cause.
+    Parameters
+    ----------
+    system : System
+    x : (n, 3) ndarray of float64
+        Positions at rest under the loads, in m.
+    k : int
+        Largest number of modes.
+
+    Returns
+    -------
+    Modes
+        Load factors, ascending.
 
     Raises
     ------
     SolveError
         Without loads, with supports that leave the shell free to move, or where no load factor is positive.
+
+    Notes
+    -----
+    The stress grows in proportion to the load, and the shape stays that at rest: K0 + s K1 is singular, K1
+    the derivative of the stress part of the Hessian along the small displacement that the loads cause.
     """
     unloaded, newton = _with_loads(system, 0.0), newton_of(system)
     stiffness = _hessian(unloaded, x)

@@ -391,7 +391,16 @@ class Newton:
 
 
 def newton_of(system: System) -> Newton:
-    """Newton solver of a system; one for all its steps, so that the factorisation is analysed once."""
+    """Newton solver of a system; one for all its steps, so that the factorisation is analysed once.
+
+    Parameters
+    ----------
+    system : System
+
+    Returns
+    -------
+    Newton
+    """
     if "newton" not in system.cache:
         system.cache["newton"] = Newton(system)
     system.cache["newton"].system = system  # the same system at another time has the same sparsity
@@ -399,7 +408,17 @@ def newton_of(system: System) -> Newton:
 
 
 def worst(g: NDArray) -> str:
-    """The vertex of the largest residual."""
+    """Name of the vertex with the largest residual, for messages.
+
+    Parameters
+    ----------
+    g : (n, 3) ndarray of float64
+        Residual forces.
+
+    Returns
+    -------
+    str
+    """
     with np.errstate(invalid="ignore"):
         size = np.abs(np.nan_to_num(g, nan=np.inf)).max(axis=1)
     return f"vertex {int(np.argmax(size))}"

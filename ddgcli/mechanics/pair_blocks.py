@@ -19,7 +19,17 @@ MAX_KEPT = 2**27  # bytes of an array of blocks that stays in memory between two
 
 @cache
 def vertex_pairs(count: int) -> tuple[tuple[int, int], ...]:
-    """Pairs (a, b), a < b, of an element's vertices."""
+    """Pairs (a, b), a < b, of the vertices of an element.
+
+    Parameters
+    ----------
+    count : int
+        Vertices of the element.
+
+    Returns
+    -------
+    tuple of (int, int)
+    """
     return tuple((a, b) for a in range(count) for b in range(a + 1, count))
 
 
@@ -70,13 +80,37 @@ class PairBlocks:
 
 
 def whole_blocks(stencil: NDArray, pair_blocks: NDArray) -> NDArray[np.float64]:
-    """(k, 3s, 3s) blocks of elements from those of their pairs (3, 3, p, k)."""
+    """Whole Hessians of elements from the blocks of their pairs of vertices.
+
+    Parameters
+    ----------
+    stencil : (k, s) ndarray of int64
+        Vertices of the elements.
+    pair_blocks : (3, 3, p, k) ndarray of float64
+
+    Returns
+    -------
+    (k, 3s, 3s) ndarray of float64
+    """
     blocks = np.where(_descending(stencil), pair_blocks.swapaxes(0, 1), pair_blocks)
     return whole_elements(stencil.shape[1], blocks.transpose(2, 3, 0, 1))
 
 
 def whole_elements(count: int, blocks: NDArray) -> NDArray[np.float64]:
-    """(k, 3s, 3s) blocks of elements of s vertices from (p, k, 3, 3): rows belong to a, columns to b."""
+    """Whole Hessians of elements from the blocks of their pairs, whose rows belong to the first vertex.
+
+    Parameters
+    ----------
+    count : int
+        Vertices of an element, s.
+    blocks : (p, k, 3, 3) ndarray of float64
+        Of the pairs in the order of `vertex_pairs`.
+
+    Returns
+    -------
+    (k, 3s, 3s) ndarray of float64
+        Symmetric.
+    """
     k = blocks.shape[1]
     whole = np.zeros((k, count, 3, count, 3))
     for (a, b), block in zip(vertex_pairs(count), blocks):
@@ -96,5 +130,14 @@ def _descending(stencil: NDArray) -> NDArray[np.bool_]:
 
 
 def have_distinct_vertices(stencil: NDArray) -> bool:
-    """Whether no element has a vertex twice."""
+    """Whether no element has a vertex twice.
+
+    Parameters
+    ----------
+    stencil : (k, s) ndarray of int64
+
+    Returns
+    -------
+    bool
+    """
     return not any((stencil[:, a] == stencil[:, b]).any() for a, b in vertex_pairs(stencil.shape[1]))

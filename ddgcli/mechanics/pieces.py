@@ -69,7 +69,17 @@ class PotentialPieces:
 
 
 def in_pieces(potential: Potential) -> Potential:
-    """The potential, by pieces where it has many elements."""
+    """Divide a potential into pieces where it has many elements.
+
+    Parameters
+    ----------
+    potential : Potential
+
+    Returns
+    -------
+    Potential
+        The input itself where it is small, or cannot be divided.
+    """
     many = len(potential.stencil) > MIN_PIECE
     if many and hasattr(potential, "subset") and hasattr(potential, "pair_blocks"):
         return PotentialPieces(potential)
@@ -77,7 +87,19 @@ def in_pieces(potential: Potential) -> Potential:
 
 
 def pieces_of(potential: Any, x: NDArray) -> Iterator[tuple[Any, NDArray]]:
-    """The potential of each piece and the positions of its vertices; itself and x where it is not divided."""
+    """Potential of each piece and the positions of its vertices.
+
+    Parameters
+    ----------
+    potential : Potential or PotentialPieces
+    x : (n, 3) ndarray of float64
+
+    Yields
+    ------
+    piece : Potential
+        The input itself where it is not divided.
+    x : (n', 3) ndarray of float64
+    """
     if not isinstance(potential, PotentialPieces):
         yield potential, x
         return
@@ -86,7 +108,16 @@ def pieces_of(potential: Any, x: NDArray) -> Iterator[tuple[Any, NDArray]]:
 
 
 def stencils_of(potential: Any) -> list[NDArray[np.int64]]:
-    """Stencils of the pieces, by the vertices of the whole system."""
+    """Stencils of the pieces of a potential, by the vertices of the whole system.
+
+    Parameters
+    ----------
+    potential : Potential or PotentialPieces
+
+    Returns
+    -------
+    list of (k, s) ndarray of int64
+    """
     if not isinstance(potential, PotentialPieces):
         return [potential.stencil]
     return [potential.stencil[rows] for rows in potential.rows()]

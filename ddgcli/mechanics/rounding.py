@@ -72,5 +72,18 @@ def _trace(potential: Potential, x: NDArray) -> float:
 
 
 def sum_rounding(scale: float, count: int) -> float:
-    """Rounding of a sum over `count` elements whose terms have the absolute sum `scale`."""
+    """Rounding error of a sum over elements.
+
+    Parameters
+    ----------
+    scale : float
+        Absolute sum of the terms.
+    count : int
+        Number of terms.
+
+    Returns
+    -------
+    float
+        In the unit of `scale`.
+    """
     return SUM_ROUNDING * scale * float(np.sqrt(count))

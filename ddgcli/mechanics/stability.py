@@ -15,10 +15,23 @@ MAX_POWERS = 60  # of the matrix, in its power iteration
 
 
 def stable_step(system: System, x: NDArray, reach: float) -> float:
-    """Largest step of a scheme that is stable while step times frequency is below `reach`.
+    """Largest step of an explicit scheme that is stable.
 
-    The frequency w is that of the elastic terms at `x` and of the barriers where they are expected stiffest.
+    The frequency is that of the elastic terms at `x` and of the barriers where they are expected stiffest.
     Damping of rate c shortens the step: explicit schemes take the velocity from before.
+
+    Parameters
+    ----------
+    system : System
+    x : (n, 3) ndarray of float64
+        Positions in m.
+    reach : float
+        The scheme is stable while step times angular frequency is below it.
+
+    Returns
+    -------
+    float
+        In s; inf without a limit.
     """
     if not np.isfinite(reach):
         return np.inf

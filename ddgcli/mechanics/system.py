@@ -287,5 +287,14 @@ class System:
 
 
 def is_active(dissipation: Dissipation) -> bool:
-    """Whether a dissipation can also add energy: the air of wind moves."""
+    """Whether a dissipation can also add energy, as wind does, whose air moves.
+
+    Parameters
+    ----------
+    dissipation : Dissipation
+
+    Returns
+    -------
+    bool
+    """
     return bool(getattr(dissipation, "active", False))

@@ -47,7 +47,16 @@ class ElasticPotential(Potential, Protocol):
 
 
 def is_dead(potential: Any) -> bool:
-    """Whether a potential's gradient is constant: no elements, and no Hessian of its own."""
+    """Whether the gradient of a potential is constant: no elements, and no Hessian of its own.
+
+    Parameters
+    ----------
+    potential : Potential
+
+    Returns
+    -------
+    bool
+    """
     return len(potential.stencil) == 0 and not hasattr(potential, "hessian")
 
 
@@ -237,6 +246,15 @@ def at_last_point(method: Callable[[Any, NDArray], Value]) -> Callable[[Any, NDA
     """Cache a method's value at the last array of positions (the same object, which is not written to).
 
     Energy, gradient and Hessian of a Newton iteration are evaluated at one point and share results.
+
+    Parameters
+    ----------
+    method : callable
+        Of an object and its positions.
+
+    Returns
+    -------
+    callable
     """
     name = f"_last_{method.__name__}"
 
@@ -251,5 +269,16 @@ def at_last_point(method: Callable[[Any, NDArray], Value]) -> Callable[[Any, NDA
 
 
 def row_blocks(count: int, size: int = 4096) -> Iterator[slice]:
-    """Slices of `size` elements: what is made of one of them stays in the cache until it is used."""
+    """Slices of `size` elements, whose working arrays stay in the cache.
+
+    Parameters
+    ----------
+    count : int
+        Number of elements.
+    size : int
+
+    Yields
+    ------
+    slice
+    """
     return (slice(start, min(start + size, count)) for start in range(0, count, size))

@@ -79,6 +79,17 @@ class EffectTable:
 
 
 def nearest(name: str, names: list[str]) -> str:
-    """`; did you mean 'x'?` or nothing."""
+    """Suggestion of a similar name, for error messages.
+
+    Parameters
+    ----------
+    name : str
+    names : list of str
+
+    Returns
+    -------
+    str
+        Such as `; did you mean 'x'?`; empty without a similar name.
+    """
     near = difflib.get_close_matches(name, names, 1, cutoff=0.55)
     return f"; did you mean {near[0]!r}?" if near else ""

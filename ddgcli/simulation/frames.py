@@ -16,9 +16,20 @@ from ddgcli.simulation.time_loop import Snapshot
 
 
 def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh | TetMesh | CurveSet, np.ndarray]:
-    """One mesh of several of one kind, vertices in order, and the (m,) number of the object of each cell.
+    """Join several meshes of one kind into one.
 
     A set of curves comes alone and stays as it is.
+
+    Parameters
+    ----------
+    meshes : list of TriangleMesh, TetMesh or CurveSet
+
+    Returns
+    -------
+    mesh : TriangleMesh, TetMesh or CurveSet
+        Vertices and cells in order.
+    number : (m,) ndarray of int64
+        Number of the object of each cell.
     """
     if isinstance(meshes[0], CurveSet):
         return meshes[0], np.zeros(len(meshes[0].lines), dtype=np.int64)
@@ -34,9 +45,17 @@ def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh | TetMesh | CurveSet, n
 
 
 def joined_frame(snapshot: Snapshot) -> TrajectoryFrame:
-    """Points and arrays one behind the other, scalars added; `step_size` is the smallest step so far.
+    """Trajectory frame of a snapshot: points and arrays of all models in order, scalars added.
 
-    A vector of one number is a number, as it is in a file.
+    `step_size` is the smallest step so far. A vector of one number is a number, as it is in a file.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+
+    Returns
+    -------
+    TrajectoryFrame
     """
     observations = sorted(snapshot.observations.values(), key=lambda observation: observation.place)
     points = (
@@ -88,7 +107,18 @@ def _faces(observations: list[Observation]) -> np.ndarray | None:
 
 
 def mesh_of_frame(mesh: Any, trajectory_frame: TrajectoryFrame) -> Any:
-    """The mesh of a run as it is in a frame: moved, and with the frame's faces where these change."""
+    """Mesh of a run as it is in a frame: moved, and with the frame's faces where these change.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, TetMesh or CurveSet
+        At the start of the run.
+    trajectory_frame : TrajectoryFrame
+
+    Returns
+    -------
+    TriangleMesh, TetMesh or CurveSet
+    """
     if trajectory_frame.points is None:
         return mesh
     if trajectory_frame.faces is None:

@@ -192,6 +192,10 @@ def flow_schedule(options: Mapping[str, Any], own_step: float, *, max_steps: int
     max_steps, n_frames : int
         Without steps and duration; of a run without `frame_every`.
 
+    Returns
+    -------
+    Schedule
+
     Raises
     ------
     ParameterError

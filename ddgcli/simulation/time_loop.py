@@ -83,6 +83,10 @@ def stop_reason(checkpoint: Arrays) -> str:
     ----------
     checkpoint : dict of "model/array" to ndarray
         Of a Snapshot.
+
+    Returns
+    -------
+    str
     """
     reasons = [_reason_text(v) for k, v in checkpoint.items() if k.endswith("/stopped")]
     return reasons[0] if reasons and all(reasons) else ""
@@ -140,6 +144,10 @@ def evolve(
         Continue after that frame, which is not yielded again. Nothing is yielded if the run had ended there.
     progress : callable, optional
         Called with (steps done, all steps) after every step, and after parts of divided steps.
+
+    Yields
+    ------
+    Snapshot
 
     Raises
     ------

@@ -13,10 +13,20 @@ MAX_PAIRS = 1 << 20  # pairs of segments handled at once
 
 
 def self_crossings(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
-    """(c,) crossings of each plane curve with itself; 0 for other curves.
+    """Count the crossings of each plane curve with itself.
 
     A point of the curve that lies on another segment counts as to its left, so that a curve that passes
     through one of its own points crosses there once, and one that touches it crosses not at all or twice.
+
+    Parameters
+    ----------
+    mesh : Polygons
+    points : (n, 3) ndarray of float64
+
+    Returns
+    -------
+    (c,) ndarray of float64
+        0 for curves in space.
     """
     count = np.zeros(mesh.n_curves)
     for k in np.flatnonzero(mesh.normal.any(axis=1)):

@@ -391,7 +391,17 @@ class NormalStep:
 
 
 def start_state(flow: CurveFlow, points: NDArray) -> CurveState:
-    """State at time zero."""
+    """State of a flow at time zero.
+
+    Parameters
+    ----------
+    flow : CurveFlow
+    points : (n, 3) ndarray of float64
+
+    Returns
+    -------
+    CurveState
+    """
     c = flow.mesh.n_curves
     state = CurveState(points, np.ones(c, dtype=bool), np.full(c, np.nan), np.inf, np.zeros(2))
     return replace(state, points=np.array(points, dtype=np.float64))

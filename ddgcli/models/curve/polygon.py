@@ -63,7 +63,17 @@ class Polygons:
 
 
 def polygons(curves: CurveSet) -> Polygons:
-    """Connectivity of a set of curves all of whose points belong to curves."""
+    """Connectivity of a set of curves, and the normals of their planes.
+
+    Parameters
+    ----------
+    curves : CurveSet
+        All points belong to curves.
+
+    Returns
+    -------
+    Polygons
+    """
     n, paths = curves.n_vertices, curves.paths()
     curve = np.full(n, -1, dtype=np.int64)
     normal = np.zeros((len(paths), 3))
@@ -102,7 +112,17 @@ class Geometry:
 
 
 def geometry(mesh: Polygons, points: NDArray) -> Geometry:
-    """Lengths, tangents and turning angles of polylines."""
+    """Lengths, tangents and turning angles of polylines.
+
+    Parameters
+    ----------
+    mesh : Polygons
+    points : (n, 3) ndarray of float64
+
+    Returns
+    -------
+    Geometry
+    """
     edge = points[mesh.head] - points[mesh.tail]
     length, tangent = vector_length(edge), unit_vectors(edge)
     half = sum_by_index(np.concatenate([mesh.tail, mesh.head]), np.tile(length / 2, 2), mesh.n)
@@ -117,12 +137,34 @@ def gather(mesh: Polygons, values: NDArray) -> NDArray[np.float64]:
 
 
 def length_gradient(mesh: Polygons, shape: Geometry) -> NDArray[np.float64]:
-    """(n, 3) gradient of the length: the difference of the unit tangents; -kappa N times the dual length."""
+    """Gradient of the length: the difference of the unit tangents; -kappa N times the dual length.
+
+    Parameters
+    ----------
+    mesh : Polygons
+    shape : Geometry
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+        Without unit.
+    """
     return gather(mesh, shape.tangent)
 
 
 def enclosed_area(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
-    """(c,) signed areas of closed plane curves, positive to the left; 0 for other curves."""
+    """Signed areas that closed plane curves enclose.
+
+    Parameters
+    ----------
+    mesh : Polygons
+    points : (n, 3) ndarray of float64
+
+    Returns
+    -------
+    (c,) ndarray of float64
+        In length^2, positive to the left of the curve; 0 for other curves.
+    """
     first = np.zeros(mesh.n_curves, dtype=np.int64)
     first[mesh.curve[::-1]] = np.arange(mesh.n)[::-1]
     area = area_form(mesh, points - points[first][mesh.curve])
@@ -130,13 +172,35 @@ def enclosed_area(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
 
 
 def area_form(mesh: Polygons, vectors: NDArray) -> NDArray[np.float64]:
-    """(c,) sums over the segments of det(normal, v_tail, v_head) / 2."""
+    """Sums over the segments of det(normal, v_tail, v_head) / 2.
+
+    Parameters
+    ----------
+    mesh : Polygons
+    vectors : (n, 3) ndarray of float64
+
+    Returns
+    -------
+    (c,) ndarray of float64
+        In the square of the vectors' unit.
+    """
     normal = mesh.normal[mesh.curve[mesh.tail]]
     return mesh.by_curve(mesh.tail, row_dot(normal, np.cross(vectors[mesh.tail], vectors[mesh.head])) / 2)
 
 
 def area_gradient(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
-    """(n, 3) gradient of the areas: (x_next - x_previous) x normal / 2."""
+    """Gradient of the enclosed areas: (x_next - x_previous) x normal / 2.
+
+    Parameters
+    ----------
+    mesh : Polygons
+    points : (n, 3) ndarray of float64
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+        A length; 0 at points of curves that enclose no area.
+    """
     edge = points[mesh.head] - points[mesh.tail]
     chord = sum_by_index(np.concatenate([mesh.tail, mesh.head]), np.tile(edge, (2, 1)), mesh.n)
     chord = np.where(mesh.bounds_area[mesh.curve][:, None], chord, 0.0)
@@ -144,18 +208,38 @@ def area_gradient(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
 
 
 def elastic_energy(mesh: Polygons, shape: Geometry) -> NDArray[np.float64]:
-    """(c,) elastic energies: sum of turning^2 / dual length, which is int kappa^2.
+    """Elastic energies of polylines: sum of turning^2 / dual length, which is int kappa^2.
 
     A regular polygon has 4 pi^2 / length, the value of the circle of its length.
+
+    Parameters
+    ----------
+    mesh : Polygons
+    shape : Geometry
+
+    Returns
+    -------
+    (c,) ndarray of float64
+        In 1/length.
     """
     dual = np.maximum(shape.dual_length[mesh.joint], np.finfo(float).tiny)
     return mesh.by_curve(mesh.joint, shape.turning**2 / dual)
 
 
 def elastic_gradient(mesh: Polygons, shape: Geometry) -> NDArray[np.float64]:
-    """(n, 3) gradient of the elastic energy.
+    """Gradient of the elastic energy.
 
     At a joint that turns by pi, where the energy has no gradient, the value is finite and of no use.
+
+    Parameters
+    ----------
+    mesh : Polygons
+    shape : Geometry
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+        In 1/length^2.
     """
     dual, angle = shape.dual_length[mesh.joint], shape.turning
     slope = 2.0 / np.maximum(np.sinc(angle / np.pi), 1e-8)  # -d(angle^2) / d(cos angle)
@@ -172,7 +256,19 @@ def elastic_gradient(mesh: Polygons, shape: Geometry) -> NDArray[np.float64]:
 
 
 def stiffness(mesh: Polygons, length: NDArray) -> csr_array:
-    """(n, n) second differences with weights 1 / length; positive semidefinite."""
+    """Stiffness matrix of second differences with weights 1 / length.
+
+    Parameters
+    ----------
+    mesh : Polygons
+    length : (s,) ndarray of float64
+        Of the segments; very short ones count as longer.
+
+    Returns
+    -------
+    (n, n) csr_array of float64
+        Positive semidefinite, in 1/length.
+    """
     mean = mesh.by_curve(mesh.tail, length) / np.bincount(mesh.curve[mesh.tail], minlength=mesh.n_curves)
     weight = 1.0 / np.maximum(length, MIN_SEGMENT * mean[mesh.curve[mesh.tail]] + np.finfo(float).tiny)
     i, j = mesh.tail, mesh.head
@@ -182,9 +278,19 @@ def stiffness(mesh: Polygons, length: NDArray) -> csr_array:
 
 
 def vertex_tangents(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
-    """(n, 3) unit vectors along the chord of both neighbours; zero at ends, and where the chord is zero.
+    """Unit tangents at the points, along the chord of both neighbours.
 
     They are normal to the gradient of the area, so that normal motions lose area at the right rate.
+
+    Parameters
+    ----------
+    mesh : Polygons
+    points : (n, 3) ndarray of float64
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+        Zero at ends, and where the chord is zero.
     """
     tangent = np.zeros((mesh.n, 3))
     tangent[mesh.joint] = unit_vectors(points[mesh.head[mesh.after]] - points[mesh.tail[mesh.before]])
@@ -192,10 +298,20 @@ def vertex_tangents(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
 
 
 def circle_tangents(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
-    """(n, 3) unit tangents of the circles through each point and its neighbours; zero at ends.
+    """Unit tangents of the circles through each point and its neighbours.
 
     On uneven points the chord of both neighbours leans towards the longer segment. Normals to it differ
-    between near neighbours by a part of that segment, and bending would hold such points where they are.
+    between near neighbours by a fraction of that segment, and bending would keep such points where they are.
+
+    Parameters
+    ----------
+    mesh : Polygons
+    points : (n, 3) ndarray of float64
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+        Zero at ends.
     """
     tangent = np.zeros((mesh.n, 3))
     before, after = (points[mesh.head[k]] - points[mesh.tail[k]] for k in (mesh.before, mesh.after))

@@ -27,7 +27,7 @@ def summary(
     stopped: str,
     failure: str,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """(`results`, `accuracy`) of a run.
+    """Results and accuracy of a run of a curve flow.
 
     Parameters
     ----------
@@ -39,6 +39,10 @@ def summary(
         Steps that the schedule allows.
     stopped, failure : str
         Why it ended before, or "".
+
+    Returns
+    -------
+    results, accuracy : dict
     """
     bounds, several = bool(flow.mesh.bounds_area.all()), flow.mesh.n_curves > 1
     collapse = np.atleast_1d(series["collapse_time_by_curve"][-1])
@@ -121,7 +125,17 @@ def _area_rate_error(flow: CurveFlow, times: NDArray, series: Mapping[str, NDArr
 
 
 def folds_back(series: Mapping[str, NDArray]) -> bool:
-    """Whether the last frame runs back on itself at a point, more than the first: it is no curve any more."""
+    """Whether the last frame runs back on itself at a point, more than the first: it is no curve any more.
+
+    Parameters
+    ----------
+    series : mapping of str to (T, ...) ndarray
+        Scalars of the frames.
+
+    Returns
+    -------
+    bool
+    """
     turning = series["largest_turning"]
     return bool(turning[-1] > max(FOLD_TURNING, turning[0]) and not series["collapsed"].any())
 

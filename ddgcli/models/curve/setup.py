@@ -50,7 +50,16 @@ class CurveFlowOptions:
 
 
 def without_repeated_points(curves: CurveSet) -> CurveSet:
-    """Curves without unused points and without points that repeat their predecessor; paths in their order.
+    """Remove unused points, and points that repeat their predecessor.
+
+    Parameters
+    ----------
+    curves : CurveSet
+
+    Returns
+    -------
+    CurveSet
+        Paths in their order.
 
     Raises
     ------
@@ -91,6 +100,10 @@ def build(curves: CurveSet, options: CurveFlowOptions) -> tuple[CurveFlow, Model
     curves : CurveSet
         From `without_repeated_points`.
     options : CurveFlowOptions
+
+    Returns
+    -------
+    CurveFlow, Model
 
     Raises
     ------
@@ -164,7 +177,23 @@ def _require_slack(mesh: polygon.Polygons, points: NDArray, length: NDArray) -> 
 
 
 def schedule(flow: CurveFlow, options: Mapping[str, Any]) -> Schedule:
-    """When to step and to record, from the options: steps, duration, step, frame_every, tolerance."""
+    """When a curve flow steps and records.
+
+    Parameters
+    ----------
+    flow : CurveFlow
+    options : mapping
+        `steps`, `duration`, `step`, `frame_every`, `tolerance`.
+
+    Returns
+    -------
+    Schedule
+
+    Raises
+    ------
+    ParameterError
+        For a tolerance without a duration.
+    """
     if options.get("tolerance") is not None and not options.get("duration"):
         raise ParameterError("needs `duration`; it chooses the steps up to that time", parameter="tolerance")
     radius = float(flow.first_length.min()) / (2 * math.pi)

@@ -60,20 +60,53 @@ class VolumeEnergy:
 
 
 def signed_volume(points: NDArray, faces: NDArray) -> float:
-    """Volume between closed oriented faces, positive for outward orientation; from the points' mean."""
+    """Volume between closed oriented faces, measured from the mean of the points.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray of float64
+    faces : (m, 3) ndarray of int64
+
+    Returns
+    -------
+    float
+        In length^3, positive for outward orientation.
+    """
     corner = (points - points.mean(axis=0))[faces]
     return float(cone_volume(corner[:, 0].T, corner[:, 1].T, corner[:, 2].T).sum())
 
 
 def volume_gradient(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(n, 3) derivative of the volume by the vertices: a third of their area vectors; not at boundaries."""
+    """Derivative of the enclosed volume by the vertices: a third of their area vectors.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+        In length^2; of no meaning at boundary vertices.
+    """
     faces = FaceSides.at(mesh.points, mesh.faces)
     third = np.cross(faces.opposite[:, 0], faces.opposite[:, 1]) / 6.0
     return sum_by_index(mesh.faces, np.repeat(third[:, None], 3, axis=1), mesh.n_vertices)
 
 
 def mean_curvature(mesh: TriangleMesh, normal: NDArray) -> NDArray[np.float64]:
-    """(n,) H as half the quotient of the area's and the volume's derivative along given unit normals."""
+    """Mean curvature H as half the quotient of the area's and the volume's derivative along normals.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    normal : (n, 3) ndarray of float64
+        Unit normals.
+
+    Returns
+    -------
+    (n,) ndarray of float64
+        In 1/length, half the sum of the principal curvatures, positive where convex with outward normals.
+    """
     by_area = AreaEnergy(mesh.topology).value_and_gradient(mesh.points)[1]
     across, swept = (np.einsum("ij,ij->i", g, normal) for g in (by_area, volume_gradient(mesh)))
     return 0.5 * across / swept

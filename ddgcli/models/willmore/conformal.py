@@ -112,12 +112,33 @@ def descending_step(
 
 
 def distance_from_rest(mesh: TriangleMesh) -> float:
-    """int (admissible part of H)^2 dA: about the energy that the flow could still release."""
+    """Integral of the square of the admissible part of H: about the energy that the flow could still release.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    float
+        Without unit.
+    """
     return float((lumped_vertex_area(mesh) * _curvature_change(mesh) ** 2).sum())
 
 
 def log_ratio_change(start: TriangleMesh, end: TriangleMesh) -> dict[str, float]:
-    """Largest and mean, over the faces, change of the logarithm of the ratio of two sides; 0: conformal."""
+    """Change of the logarithm of the ratio of two sides of a face, which is 0 for a conformal map.
+
+    Parameters
+    ----------
+    start, end : TriangleMesh
+        With the same faces.
+
+    Returns
+    -------
+    dict of str to float
+        `log_ratio_change_max`, `log_ratio_change_mean` over the faces.
+    """
     stretch = np.log(end.side_length / start.side_length)
     change = stretch.max(axis=1) - stretch.min(axis=1)
     return {"log_ratio_change_max": float(change.max()), "log_ratio_change_mean": float(change.mean())}

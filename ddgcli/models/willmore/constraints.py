@@ -22,14 +22,32 @@ PARALLEL_GRADIENT_TOLERANCE = 1e-10  # relative size below which two constraint 
 
 
 def area(mesh: TriangleMesh) -> float:
-    """Total area."""
+    """Total area of a surface.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    float
+        In length^2.
+    """
     return float(face_area(mesh.side_length).sum())
 
 
 def cap_faces(topology: Topology) -> NDArray[np.int64]:
-    """(k, 3) faces that close every boundary loop, without new vertices.
+    """Faces that close every boundary loop, without new vertices.
 
     Where the boundary stays, the volume inside changes as if any other caps were there.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    (k, 3) ndarray of int64
     """
     fans = [
         np.stack([np.full(len(loop) - 2, loop[0]), loop[2:], loop[1:-1]], axis=1)
@@ -39,7 +57,19 @@ def cap_faces(topology: Topology) -> NDArray[np.int64]:
 
 
 def volume_inside(mesh: TriangleMesh, caps: NDArray | None = None) -> float:
-    """Signed volume inside a surface and its caps."""
+    """Signed volume inside a surface and its caps.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    caps : (k, 3) ndarray of int64, optional
+        Of `cap_faces`.
+
+    Returns
+    -------
+    float
+        In length^3, positive for outward orientation.
+    """
     faces = mesh.faces if caps is None else np.concatenate([mesh.faces, caps])
     return signed_volume(mesh.points, faces)
 

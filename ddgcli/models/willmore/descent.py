@@ -55,14 +55,33 @@ class EnergyGradient:
 
 
 def size_across(at: EnergyGradient) -> float:
-    """Dimensionless size of the gradient's part across the surface."""
+    """Dimensionless size of the gradient's component across the surface.
+
+    Parameters
+    ----------
+    at : EnergyGradient
+
+    Returns
+    -------
+    float
+    """
     across = row_dot(at.gradient, vertex_normals(at.mesh)[at.free])
     scale = at.mass.sum() / max(abs(at.energy), 1e-300)
     return float(np.sqrt((across**2 / at.mass).sum()) * scale)
 
 
 def vertex_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(n, 3) unit normals, radial on meshes inscribed in spheres; zero where they vanish."""
+    """Unit normals at the vertices, radial on meshes inscribed in spheres.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+        Zero where they vanish.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         sides = FaceSides.at(mesh.points, mesh.faces).opposite
         normals = Normals.at(sides, mesh.faces, mesh.n_vertices)
@@ -70,7 +89,16 @@ def vertex_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 
 def folded_faces(mesh: TriangleMesh) -> int:
-    """How many faces turn their back on the normal at one of their corners."""
+    """Number of faces that turn their back on the normal at one of their corners.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    int
+    """
     normal = vertex_normals(mesh)[mesh.faces]
     return int((np.einsum("fki,fi->fk", normal, face_area_vector(mesh)).min(axis=1) < 0.0).sum())
 
@@ -78,7 +106,22 @@ def folded_faces(mesh: TriangleMesh) -> int:
 def energy_gradient(
     mesh: TriangleMesh, energy: Energy, free: NDArray, constraints: Constraints, along_normals: bool = False
 ) -> EnergyGradient:
-    """Energy and admissible gradient at `mesh`; `along_normals`: for motions along the vertex normals."""
+    """Energy and admissible gradient at a surface.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    energy : Energy
+    free : (k,) ndarray of int64
+        Vertices that may move.
+    constraints : Constraints
+    along_normals : bool
+        For motions along the vertex normals.
+
+    Returns
+    -------
+    EnergyGradient
+    """
     value, gradient = energy.value_and_gradient(mesh.points)
     mass = lumped_vertex_area(mesh)[free]
     if along_normals:
@@ -105,9 +148,20 @@ def fourth_order_matrix(mesh: SurfaceMesh, free: NDArray, dt: float) -> csc_arra
 def second_order_matrix(
     mesh: SurfaceMesh, free: NDArray, dt: float, normal: NDArray | None = None
 ) -> csc_array:
-    """M + dt L on the free vertices: the implicit step of mean curvature flow.
+    """Matrix M + dt L on the free vertices: the implicit step of mean curvature flow.
 
-    With unit normals (k, 3) it acts on the speeds along them: L_ij n_i . n_j in place of L_ij.
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    free : (k,) ndarray of int64
+    dt : float
+        In length^2.
+    normal : (k, 3) ndarray of float64, optional
+        Unit normals: the matrix acts on the speeds along them, with L_ij n_i . n_j in place of L_ij.
+
+    Returns
+    -------
+    (k, k) csc_array of float64
     """
     matrix = csc_array((diags_array(lumped_vertex_area(mesh)) + dt * stiffness(mesh))[free][:, free])
     if normal is not None:
@@ -195,7 +249,21 @@ class Preconditioner:
 def preconditioner_at(
     at: EnergyGradient, dt: float, like: Factor | None = None, of_area: bool = False
 ) -> Preconditioner:
-    """The preconditioner for a step; `like`, of the same mesh elsewhere, is used up: its analysis is kept."""
+    """Preconditioner for a step.
+
+    Parameters
+    ----------
+    at : EnergyGradient
+    dt : float
+    like : Factor, optional
+        Of the same mesh elsewhere; it is used up, and its analysis serves again.
+    of_area : bool
+        The energy is an area or a volume, of second order.
+
+    Returns
+    -------
+    Preconditioner
+    """
     normal = vertex_normals(at.mesh)[at.free] if of_area else None
     if of_area:
         matrix = second_order_matrix(at.mesh, at.free, dt, normal)
@@ -207,7 +275,19 @@ def preconditioner_at(
 def descent_motion(
     preconditioner: Preconditioner, dt: float, constraints: Constraints
 ) -> NDArray[np.float64]:
-    """Motion (k, 3) of the first-order step (M + dt/2 Q) dx = -dt grad E, tangent to the constraints."""
+    """Motion of the first-order step (M + dt/2 Q) dx = -dt grad E, tangent to the constraints.
+
+    Parameters
+    ----------
+    preconditioner : Preconditioner
+    dt : float
+    constraints : Constraints
+
+    Returns
+    -------
+    (k, 3) ndarray of float64
+        A length.
+    """
     at = preconditioner.at
     return constraints.tangent_motion(at.mesh, at.free, preconditioner.solve, -dt * preconditioner.steepest)
 
@@ -215,7 +295,20 @@ def descent_motion(
 def secant_motion(
     preconditioner: Preconditioner, dt: float, constraints: Constraints, pairs: SecantPairs
 ) -> NDArray[np.float64] | None:
-    """The quasi-Newton motion of secant pairs, tangent to the constraints; None without pairs."""
+    """Quasi-Newton motion of secant pairs, tangent to the constraints.
+
+    Parameters
+    ----------
+    preconditioner : Preconditioner
+    dt : float
+    constraints : Constraints
+    pairs : SecantPairs
+
+    Returns
+    -------
+    (k, 3) ndarray of float64 or None
+        None without pairs.
+    """
     if not pairs.motions:
         return None
     at = preconditioner.at
@@ -226,7 +319,19 @@ def secant_motion(
 def moved_along(
     preconditioner: Preconditioner, motion: NDArray, share: float, constraints: Constraints
 ) -> TriangleMesh:
-    """The surface moved by a share of a motion, and back on the constraints."""
+    """The surface moved by a share of a motion, and back on the constraints.
+
+    Parameters
+    ----------
+    preconditioner : Preconditioner
+    motion : (k, 3) ndarray of float64
+    share : float
+    constraints : Constraints
+
+    Returns
+    -------
+    TriangleMesh
+    """
     at = preconditioner.at
     return constraints.restore(_shifted(at.mesh, at.free, share * motion), at.free, preconditioner.solve)
 
@@ -242,6 +347,19 @@ def rosenbrock_step(
     """Second-order step in time whatever the preconditioner: the two-stage W-method of Rosenbrock type.
 
     `inner` is the metric for a step of gamma dt, gamma of GAMMAS.
+
+    Parameters
+    ----------
+    inner : Preconditioner
+        The metric for a step of gamma dt, gamma of `GAMMAS`.
+    dt : float
+    energy : Energy
+    constraints : Constraints
+
+    Returns
+    -------
+    TriangleMesh
+        After the step.
 
     Notes
     -----
@@ -260,6 +378,19 @@ def rosenbrock_step(
 
 def mean_curvature_step(mesh: TriangleMesh, free: NDArray, dt: float) -> TriangleMesh:
     """Implicit step of mean curvature flow, speed k1 + k2: (M + dt L) x = M x with L and M of the start.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    free : (k,) ndarray of int64
+        Vertices that may move.
+    dt : float
+        In length^2.
+
+    Returns
+    -------
+    TriangleMesh
+        After the step.
 
     Notes
     -----

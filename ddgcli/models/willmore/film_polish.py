@@ -31,6 +31,15 @@ def mean_curvature_spread(mesh: TriangleMesh) -> float:
     Where the area is least for its volume, the area's gradient is 2 H times the volume's at every vertex,
     with one H: on any mesh, even or not.
 
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    float
+        Without unit.
+
     Notes
     -----
     J. M. Sullivan, "Curvatures of smooth and discrete surfaces", 2006.
@@ -51,6 +60,10 @@ def uneven_rest(at: EnergyGradient, constraints: Constraints, tolerance: float |
     constraints : Constraints
     tolerance : float, optional
         Of the curvature times the radius.
+
+    Returns
+    -------
+    bool
     """
     if not (constraints.in_place and constraints.active and tolerance and len(at.free) == at.mesh.n_vertices):
         return False
@@ -73,6 +86,10 @@ def polished_film(
     constraints : Constraints
     spread : float
         `mean_curvature_spread` to reach.
+
+    Returns
+    -------
+    TriangleMesh or None
     """
     relaxed = replace(constraints, in_place=False)
     radius, least = FIRST_RADIUS * area(mesh), LEAST_ANGLE_SHARE * corner_angle(mesh.side_length).min()

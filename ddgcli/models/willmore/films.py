@@ -25,8 +25,18 @@ FILM_CONVENTIONS = {False: "area", True: "minus the enclosed volume"}  # by whet
 def curvature_variation(at: EnergyGradient, constraints: Constraints) -> float:
     """Largest |2 H| at the free vertices, or deviation of 2 H from what the constraints leave open.
 
-    That is any constant where area or volume is kept and, in place, the normals' coordinates: curvature that
-    varies with these slides vertices within the surface. Times the radius.
+    That is any constant where area or volume is conserved and, in place, the normals' coordinates: curvature
+    that varies with these slides vertices within the surface.
+
+    Parameters
+    ----------
+    at : EnergyGradient
+    constraints : Constraints
+
+    Returns
+    -------
+    float
+        Times the radius, without unit; inf where the curvature is not finite.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         normal = vertex_normals(at.mesh)
@@ -43,9 +53,19 @@ def curvature_variation(at: EnergyGradient, constraints: Constraints) -> float:
 
 
 def film_reason(at: EnergyGradient, variation: float | None, constraints: Constraints) -> str:
-    """Why a film ends here, or "": 2 H varies by less than `variation`, or the film pinches off.
+    """Why a film ends here: 2 H varies little (`curvature_variation`), or the film pinches off.
 
-    See `curvature_variation`.
+    Parameters
+    ----------
+    at : EnergyGradient
+    variation : float or None
+        Below which 2 H counts as constant.
+    constraints : Constraints
+
+    Returns
+    -------
+    str
+        Empty if it does not end.
     """
     if variation is not None and curvature_variation(at, constraints) <= variation:
         return f"curvature equal to {variation:g}"
@@ -54,6 +74,18 @@ def film_reason(at: EnergyGradient, variation: float | None, constraints: Constr
 
 def film_constraints(unit: TriangleMesh, options: FlowOptions, film: bool) -> Constraints:
     """Area and volume to keep, of the surface at unit size.
+
+    Parameters
+    ----------
+    unit : TriangleMesh
+        The surface at unit size.
+    options : FlowOptions
+    film : bool
+        Whether the flow goes to rest (`is_film`).
+
+    Returns
+    -------
+    Constraints
 
     Raises
     ------
@@ -97,7 +129,24 @@ def film_constraints(unit: TriangleMesh, options: FlowOptions, film: bool) -> Co
 
 
 def film_energy(unit: TriangleMesh, options: FlowOptions) -> EnergyBuilder:
-    """What a film lowers: its area or, where that is kept, minus its volume."""
+    """Energy that a film lowers: its area or, where that is conserved, minus its volume.
+
+    Parameters
+    ----------
+    unit : TriangleMesh
+        The surface at unit size.
+    options : FlowOptions
+
+    Returns
+    -------
+    callable
+        Function of a topology to the energy.
+
+    Raises
+    ------
+    ParameterError
+        When the options name another energy.
+    """
     if options.energy is not None:
         raise ParameterError("films lower their area, and no `energy` has an effect; leave `energy` out")
     if not options.fix_area:

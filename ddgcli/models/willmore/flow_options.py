@@ -70,12 +70,30 @@ class FlowOptions:
 
 
 def options_as_dict(options: FlowOptions) -> dict[str, Any]:
-    """The options as plain data."""
+    """The options of a flow as plain data.
+
+    Parameters
+    ----------
+    options : FlowOptions
+
+    Returns
+    -------
+    dict
+    """
     return asdict(options)
 
 
 def chosen_energy(topology: Topology, options: FlowOptions) -> str:
-    """The energy's name: of the options, else `gauss-map` on closed surfaces and `cotan` on open ones.
+    """Name of the energy: that of the options, else `gauss-map` on closed surfaces and `cotan` on open ones.
+
+    Parameters
+    ----------
+    topology : Topology
+    options : FlowOptions
+
+    Returns
+    -------
+    str
 
     Raises
     ------
@@ -96,14 +114,32 @@ def chosen_energy(topology: Topology, options: FlowOptions) -> str:
 
 
 def chosen_boundary(options: FlowOptions) -> str:
-    """The boundary condition's name: of the options, else `clamped`, for soap films `fixed`."""
+    """Name of the boundary condition: that of the options, else `clamped`, for soap films `fixed`.
+
+    Parameters
+    ----------
+    options : FlowOptions
+
+    Returns
+    -------
+    str
+    """
     return options.boundary or ("fixed" if options.flow == "mean-curvature" else "clamped")
 
 
 def is_film(options: FlowOptions, topology: Topology) -> bool:
-    """Whether a mean curvature flow goes to rest: area or volume is kept, or there is a boundary.
+    """Whether a mean curvature flow goes to rest: area or volume is conserved, or there is a boundary.
 
     Otherwise the surface shrinks to a point, and steps follow the flow in time.
+
+    Parameters
+    ----------
+    options : FlowOptions
+    topology : Topology
+
+    Returns
+    -------
+    bool
     """
     conserved = options.fix_area or options.fix_volume
     return options.flow == "mean-curvature" and (conserved or not (topology.is_closed or options.timed))
@@ -119,6 +155,10 @@ def with_stop(options: FlowOptions, topology: Topology, bounded: bool) -> FlowOp
     topology : Topology
     bounded : bool
         Whether steps or a duration are chosen.
+
+    Returns
+    -------
+    FlowOptions
     """
     film = is_film(options, topology)
     timed = options.timed or (options.flow == "mean-curvature" and not film)

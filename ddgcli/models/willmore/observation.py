@@ -16,9 +16,22 @@ from ddgcli.simulation.model import Observation
 
 
 def measured(mesh: TriangleMesh, constraints: Constraints, scale: float) -> dict[str, float]:
-    """Area, smallest angle, volume and reduced volume of a surface at unit size, in the unit of the input.
+    """Area, smallest angle, volume and reduced volume of a surface.
 
     The volume of a closed surface, or of one whose constraints have caps; the reduced volume of a closed one.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        At unit size.
+    constraints : Constraints
+    scale : float
+        Length unit of `mesh` in units of the input.
+
+    Returns
+    -------
+    dict of str to float
+        In the unit of the input.
     """
     total = area(mesh)
     scalar = {
@@ -39,7 +52,17 @@ def measured(mesh: TriangleMesh, constraints: Constraints, scale: float) -> dict
 
 
 def relative_distance(a: FlowState, b: FlowState, area: float) -> float:
-    """Largest distance between two states' vertices, relative to the radius of the sphere of this area."""
+    """Largest distance between the vertices of two states, relative to the radius of the sphere of an area.
+
+    Parameters
+    ----------
+    a, b : FlowState
+    area : float
+
+    Returns
+    -------
+    float
+    """
     apart = np.sqrt(np.max(np.sum((a.points - b.points) ** 2, axis=1), initial=0.0))
     return float(apart / math.sqrt(area / (4.0 * math.pi)))
 
@@ -62,6 +85,10 @@ def frame_of(
     centre : (3,) ndarray
     own_faces : bool
         Faces change.
+
+    Returns
+    -------
+    Observation
     """
     origin = state.remeshing.origin
     at_start = original if origin is None else original[origin]
@@ -72,7 +99,18 @@ def frame_of(
 
 
 def counters(state: FlowState, energy_unit: float) -> dict[str, float]:
-    """Energy and counts of a state; of its remeshings where there may be some."""
+    """Energy and counts of a state; of its remeshings where there may be some.
+
+    Parameters
+    ----------
+    state : FlowState
+    energy_unit : float
+        Unit of the state's energy in that of the output.
+
+    Returns
+    -------
+    dict of str to float
+    """
     scalar = {
         "energy": state.energy * energy_unit,
         "steps": float(state.steps),

@@ -63,6 +63,10 @@ def remeshed_state(
     restored : callable
         FlowState -> its surface, back on the constraints.
 
+    Returns
+    -------
+    FlowState or None
+
     Notes
     -----
     A remeshing is kept where no face folds, area and volume change by O(h^2) only, and the energy after it is
@@ -98,9 +102,17 @@ def improved_state(
     energy: Callable[[TriangleMesh], float],
     restored: Callable[[FlowState], TriangleMesh],
 ) -> FlowState | None:
-    """The state with flips and slides before the first step; None where there are none.
+    """The state with flips and slides before the first step.
 
-    Parameters are those of `remeshed_state`.
+    Parameters
+    ----------
+    state, movable, energy, restored
+        As in `remeshed_state`.
+
+    Returns
+    -------
+    FlowState or None
+        None where there is nothing to flip or slide.
     """
     mesh = improved(TriangleMesh(state.points, state.topology), vertex_normals, movable)
     if mesh is None:

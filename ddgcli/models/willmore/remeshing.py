@@ -62,6 +62,10 @@ def remeshed(
     normals : callable
         TriangleMesh -> (n, 3) unit vertex normals.
 
+    Returns
+    -------
+    Remesh or None
+
     Notes
     -----
     M. Botsch, L. Kobbelt, "A remeshing approach to multiresolution modeling", 2004. New and moved vertices
@@ -93,7 +97,22 @@ def remeshed(
 
 
 def target_length(mesh: TriangleMesh, length: float, adaptive: bool, normals: Normals) -> NDArray[np.float64]:
-    """(n,) target length of the edges at every vertex."""
+    """Target length of the edges at every vertex.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    length : float
+        The target where the surface is flat.
+    adaptive : bool
+        Shorter where it bends.
+    normals : callable
+        Vertex normals of a mesh.
+
+    Returns
+    -------
+    (n,) ndarray of float64
+    """
     target = np.full(mesh.n_vertices, length)
     if not adaptive:
         return target

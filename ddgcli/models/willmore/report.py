@@ -38,7 +38,7 @@ REFINEMENT_ANGLE = 25  # smallest angle that the advice names for `delaunay --re
 def summary(
     series: Mapping[str, NDArray], convention: str, limit: int, stopped: str, failure: str
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """(`results`, `accuracy`).
+    """Results and accuracy of a flow.
 
     Parameters
     ----------
@@ -49,6 +49,10 @@ def summary(
         Steps allowed.
     stopped, failure : str
         Why it ended before, or "".
+
+    Returns
+    -------
+    results, accuracy : dict
     """
     last = {name: float(values[-1]) for name, values in series.items()}
     results = {
@@ -89,10 +93,19 @@ def _finite(value: float) -> float | None:
 
 
 def every_energy(series: Mapping[str, NDArray]) -> dict[str, dict[str, Any]]:
-    """All energies, one value per frame, with their conventions (`report_energy=all`).
+    """All energies, one value a frame, with their conventions (`report_energy=all`).
 
     None, with a warning, in frames where an energy is not defined: `quadratic` of other faces, `gauss-map`
     where the normals around a vertex cancel.
+
+    Parameters
+    ----------
+    series : mapping of str to (T,) ndarray
+        Scalars of the frames.
+
+    Returns
+    -------
+    dict of str to dict
     """
     for name in ENERGIES:
         undefined = int((~np.isfinite(series[f"energy_{name}"])).sum())
@@ -122,6 +135,10 @@ def failure_reason(stopped: str, start: TriangleMesh, energy: str) -> str:
     start : TriangleMesh
     energy : str
         Name of the energy.
+
+    Returns
+    -------
+    str
     """
     if stopped not in RESOLUTION_REASONS:
         return ""
@@ -146,7 +163,15 @@ def failure_reason(stopped: str, start: TriangleMesh, energy: str) -> str:
 
 
 def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, energy: str) -> None:
-    """A warning where a second energy has grown over the first: the mesh does not resolve its surface."""
+    """Warn where a second energy has grown over the first: the mesh does not resolve its surface.
+
+    Parameters
+    ----------
+    first, last : TriangleMesh
+        At the start and at the end.
+    energy : str
+        Name of the energy of the flow.
+    """
     if energy != DEFAULT_ENERGY:
         return
     kinds = [ENERGIES[name].of for name in (DEFAULT_ENERGY, SECOND_ENERGY)]
@@ -160,7 +185,13 @@ def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, energy: str) -
 
 
 def warn_of_folds(first: TriangleMesh, last: TriangleMesh) -> None:
-    """A warning where faces have folded over: energies of such a surface mean little."""
+    """Warn where faces have folded over: energies of such a surface mean little.
+
+    Parameters
+    ----------
+    first, last : TriangleMesh
+        At the start and at the end.
+    """
     before, after = folded_faces(first), folded_faces(last)
     if after > before:
         logging.getLogger("ddgcli").warning(

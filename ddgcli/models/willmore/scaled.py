@@ -15,7 +15,19 @@ from ddgcli.mesh.vectors import vector_length
 
 
 def centred_at_unit_size(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.float64], float]:
-    """The mesh about its centre at area near 4 pi, the centre, and the scale (a power of two).
+    """Bring a surface to its centre and to an area near 4 pi.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    mesh : TriangleMesh
+    centre : (3,) ndarray of float64
+        Of the input.
+    scale : float
+        Length unit of the result in units of the input, a power of two.
 
     Raises
     ------

@@ -58,13 +58,17 @@ def free_vertices(topology: Topology, boundary: str, region: NDArray | None = No
 
 
 def region_mask(values: NDArray, topology: Topology) -> NDArray[np.bool_]:
-    """(n,) whether each vertex is in the region that an array describes.
+    """Vertices of the region that an array describes.
 
     Parameters
     ----------
     values : (n,) or (k,) ndarray
         One value a vertex, not zero inside the region; or any other count of vertex numbers from 0.
     topology : Topology
+
+    Returns
+    -------
+    (n,) ndarray of bool
 
     Raises
     ------
@@ -102,6 +106,14 @@ def _require_known(value: str, names: tuple[str, ...], what: str) -> None:
 def schemes_of(flow: str) -> tuple[str, ...]:
     """Time schemes of a flow, the default first.
 
+    Parameters
+    ----------
+    flow : str
+
+    Returns
+    -------
+    tuple of str
+
     Raises
     ------
     ParameterError
@@ -112,7 +124,15 @@ def schemes_of(flow: str) -> tuple[str, ...]:
 
 
 def chosen_scheme(options: FlowOptions) -> str:
-    """The time scheme's name: of the options, or the flow's default.
+    """Name of the time scheme: that of the options, or the flow's default.
+
+    Parameters
+    ----------
+    options : FlowOptions
+
+    Returns
+    -------
+    str
 
     Raises
     ------
@@ -261,6 +281,10 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     region : (n,) ndarray of bool, optional
         Vertices that may move; all others stay, and with them the tangent planes beside the region.
 
+    Returns
+    -------
+    Flow, Model
+
     Raises
     ------
     MeshError, ParameterError
@@ -352,9 +376,24 @@ def _model(flow: Flow, unit: TriangleMesh, started: float, options: FlowOptions)
 
 
 def schedule(flow: Flow, time_options: Mapping[str, Any]) -> Schedule:
-    """When to step and to show, from the options: steps, duration, step, frame_every, tolerance.
+    """When a flow steps and records.
 
     Without a step or a duration the descent chooses its own steps, at most MAX_STEPS, each of them a frame.
+
+    Parameters
+    ----------
+    flow : Flow
+    time_options : mapping
+        `steps`, `duration`, `step`, `frame_every`, `tolerance`.
+
+    Returns
+    -------
+    Schedule
+
+    Raises
+    ------
+    ParameterError
+        For options without the time that they divide.
     """
     if time_options.get("tolerance") is not None and not time_options.get("duration"):
         raise ParameterError("`tolerance` needs `duration`, the time over which it chooses the steps")

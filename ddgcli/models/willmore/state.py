@@ -158,7 +158,16 @@ class FlowState:
 
 
 def rounding_scale(energy: float) -> float:
-    """What the rounding of an energy is relative to."""
+    """Scale of the rounding errors of an energy.
+
+    Parameters
+    ----------
+    energy : float
+
+    Returns
+    -------
+    float
+    """
     return max(abs(energy), ENERGY_UNIT)
 
 
@@ -177,6 +186,10 @@ def after_curvature_step(
         Area before the step and of the first surface.
     stop : Stop
         Of the criteria `fall` is that of the area.
+
+    Returns
+    -------
+    FlowState
     """
     after = float(face_area(moved.side_length).sum())
     stopped = "the surface collapsed" if after < COLLAPSED_AREA_FRACTION * start else ""

@@ -19,6 +19,10 @@ def first_step(kind: str, area: float, of_area: bool) -> float:
         Of the surface at the start.
     of_area : bool
         The energy is an area or a volume.
+
+    Returns
+    -------
+    float
     """
     if kind != "descent":
         return 1.0 if kind == "conformal" else trust_region.FIRST_RADIUS * area
@@ -26,6 +30,18 @@ def first_step(kind: str, area: float, of_area: bool) -> float:
 
 
 def longest_step(area: float, of_area: bool) -> float:
-    """Longest step of the descent, for the area of the surface at the start."""
+    """Longest step of the descent.
+
+    Parameters
+    ----------
+    area : float
+        Of the surface at the start.
+    of_area : bool
+        The energy is an area or a volume.
+
+    Returns
+    -------
+    float
+    """
     squared_radius = area / (4.0 * math.pi)
     return rules.MAX_AREA_STEP * squared_radius if of_area else rules.MAX_DESCENT_STEP * squared_radius**2

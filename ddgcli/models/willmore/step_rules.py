@@ -63,16 +63,46 @@ CRUMPLING_REASON = "a second energy rises faster than this one falls: the faces 
 
 
 def least_share(promised: float, energy: float, of_area: bool) -> float:
-    """Share of the fall that the slope promises, for a step to be taken; of films more: they overshoot."""
+    """Share of the fall that the slope promises, for a step to be accepted; of films more, as they overshoot.
+
+    Parameters
+    ----------
+    promised, energy : float
+    of_area : bool
+        The energy is an area or a volume.
+
+    Returns
+    -------
+    float
+    """
     rounded = promised < FILM_ROUNDING * abs(energy)
     return FILM_DECREASE if of_area and not rounded else SUFFICIENT_DECREASE
 
 
 def is_near_rest(before: float, after: float) -> bool:
-    """Whether a film's energy fell by so little that slides would disturb its rest."""
+    """Whether a film's energy fell by so little that slides would disturb its rest.
+
+    Parameters
+    ----------
+    before, after : float
+        Energies.
+
+    Returns
+    -------
+    bool
+    """
     return before - after <= SLIDING_FALL * abs(after)
 
 
 def agree(one: float, other: float) -> bool:
-    """Whether two energies are nearly equal."""
+    """Whether two energies are nearly equal.
+
+    Parameters
+    ----------
+    one, other : float
+
+    Returns
+    -------
+    bool
+    """
     return 1.0 / AGREEMENT_RATIO < one / other < AGREEMENT_RATIO

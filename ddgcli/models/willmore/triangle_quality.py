@@ -54,6 +54,10 @@ def better_triangles(
         TriangleMesh -> energy.
     restore : callable
         TriangleMesh -> TriangleMesh on the constraints.
+
+    Returns
+    -------
+    Improvement
     """
     slides = flips = 0
     slid = redistribute(mesh, vertex_normals(mesh), movable)

@@ -47,7 +47,17 @@ class FaceSides:
 
 
 def area_gradient(faces: FaceSides) -> NDArray[np.float64]:
-    """(m, 3, 3) derivative of a face's area by its corner k: half the side opposite, turned inward."""
+    """Derivative of a face's area by its corners: half the side opposite, turned inward.
+
+    Parameters
+    ----------
+    faces : FaceSides
+
+    Returns
+    -------
+    (m, 3, 3) ndarray of float64
+        A length; face, corner, component.
+    """
     return 0.5 * np.cross(faces.normal[:, None, :], faces.opposite)
 
 

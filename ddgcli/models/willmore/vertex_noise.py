@@ -44,7 +44,13 @@ def noise_energy(mesh: TriangleMesh) -> tuple[float, float]:
 
 
 def warn_of_noise(mesh: TriangleMesh, energy: float) -> None:
-    """A warning where noise makes a large part of an energy at the start."""
+    """Warn where noise of the vertices makes a large share of an energy at the start.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    energy : float
+    """
     relative, energy_of_noise = noise_energy(mesh)
     if relative > NOISE_ROUNDING and energy_of_noise > SHARE_WARNING * abs(energy):
         logging.getLogger("ddgcli").warning(
