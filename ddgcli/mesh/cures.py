@@ -23,6 +23,7 @@ CURES = {
     "no area": ("remove such faces", "drop_degenerate"),
     "folds": ("remove or part them", "drop_degenerate split_folds"),
     "no volume": ("remove such cells", "drop_degenerate"),
+    "touching bodies": ("duplicate such vertices, one for each body", "split_fans"),
     "inverted": ("exchange two corners of each", "orient"),
     "repeated vertex": ("remove such faces", "drop_degenerate"),
     "equal positions": ("join vertices at equal positions", "weld"),
@@ -30,7 +31,11 @@ CURES = {
     "no boundary": ("cut it open", "cut_to_disk"),
     "handles": ("cut them open", "cut_to_disk"),
 }
-CELL_DEFECTS = ("no volume", "inverted")  # of tetrahedra, which the repair takes as they are
+CELL_DEFECTS = (
+    "no volume",
+    "inverted",
+    "touching bodies",
+)  # of tetrahedra, which the repair takes as they are
 STEPS_ON_MANIFOLDS = ("fill_holes", "cut_to_disk")
 
 

@@ -274,7 +274,9 @@ def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None
         return message
     try:
         if isinstance(mesh, TetMesh):
-            require(mesh.boundary, "it", **requirement.boundary)
+            require(mesh.boundary, "it", **{**requirement.boundary, "manifold": False})
+            if requirement.boundary.get("manifold"):
+                require_manifold_body(mesh, "it")
         elif isinstance(mesh, TriangleMesh):
             require(mesh, "it", **requirement.surface)
             if requirement.area:
@@ -309,6 +311,22 @@ def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> N
             require_manifold_cells(mesh)
     elif isinstance(mesh, TriangleMesh) and requirement.every_area:
         refuse_flat_faces(mesh.flat_faces, mesh.topology, **requirement.surface)
+
+
+def require_manifold_body(mesh: TetMesh, verb: str) -> None:
+    """Raise MeshError for tetrahedra that meet at an edge or a vertex and share no faces there."""
+    topology = mesh.boundary.topology
+    if len(bad := topology.nonmanifold_edges):
+        a, b = topology.edges[bad[0]]
+        where = f"{len(bad)} edges (first: vertices {a}-{b})"
+    elif len(bad := topology.nonmanifold_vertices):
+        where = f"{len(bad)} vertices (first: vertex {bad[0]})"
+    else:
+        return
+    raise MeshError(
+        f"bodies of tetrahedra touch along {where} without sharing faces there; {verb} needs a manifold "
+        f"boundary: {cure('touching bodies')}"
+    )
 
 
 def require_manifold_cells(mesh: TetMesh) -> None:

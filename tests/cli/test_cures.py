@@ -7,10 +7,13 @@ import shlex
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.repair.pipeline import RepairSteps
+from ddgcli.algorithms.repair.solid import repair_solid
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.cures import CURES, cure
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from tests.degenerate_meshes import degenerate_mesh
 
@@ -190,6 +193,40 @@ def test_tetrahedra_are_cured_by_the_command_that_a_refusal_names(
     assert summary("info", repair[-1])["results"]["accepts"][words[0]] == "yes"
     mesh = read_mesh(repair[-1])
     assert np.array_equal(mesh.face["input_cell"], np.arange(len(mesh.mesh.tetrahedra)))
+
+
+@pytest.mark.parametrize("shift", [(1, 1, 0), (1, 1, 1)], ids=["edge", "vertex"])
+@pytest.mark.parametrize("words", [("hodge", "--field", "wind"), ("laplacian", "--form-eigen", "2")])
+def test_boxes_that_touch_are_parted_and_stay_tetrahedra(run, summary, tmp_path, monkeypatch, shift, words):
+    monkeypatch.chdir(tmp_path)
+    box = shapes.box_tetrahedra(1, 1, 1)
+    points = np.concatenate([box.points, box.points + shift])
+    unique, number = np.unique(points.round(9), axis=0, return_inverse=True)
+    corners = number.ravel()[np.concatenate([box.tetrahedra, box.tetrahedra + box.n_vertices])]
+    wind = np.random.default_rng(0).normal(size=(len(corners), 3))
+    np.savez("bad.npz", points=unique, tetrahedra=corners, wind=wind)
+    refused = run(words[0], "bad.npz", *words[1:])
+    assert refused.exit_code == 2 and "touch" in refused.stderr, refused.stderr
+    assert words[0] != "hodge" or "touch" in summary("info", "bad.npz")["results"]["accepts"]["hodge"]
+    _, *repair = shlex.split(refused.stderr[refused.stderr.index("ddgcli repair") :])
+    assert summary(*repair)["results"]["changes"] == {"split_fans": len(points) - len(unique)}
+    again = ("repair", "bad.npz", "--for", words[0], "-o", "again.vtu")
+    assert words[0] != "hodge" or summary(*again)["results"]["changes"]["split_fans"] > 0
+    report = summary(words[0], repair[-1], *words[1:])
+    assert report["input"]["components"] == 2
+
+
+def test_a_body_that_touches_itself_at_an_edge_and_at_a_vertex_gets_a_manifold_boundary():
+    box = shapes.box_tetrahedra(3, 3, 3)
+    cube = np.floor(3 * box.points[box.tetrahedra].mean(axis=1)).astype(int)
+    for seed in range(6):
+        filled = np.random.default_rng(seed).random((3, 3, 3)) < 0.6
+        mesh = TetMesh.from_arrays(box.points, box.tetrahedra[filled[tuple(cube.T)]])
+        repaired = repair_solid(mesh, RepairSteps(split_fans=True))
+        assert not mesh.boundary.topology.is_manifold and repaired.mesh.boundary.topology.is_manifold
+        assert np.array_equal(repaired.input_vertex[repaired.mesh.tetrahedra], mesh.tetrahedra)
+        assert np.array_equal(repaired.mesh.points, mesh.points[repaired.input_vertex])
+        assert repair_solid(repaired.mesh, RepairSteps(split_fans=True)).changes == {"split_fans": 0}
 
 
 def test_steps_of_surfaces_are_refused_for_tetrahedra(run, tmp_path):

@@ -27,7 +27,7 @@ from ddgcli.geometry.cells import check_triangles
 from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
-from ddgcli.mesh.require import require
+from ddgcli.mesh.require import require, require_manifold_body
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import complex_of
@@ -179,7 +179,8 @@ def check_mesh(mesh: SpaceMesh) -> None:
     if isinstance(mesh, TetMesh):
         if len(mesh.tetrahedra) == 0:
             raise MeshError("no tetrahedra; hodge needs a surface or a mesh of tetrahedra")
-        require(mesh.boundary, "hodge (the boundary of the tetrahedra)", manifold=True)
+        require(mesh.boundary, "hodge (the boundary of the tetrahedra)")
+        require_manifold_body(mesh, "hodge")
         return
     if not isinstance(mesh, TriangleMesh):
         raise MeshError("curves have no Hodge decomposition; give a surface or a mesh of tetrahedra")

@@ -1,4 +1,4 @@
-"""Repairs of tetrahedral meshes: flat cells, inverted cells, vertices of no cell."""
+"""Repairs of tetrahedral meshes: flat cells, bodies that touch, inverted cells, vertices of no cell."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.repair.pipeline import RepairSteps
 from ddgcli.errors import ParameterError
-from ddgcli.mesh.require import refuse_flat_cells
-from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.require import REQUIREMENTS, refuse_flat_cells
+from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 
-SOLID_STEPS = ("drop_degenerate", "orient", "drop_unused")
+SOLID_STEPS = ("drop_degenerate", "split_fans", "orient", "drop_unused")
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,12 @@ class RepairedSolid:
     changes: dict[str, int]
 
 
+def solid_steps_for(command: str) -> RepairSteps:
+    """Steps that make tetrahedra acceptable to a command."""
+    boundary = REQUIREMENTS[command].boundary if command in REQUIREMENTS else {}
+    return RepairSteps(drop_degenerate=True, orient=True, split_fans=boundary.get("manifold", False))
+
+
 def check_solid_steps(chosen_steps: RepairSteps) -> list[str]:
     """The chosen steps; ParameterError for none, or for one that tetrahedra do not have."""
     values = asdict(chosen_steps).items()
@@ -48,7 +55,7 @@ def check_solid_steps(chosen_steps: RepairSteps) -> list[str]:
 
 
 def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
-    """Remove cells without volume, exchange two corners of inverted ones, drop unused vertices, as chosen.
+    """Remove cells without volume, part bodies that touch, orient cells, drop unused vertices, as chosen.
 
     A flat cell inside a body leaves faces of its neighbours that lie on each other; vertices stay joined.
 
@@ -61,7 +68,7 @@ def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
     """
     steps, changes = check_solid_steps(chosen_steps), {}
     cell, vertex = np.arange(len(mesh.tetrahedra)), np.arange(mesh.n_vertices)
-    corners = mesh.tetrahedra
+    corners, points = mesh.tetrahedra, mesh.points
     if "drop_degenerate" in steps:
         flat = mesh.flat_tetrahedra
         if len(flat) == len(corners):
@@ -69,12 +76,68 @@ def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
         cell = np.setdiff1d(cell, flat)
         changes["drop_degenerate"] = len(corners) - len(cell)
         corners = corners[cell]
+    if "split_fans" in steps:
+        corners, vertex = _split_fans(TetMesh.from_arrays(points, corners))
+        points = points[vertex]
+        changes["split_fans"] = len(vertex) - mesh.n_vertices
     if "orient" in steps:
         inverted = mesh.signed_volume[cell] < 0
         corners = np.where(inverted[:, None], corners[:, [1, 0, 2, 3]], corners)
         changes["orient"] = int(inverted.sum())
     if "drop_unused" in steps:
-        vertex, number = np.unique(corners, return_inverse=True)
+        referenced, number = np.unique(corners, return_inverse=True)
         corners = number.reshape(-1, 4)
-        changes["drop_unused"] = mesh.n_vertices - len(vertex)
-    return RepairedSolid(TetMesh.from_arrays(mesh.points[vertex], corners), vertex, cell, changes)
+        changes["drop_unused"] = len(points) - len(referenced)
+        points, vertex = points[referenced], vertex[referenced]
+    return RepairedSolid(TetMesh.from_arrays(points, corners), vertex, cell, changes)
+
+
+def _split_fans(mesh: TetMesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Cells with a vertex for each fan of cells that share faces around it, and the input vertex of each.
+
+    Where one fan touches itself (an edge whose cells also meet around both of its ends, a vertex between two
+    sheets of the boundary) each cell gets its own copy of the vertex, as in `steps.split_fans`.
+    """
+    source = np.arange(mesh.n_vertices)
+    uncut = np.zeros(0, dtype=np.int64)
+    while True:
+        split, copied = _separated(mesh, uncut)
+        source = source[copied]
+        topology = split.boundary.topology
+        uncut = topology.edges[topology.nonmanifold_edges, 0]
+        if len(uncut) == 0:
+            uncut = topology.nonmanifold_vertices
+        if len(uncut) == 0:
+            return split.tetrahedra, source
+        mesh = split
+
+
+def _separated(mesh: TetMesh, ends: NDArray[np.int64]) -> tuple[TetMesh, NDArray[np.int64]]:
+    """The mesh with a vertex for each set of corners that meet across faces, and the vertex of each copy.
+
+    Cells do not meet at the vertices `ends`, nor across faces of more than two cells. The first set of a
+    vertex keeps its number.
+    """
+    corners = mesh.tetrahedra
+    triangle = mesh.cell_triangle.ravel()
+    order = np.argsort(triangle, kind="stable")
+    first = order[np.flatnonzero(np.bincount(triangle)[triangle[order]] == 2)][::2]
+    second = order[np.flatnonzero(np.bincount(triangle)[triangle[order]] == 2)][1::2]
+    slot = [_face_corners(corners, side) for side in (first, second)]
+    is_end = np.isin(corners.ravel()[slot[0]], ends).any(axis=1)
+    rows, cols = (nodes[~is_end].ravel() for nodes in slot)
+    fan = connected_labels(rows, cols, corners.size)[1]
+    start = np.unique(fan, return_index=True)[1]
+    vertex = corners.ravel()[start]
+    by_vertex = np.lexsort((start, vertex))
+    further = by_vertex[1:][vertex[by_vertex[1:]] == vertex[by_vertex[:-1]]]
+    number = vertex.copy()
+    number[further] = mesh.n_vertices + np.arange(len(further))
+    source = np.concatenate([np.arange(mesh.n_vertices), vertex[further]])
+    return TetMesh.from_arrays(mesh.points[source], number[fan].reshape(-1, 4)), source
+
+
+def _face_corners(corners: NDArray, side: NDArray) -> NDArray[np.int64]:
+    """(s, 3) flat numbers of the corners of sides of cells, by ascending vertices."""
+    local = 4 * (side // 4)[:, None] + TET_FACES[side % 4]
+    return np.take_along_axis(local, np.argsort(corners.ravel()[local], axis=1), axis=1)

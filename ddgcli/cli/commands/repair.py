@@ -54,7 +54,8 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
     --drop-duplicates, --largest, --split-fans, --orient, --split-folds, --fill-holes, --cut-to-disk,
     --drop-unused.
 
-    Tetrahedra have --drop-degenerate, --orient (inverted cells) and --drop-unused.
+    Tetrahedra have --drop-degenerate, --split-fans (bodies that touch), --orient (inverted cells) and
+    --drop-unused.
 
     The output holds `input_vertex` and `input_face` (-1 for faces that fill a hole). `results.changes` counts
     what each step changed; `results.refused_by` names the commands that still refuse the surface, and why.
@@ -113,12 +114,12 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
 def _repair_cells(run: Run, source: MeshInput, for_command: str | None, flags: dict[str, Any]) -> None:
     """Repair tetrahedra, and write them with maps to the input."""
     from ddgcli.algorithms.repair.pipeline import RepairSteps, refusals
-    from ddgcli.algorithms.repair.solid import check_solid_steps, repair_solid
+    from ddgcli.algorithms.repair.solid import check_solid_steps, repair_solid, solid_steps_for
     from ddgcli.mesh.fields import AnnotatedMesh
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.plots.array import draw_array
 
-    steps = RepairSteps(drop_degenerate=True, orient=True) if for_command else RepairSteps(**flags)
+    steps = solid_steps_for(for_command) if for_command else RepairSteps(**flags)
     check_solid_steps(steps)
     run.begin((*source.vertex, "input_vertex"), (*source.vertex, *source.face, "input_vertex", "input_cell"))
     repaired = repair_solid(cast(TetMesh, source.mesh), steps)
