@@ -23,7 +23,8 @@ from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import PREVIOUS
 
 _log = logging.getLogger("ddgcli")
-STRAIGHT_ANGLE_TOLERANCE = 1e-10  # radians; angles above pi minus this are straight
+STRAIGHT_ANGLE_TOLERANCE = 1e-10  # radians
+STRAIGHT_ANGLE = pi - STRAIGHT_ANGLE_TOLERANCE  # larger angles are straight
 OFF_PATH = -2  # in place of the next node: this one was replaced
 MAX_STEPS = 1_000_000  # joints and flips of one path, after which it is left as it is
 
@@ -55,26 +56,25 @@ class PathStraightener:
             return
         left, right = self.mesh.turns(self.halfedge[j], self.mesh.twin[self.halfedge[i]])
         angle = left if left <= right else right
-        if angle < pi - STRAIGHT_ANGLE_TOLERANCE:
+        if angle < STRAIGHT_ANGLE:
             heappush(self.queue, (angle, i, j, left <= right))
 
     def straighten(self) -> bool:
         """Shorten until all angles are at least pi; False if that is not possible."""
         blocked: list[int] = []
-        steps = 0
-        while self.queue and max(self.flips, steps) < MAX_STEPS:
+        steps, queue, following = 0, self.queue, self.after
+        while queue and steps < MAX_STEPS and self.flips < MAX_STEPS:
             steps += 1
-            _, i, j, on_left = heappop(self.queue)
-            if self.after[i] != j:
+            _, i, j, on_left = heappop(queue)
+            if following[i] != j:
                 continue
             if self._shorten(i, on_left):
                 for k in blocked:
-                    if self.after[k] != OFF_PATH:
-                        self._push(k)
+                    self._push(k)
                 blocked, self.is_self_blocked = [], False
             else:
                 blocked.append(i)
-        return not blocked and not self.queue
+        return not blocked and not queue
 
     def _shorten(self, i: int, on_left: bool) -> bool:
         """Replace the path at the head of node i by the boundary of the wedge on one side, the sharper one;
@@ -93,7 +93,7 @@ class PathStraightener:
         ):  # zero on the other side; signposts cannot distinguish it from a full turn
             on_left = not on_left
             wedge, angle = mesh.wedge(onward, back) if on_left else mesh.wedge(back, onward)
-            if angle >= pi - STRAIGHT_ANGLE_TOLERANCE:
+            if angle >= STRAIGHT_ANGLE:
                 return True
         if not self._flip_out(wedge):
             return False
@@ -126,64 +126,68 @@ class PathStraightener:
         """Flip inner edges of the wedge (removed from the list) until its boundary bends outward
         everywhere."""
         mesh, uses, k = self.mesh, self.uses, 1
-        following, twin, angle, tail = mesh.next, mesh.twin, mesh.angle, mesh.tail
-        here = tail[wedge[0]]
+        following, twin, angle, flip = mesh.next, mesh.twin, mesh.angle, mesh.flip
+        meets_itself = mesh.has_loop(wedge)
         while k < len(wedge) - 1:
             h = wedge[k]
-            t, beyond = twin[h], following[h]
-            if angle[t] + angle[beyond] >= pi - STRAIGHT_ANGLE_TOLERANCE:
+            t = twin[h]
+            if angle[t] + angle[following[h]] >= STRAIGHT_ANGLE:
                 k += 1
                 continue
             if h in uses or t in uses:
                 self.is_self_blocked = True
                 return False
-            if self.flips >= MAX_STEPS or not mesh.flip(h):
+            if self.flips >= MAX_STEPS or not flip(h):
                 return False
             self.flips += 1
-            # several corners of the two triangles may be the same vertex
-            meets_itself = here == tail[h] or here == tail[t] or here == tail[beyond]
             if meets_itself:  # the flip may also have changed the wedge elsewhere
                 wedge[:] = mesh.wedge(wedge[0], wedge[-1])[0]
-                k = 1
+                meets_itself, k = mesh.has_loop(wedge), 1
             else:
                 del wedge[k]
-                k = max(1, k - 1)
-        clear = not any(h in uses or twin[h] in uses for h in wedge[1:-1])
-        self.is_self_blocked |= not clear
-        return clear
+                k = k - 1 or 1
+        for h in wedge[1:-1]:
+            if h in uses or twin[h] in uses:
+                self.is_self_blocked = True
+                return False
+        return True
 
     def _replace(self, i: int, halfedges: list[int]) -> None:
         """Replace node i and the next node by halfedges."""
-        j = self.after[i]
-        before, after = self.before[i], self.after[j]
-        for k in {i, j}:
-            self.after[k] = OFF_PATH
-            h = self.halfedge[k]
-            self.uses[h] -= 1
-            if not self.uses[h]:
-                del self.uses[h]
+        before_of, after_of, halfedge, uses = self.before, self.after, self.halfedge, self.uses
+        j = after_of[i]
+        before, after = before_of[i], after_of[j]
+        for k in (i, j) if i != j else (i,):
+            after_of[k] = OFF_PATH
+            h = halfedge[k]
+            if uses[h] > 1:
+                uses[h] -= 1
+            else:
+                del uses[h]
         if before == j or i == j:  # the whole loop
             before = after = -1
-        new = range(len(self.halfedge), len(self.halfedge) + len(halfedges))
-        self.halfedge += halfedges
-        self.before += [k - 1 for k in new]
-        self.after += [k + 1 for k in new]
+        first, end = len(halfedge), len(halfedge) + len(halfedges)
+        halfedge += halfedges
+        before_of += range(first - 1, end - 1)
+        after_of += range(first + 1, end + 1)
         for h in halfedges:
-            self.uses[h] += 1
-        if new and before < 0 and after < 0 and self.closed:
-            before, after = new[-1], new[0]
-        first, last = (new[0], new[-1]) if new else (after, before)
-        if new:
-            self.before[first], self.after[last] = before, after
+            uses[h] = uses.get(h, 0) + 1
+        if not halfedges:
+            first, last = after, before
+        else:
+            last = end - 1
+            if before < 0 and after < 0 and self.closed:
+                before, after = last, first
+            before_of[first], after_of[last] = before, after
         if before >= 0:
-            self.after[before] = first
+            after_of[before] = first
         if after >= 0:
-            self.before[after] = last
-        if self.after[self.first] == OFF_PATH:
+            before_of[after] = last
+        if after_of[self.first] == OFF_PATH:
             self.first = first
-        if before not in new:
+        if before < end - len(halfedges):
             self._push(before)
-        for k in new:
+        for k in range(end - len(halfedges), end):
             self._push(k)
 
     def halfedges(self) -> list[int]:
@@ -257,8 +261,8 @@ class Straightener:
             if flipping.fan[back] != flipping.fan[after]:
                 arriving, leaving = self._fan_ends(back), self._fan_ends(after)
                 turns = [arriving[edge] + leaving[edge] for edge in arriving.keys() & leaving.keys()]
-                if min(turns, default=pi) < pi - STRAIGHT_ANGLE_TOLERANCE:
-                    sharp.append(flipping.tail[after])
+                if min(turns, default=pi) < STRAIGHT_ANGLE:
+                    sharp.append(flipping.tail(after))
         return sharp
 
     def _fan_ends(self, h: int) -> dict[int, float]:

@@ -13,7 +13,6 @@ from ddgcli.errors import MeshError, ParameterError
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import ranges
-from ddgcli.mesh.vectors import vector_length
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -29,7 +28,7 @@ class FlippableMesh:
 
     Attributes
     ----------
-    next, twin, tail, fan : memoryview of int64
+    next, twin, fan : memoryview of int64
         `next` is -1 outside the surface; `fan` is the fan of corners at the tail.
     length, angle, post : memoryview of float64
         Length in units of `scale`, the longest side; corner angle at the tail; direction at the tail, as an
@@ -54,7 +53,6 @@ class FlippableMesh:
         self.twin = np.concatenate([twin, rim]).data
         pairs: list[tuple[NDArray, NDArray]] = [
             (following, np.full(len(rim), -1)),
-            (mesh.topology.side_tail, mesh.topology.side_tail[head]),
             (fans.fan, fans.fan[head]),
             (length, length[rim]),
             (fans.corner_angle, np.full(len(rim), inf)),
@@ -63,7 +61,8 @@ class FlippableMesh:
         self._initial = [np.concatenate(pair) if len(rim) else pair[0] for pair in pairs]
         self._current = [array.copy() for array in self._initial]
         views: list[Any] = [array.data for array in self._current]
-        self.next, self.tail, self.fan, self.length, self.angle, self.post = views
+        self.next, self.fan, self.length, self.angle, self.post = views
+        self._vertex_of_fan = fans.vertex.data
         self.flipped: set[int] = set()
         self._changed: list[int] = []
 
@@ -78,6 +77,10 @@ class FlippableMesh:
     def edge(self, h: int) -> int:
         """Edge of a halfedge: the lower of its two halfedges."""
         return min(h, self.twin[h])
+
+    def tail(self, h: int) -> int:
+        """Vertex that a halfedge leaves."""
+        return self._vertex_of_fan[self.fan[h]]
 
     def turns(self, first: int, last: int) -> tuple[float, float]:
         """Angles counter-clockwise from halfedge `first` to `last` of a vertex and back, by their signposts.
@@ -111,13 +114,18 @@ class FlippableMesh:
                 raise MeshError(f"halfedges {first} and {last} do not leave the same fan of a vertex")
         return around, total
 
+    def has_loop(self, halfedges: list[int]) -> bool:
+        """True if one of the halfedges, which leave the same fan of a vertex, also ends there."""
+        twin, fan = self.twin, self.fan
+        return fan[halfedges[0]] in [fan[twin[h]] for h in halfedges]
+
     def flip(self, h: int) -> bool:
         """Flip the edge of h and return True; False if it has not two different faces.
 
         The two triangles must form a convex quadrilateral. The new edge splits the angles at its ends, and
         the angles at the ends of the old edge are merged: the angle sums stay.
         """
-        following, tail, fan = self.next, self.tail, self.fan
+        following, fan = self.next, self.fan
         length, angle, post = self.length, self.angle, self.post
         t = self.twin[h]
         h1, t1 = following[h], following[t]  # b -> c, a -> d
@@ -131,7 +139,6 @@ class FlippableMesh:
         cosine, sine = cos(at_a), sin(at_a)
         d_along, d_off, c_along = ca - ad * cosine, ad * sine, ad - ca * cosine
         length[h] = length[t] = hypot(d_along, d_off)
-        tail[h], tail[t] = tail[t2], tail[h2]
         fan[h], fan[t] = fan[t2], fan[h2]
         following[h], following[h2], following[t1] = h2, t1, h  # d -> c -> a
         following[t], following[t2], following[h1] = t2, h1, t  # c -> d -> b
@@ -168,8 +175,8 @@ class EdgeGraph:
         ends = matrix_indices(tail[self.side], n), matrix_indices(head[self.side], n)
         self.graph = coo_array((length[self.side], ends), shape=(n, n)).tocsr()
         # coordinates in units of the longest side, whose squares are safe
-        scale = float(length.max(initial=0.0)) or 1.0
-        self._columns = None if mesh.points is None else np.ascontiguousarray(mesh.points.T / scale)
+        self._scale = float(length.max(initial=0.0)) or 1.0
+        self._columns = None if mesh.points is None else np.ascontiguousarray(mesh.points.T / self._scale)
 
     def between(self, a: int, b: int) -> int:
         """Halfedge from a to b (3m + k outside the boundary), or -1."""
@@ -177,12 +184,12 @@ class EdgeGraph:
         k = int(np.searchsorted(self.key, key))
         return int(self.side[k]) if k < len(self.key) and self.key[k] == key else -1
 
-    def detours(self, a: int, b: int) -> NDArray[np.float64]:
-        """(n,) length of the way from a to b through each vertex, relative to the chord, in space."""
+    def _chords(self, a: int) -> NDArray[np.float64]:
+        """(n,) straight distance of each vertex from a, in units of the longest side; 0 without positions."""
         if self._columns is None:
-            return np.ones(self.mesh.n_vertices)
-        detour = sum(np.sqrt(sum((c - c[end]) ** 2 for c in self._columns)) for end in (a, b))
-        return detour / (detour[a] or 1.0)
+            return np.zeros(self.mesh.n_vertices)
+        x, y, z = (column - column[a] for column in self._columns)
+        return np.sqrt(x * x + y * y + z * z)
 
     def _subgraph(self, vertex: NDArray) -> csr_array:
         """The graph on some vertices, in increasing order."""
@@ -195,7 +202,8 @@ class EdgeGraph:
         number[vertex] = np.arange(n)
         head = number[graph.indices[entry]]
         stays = head >= 0
-        before = np.concatenate([[0], np.cumsum(stays)])
+        before = np.zeros(len(head) + 1, dtype=head.dtype)
+        np.cumsum(stays, out=before[1:])
         entry = entry[stays]
         return csr_array((graph.data[entry], head[stays], before[np.append(first, len(head))]), shape=(n, n))
 
@@ -210,16 +218,21 @@ class EdgeGraph:
         straight = self.between(a, b)
         if straight >= 0:
             return [straight]
-        n, detour = self.mesh.n_vertices, self.detours(a, b)
+        n, from_a, from_b = self.mesh.n_vertices, self._chords(a), self._chords(b)
+        way, chord, shortest = from_a + from_b, float(from_a[b]), inf
         for limit in DETOUR_LIMITS:
-            inside = np.flatnonzero(detour <= limit * (1 + 1e-9))
+            limit = min(limit, shortest)
+            inside = np.flatnonzero(way <= limit * chord * (1 + 1e-9)) if chord else np.arange(n)
             if 2 * len(inside) > n:  # as much work as the whole
                 inside, limit = np.arange(n), inf
+            elif np.diff(np.sort(from_a[inside])).max(initial=0.0) > 1 + 1e-9:
+                continue  # no edge is as long as the gap between the two parts
             graph = self.graph if limit == inf else self._subgraph(inside)
             start, end = np.searchsorted(inside, [a, b]).tolist()
             distance, before = dijkstra(graph, indices=end, return_predecessors=True)
-            if limit == inf or distance[start] <= limit * self._chord(a, b):
+            if limit == inf or distance[start] <= limit * chord * self._scale:
                 break
+            shortest = float(distance[start]) / (chord * self._scale) * (1 + 1e-12)  # or less
         if not np.isfinite(distance[start]):
             raise no_path_error(a, b)
         stops = [start]
@@ -227,10 +240,6 @@ class EdgeGraph:
             stops.append(int(before[stops[-1]]))
         path = inside[stops]
         return self.side[np.searchsorted(self.key, path[:-1] * n + path[1:])].tolist()
-
-    def _chord(self, a: int, b: int) -> float:
-        points = self.mesh.points
-        return 0.0 if points is None else float(vector_length(points[a] - points[b]))
 
 
 def no_path_error(a: int, b: int) -> ParameterError:

@@ -60,7 +60,7 @@ def trace_on_input(
     if not closed:
         last = faces[-1][-1:]
         faces.append(last)
-        weights.append(_corner_of(mesh, last, flipping.tail[flipping.twin[halfedges[-1]]]))
+        weights.append(_corner_of(mesh, last, flipping.tail(flipping.twin[halfedges[-1]])))
     return SurfacePaths(
         np.concatenate(faces), np.concatenate(weights),
         np.array([0, sum(len(f) for f in faces)], dtype=np.int64), np.array([closed]),
@@ -79,7 +79,7 @@ def _points_of(
     It leaves its tail in `corner`, at `angle` from the side of that corner.
     """
     mesh, length = tracer.mesh, flipping.length[h]
-    head = flipping.tail[flipping.twin[h]]
+    head = flipping.tail(flipping.twin[h])
     if flipping.edge(h) not in flipping.flipped:  # an edge of the input
         side = h if h < flipping.sides else flipping.twin[h]
         j = side % 3 if h < flipping.sides else NEXT[side % 3]

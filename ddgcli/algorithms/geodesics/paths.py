@@ -72,6 +72,8 @@ class SurfacePaths:
     @classmethod
     def concatenate(cls, path_sets: list[SurfacePaths]) -> SurfacePaths:
         """Concatenate several sets of paths."""
+        if len(path_sets) == 1:
+            return path_sets[0]
         shift = np.cumsum([0, *(len(p.face) for p in path_sets)])
         return cls(
             np.concatenate([np.zeros(0, dtype=np.int64), *(p.face for p in path_sets)]),
@@ -263,7 +265,7 @@ def path_lengths(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
 
 def _sums_by_path(paths: SurfacePaths, length: NDArray) -> NDArray[np.float64]:
     """(k,) sums of the lengths of segments; nan counts as 0."""
-    return sum_by_index(paths.of_point(), np.nan_to_num(length), len(paths))
+    return sum_by_index(paths.of_point(), np.where(np.isnan(length), 0.0, length), len(paths))
 
 
 def joints(mesh: SurfaceMesh, paths: SurfacePaths) -> Joints:
@@ -293,7 +295,7 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths) -> Joints:
     direction = np.concatenate([vector[at], -vector[before[at]]]) / unfolding.scale
     angle, kinds, corner = _tangent_angles(mesh, faces, in_faces, direction)
     kind = kinds[: len(at)]
-    fan, fan_before = np.split(fans.fan[corner], 2)
+    fan, fan_before = fans.fan[corner[: len(at)]], fans.fan[corner[len(at) :]]
     edge_of_boundary = (kind == 2) & (topology.side_twin.ravel()[corner[: len(at)]] < 0)
     total = np.where(kind == 1, fans.total_angle[fan], np.where(edge_of_boundary, np.pi, 2 * np.pi))
     is_open = np.where(kind == 1, fans.is_open[fan], edge_of_boundary)
@@ -413,10 +415,11 @@ def describe_paths(
         return []
     joint = joint or joints(mesh, paths)
     length = _sums_by_path(paths, joint.length)
+    passes = (joint.vertex >= 0) & ~np.isnan(joint.total)
     entries = []
     for i, kind in enumerate(kinds):
         a, b = int(paths.start[i]), int(paths.start[i + 1])
-        passed = [p for p in range(a, b) if joint.vertex[p] >= 0 and not np.isnan(joint.total[p])]
+        passed = a + np.flatnonzero(passes[a:b])
         entries.append(
             {
                 **kind,
