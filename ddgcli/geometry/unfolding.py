@@ -99,7 +99,7 @@ def _layout(mesh: SurfaceMesh) -> Unfolding:
     x, y = np.where(flat, 0.0, x), np.where(flat, previous, y)
     next_cos, next_sin = _unit(x - length, y)
     prev_cos, prev_sin = _unit(-x, -y)
-    table = _cache_lines(length.size)
+    table = cache_lines(length.size)
     turns = (x, y, -prev_cos, prev_sin, -next_cos, next_sin)
     for column, value in enumerate(turns):
         table[:, column] = value.ravel()
@@ -114,7 +114,7 @@ def _layout(mesh: SurfaceMesh) -> Unfolding:
     return Unfolding(scale, table.view(np.complex128), length.ravel(), has_flat, direction)
 
 
-def _cache_lines(n: int) -> NDArray[np.float64]:
+def cache_lines(n: int) -> NDArray[np.float64]:
     """(n, 8) rows aligned to cache lines, so that a random row lies in one line instead of two."""
     buffer = np.empty(8 * n + 8)
     skip = -buffer.ctypes.data % _CACHE_LINE // 8

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.tracing.crossing import next_side
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.unfolding import cache_lines
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import ranges
@@ -18,13 +20,14 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 DETOUR_LIMITS = (1.3, 2.0, inf)  # search an edge path among vertices with at limit this detour, in this order
+NEXT, TWIN, FAN, LENGTH, ANGLE, POST = range(6)  # columns of the table of halfedges
 
 
 class FlippableMesh:
     """Triangulation that changes by flips, with the direction and length of every halfedge on the input.
 
     Halfedges 0..3m-1 are the sides; each boundary side has one more, without a face. Flips are sequential:
-    they read and write scalars through memory views of the arrays.
+    they read and write scalars through memory views of the columns of a table.
 
     Attributes
     ----------
@@ -36,41 +39,44 @@ class FlippableMesh:
     """
 
     def __init__(self, tracer: Tracer) -> None:
-        mesh, fans = tracer.mesh, tracer.fans
-        m = 3 * mesh.n_faces
-        twin = mesh.topology.side_twin.ravel().copy()
-        rim = np.flatnonzero(twin < 0)
-        twin[rim] = m + np.arange(len(rim))
-        side = np.arange(m)
-        following = side + np.where(side % 3 == 2, -2, 1)
-        head = following[rim]
-        at_end = fans.angle_before[head] + fans.corner_angle[head]
-        self.scale = tracer.unfolding.scale
-        length = mesh.side_length.ravel() / self.scale
-        self.sides = m
-        total = np.where(fans.total_angle > 0, fans.total_angle, 1.0)
-        self.total = np.where(fans.is_open, inf, total).data
-        self.twin = np.concatenate([twin, rim]).data
-        pairs: list[tuple[NDArray, NDArray]] = [
-            (following, np.full(len(rim), -1)),
-            (fans.fan, fans.fan[head]),
-            (length, length[rim]),
-            (fans.corner_angle, np.full(len(rim), inf)),
-            (fans.angle_before, at_end),
-        ]
-        self._initial = [np.concatenate(pair) if len(rim) else pair[0] for pair in pairs]
-        self._current = [array.copy() for array in self._initial]
-        views: list[Any] = [array.data for array in self._current]
-        self.next, self.fan, self.length, self.angle, self.post = views
-        self._vertex_of_fan = fans.vertex.data
+        mesh = tracer.mesh
+        self.tracer, self.scale, self.sides = tracer, tracer.unfolding.scale, 3 * mesh.n_faces
+        twin = mesh.topology.side_twin.ravel()
+        self._rim = np.flatnonzero(twin < 0)
+        n = self.sides + len(self._rim)
+        self._table = cache_lines(n)  # a random halfedge lies in one cache line
+        number = self._table.view(np.int64)
+        number[: self.sides, TWIN] = twin
+        number[self._rim, TWIN] = np.arange(self.sides, n)
+        number[self.sides :, TWIN] = self._rim
+        self._set(np.arange(n))
+        views: list[Any] = [number[:, k].data for k in (NEXT, TWIN, FAN)]
+        views += [self._table[:, k].data for k in (LENGTH, ANGLE, POST)]
+        self.next, self.twin, self.fan, self.length, self.angle, self.post = views
+        total = np.where(tracer.fans.total_angle > 0, tracer.fans.total_angle, 1.0)
+        self.total = np.where(tracer.fans.is_open, inf, total).data
+        self._vertex_of_fan = tracer.fans.vertex.data
         self.flipped: set[int] = set()
         self._changed: list[int] = []
 
+    def _set(self, h: NDArray) -> None:
+        """Set halfedges to those of the input, all but their twins."""
+        fans, table, number = self.tracer.fans, self._table, self._table.view(np.int64)
+        is_side = h < self.sides
+        side = h.copy()
+        side[~is_side] = self._rim[h[~is_side] - self.sides]
+        following = next_side(side)
+        corner = np.where(is_side, side, following)
+        width = fans.corner_angle[corner]
+        number[h, NEXT] = np.where(is_side, following, -1)
+        number[h, FAN] = fans.fan[corner]
+        table[h, LENGTH] = self.tracer.unfolding.length[side]
+        table[h, ANGLE] = np.where(is_side, width, inf)
+        table[h, POST] = fans.angle_before[corner] + np.where(is_side, 0.0, width)
+
     def rewind(self) -> None:
         """Undo all flips."""
-        changed = np.array(self._changed, dtype=np.int64)
-        for current, initial in zip(self._current, self._initial, strict=True):
-            current[changed] = initial[changed]
+        self._set(np.array(self._changed, dtype=np.int64))
         self.flipped.clear()
         self._changed.clear()
 
