@@ -29,6 +29,8 @@ PACKAGES = (
     "ddgcli.mechanics",
     "ddgcli.mesh",
     "ddgcli.models.curve",
+    "ddgcli.models.fluid",
+    "ddgcli.models.shell",
     "ddgcli.models.willmore",
     "ddgcli.operators",
     "ddgcli.simulation",

@@ -11,11 +11,20 @@ from ddgcli.operators.laplacian import lumped_vertex_area, voronoi_vertex_area
 
 
 def cell_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(n,) thirds of the faces inside; mixed Voronoi cells along the boundary, scaled to the same total.
+    """Areas of the vertices' cells: thirds of the faces inside, mixed Voronoi cells along the boundary.
 
     At a wall the vorticity is the circulation around half a cell over its area. Where neighbours on the wall
     have unequal numbers of triangles (alternating diagonals), only the Voronoi cell is half of the distance
     to the vertices inside, as Thom's formula has it: with thirds the vorticity is of first order there.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (n,) ndarray of float64
+        In length^2; the cells along the boundary are scaled to the total of the thirds.
     """
     area = lumped_vertex_area(mesh)
     topology = mesh.topology

@@ -62,6 +62,15 @@ def boundary_conditions(context: FluidContext, sections: Sequence[BoundaryPart])
 
     A side that no part covers is a no-slip wall where any part is other than free-slip.
 
+    Parameters
+    ----------
+    context : FluidContext
+    sections : sequence of BoundaryPart
+
+    Returns
+    -------
+    BoundaryConditions
+
     Raises
     ------
     ValueError

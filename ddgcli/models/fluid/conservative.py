@@ -29,7 +29,24 @@ RK4_LIMIT = 2.8  # on the imaginary axis
 def rate(
     space: SurfaceSpace, vorticity: NDArray, coefficients: NDArray, evolve_harmonic: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Time derivatives of vorticity (n,) and harmonic coefficients (b,), and the side fluxes (m, 3)."""
+    """Time derivatives of vorticity and harmonic coefficients by Euler's equation.
+
+    Parameters
+    ----------
+    space : SurfaceSpace
+    vorticity : (n,) ndarray of float64
+        Integrated over the cells.
+    coefficients : (b,) ndarray of float64
+    evolve_harmonic : bool
+        Whether the harmonic coefficients change.
+
+    Returns
+    -------
+    d_vorticity : (n,) ndarray of float64
+    d_coefficients : (b,) ndarray of float64
+    flux : (m, 3) ndarray of float64
+        Through the sides.
+    """
     phi = space.stream_function(vorticity)
     flux = space.side_flux(phi, coefficients)
     d_vorticity, d_coefficients = rotational_rates(
@@ -45,7 +62,23 @@ def rate(
 def rotational_rates(
     space: SurfaceSpace, omega: NDArray, flux: NDArray, evolve_harmonic: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rates of vorticity (n,) and harmonic coefficients (b,) by the force - omega n x u, omega (n,)."""
+    """Rates of vorticity and harmonic coefficients by the force -omega n x u.
+
+    Parameters
+    ----------
+    space : SurfaceSpace
+    omega : (n,) ndarray of float64
+        Vorticity at the vertices, in 1/s.
+    flux : (m, 3) ndarray of float64
+        Through the sides.
+    evolve_harmonic : bool
+        Whether the harmonic coefficients change.
+
+    Returns
+    -------
+    d_vorticity : (n,) ndarray of float64
+    d_coefficients : (b,) ndarray of float64
+    """
     first, second, third = omega.take(space.corners)
     mean = (first + second + third) / 3.0
     carried = (-0.5 * mean) * flux.T[NEXT]  # side k+1 is opposite corner k

@@ -17,6 +17,10 @@ def flux_imbalance(flux: NDArray[np.float64], natural: NDArray[np.bool_]) -> str
         Outward flux through each piece of the boundary.
     natural : (k,) ndarray of bool
         Pieces whose flux is free; with one of them, every prescribed flux can be balanced.
+
+    Returns
+    -------
+    str
     """
     excess, whole = float(flux.sum()), float(np.abs(flux).sum())
     if natural.any() or abs(excess) <= FLUX_TOLERANCE * whole:

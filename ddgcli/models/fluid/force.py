@@ -55,7 +55,19 @@ class ForcePhase(FlowPhase):
 
 
 def accelerated(setting: FluidSetting, state: FluidState, change: NDArray) -> FluidState:
-    """The state with changes of velocity (m, 3) of the cells added, but for their gradient part."""
+    """State of a flow with changes of velocity added, without their gradient component.
+
+    Parameters
+    ----------
+    setting : FluidSetting
+    state : FluidState
+    change : (m, 3) ndarray of float64
+        On cells.
+
+    Returns
+    -------
+    FluidState
+    """
     if setting.context.is_volume:
         return setting.volume.accelerated(state, change)
     space = setting.space

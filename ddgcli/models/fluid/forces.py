@@ -71,7 +71,18 @@ class ObstacleForces:
 
 
 def obstacle_forces(setting: FluidSetting, scheme: VelocityDiffusion) -> ObstacleForces | None:
-    """The forces on obstacles in a plane of constant z; None elsewhere."""
+    """Forces of a flow on the obstacles in a plane of constant z.
+
+    Parameters
+    ----------
+    setting : FluidSetting
+    scheme : VelocityDiffusion
+
+    Returns
+    -------
+    ObstacleForces or None
+        None without obstacles, and elsewhere than in such a plane.
+    """
     context = setting.context
     if not context.obstacles or not isinstance(context.mesh, TriangleMesh):
         return None

@@ -132,7 +132,21 @@ class FlowLimits:
 
 
 def along_walls(space: SurfaceSpace, rim: BackwardPaths | None, vorticity: NDArray) -> NDArray[np.float64]:
-    """(n,) vorticity of the cells at the boundary: carried along it, point by point."""
+    """Vorticity of the cells at the boundary carried along it, point by point.
+
+    Parameters
+    ----------
+    space : SurfaceSpace
+    rim : BackwardPaths or None
+        Of the boundary vertices, in their order.
+    vorticity : (n,) ndarray of float64
+        Integrated over the cells.
+
+    Returns
+    -------
+    (n,) ndarray of float64
+        Unchanged inside, and everywhere without paths.
+    """
     if rim is None:
         return vorticity
     vertices = np.flatnonzero(space.mesh.topology.boundary_vertex)
@@ -143,7 +157,16 @@ def along_walls(space: SurfaceSpace, rim: BackwardPaths | None, vorticity: NDArr
 
 
 def keep_total(space: SurfaceSpace, after: NDArray, before: NDArray) -> None:
-    """What the inner loops of a component gained comes from its boundary cells."""
+    """Restore the total vorticity of each component, from the cells at its boundary; in place.
+
+    Parameters
+    ----------
+    space : SurfaceSpace
+    after : (n,) ndarray of float64
+        Integrated vorticity, changed at the boundary.
+    before : (n,) ndarray of float64
+        With the totals to restore.
+    """
     rim = space.mesh.topology.boundary_vertex
     if not rim.any():
         return

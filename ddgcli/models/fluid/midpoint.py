@@ -25,6 +25,11 @@ def implicit_midpoint(
     start : (k,) ndarray
     dt : float
 
+    Returns
+    -------
+    state : (k,) ndarray of float64
+    residual : float
+
     Notes
     -----
     Picard iteration with Anderson mixing. It ends at rounding: what it left would act as a drift.

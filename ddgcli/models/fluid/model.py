@@ -40,7 +40,25 @@ MAX_HARMONIC_FLOWS = 2_000  # kept as a dense basis
 def contexts(
     scene: Scene, read: Callable[[str], Any], load: Callable[[str], NDArray]
 ) -> dict[str, tuple[FluidContext, str]]:
-    """Context of every fluid and the SHA-256 of its mesh file, by name."""
+    """Context of every fluid of a scene, and the SHA-256 of its mesh file.
+
+    Parameters
+    ----------
+    scene : Scene
+    read : callable
+        Reads a mesh file.
+    load : callable
+        Reads an array file.
+
+    Returns
+    -------
+    dict of str to (FluidContext, str)
+
+    Raises
+    ------
+    SceneError
+        For a mesh that carries no flow, at its place in the scene.
+    """
     by_name: dict[str, tuple[FluidContext, str]] = {}
     for number, section in enumerate(scene.objects):
         if section.role != "fluid":
@@ -73,7 +91,17 @@ def contexts(
 
 
 def with_default_integrator(scene: Scene, fluids: Iterable[FluidContext]) -> Scene:
-    """The scene with the default integrator of volumes, where it names none and its fluids are volumes."""
+    """The scene with the default integrator of volumes, where it names none and its fluids are volumes.
+
+    Parameters
+    ----------
+    scene : Scene
+    fluids : iterable of FluidContext
+
+    Returns
+    -------
+    Scene
+    """
     if scene.has_default_integrator and any(fluid.is_volume for fluid in fluids):
         return scene.with_integrator(DEFAULT_VOLUME_INTEGRATOR)
     return scene
@@ -132,7 +160,18 @@ def effect_parts_of(scene: Scene, context: FluidContext) -> PlacedEffectParts:
 
 
 def build(scene: Scene, fluids: dict[str, FluidContext], account: Account) -> dict[str, FluidModel]:
-    """One model for each fluid; nothing is assembled that no effect needs."""
+    """One model for each fluid; nothing is assembled that no effect requires.
+
+    Parameters
+    ----------
+    scene : Scene
+    fluids : dict of str to FluidContext
+    account : Account
+
+    Returns
+    -------
+    dict of str to FluidModel
+    """
     return {
         name: FluidModel(scene, number, fluids[name], account)
         for number, name in enumerate(section.name for section in scene.objects)

@@ -17,7 +17,19 @@ REFINEMENT_REACH = 5.0  # distance from the outline, over the longest side, up t
 
 
 def refined(context: FluidContext, distance: SignedDistance, times: int) -> FluidContext:
-    """The context with the sides of faces near the outline halved `times` times; arrays are interpolated.
+    """Halve the sides of the faces near an outline; arrays are interpolated.
+
+    Parameters
+    ----------
+    context : FluidContext
+    distance : callable
+        Signed distance from the outline at positions (k, 3).
+    times : int
+        How often to halve.
+
+    Returns
+    -------
+    FluidContext
 
     Raises
     ------

@@ -29,7 +29,22 @@ SignedDistance = Callable[[NDArray], NDArray[np.float64]]
 
 
 def signed_distance(section: Any, read: Callable[[str], Any]) -> tuple[SignedDistance, bool]:
-    """Distance function of an obstacle, negative inside; whether its size is a length."""
+    """Distance function of an obstacle, negative inside.
+
+    Parameters
+    ----------
+    section : object
+        Of the scene, with a sphere, box, cylinder or other shape.
+    read : callable
+        Reads a mesh file.
+
+    Returns
+    -------
+    distance : callable
+        Function of positions (k, 3).
+    is_length : bool
+        Whether its size is a length.
+    """
     shift = np.array(section.position)
     if section.sphere is not None:
         centre, radius = np.array(section.sphere.center) + shift, section.sphere.radius
@@ -91,6 +106,10 @@ def without_obstacles(
     ----------
     context : FluidContext
     obstacles : sequence of (name, signed distance, whether it is a length)
+
+    Returns
+    -------
+    FluidContext
 
     Raises
     ------

@@ -43,7 +43,16 @@ class Recovery:
 
 
 def recovery(space: SurfaceSpace) -> Recovery:
-    """The recovery of a surface."""
+    """Recovery of velocities at the vertices of a surface from the fluxes through its edges.
+
+    Parameters
+    ----------
+    space : SurfaceSpace
+
+    Returns
+    -------
+    Recovery
+    """
     fans = vertex_fans(space.mesh)
     stretch = np.where(fans.is_open, 1.0, 2.0 * np.pi / fans.total_angle)[fans.fan]
     to_vertex = _vertex_frames(space, fans, stretch)

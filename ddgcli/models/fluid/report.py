@@ -27,11 +27,20 @@ VORTICITY_ROUNDING = 1e-12  # vorticity over the circulations that cancel in it,
 
 
 def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """(`results`, `accuracy`): values at the end, and the largest departures from the start.
+    """Results and accuracy of a run of fluids: values at the end, and the largest departures from the start.
 
     Drifts are relative: energy and enstrophy to their sizes at the start (or, from a start at rest, to their
     largest), total vorticity and circulations to the total absolute vorticity at the start. Vorticity and
     enstrophy that are the rounding of a flow without vorticity count as zero.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    models : mapping of str to FluidModel
+
+    Returns
+    -------
+    results, accuracy : dict
     """
     names, series, last = list(models), outcome.series, outcome.last
     integrator = next(iter(models.values())).scene.time.integrator
@@ -208,7 +217,19 @@ def _loops(model: FluidModel, vorticity: NDArray, last: TrajectoryFrame) -> list
 def assembled(
     scene: Scene, models: Mapping[str, FluidModel], schedule: Schedule, account: Account
 ) -> dict[str, Any]:
-    """Facts of a dry run."""
+    """What a scene would build, for a dry run.
+
+    Parameters
+    ----------
+    scene : Scene
+    models : mapping of str to FluidModel
+    schedule : Schedule
+    account : Account
+
+    Returns
+    -------
+    dict
+    """
     return {
         "steps": schedule.steps,
         "frames": schedule.n_frames,
@@ -219,7 +240,18 @@ def assembled(
 
 
 def wraps(meshes: Sequence[SurfaceMesh]) -> NDArray[np.bool_]:
-    """(m,) faces that close a periodic grid: drawn between the vertices' positions they span it all."""
+    """Faces that close a periodic grid: drawn between the vertices' positions they span it all.
+
+    Parameters
+    ----------
+    meshes : sequence of mesh
+        Of all fluids.
+
+    Returns
+    -------
+    (m,) ndarray of bool
+        None of tetrahedra.
+    """
     wraps_around = []
     if isinstance(meshes[0], TetMesh):
         return np.zeros(0, dtype=bool)
@@ -231,6 +263,16 @@ def wraps(meshes: Sequence[SurfaceMesh]) -> NDArray[np.bool_]:
 
 
 def face_arrays(meshes: Sequence[SurfaceMesh]) -> dict[str, NDArray]:
-    """Constant arrays on faces for the trajectory: `wraps` where a grid is periodic."""
+    """Constant arrays on faces for the trajectory: `wraps` where a grid is periodic.
+
+    Parameters
+    ----------
+    meshes : sequence of mesh
+        Of all fluids.
+
+    Returns
+    -------
+    dict of str to ndarray
+    """
     marked = wraps(meshes)
     return {"wraps": marked.astype(np.int8)} if marked.any() else {}

@@ -82,10 +82,22 @@ class Smoothing:
 def share_at_constant_energy(
     enstrophy: tuple[float, float, float], energy: tuple[float, float, float], most: float
 ) -> tuple[float, float]:
-    """Least share t in [0, 1] of a filter, and the factor that then restores the energy.
+    """Least share of a filter that lowers the enstrophy enough, and the factor that then restores the energy.
 
-    Both arguments are coefficients of 1, t, t^2. The factor scales the energy back to its value at t = 0; the
-    enstrophy, scaled with it, is `most` at t, or least where it nowhere falls to `most`.
+    The factor scales the energy back to its value at t = 0; the enstrophy, scaled with it, is `most` at t, or
+    least where it nowhere falls to `most`.
+
+    Parameters
+    ----------
+    enstrophy, energy : tuple of 3 floats
+        Coefficients of 1, t, t^2.
+    most : float
+        Enstrophy to reach.
+
+    Returns
+    -------
+    share, factor : float
+        The share is in [0, 1].
     """
     t = np.linspace(0.0, 1.0, 65)
 
@@ -107,7 +119,17 @@ def share_at_constant_energy(
 
 
 def first_root(constant: float, slope: float, curvature: float) -> float:
-    """Least t in [0, 1] at which constant + slope t + curvature t^2 is not positive; 1 if there is none."""
+    """Least t in [0, 1] at which constant + slope t + curvature t^2 is not positive.
+
+    Parameters
+    ----------
+    constant, slope, curvature : float
+
+    Returns
+    -------
+    float
+        1 if there is none.
+    """
     if constant <= 0.0:
         return 0.0
     inside = slope * slope - 4.0 * curvature * constant

@@ -380,13 +380,32 @@ class SurfaceSpace:
 
 
 def harmonic_count(mesh: SurfaceMesh) -> int:
-    """Number of harmonic flows of a surface."""
+    """Number of harmonic flows of a surface: 2 genus, plus one for each boundary loop beyond the first.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Connected, oriented.
+
+    Returns
+    -------
+    int
+    """
     topology = mesh.topology
     return 2 * (topology.genus or 0) + max(0, topology.boundary_loops - 1)
 
 
 def require_flow(mesh: SurfaceMesh) -> None:
-    """MeshError where a mesh carries no flow: not a manifold, not oriented, faces without area."""
+    """Raise an error for a mesh that carries no flow: not an oriented manifold, flat faces, extreme sizes.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Raises
+    ------
+    MeshError
+    """
     from ddgcli.mesh.require import refuse_flat_faces, require
 
     require(mesh, "fluid-sim", manifold=True, oriented=True)  # type: ignore[arg-type]

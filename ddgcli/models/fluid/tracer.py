@@ -83,7 +83,7 @@ class Bounds(NamedTuple):
 def conserved(
     before: NDArray, after: NDArray, bounds: Bounds, mass: NDArray, label: NDArray
 ) -> NDArray[np.float64]:
-    """`after` with the amount of `before` on every component: within its own bounds, then within all.
+    """Restore the amount of a scalar on every component: within its own bounds, then within all.
 
     Parameters
     ----------
@@ -91,6 +91,11 @@ def conserved(
     bounds : Bounds
     label : (k,) ndarray of int64
         Component of each entry.
+
+    Returns
+    -------
+    (k,) ndarray of float64
+        `after` with the amounts of `before`.
     """
     count = int(label.max(initial=-1)) + 1
     lowest, highest = np.full(count, np.inf), np.full(count, -np.inf)

@@ -69,7 +69,17 @@ class Transport:
 
 
 def corner_of(space: SurfaceSpace, vertices: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(face, corner) of one face at each vertex."""
+    """One face at each vertex, and the corner of the vertex in it.
+
+    Parameters
+    ----------
+    space : SurfaceSpace
+    vertices : (k,) ndarray of int64
+
+    Returns
+    -------
+    face, corner : (k,) ndarray of int64
+    """
     flat = np.full(space.n, -1, dtype=np.int64)
     flat[space.faces.ravel()] = np.arange(space.faces.size)
     return flat[vertices] // 3, flat[vertices] % 3

@@ -28,7 +28,16 @@ FLATNESS = 1e-9  # of the vertices about a plane, relative to the size of the me
 
 
 def with_triangulation(context: FluidContext, choice: str) -> FluidContext:
-    """The context on the triangulation that `choice` means: 'input', 'delaunay', or 'auto' by the rule above.
+    """The context of a fluid on the triangulation that `choice` names; 'auto' by the rule of this module.
+
+    Parameters
+    ----------
+    context : FluidContext
+    choice : {'input', 'delaunay', 'auto'}
+
+    Returns
+    -------
+    FluidContext
 
     Raises
     ------

@@ -40,7 +40,16 @@ class VolumeConditions:
 
 
 def walls(space: Any) -> VolumeConditions:
-    """Walls without friction everywhere."""
+    """Boundary conditions of walls without friction everywhere.
+
+    Parameters
+    ----------
+    space : VolumeSpace
+
+    Returns
+    -------
+    VolumeConditions
+    """
     count = len(space.boundary[0])
     none = np.zeros(space.n_faces, dtype=bool)
     return VolumeConditions(np.zeros(space.n_faces), none, np.zeros(count, dtype=bool), np.zeros((count, 3)))
@@ -48,6 +57,16 @@ def walls(space: Any) -> VolumeConditions:
 
 def volume_conditions(context: Any, sections: Sequence[BoundaryPart], space: Any) -> VolumeConditions:
     """Conditions of every boundary face: the first part that holds at its centroid, or a wall at rest.
+
+    Parameters
+    ----------
+    context : FluidContext
+    sections : sequence of BoundaryPart
+    space : VolumeSpace
+
+    Returns
+    -------
+    VolumeConditions
 
     Raises
     ------

@@ -23,6 +23,16 @@ from ddgcli.operators.stars import hodge_star
 def initial(parameters: Any, context: FluidContext) -> Initial:
     """The discrete flow nearest to a velocity or to a flow by name.
 
+    Parameters
+    ----------
+    parameters : object
+        Of the effect.
+    context : FluidContext
+
+    Returns
+    -------
+    Initial
+
     Raises
     ------
     ValueError
@@ -65,7 +75,17 @@ class ImplicitDiffusion:
 
 
 def vertex_stiffness(space: VolumeSpace) -> csr_array:
-    """(n, n) Laplacian of functions that are linear in every cell, positive semidefinite."""
+    """Stiffness matrix of functions that are linear in every cell.
+
+    Parameters
+    ----------
+    space : VolumeSpace
+
+    Returns
+    -------
+    (n, n) csr_array of float64
+        Positive semidefinite, a length.
+    """
     derivative = space.complex.derivatives[0].astype(np.float64)
     return (derivative.T @ hodge_star(space.complex, 1) @ derivative).tocsr()
 

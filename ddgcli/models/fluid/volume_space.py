@@ -41,7 +41,16 @@ FLAT_CELL_TOLERANCE = 1e-12  # volume over the longest edge cubed
 
 
 def require_volume(mesh: TetMesh) -> None:
-    """MeshError where cells are flat or inverted, or a face has more than two cells."""
+    """Raise an error where cells are flat or inverted, or a face has more than two cells.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+
+    Raises
+    ------
+    MeshError
+    """
     corner = mesh.points[mesh.tetrahedra]
     edge = np.linalg.norm(corner[:, :, None] - corner[:, None], axis=3).max(axis=(1, 2))
     inverted = np.flatnonzero(mesh.signed_volume < -FLAT_CELL_TOLERANCE * edge**3)

@@ -25,13 +25,37 @@ from ddgcli.simulation.model import Observation, StepRejected
 
 
 def rate(space: VolumeSpace, flux: NDArray) -> NDArray[np.float64]:
-    """(F,) rate of change of the fluxes by Euler's equation."""
+    """Rate of change of the fluxes by Euler's equation.
+
+    Parameters
+    ----------
+    space : VolumeSpace
+    flux : (F,) ndarray of float64
+        Through the faces.
+
+    Returns
+    -------
+    (F,) ndarray of float64
+    """
     push, head = rotational_acceleration(space, flux)
     return space.projected(push, inflow=False, head=head)
 
 
 def rotational_acceleration(space: VolumeSpace, flux: NDArray) -> tuple[NDArray, NDArray | None]:
-    """(k, 3) the acceleration - omega x u of cells, and (F,) the head at natural outflows."""
+    """Acceleration -omega x u of the cells, and the head at natural outflows.
+
+    Parameters
+    ----------
+    space : VolumeSpace
+    flux : (F,) ndarray of float64
+        Through the faces.
+
+    Returns
+    -------
+    acceleration : (k, 3) ndarray of float64
+    head : (F,) ndarray of float64 or None
+        Half the square of the outward velocity; None without natural outflows.
+    """
     velocity = space.velocity(flux)
     omega = space.vorticity(velocity)[space.cells].mean(axis=1)
     head = None
@@ -60,7 +84,20 @@ class EnergyTransport(FlowPhase):
 
 
 def without_rise(space: VolumeSpace, flux: NDArray, smooth: NDArray, energy: float) -> NDArray[np.float64]:
-    """Mixed with just as much of the smooth step as keeps the energy from rising; else scaled."""
+    """Mix a flow with just as much of a smooth one as keeps the energy from rising; else scale it.
+
+    Parameters
+    ----------
+    space : VolumeSpace
+    flux, smooth : (F,) ndarray of float64
+        Fluxes through the faces.
+    energy : float
+        Not to be exceeded.
+
+    Returns
+    -------
+    (F,) ndarray of float64
+    """
     velocity, change = space.velocity(flux), space.velocity(smooth - flux)
     slope = float(np.sum(space.volume[:, None] * velocity * change))
     excess = space.kinetic_energy(velocity) - energy

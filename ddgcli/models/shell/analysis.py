@@ -20,7 +20,25 @@ log = logging.getLogger("ddgcli")
 def vibrations(
     systems: dict[str, System], points: dict[str, NDArray], order: Order, k: int
 ) -> tuple[dict[str, Any], dict[str, NDArray]]:
-    """`frequencies` in Hz about given positions, ascending over all shells, and arrays `mode_000`, ..."""
+    """Natural frequencies and modes of shells about given positions.
+
+    Parameters
+    ----------
+    systems : dict of str to System
+    points : dict of str to (n, 3) ndarray
+        Positions of each group in m.
+    order : Order
+        Of the shells in the arrays.
+    k : int
+        Number of modes over all shells.
+
+    Returns
+    -------
+    results : dict
+        `frequencies` in Hz, ascending; negative ones are unstable, with a warning.
+    arrays : dict of str to ndarray
+        `mode_000`, ...
+    """
     modes, shapes = _lowest(systems, lambda name, s: natural_modes(s, points[name], k), order, k)
     if modes and modes[0] < 0:
         log.warning(
@@ -31,7 +49,23 @@ def vibrations(
 
 
 def buckling(systems: dict[str, System], order: Order, k: int) -> tuple[dict[str, Any], dict[str, NDArray]]:
-    """`load_factors` of linear buckling of the shells at rest, ascending, and arrays `buckling_000`, ..."""
+    """Load factors and modes of linear buckling of shells at rest.
+
+    Parameters
+    ----------
+    systems : dict of str to System
+    order : Order
+        Of the shells in the arrays.
+    k : int
+        Number of modes over all shells.
+
+    Returns
+    -------
+    results : dict
+        `load_factors`, ascending.
+    arrays : dict of str to ndarray
+        `buckling_000`, ...
+    """
     factors, shapes = _lowest(systems, lambda name, s: buckling_modes(s, s.start, k), order, k)
     return {"load_factors": factors}, {f"buckling_{i:03d}": shape for i, shape in enumerate(shapes)}
 

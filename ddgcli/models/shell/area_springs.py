@@ -78,7 +78,16 @@ def area_hessian(area: NDArray, normal: NDArray, edges: NDArray) -> NDArray[np.f
 
 
 def cross_matrix(v: NDArray) -> NDArray[np.float64]:
-    """(m, 3, 3) matrices of the cross product with (m, 3) vectors from the left."""
+    """Matrices of the cross product with vectors from the left.
+
+    Parameters
+    ----------
+    v : (m, 3) ndarray of float64
+
+    Returns
+    -------
+    (m, 3, 3) ndarray of float64
+    """
     matrix = np.zeros((len(v), 3, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         matrix[:, j, i], matrix[:, i, j] = v[:, k], -v[:, k]

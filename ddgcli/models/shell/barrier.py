@@ -120,7 +120,22 @@ class MovingBarrier(Barrier):
 
 
 def carry_weight(distance: NDArray, travel: NDArray, gap: float) -> NDArray[np.float64]:
-    """Parts (n,) of the travel (n, 3) of a surface that vertices at these distances take part in."""
+    """Weights with which vertices take part in the travel of a surface.
+
+    Parameters
+    ----------
+    distance : (n,) ndarray of float64
+        From the surface.
+    travel : (n, 3) ndarray of float64
+        Of the surface at each vertex.
+    gap : float
+        Range of the barrier.
+
+    Returns
+    -------
+    (n,) ndarray of float64
+        In [0, 1]; 1 near the surface.
+    """
     reach = gap + np.sqrt(np.einsum("ni,ni->n", travel, travel))
     return np.clip(2.0 - distance / reach, 0.0, 1.0)
 
@@ -132,9 +147,19 @@ def curvature(s: Any) -> Any:
 
 
 def closest_part(energy: float) -> float:
-    """The s in (0, 1) where -(s - 1)^2 ln s has a value, by bisection in ln s; at least 0.05.
+    """The s in (0, 1) where the barrier -(s - 1)^2 ln s has a value, by bisection in ln s.
 
     A barrier that is left less of its gap is too soft for the fall: steps that cross it are made shorter.
+
+    Parameters
+    ----------
+    energy : float
+        The value.
+
+    Returns
+    -------
+    float
+        At least 0.05.
     """
     low, high = float(np.log(0.05)), 0.0
     for _ in range(60):
@@ -144,11 +169,23 @@ def closest_part(energy: float) -> float:
 
 
 def slip_speed(slip: float | None, contexts: list[ShellContext], velocity: NDArray | None = None) -> float:
-    """Speed in m/s below which friction grows in proportion: `slip`, if the scene names it.
+    """Speed below which friction grows in proportion to the speed.
 
-    By default a small part of the speed of a fall through the size of the shells, with their initial speeds:
-    what friction holds creeps by at most that part of the size in the time of that fall. `velocity` is that
-    of the obstacle.
+    By default a small fraction of the speed of a fall through the size of the shells, with their initial
+    speeds: what friction holds creeps by at most that fraction of the size in the time of that fall.
+
+    Parameters
+    ----------
+    slip : float or None
+        Speed that the scene names.
+    contexts : list of ShellContext
+    velocity : (3,) ndarray, optional
+        Of the obstacle, in m/s.
+
+    Returns
+    -------
+    float
+        In m/s.
     """
     if slip is not None:
         return float(slip)

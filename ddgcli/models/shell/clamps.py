@@ -18,6 +18,19 @@ def clamped_sides(context: ShellContext) -> ClampedSides:
 
     Where a pin holds all axes that is the direction into the face. Where it leaves some free, the edge moves,
     and the direction must be held and across the edge wherever it goes: the normal of a plane of symmetry.
+
+    Parameters
+    ----------
+    context : ShellContext
+
+    Returns
+    -------
+    ClampedSides
+
+    Raises
+    ------
+    ValueError
+        At an edge that is not across the axis that its pin holds.
     """
     mesh = context.mesh
     sides, directions = [NO_CLAMP.side], [NO_CLAMP.direction]

@@ -60,7 +60,17 @@ class InsetPairMesh(PairMesh):
 
 
 def largest_gap(whole: ShellContext) -> float:
-    """The largest gap in m whose margins leave half the inner circle of each face."""
+    """Largest gap whose margins leave half the inner circle of each face.
+
+    Parameters
+    ----------
+    whole : ShellContext
+
+    Returns
+    -------
+    float
+        In m.
+    """
     radius = 2 * whole.face_area / whole.mesh.side_length.sum(axis=1)
     return MAX_MARGIN / MARGIN * float(radius.min())
 

@@ -53,6 +53,10 @@ def split_surface(topology: Topology, opened: NDArray[np.bool_]) -> SplitSurface
         Of a surface whose interior edges have two faces of the same orientation.
     opened : (h,) ndarray of bool
         Over the interior edges, in the order of `hinge_sides`.
+
+    Returns
+    -------
+    SplitSurface
     """
     vertex = topology.faces.ravel()
     side, other = hinge_sides(topology)

@@ -125,7 +125,24 @@ class EdgeTurns:
 
 
 def edge_moment(context: ShellContext, vertices: NDArray, moment: float) -> Potential:
-    """Moments of `moment` N m per metre on the boundary edges between some vertices."""
+    """Potential of moments on the boundary edges between some vertices.
+
+    Parameters
+    ----------
+    context : ShellContext
+    vertices : (k,) ndarray of int64
+    moment : float
+        In N m per metre.
+
+    Returns
+    -------
+    Potential
+
+    Raises
+    ------
+    ValueError
+        Where no edge of the boundary joins two of the vertices.
+    """
     topology, mesh = context.mesh.topology, context.mesh
     lone = topology.side_twin.ravel() < 0
     ends = np.isin(topology.side_tail, vertices) & np.isin(topology.side_head, vertices)

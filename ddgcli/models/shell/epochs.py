@@ -200,6 +200,10 @@ def breaking_model(
         Of shells of the group.
     build : callable Group -> (System, Model)
     account : Account
+
+    Returns
+    -------
+    Model
     """
     flat = any(effect.name == "bending" and section.rest == "flat" for effect, section, _ in scene.effects)
     strengths: dict[str, Strength] = {}
@@ -228,7 +232,17 @@ def with_faces(observation: Observation, context: ShellContext) -> Observation:
 
 
 def whole_model(model: Model, shells: dict[str, ShellContext]) -> Model:
-    """A model of shells that stay whole, whose observations carry their faces."""
+    """Model of shells that stay whole, whose observations carry their faces, beside shells that break.
+
+    Parameters
+    ----------
+    model : Model
+    shells : dict of str to ShellContext
+
+    Returns
+    -------
+    Model
+    """
 
     def observe(state: Any) -> dict[str, Observation]:
         return observed_with_faces(model, shells, state)
@@ -245,7 +259,19 @@ def observed_with_faces(model: Model, shells: dict[str, ShellContext], state: An
 def contexts_of_frame(
     shells: dict[str, ShellContext], trajectory_frame: TrajectoryFrame
 ) -> dict[str, ShellContext]:
-    """Contexts of the shells as they are in a frame."""
+    """Contexts of the shells as they are in a frame.
+
+    Parameters
+    ----------
+    shells : dict of str to ShellContext
+        At the start.
+    trajectory_frame : TrajectoryFrame
+        With `faces` and `input_vertex`.
+
+    Returns
+    -------
+    dict of str to ShellContext
+    """
     faces, origin = np.asarray(trajectory_frame.faces), np.asarray(trajectory_frame.vertex["input_vertex"])
     present, first_face, first = {}, 0, 0
     for name, context in shells.items():

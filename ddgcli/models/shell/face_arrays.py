@@ -16,6 +16,14 @@ def face_arrays(
 ) -> dict[str, NDArray[np.float64]]:
     """Tensors of the faces of a shell at positions x (n, 3), for `stvk` and `midedge`; empty for others.
 
+    Parameters
+    ----------
+    context : ShellContext
+    potentials : sequence
+        Of the shell.
+    x : (n, 3) ndarray of float64
+        Positions in m.
+
     Returns
     -------
     dict

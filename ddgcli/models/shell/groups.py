@@ -50,7 +50,17 @@ class Group:
 
 
 def groups(scene: Scene, shells: dict[str, ShellContext]) -> list[Group]:
-    """The groups of coupled shells, in the order of their first shells."""
+    """Groups of coupled shells, in the order of their first shells.
+
+    Parameters
+    ----------
+    scene : Scene
+    shells : dict of str to ShellContext
+
+    Returns
+    -------
+    list of Group
+    """
     leader = {name: name for name in shells}
 
     def first(name: str) -> str:
@@ -73,7 +83,17 @@ def groups(scene: Scene, shells: dict[str, ShellContext]) -> list[Group]:
 
 
 def terms_between(scene: Scene, group: Group) -> list[Any]:
-    """What effects make between the shells of a group."""
+    """Terms that effects make between the shells of a group.
+
+    Parameters
+    ----------
+    scene : Scene
+    group : Group
+
+    Returns
+    -------
+    list
+    """
     terms: list[Any] = []
     for effect, parameters, key in scene.effects:
         if effect.between is not None:

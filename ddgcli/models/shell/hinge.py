@@ -41,7 +41,19 @@ class HingeFrame:
 
 
 def hinge_frame(x: NDArray, stencil: NDArray) -> HingeFrame:
-    """Geometry of the hinges at positions x."""
+    """Geometry of hinges: normals, heights, angle.
+
+    Parameters
+    ----------
+    x : (n, 3) ndarray of float64
+        Positions.
+    stencil : (h, 4) ndarray of int64
+        Of `geometry.hinges.hinges`.
+
+    Returns
+    -------
+    HingeFrame
+    """
     x0, x1, x2, x3 = columns_at(x, stencil)
     e, p, q = x1 - x0, x2 - x0, x3 - x0
     length = np.sqrt(dot(e, e))
@@ -55,19 +67,49 @@ def hinge_frame(x: NDArray, stencil: NDArray) -> HingeFrame:
 
 
 def angle_slopes(f: HingeFrame) -> list[NDArray]:
-    """Gradient of the angle in each of the four vertices, (3, h)."""
+    """Gradient of the hinge angle in each of the four vertices.
+
+    Parameters
+    ----------
+    f : HingeFrame
+
+    Returns
+    -------
+    list of four (3, h) ndarray of float64
+        In 1/length.
+    """
     a, at = f.n / f.h, f.nt / f.ht
     head, head_t = f.s * a, f.st * at
     return [a - head + at - head_t, head + head_t, -a, -at]
 
 
 def angle_gradient(f: HingeFrame) -> NDArray[np.float64]:
-    """(h, 4, 3) gradient of the angle in the four vertices."""
+    """Gradient of the hinge angle in the four vertices.
+
+    Parameters
+    ----------
+    f : HingeFrame
+
+    Returns
+    -------
+    (h, 4, 3) ndarray of float64
+        In 1/length.
+    """
     return np.stack(angle_slopes(f), axis=1).transpose(2, 1, 0)
 
 
 def angle_hessian(f: HingeFrame) -> NDArray[np.float64]:
-    """(h, 12, 12) Hessian of the angle."""
+    """Hessian of the hinge angle.
+
+    Parameters
+    ----------
+    f : HingeFrame
+
+    Returns
+    -------
+    (h, 12, 12) ndarray of float64
+        In 1/length^2.
+    """
     blocks = np.zeros((len(vertex_pairs(4)), 3, 3, len(f.h)))
     for pair, summand in angle_second_derivatives(f, np.ones(len(f.h))):
         blocks[vertex_pairs(4).index(pair)] += summand
@@ -77,12 +119,23 @@ def angle_hessian(f: HingeFrame) -> NDArray[np.float64]:
 def angle_second_derivatives(
     f: HingeFrame, factor: NDArray
 ) -> Iterator[tuple[tuple[int, int], NDArray[np.float64]]]:
-    """Summands ((a, b), (3, 3, h)) of the Hessian of the angle times (h,) factors, a < b.
+    """Summands of the Hessian of the hinge angle times factors, by pairs of vertices.
 
     Rows belong to vertex a, columns to b; the blocks of one vertex follow, because translation changes
     nothing. The published blocks factor: a face whose height has its foot at c = (1 - s, s, -1) on (tail,
     head, apex) has, with d = (1, -1, 0) and a conormal m, the blocks
     c c' (n m' + m n') / h^2 + c d' u n' / hL + d c' n u' / hL + d d' (n m' + m n') / 2 L^2.
+
+    Parameters
+    ----------
+    f : HingeFrame
+    factor : (h,) ndarray of float64
+
+    Yields
+    ------
+    (a, b) : tuple of int
+        a < b.
+    block : (3, 3, h) ndarray of float64
     """
     edge = 0.5 * factor / f.length**2
     for n, h, s, apex, side in ((f.n, f.h, f.s, 2, 1.0), (f.nt, f.ht, f.st, 3, -1.0)):
@@ -100,5 +153,15 @@ def angle_second_derivatives(
 
 
 def wrapped(angle: NDArray) -> NDArray[np.float64]:
-    """Angles brought to (-pi, pi]."""
+    """Angles brought to [-pi, pi] by multiples of 2 pi.
+
+    Parameters
+    ----------
+    angle : ndarray of float64
+        In radians.
+
+    Returns
+    -------
+    ndarray of float64
+    """
     return angle - 2 * np.pi * np.round(angle / (2 * np.pi))

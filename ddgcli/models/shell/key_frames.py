@@ -26,6 +26,15 @@ def turns(rotations: list[Rotation]) -> list[Turn]:
 
     Where two key frames share an axis the angle is the difference of their degrees, which may exceed half a
     revolution; else it is the shortest rotation from one orientation to the other.
+
+    Parameters
+    ----------
+    rotations : list of Rotation
+
+    Returns
+    -------
+    list of Turn
+        One fewer.
     """
     result = []
     for before, after in zip(rotations, rotations[1:]):

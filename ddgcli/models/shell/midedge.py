@@ -330,23 +330,54 @@ def conormal_products(length: NDArray) -> NDArray[np.float64]:
 
 
 def side_corners(topology: Topology) -> NDArray[np.int64]:
-    """(3 m, 3) tail, head and apex of every side."""
+    """Tail, head and apex of every side.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    (3m, 3) ndarray of int64
+    """
     apex = np.roll(np.asarray(topology.faces), -2, axis=1).ravel()
     return np.stack([topology.side_tail, topology.side_head, apex], axis=1)
 
 
 def inward_directions(x: NDArray, corner: NDArray) -> NDArray[np.float64]:
-    """(c, 3) unit vectors across sides (tail, head, apex) into their faces."""
+    """Unit vectors across sides into their faces.
+
+    Parameters
+    ----------
+    x : (n, 3) ndarray of float64
+    corner : (c, 3) ndarray of int64
+        Tail, head and apex of each side.
+
+    Returns
+    -------
+    (c, 3) ndarray of float64
+    """
     tail, head, apex = (x[corner[:, k]] for k in range(3))
     u = unit_vectors(head - tail)
     return unit_vectors(apex - tail - row_dot(apex - tail, u)[:, None] * u)
 
 
 def one_sided_frame(x: NDArray, corner: NDArray, direction: NDArray) -> hinge.HingeFrame:
-    """Hinges between faces (tail, head, apex) and fixed half planes through their sides.
+    """Hinges between faces and fixed half planes through their sides.
 
-    `direction` leads across the side, away from the half plane. Only the face moves: the terms of the second
-    face of gradient and Hessian are zero.
+    Only the face moves: the terms of the second face of gradient and Hessian are zero.
+
+    Parameters
+    ----------
+    x : (n, 3) ndarray of float64
+    corner : (c, 3) ndarray of int64
+        Tail, head and apex of each side.
+    direction : (c, 3) ndarray of float64
+        Unit vector across the side, away from the half plane.
+
+    Returns
+    -------
+    HingeFrame
     """
     c = len(corner)
     tail, head, apex = x[corner[:, 0]], x[corner[:, 1]], x[corner[:, 2]]

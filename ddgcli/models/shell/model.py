@@ -35,7 +35,23 @@ log = logging.getLogger("ddgcli")
 
 
 def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellContext, str]]:
-    """Context of every shell and the SHA-256 of its mesh file, by name."""
+    """Context of every shell of a scene, and the SHA-256 of its mesh file.
+
+    Parameters
+    ----------
+    scene : Scene
+    read : callable
+        Reads a mesh file.
+
+    Returns
+    -------
+    dict of str to (ShellContext, str)
+
+    Raises
+    ------
+    SceneError
+        For a mesh that carries no shell, at its place in the scene.
+    """
     by_name = {}
     obstacles = _obstacle_meshes(scene, read)
     for number, section in enumerate(scene.objects):
@@ -86,17 +102,50 @@ def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
 
 
 def build(scene: Scene, shells: dict[str, ShellContext], account: Account) -> dict[str, Model]:
-    """One model for each group of shells."""
+    """One model for each group of coupled shells.
+
+    Parameters
+    ----------
+    scene : Scene
+    shells : dict of str to ShellContext
+    account : Account
+
+    Returns
+    -------
+    dict of str to Model
+    """
     return models(scene, shells, systems(scene, shells, account))
 
 
 def systems(scene: Scene, shells: dict[str, ShellContext], account: Account) -> dict[str, System]:
-    """Masses and terms of each group of shells."""
+    """Masses and terms of each group of coupled shells.
+
+    Parameters
+    ----------
+    scene : Scene
+    shells : dict of str to ShellContext
+    account : Account
+
+    Returns
+    -------
+    dict of str to System
+    """
     return {group.name: _group_system(scene, group, account) for group in groups(scene, shells)}
 
 
 def models(scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System]) -> dict[str, Model]:
-    """One model for each group of shells, of its system."""
+    """One model for each group of coupled shells, of its system.
+
+    Parameters
+    ----------
+    scene : Scene
+    shells : dict of str to ShellContext
+    systems : dict of str to System
+
+    Returns
+    -------
+    dict of str to Model
+    """
     own: dict[str, Model] = {
         group.name: _model(scene, group, systems[group.name]) for group in groups(scene, shells)
     }

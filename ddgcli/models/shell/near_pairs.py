@@ -57,7 +57,16 @@ class NearPairs:
 
 
 def spread(move: NDArray) -> float:
-    """Longest displacement of a vertex (n, 3), apart from a translation of all."""
+    """Longest displacement of a vertex, apart from a translation of all.
+
+    Parameters
+    ----------
+    move : (n, 3) ndarray of float64
+
+    Returns
+    -------
+    float
+    """
     rest = move - 0.5 * (move.min(axis=0) + move.max(axis=0))
     return float(np.sqrt(np.einsum("ni,ni->n", rest, rest).max(initial=0.0)))
 

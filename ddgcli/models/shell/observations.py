@@ -16,7 +16,20 @@ from ddgcli.simulation.model import Observation
 
 
 def observed(group: Group, system: System, step_size: float, motion: Motion) -> dict[str, Observation]:
-    """Observation of each shell of a group, with the measures, reactions and contact forces of the group."""
+    """Observation of each shell of a group, with the measures, reactions and contact forces of the group.
+
+    Parameters
+    ----------
+    group : Group
+    system : System
+    step_size : float
+        In s.
+    motion : Motion
+
+    Returns
+    -------
+    dict of str to Observation
+    """
     current = system.with_memory_at(motion.memory).at(motion.time)
     scalars = measures(current, motion)
     plastic = [arrays["work"][0] for arrays in motion.memory if "work" in arrays]

@@ -58,7 +58,16 @@ class PlacedMotion:
 
 
 def surface_of(obstacle: Obstacle) -> Surface:
-    """The closed-form surface of an obstacle that has one, as written."""
+    """Closed-form surface of an obstacle that has one, as written in the scene.
+
+    Parameters
+    ----------
+    obstacle : Obstacle
+
+    Returns
+    -------
+    Surface
+    """
     if obstacle.plane is not None:
         return PlaneGap(obstacle.plane.point, obstacle.plane.normal)
     if obstacle.sphere is not None:
@@ -70,7 +79,18 @@ def surface_of(obstacle: Obstacle) -> Surface:
 
 
 def motion_of(obstacle: Obstacle, middle: NDArray) -> PlacedMotion:
-    """Motion of an obstacle whose middle, in the coordinates as written, is given."""
+    """Motion of an obstacle.
+
+    Parameters
+    ----------
+    obstacle : Obstacle
+    middle : (3,) ndarray
+        Its middle in the coordinates as written, about which it turns by default.
+
+    Returns
+    -------
+    PlacedMotion
+    """
     turn = np.eye(3)
     if obstacle.rotation is not None:
         turn = rotation_matrix(obstacle.rotation.axis, np.radians(obstacle.rotation.degrees))
@@ -93,7 +113,17 @@ def motion_of(obstacle: Obstacle, middle: NDArray) -> PlacedMotion:
 
 
 def middle_of(obstacle: Obstacle) -> NDArray[np.float64]:
-    """Middle of a closed-form obstacle as written: of a plane, its point."""
+    """Middle of a closed-form obstacle as written in the scene: of a plane, its point.
+
+    Parameters
+    ----------
+    obstacle : Obstacle
+
+    Returns
+    -------
+    (3,) ndarray of float64
+        In m.
+    """
     if obstacle.plane is not None:
         return np.array(obstacle.plane.point, dtype=float)
     if obstacle.sphere is not None:
@@ -105,7 +135,21 @@ def middle_of(obstacle: Obstacle) -> NDArray[np.float64]:
 
 
 def displacement_row(obstacle: Obstacle, middle: NDArray, time: float) -> NDArray[np.float64]:
-    """(12,) rotation by rows, then translation, that take the obstacle from its start to a time in s."""
+    """Rigid motion that takes an obstacle from its start to a time.
+
+    Parameters
+    ----------
+    obstacle : Obstacle
+    middle : (3,) ndarray
+        As in `motion_of`.
+    time : float
+        In s.
+
+    Returns
+    -------
+    (12,) ndarray of float64
+        Rotation by rows, then translation in m.
+    """
     motion = motion_of(obstacle, middle).motion
     if motion is None:
         return np.concatenate([np.eye(3).ravel(), np.zeros(3)])

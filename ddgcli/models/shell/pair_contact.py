@@ -28,6 +28,10 @@ CCD_FRACTION = 0.9  # of the way to an impact that a step may go
 def ipctk() -> Any:
     """The library, single-threaded: the same numbers in every run.
 
+    Returns
+    -------
+    module
+
     Raises
     ------
     ValueError

@@ -28,7 +28,20 @@ log = logging.getLogger("ddgcli")
 
 
 def obstacle_pairs(parameters: Any, context: ShellContext, obstacle: Obstacle) -> list[Any]:
-    """Barrier and friction between a shell and a mesh or a box."""
+    """Barrier and friction between a shell and a mesh or a box.
+
+    Parameters
+    ----------
+    parameters : object
+        Of the effect `contact`.
+    context : ShellContext
+    obstacle : Obstacle
+
+    Returns
+    -------
+    list
+        Terms of the shell.
+    """
     solid = _obstacle_mesh(context, obstacle)
     points = np.asarray(solid.points)
     motion = motion_of(obstacle, 0.5 * (points.min(axis=0) + points.max(axis=0)))
@@ -55,7 +68,19 @@ def _obstacle_mesh(context: ShellContext, obstacle: Obstacle) -> TriangleMesh:
 
 
 def self_pairs(parameters: Any, context: ShellContext) -> list[Any]:
-    """Barrier and friction between the parts of one shell; gap and stiffness are those of the whole shell."""
+    """Barrier and friction of a shell with itself; gap and stiffness are those of the whole shell.
+
+    Parameters
+    ----------
+    parameters : object
+        Of the effect `contact`.
+    context : ShellContext
+
+    Returns
+    -------
+    list
+        Terms of the shell.
+    """
     whole = context.whole
     shell = whole.mesh
     mesh = PairMesh(
@@ -93,7 +118,21 @@ def _gap_of_pieces(gap: float, largest: float, name: str) -> float:
 def shell_pairs(
     parameters: Any, contexts: dict[str, tuple[ShellContext, NDArray]], pair: list[str]
 ) -> list[Any]:
-    """Barrier and friction between two shells, over the rows of their group."""
+    """Barrier and friction between two shells, over the rows of their group.
+
+    Parameters
+    ----------
+    parameters : object
+        Of the effect `contact`.
+    contexts : dict of str to (ShellContext, (n,) ndarray)
+        With the rows of each shell.
+    pair : list of two str
+
+    Returns
+    -------
+    list
+        Terms of the group.
+    """
     (first, rows), (second, other) = contexts[pair[0]], contexts[pair[1]]
     a, b, n = first.mesh, second.mesh, first.mesh.n_vertices
     mesh = PairMesh(

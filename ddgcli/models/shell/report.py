@@ -43,7 +43,19 @@ class RunRounding:
 
 @np.errstate(over="ignore", invalid="ignore")
 def rounding(outcome: Outcome, systems: dict[str, System], order: Order = ()) -> RunRounding:
-    """Rounding of a run over all shells: the larger of what it is at the start and at the end."""
+    """Rounding of a run over all shells: the larger of what it is at the start and at the end.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    systems : dict of str to System
+    order : Order
+
+    Returns
+    -------
+    RunRounding
+        Energy in J, momentum in kg m/s, angular momentum.
+    """
     steps, end = outcome.steps, _split(outcome.end.points, systems, order)
     dt = outcome.smallest_step if steps else np.inf
     energy = momentum = angular = 0.0
@@ -71,11 +83,19 @@ def _split(points: Any, systems: dict[str, System], order: Order) -> dict[str, N
 
 
 def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any]:
-    """Facts that the cost of a step depends on.
+    """Facts on which the cost of a step depends.
 
-    `contact` (with another object) and `midedge` (bending) are bool. `pair_elements` are the faces among
-    which contact searches pairs: those of shells that meet themselves, each other or an obstacle with a
-    mesh, and of that mesh.
+    Parameters
+    ----------
+    scene : Scene
+    contexts : dict of str to ShellContext
+
+    Returns
+    -------
+    dict
+        `contact` (with another object) and `midedge` (bending) are bool. `pair_elements` are the faces among
+        which contact searches pairs: those of shells that meet themselves, each other or an obstacle with a
+        mesh, and of that mesh.
     """
     effects = [(effect.name, parameters) for effect, parameters, _ in scene.effects]
     searched: set[str] = set()
@@ -96,9 +116,19 @@ def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any
 
 
 def step_solver(scene: Scene, systems: dict[str, System]) -> str | None:
-    """Solver of the linear systems of the steps: an iterative one, or `direct`; None of explicit steps.
+    """Solver of the linear systems of the steps: an iterative one, or `direct`.
 
     The decision is that of the run, by the patterns of the Hessians and the available memory.
+
+    Parameters
+    ----------
+    scene : Scene
+    systems : dict of str to System
+
+    Returns
+    -------
+    str or None
+        None of explicit steps.
     """
     from ddgcli.mechanics.newton import Increment, newton_of
 
@@ -114,10 +144,21 @@ DRIFTS = ("energy_drift", "energy_gain", "momentum_drift", "angular_momentum_dri
 def summary(
     outcome: Outcome, systems: dict[str, System], static: bool = False, order: Order = ()
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """(`results`, `accuracy`) of a run.
+    """Results and accuracy of a run of shells.
 
-    `static` adds the stability of the equilibrium, and has no drifts: its frames are no motion that
-    conserves anything. `order` is that of the shells, see `_split`.
+    Parameters
+    ----------
+    outcome : Outcome
+    systems : dict of str to System
+    static : bool
+        Adds the stability of the equilibrium, and has no drifts: its frames are no motion that conserves
+        anything.
+    order : Order
+        Of the shells, see `_split`.
+
+    Returns
+    -------
+    results, accuracy : dict
     """
     accuracy = _accuracy(outcome, systems, order)
     if static:
@@ -208,7 +249,17 @@ def _yields(systems: dict[str, System]) -> bool:
 
 
 def check_analysis(systems: dict[str, System]) -> None:
-    """Raise ParameterError for shells whose modes are not computed."""
+    """Raise an error for shells whose modes are not computed.
+
+    Parameters
+    ----------
+    systems : dict of str to System
+
+    Raises
+    ------
+    ParameterError
+        For rigid edges, plasticity, or shells without a free vertex.
+    """
     if any(system.constraints for system in systems.values()):
         raise ParameterError("modes of shells with rigid edges are not computed; leave rigid out")
     if _yields(systems):
@@ -225,7 +276,22 @@ def final(
     n_modes: int | None = None,
     n_buckling: int | None = None,
 ) -> tuple[dict[str, NDArray], dict[str, NDArray], dict[str, Any]]:
-    """(vertex arrays, face arrays, results) of the last frame: modes, strains, stresses, moments."""
+    """Arrays and results of the last frame: modes, strains, stresses, moments.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    contexts : dict of str to ShellContext
+    systems : dict of str to System
+    order : Order
+    n_modes, n_buckling : int, optional
+        Number of vibration modes and of buckling modes.
+
+    Returns
+    -------
+    vertex, face : dict of str to ndarray
+    results : dict
+    """
     if outcome.last is None or outcome.failure:
         return {}, {}, {}
     end, time = _split(outcome.end.points, systems, order), outcome.end.time
@@ -295,11 +361,20 @@ def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | N
 def failure_reason(outcome: Outcome, least: RunRounding) -> str:
     """Reason why the result is unreliable: the energy more than doubled, or cannot be represented.
 
-    A smaller rise is a warning.
+    A smaller rise is a warning. Energy that rises above the start and the work of handles, of loads that
+    change in time and of wind comes from the scheme. The scale is the available energy: that of the start
+    above the lowest potential energy of the run, and the largest work from outside.
 
-    Energy that rises above the start and the work of handles, of loads that change in time and of wind comes
-    from the scheme. The scale is the available energy: that of the start above the lowest potential energy of
-    the run, and the largest work from outside.
+    Parameters
+    ----------
+    outcome : Outcome
+    least : RunRounding
+        Rises within it are not significant.
+
+    Returns
+    -------
+    str
+        Empty if it is reliable.
     """
     total, kinetic = outcome.series["energy"], outcome.series["energy_kinetic"]
     if not np.isfinite(total).all():
@@ -334,7 +409,19 @@ def _drift(series: np.ndarray, scale: float, rounding: float) -> float:
 def assembled(
     scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System], schedule: Schedule
 ) -> dict[str, Any]:
-    """What the scene would build: sizes, terms, steps."""
+    """What a scene would build: sizes, terms, steps.
+
+    Parameters
+    ----------
+    scene : Scene
+    shells : dict of str to ShellContext
+    systems : dict of str to System
+    schedule : Schedule
+
+    Returns
+    -------
+    dict
+    """
     description: dict[str, Any] = {
         "integrator": scene.time.integrator,
         "order": INTEGRATORS[scene.time.integrator].order,
