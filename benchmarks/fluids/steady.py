@@ -7,6 +7,7 @@ add up to zero. A run may then take a step from the solution to confirm that it 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from scipy.sparse import block_array, csr_array, diags_array
 from scipy.sparse.linalg import splu
 
 from ddgcli.io.scene_file import parse_scene
-from ddgcli.models.fluid.diffusion import VelocityDiffusion
+from ddgcli.models.fluid.diffusion import Diffusion, VelocityDiffusion
 from ddgcli.models.fluid.model import FluidModel, build, contexts
 from ddgcli.models.fluid.scene import KIND
 from ddgcli.models.fluid.state import FluidState
@@ -26,10 +27,14 @@ MAX_NEWTON_ITERATIONS = 30
 NEWTON_TOLERANCE = 1e-11
 
 
+def _no_file(path: str) -> Any:
+    raise ValueError(f"{path!r}: scenes of this benchmark name no files")
+
+
 def model_of(text: str) -> FluidModel:
     """The first fluid of a scene."""
     scene = resolve(parse_scene(text), KIND, {})
-    fluids = {name: context for name, (context, _) in contexts(scene, None, None).items()}  # type: ignore[arg-type]
+    fluids = {name: context for name, (context, _) in contexts(scene, _no_file, _no_file).items()}
     return next(iter(build(scene, fluids, Account()).values()))
 
 
@@ -41,9 +46,10 @@ class SteadyFlow:
 
     def __post_init__(self) -> None:
         self.space = space = self.model.setting.space
-        self.scheme: VelocityDiffusion = next(
-            phase.scheme for phase in self.model.sources.phases if phase.effect == "viscosity"  # type: ignore[attr-defined]
-        )  # fmt: skip
+        friction = self.model.sources.friction
+        if not isinstance(friction, Diffusion) or not isinstance(friction.scheme, VelocityDiffusion):
+            raise ValueError("the fluid needs viscosity and walls without slip")
+        self.scheme = friction.scheme
         derivative = d0(space.mesh.topology).astype(np.float64)
         flows = csr_array(space.harmonic.T)
         self.basis = derivative[:, space.free]

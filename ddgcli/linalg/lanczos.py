@@ -71,7 +71,7 @@ class BlockLanczos:
         limit = min(self.n - len(self.excluded), max(2 * k, min(4 * k, MIN_BASIS_SIZE)) + free)
         self.basis = np.empty((limit + self.width, self.n))
         self.projected = np.zeros((limit + self.width, limit + self.width))
-        self.used = self.n_restart = 0
+        self.n_basis = self.n_restart = 0
         complete = False
         block = self._random_block()
         for _ in range(MAX_RESTARTS):
@@ -97,20 +97,20 @@ class BlockLanczos:
 
         Returns Ritz values (in order) and vectors, the coupling of the last block to the next, the next.
         """
-        check = max(self.used, k)  # the projected problem costs its size cubed: solve it rarely
+        check = max(self.n_basis, k)  # the projected problem costs its size cubed: solve it rarely
         while True:
-            start, self.used = self.used, self.used + len(block)
-            self.basis[start : self.used] = block
+            start, self.n_basis = self.n_basis, self.n_basis + len(block)
+            self.basis[start : self.n_basis] = block
             # by the recurrence, an image couples to the last two blocks, the first one to the restart basis
             near = 0 if start <= self.n_restart else start - self.width
             image, coefficients = self._against_basis(self.apply(block), near)
-            self.projected[: self.used, start : self.used] = coefficients
-            self.projected[start : self.used, : self.used] = coefficients.T
+            self.projected[: self.n_basis, start : self.n_basis] = coefficients
+            self.projected[start : self.n_basis, : self.n_basis] = coefficients.T
             block, coupling = self._orthonormal(image)
-            full = self.used + self.width > limit
-            if full or self.used >= check + max(2 * self.width, k // 10):
-                check = self.used
-                T = self.projected[: self.used, : self.used]
+            full = self.n_basis + self.width > limit
+            if full or self.n_basis >= check + max(2 * self.width, k // 10):
+                check = self.n_basis
+                T = self.projected[: self.n_basis, : self.n_basis]
                 theta, S = np.linalg.eigh(0.5 * (T + T.T))
                 order = self.order(theta)
                 theta, S = theta[order], S[:, order]
@@ -129,7 +129,7 @@ class BlockLanczos:
         self.basis[:keep] = S.T @ self.basis[: len(S)]
         self.projected[:] = 0.0
         self.projected[np.arange(keep), np.arange(keep)] = theta
-        self.used = self.n_restart = keep
+        self.n_basis = self.n_restart = keep
 
     def _random_block(self) -> NDArray:
         image = self.apply(self.rng.normal(size=(self.width, self.n)))
@@ -139,15 +139,15 @@ class BlockLanczos:
         return block if self.mass is None else (self.mass @ block.T).T
 
     def _against_basis(self, block: NDArray, since: int = 0) -> tuple[NDArray, NDArray]:
-        """The block without its parts along the basis, and their coefficients (used, w).
+        """The block without its parts along the basis, and their coefficients (n_basis, w).
 
         The first pass removes the large parts, along the basis vectors from `since` on; the second pass
         covers the whole basis.
         """
-        total = np.zeros((self.used, len(block)))
+        total = np.zeros((self.n_basis, len(block)))
         for first in (since, 0):
             block = block - (self._weighted(block) @ self.excluded.T) @ self.excluded
-            Q = self.basis[first : self.used]
+            Q = self.basis[first : self.n_basis]
             coefficients = _products(self._weighted(block), Q)
             block -= coefficients @ Q
             total[first:] += coefficients.T

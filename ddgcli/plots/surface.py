@@ -156,23 +156,10 @@ def _paint(
         up = up or up_axis_of(fit_points)
         if view is None:
             view = best_view(mesh, _interest(interest, values, signed, limits), up)
-    box = axes.get_position()
-    size = [
-        int(round(share * inches * figure.dpi * _SAMPLES))
-        for share, inches in zip((box.width, box.height), figure.get_size_inches())
-    ]
+    size = _sampled_size(figure, axes)
     camera = fitted_camera(fit_points, view_axes(fit_points, view, up or "z"), *size)
-    n_faces = mesh.n_faces
-    if context:
-        mesh, values = _with_context(mesh, values, [other.moved(placed(other.points)) for other in context])
-    visible = rasterise(camera, mesh.points, mesh.faces)
-    if squares and values is not None:
-        colour, mappable = _squares(mesh, visible, values), None
-    else:
-        colour, mappable = _colours(mesh, visible, values, signed, limits)
-    if context:
-        colour = np.where((visible.face < n_faces)[:, None], colour, _CONTEXT)
-    image = _picture(camera, mesh, visible, colour, edges)
+    others = [other.moved(placed(other.points)) for other in context]
+    image, visible, mappable = _surface_image(camera, mesh, values, signed, limits, others, edges)
     axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none")
     axes.set_axis_off()
     dots = None if points is None or len(points) == 0 else placed(points)
@@ -186,6 +173,38 @@ def _paint(
         colour_bar(figure, mappable, label, _beyond(plot_values, *limits))
         caption = "; ".join(filter(None, [caption, extremes(label, plot_values)]))
     draw_texts(figure, title, caption, x_range)
+
+
+def _sampled_size(figure: Any, axes: Any) -> list[int]:
+    """Width and height of axes in samples."""
+    box = axes.get_position()
+    return [
+        int(round(share * inches * figure.dpi * _SAMPLES))
+        for share, inches in zip((box.width, box.height), figure.get_size_inches())
+    ]
+
+
+def _surface_image(
+    camera: Camera,
+    mesh: TriangleMesh,
+    values: NDArray | None,
+    signed: bool | None,
+    limits: Sequence[float] | None,
+    context: list[TriangleMesh],
+    edges: bool,
+) -> tuple[NDArray, PixelFaces, Any]:
+    """Picture of a surface among grey ones, what is visible in it, and the colour scale of its values."""
+    n_faces = mesh.n_faces
+    if context:
+        mesh, values = _with_context(mesh, values, context)
+    visible = rasterise(camera, mesh.points, mesh.faces)
+    if values is not None and values.ndim == 2:
+        colour, mappable = _squares(mesh, visible, values), None
+    else:
+        colour, mappable = _colours(mesh, visible, values, signed, limits)
+    if context:
+        colour = np.where((visible.face < n_faces)[:, None], colour, _CONTEXT)
+    return _picture(camera, mesh, visible, colour, edges), visible, mappable
 
 
 def _with_context(

@@ -121,7 +121,8 @@ def command(
       ddgcli tradeoff shell-sim hat.toml --dt 1e-3 --integrator newmark --budget 120
     """
     call = parse(compared, words)
-    if error_part is not None and (compared not in SIMULATORS or conserved is not None):
+    has_error_parts = compared in SIMULATORS and conserved is None
+    if error_part is not None and not has_error_parts:
         raise ParameterError("parts of the error are those of simulators and flows; leave it out",
                              parameter="error")  # fmt: skip
     run = Run(
@@ -135,21 +136,14 @@ def command(
         truth=truth,
         budget=budget,
         repeat=repeat,
-        **({"error": error_part or ERROR_PARTS[0]} if compared in SIMULATORS and not conserved else {}),
+        **({"error": error_part or ERROR_PARTS[0]} if has_error_parts else {}),
         **({"conserved": conserved} if conserved else {}),
         **({"maps": maps} if maps else {}),
         **call.options,
     )
     if common.dry_run and compared in ("shell-sim", "fluid-sim"):
-        scene = dry_run_of([compared, *words])
-        read = scene["read_seconds"]
-        run.end_dry_run({**scene, "seconds": read + budget, "seconds_range": [read, read + budget]})
-    if conserved is not None:
-        problem = _conservation_problem(run, compared, call, conserved)
-    elif maps:
-        problem = _map_problem(run, compared, call, truth)
-    else:
-        problem = _problem(run, compared, call, truth, error_part or ERROR_PARTS[0])
+        _end_dry_run_of_scene(run, [compared, *words], budget)
+    problem = _problem(run, compared, call, truth, conserved, maps, error_part or ERROR_PARTS[0])
 
     from ddgcli.tradeoff.measure import run_problem
     from ddgcli.tradeoff.pareto import assign_verdicts
@@ -175,14 +169,38 @@ def command(
     )
 
 
-def _problem(run: Run, compared: str, call: CommandCall, truth: str | None, error_part: str) -> Problem:
-    """Problem of a command, on a mesh or on a scene."""
+def _end_dry_run_of_scene(run: Run, arguments: list[str], budget: float) -> None:
+    """End a dry run with the forecast of the simulator, and the seconds of the budget."""
+    scene = dry_run_of(arguments)
+    read = scene["read_seconds"]
+    run.end_dry_run({**scene, "seconds": read + budget, "seconds_range": [read, read + budget]})
+
+
+def _problem(
+    run: Run,
+    compared: str,
+    call: CommandCall,
+    truth: str | None,
+    conserved: str | None,
+    maps: bool,
+    error_part: str,
+) -> Problem:
+    """Problem of a command: of a conserved quantity, of maps, of a scene or of a mesh."""
+    if conserved is not None:
+        return _conservation_problem(run, compared, call, conserved)
+    if maps:
+        return _map_problem(run, compared, call, truth)
     if truth and compared in SIMULATORS:
         raise ParameterError(
             f"--truth does not apply to {compared}; its reference is a run with a small step"
         )
     if compared in ("shell-sim", "fluid-sim"):
         return _scene_problem(run, compared, call, error_part)
+    return _mesh_problem(run, compared, call, truth, error_part)
+
+
+def _mesh_problem(run: Run, compared: str, call: CommandCall, truth: str | None, error_part: str) -> Problem:
+    """Problem of a command on a mesh."""
     from ddgcli.tradeoff.problems.table import mesh_problem
     from ddgcli.tradeoff.truths import parse_truth
 

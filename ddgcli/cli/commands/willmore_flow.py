@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hashlib import sha256
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +13,9 @@ from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.options import flow_time_options
 from ddgcli.errors import ParameterError
+
+if TYPE_CHECKING:
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 def _names(names: tuple[str, ...]) -> str:
@@ -129,10 +132,10 @@ def command(
         "subdivide": subdivide,
         "fill": parameters["fill"],
     }
-    unit = "L²" if parameters["flow"] == "mean-curvature" else "L⁴"  # L: the input's length unit
+    time_unit = "L²" if parameters["flow"] == "mean-curvature" else "L⁴"  # L: the input's length unit
     job = Job(
         {"surface": model}, [mesh], schedule, Account(), moving=True, resume=resume,
-        **_stored_texts(described, source.sha256, resume, unit),
+        **_stored_texts(described, source.sha256, resume, time_unit),
         changing_faces=flow.keeps_triangles,
         changing_vertices=flow.remesh is not None,
         failure_reason=lambda outcome: report.failure_reason(outcome.stopped, mesh, energy),
@@ -144,19 +147,26 @@ def command(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure
     )
     last = mesh if outcome.last is None else mesh_of_frame(mesh, outcome.last)
-    if parameters["flow"] != "mean-curvature":
-        from ddgcli.models.willmore.vertex_noise import warn_of_noise
-
-        warn_of_noise(mesh, results["energy"][0])
-    report.warn_of_folds(mesh, last)
-    report.warn_of_disagreement(mesh, last, energy)
+    _warn(mesh, last, energy, None if parameters["flow"] == "mean-curvature" else results["energy"][0])
     if parameters["fill"] is not None:
         results["patch"] = {"vertices": int(region.sum()), "faces": mesh.n_faces - source.surface.n_faces}
     if parameters["report_energy"]:
         results["energies"] = report.every_energy(outcome.series)
-    picture = Picture(edges=True, energy="energy", time_unit=unit)
+    picture = Picture(edges=True, energy="energy", time_unit=time_unit)
     run.plot(lambda path: draw_run(path, outcome, picture, common))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
+
+
+def _warn(first: TriangleMesh, last: TriangleMesh, energy: str, start_value: float | None) -> None:
+    """Warn of noise at the start (of the flows of bending energies, with its value), folds and thin faces."""
+    from ddgcli.models.willmore import report
+
+    if start_value is not None:
+        from ddgcli.models.willmore.vertex_noise import warn_of_noise
+
+        warn_of_noise(first, start_value)
+    report.warn_of_folds(first, last)
+    report.warn_of_disagreement(first, last, energy)
 
 
 def _stored_texts(
