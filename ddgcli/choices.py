@@ -47,6 +47,7 @@ ERROR_PARTS = ("both", "time", "mesh")  # of simulators and flows; the default f
 VELOCITY_GLYPHS = ("arrows", "streamlines", "none")  # of fluids in pictures; the default first
 NO_VERDICT = "no verdict possible"
 
+SYMMETRIC_METHODS = ("exact", "dijkstra")  # of distances: d(a, b) = d(b, a)
 EXPLICIT_INTEGRATORS = ("verlet", "symplectic-euler", "avi")  # of shells: their steps solve no systems
 # of sparse definite systems: chosen by size and memory, direct ones, iterative ones
 ITERATIVE_SOLVERS = ("multigrid", "conjugate-gradients")

@@ -2,10 +2,11 @@
 
 python -m benchmarks.costs [--only WORD ...]      writes ddgcli/cli/forecast/coefficients.py (half an hour)
 
-Each kernel is one command at two or more sizes, each in a process of its own: CPU seconds and peak memory
-after its input is read (as a dry run states them). The costs of kernels that stand before it in a command are
-subtracted; what is left is fitted. The probe of the machine's speed runs before and after each command, which
-is repeated: the median of the ratios counts, so that the load of other processes cancels.
+Each kernel is one command at two or more sizes, each in a process of its own: CPU seconds of the program and
+of the operating system, and peak memory after its input is read (as a dry run states them). The costs of
+kernels that stand before it in a command are subtracted; what is left is fitted. The probe of the machine's
+speed runs before and after each command, which is repeated: the median of the ratios counts, so that the load
+of other processes cancels.
 """
 
 from __future__ import annotations

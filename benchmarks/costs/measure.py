@@ -81,7 +81,8 @@ def repeated_run(
     for _ in range(REPETITIONS):
         before = probe()
         run = measure(words, folder, short=task.short)
-        seconds.append(run.seconds * 2.0 * probe_seconds / (before + probe()))
+        speed = 2.0 * probe_seconds / (before + probe())
+        seconds.append((run.seconds + run.system_seconds) * speed)
         mib.append(run.mib)
     uses = (
         run.summary["results"][task.uses] if isinstance(task.uses, str) and task.uses else task.uses or None

@@ -27,7 +27,7 @@ class Task:
 
 
 SURFACE = [
-    Task("info", "info {mesh}"),
+    Task("info", "info {mesh}", LARGE_SIZES, exponent=1.2),
     Task("write vtu", "info {mesh} -o {out}.vtu"),
     Task("write npz", "info {mesh} -o {out}.npz"),
     Task("write ply", "info {mesh} -o {out}.ply"),
@@ -63,7 +63,7 @@ SURFACE = [
     Task("delaunay condition", exponent=1.15, words="delaunay {mesh} --condition"),
     Task("laplacian", "laplacian {mesh}"),
     Task("laplacian matrix", "laplacian {mesh} --matrix {out}.npz"),
-    Task("laplacian poisson", "laplacian {mesh} --poisson f", LARGE_SIZES, exponent=1.3),
+    Task("laplacian poisson", "laplacian {mesh} --poisson f", LARGE_SIZES, exponent=1.25),
     Task(
         "laplacian poisson multigrid",
         exponent=1.15,
@@ -82,7 +82,7 @@ SURFACE = [
     Task("hodge", "hodge {mesh}"),
     Task("hodge field", "hodge {mesh} --field wind"),
     Task("dec", "dec {mesh} -o {out}.npz"),
-    Task("geodesic exact", exponent=1.3, words="geodesic {mesh} --source 0"),
+    Task("geodesic exact", exponent=1.12, words="geodesic {mesh} --source 0"),
     Task("geodesic heat", "geodesic {mesh} --source 0 --method heat", LARGE_SIZES, exponent=1.3),
     Task(
         "geodesic fast-marching",
@@ -140,6 +140,7 @@ SURFACE = [
         f"shell-sim {{mesh}} {SHELL} --effect bending --integrator verlet --dt 1e-8 --steps 1",
         PIECE_SIZES,
         mesh="disk",
+        exponent=1.2,
     ),
     Task(
         "shell-sim implicit step",
@@ -175,7 +176,7 @@ SURFACE = [
         f"shell-sim {{mesh}} {SHELL} --effect bending --dt 1e-3 --pin 0 --steps 5",
         (30_000, 150_000, 600_000),
         mesh="disk",
-        exponent=1.15,
+        exponent=1.35,
         solver="multigrid",
     ),
     Task(
@@ -197,6 +198,11 @@ SURFACE = [
         "shell-sim explicit step",
         f"shell-sim {{mesh}} {SHELL} --effect bending --integrator verlet --dt 1e-8 --steps 40",
         PIECE_SIZES,
+        mesh="disk",
+    ),
+    Task(
+        "shell-sim avi",
+        f"shell-sim {{mesh}} {SHELL} --effect bending --integrator avi --dt 1e-8 --steps 1",
         mesh="disk",
     ),
     Task(

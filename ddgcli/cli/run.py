@@ -26,8 +26,8 @@ from ddgcli.errors import MeshError, OutputError
 from ddgcli.io.temporary import StagedOutputs
 
 if TYPE_CHECKING:
-    from ddgcli.cli.forecast.kernels import InputSize
     from ddgcli.cli.forecast.prediction import Prediction
+    from ddgcli.cli.forecast.use import InputSize
     from ddgcli.io.mesh_file import FileContent, MeshInput
     from ddgcli.mesh.fields import AnnotatedMesh
 

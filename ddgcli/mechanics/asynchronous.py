@@ -120,6 +120,18 @@ def _dragged(system: System, x: NDArray, v: NDArray, h: float, weight: NDArray) 
     return v - 0.5 * h * (first + weight * system.drag(x, v - h * first, h))
 
 
+def evaluations(system: System, dt: float) -> tuple[float, int]:
+    """Evaluations of all elements that a step of length dt is worth, and its shortest steps."""
+    batches = levels_of(system, dt).batches
+    counts = [
+        sum(len(b.potential.stencil) for b in level if hasattr(b.potential, "stencil")) for level in batches
+    ]
+    shortest = 2 ** (len(batches) - 1)
+    if not sum(counts):
+        return float(shortest), shortest
+    return sum(count * 2.0**k for k, count in enumerate(counts)) / sum(counts), shortest
+
+
 def levels_of(system: System, dt: float) -> Levels:
     """Batches of a system's potentials for steps of length dt, found at the positions of its start.
 

@@ -9,7 +9,7 @@ from benchmarks.common.process import measured_command
 from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.cli.forecast import check_cost, prediction
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
-from ddgcli.cli.forecast.kernels import CONTACT_STEPS
+from ddgcli.cli.forecast.simulator_kernels import CONTACT_STEPS
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.linalg import backends
 from ddgcli.mesh import shapes
@@ -217,6 +217,18 @@ def test_a_dry_run_counts_the_divided_steps_of_explicit_schemes(call, inputs, su
     n_steps = summary(*words)["results"]["steps"]
     assert step["kernel"].endswith(" step") and n_steps > 3
     assert n_steps / 2 <= step["times"] <= 2 * n_steps
+
+
+def test_a_dry_run_counts_the_evaluations_of_asynchronous_steps(tmp_path, summary):
+    """Elements act 2^k times in a step, those of a graded mesh by far not all as often as the smallest."""
+    graded = shapes.grid(12, 12)
+    path = tmp_path / "graded.npz"
+    write_mesh(str(path), AnnotatedMesh(graded.moved(graded.points**2)))
+    words = ("shell-sim", path, *SHELL.split(), "--integrator", "avi", "--steps", 2)
+    times = facts_of(summary(*words, "--dry-run"))["kernels"][-1]["times"]
+    effects = summary(*words)["results"]["effects"]
+    calls = max(effects[name]["evaluations"] for name in ("stretching", "bending"))
+    assert 8 < times < 0.8 * calls  # the calls are those of batches of elements
 
 
 MEASURED = {

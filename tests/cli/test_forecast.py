@@ -8,16 +8,10 @@ import pytest
 from ddgcli import memory
 from ddgcli.cli.forecast import prediction
 from ddgcli.cli.forecast.coefficients import PROBE_SECONDS
-from ddgcli.cli.forecast.kernels import (
-    ITERATIONS_PER_LOAD_STEP,
-    ITERATIONS_TO_REST,
-    NOISY_MEMORY_SHARE,
-    NOISY_SECONDS_SHARE,
-    InputSize,
-    Use,
-    kernels_of,
-)
+from ddgcli.cli.forecast.kernels import NOISY_MEMORY_SHARE, NOISY_SECONDS_SHARE, kernels_of
 from ddgcli.cli.forecast.prediction import predict
+from ddgcli.cli.forecast.simulator_kernels import ITERATIONS_PER_LOAD_STEP, ITERATIONS_TO_REST
+from ddgcli.cli.forecast.use import InputSize, Use
 
 MIB = 2.0**20
 
@@ -67,8 +61,9 @@ def test_options_change_what_is_predicted():
     assert names("delaunay", refine=25.0, overlay="x") == ["delaunay", "delaunay refine", "delaunay overlay"]
     *_, ball, further = kernels_of("curvature", {"scheme": "quadric", "radius": 0.5}, size)
     assert further.kernel == "curvature further results"
-    noise = Use("curvature noise", NOISY_SECONDS_SHARE, added=NOISY_MEMORY_SHARE)
-    assert kernels_of("curvature", {"scheme": "cotan"}, size, full=False) == [noise, Use("curvature cotan")]
+    noise, own = kernels_of("curvature", {"scheme": "cotan"}, size, full=False)
+    assert own == Use("curvature cotan") and noise.kernel == "curvature noise"
+    assert (noise.times, noise.added) == (NOISY_SECONDS_SHARE, NOISY_MEMORY_SHARE)
     assert ball.kernel == "curvature quadric radius" and math.isclose(ball.times, 25)
     loaded = InputSize("surface", 10_000, steps=11)
     rest = kernels_of("shell-sim", {"integrator": "static"}, loaded)[1:]
@@ -80,6 +75,16 @@ def test_options_change_what_is_predicted():
     assert many[-1] == Use("geodesic heat solve", 2)
 
 
+@pytest.mark.parametrize(("method", "rows", "processes"), [("exact", 2, 2), ("heat", 9, 4)])
+def test_the_rows_of_a_distance_matrix_are_those_that_the_run_propagates(method, rows, processes):
+    """Symmetric methods start from the smaller set; each process of --jobs factorises for itself."""
+    options = {"method": method, "source": list(range(9)), "target": [5, 6], "jobs": 4}
+    uses = kernels_of("geodesic", options, InputSize("surface", 10_000))
+    assert [use.times for use in uses if use.kernel == f"geodesic {method} solve"] == [rows]
+    assert [use.times for use in uses if use.kernel == "geodesic job"] == [processes]
+    assert [use.times for use in uses if use.kernel == "geodesic heat"] == [1, 4] * (method == "heat")
+
+
 def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
     def seconds(command, steps=None, adaptive=False, **options):
         kind = "curve" if command == "curve-flow" else "surface"
@@ -87,16 +92,23 @@ def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
         cost = predict(kernels_of(command, options, size), size)
         return (cost.seconds_range[0], cost.seconds, cost.seconds_range[1]), cost.kernels[-1]
 
-    for known in (seconds("geodesic"), seconds("willmore-flow", 5, step=1e-6), seconds("fluid-sim", 5)):
+    for known in (
+        seconds("geodesic", method="heat"),
+        seconds("willmore-flow", 5, step=1e-6),
+        seconds("fluid-sim", 5),
+    ):
         assert len(set(known[0])) == 1 and "times_range" not in known[1]
     for unknown in (
         seconds("shell-sim", 1, integrator="static"),
         seconds("willmore-flow"),
         seconds("willmore-flow", 5),
         seconds("curve-flow"),
+        seconds("shell-sim", 5),
         seconds("shell-sim", 5, contact=True),
         seconds("delaunay", refine=25.0),
+        seconds("geodesic"),
     ):
+        assert unknown[1]["assumes"]
         assert unknown[0][0] < unknown[0][1] < unknown[0][2]
         assert unknown[1]["times_range"][0] < unknown[1]["times"] < unknown[1]["times_range"][1]
     cost, step = seconds("fluid-sim", 5, adaptive=True)
@@ -104,9 +116,11 @@ def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
 
 
 def test_the_range_of_seconds_is_printed_where_it_is_wide():
-    facts = {"peak_mib": 1.0, "available_mib": 9.0, "seconds": 10.0}
+    facts = {"peak_mib": 1.0, "available_mib": 9.0, "seconds": 10.0, "kernels": []}
     assert prediction.as_text({**facts, "seconds_range": [9.0, 12.0]})[1].endswith("10 s")
     assert "(1 to 50 s:" in prediction.as_text({**facts, "seconds_range": [1.0, 50.0]})[1]
+    facts["kernels"] = [{"kernel": "a", "assumes": "100 steps"}, {"kernel": "b"}]
+    assert "(1 to 50 s: assumes 100 steps)" in prediction.as_text({**facts, "seconds_range": [1.0, 50.0]})[1]
 
 
 def test_a_mesh_of_many_parts_needs_smaller_factors_than_one_part():

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.distance import DistanceOptions, Solver, prepare_solver
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
+from ddgcli.choices import SYMMETRIC_METHODS
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.progress import ProgressCallback
 
-SYMMETRIC_METHODS = ("exact", "dijkstra")  # d(a, b) = d(b, a): the smaller set may be the sources
 _worker: dict[str, Any] = {}  # solver and targets of a worker process
 
 

@@ -14,7 +14,7 @@ import click
 
 from ddgcli.cli import options
 from ddgcli.cli.forecast.check_cost import dry_run_of
-from ddgcli.cli.forecast.kernels import InputSize
+from ddgcli.cli.forecast.use import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import MeshFileError, OutputError, ParameterError, excerpt

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.forecast.kernels import InputSize
+from ddgcli.cli.forecast.use import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import OutputError

@@ -118,8 +118,11 @@ class Fluids:
     def linear_solver(self) -> str | None:
         return None
 
-    def step_limit(self) -> float:
-        return min((fluid.step_limit() for fluid in self.fluids.values()), default=math.inf)
+    def parts_of_step(self, schedule: Schedule) -> float:
+        from ddgcli.cli.forecast.prediction import parts_of_step
+
+        limit = min((fluid.step_limit() for fluid in self.fluids.values()), default=math.inf)
+        return parts_of_step(schedule.dt, limit, adaptive=schedule.tolerance is not None)
 
     def models(self) -> dict[str, Model]:
         return {name: fluid.model() for name, fluid in self.fluids.items()}

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from ddgcli.simulation.model import Model, Schedule
     from ddgcli.simulation.outcome import Outcome
 
+# of an evaluation of all elements, what a shortest step of `avi` costs besides those of its elements
+SHORTEST_STEP_SHARE = 0.3
+
 
 @click.command(
     "shell-sim",
@@ -147,8 +150,17 @@ class Shells:
 
         return step_solver(self.scene, self.systems)
 
-    def step_limit(self) -> float:
-        return min((model.largest_step for model in self.models().values()), default=math.inf)
+    def parts_of_step(self, schedule: Schedule) -> float:
+        """Asynchronous steps: of the evaluations of all elements, and of their shortest steps a share."""
+        from ddgcli.cli.forecast.prediction import parts_of_step
+
+        if self.scene.time.integrator == "avi":
+            from ddgcli.mechanics.asynchronous import evaluations
+
+            counts = [evaluations(system, schedule.dt) for system in self.systems.values()]
+            return max(own + SHORTEST_STEP_SHARE * shortest for own, shortest in counts)
+        limit = min((model.largest_step for model in self.models().values()), default=math.inf)
+        return parts_of_step(schedule.dt, limit, adaptive=schedule.tolerance is not None)
 
     def models(self) -> dict[str, Model]:
         from ddgcli.models.shell import model, report

@@ -9,7 +9,7 @@ import click
 
 from ddgcli.choices import UP_AXES
 from ddgcli.cli import options
-from ddgcli.cli.forecast.kernels import InputSize
+from ddgcli.cli.forecast.use import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import MeshFileError, ParameterError

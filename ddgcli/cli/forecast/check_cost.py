@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ddgcli.cli.forecast.kernels import InputSize, kernels_of
+from ddgcli.cli.forecast.kernels import kernels_of
+from ddgcli.cli.forecast.use import InputSize
 from ddgcli.errors import ParameterError, excerpt
 
 if TYPE_CHECKING:

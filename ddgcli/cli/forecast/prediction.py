@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS, Cost
-from ddgcli.cli.forecast.kernels import KNOWN, InputSize, Use
+from ddgcli.cli.forecast.use import KNOWN, InputSize, Use
 from ddgcli.errors import ParameterError
 from ddgcli.memory import available_memory, resident_memory
 
@@ -18,6 +18,7 @@ __all__ = [
     "as_results",
     "as_text",
     "fits",
+    "parts_of_step",
     "predict",
     "probe",
     "refuse_without_memory",
@@ -36,7 +37,7 @@ FILLED, FILL_SHARE, FILL_ELEMENTS = (
     0.53,
     1e5,
 )
-N_PROBES = 5
+N_PROBES = 10
 MIB = 2.0**20
 
 
@@ -53,7 +54,8 @@ class Prediction:
     seconds_range : (float, float)
         Where only the run shows how many steps or iterations it takes; else twice `seconds`.
     kernels : list of dict
-        `kernel`, `times`, `added` (as of a `Use`), `times_range` where only the run shows how many,
+        `kernel`, `times`, `added` (as of a `Use`), `times_range` and `assumes` where only the run shows how
+        many,
         `seconds` and `mib`, both None where the cost of the kernel has not been measured: it is not part of
         the sums.
     read_mib, read_seconds : float
@@ -102,16 +104,18 @@ def predict(
     return Prediction(max(peak, now + shared + added), total, (low, high), kernels, now, seconds_so_far, peak)
 
 
-def with_divided_steps(
-    prediction: Prediction, dt: float, limit: float, *, adaptive: bool = False
-) -> Prediction:
-    """The prediction where steps of dt are divided until they are below a limit of stability.
+def parts_of_step(dt: float, limit: float, *, adaptive: bool = False) -> float:
+    """Number of parts of a step dt above a limit of stability.
 
     Fixed steps are halved again and again, adaptive ones cut into equal parts.
     """
     if not dt > limit > 0.0:
-        return prediction
-    count = float(math.ceil(dt / limit)) if adaptive else 2.0 ** math.ceil(math.log2(dt / limit))
+        return 1.0
+    return float(math.ceil(dt / limit)) if adaptive else 2.0 ** math.ceil(math.log2(dt / limit))
+
+
+def with_divided_steps(prediction: Prediction, count: float) -> Prediction:
+    """The prediction where each step takes `count` of those that the kernels have measured."""
     kernels, added = [], 0.0
     for row in prediction.kernels:
         if row["kernel"].endswith(" step"):
@@ -135,6 +139,8 @@ def _row(use: Use, size: InputSize, scale: float) -> dict[str, Any]:
     row: dict[str, Any] = {"kernel": use.kernel, "times": use.times, "added": use.added}
     if use.range != KNOWN:
         row["times_range"] = [use.range[0] * use.times, use.range[1] * use.times]
+    if use.assumes:
+        row["assumes"] = use.assumes
     if cost is None:
         return {**row, "seconds": None, "mib": None}
     seconds = scale * use.times * (cost.seconds + filled * cost.seconds_per_1e5 * n**cost.exponent)
@@ -159,7 +165,7 @@ def _cost(kernel: str, kind: str) -> Cost | None:
 def probe() -> float:
     """CPU seconds of a small fixed computation: sorting, gathering, sums and interpreted Python.
 
-    The median of five runs: a core that other processes share is as slow as they make it.
+    The least of ten runs: what other processes on the core take lengthens most of them.
     """
     import numpy as np
 
@@ -175,7 +181,7 @@ def probe() -> float:
         for k in range(10_000):
             total += k & 3
         runs.append(time.process_time() - began)
-    return sorted(runs)[N_PROBES // 2]
+    return min(runs)
 
 
 def fits(prediction: Prediction, certainly: bool = True) -> bool:
@@ -215,7 +221,9 @@ def as_text(results: Mapping[str, Any]) -> list[str]:
     """Lines of the summary of a dry run."""
     low, high = results.get("seconds_range") or 2 * (results["seconds"],)
     known = high <= (1 + UNCERTAINTY) * results["seconds"] and low >= (1 - UNCERTAINTY) * results["seconds"]
-    spread = "" if known else f" ({low:.2g} to {high:.2g} s: only the run shows how long it is)"
+    assumed = "; ".join(row["assumes"] for row in results.get("kernels", ()) if "assumes" in row)
+    reason = f"assumes {assumed}" if assumed else "only the run shows how long it is"
+    spread = "" if known else f" ({low:.2g} to {high:.2g} s: {reason})"
     return [
         f"peak memory  {results['peak_mib']:.0f} MiB of {results['available_mib']:.0f} MiB available",
         f"CPU time     {results['seconds']:.2g} s{spread}",

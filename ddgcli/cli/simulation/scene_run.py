@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ddgcli.cli.forecast.check_cost import predict_run, refuse_run
-from ddgcli.cli.forecast.kernels import InputSize
 from ddgcli.cli.forecast.prediction import as_results, with_divided_steps
+from ddgcli.cli.forecast.use import InputSize
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.options import SceneCall
 from ddgcli.cli.simulation.plot import Picture, draw_run
@@ -55,15 +55,15 @@ class Physics(Protocol):
         ...
 
     def cost_facts(self) -> dict[str, Any]:
-        """Facts of the scene by which `forecast.kernels` chooses its kernels."""
+        """Facts of the scene by which `forecast.simulator_kernels` chooses its kernels."""
         ...
 
     def linear_solver(self) -> str | None:
         """Solver of the linear systems of the steps, as the run chooses it; None where they have none."""
         ...
 
-    def step_limit(self) -> float:
-        """Longest stable step at the start [s]: steps above it are halved until they are not."""
+    def parts_of_step(self, schedule: Schedule) -> float:
+        """Measured steps that a step of the schedule is worth, by what is stable at the start."""
         ...
 
     def models(self) -> dict[str, Model]: ...
@@ -153,9 +153,7 @@ def run_scene(
         if solver := simulator.linear_solver():
             prediction = predict_run(run, size, facts | {"solver": solver}, prediction)
             refuse_run(run, size, prediction)
-        prediction = with_divided_steps(
-            prediction, schedule.dt, simulator.step_limit(), adaptive=schedule.tolerance is not None
-        )
+        prediction = with_divided_steps(prediction, simulator.parts_of_step(schedule))
         print_dry_run(run, scene, simulator.assembled(schedule), as_results(prediction, size))
         return
     _report(run, scene, simulator, account, simulate(run, job), job.obstacles_at)

@@ -1,0 +1,118 @@
+"""Kernels of simulators and flows: their steps, and the iterations of their equilibria."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from ddgcli.choices import EXPLICIT_INTEGRATORS, ITERATIVE_SOLVERS
+from ddgcli.cli.forecast.use import KNOWN, InputSize, Range, Use
+
+__all__ = ["curve_flow_kernels", "fluid_kernels", "shell_kernels", "willmore_kernels"]
+
+DEFAULT_FLOW_STEPS = 100  # a guess: flows end at rest
+# iterations to an equilibrium, and to one after a further load step: stiff parts need few, cloth many
+ITERATIONS_TO_REST, REST_RANGE = 120, (0.06, 8.0)
+ITERATIONS_PER_LOAD_STEP, LOAD_STEP_RANGE = 30, (0.1, 3.0)
+FLOW_RANGE: Range = (0.01, 10.0)  # of DEFAULT_FLOW_STEPS, where a flow ends at rest
+TRIED_STEPS = 3  # of an adaptive step: one, and two of half its length
+ADAPTIVE_RANGE: Range = (1.0, 10.0)  # adaptive steps of a frame
+CONTACT_STEPS = 2.2  # steps without contact that cost as much as one with it, for its Newton iterations
+CONTACT_RANGE: Range = (0.4, 5.0)  # before contact none; a stiff sheet that has struck something needs many
+STEPS_PER_ITERATION = 0.5  # one factorisation in place of a factorisation and the moves after it
+DESCENT_RANGE: Range = (0.1, 1.5)  # of --steps, where a flow ends at rest before
+CONFORMAL_RANGE: Range = (0.2, 5.0)
+MEASURED_MODES = 10
+NEWTON_RANGE: Range = (0.6, 3.0)  # of implicit steps: Newton iterations, and steps that are rejected
+
+
+def _step_uses(
+    kernel: str,
+    size: InputSize,
+    factor: float = 1.0,
+    unknown: Range = KNOWN,
+    attempts: float = TRIED_STEPS,
+    assumes: str = "",
+) -> Use:
+    """The steps of a run: `factor` of the kernel each, within a range, or `attempts` of that if adaptive."""
+    if size.adaptive:
+        factor, unknown = attempts * factor, _product(unknown, ADAPTIVE_RANGE)
+        assumes = "one adaptive step a frame"
+    if size.steps is None:
+        unknown, assumes = _product(unknown, FLOW_RANGE), f"{DEFAULT_FLOW_STEPS} steps"
+        return Use(kernel, factor * DEFAULT_FLOW_STEPS, range=unknown, assumes=assumes)
+    return Use(kernel, factor * size.steps, range=unknown, assumes=assumes)
+
+
+def _product(first: Range, second: Range) -> Range:
+    return first[0] * second[0], first[1] * second[1]
+
+
+def willmore_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
+    yield Use("willmore-flow")
+    flow = options.get("flow")
+    if flow == "conformal":  # solves for one equilibrium
+        yield Use("willmore-flow conformal", range=CONFORMAL_RANGE, assumes="few iterations to rest")
+        return
+    in_time = flow == "mean-curvature" or options.get("step") or options.get("duration")
+    kind = flow if flow in ("mean-curvature", "newton") else "quadratic" if in_time else "descent"
+    if options.get("remesh"):
+        yield _step_uses("willmore-flow remeshing", size)
+    use = _step_uses(f"willmore-flow {kind} step", size)
+    # a flow to rest ends when it is there, whatever the number of steps
+    if in_time or size.steps is None:
+        yield use
+    else:
+        yield replace(use, range=DESCENT_RANGE, assumes=f"all {size.steps} steps until it is at rest")
+
+
+def curve_flow_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
+    yield Use("curve-flow")
+    yield _step_uses("curve-flow step", size)
+
+
+def shell_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
+    """A shell scene: integrator, `solver` of the linear systems where one is fixed, and facts of the scene.
+
+    These are `contact`, `midedge`, `modes`, `buckling` and the faces that pairs search, `pair_elements`.
+    """
+    integrator = options.get("integrator")
+    yield Use("shell-sim")
+    for task in ("modes", "buckling"):
+        if options.get(task):
+            yield Use(f"shell-sim {task}", max(1.0, options[task] / MEASURED_MODES))
+    contact, unknown, assumes = 1.0, NEWTON_RANGE, "no rejected step"
+    if options.get("contact"):
+        contact, unknown, assumes = CONTACT_STEPS, CONTACT_RANGE, "contact in some steps"
+    iterative = "iterative " if options.get("solver") in ITERATIVE_SOLVERS else ""
+    bending = "midedge" if options.get("midedge") else "implicit"
+    if integrator == "avi":
+        yield Use("shell-sim avi")
+    if integrator in EXPLICIT_INTEGRATORS:
+        yield _step_uses("shell-sim explicit step", size)
+    elif integrator == "static" and not iterative:
+        yield from _equilibria(f"shell-sim {'midedge ' if options.get('midedge') else ''}iteration", size)
+    elif size.steps != 0:
+        if integrator == "static":
+            contact, unknown = STEPS_PER_ITERATION * contact * ITERATIONS_TO_REST, REST_RANGE
+            assumes = f"{ITERATIONS_TO_REST} iterations to rest"
+        yield _step_uses(f"shell-sim {iterative}{bending} step", size, contact, unknown, assumes=assumes)
+    if options.get("pair_elements"):
+        yield _step_uses("shell-sim pairs step", size, options["pair_elements"] / max(size.elements, 1))
+
+
+def _equilibria(kernel: str, size: InputSize) -> Iterator[Use]:
+    """Newton iterations to rest, and from there along a path of loads."""
+    yield Use(
+        kernel, ITERATIONS_TO_REST, range=REST_RANGE, assumes=f"{ITERATIONS_TO_REST} iterations to rest"
+    )
+    if (further := (size.steps or 1) - 1) > 0:
+        assumes = f"{ITERATIONS_PER_LOAD_STEP} iterations a further load step"
+        yield Use(kernel, ITERATIONS_PER_LOAD_STEP * further, range=LOAD_STEP_RANGE, assumes=assumes)
+
+
+def fluid_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
+    yield Use("fluid-sim")
+    # the fixed points of short steps need fewer iterations than those of the measured ones
+    yield _step_uses(f"fluid-sim {options.get('integrator') or 'circulation'} step", size, attempts=1)
