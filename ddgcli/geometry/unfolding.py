@@ -115,7 +115,18 @@ def _layout(mesh: SurfaceMesh) -> Unfolding:
 
 
 def cache_lines(n: int) -> NDArray[np.float64]:
-    """(n, 8) rows aligned to cache lines, so that a random row lies in one line instead of two."""
+    """Uninitialised rows of 64 bytes that are aligned to cache lines.
+
+    A random row then lies in one line instead of two.
+
+    Parameters
+    ----------
+    n : int
+
+    Returns
+    -------
+    (n, 8) ndarray of float64
+    """
     buffer = np.empty(8 * n + 8)
     skip = -buffer.ctypes.data % _CACHE_LINE // 8
     return buffer[skip : skip + 8 * n].reshape(n, 8)

@@ -314,7 +314,18 @@ def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> N
 
 
 def require_manifold_body(mesh: TetMesh, verb: str) -> None:
-    """Raise MeshError for tetrahedra that meet at an edge or a vertex and share no faces there."""
+    """Raise an error for tetrahedra that meet at an edge or a vertex and share no faces there.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+    verb : str
+        Subject of the message, such as the name of a command.
+
+    Raises
+    ------
+    MeshError
+    """
     topology = mesh.boundary.topology
     if len(bad := topology.nonmanifold_edges):
         a, b = topology.edges[bad[0]]
