@@ -121,7 +121,21 @@ def _dragged(system: System, x: NDArray, v: NDArray, h: float, weight: NDArray) 
 
 
 def evaluations(system: System, dt: float) -> tuple[float, int]:
-    """Evaluations of all elements that a step of length dt is worth, and its shortest steps."""
+    """Work of a step: evaluations of each element in the mean, and the number of its shortest steps.
+
+    Parameters
+    ----------
+    system : System
+    dt : float
+        In s.
+
+    Returns
+    -------
+    mean : float
+        Over the elements of all potentials.
+    shortest : int
+        2 to the number of levels below the longest steps.
+    """
     batches = levels_of(system, dt).batches
     counts = [
         sum(len(b.potential.stencil) for b in level if hasattr(b.potential, "stencil")) for level in batches
