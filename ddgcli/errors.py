@@ -11,7 +11,17 @@ LONG_NUMBER = re.compile(r"(\d{20})\d{40,}")  # its first digits and the others
 
 
 def excerpt(value: object, max_length: int = MAX_EXCERPT_LENGTH) -> str:
-    """Part of a file, or of another program's message, as one short line of printable characters."""
+    """A file's content, or another program's message, as one short line of printable characters.
+
+    Parameters
+    ----------
+    value : bytes, str or object
+    max_length : int
+
+    Returns
+    -------
+    str
+    """
     text = value[: 4 * max_length].decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
     text = " ".join(text[: 8 * max_length].split())
     text = "".join(letter if letter.isprintable() else "?" for letter in text[: max_length + 1])
@@ -19,7 +29,17 @@ def excerpt(value: object, max_length: int = MAX_EXCERPT_LENGTH) -> str:
 
 
 def encodable(text: str) -> str:
-    r"""Text for UTF-8: bytes of file names that are no UTF-8 become escapes such as \udce9, as in JSON."""
+    r"""Text that can be written as UTF-8.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+        Bytes of file names that are no UTF-8 become escapes such as \udce9, as in JSON.
+    """
     return text.encode(errors="backslashreplace").decode()
 
 

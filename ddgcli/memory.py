@@ -19,11 +19,20 @@ CGROUP_FILES = (
 
 
 def available_memory(enough: float = float("inf")) -> float:
-    """Bytes that this process can still take without swapping; inf where the system does not report it.
+    """Bytes that this process can still take without swapping.
 
     The least of the memory that the system can free, what is left of the limit of the container, and what is
     left of `ulimit -v`. What the allocator keeps of freed arrays goes back to the system first, unless
     `enough` bytes are available without it: the system clears the memory that it gives again.
+
+    Parameters
+    ----------
+    enough : float
+
+    Returns
+    -------
+    float
+        Inf where the system does not report it.
     """
     unused = _unused_memory()
     if unused >= enough:
@@ -47,7 +56,13 @@ def _unused_memory() -> float:
 
 
 def resident_memory() -> tuple[float, float]:
-    """Bytes of this process in memory: now, and at most so far (the same if the system states one only)."""
+    """Bytes of this process in memory.
+
+    Returns
+    -------
+    now, peak : float
+        The same if the system states one only.
+    """
     peak = _proc_value("/proc/self/status", "VmHWM:")
     if peak is None:
         peak = 0.0 if resource is None else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0
@@ -60,7 +75,21 @@ def memory_limit() -> float:
 
 
 def check_memory(estimate: float, what: str, cure: str) -> None:
-    """Raise ParameterError if the estimated bytes of a result exceed `memory_limit`."""
+    """Raise an error if the estimated bytes of a result exceed `memory_limit`.
+
+    Parameters
+    ----------
+    estimate : float
+        In bytes.
+    what : str
+        Subject of the message, in the plural.
+    cure : str
+        What the user can do.
+
+    Raises
+    ------
+    ParameterError
+    """
     limit = memory_limit()
     if estimate > limit:
         raise ParameterError(
@@ -69,7 +98,13 @@ def check_memory(estimate: float, what: str, cure: str) -> None:
 
 
 def release_freed_memory() -> bool:
-    """Return the free blocks of glibc's heap to the system; whether the allocator offers it."""
+    """Return the free blocks of glibc's heap to the system.
+
+    Returns
+    -------
+    bool
+        Whether the allocator offers it.
+    """
     import ctypes
 
     try:

@@ -14,5 +14,14 @@ def no_progress(completed: float, total: float) -> None:
 
 
 def no_stage_progress(stage_name: str) -> ProgressCallback:
-    """Progress of stages that does nothing."""
+    """Progress of stages that does nothing.
+
+    Parameters
+    ----------
+    stage_name : str
+
+    Returns
+    -------
+    callable
+    """
     return no_progress

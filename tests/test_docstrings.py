@@ -17,22 +17,16 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = (
-    "ddgcli.algorithms.curvature",
-    "ddgcli.algorithms.delaunay",
-    "ddgcli.algorithms.geodesics",
-    "ddgcli.algorithms.hodge",
-    "ddgcli.algorithms.laplacian",
-    "ddgcli.algorithms.tangent_fields",
-    "ddgcli.algorithms.tracing",
+    "ddgcli.algorithms",
+    "ddgcli.errors",
     "ddgcli.geometry",
     "ddgcli.linalg",
     "ddgcli.mechanics",
+    "ddgcli.memory",
     "ddgcli.mesh",
-    "ddgcli.models.curve",
-    "ddgcli.models.fluid",
-    "ddgcli.models.shell",
-    "ddgcli.models.willmore",
+    "ddgcli.models",
     "ddgcli.operators",
+    "ddgcli.progress",
     "ddgcli.simulation",
 )
 

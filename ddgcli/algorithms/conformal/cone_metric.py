@@ -75,6 +75,18 @@ def cone_metric(
 ) -> ConeMetric:
     """Find the scale factors with the prescribed angle sums; `state` is changed in place.
 
+    Parameters
+    ----------
+    state : DecoratedTriangulation
+        Flipped in place.
+    n_vertices : int
+    targets : ConformalTargets
+    progress : callable, optional
+
+    Returns
+    -------
+    ConeMetric
+
     Notes
     -----
     A step of Newton's method is halved until the convex function still falls at its end, or nearly so, hence

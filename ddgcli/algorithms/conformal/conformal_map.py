@@ -132,6 +132,11 @@ def conformal_map(
     operator : {'intrinsic-delaunay', 'cotan'}, optional
         Triangulation that defines the conformal class: the intrinsic Delaunay triangulation, which depends on
         the surface alone (the default), or the input's.
+    progress : callable, optional
+
+    Returns
+    -------
+    ConformalMap
 
     Raises
     ------
@@ -171,7 +176,19 @@ def check_conformal_map(
     boundary_values: NDArray | None,
     operator: str | None,
 ) -> tuple[ConformalTargets, Mollification, IntrinsicMesh]:
-    """Targets, side lengths and start of a conformal map; the errors of `conformal_map`."""
+    """Targets, side lengths and start of a conformal map; raises the errors of `conformal_map`.
+
+    Parameters
+    ----------
+    mesh, cones, boundary, boundary_values, operator
+        As in `conformal_map`.
+
+    Returns
+    -------
+    targets : ConformalTargets
+    lengths : Mollification
+    start : IntrinsicMesh
+    """
     if operator is not None and operator not in OPERATORS:
         raise ParameterError(f"{operator!r} is not one of {', '.join(OPERATORS)}", parameter="operator")
     targets = conformal_targets(mesh, cones, boundary, boundary_values)

@@ -14,15 +14,36 @@ MAX_DISTORTION = 1e16  # reported where a triangle collapses
 
 
 def planar_area(corners: NDArray) -> NDArray[np.float64]:
-    """(m,) twice the signed area of (m, 3, 2) corners."""
+    """Twice the signed area of triangles in the plane.
+
+    Parameters
+    ----------
+    corners : (m, 3, 2) ndarray of float64
+
+    Returns
+    -------
+    (m,) ndarray of float64
+        Positive where counter-clockwise.
+    """
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def angle_distortion(mesh: SurfaceMesh, corners: NDArray) -> NDArray[np.float64]:
-    """(m,) ratio of the singular values of the map to corners (m, 3, 2), 1 where conformal.
+    """Ratio of the singular values of a map of faces to the plane, 1 where conformal.
 
-    From K + 1/K = 2 (Dirichlet energy) / area; infinite or undefined where a triangle collapses.
+    From K + 1/K = 2 (Dirichlet energy) / area.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    corners : (m, 3, 2) ndarray of float64
+        Images of the corners of each face.
+
+    Returns
+    -------
+    (m,) ndarray of float64
+        Infinite or undefined where a triangle collapses.
     """
     squared = ((corners[:, NEXT] - corners) ** 2).sum(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -32,7 +53,13 @@ def angle_distortion(mesh: SurfaceMesh, corners: NDArray) -> NDArray[np.float64]
 
 
 def distortion_arrays(mesh: SurfaceMesh, corners: NDArray) -> dict[str, NDArray[np.float64]]:
-    """Face arrays of a map to corners (m, 3, 2).
+    """Face arrays of the distortion of a map to the plane.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    corners : (m, 3, 2) ndarray of float64
+        Images of the corners of each face.
 
     Returns
     -------
@@ -49,7 +76,18 @@ def distortion_arrays(mesh: SurfaceMesh, corners: NDArray) -> dict[str, NDArray[
 
 
 def mean_and_largest(mesh: SurfaceMesh, ratio: NDArray) -> dict[str, float]:
-    """Area mean and maximum of `conformal_distortion` over the triangles that do not collapse."""
+    """Area mean and maximum of `conformal_distortion` over the triangles that do not collapse.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    ratio : (m,) ndarray of float64
+
+    Returns
+    -------
+    dict of str to float
+        `mean`, `max`.
+    """
     area, good = face_area(mesh.side_length), ratio < MAX_DISTORTION
     if not area[good].sum() > 0:
         return {"mean": MAX_DISTORTION, "max": MAX_DISTORTION}

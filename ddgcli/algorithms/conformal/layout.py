@@ -57,6 +57,10 @@ def flat_layout(mesh: IntrinsicMesh, cone: NDArray) -> Layout:
     mesh : IntrinsicMesh
         Connected, with gluing and angle sums of a full turn at interior vertices that are no cones.
     cone : (n,) ndarray of bool
+
+    Returns
+    -------
+    Layout
     """
     corners, crossed = _developed(mesh)
     seam = _seams(mesh, cone, crossed)

@@ -67,6 +67,23 @@ def flat_overlay(
 ) -> CommonSubdivision:  # fmt: skip
     """Common subdivision of the input and the flat triangulation.
 
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The input.
+    plain : IntrinsicMesh
+        The input with the lengths of the map's start.
+    flipped : IntrinsicDelaunay
+        With tracked crossings.
+    state : DecoratedTriangulation
+        After the flips of the map.
+    scale : (n,) ndarray of float64
+        Logarithmic scale factors.
+
+    Returns
+    -------
+    CommonSubdivision
+
     Notes
     -----
     Crossings are those of the discrete conformal map, which is projective on the faces that the Ptolemy flips
@@ -89,7 +106,19 @@ def flat_overlay(
 
 
 def flat_overlay_mesh(cut: CommonSubdivision, layout: Layout) -> AnnotatedMesh:
-    """The common subdivision, cut open along the seams, with vertex array `uv` and distortion on faces."""
+    """The common subdivision, cut open along the seams.
+
+    Parameters
+    ----------
+    cut : CommonSubdivision
+    layout : Layout
+        Of the flat triangulation.
+
+    Returns
+    -------
+    AnnotatedMesh
+        With the vertex array `uv` and distortion on faces.
+    """
     m = cut.intrinsic.n_faces
     corner_z = layout.z[layout.corner].ravel()
     side, along = cut.half_side, cut.half_along

@@ -78,6 +78,15 @@ def flip_by_ptolemy(state: DecoratedTriangulation, u: NDArray, *, max_rounds: in
     The test, cos(alpha) + cos(beta) >= 0 for opposite angles, is defined by lengths that violate the triangle
     inequality too; of a closed surface no face of the result violates it (Springborn 2020).
 
+    Parameters
+    ----------
+    state : DecoratedTriangulation
+        Flipped in place.
+    u : (n,) ndarray of float64
+        Logarithmic scale factors.
+    max_rounds : int, optional
+        Bound on the batches of flips.
+
     Raises
     ------
     SolveError

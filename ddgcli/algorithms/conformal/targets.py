@@ -63,6 +63,10 @@ def conformal_targets(
     boundary_values : (n,) ndarray, optional
         Read at boundary vertices.
 
+    Returns
+    -------
+    ConformalTargets
+
     Raises
     ------
     MeshError

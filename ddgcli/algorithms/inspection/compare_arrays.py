@@ -43,6 +43,15 @@ def compare_arrays(expected: AnnotatedMesh, actual: AnnotatedMesh, tolerances: T
     A number may differ by `atol + rtol s`, where s is the larger of the size of the expected element and the
     root mean square of the array, so that an element near zero of a large field may have its rounding.
     Elements are not matched by position: a permuted field is a difference.
+
+    Parameters
+    ----------
+    expected, actual : AnnotatedMesh
+    tolerances : Tolerances
+
+    Returns
+    -------
+    ArrayComparison
     """
     own_cells, other_cells = _cells(expected.mesh), _cells(actual.mesh)
     if not np.array_equal(own_cells, other_cells):

@@ -71,6 +71,12 @@ def compare(
 ) -> tuple[list[dict[str, Any]], int]:
     """Compare every leaf of two summaries.
 
+    Parameters
+    ----------
+    expected, actual : dict
+        Summaries.
+    tolerances : Tolerances
+
     Returns
     -------
     moved : list of dict

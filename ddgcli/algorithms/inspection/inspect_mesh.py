@@ -27,14 +27,32 @@ class Inspection:
 
 
 def array_names(mesh: TriangleMesh | TetMesh | CurveSet) -> tuple[str, ...]:
-    """Names of the arrays of `inspect_mesh`."""
+    """Names of the arrays of `inspect_mesh`.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, TetMesh or CurveSet
+
+    Returns
+    -------
+    tuple of str
+    """
     if isinstance(mesh, CurveSet):
         return ("component", "boundary")
     return ("component", "boundary", "non_manifold", "min_angle_degrees")
 
 
 def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet) -> Inspection:
-    """Inspect a surface, tetrahedra or curves."""
+    """Inspect a mesh: defects, quality, size, and the commands that accept it.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, TetMesh or CurveSet
+
+    Returns
+    -------
+    Inspection
+    """
     if isinstance(mesh, TetMesh):
         results = {**quality.tetrahedra_quality(mesh), "size": _tetrahedra_size(mesh)}
         vertex, face = quality.tetrahedra_marks(mesh)

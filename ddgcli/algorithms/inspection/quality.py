@@ -24,6 +24,14 @@ def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
 
     `duplicate_faces` counts faces with the three vertices of an earlier face, in any order;
     `coincident_vertices` counts used vertices at exactly the position of an earlier one.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    dict
     """
     topology = mesh.topology
     faces = mesh.faces
@@ -100,10 +108,21 @@ def component_volume(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 
 def triangle_quality(mesh: TriangleMesh, angle: NDArray) -> dict[str, Any]:
-    """Angles, aspect and needle ratio of the faces that have area; None where there is none.
+    """Angles, aspect and needle ratio of the faces that have area.
 
     `aspect_ratio` is longest side / (2 sqrt(3) inradius), 1 for an equilateral triangle; `needle_ratio`
-    longest / shortest side. The histogram counts corners in bins of ten degrees. `angle` (m, 3) in degrees.
+    longest / shortest side. The histogram counts corners in bins of ten degrees.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    angle : (m, 3) ndarray of float64
+        Of the corners, in degrees.
+
+    Returns
+    -------
+    dict
+        None where no face has area.
     """
     good = np.ones(mesh.n_faces, dtype=bool)
     good[mesh.flat_faces] = False
@@ -130,14 +149,38 @@ def triangle_quality(mesh: TriangleMesh, angle: NDArray) -> dict[str, Any]:
 
 
 def face_min_angle(mesh: TriangleMesh, angle: NDArray) -> NDArray[np.float64]:
-    """(m,) smallest of the angles (m, 3) of each face in degrees; 0 where it has no area."""
+    """Smallest angle of each face.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    angle : (m, 3) ndarray of float64
+        Of the corners, in degrees.
+
+    Returns
+    -------
+    (m,) ndarray of float64
+        In degrees; 0 where the face has no area.
+    """
     smallest = angle.min(axis=1, initial=180.0)
     smallest[mesh.flat_faces] = 0.0
     return smallest
 
 
 def size(points: NDArray, length: NDArray) -> dict[str, Any]:
-    """Bounding box and edge lengths in the input's unit, which reveal a wrong unit of length."""
+    """Bounding box and edge lengths, which reveal a wrong unit of length.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray of float64
+    length : (e,) ndarray of float64
+        Of the edges.
+
+    Returns
+    -------
+    dict
+        In the unit of the input.
+    """
     if len(points) == 0:
         return {"bounding_box": None, "diagonal": None}
     low, high = bounding_box(points)
@@ -148,7 +191,17 @@ def size(points: NDArray, length: NDArray) -> dict[str, Any]:
 
 
 def surface_size(mesh: TriangleMesh) -> dict[str, Any]:
-    """`size` of the used vertices, area, and volume where the surface is closed and consistently oriented."""
+    """Size of a surface, its area, and its volume where it is closed and consistently oriented.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    dict
+        In the unit of the input.
+    """
     topology = mesh.topology
     ends = mesh.points[topology.edges]
     sizes = size(mesh.points[topology.referenced_vertex], vector_length(ends[:, 1] - ends[:, 0]))
@@ -162,7 +215,16 @@ def surface_size(mesh: TriangleMesh) -> dict[str, Any]:
 
 
 def surface_marks(mesh: TriangleMesh) -> dict[str, NDArray]:
-    """Vertex arrays `component`, `boundary` and `non_manifold`."""
+    """Vertex arrays `component`, `boundary` and `non_manifold`.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    dict of str to (n,) ndarray
+    """
     topology = mesh.topology
     non_manifold = np.zeros(mesh.n_vertices, dtype=np.uint8)
     non_manifold[topology.nonmanifold_vertices] = 1
@@ -190,7 +252,16 @@ def dihedral_degrees(mesh: TetMesh) -> NDArray[np.float64]:
 
 
 def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
-    """Dihedral angles, inverted and flat cells, and faces that more than two cells share."""
+    """Dihedral angles, inverted and flat cells, and faces that more than two cells share.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+
+    Returns
+    -------
+    dict
+    """
     volume = mesh.signed_volume
     flat = np.zeros(len(volume), dtype=bool)
     flat[mesh.flat_tetrahedra] = True
@@ -219,7 +290,18 @@ def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
 
 
 def tetrahedra_marks(mesh: TetMesh) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
-    """Vertex arrays of the boundary as for a surface, and the smallest dihedral angle of each cell."""
+    """Vertex arrays of the boundary as for a surface, and the smallest dihedral angle of each cell.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+
+    Returns
+    -------
+    vertex : dict of str to (n,) ndarray
+    cell : dict of str to (m,) ndarray
+        `min_angle_degrees`.
+    """
     vertex = surface_marks(mesh.boundary)
     on_boundary = mesh.boundary.topology.referenced_vertex
     vertex["boundary"] = on_boundary.astype(np.uint8)
@@ -227,7 +309,16 @@ def tetrahedra_marks(mesh: TetMesh) -> tuple[dict[str, NDArray], dict[str, NDArr
 
 
 def curve_quality(curves: CurveSet) -> dict[str, Any]:
-    """Lengths, unused and coincident points of curves."""
+    """Lengths, unused and coincident points of curves.
+
+    Parameters
+    ----------
+    curves : CurveSet
+
+    Returns
+    -------
+    dict
+    """
     segment = curves.points[curves.lines]
     length = vector_length(segment[:, 1] - segment[:, 0])
     referenced = np.zeros(curves.n_vertices, dtype=bool)
@@ -243,7 +334,16 @@ def curve_quality(curves: CurveSet) -> dict[str, Any]:
 
 
 def curve_marks(curves: CurveSet) -> dict[str, NDArray]:
-    """Point arrays `component` and `boundary` (ends of open curves)."""
+    """Point arrays `component` and `boundary` (ends of open curves).
+
+    Parameters
+    ----------
+    curves : CurveSet
+
+    Returns
+    -------
+    dict of str to (n,) ndarray
+    """
     component = np.full(curves.n_vertices, -1, dtype=np.int64)
     boundary = np.zeros(curves.n_vertices, dtype=np.uint8)
     for number, (path, closed) in enumerate(curves.paths()):

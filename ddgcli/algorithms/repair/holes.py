@@ -19,10 +19,20 @@ SHAPE_WEIGHT = 1e-6  # of the squared sides beside twice the area: decides where
 
 
 def fill_holes(repaired: RepairedMesh, most_edges: int) -> RepairedMesh:
-    """Fill every boundary loop of at most `most_edges` edges; `changes` counts the loops.
+    """Fill every boundary loop of at most `most_edges` edges.
 
-    The surface must be an oriented manifold. A loop that cannot be closed without an edge that exists already
-    stays open.
+    A loop that cannot be closed without an edge that exists already stays open.
+
+    Parameters
+    ----------
+    repaired : RepairedMesh
+        An oriented manifold.
+    most_edges : int
+
+    Returns
+    -------
+    RepairedMesh
+        `changes` counts the loops.
     """
     mesh = repaired.mesh
     both_on_boundary = mesh.topology.boundary_vertex[mesh.topology.edges].all(axis=1)

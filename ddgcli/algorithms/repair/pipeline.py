@@ -47,7 +47,21 @@ class RepairSteps:
 
 
 def steps_for(command: str) -> RepairSteps:
-    """Steps that make a surface acceptable to a command, as far as repairs can."""
+    """Steps that make a surface acceptable to a command, as far as repairs can.
+
+    Parameters
+    ----------
+    command : str
+
+    Returns
+    -------
+    RepairSteps
+
+    Raises
+    ------
+    ParameterError
+        For a command that takes no surface.
+    """
     if command not in REQUIREMENTS or "surface" not in REQUIREMENTS[command].kinds:
         commands = ", ".join(name for name, need in REQUIREMENTS.items() if "surface" in need.kinds)
         raise ParameterError(f"{command!r} takes no surface; known: {commands}", parameter="for_command")
@@ -63,9 +77,20 @@ def steps_for(command: str) -> RepairSteps:
 
 
 def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[RepairedMesh, dict[str, int]]:
-    """The repaired mesh, and the number of changes of each step by its name.
+    """Repair a surface by the chosen steps, in their fixed order.
 
     `input_vertex` of a vertex that was made by splitting names the vertex that it was split from.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    chosen_steps : RepairSteps
+
+    Returns
+    -------
+    repaired : RepairedMesh
+    changes : dict of str to int
+        Number of changes of each step.
 
     Raises
     ------
@@ -107,6 +132,11 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
 def check_steps(mesh: TriangleMesh, chosen_steps: RepairSteps) -> None:
     """Raise an error for steps that the mesh cannot take, whatever the steps before them do.
 
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    chosen_steps : RepairSteps
+
     Raises
     ------
     ParameterError
@@ -137,12 +167,34 @@ def _require_manifold(
 
 
 def refusals(mesh: TriangleMesh | TetMesh) -> dict[str, str]:
-    """Why commands that take such meshes refuse this one, by command; empty where none does."""
+    """Why commands that take such meshes refuse this one.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+
+    Returns
+    -------
+    dict of str to str
+        By command; empty where none does.
+    """
     kind = kind_of(mesh)
     reasons = {name: unmet_need(mesh, name) for name, need in REQUIREMENTS.items() if kind in need.kinds}
     return {name: reason for name, reason in reasons.items() if reason is not None}
 
 
 def repaired_array(values: np.ndarray, source: np.ndarray) -> np.ndarray | None:
-    """Array of the input at the repaired mesh's vertices or faces; None where the repair added some."""
+    """Array of the input at the vertices or faces of the repaired mesh.
+
+    Parameters
+    ----------
+    values : (k, ...) ndarray
+    source : (k',) ndarray of int64
+        Input element of each, -1 for new ones.
+
+    Returns
+    -------
+    (k', ...) ndarray or None
+        None where the repair added elements.
+    """
     return None if (source < 0).any() else values[source]

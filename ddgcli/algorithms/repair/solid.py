@@ -36,13 +36,36 @@ class RepairedSolid:
 
 
 def solid_steps_for(command: str) -> RepairSteps:
-    """Steps that make tetrahedra acceptable to a command."""
+    """Steps that make tetrahedra acceptable to a command.
+
+    Parameters
+    ----------
+    command : str
+
+    Returns
+    -------
+    RepairSteps
+    """
     boundary = REQUIREMENTS[command].boundary if command in REQUIREMENTS else {}
     return RepairSteps(drop_degenerate=True, orient=True, split_fans=boundary.get("manifold", False))
 
 
 def check_solid_steps(chosen_steps: RepairSteps) -> list[str]:
-    """The chosen steps; ParameterError for none, or for one that tetrahedra do not have."""
+    """Names of the chosen steps, if tetrahedra have them.
+
+    Parameters
+    ----------
+    chosen_steps : RepairSteps
+
+    Returns
+    -------
+    list of str
+
+    Raises
+    ------
+    ParameterError
+        For no step, or for one that tetrahedra do not have.
+    """
     values = asdict(chosen_steps).items()
     steps = [name for name, value in values if value is not None and value is not False]
     if not steps:
@@ -58,6 +81,15 @@ def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
     """Remove cells without volume, part bodies that touch, orient cells, drop unused vertices, as chosen.
 
     A flat cell inside a body leaves faces of its neighbours that lie on each other; vertices stay joined.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+    chosen_steps : RepairSteps
+
+    Returns
+    -------
+    RepairedSolid
 
     Raises
     ------

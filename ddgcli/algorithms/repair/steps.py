@@ -51,9 +51,19 @@ def _of_faces(repaired: RepairedMesh, face_mask: NDArray[np.bool_]) -> RepairedM
 
 
 def weld(repaired: RepairedMesh, distance: float = 0.0) -> RepairedMesh:
-    """Merge vertices at the same place, or joined by gaps of at most `distance` (length units).
+    """Merge vertices at the same place, or joined by gaps of at most a distance.
 
     A merged vertex keeps the position of the one with the lowest number.
+
+    Parameters
+    ----------
+    repaired : RepairedMesh
+    distance : float
+        In length units.
+
+    Returns
+    -------
+    RepairedMesh
     """
     points = repaired.mesh.points
     if distance == 0.0:
@@ -70,7 +80,16 @@ def weld(repaired: RepairedMesh, distance: float = 0.0) -> RepairedMesh:
 
 
 def drop_degenerate(repaired: RepairedMesh) -> RepairedMesh:
-    """Remove faces with a repeated vertex, or with an area below 1e-12 of the longest side squared."""
+    """Remove faces with a repeated vertex, or with an area below 1e-12 of the longest side squared.
+
+    Parameters
+    ----------
+    repaired : RepairedMesh
+
+    Returns
+    -------
+    RepairedMesh
+    """
     faces = repaired.mesh.faces
     has_area = (faces != faces[:, NEXT]).all(axis=1)
     has_area[repaired.mesh.flat_faces] = False
@@ -78,7 +97,16 @@ def drop_degenerate(repaired: RepairedMesh) -> RepairedMesh:
 
 
 def drop_duplicates(repaired: RepairedMesh) -> RepairedMesh:
-    """Remove faces whose three vertices an earlier face has."""
+    """Remove faces whose three vertices an earlier face has.
+
+    Parameters
+    ----------
+    repaired : RepairedMesh
+
+    Returns
+    -------
+    RepairedMesh
+    """
     _, first = np.unique(np.sort(repaired.mesh.faces, axis=1), axis=0, return_index=True)
     is_first = np.zeros(repaired.mesh.n_faces, dtype=bool)
     is_first[first] = True
@@ -86,7 +114,16 @@ def drop_duplicates(repaired: RepairedMesh) -> RepairedMesh:
 
 
 def drop_unused(repaired: RepairedMesh) -> RepairedMesh:
-    """Remove vertices that no face uses."""
+    """Remove vertices that no face uses.
+
+    Parameters
+    ----------
+    repaired : RepairedMesh
+
+    Returns
+    -------
+    RepairedMesh
+    """
     referenced = repaired.mesh.topology.referenced_vertex
     number = np.cumsum(referenced) - 1
     mesh = TriangleMesh.from_arrays(repaired.mesh.points[referenced], number[repaired.mesh.faces])
@@ -96,7 +133,16 @@ def drop_unused(repaired: RepairedMesh) -> RepairedMesh:
 
 
 def keep_largest(repaired: RepairedMesh) -> RepairedMesh:
-    """Keep the component with the largest area."""
+    """Keep the component with the largest area.
+
+    Parameters
+    ----------
+    repaired : RepairedMesh
+
+    Returns
+    -------
+    RepairedMesh
+    """
     mesh = repaired.mesh
     if mesh.n_faces == 0:
         return repaired
@@ -106,7 +152,16 @@ def keep_largest(repaired: RepairedMesh) -> RepairedMesh:
 
 
 def orient(repaired: RepairedMesh) -> RepairedMesh:
-    """Turn over the fewer faces of each piece so that every orientable piece is consistently oriented."""
+    """Turn over the fewer faces of each piece so that every orientable piece is consistently oriented.
+
+    Parameters
+    ----------
+    repaired : RepairedMesh
+
+    Returns
+    -------
+    RepairedMesh
+    """
     turn = repaired.mesh.topology.faces_to_turn
     mesh = reverse_faces(repaired.mesh, turn)
     return RepairedMesh(mesh, repaired.input_vertex, repaired.input_face, int(turn.sum()))
@@ -141,6 +196,14 @@ def split_fans(repaired: RepairedMesh) -> RepairedMesh:
 
     Faces at an edge of three or more faces are parted there. An edge whose faces also meet around both of
     its ends is parted by giving each face its own copy of one end.
+
+    Parameters
+    ----------
+    repaired : RepairedMesh
+
+    Returns
+    -------
+    RepairedMesh
     """
     changes = 0
     while True:
@@ -156,7 +219,16 @@ def split_fans(repaired: RepairedMesh) -> RepairedMesh:
 
 
 def split_folds(repaired: RepairedMesh) -> RepairedMesh:
-    """Separate the faces at edges folded by 180 degrees, so that each sheet has a boundary there."""
+    """Separate the faces at edges folded by 180 degrees, so that each sheet has a boundary there.
+
+    Parameters
+    ----------
+    repaired : RepairedMesh
+
+    Returns
+    -------
+    RepairedMesh
+    """
     folded = folded_edges(dihedral_angle(repaired.mesh))
     repaired = separated(repaired, ~np.isin(np.arange(repaired.mesh.topology.n_edges), folded))
     changes = repaired.changes
@@ -180,6 +252,14 @@ def cut_to_disk(repaired: RepairedMesh) -> RepairedMesh:
 
     The cut graph is the tree-cotree decomposition [D. Eppstein, "Dynamic generators of topologically embedded
     graphs", 2003] without its dead ends. A closed sphere is opened along two edges.
+
+    Parameters
+    ----------
+    repaired : RepairedMesh
+
+    Returns
+    -------
+    RepairedMesh
     """
     topology = repaired.mesh.topology
     cut = _cut_graph(repaired.mesh)
