@@ -27,9 +27,7 @@ PACKAGES = (
     "ddgcli.models",
     "ddgcli.operators",
     "ddgcli.progress",
-    "ddgcli.scenes",
     "ddgcli.simulation",
-    "ddgcli.tradeoff",
 )
 
 

@@ -6,7 +6,6 @@
 
 __all__ = [
     "assembly",
-    "asynchronous",
     "constraints",
     "driving",
     "embedding",

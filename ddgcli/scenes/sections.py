@@ -33,20 +33,7 @@ class Document(Protocol):
 
 
 def located(document: Document, key: Key, message: str) -> str:
-    """Message with the file and the line of a mistake: `FILE: line N: message`.
-
-    Parameters
-    ----------
-    document : Document
-    key : tuple
-        Place in the document.
-    message : str
-
-    Returns
-    -------
-    str
-        The message alone for a scene that no file holds (the quick form).
-    """
+    """`FILE: line N: message`; the message alone for a scene that no file holds (the quick form)."""
     if not document.path:
         return message
     line = document.line(key)
@@ -54,27 +41,7 @@ def located(document: Document, key: Key, message: str) -> str:
 
 
 def checked(document: Document, key: Key, model: type[Section], table: dict[str, Any], where: str) -> Any:
-    """Section of a table of a scene.
-
-    Parameters
-    ----------
-    document : Document
-    key : tuple
-        Place in the document.
-    model : type of Section
-    table : dict
-    where : str
-        Name of the place, for the message.
-
-    Returns
-    -------
-    Section
-
-    Raises
-    ------
-    SceneError
-        For the first mistake in the table.
-    """
+    """The section of a table, or the first mistake in it as SceneError."""
     try:
         return model.model_validate(table)
     except ValidationError as error:

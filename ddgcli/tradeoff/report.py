@@ -31,24 +31,7 @@ def results_of(
     within: float | None,
     norm: str,
 ) -> dict[str, Any]:
-    """Results block of the summary of a comparison.
-
-    Parameters
-    ----------
-    table : Table
-    problem : Problem
-    command_of : callable
-        Command that runs a row.
-    cheapest : Row or None
-        The cheapest row within the error.
-    within : float or None
-        The error.
-    norm : {'max', 'mean'}
-
-    Returns
-    -------
-    dict
-    """
+    """Results block of the summary; `command_of` returns the command that runs a row."""
     reference, limit = table.reference, table.mesh_limit
     return {
         "rows": [row_of(row, command_of, norm) for row in table.rows],
@@ -124,16 +107,7 @@ def row_of(row: Row, command_of: Callable[[Row], str], norm: str = "max") -> dic
 
 
 def csv_of(rows: list[dict[str, Any]]) -> bytes:
-    """The rows of a comparison as CSV, one line each; parameters as `name=value` joined by spaces.
-
-    Parameters
-    ----------
-    rows : list of dict
-
-    Returns
-    -------
-    bytes
-    """
+    """The rows as CSV, one line each; parameters as `name=value` joined by spaces."""
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -159,20 +133,7 @@ def machine() -> str:
 
 
 def text_table(table: Table, problem: Problem, results: dict[str, Any]) -> list[str]:
-    """Text table of a comparison, cheapest row first, `*` on the Pareto front; remarks below it.
-
-    Parameters
-    ----------
-    table : Table
-    problem : Problem
-    results : dict
-        Of `results_of`.
-
-    Returns
-    -------
-    list of str
-        Lines.
-    """
+    """Text table, cheapest row first, `*` on the Pareto front; remarks below it."""
     norm, split = results["norm"], table.mesh_limit is not None
     split_names = ("time error", "mesh error") if split else ()
     errors = ("max error", "mean error", *split_names)
@@ -243,22 +204,9 @@ def _left_out(left_out: list[dict[str, str]]) -> list[str]:
 
 
 def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> dict[str, Any]:
-    """Series of the plot of a comparison: one for each method, its parameters as labels.
+    """What `draw_chart` needs: a series a method, its parameters as labels, the front ringed.
 
     Errors below `floor`, the uncertainty of the reference, are drawn there.
-
-    Parameters
-    ----------
-    rows : list of Row
-    norm : {'max', 'mean'}
-    within : float or None
-        Error to mark.
-    floor : float
-
-    Returns
-    -------
-    dict
-        Arguments of `draw_chart`.
     """
     lines: dict[str, list[Row]] = {}
     for row in rows:

@@ -14,13 +14,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.deviation import Deviation, vertex_deviation
+from ddgcli.algorithms.curvature.deviation import MIN_NEIGHBOURS, vertex_deviation
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.grid_coordinates import on_grid_edges
+from ddgcli.algorithms.curvature.neighbours import neighbourhoods
+from ddgcli.algorithms.curvature.noise_kind import (
+    MIN_UNEVEN_MEDIAN_SHARE,
+    may_err_evenly,
+    noise_kind,
+    settles,
+)
 from ddgcli.algorithms.curvature.point_grid import PointGrid
-from ddgcli.algorithms.curvature.quadric import QUADRATIC_PENALTY, cross_validated_penalty
-from ddgcli.algorithms.curvature.regions import Regions, largest_radius, listed
+from ddgcli.algorithms.curvature.quadric import cross_validated_penalty
+from ddgcli.algorithms.curvature.regions import Regions, largest_radius, listed, size_groups
 from ddgcli.algorithms.curvature.scales import (
+    MAX_SCALES,
     MAX_SURFACE_SHARE,
     QUADRATIC_BIAS_GROWTH,
     RADIUS_RATIO,
@@ -29,52 +36,35 @@ from ddgcli.algorithms.curvature.scales import (
     fits_at,
     fits_in_balls,
     measure_scales,
-    typical_size,
 )
-from ddgcli.algorithms.curvature.staircase import cancellation
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 Effort = Literal["fits", "warn", "auto"]
 FITTED_SCHEMES = ("quadric", "normal-voting")  # those of which `Scales` are measured
 
 BENDING_SAMPLE_SIZE = 100  # vertices sampled for curvature
-# residual of cubic fits over that of quartic ones: stairs that were averaged or cut have 1.2 to 1.7, details
-# of six edges 1.8; smoothed segmentations have up to 2.2, and of details with less the default is 15 % off
-MAX_ROUGH_DETAIL_RATIO, MAX_UNEVEN_DETAIL_RATIO = 1.75, 2.2
 VOTING_SAMPLE_SIZE = 32  # vertices sampled for curvature by averaged normals
 # members of all their balls: the stairs of large bodies need wide ones
 MAX_VOTING_PAIRS, MAX_VOXEL_PAIRS = 3e6, 3.6e7
-# creases of both signs within two rings: their sum over that of their sizes. Noise of more than a twentieth
-# of an edge has 0.05 to 0.8, and less the larger it is; scans have 0.2 to 0.6, mechanical parts 0.4 to 0.9
-MAX_CANCELLATION, MAX_ROUGH_CANCELLATION = 0.8, 0.28
-MAX_CANCELLATION_OF_NOISE = 0.055  # times one over the noise in edges
-# fall of the change of curvature when the radius doubles: creases have 2, stairs 3 to 10, noise 8
-MIN_FALL = 2.5
-# of the error at the default region over that at the best radius: wide steps, whose changes fall late, have
-# 20 to 80, busts, noisy in places, 6 to 10
-MIN_ROUGH_ERROR_RATIO = 15
-MIN_MEDIAN_SHARE = 0.1  # median error of grids of voxels over the mean one, which creases of a part exceed
-# at the best radius: terrain and scans with details of all sizes have more, 0.28 to 0.53, and creases that
-# cancel to 0.15 to 0.24; where they cancel to less, up to the second limit
-MAX_ROUGH_ERROR, MAX_CANCELLED_ERROR = 0.25, 0.5
-MAX_CANCELLATION_OF_STEPS = 0.12
-# smoothed stairs and noise over several edges: the error at the best radius over the larger curvature, that
-# of the default region over it, and the median over the mean of the latter. Scans and modelled surfaces have
-# errors of 0.15 to 0.9, smooth ones with a bias in balls ratios of 1.1 to 1.9, and details that two rings
-# resolve errors of 0.13 and more
-MAX_UNEVEN_ERROR, MIN_UNEVEN_ERROR_RATIO, MIN_UNEVEN_MEDIAN_SHARE = 0.12, 2.3, 0.4
-# larger errors, of bodies with rims: the first change of the curvature over the second one. Stairs, also
-# smoothed, and surface nets have 3.6 to 13, scans and modelled surfaces with errors below 0.2 have 1.2 to 2.7
-MAX_STEEP_ERROR, MIN_STEEP_FALL = 0.18, 3.2
-# stairs of cylinders and planes are alike along a line: five rows of two rings, which quartics fit exactly.
-# Their residuals are 0.005 to 0.09 of an edge, those of smooth fine meshes of flat quadrangles less
-MIN_RULED_FLAT_SHARE, MIN_RULED_RESIDUAL, MIN_RULED_FALL = 0.3, 0.004, 4.0
 MAX_ERROR = 0.08  # of curvature, root mean square, by noise, above which the default region is unreliable
 MAX_REMAINING_ERROR_SHARE = 0.75  # largest share of that error at the proposed radius
 # at the best radius of voxels and rounded coordinates: parts of blocks, pleats and layers have more
 MAX_LATTICE_ERROR = 0.5
 # of the error of averaged normals over that of fits, below which the scheme is proposed
 MAX_VOTING_SHARE = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class SizeGroup:
+    """Components of like size: their vertices, and curvature of some of these in balls, as in `Noise`."""
+
+    vertices: NDArray[np.int64]
+    scales: Scales
+    voting: Scales | None = None
+
+    def scales_of(self, scheme: str) -> Scales:
+        """Curvature in balls by a scheme, or by the one that is most like it."""
+        return self.voting if scheme == "normal-voting" and self.voting is not None else self.scales
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,12 +83,15 @@ class Noise:
         Mean curvature of some vertices in balls by quadratic fits, where the residuals may be noise.
     voting : Scales, optional
         The same by averaged normals, where noise dominates.
+    groups : tuple of SizeGroup
+        Where noise dominates and components differ in size: the same of each size.
     """
 
     relative: float | None
     kind: str = ""
     scales: Scales | None = None
     voting: Scales | None = None
+    groups: tuple[SizeGroup, ...] = ()
 
     @property
     def dominates_curvature(self) -> bool:
@@ -106,26 +99,38 @@ class Noise:
         best = self.scales_of(self.best_scheme)
         if not self.kind or best is None:
             return False
-        return self._is_unreliable(best.default_rms, best.default_error, best)
+        return self._is_unreliable(best.default_rms, best.default_error, best.error)
 
     def default_error(self, mean: NDArray) -> float | None:
         """Mean error of the mean curvature (n,) at the default region, over its mean size; None if reliable.
 
         It is the difference to the curvature in balls of the best radius.
         """
-        best = self.scales_of(self.best_scheme)
-        if not self.kind or best is None:
+        samples = self._samples(self.best_scheme)
+        if not self.kind or not samples:
             return None
-        difference = np.abs(mean[best.vertices] - best.mean) / best.size
-        error = float(np.hypot(difference.mean(), best.error))
-        root_mean_square = float(np.sqrt(np.mean(difference**2)))
-        return error if self._is_unreliable(root_mean_square, error, best) else None
+        size = sum(share * best.size for share, best in samples)
+        error = square = remaining = 0.0
+        for share, best in samples:
+            difference = np.abs(mean[best.vertices] - best.mean)
+            error += share * float(np.hypot(difference.mean(), best.error * best.size)) / size
+            square += share * float(np.mean(difference**2))
+            remaining += share * best.error * best.size / size
+        return error if self._is_unreliable(square**0.5 / size, error, remaining) else None
 
-    def _is_unreliable(self, root_mean_square: float, mean: float, best: Scales) -> bool:
+    def _samples(self, scheme: str) -> list[tuple[float, Scales]]:
+        """Curvature in balls of all components or of those of each size, with their share of the vertices."""
+        total = sum(len(group.vertices) for group in self.groups)
+        if total:
+            return [(len(group.vertices) / total, group.scales_of(scheme)) for group in self.groups]
+        scales = self.scales_of(scheme)
+        return [] if scales is None else [(1.0, scales)]
+
+    def _is_unreliable(self, root_mean_square: float, mean: float, remaining: float) -> bool:
         """Whether errors are large, and those at the best radius clearly less."""
         on_lattice = self.kind in ("voxels", "rounded")
         most = min(MAX_REMAINING_ERROR_SHARE * mean, MAX_LATTICE_ERROR if on_lattice else np.inf)
-        return root_mean_square > MAX_ERROR and best.error < most
+        return root_mean_square > MAX_ERROR and remaining < most
 
     @property
     def best_scheme(self) -> str:
@@ -145,18 +150,30 @@ class Noise:
         Measures such as normal cycles have a bias at any radius, as stairs have more area than the body:
         their error is the distance of their mean curvature (n,) to that of the best scheme.
         """
-        scales, best = self.scales_of(scheme), self.scales_of(self.best_scheme)
-        if scales is None or best is None:
+        fitted = mean is None or scheme in FITTED_SCHEMES
+        samples = self._samples(scheme if fitted else self.best_scheme)
+        if not samples:
             return None
-        if mean is None or scheme in FITTED_SCHEMES:
-            return scales.expected_error
-        distance = float(np.abs(mean[best.vertices] - best.mean).mean()) / best.size
-        return float(np.hypot(distance, best.expected_error))
+        size = sum(share * scales.size for share, scales in samples)
+        error = sum(share * scales.expected_error * scales.size for share, scales in samples) / size
+        if fitted or mean is None:
+            return error
+        distances = [share * np.abs(mean[best.vertices] - best.mean).mean() for share, best in samples]
+        return float(np.hypot(sum(distances) / size, error))
 
     def radius_of(self, scheme: str) -> float:
-        """Radius with the least error of a scheme, in length units."""
-        scales = self.scales_of(scheme)
-        return 0.0 if scales is None else scales.best_radius
+        """Radius with the least error of a scheme, in length units: that of most vertices."""
+        samples = self._samples(scheme)
+        return max(samples, key=lambda sample: sample[0])[1].best_radius if samples else 0.0
+
+    def radii_of(self, scheme: str, n_vertices: int) -> float | NDArray[np.float64]:
+        """The same for the components of each size, at (n,) vertices; one radius where they are alike."""
+        if not self.groups or scheme not in FITTED_SCHEMES:
+            return self.radius_of(scheme)
+        radius = np.full(n_vertices, self.radius_of(scheme))
+        for group in self.groups:
+            radius[group.vertices] = group.scales_of(scheme).best_radius
+        return radius
 
 
 def estimate_noise(
@@ -186,140 +203,130 @@ def estimate_noise(
     deviation = vertex_deviation(mesh, faces, dihedral)
     if deviation is None:
         return Noise(None)
-    kind, deviation, share = _kind(mesh, faces, dihedral, deviation)
+    kind, deviation, share = noise_kind(mesh, faces, dihedral, deviation)
     if not kind:
         return Noise(deviation.relative)
     few = np.arange(0, len(deviation.sample), max(1, len(deviation.sample) // BENDING_SAMPLE_SIZE))
     regions, normal = listed(deviation.regions, few), deviation.normal
-    scales = _scales(mesh, faces, normal, regions, deviation.sample[few], scheme)
-    if scales is None or not _settles(kind, deviation, share, scales, faces, regions):
+    scales = None
+    for max_radii in (2, MAX_SCALES) if kind == "even" else (MAX_SCALES,):
+        extent, vertices = _extent(mesh, faces), deviation.sample[few]
+        scales = _scales(mesh, faces, normal, regions, vertices, scheme, extent, max_radii)
+        if scales is None or not may_err_evenly(scales):
+            break  # two radii show most details
+    if scales is None or not settles(kind, deviation, share, scales, faces, regions):
         return Noise(deviation.relative)
     everywhere = scales.median_share > MIN_UNEVEN_MEDIAN_SHARE
-    if kind == "ruled" or (kind == "partial" and deviation.doubtful and everywhere):
+    if kind in ("ruled", "even") or (kind == "partial" and deviation.doubtful and everywhere):
         kind = "uneven"  # smoothed stairs have large residuals in places, and errors everywhere
     noise = Noise(deviation.relative, kind, scales)
     if scales.default_rms < MAX_ERROR or effort == "fits":
         return noise
     pairs = MAX_VOXEL_PAIRS if kind == "voxels" and effort == "auto" else MAX_VOTING_PAIRS
-    return replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme, pairs))
+    whole = _extent(mesh, faces)
+    noise = replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme, pairs, whole))
+    if not noise.dominates_curvature:
+        return noise
+    groups = [
+        _of_group(mesh, faces, normal, vertices, n_components, scheme, pairs)
+        for vertices, n_components in size_groups(mesh)
+    ]
+    return replace(noise, groups=tuple(group for group in groups if group is not None))
 
 
-def _kind(
-    mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviation
-) -> tuple[str, Deviation, float]:
-    """Kind of the noise as far as residuals and creases show it, '' where they are those of a surface.
-
-    And the deviation of the regions that have it, and the share of their creases that do not cancel.
-    """
-
-    def share_of(of_regions: Deviation) -> float:
-        noisy = listed(of_regions.regions, np.flatnonzero(of_regions.noisy))
-        return cancellation(mesh, faces, dihedral, noisy)
-
-    if deviation.kind not in ("noise", "partial"):
-        return deviation.kind, deviation, 1.0
-    if on_grid_edges(faces.points, faces.sorted_coordinates, faces.mean_length):
-        return "grid", deviation, 1.0
-    share, bent = share_of(deviation), deviation.of_bent
-    kind = _kind_by_creases(deviation, share)
-    if kind in ("", "uneven", "ruled") and bent is not None:
-        bent_share = share_of(bent)
-        if _kind_by_creases(bent, bent_share) == "rough":
-            return "rough", bent, bent_share
-    return kind, deviation, share
+def _extent(
+    mesh: TriangleMesh, faces: Faces, vertices: NDArray | None = None, n_components: int = 1
+) -> tuple[float, float, float]:
+    """Area of a vertex and of a component, and the share of the vertices, of some components or of all."""
+    if vertices is None:
+        area = float(faces.area.sum())
+        return area / int(mesh.topology.referenced_vertex.sum()), area, 1.0
+    inside = np.zeros(mesh.n_vertices, dtype=bool)
+    inside[vertices] = True
+    area = float(faces.area[inside[faces.corner[0]]].sum())
+    return area / len(vertices), area / n_components, len(vertices) / mesh.n_vertices
 
 
-def _kind_by_creases(deviation: Deviation, share: float) -> str:
-    """Kind by residuals of fits and the share of creases that do not cancel."""
-    of_noise = min(MAX_CANCELLATION, MAX_CANCELLATION_OF_NOISE / max(deviation.relative, 1e-300))
-    if deviation.kind == "partial":
-        return "partial" if share <= of_noise or not deviation.doubtful else ""
-    if not deviation.doubtful:
-        return "noise" if share <= of_noise else ""
-    if share <= MAX_ROUGH_CANCELLATION and deviation.detail_ratio <= MAX_ROUGH_DETAIL_RATIO:
-        return "rough"
-    if deviation.detail_ratio <= MAX_UNEVEN_DETAIL_RATIO:
-        return "uneven"
-    is_ruled = deviation.flat_share > MIN_RULED_FLAT_SHARE and deviation.relative > MIN_RULED_RESIDUAL
-    return "ruled" if is_ruled else ""
+def _of_group(
+    mesh: TriangleMesh,
+    faces: Faces,
+    normal: NDArray,
+    vertices: NDArray,
+    n_components: int,
+    scheme: str,
+    pairs: float,
+) -> SizeGroup | None:
+    """Curvature in balls around some vertices of components of like size."""
+    inner = vertices[~mesh.topology.boundary_vertex[vertices]]
+    few = inner[:: max(1, len(inner) // BENDING_SAMPLE_SIZE)]
+    if len(few) < MIN_NEIGHBOURS:
+        return None
+    extent = _extent(mesh, faces, vertices, n_components)
+    regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS, few)
+    scales = _scales(mesh, faces, normal, regions, few, scheme, extent)
+    if scales is None:
+        return None
+    voting = _voting_scales(mesh, faces, normal, scales, scheme, pairs, extent)
+    return SizeGroup(vertices, scales, voting)
 
 
-def _settles(
-    kind: str, deviation: Deviation, share: float, scales: Scales, faces: Faces, regions: Regions
-) -> bool:
-    """Whether the curvature settles with the radius, where the kind may also be creases or details."""
-    ratio = scales.default_error / scales.error
-    everywhere = scales.median_share > MIN_UNEVEN_MEDIAN_SHARE
-    clear = scales.bending_error < MAX_UNEVEN_ERROR and ratio > MIN_UNEVEN_ERROR_RATIO
-    least_fall = MIN_RULED_FALL if kind == "ruled" else MIN_STEEP_FALL
-    steep = everywhere and scales.bending_error < MAX_STEEP_ERROR and scales.fall > least_fall
-    if kind == "uneven":
-        return clear and everywhere
-    if kind == "ruled":
-        return steep
-    if kind == "rough" and (steep or (clear and everywhere)):
-        return True
-    if kind == "rough" and ratio > MIN_ROUGH_ERROR_RATIO:
-        cancels = share <= MAX_CANCELLATION_OF_STEPS
-        return scales.error <= (MAX_CANCELLED_ERROR if cancels else MAX_ROUGH_ERROR)
-    if kind == "rough":
-        return _falls_as_noise(faces, deviation.normal, regions, scales)
-    if kind == "partial":
-        settles = clear or steep or not deviation.doubtful
-        return settles or _falls_as_noise(faces, deviation.normal, regions, scales)
-    return kind != "grid" or scales.median_share >= MIN_MEDIAN_SHARE  # creases of a part
-
-
-def _falls_as_noise(faces: Faces, normal: NDArray, regions: Regions, scales: Scales) -> bool:
-    """Whether quadratic fits settle with the radius, as at creases and on terrain they do not."""
-    if len(scales.change) < 3 or scales.error > MAX_ROUGH_ERROR:
-        return False
-    few = scales.vertices
-    first = fits_at(faces.points, normal, few, normal[:, few], regions, QUADRATIC_PENALTY).mean
-    return typical_size(first - scales.first_mean) > MIN_FALL * scales.change[2]
+def _largest_radius(mesh: TriangleMesh, extent: tuple[float, float, float], scheme: str) -> float:
+    """Radius up to which balls hold a part of a component, and a scheme measures in minutes."""
+    vertex_area, area, share = extent
+    total = vertex_area * mesh.n_vertices / share  # balls hold more vertices where these are dense
+    return float(min(np.sqrt(MAX_SURFACE_SHARE * area / np.pi), 0.99 * largest_radius(mesh, total, scheme)))
 
 
 def _scales(
-    mesh: TriangleMesh, faces: Faces, normal: NDArray, regions: Regions, few: NDArray, scheme: str
+    mesh: TriangleMesh,
+    faces: Faces,
+    normal: NDArray,
+    regions: Regions,
+    few: NDArray,
+    scheme: str,
+    extent: tuple[float, float, float],
+    max_radii: int = MAX_SCALES,
 ) -> Scales | None:
     """Mean curvature of a few vertices, over their regions and in balls."""
-    area = float(faces.area.sum())
-    vertex_area = area / int(mesh.topology.referenced_vertex.sum())
-    region_radius = float(np.sqrt(vertex_area * np.median(regions.count) / np.pi))
+    region_radius = float(np.sqrt(extent[0] * np.median(regions.count) / np.pi))
     penalty = cross_validated_penalty(faces.points, normal, regions, few)
     default = fits_at(faces.points, normal, few, normal[:, few], regions, penalty).mean
-    largest = min(np.sqrt(MAX_SURFACE_SHARE * area / np.pi), 0.99 * largest_radius(mesh, area, scheme))
     grid = PointGrid(faces.points)
     return measure_scales(
         lambda radius: fits_in_balls(faces.points, grid, normal, few, radius),
         few,
         default,
         region_radius,
-        float(largest),
+        _largest_radius(mesh, extent, scheme),
         QUADRATIC_BIAS_GROWTH,
+        max_radii=max_radii,
     )
 
 
 def _voting_scales(
-    mesh: TriangleMesh, faces: Faces, normal: NDArray, scales: Scales, scheme: str, pairs: float
+    mesh: TriangleMesh,
+    faces: Faces,
+    normal: NDArray,
+    scales: Scales,
+    scheme: str,
+    pairs: float,
+    extent: tuple[float, float, float],
 ) -> Scales | None:
     """The same by averaged normals, at fewer vertices, in balls of `pairs` members in all."""
     from scipy.spatial import cKDTree
 
     from ddgcli.algorithms.curvature.voting import normal_voting_at  # imports scipy.sparse
 
-    area = float(faces.area.sum())
     tree = cKDTree(mesh.points, balanced_tree=False, compact_nodes=False)
     step = max(1, len(scales.vertices) // VOTING_SAMPLE_SIZE)
     some, default = scales.vertices[::step], scales.default[::step]
     first = float(scales.radius[0]) / RADIUS_RATIO
-    largest = min(np.sqrt(MAX_SURFACE_SHARE * area / np.pi), 0.99 * largest_radius(mesh, area, scheme))
     return measure_scales(
         lambda radius: normal_voting_at(faces, normal, some, tree, radius, pairs),
         some,
         default,
         first,
-        float(largest),
+        _largest_radius(mesh, extent, scheme),
         VOTING_BIAS_GROWTH,
         default_by_fits=False,
     )
@@ -360,13 +367,17 @@ def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> flo
     # a scheme that measures in balls stays, unless the stairs or the noise suit the averaged normals better
     best = "normal-voting" if scheme == "normal-voting" else noise.best_scheme
     cure = "use" if best == scheme else f"use `scheme={best}` with"
+    radius = f"`radius={noise.radius_of(best) * scale:.3g}` (or `radius=auto`)"
+    if noise.groups:
+        radii = [group.scales_of(best).best_radius * scale for group in noise.groups]
+        radius = f"`radius=auto` ({min(radii):.3g} to {max(radii):.3g} by the sizes of the components)"
     logging.getLogger("ddgcli").warning(
         "the surface %s: at the default region the error of the mean curvature is about %.0f %%; "
-        "%s `radius=%.3g` (or `radius=auto`), where it is about %.0f %%",
+        "%s %s, where it is about %.0f %%",
         KINDS[noise.kind].format(noise.relative),
         100 * error,
         cure,
-        noise.radius_of(best) * scale,
+        radius,
         100 * (noise.expected_error(best) or 0.0),
     )
     return error

@@ -41,7 +41,7 @@ def quadric(
     mesh: TriangleMesh,
     faces: Faces,
     normal: NDArray,
-    radius: float | None = None,
+    radius: float | NDArray | None = None,
     *,
     noisy: bool = False,
     jobs: int = 1,
@@ -55,8 +55,9 @@ def quadric(
         Of the mesh.
     normal : (3, n) ndarray
         Approximate unit normals.
-    radius : float, optional
-        Of the ball; a vertex whose ball holds fewer neighbours than its two rings keeps the rings.
+    radius : float or (n,) ndarray, optional
+        Of the ball, or of that of each vertex; a vertex whose ball holds fewer neighbours than its two rings
+        keeps the rings.
     noisy : bool
         Whether noise is averaged in balls: by quadratic fits, over planes normal to the area vectors of the
         balls, as single normals are far off and stairs are no noise of single vertices.

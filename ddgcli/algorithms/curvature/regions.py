@@ -113,6 +113,9 @@ def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float, sc
         )
 
 
+MIN_GROUP_VERTICES = 60  # of components of one size, which are sampled apart
+
+
 def piece_extents(mesh: TriangleMesh) -> NDArray[np.float64]:
     """Largest extent of each component along an axis.
 
@@ -134,6 +137,31 @@ def piece_extents(mesh: TriangleMesh) -> NDArray[np.float64]:
         np.maximum.at(high, piece, coordinate)
         np.maximum(extent, high - low, out=extent)
     return extent
+
+
+def size_groups(mesh: TriangleMesh) -> list[tuple[NDArray[np.int64], int]]:
+    """Vertices and number of the components of each size, up to a factor of two; none where all are alike.
+
+    Components with fewer than `MIN_GROUP_VERTICES` of one size are left out.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    list of ((k,) ndarray of int, int)
+    """
+    if mesh.topology.n_components == 1:
+        return []
+    extent = piece_extents(mesh)
+    octave = np.full(len(extent), -1)
+    octave[extent > 0] = np.rint(np.log2(extent.max() / extent[extent > 0]))
+    component = mesh.topology.vertex_component
+    of_vertex = np.where(component >= 0, octave[component], -1)
+    members = {k: np.flatnonzero(of_vertex == k) for k in np.unique(octave[octave >= 0])}
+    groups = [(v, int((octave == k).sum())) for k, v in members.items() if len(v) >= MIN_GROUP_VERTICES]
+    return groups if len(groups) > 1 else []
 
 
 def check_reach(mesh: TriangleMesh, radius: float) -> None:

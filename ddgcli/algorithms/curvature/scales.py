@@ -36,6 +36,7 @@ MAX_NOISE_DISTANCE = 1.3
 # multiply it by 1.3 (rounded boxes) to 1.7 (tori)
 QUADRATIC_BIAS_GROWTH, VOTING_BIAS_GROWTH = 2.0, 1.6
 MIN_MEAN_SHARE = 0.25  # of the larger principal curvature: what counts as size of the mean curvature
+MAX_CHANGE = 3.0  # of a vertex over the median one, in the stated error: normal noise has more at 4 % of them
 MAX_SURFACE_SHARE = 0.17  # of the surface's area that a ball may hold
 MIN_TURNING = 1e-9  # radians over a ball: curvature below is rounding, as where balls hold the whole surface
 MIN_ERROR = 0.01  # relative; all balls share some errors, as of the place of a staircase
@@ -62,13 +63,15 @@ class Scales:
     bending_error : float
         The first of these over the typical size of the larger principal curvature.
     expected_error : float
-        The first of these with the whole bias, of which the change to the next radius is a share.
+        The first of these with the whole bias, of which the change to the next radius is a share, and with
+        bounded changes at rims.
     default, first_mean, mean : (k,) ndarray
         Mean curvature over the default region, in the first balls and in those of the best radius.
     size : float
         What the errors are relative to.
-    median_share : float
-        Median over mean of the difference between the default region and the balls of the best radius.
+    median_share, kurtosis : float
+        Of the difference between the default region and the balls of the best radius: the median of its size
+        over the mean, and the mean fourth power over the squared mean square.
     """
 
     vertices: NDArray[np.int64]
@@ -86,6 +89,7 @@ class Scales:
     mean: NDArray[np.float64]
     size: float
     median_share: float
+    kurtosis: float
 
     @property
     def fall(self) -> float:
@@ -102,6 +106,7 @@ def measure_scales(
     bias_growth: float,
     *,
     default_by_fits: bool = True,
+    max_radii: int = MAX_SCALES,
 ) -> Scales | None:
     """Mean curvature of some vertices in balls whose radii grow by the square root of two.
 
@@ -118,6 +123,8 @@ def measure_scales(
         Of the bias of these fits from one radius to the next, above 1.
     default_by_fits : bool
         Whether such fits gave `default`, so that their noise there bounds that in the first ball.
+    max_radii : int
+        At least two.
 
     Returns
     -------
@@ -127,7 +134,7 @@ def measure_scales(
     radii: list[float] = []
     fits: list[PrincipalCurvatures] = []
     growth: list[float] = []  # mean change from each radius to the next
-    while len(radii) < MAX_SCALES:
+    while len(radii) < max_radii:
         radius = first * RADIUS_RATIO ** (len(radii) + 1)
         if radius > largest and len(radii) > 1:
             break
@@ -137,7 +144,7 @@ def measure_scales(
         fits.append(fit)
         radii.append(radius)
         if len(fits) > 1:
-            growth.append(_mean_distance(fits[-1].mean, fits[-2].mean))
+            growth.append(_mean_size(fits[-1].mean - fits[-2].mean))
         if len(fits) > 3 and growth[-1] > MAX_GROWTH * min(growth):
             break
     if not growth:
@@ -161,17 +168,20 @@ def measure_scales(
         best_radius=_least_between(np.array(radii), error, best),
         error=relative,
         bending_error=relative * size / max(float(np.median(larger)), size),
-        expected_error=max(float(error[best]) / (bias_growth - 1) / size, MIN_ERROR),
+        expected_error=max(_whole_error(mean, default, best, bias_growth, default_by_fits) / size, MIN_ERROR),
         default_error=float(np.hypot(measured / size, relative)),
         default_rms=float(np.sqrt(np.mean(difference**2))) / size,
         mean=mean[best],
         first_mean=mean[0],
         size=size,
         median_share=float(np.median(difference)) / measured if measured > 0 else 1.0,
+        kurtosis=_kurtosis(difference),
     )
 
 
-def error_of_radii(mean: NDArray, default: NDArray | None = None) -> NDArray[np.float64]:
+def error_of_radii(
+    mean: NDArray, default: NDArray | None = None, *, bound: float = np.inf
+) -> NDArray[np.float64]:
     """(r - 1,) error of curvatures (r, k) of k vertices at each radius but the last, by their changes.
 
     The mean change to the next radius; or, if that is more, the distance to the curvature at a smaller radius
@@ -182,14 +192,21 @@ def error_of_radii(mean: NDArray, default: NDArray | None = None) -> NDArray[np.
     -----
     O. Lepski, "On a problem of adaptive estimation in Gaussian white noise", 1991.
     """
-    change = np.array([_mean_distance(*pair) for pair in zip(mean[1:], mean)])
-    first = 0.0 if default is None else _mean_distance(mean[0], default)
+    change = np.array([_mean_size(after - at, bound) for after, at in zip(mean[1:], mean)])
+    first = 0.0 if default is None else _mean_size(mean[0] - default, bound)
     before = np.append(first, change[:-1])
     error = np.maximum(change, before / MAX_NOISE_RATIO)
     for j in range(1, len(error)):
-        distance = np.abs(mean[:j] - mean[j]).mean(axis=1)
+        distance = np.array([_mean_size(before - mean[j], bound) for before in mean[:j]])
         error[j] = max(error[j], float((distance - MAX_NOISE_DISTANCE * change[:j]).max()))
     return error
+
+
+def _kurtosis(difference: NDArray) -> float:
+    """Mean fourth power over the squared mean square: 3 of normal noise, 1.5 of a wave; 1 of zeros."""
+    squared = difference**2
+    square = float(squared.mean())
+    return float(np.mean((squared / square) ** 2)) if square > 0 else 1.0
 
 
 def _least_between(radius: NDArray, error: NDArray, best: int) -> float:
@@ -202,8 +219,28 @@ def _least_between(radius: NDArray, error: NDArray, best: int) -> float:
     return float(radius[best] * RADIUS_RATIO**offset)
 
 
-def _mean_distance(one: NDArray, other: NDArray) -> float:
-    return float(np.abs(one - other).mean())
+def _whole_error(
+    mean: NDArray, default: NDArray, best: int, bias_growth: float, default_by_fits: bool
+) -> float:
+    """Error at the best radius with the whole bias, where the error is part noise, part bias.
+
+    A bias that grows by `bias_growth` from each radius to the next changes by at most the next change over
+    that: the rest of the error is noise, which changes by its whole size.
+    """
+    first = default if default_by_fits else None
+    error = float(error_of_radii(mean, first, bound=MAX_CHANGE)[best])
+    bias = error
+    if best + 2 < len(mean):
+        bias = min(error, _mean_size(mean[best + 2] - mean[best + 1], MAX_CHANGE) / bias_growth)
+    return float(np.hypot(np.sqrt(error * error - bias * bias), bias / (bias_growth - 1)))
+
+
+def _mean_size(difference: NDArray, bound: float = np.inf) -> float:
+    """Mean size, each at most so many times the median one: rims of a body have no curvature to settle on."""
+    size = np.abs(difference)
+    if bound < np.inf:
+        size = np.minimum(size, bound * np.median(size))
+    return float(size.mean())
 
 
 def typical_size(difference: NDArray) -> float:

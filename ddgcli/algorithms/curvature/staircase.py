@@ -13,8 +13,9 @@ from ddgcli.mesh.vectors import dot
 
 STEP_ANGLE = np.pi / 12  # dihedral angle from which an edge is a crease of a staircase
 # least share of vertices on convex and on concave creases, and of faces of the most frequent shapes, among
-# FACE_SHAPES of them: boundaries of voxels have 0.13 to 0.66 and 1, scans and mechanical parts at most 0.65
-MIN_STEPPED_SHARE, MIN_SHAPE_SHARE = 0.05, 0.95
+# FACE_SHAPES of them: boundaries of voxels have 0.13 to 0.66 and 1, terraces of nearly
+# flat bodies 0.027 and more; scans and mechanical parts at most 0.65 of the faces
+MIN_STEPPED_SHARE, MIN_SHAPE_SHARE = 0.02, 0.95
 FACE_SHAPES, MIN_FACES_OF_A_SHAPE = 128, 4
 SHAPE_SAMPLE_SIZE = 5000  # faces whose shapes are compared
 NORMAL_RESOLUTION, AREA_RESOLUTION = 0.02, 0.1  # of the components of a normal, and of log2 of an area

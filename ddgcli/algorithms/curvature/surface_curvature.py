@@ -130,7 +130,9 @@ def measure_curvature(
             noisy = noise.default_error(principal.mean) is not None
         radius = noise.radius_of(scheme) * surface.scale if noisy else None
         _check_radius(mesh, radius, scheme)
-    in_ball = None if radius is None else radius / surface.scale
+    in_ball: float | NDArray | None = None if radius is None else radius / surface.scale
+    if automatic and noisy:
+        in_ball = noise.radii_of(scheme, measured.mesh.n_vertices)
     if principal is None or in_ball is not None:
         principal = _pointwise(measured, scheme, in_ball, noisy, jobs, full)
     if automatic and noisy:
@@ -145,6 +147,9 @@ def measure_curvature(
     edge = _edge_arrays(surface) if full else {}
     results: dict[str, Any] = {"scheme": scheme, "promise": SCHEME_PROMISES[scheme]}
     results |= {"region": DEFAULT_REGIONS[scheme] if radius is None else "ball", "radius": radius}
+    if isinstance(in_ball, np.ndarray):  # of components that differ in size
+        radii, vertices = np.unique(in_ball * surface.scale, return_counts=True)
+        results["radii"] = [{"radius": r, "vertices": n} for r, n in zip(radii.tolist(), vertices.tolist())]
     results |= {"noise_estimate": noise.relative, "expected_error": expected_error}
     results |= _integrals(surface, principal)
     if full:
@@ -228,7 +233,12 @@ def _noise(surface: UnitSurface, scheme: str, radius: float | str | None, *, one
 
 
 def _pointwise(
-    surface: UnitSurface, scheme: str, radius: float | None, noisy: bool, jobs: int, directions: bool
+    surface: UnitSurface,
+    scheme: str,
+    radius: float | NDArray | None,
+    noisy: bool,
+    jobs: int,
+    directions: bool,
 ) -> PrincipalCurvatures:
     """Principal curvatures by the scheme, at unit size."""
     mesh, faces, area, defect = surface.mesh, surface.faces, surface.area, surface.defect
@@ -236,13 +246,13 @@ def _pointwise(
     normal = normals(faces) if surface.orientable else unsigned_normals(mesh, faces)
     if scheme == "cotan":
         principal = cotan(faces, mesh.topology, normal, area, defect, surface.vector, directions=directions)
-    elif scheme == "normal-cycle" and radius is not None:
+    elif scheme == "normal-cycle" and isinstance(radius, float):
         from ddgcli.algorithms.curvature.ball import normal_cycle_in_balls  # imports scipy.sparse
 
         principal = normal_cycle_in_balls(mesh, normal, defect, surface.dihedral, radius)
     elif scheme == "normal-cycle":
         principal = normal_cycle(faces, mesh.topology.edges, normal, area, defect, surface.dihedral)
-    elif scheme == "corrected" and radius is not None:
+    elif scheme == "corrected" and isinstance(radius, float):
         from ddgcli.algorithms.curvature.ball import corrected_in_balls  # imports scipy.sparse
 
         principal = corrected_in_balls(mesh, faces, normal, radius)

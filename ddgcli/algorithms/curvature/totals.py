@@ -230,16 +230,13 @@ def balances(
     dict
         `force`, `torque`, `area`: relative to the sum of the absolute values of the terms.
     """
-    twin, first = topology.side_twin.ravel(), topology.interior_sides
+    twin = topology.side_twin.ravel()
     in_region = np.repeat(region, 3)
-    beyond = twin.take(first)
-    here, there = in_region.take(first), in_region.take(beyond)
-    edge_side = first.compress(here & there)
-    rims = [first.compress(here & ~there), beyond.compress(there & ~here)]
-    if 2 * len(first) < len(twin):
-        boundary = np.flatnonzero(twin < 0)
-        rims.append(boundary.compress(in_region.take(boundary)))
-    rim = np.sort(np.concatenate(rims))
+    side = np.flatnonzero(in_region)
+    beyond = twin.take(side)
+    is_inner = (beyond >= 0) & in_region.take(beyond)
+    rim = side.compress(~is_inner)
+    edge_side = side.compress(is_inner & (side < beyond))
     # signed and absolute sums of each component
     force, torque, area = np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 1))
 

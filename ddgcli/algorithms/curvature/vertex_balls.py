@@ -23,13 +23,14 @@ MAX_BLOCK_CELLS = 4_000_000  # pairs of a ball and a vertex that may lie in it, 
 BITS_PER_WORD = 64
 
 
-def vertex_balls(mesh: TriangleMesh, radius: float, *, jobs: int = 1) -> Regions:
+def vertex_balls(mesh: TriangleMesh, radius: float | NDArray, *, jobs: int = 1) -> Regions:
     """Vertices within a distance in space of each vertex, connected to it by edges inside that ball.
 
     Parameters
     ----------
     mesh : TriangleMesh
-    radius : float
+    radius : float or (n,) ndarray
+        Of all balls, or of that around each vertex.
     jobs : int
         Threads that handle blocks; the result does not depend on it.
 
@@ -43,12 +44,13 @@ def vertex_balls(mesh: TriangleMesh, radius: float, *, jobs: int = 1) -> Regions
     near = adjacency(mesh.topology)
     lists = near.indptr.astype(np.int64), near.indices.astype(np.int64)
     tree = cKDTree(mesh.points, leafsize=BALLS_PER_BLOCK)
+    radii = np.broadcast_to(radius, mesh.n_vertices)
 
     def balls(leaf: NDArray) -> list[tuple[NDArray, NDArray, NDArray]]:
         """(vertices, sizes of their balls, members) of pieces of a leaf."""
         results = []
-        for owner, candidate in _pieces(tree, mesh.points, leaf, radius):
-            inside = _within(mesh.points, owner, candidate, radius)
+        for owner, candidate in _pieces(tree, mesh.points, leaf, radii):
+            inside = _within(mesh.points, owner, candidate, radii[owner])
             reached = _connected(inside, owner, candidate, *_neighbours_among(candidate, lists))
             row, column = np.nonzero(reached)
             sizes = np.bincount(row, minlength=len(owner))
@@ -101,21 +103,21 @@ def _leaves(tree: Any) -> Iterator[NDArray]:
             yield node.indices
 
 
-def _pieces(tree: Any, points: NDArray, leaf: NDArray, radius: float) -> Iterator[tuple[NDArray, NDArray]]:
+def _pieces(tree: Any, points: NDArray, leaf: NDArray, radii: NDArray) -> Iterator[tuple[NDArray, NDArray]]:
     """Vertices of pieces of a leaf, and all vertices that their balls may hold; both in order."""
     owner = np.sort(leaf)
     corner = points[owner].min(axis=0), points[owner].max(axis=0)
     middle = corner[0] / 2 + corner[1] / 2
     # longer by a few roundings, so that no member of a ball is lost
-    reach = (radius + np.linalg.norm(corner[1] - middle)) * (1 + 1e-9)
+    reach = (radii[owner].max() + np.linalg.norm(corner[1] - middle)) * (1 + 1e-9)
     candidate = np.array(tree.query_ball_point(middle, reach, return_sorted=True), dtype=np.int64)
     n_balls = max(1, min(BALLS_PER_BLOCK, MAX_BLOCK_CELLS // len(candidate)))
     for first in range(0, len(owner), n_balls):
         yield owner[first : first + n_balls], candidate
 
 
-def _within(points: NDArray, owner: NDArray, candidate: NDArray, radius: float) -> NDArray[np.bool_]:
-    """(m, b) whether each candidate lies in each ball."""
+def _within(points: NDArray, owner: NDArray, candidate: NDArray, radius: NDArray) -> NDArray[np.bool_]:
+    """(m, b) whether each candidate lies in each ball, of radii (b,)."""
     squared = np.zeros((len(candidate), len(owner)))
     for column in points.T:
         offset = column[candidate, None] - column[owner]

@@ -25,7 +25,7 @@ MIN_DETERMINANT = 1e-12  # of the scatter of a region over its squared trace: be
 
 
 def normal_voting(
-    mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | None = None
+    mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | NDArray | None = None
 ) -> PrincipalCurvatures:
     """Principal curvatures of the change of averaged normals over rings of neighbours or a ball.
 
@@ -41,8 +41,9 @@ def normal_voting(
     faces : Faces
     normal : (3, n) ndarray
         Unit normals, for the choice of rings.
-    radius : float, optional
-        Of the ball; a vertex whose ball holds fewer neighbours than its two rings keeps the rings.
+    radius : float or (n,) ndarray, optional
+        Of the ball, or of that of each vertex; a vertex whose ball holds fewer neighbours than its two rings
+        keeps the rings.
 
     Returns
     -------

@@ -6,7 +6,6 @@ distances and curves after `geodesic_task` has checked them.
 """
 
 __all__ = [
-    "curve_starts",
     "fan",
     "field_curves",
     "geodesic_query",

@@ -1,0 +1,220 @@
+"""Whether deviations of the vertices are noise: what residuals, creases and curvature in balls look like.
+
+Creases of both signs, coordinates on grids, and curvature that settles with the radius in the same way all
+over the surface distinguish noise and stairs from details and creases.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.curvature.deviation import MIN_CREASED_FLAT_SHARE, Deviation
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.grid_coordinates import on_grid_edges
+from ddgcli.algorithms.curvature.quadric import QUADRATIC_PENALTY
+from ddgcli.algorithms.curvature.regions import Regions, listed
+from ddgcli.algorithms.curvature.scales import Scales, fits_at, typical_size
+from ddgcli.algorithms.curvature.staircase import cancellation
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+# residual of cubic fits over that of quartic ones: stairs that were averaged or cut have 1.2 to 1.7, details
+# of six edges 1.8; smoothed segmentations have up to 2.2, and of details with less the default is 15 % off
+MAX_ROUGH_DETAIL_RATIO, MAX_UNEVEN_DETAIL_RATIO = 1.75, 2.2
+# creases of both signs within two rings: their sum over that of their sizes. Noise of more than a twentieth
+# of an edge has 0.05 to 0.8, and less the larger it is; scans have 0.2 to 0.6, mechanical parts 0.4 to 0.9
+MAX_CANCELLATION, MAX_ROUGH_CANCELLATION = 0.8, 0.28
+MAX_CANCELLATION_OF_NOISE = 0.055  # times one over the noise in edges
+# fall of the change of curvature when the radius doubles: creases have 2, stairs 3 to 10, noise 8
+MIN_FALL = 2.5
+# of the error at the default region over that at the best radius: wide steps, whose changes fall late, have
+# 20 to 80, busts, noisy in places, 6 to 10
+MIN_ROUGH_ERROR_RATIO = 15
+MIN_MEDIAN_SHARE = 0.1  # median error of grids of voxels over the mean one, which creases of a part exceed
+# at the best radius: terrain and scans with details of all sizes have more, 0.28 to 0.53, and creases that
+# cancel to 0.15 to 0.24; where they cancel to less, up to the second limit
+MAX_ROUGH_ERROR, MAX_CANCELLED_ERROR = 0.25, 0.5
+MAX_CANCELLATION_OF_STEPS = 0.12
+# smoothed stairs and noise over several edges: the error at the best radius over the larger curvature, that
+# of the default region over it, and the median over the mean of the latter. Scans and modelled surfaces have
+# errors of 0.15 to 0.9, smooth ones with a bias in balls ratios of 1.1 to 1.9, and details that two rings
+# resolve errors of 0.13 and more
+MAX_UNEVEN_ERROR, MIN_UNEVEN_ERROR_RATIO, MIN_UNEVEN_MEDIAN_SHARE = 0.12, 2.3, 0.4
+# larger errors, of bodies with rims: the first change of the curvature over the second one. Stairs, also
+# smoothed, and surface nets have 3.6 to 13, scans and modelled surfaces with errors below 0.2 have 1.2 to 2.7
+MAX_STEEP_ERROR, MIN_STEEP_FALL = 0.18, 3.2
+# stairs of cylinders and planes are alike along a line: five rows of two rings, which quartics fit exactly.
+# Their residuals are 0.005 to 0.09 of an edge, those of smooth fine meshes of flat quadrangles less
+MIN_RULED_FLAT_SHARE, MIN_RULED_RESIDUAL, MIN_RULED_FALL = 0.3, 0.004, 4.0
+# errors of the default region that are alike everywhere, as those of noise and of stairs: the median over the
+# mean, and the kurtosis (3 of normal noise). Scans and parts have errors in places: a kurtosis of 4.7 and
+# more, or a median share below 0.6; waves, threads and corrugated sheets have a kurtosis of 1.5 to 1.8, and
+# stairs without flat faces 1.9 and more
+MIN_EVEN_MEDIAN_SHARE, MIN_KURTOSIS, MIN_EVEN_KURTOSIS, MAX_EVEN_KURTOSIS = 0.68, 1.75, 2.0, 4.6
+# then the error of the default region over that at the best radius, and limits of the latter (over the larger
+# curvature): surfaces that default fits resolve have ratios of 0.5 to 2.5; above the second ratio the best
+# radius of noise leaves little
+MIN_EVEN_ERROR_RATIO, MAX_EVEN_ERROR_RATIO, MAX_EVEN_ERROR, MAX_FLAT_EVEN_ERROR = 3.5, 15, 0.3, 0.2
+# residual of cubic over that of quartic fits, of errors alike everywhere: below the first, details
+# of one size have default errors of 15 % and more, below the second, bumps have ratios of errors above 15
+MAX_EVEN_DETAIL_RATIO, MAX_WIDE_DETAIL_RATIO = 2.3, 2.8
+# rows of a scanner, each at a height of its own: quartics follow five of them. Their errors fall by 12 to 21
+# from the first change to the second, those of waves by up to 6
+MIN_ROWS_RESIDUAL, MIN_ROWS_FALL = 0.03, 8.0
+
+
+def noise_kind(
+    mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviation
+) -> tuple[str, Deviation, float]:
+    """Kind of the noise as far as residuals and creases show it, '' where they are those of a surface.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
+    dihedral : (e,) ndarray
+        Dihedral angles of the edges in radians, positive where convex.
+    deviation : Deviation
+
+    Returns
+    -------
+    kind : str
+        Of `Noise`, or 'ruled' and 'even', which `settles` may confirm as 'uneven'.
+    deviation : Deviation
+        Of the regions that have it.
+    share : float
+        Of their creases, that do not cancel.
+    """
+
+    def share_of(of_regions: Deviation) -> float:
+        noisy = listed(of_regions.regions, np.flatnonzero(of_regions.noisy))
+        return cancellation(mesh, faces, dihedral, noisy)
+
+    if deviation.kind not in ("noise", "partial"):
+        return deviation.kind, deviation, 1.0
+    if on_grid_edges(faces.points, faces.sorted_coordinates, faces.mean_length):
+        return "grid", deviation, 1.0
+    share, bent = share_of(deviation), deviation.of_bent
+    kind = _kind_by_creases(deviation, share)
+    if kind in ("", "uneven", "ruled", "even") and bent is not None:
+        bent_share = share_of(bent)
+        if _kind_by_creases(bent, bent_share) == "rough":
+            return "rough", bent, bent_share
+    return kind, deviation, share
+
+
+def _kind_by_creases(deviation: Deviation, share: float) -> str:
+    """Kind by residuals of fits and the share of creases that do not cancel.
+
+    'ruled' and 'even' are no kinds of noise yet: the errors in balls decide whether they are 'uneven'.
+    """
+    of_noise = min(MAX_CANCELLATION, MAX_CANCELLATION_OF_NOISE / max(deviation.relative, 1e-300))
+    if deviation.kind == "partial" and (share <= of_noise or not deviation.doubtful):
+        return "partial"
+    if not deviation.doubtful:
+        return "noise" if share <= of_noise else ""
+    if share <= MAX_ROUGH_CANCELLATION and deviation.detail_ratio <= MAX_ROUGH_DETAIL_RATIO:
+        return "rough"
+    if deviation.detail_ratio <= MAX_UNEVEN_DETAIL_RATIO:
+        return "uneven"
+    has_flats = deviation.flat_share > MIN_CREASED_FLAT_SHARE and deviation.relative > MIN_RULED_RESIDUAL
+    if has_flats and deviation.flat_share > MIN_RULED_FLAT_SHARE:
+        return "ruled"
+    wide = deviation.detail_ratio <= MAX_WIDE_DETAIL_RATIO
+    return "even" if has_flats or wide or deviation.relative > MIN_ROWS_RESIDUAL else ""
+
+
+def settles(
+    kind: str, deviation: Deviation, share: float, scales: Scales, faces: Faces, regions: Regions
+) -> bool:
+    """Whether the curvature settles with the radius, where the kind may also be creases or details.
+
+    Parameters
+    ----------
+    kind : str
+    deviation : Deviation
+    share : float
+        All three of `noise_kind`.
+    scales : Scales
+        Curvature of some vertices in balls by quadratic fits.
+    faces : Faces
+    regions : Regions
+        Two rings around the vertices of `scales`.
+
+    Returns
+    -------
+    bool
+    """
+    if kind in ("rough", "uneven", "ruled", "even"):
+        if scales.kurtosis < (MIN_KURTOSIS if kind in ("rough", "uneven") else MIN_EVEN_KURTOSIS):
+            return False  # a wave
+        if _errs_evenly(deviation, scales):
+            return True
+    ratio = scales.default_error / scales.error
+    everywhere = scales.median_share > MIN_UNEVEN_MEDIAN_SHARE
+    clear = scales.bending_error < MAX_UNEVEN_ERROR and ratio > MIN_UNEVEN_ERROR_RATIO
+    least_fall = MIN_RULED_FALL if kind == "ruled" else MIN_STEEP_FALL
+    steep = everywhere and scales.bending_error < MAX_STEEP_ERROR and scales.fall > least_fall
+    if kind == "uneven":
+        return clear and everywhere
+    if kind in ("ruled", "even"):
+        return steep and kind == "ruled"
+    if kind == "rough" and (steep or (clear and everywhere)):
+        return True
+    if kind == "rough" and ratio > MIN_ROUGH_ERROR_RATIO:
+        cancels = share <= MAX_CANCELLATION_OF_STEPS
+        return scales.error <= (MAX_CANCELLED_ERROR if cancels else MAX_ROUGH_ERROR)
+    if kind == "rough":
+        return _falls_as_noise(faces, deviation.normal, regions, scales)
+    if kind == "partial":
+        settled = clear or steep or not deviation.doubtful or _errs_evenly(deviation, scales)
+        return settled or _falls_as_noise(faces, deviation.normal, regions, scales)
+    return kind != "grid" or scales.median_share >= MIN_MEDIAN_SHARE  # creases of a part
+
+
+def may_err_evenly(scales: Scales) -> bool:
+    """Whether curvature in the first two balls allows errors that are alike everywhere.
+
+    Parameters
+    ----------
+    scales : Scales
+        Of two radii or more.
+
+    Returns
+    -------
+    bool
+    """
+    return scales.median_share > 0.8 * MIN_EVEN_MEDIAN_SHARE and scales.kurtosis < 2 * MAX_EVEN_KURTOSIS
+
+
+def _errs_evenly(deviation: Deviation, scales: Scales) -> bool:
+    """Whether the default region errs alike everywhere and the curvature settles with the radius.
+
+    Noise and stairs, also smoothed, are the same all over a surface, so that their errors are distributed
+    nearly normally; details and creases have theirs in places.
+    """
+    error, ratio = scales.bending_error, scales.default_error / scales.error
+    normal = MIN_EVEN_KURTOSIS < scales.kurtosis < MAX_EVEN_KURTOSIS
+    if scales.median_share < MIN_EVEN_MEDIAN_SHARE or error > MAX_EVEN_ERROR or ratio < MIN_EVEN_ERROR_RATIO:
+        return False
+    if scales.fall > MIN_ROWS_FALL and ratio > MAX_EVEN_ERROR_RATIO and (normal or error < MAX_UNEVEN_ERROR):
+        return True
+    if not normal:
+        return False
+    small, apart = error < MAX_UNEVEN_ERROR, ratio < MAX_EVEN_ERROR_RATIO
+    if deviation.detail_ratio <= MAX_EVEN_DETAIL_RATIO and (small or apart):
+        return True
+    if deviation.detail_ratio <= MAX_WIDE_DETAIL_RATIO and small and apart:
+        return True
+    has_flats = deviation.flat_share > MIN_CREASED_FLAT_SHARE and deviation.relative > MIN_RULED_RESIDUAL
+    return has_flats and error < MAX_FLAT_EVEN_ERROR
+
+
+def _falls_as_noise(faces: Faces, normal: NDArray, regions: Regions, scales: Scales) -> bool:
+    """Whether quadratic fits settle with the radius, as at creases and on terrain they do not."""
+    if len(scales.change) < 3 or scales.error > MAX_ROUGH_ERROR:
+        return False
+    few = scales.vertices
+    first = fits_at(faces.points, normal, few, normal[:, few], regions, QUADRATIC_PENALTY).mean
+    return typical_size(first - scales.first_mean) > MIN_FALL * scales.change[2]
