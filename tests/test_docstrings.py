@@ -27,7 +27,9 @@ PACKAGES = (
     "ddgcli.models",
     "ddgcli.operators",
     "ddgcli.progress",
+    "ddgcli.scenes",
     "ddgcli.simulation",
+    "ddgcli.tradeoff",
 )
 
 

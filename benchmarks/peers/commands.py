@@ -146,7 +146,7 @@ CASES = {
     ),
     "eigen": Case(
         f"laplacian MESH --eigen {N_PAIRS}",
-        lambda mesh: spectrum(laplace_operator(mesh, "cotan"), N_PAIRS),
+        lambda mesh: spectrum(laplace_operator(mesh), N_PAIRS),
         "eigsh",
         scipy_eigen,
         OF_LAPLACIAN,

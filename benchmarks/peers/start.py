@@ -12,7 +12,7 @@ import statistics
 from benchmarks.common import measure
 
 COMMANDS = ("info cube.obj", "curvature cube.obj")
-OTHER_CALLS = ("--version", "curvature --help", "geodesic cube.obj --source 0")
+OTHER_CALLS = ("--version", "curvature --help", "geodesic cube.obj --source 0", "delaunay cube.obj")
 IMPORTS = "import numpy, scipy.sparse"
 REPEAT = 7
 

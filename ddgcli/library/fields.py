@@ -12,8 +12,8 @@ from ddgcli.algorithms.geodesics.distance import prepare_solver
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
+from ddgcli.algorithms.tangent_fields.curve_starts import random_starts, starts_at
 from ddgcli.algorithms.tangent_fields.field_curves import field_curves
-from ddgcli.algorithms.tangent_fields.integral_curves import random_starts, starts_at
 from ddgcli.algorithms.tangent_fields.vertex_vectors import VertexVectors, log_map_vectors, transport_vectors
 from ddgcli.choices import LOG_MAP_METHODS
 from ddgcli.errors import ParameterError

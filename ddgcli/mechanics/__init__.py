@@ -6,6 +6,7 @@
 
 __all__ = [
     "assembly",
+    "asynchronous",
     "constraints",
     "driving",
     "embedding",

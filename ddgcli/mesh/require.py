@@ -106,7 +106,8 @@ def _surely_sized(mesh: TriangleMesh) -> bool:
 
 def _extent(mesh: TriangleMesh) -> float:
     """Largest side of the bounding box."""
-    low, high = bounding_box(mesh.points)  # of intrinsic meshes too
+    is_extrinsic = isinstance(mesh, TriangleMesh)  # whose box other checks read too
+    low, high = mesh.bounding_box if is_extrinsic else bounding_box(mesh.points)
     return float((high - low).max())
 
 

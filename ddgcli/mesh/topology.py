@@ -89,6 +89,11 @@ class Topology:
         return frozen(head)
 
     @cached_property
+    def repeated_vertex_faces(self) -> NDArray[np.int64]:
+        """Numbers of the faces that name a vertex twice."""
+        return frozen(np.unique(np.flatnonzero(self.side_tail == self.side_head) // 3))
+
+    @cached_property
     def _edge_numbering(self) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
         """(edges (e, 2), side_edge (m, 3), side_sign (m, 3), edge_face_count (e,), side_twin (m, 3))."""
         if self.gluing is not None:

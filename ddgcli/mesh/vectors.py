@@ -98,7 +98,14 @@ def cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
     -------
     (3, ...) ndarray of float64
     """
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape), np.result_type(a, b))
+    less = np.empty(product.shape[1:], product.dtype)
+    for i in range(3):  # into place: a stack of three rows takes twice as long
+        j, k = (i + 1) % 3, (i + 2) % 3
+        np.multiply(a[j], b[k], out=product[i, ...])
+        np.multiply(a[k], b[j], out=less)
+        product[i] -= less
+    return product
 
 
 def dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
@@ -112,7 +119,10 @@ def dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
     -------
     (...,) ndarray of float64
     """
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    total: NDArray[np.float64] = a[0] * b[0]
+    total += a[1] * b[1]
+    total += a[2] * b[2]
+    return total
 
 
 def ratio(a: NDArray | float, b: NDArray) -> NDArray[np.float64]:
@@ -128,7 +138,10 @@ def ratio(a: NDArray | float, b: NDArray) -> NDArray[np.float64]:
     ndarray of float64
         Of the common shape.
     """
-    return np.divide(a, b, out=np.zeros(np.broadcast_shapes(np.shape(a), b.shape)), where=b != 0)
+    shape = np.broadcast_shapes(np.shape(a), b.shape)
+    if b.all():  # a division by a mask takes twice as long
+        return np.divide(a, b, out=np.empty(shape))
+    return np.divide(a, b, out=np.zeros(shape), where=b != 0)
 
 
 def angle_of(sine: NDArray, cosine: NDArray) -> NDArray[np.float64]:

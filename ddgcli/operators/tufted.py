@@ -38,7 +38,7 @@ def tufted_cover(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
         When a face names a vertex twice, or three faces meet in an edge of a mesh without positions, which
         determine their order.
     """
-    twice = np.flatnonzero((mesh.topology.side_tail == mesh.topology.side_head).reshape(-1, 3).any(axis=1))
+    twice = mesh.topology.repeated_vertex_faces
     if mesh.topology.gluing is None and len(twice):
         raise MeshError(
             f"face {twice[0]} names a vertex twice ({len(twice)} such faces); {cure('repeated vertex')}"

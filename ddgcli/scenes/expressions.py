@@ -66,7 +66,22 @@ def evaluate(text: str, variables: Mapping[str, NDArray]) -> NDArray[np.float64]
 
 
 def parse(text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> ast.expr:
-    """The checked syntax tree of an expression; ValueError names what is not allowed and the nearest name."""
+    """Syntax tree of an expression, checked.
+
+    Parameters
+    ----------
+    text : str
+    variables : tuple of str
+
+    Returns
+    -------
+    ast.expr
+
+    Raises
+    ------
+    ValueError
+        Names what is not allowed, and the nearest name.
+    """
     if len(text) > MAX_LENGTH:
         raise ValueError(f"the expression is longer than {MAX_LENGTH} characters")
     if "#" in text:

@@ -8,7 +8,17 @@ from ddgcli.scenes.shapes import Rotation
 
 
 def require_ascending(times: list[float]) -> None:
-    """Raise ValueError where key times are not strictly ascending."""
+    """Raise an error where key times are not strictly ascending.
+
+    Parameters
+    ----------
+    times : list of float
+        In s.
+
+    Raises
+    ------
+    ValueError
+    """
     for k, (before, after) in enumerate(zip(times, times[1:])):
         if not after > before:
             raise ValueError(f"must ascend: entry {k + 1}, {after:g} s, is not after {before:g} s")
@@ -17,7 +27,19 @@ def require_ascending(times: list[float]) -> None:
 def require_from_rest(
     times: list[float], positions: list[Any] | None, rotations: list[Rotation] | None
 ) -> None:
-    """Raise ValueError where key frames are incomplete, or do not start where the body is drawn."""
+    """Raise an error where key frames are incomplete, or do not start where the body is drawn.
+
+    Parameters
+    ----------
+    times : list of float
+        In s.
+    positions : list or None
+    rotations : list of Rotation or None
+
+    Raises
+    ------
+    ValueError
+    """
     if positions is None and rotations is None:
         raise ValueError("give positions, rotations or both beside times")
     for name, key_frames in (("positions", positions), ("rotations", rotations)):

@@ -26,6 +26,15 @@ def filled(values: dict[str, Any]) -> dict[str, Any]:
     """Keys of a shell, completed from its material.
 
     `density` is a mass per area: volume density times thickness (the object's own where it has one).
+
+    Parameters
+    ----------
+    values : dict
+        Of the section.
+
+    Returns
+    -------
+    dict
     """
     name = values.get("material")
     if name is None and all(values.get(key) is not None for key in KEYS):

@@ -33,6 +33,10 @@ def obstacle_meshes(
         The moving objects; a plane is drawn as a square below them that is larger than they are.
     read : callable
         Opens a mesh file relative to the scene.
+
+    Returns
+    -------
+    dict of str to TriangleMesh
     """
     obstacles = [section for section in sections if section.role == "obstacle"]
     points = np.concatenate([np.asarray(body.points) for body in bodies]) if bodies else np.zeros((1, 3))

@@ -185,6 +185,10 @@ def resolve(document: Document, kind: SceneKind, overrides: Mapping[str, Any] | 
     overrides : mapping, optional
         Keys of [time] from the command line, `steps`, and `model`: texts "EFFECT=NAME".
 
+    Returns
+    -------
+    Scene
+
     Raises
     ------
     SceneError
@@ -322,7 +326,17 @@ def _leave_out_other_scheme(kind: SceneKind, written: str, name: str, values: di
 
 @cache
 def time_model(own: type[Section]) -> type[Section]:
-    """[time] with the parameters `own` of one integrator."""
+    """Section [time] with the parameters of one integrator.
+
+    Parameters
+    ----------
+    own : type of Section
+        The parameters of the integrator.
+
+    Returns
+    -------
+    type of Section
+    """
     fields = {name: (info.annotation, info) for name, info in own.model_fields.items()}
     annotations = {name: (own.__annotations__.get(name, info[0]), info[1]) for name, info in fields.items()}
     return create_model("Time", __base__=TimeSection, **annotations)  # type: ignore[call-overload]

@@ -8,7 +8,16 @@ from ddgcli.scenes.scene import FORMAT, SceneKind, time_model
 
 
 def json_schema(kind: SceneKind) -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of the scenes of one simulator."""
+    """JSON Schema (draft 2020-12) of the scenes of one simulator.
+
+    Parameters
+    ----------
+    kind : SceneKind
+
+    Returns
+    -------
+    dict
+    """
     definitions: dict[str, Any] = {}
 
     def section(model: Any, title: str) -> dict[str, Any]:

@@ -33,7 +33,20 @@ class Document(Protocol):
 
 
 def located(document: Document, key: Key, message: str) -> str:
-    """`FILE: line N: message`; the message alone for a scene that no file holds (the quick form)."""
+    """Message with the file and the line of a mistake: `FILE: line N: message`.
+
+    Parameters
+    ----------
+    document : Document
+    key : tuple
+        Place in the document.
+    message : str
+
+    Returns
+    -------
+    str
+        The message alone for a scene that no file holds (the quick form).
+    """
     if not document.path:
         return message
     line = document.line(key)
@@ -41,7 +54,27 @@ def located(document: Document, key: Key, message: str) -> str:
 
 
 def checked(document: Document, key: Key, model: type[Section], table: dict[str, Any], where: str) -> Any:
-    """The section of a table, or the first mistake in it as SceneError."""
+    """Section of a table of a scene.
+
+    Parameters
+    ----------
+    document : Document
+    key : tuple
+        Place in the document.
+    model : type of Section
+    table : dict
+    where : str
+        Name of the place, for the message.
+
+    Returns
+    -------
+    Section
+
+    Raises
+    ------
+    SceneError
+        For the first mistake in the table.
+    """
     try:
         return model.model_validate(table)
     except ValidationError as error:

@@ -165,6 +165,18 @@ class MovingObject(SurfaceObject):
 
 
 def require_one_shape(section: Any, shapes: tuple[str, ...]) -> None:
+    """Raise an error unless a section names exactly one shape.
+
+    Parameters
+    ----------
+    section : object
+    shapes : tuple of str
+        The keys of shapes.
+
+    Raises
+    ------
+    ValueError
+    """
     names = [s for s in shapes if getattr(section, s) is not None]
     if len(names) != 1:
         listed = "none" if not names else " and ".join(names)
@@ -194,9 +206,24 @@ class PlacedMesh:
 
 
 def place(section: SurfaceObject, read: Callable[[str], Any], volumes: bool = False) -> PlacedMesh:
-    """Mesh of an object, scaled, turned and moved; `read` opens a mesh file relative to the scene.
+    """Mesh of an object, scaled, turned and moved.
 
-    With `volumes` a file may hold tetrahedra, and a box is one of tetrahedra.
+    Parameters
+    ----------
+    section : SurfaceObject
+    read : callable
+        Opens a mesh file relative to the scene.
+    volumes : bool
+        A file may hold tetrahedra, and a box is one of tetrahedra.
+
+    Returns
+    -------
+    PlacedMesh
+
+    Raises
+    ------
+    ValueError
+        For a mesh that does not fit the section.
     """
     if volumes and section.box is not None:
         nx, ny, nz = section.box.cells
@@ -226,7 +253,17 @@ def place(section: SurfaceObject, read: Callable[[str], Any], volumes: bool = Fa
 
 
 def shape_mesh(section: Any) -> TriangleMesh:
-    """Mesh of a grid, sphere, box or cylinder."""
+    """Mesh of a grid, sphere, box or cylinder.
+
+    Parameters
+    ----------
+    section : object
+        Of the scene.
+
+    Returns
+    -------
+    TriangleMesh
+    """
     if section.grid is not None:
         return grid_mesh(section.grid)
     if section.cylinder is not None:
@@ -250,7 +287,17 @@ def cylinder_mesh(side: CylinderSide) -> TriangleMesh:
 
 
 def on_cylinder(side: Cylinder, points: NDArray) -> NDArray[np.float64]:
-    """Points (n, 3) moved away from the axis, or towards it, to the radius."""
+    """Move points away from the axis of a cylinder, or towards it, to its radius.
+
+    Parameters
+    ----------
+    side : Cylinder
+    points : (n, 3) ndarray of float64
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+    """
     start, end = np.array(side.start), np.array(side.end)
     axis = (end - start) / np.linalg.norm(end - start)
     foot = start + ((points - start) @ axis)[:, None] * axis
@@ -323,7 +370,17 @@ def _equilateral(grid: Grid) -> TriangleMesh:
 
 
 def periodic_grid(grid: Grid) -> IntrinsicMesh:
-    """Flat torus (or cylinder): the sides that wrap have the lengths of the unwrapped rectangle."""
+    """Flat torus or cylinder: the sides that wrap have the lengths of the unwrapped rectangle.
+
+    Parameters
+    ----------
+    grid : Grid
+        Periodic along at least one axis.
+
+    Returns
+    -------
+    IntrinsicMesh
+    """
     wrap_u, wrap_v = "x" in grid.periodic, "y" in grid.periodic
     u, v, faces = _cells(grid, wrap_u, wrap_v)
     uv = np.stack([u, v], axis=1)
@@ -343,7 +400,24 @@ def _moved(section: SurfaceObject, points: NDArray) -> NDArray[np.float64]:
 
 
 def rotation_matrix(axis: Any, angle: float) -> NDArray[np.float64]:
-    """(3, 3) turn by `angle` about `axis` (Rodrigues)."""
+    """Matrix of a rotation about an axis (Rodrigues).
+
+    Parameters
+    ----------
+    axis : (3,) array_like
+        Of any length but zero.
+    angle : float
+        In radians, counter-clockwise seen against the axis.
+
+    Returns
+    -------
+    (3, 3) ndarray of float64
+
+    Examples
+    --------
+    >>> rotation_matrix([0, 0, 2], np.pi / 2).round(12).tolist()
+    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    """
     x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross

@@ -134,7 +134,22 @@ _BOUNDS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", 
 
 
 def quantity(unit: str, text: str = "", **bounds: Any) -> Any:
-    """Annotated type of a scalar in `unit`, with a description and bounds (`gt`, `ge`, `lt`, `le`)."""
+    """Annotated type of a scalar quantity of a scene.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit; empty without one.
+    text : str
+        Description.
+    **bounds : float
+        `gt`, `ge`, `lt`, `le`.
+
+    Returns
+    -------
+    type
+        For fields of sections: a number, or a string with a unit.
+    """
     number = {"type": "number", **{_BOUNDS[name]: bound for name, bound in bounds.items()}}
     text_form = {"type": "string", "pattern": r"^\s*[-+]?(\d|\.\d)"}
     schema = {"unit": unit or "1", "anyOf": [number, text_form]}
@@ -146,7 +161,20 @@ def quantity(unit: str, text: str = "", **bounds: Any) -> Any:
 
 
 def vector(unit: str, text: str = "") -> Any:
-    """Annotated type of a vector [x, y, z] in `unit`."""
+    """Annotated type of a vector quantity [x, y, z] of a scene.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit; empty without one.
+    text : str
+        Description.
+
+    Returns
+    -------
+    type
+        For fields of sections.
+    """
     return Annotated[
         tuple[float, float, float],
         BeforeValidator(_vector(unit)),

@@ -183,7 +183,16 @@ class Problem:
 
 
 def label_of(one: Candidate | Row) -> str:
-    """Short label: method and parameters."""
+    """Short label of a row: method and parameters.
+
+    Parameters
+    ----------
+    one : Candidate or Row
+
+    Returns
+    -------
+    str
+    """
     values = " ".join(
         f"{k}={v:.3g}" if isinstance(v, float) else f"{k}={v}" for k, v in one.parameters.items()
     )
@@ -253,12 +262,32 @@ class Table:
 
 
 def relative_to_largest(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
-    """|answer - truth| over the largest finite |truth|; infinite where an answer is not finite."""
+    """Errors relative to the largest finite size of the truth.
+
+    Parameters
+    ----------
+    answer, truth : (k,) ndarray of float64
+
+    Returns
+    -------
+    (k,) ndarray of float64
+        Infinite where an answer is not finite.
+    """
     return _relative(answer, truth, np.abs(truth[np.isfinite(truth)]).max(initial=0.0))
 
 
 def relative_to_rms(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
-    """|answer - truth| over the root mean square of the truth; zero where there is no truth."""
+    """Errors relative to the root mean square of the truth.
+
+    Parameters
+    ----------
+    answer, truth : (k,) ndarray of float64
+
+    Returns
+    -------
+    (k,) ndarray of float64
+        Zero where there is no truth.
+    """
     return _relative(answer, truth, float(np.sqrt(np.mean(truth[np.isfinite(truth)] ** 2))))
 
 
@@ -272,7 +301,17 @@ def _relative(answer: NDArray, truth: NDArray, scale: float) -> NDArray[np.float
 
 
 def relative_to_each(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
-    """|answer - truth| over |truth|, entry by entry; absolute where the truth is zero."""
+    """Errors relative to the truth, entry by entry.
+
+    Parameters
+    ----------
+    answer, truth : (k,) ndarray of float64
+
+    Returns
+    -------
+    (k,) ndarray of float64
+        Absolute where the truth is zero.
+    """
     scale = np.where(truth == 0, 1.0, np.abs(truth))
     with np.errstate(invalid="ignore"):
         return np.nan_to_num(np.abs(answer - truth) / scale, nan=np.inf)

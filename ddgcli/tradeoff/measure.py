@@ -39,6 +39,7 @@ def run_problem(
 
     Parameters
     ----------
+    problem : Problem
     repeat : int
         Timed queries a candidate, after one warm-up; fewer if the budget is short (`Row.repeats`).
         With 0 the first query counts and memory is not measured.

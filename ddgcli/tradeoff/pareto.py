@@ -46,10 +46,22 @@ def is_within(row: Row, within: float, norm: str = "max") -> bool | None:
 
 
 def assign_verdicts(table: Table, within: float | None, norm: str = "max") -> Row | None:
-    """Set the verdict of every row; return the cheapest row whose error is at most `within`.
+    """Set the verdict of every row, and choose the cheapest row within an error.
 
     Sets `table.undecided` to the reason where the uncertainty hides all differences between rows, or leaves
     open whether any row is within.
+
+    Parameters
+    ----------
+    table : Table
+    within : float or None
+        Largest error.
+    norm : {'max', 'mean'}
+
+    Returns
+    -------
+    Row or None
+        None where no row is within.
     """
     limit = blur(table, norm)
     mark_pareto_front(table.rows, norm, limit)
@@ -136,6 +148,15 @@ def break_even(rows: list[Row], norm: str = "max") -> list[dict[str, Any]]:
     """Number of queries from which a set-up saves time against a row of less set-up and like error.
 
     The other row is at least as accurate, and at most `MAX_ERROR_RATIO` times as accurate.
+
+    Parameters
+    ----------
+    rows : list of Row
+    norm : {'max', 'mean'}
+
+    Returns
+    -------
+    list of dict
     """
     pairs = []
     for row in rows:

@@ -36,6 +36,14 @@ def smoothly_subdivided(mesh: TriangleMesh) -> TriangleMesh:
 
     On a sphere the midpoints are at a distance of fourth order in the edge length from it.
 
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    TriangleMesh
+
     References
     ----------
     A. Vlachos et al., "Curved PN triangles", 2001: each edge is a cubic with its ends' tangent planes.
@@ -86,6 +94,20 @@ def refined_scene(
     """The scene with every face of its objects (not of its obstacles) split `times` times.
 
     Lists of vertices gain the new vertices between two of their own. Arrays of the input are interpolated.
+
+    Parameters
+    ----------
+    document : Document
+    kind : SceneKind
+    read : callable
+        Reads a mesh file.
+    array : callable or None
+        Reads an array file.
+    times : int
+
+    Returns
+    -------
+    RefinedScene
 
     Raises
     ------

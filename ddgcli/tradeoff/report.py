@@ -31,7 +31,24 @@ def results_of(
     within: float | None,
     norm: str,
 ) -> dict[str, Any]:
-    """Results block of the summary; `command_of` returns the command that runs a row."""
+    """Results block of the summary of a comparison.
+
+    Parameters
+    ----------
+    table : Table
+    problem : Problem
+    command_of : callable
+        Command that runs a row.
+    cheapest : Row or None
+        The cheapest row within the error.
+    within : float or None
+        The error.
+    norm : {'max', 'mean'}
+
+    Returns
+    -------
+    dict
+    """
     reference, limit = table.reference, table.mesh_limit
     return {
         "rows": [row_of(row, command_of, norm) for row in table.rows],
@@ -107,7 +124,16 @@ def row_of(row: Row, command_of: Callable[[Row], str], norm: str = "max") -> dic
 
 
 def csv_of(rows: list[dict[str, Any]]) -> bytes:
-    """The rows as CSV, one line each; parameters as `name=value` joined by spaces."""
+    """The rows of a comparison as CSV, one line each; parameters as `name=value` joined by spaces.
+
+    Parameters
+    ----------
+    rows : list of dict
+
+    Returns
+    -------
+    bytes
+    """
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -133,7 +159,20 @@ def machine() -> str:
 
 
 def text_table(table: Table, problem: Problem, results: dict[str, Any]) -> list[str]:
-    """Text table, cheapest row first, `*` on the Pareto front; remarks below it."""
+    """Text table of a comparison, cheapest row first, `*` on the Pareto front; remarks below it.
+
+    Parameters
+    ----------
+    table : Table
+    problem : Problem
+    results : dict
+        Of `results_of`.
+
+    Returns
+    -------
+    list of str
+        Lines.
+    """
     norm, split = results["norm"], table.mesh_limit is not None
     split_names = ("time error", "mesh error") if split else ()
     errors = ("max error", "mean error", *split_names)
@@ -204,9 +243,22 @@ def _left_out(left_out: list[dict[str, str]]) -> list[str]:
 
 
 def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> dict[str, Any]:
-    """What `draw_chart` needs: a series a method, its parameters as labels, the front ringed.
+    """Series of the plot of a comparison: one for each method, its parameters as labels.
 
     Errors below `floor`, the uncertainty of the reference, are drawn there.
+
+    Parameters
+    ----------
+    rows : list of Row
+    norm : {'max', 'mean'}
+    within : float or None
+        Error to mark.
+    floor : float
+
+    Returns
+    -------
+    dict
+        Arguments of `draw_chart`.
     """
     lines: dict[str, list[Row]] = {}
     for row in rows:

@@ -136,6 +136,16 @@ SHAPES: dict[str, tuple[Callable[..., Truth], int]] = {
 def parse_truth(text: str, points: NDArray) -> Truth:
     """Parse a truth `NAME:R,r,...` and check that the vertices lie on its shape.
 
+    Parameters
+    ----------
+    text : str
+    points : (n, 3) ndarray of float64
+        Vertices of the mesh.
+
+    Returns
+    -------
+    Truth
+
     Raises
     ------
     ParameterError

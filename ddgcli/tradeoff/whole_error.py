@@ -39,10 +39,22 @@ class WholeError:
 def whole_error(
     problem: Problem, errors: NDArray, reference: Reference, mesh_limit: MeshLimit | None
 ) -> WholeError:
-    """Error of a row from its (k,) errors against the reference on the same mesh.
+    """Error of a row: its error on this mesh, and the distance of the mesh from finer ones.
 
-    The sum of both parts bounds the distance of the row from the limit. An answer that equals an uncertain
+    The sum of both bounds the distance of the row from the limit. An answer that equals an uncertain
     reference is as wrong as the reference is: its error is not zero.
+
+    Parameters
+    ----------
+    problem : Problem
+    errors : (k,) ndarray of float64
+        Against the reference on the same mesh.
+    reference : Reference
+    mesh_limit : MeshLimit or None
+
+    Returns
+    -------
+    WholeError
     """
     first = ErrorNorms.of(errors)
     worst = int(errors.argmax()) if len(errors) else 0
@@ -65,6 +77,13 @@ def whole_error(
 
 def find_mesh_limit(problem: Problem, time_budget: TimeBudget, table: Table) -> None:
     """Set the table's limit of fine meshes, the most accurate within its share of the budget, or the reason.
+
+    Parameters
+    ----------
+    problem : Problem
+    time_budget : TimeBudget
+    table : Table
+        Its `mesh_limit` is set.
 
     Raises
     ------

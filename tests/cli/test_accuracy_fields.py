@@ -100,7 +100,7 @@ PLANTS = {
     ],
     "overlay": [
         (
-            "ddgcli.algorithms.delaunay.intrinsic_delaunay:common_subdivision",
+            "ddgcli.algorithms.delaunay.common_subdivision:common_subdivision",
             crooked(mesh=lambda m: m.moved(scattered(m.points))),
             ["overlay_area_residual"],
         ),

@@ -114,7 +114,15 @@ def test_a_run_imports_no_test_tools_and_no_wrapper_generator_of_numpy(torus):
     assert done.stdout.split("\n")[0] == "set() assert_allclose 7.0"
 
 
-@pytest.mark.parametrize("words", ["curvature CUBE", "geodesic CUBE --source 0 --method fast-marching"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        "curvature CUBE",
+        "delaunay CUBE",
+        "geodesic CUBE --source 0",
+        "geodesic CUBE --source 0 --method fast-marching",
+    ],
+)
 def test_a_small_run_imports_neither_scipy_nor_masked_arrays_and_these_work_later(words):
     cube = str(ROOT / "sample_meshes" / "cube.obj")
     code = (

@@ -3,15 +3,18 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from ddgcli import memory
 from ddgcli.cli.forecast import prediction
+from ddgcli.cli.forecast.check_cost import size_of
 from ddgcli.cli.forecast.coefficients import PROBE_SECONDS
-from ddgcli.cli.forecast.kernels import NOISY_MEMORY_SHARE, NOISY_SECONDS_SHARE, kernels_of
+from ddgcli.cli.forecast.kernels import CLEAN_MEMORY_SHARE, CLEAN_SECONDS_SHARE, kernels_of
 from ddgcli.cli.forecast.prediction import predict
 from ddgcli.cli.forecast.simulator_kernels import ITERATIONS_PER_LOAD_STEP, ITERATIONS_TO_REST
 from ddgcli.cli.forecast.use import InputSize, Use
+from ddgcli.mesh import shapes
 
 MIB = 2.0**20
 
@@ -63,7 +66,7 @@ def test_options_change_what_is_predicted():
     assert further.kernel == "curvature further results"
     noise, own = kernels_of("curvature", {"scheme": "cotan"}, size, full=False)
     assert own == Use("curvature cotan") and noise.kernel == "curvature noise"
-    assert (noise.times, noise.added) == (NOISY_SECONDS_SHARE, NOISY_MEMORY_SHARE)
+    assert (noise.times, noise.added) == (CLEAN_SECONDS_SHARE, CLEAN_MEMORY_SHARE)
     assert ball.kernel == "curvature quadric radius" and math.isclose(ball.times, 25)
     loaded = InputSize("surface", 10_000, steps=11)
     rest = kernels_of("shell-sim", {"integrator": "static"}, loaded)[1:]
@@ -71,6 +74,9 @@ def test_options_change_what_is_predicted():
     assert kernels_of("shell-sim", {"integrator": "static"}, replace(loaded, steps=1))[1:] == rest[:1]
     analysed = kernels_of("shell-sim", {"modes": 20}, replace(loaded, steps=0))
     assert analysed == [Use("shell-sim"), Use("shell-sim modes", 2)]
+    curve = InputSize("curve", 1000, steps=10)
+    elastic, plain = (kernels_of("curve-flow", {"flow": f}, curve)[-1] for f in ("elastic", "curvature"))
+    assert elastic.kernel == plain.kernel and elastic.times > plain.times == 10
     many = kernels_of("geodesic", {"method": "heat", "source": [1, 2], "each_source": True}, size)
     assert many[-1] == Use("geodesic heat solve", 2)
 
@@ -83,6 +89,21 @@ def test_the_rows_of_a_distance_matrix_are_those_that_the_run_propagates(method,
     assert [use.times for use in uses if use.kernel == f"geodesic {method} solve"] == [rows]
     assert [use.times for use in uses if use.kernel == "geodesic job"] == [processes]
     assert [use.times for use in uses if use.kernel == "geodesic heat"] == [1, 4] * (method == "heat")
+
+
+def test_noise_of_a_surface_is_part_of_the_prediction_of_its_curvature():
+    smooth, options = shapes.torus(80, 40), {"scheme": "quadric"}
+    noise = 0.1 * smooth.side_length.mean() * np.random.default_rng(0).standard_normal(smooth.points.shape)
+
+    def uses(mesh, **more):
+        return kernels_of("curvature", {**options, **more}, size_of(mesh, {**options, **more}))
+
+    for mesh, share in ((smooth, CLEAN_SECONDS_SHARE), (smooth.moved(smooth.points + noise), 1.0)):
+        assert uses(mesh)[0].times == uses(mesh, radius="auto")[0].times == share
+        radii = [use.kernel for use in uses(mesh, radius="auto") if use.kernel.endswith(" radius")]
+        assert len(radii) == (share == 1.0)
+    assert uses(shapes.icosphere(1))[0].times == CLEAN_SECONDS_SHARE  # large turns of one sign
+    assert all(use.kernel != "curvature noise" for use in uses(smooth, radius=0.1))
 
 
 def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.geodesics.paths import path_lengths
+from ddgcli.algorithms.tangent_fields.curve_starts import random_starts
 from ddgcli.algorithms.tangent_fields.field_curves import field_curves
-from ddgcli.algorithms.tangent_fields.integral_curves import field_of_array, integral_curves, random_starts
+from ddgcli.algorithms.tangent_fields.integral_curves import integral_curves
+from ddgcli.algorithms.tangent_fields.tangent_field import field_of_array
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.surface_points import SurfacePoints

@@ -4,7 +4,8 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.geodesics.distance import compare, measure_distance
+from ddgcli.algorithms.geodesics.compare_methods import compare
+from ddgcli.algorithms.geodesics.distance import measure_distance
 from ddgcli.algorithms.geodesics.distance_matrix import distance_matrix
 from ddgcli.algorithms.geodesics.edge_sets import EdgeSet, boundary_set, curve_pairs, edge_set
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance

@@ -12,9 +12,9 @@ from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import trace_curves
 from ddgcli.algorithms.tangent_fields.field_curves import add_transport
-from ddgcli.algorithms.tangent_fields.integral_curves import field_of_array
 from ddgcli.algorithms.tangent_fields.log_map import log_map
 from ddgcli.algorithms.tangent_fields.polar_coordinates import fast_marching_log_map
+from ddgcli.algorithms.tangent_fields.tangent_field import field_of_array
 from ddgcli.algorithms.tracing.trace import END_STATUS, FAILURE_STATUS, Tracer, trace
 from ddgcli.errors import InputError, MeshError, ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame

@@ -116,7 +116,7 @@ class Faces:
     @cached_property
     def squared_length(self) -> NDArray[np.float64]:
         """(3, m) of each side."""
-        return np.stack([dot(s, s) for s in self.side])
+        return _rows(dot(s, s) for s in self.side)
 
     @property
     def length(self) -> NDArray[np.float64]:
@@ -184,13 +184,13 @@ class Faces:
     @cached_property
     def dot(self) -> NDArray[np.float64]:
         """(3, m) scalar product of the two sides that leave corner k."""
-        return np.stack([-dot(self.side[k], self.side[PREVIOUS[k]]) for k in range(3)])
+        return _rows(-dot(self.side[k], self.side[PREVIOUS[k]]) for k in range(3))
 
     @cached_property
     def cotan(self) -> NDArray[np.float64]:
         """(3, m) cotangent of the angle at corner k; 0 in flat faces, which then do not contribute."""
         area = np.where(self.flat, 0.0, self.doubled_area)
-        return np.stack([ratio(d, area) for d in self.dot])
+        return _rows(ratio(d, area) for d in self.dot)
 
     @cached_property
     def angle(self) -> NDArray[np.float64]:
@@ -199,7 +199,7 @@ class Faces:
         A face with a side of no length has two right angles at that side's ends (the limit of an isosceles
         needle); a face that is a point has three equal ones.
         """
-        angle = np.stack([angle_of(self.doubled_area, d) for d in self.dot])
+        angle = _rows(angle_of(self.doubled_area, d) for d in self.dot)
         a, b, c = self.squared_length
         bad = np.flatnonzero(np.minimum(np.minimum(a, b), c) == 0)
         if len(bad):
@@ -207,3 +207,13 @@ class Faces:
             angle[:, bad] = np.where(none | none[PREVIOUS], np.pi / 2, 0.0)
             angle[:, bad[none.all(axis=0)]] = np.pi / 3
         return angle
+
+
+def _rows(rows: Iterator[NDArray]) -> NDArray[np.float64]:
+    """(3, m) array of three rows, each copied while it is in the cache, as `np.stack` does not."""
+    first = next(rows)
+    result = np.empty((3, len(first)))
+    result[0] = first
+    for k, row in enumerate(rows, start=1):
+        result[k] = row
+    return result

@@ -230,13 +230,16 @@ def balances(
     dict
         `force`, `torque`, `area`: relative to the sum of the absolute values of the terms.
     """
-    twin = topology.side_twin.ravel()
+    twin, first = topology.side_twin.ravel(), topology.interior_sides
     in_region = np.repeat(region, 3)
-    side = np.flatnonzero(in_region)
-    beyond = twin.take(side)
-    is_inner = (beyond >= 0) & in_region.take(beyond)
-    rim = side.compress(~is_inner)
-    edge_side = side.compress(is_inner & (side < beyond))
+    beyond = twin.take(first)
+    here, there = in_region.take(first), in_region.take(beyond)
+    edge_side = first.compress(here & there)
+    rims = [first.compress(here & ~there), beyond.compress(there & ~here)]
+    if 2 * len(first) < len(twin):
+        boundary = np.flatnonzero(twin < 0)
+        rims.append(boundary.compress(in_region.take(boundary)))
+    rim = np.sort(np.concatenate(rims))
     # signed and absolute sums of each component
     force, torque, area = np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 1))
 

@@ -1,24 +1,18 @@
-"""Intrinsic Delaunay triangulation of a surface, with refinement, transfer of functions, and statistics."""
+"""Intrinsic Delaunay triangulation of a surface, with refinement, transfer of functions, and statistics.
+
+The module of a further result is imported for that result only: solvers take a tenth of a second.
+"""
 
 from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.delaunay.common_subdivision import (
-    BaseTriangulation,
-    CommonSubdivision,
-    common_subdivision,
-)
-from ddgcli.algorithms.delaunay.dual import CircumcentricDual, circumcentric_dual
-from ddgcli.algorithms.delaunay.one_sided import one_sided_subdivision
-from ddgcli.algorithms.delaunay.refine import RefinementResult, check_refinement, refine
-from ddgcli.algorithms.delaunay.transfer import TransferResult, check_transferable, transfer_to_intrinsic
 from ddgcli.algorithms.delaunay.triangulation import (
     IntrinsicDelaunay,
     check_area,
@@ -35,7 +29,6 @@ from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import BLOCK_FACES, corner_angle, corner_cotan, face_area
 from ddgcli.geometry.unfolding import face_corner_angle
-from ddgcli.linalg.condition import condition_number
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
@@ -43,8 +36,13 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_matrix, vector_length
-from ddgcli.operators.laplacian import stiffness
 from ddgcli.operators.mollify import mollify_mesh
+
+if TYPE_CHECKING:
+    from ddgcli.algorithms.delaunay.common_subdivision import CommonSubdivision
+    from ddgcli.algorithms.delaunay.dual import CircumcentricDual
+    from ddgcli.algorithms.delaunay.refine import RefinementResult
+    from ddgcli.algorithms.delaunay.transfer import TransferResult
 
 log = logging.getLogger("ddgcli")
 
@@ -127,8 +125,13 @@ def check_query(
     transferred : dict of str to ndarray, optional
         Functions on vertices to transfer.
     """
-    check_transferable(transferred or {}, OWN_ARRAYS)
+    if transferred:
+        from ddgcli.algorithms.delaunay.transfer import check_transferable
+
+        check_transferable(transferred, OWN_ARRAYS)
     if degrees is not None:
+        from ddgcli.algorithms.delaunay.refine import check_refinement
+
         check_refinement(mesh, degrees)
     else:
         require_surface(mesh, "the intrinsic Delaunay triangulation", one_sided=True)
@@ -177,11 +180,14 @@ def intrinsic_delaunay(
     """
     check_query(mesh, degrees, transferred)
     subdivide = subdivide or bool(transferred)
+    refined: RefinementResult | None = None
     if degrees is None:
-        flipped, base, refined = flip_to_delaunay(mesh, track=subdivide), BaseTriangulation.itself(mesh), None
+        flipped = flip_to_delaunay(mesh, track=subdivide)
     else:
+        from ddgcli.algorithms.delaunay.refine import refine
+
         refined = refine(mesh, degrees, max_points=max_points, seed=seed, track=subdivide)
-        flipped, base = refined.triangulation, refined.base
+        flipped = refined.triangulation
     results: dict[str, Any] = {
         "flips": flipped.flips if refined is None else refined.flips,
         "steiner_points": flipped.mesh.n_vertices - mesh.n_vertices,
@@ -194,18 +200,23 @@ def intrinsic_delaunay(
         where = refined.steiner.behind_vertices(mesh)
         vertex = {"input_face": where.face, "input_barycentric": where.barycentric}
     accuracy: dict[str, Any] = metric_residuals(mesh, flipped.mesh)
-    cut = _subdivision(flipped, base) if subdivide else None
+    cut = _subdivision(mesh, flipped, refined) if subdivide else None
     transfers: dict[str, TransferResult] = {}
     if cut is not None:
         results["overlay"] = subdivision_counts(cut)
         accuracy |= subdivision_residuals(cut, mesh)
         if transferred:
+            from ddgcli.algorithms.delaunay.transfer import transfer_to_intrinsic
+
             transfers = transfer_to_intrinsic(cut, transferred)
             results["transfer"] = {name: {"l2_change": one.change} for name, one in transfers.items()}
             accuracy["transfer_integral_residual"] = max(one.integral_residual for one in transfers.values())
             vertex |= {name: one.values for name, one in transfers.items()}
-    cells = circumcentric_dual(flipped.mesh) if dual else None
-    if cells is not None:
+    cells: CircumcentricDual | None = None
+    if dual:
+        from ddgcli.algorithms.delaunay.dual import circumcentric_dual
+
+        cells = circumcentric_dual(flipped.mesh)
         results["dual"] = {"negative_edges": cells.negative_edges, "least_area": float(cells.dual_area.min())}
         accuracy["dual_area_residual"] = cells.area_residual
         accuracy["dual_length_residual"] = cells.length_residual
@@ -217,7 +228,13 @@ def intrinsic_delaunay(
     return DelaunayResult(flipped.mesh, results, accuracy, vertex, transfers, cut, cells, converged)
 
 
-def _subdivision(flipped: IntrinsicDelaunay, base: BaseTriangulation) -> CommonSubdivision:
+def _subdivision(
+    mesh: TriangleMesh, flipped: IntrinsicDelaunay, refined: RefinementResult | None
+) -> CommonSubdivision:
+    from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation, common_subdivision
+    from ddgcli.algorithms.delaunay.one_sided import one_sided_subdivision
+
+    base = BaseTriangulation.itself(mesh) if refined is None else refined.base
     if flipped.cover is not None:
         return one_sided_subdivision(flipped, base.mesh)
     return common_subdivision(flipped, base)
@@ -320,6 +337,9 @@ def triangulation_statistics(
         "dirichlet_energy": None if mesh.points is None else dirichlet_energy(proper, mesh.points),
     }
     if condition:
+        from ddgcli.linalg.condition import condition_number
+        from ddgcli.operators.laplacian import stiffness
+
         statistics["laplacian_condition"] = condition_number(stiffness(proper))
     return statistics
 

@@ -182,8 +182,8 @@ def _twins(mesh: TriangleMesh | IntrinsicMesh) -> tuple[NDArray[np.int64], NDArr
     MeshError where faces do not pair up, or a surface with two sides is not oriented.
     """
     topology = mesh.topology
-    turned, repeated = topology.misoriented_edges, topology.side_tail == topology.side_head
-    if len(turned) or len(topology.nonmanifold_edges) or repeated.any():
+    turned = topology.misoriented_edges
+    if len(turned) or len(topology.nonmanifold_edges) or len(topology.repeated_vertex_faces):
         require_surface(mesh, "the intrinsic Delaunay triangulation", one_sided=True)
     if not len(turned):
         return topology.side_twin, None
@@ -216,7 +216,7 @@ def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str, *, one_sided:
     MeshError
     """
     topology = mesh.topology
-    twice = np.flatnonzero((topology.side_tail == topology.side_head).reshape(-1, 3).any(axis=1))
+    twice = topology.repeated_vertex_faces
     if len(twice):
         raise MeshError(
             f"face {twice[0]} names a vertex twice ({len(twice)} such faces); {cure('repeated vertex')}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -349,52 +348,6 @@ def measure_distance(
         accuracy, ("heat_residual", "poisson_residual"), "rounding on thin triangles; use `method=exact`"
     )
     return replace(result, results=results | result.results, accuracy=accuracy, converged=converged)
-
-
-def compare(
-    mesh: SurfaceMesh,
-    sources: Sources,
-    distance: NDArray,
-    methods: list[str],
-    options: DistanceOptions = DistanceOptions(),
-) -> dict[str, dict[str, Any]]:
-    """Differences of a distance from the results of other methods, and their seconds.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh or IntrinsicMesh
-    sources : Sources
-    distance : (n,) ndarray of float64
-        To compare.
-    methods : list of str
-    options : DistanceOptions
-        Of the other methods; their tolerance is set to 0.
-
-    Returns
-    -------
-    dict of str to dict
-        For each method its errors, relative to its largest distance, and seconds; `setup_seconds` is spent
-        once for any number of sources.
-    """
-    table: dict[str, dict[str, Any]] = {}
-    for method in methods:
-        start = time.perf_counter()
-        # an exact reference must have no tolerance
-        solver = prepare_solver(mesh, method, replace(options, tolerance=0.0))
-        ready = time.perf_counter()
-        other = solver(sources).distance
-        end = time.perf_counter()
-        both = np.isfinite(distance) & np.isfinite(other)
-        error = np.where(both, np.abs(np.where(both, distance, 0.0) - np.where(both, other, 0.0)), 0.0)
-        scale = float(other[both].max(initial=0.0)) or 1.0
-        table[method] = {
-            "max_error": float(error.max(initial=0.0)) / scale,
-            "max_error_at": int(np.argmax(error)) if len(error) else None,
-            "mean_error": float(error[both].mean()) / scale if both.any() else 0.0,
-            "setup_seconds": ready - start,
-            "seconds": end - ready,
-        }
-    return table
 
 
 def distance_gradient(mesh: TriangleMesh, distance: NDArray) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics import distance as solvers
+from ddgcli.algorithms.geodesics.compare_methods import compare
 from ddgcli.algorithms.geodesics.distance_matrix import distance_rows
 from ddgcli.algorithms.geodesics.edge_sets import EdgeSet, boundary_set
 from ddgcli.algorithms.geodesics.query import DistanceQuery
@@ -178,7 +179,7 @@ def query_distance(
     isolines = [_isolines(mesh, result.distance, query.isolines)] if query.isolines else []
     if query.compare:
         stage_progress("comparison")
-        accuracy["compare"] = solvers.compare(mesh, sources, result.distance, list(query.compare), options)
+        accuracy["compare"] = compare(mesh, sources, result.distance, list(query.compare), options)
     if query.certify:
         from ddgcli.algorithms.geodesics.certificate import symmetry
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.linalg import cg, lsmr
 
-from ddgcli.algorithms.hodge.harmonic import ClosedProjection, harmonic_residual
+from ddgcli.algorithms.hodge.harmonic import ClosedProjection, closed_projection
 from ddgcli.algorithms.hodge.homology import Boundary
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_normal
@@ -85,7 +85,7 @@ def decompose_form(mesh: SpaceMesh, form: NDArray, boundary: Boundary = "tangent
     ParameterError
         For a form of another length or with values that are not finite.
     """
-    projection = ClosedProjection(mesh, boundary)
+    projection = ClosedProjection(mesh, boundary)  # with the inner product of forms that are not closed
     form = finite_field(form, projection.complex.counts[1], "edge")
     star1 = projection.star1
     load = star1 @ form
@@ -99,7 +99,7 @@ def decompose_form(mesh: SpaceMesh, form: NDArray, boundary: Boundary = "tangent
     return _assembled(
         lambda a, b: float(a @ (star1 @ b)),
         form, (exact, coexact, harmonic), potential, copotential,
-        _relative(harmonic_residual(projection.complex, star1, harmonic, boundary), harmonic, form),
+        _relative(projection.residual(harmonic), harmonic, form),
     )  # fmt: skip
 
 
@@ -127,7 +127,7 @@ def decompose_cell_vectors(
     ParameterError
         For a field of another length or with values that are not finite.
     """
-    projection = ClosedProjection(mesh, boundary)
+    projection = closed_projection(mesh, boundary)
     complex_ = projection.complex
     vectors = finite_field(vectors, len(complex_.corners), "cell")
     load = whitney_load(mesh, vectors)
@@ -138,12 +138,14 @@ def decompose_cell_vectors(
     if isinstance(mesh, TriangleMesh):
         copotential, coexact = _turned_gradient(mesh, complex_, vectors, boundary)
     else:
-        copotential, coexact = None, _tetrahedron_curl(mesh, complex_, vectors, boundary)
+        # curls are orthogonal to the other parts, without which the iteration converges on thin cells too
+        rest = vectors - exact - harmonic
+        copotential, coexact = None, _tetrahedron_curl(mesh, complex_, rest, boundary)
     measure = complex_.metric.measure[:, None]
     return _assembled(
         lambda a, b: float((measure * a * b).sum()),
         vectors, (exact, coexact, harmonic), potential, copotential,
-        _relative(harmonic_residual(complex_, projection.star1, form, boundary), harmonic, vectors),
+        _relative(projection.residual(form), harmonic, vectors),
     )  # fmt: skip
 
 

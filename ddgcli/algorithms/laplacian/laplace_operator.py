@@ -211,14 +211,11 @@ def _opposite_faces(topology: Topology) -> NDArray[np.int64]:
 
 def _without_repeated_corners(mesh: TriangleMesh) -> TriangleMesh:
     """The mesh without faces that name a vertex twice, which have neither area nor stiffness."""
-    a, b, c = mesh.faces.T
-    bad = (a == b) | (b == c) | (c == a)
-    if not bad.any():
+    bad = mesh.topology.repeated_vertex_faces
+    if not len(bad):
         return mesh
-    log.warning(
-        "%d faces name a vertex twice (first: face %d) and are left out", bad.sum(), np.flatnonzero(bad)[0]
-    )
-    cleaned = TriangleMesh(mesh.points, Topology(mesh.faces[~bad], mesh.n_vertices))
+    log.warning("%d faces name a vertex twice (first: face %d) and are left out", len(bad), bad[0])
+    cleaned = TriangleMesh(mesh.points, Topology(np.delete(mesh.faces, bad, axis=0), mesh.n_vertices))
     require(cleaned, "laplacian")
     return cleaned
 
@@ -246,12 +243,14 @@ def negative_weights(L: csr_array) -> int:
     int
     """
     diagonal = L.diagonal()
-    if np.count_nonzero(L.data > 0) == np.count_nonzero(diagonal > 0):
+    positive = np.flatnonzero(L.data > 0)  # these are few but for the diagonal
+    if len(positive) == np.count_nonzero(diagonal > 0):
         return 0
-    coo = L.tocoo()
-    upper = coo.row < coo.col
-    row, col, value = coo.row[upper], coo.col[upper], coo.data[upper]
-    return int((value > 1e-12 * np.maximum(diagonal[row], diagonal[col])).sum())
+    row = np.repeat(np.arange(L.shape[0], dtype=L.indices.dtype), np.diff(L.indptr)).take(positive)
+    col = L.indices.take(positive)
+    upper = np.flatnonzero(row < col)
+    largest = np.maximum(diagonal.take(row.take(upper)), diagonal.take(col.take(upper)))
+    return int((L.data.take(positive.take(upper)) > 1e-12 * largest).sum())
 
 
 def symmetry_residual(L: csr_array) -> float:

@@ -6,6 +6,7 @@ distances and curves after `geodesic_task` has checked them.
 """
 
 __all__ = [
+    "curve_starts",
     "fan",
     "field_curves",
     "geodesic_query",

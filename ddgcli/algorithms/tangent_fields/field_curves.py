@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.paths import describe_paths
 from ddgcli.algorithms.geodesics.surface_curves import Curves
-from ddgcli.algorithms.tangent_fields.integral_curves import default_duration, field_of_array, integral_curves
+from ddgcli.algorithms.tangent_fields.integral_curves import integral_curves
+from ddgcli.algorithms.tangent_fields.tangent_field import default_duration, field_of_array
 from ddgcli.algorithms.tangent_fields.transport import holonomy, transported_frame
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.triangle_mesh import TriangleMesh

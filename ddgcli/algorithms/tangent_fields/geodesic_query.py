@@ -241,8 +241,8 @@ def _integral_curves(
     stage_progress: StageProgress,
 ) -> Curves:
     """Integral curves from the sources, or from random points."""
+    from ddgcli.algorithms.tangent_fields.curve_starts import random_starts, starts_at
     from ddgcli.algorithms.tangent_fields.field_curves import field_curves
-    from ddgcli.algorithms.tangent_fields.integral_curves import random_starts, starts_at
 
     values, place = cover.lift_values(*field)
     if sources is None:

@@ -117,7 +117,7 @@ def _check_curves(
         for waypoints in query.loop:
             check_waypoints(cover.mesh, waypoints, closed=True)
     if field is not None:
-        from ddgcli.algorithms.tangent_fields.integral_curves import checked_field, default_duration
+        from ddgcli.algorithms.tangent_fields.tangent_field import checked_field, default_duration
 
         values, _ = checked_field(cover.base, *field)
         if query.field_time is None:

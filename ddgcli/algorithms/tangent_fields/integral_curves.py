@@ -8,19 +8,17 @@ with direction v and length h |v|; field values there are transported back to y 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.paths import SurfacePaths
-from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.tangent_fields.tangent_field import TangentField
 from ddgcli.algorithms.tracing.lines import LineStart
 from ddgcli.algorithms.tracing.trace import BOUNDARY_STATUS, FAILURE_STATUS, Tracer, Traces
 from ddgcli.errors import ParameterError
-from ddgcli.geometry.face_frames import surface_position, to_face_frame
-from ddgcli.geometry.intrinsic import face_area
+from ddgcli.geometry.face_frames import surface_position
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.ragged import list_starts, ranges
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -28,76 +26,7 @@ from ddgcli.progress import ProgressCallback
 
 _log = logging.getLogger("ddgcli")
 
-# (face (k,), barycentric (k, 3)) -> (k, 2) vectors in the planar frames of the faces
-TangentField = Callable[[NDArray, NDArray], NDArray]
-
 TIME_STOP, BOUNDARY_STOP, CRITICAL_POINT_STOP, STALL_STOP = "time", "boundary", "critical point", "gave up"
-
-
-def checked_field(mesh: TriangleMesh, values: NDArray, place: str = "") -> tuple[NDArray[np.float64], str]:
-    """Check a field of vectors, and infer its place.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    values : (n, 3) or (m, 3) ndarray
-    place : {'vertex', 'face', ''}
-        Empty: by the number of vectors, vertices first.
-
-    Returns
-    -------
-    values : (k, 3) ndarray of float64
-    place : {'vertex', 'face'}
-
-    Raises
-    ------
-    ParameterError
-        For another shape or values that are not finite.
-    """
-    values = np.asarray(values, dtype=np.float64)
-    shapes = {"vertex": (mesh.n_vertices, 3), "face": (mesh.n_faces, 3)}
-    place = place or ("vertex" if values.shape == shapes["vertex"] else "face")
-    if values.shape != shapes.get(place):
-        raise ParameterError(
-            f"the field has shape {values.shape}; give vectors on vertices ({mesh.n_vertices}, 3) "
-            f"or on faces ({mesh.n_faces}, 3)"
-        )
-    if not np.isfinite(values).all():
-        bad = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
-        raise ParameterError(f"the field's vector {bad} is not finite; repair the array")
-    return values, place
-
-
-def field_of_array(mesh: TriangleMesh, values: NDArray, place: str = "") -> TangentField:
-    """Tangent field of an array of vectors in space, constant on faces or linear in each face.
-
-    Vectors are projected to the plane of the face.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    values : (n, 3) or (m, 3) ndarray
-    place : {'vertex', 'face', ''}
-        Empty: by the number of vectors, vertices first.
-
-    Returns
-    -------
-    callable
-        Function of faces (k,) and barycentric coordinates (k, 3) to vectors (k, 2) in the frames of the
-        faces.
-
-    Raises
-    ------
-    ParameterError
-        For another shape or values that are not finite.
-    """
-    values, place = checked_field(mesh, values, place)
-    face = np.arange(mesh.n_faces)
-    if place == "face":
-        flat = to_face_frame(mesh, face, values)
-        return lambda face, b: flat[face]
-    corner = np.stack([to_face_frame(mesh, face, values[mesh.faces[:, k]]) for k in range(3)], axis=1)
-    return lambda face, b: np.einsum("ij,ijk->ik", b, corner[face])
 
 
 @dataclass(frozen=True, eq=False)
@@ -363,72 +292,6 @@ class _CurveIntegrator:
         return SurfacePaths(
             np.concatenate(face)[order], np.concatenate(barycentric)[order], start, np.zeros(k, dtype=bool)
         )
-
-
-def random_starts(mesh: TriangleMesh, k: int, seed: int = 0) -> SurfacePoints:
-    """Random points on a surface, uniformly distributed over its area.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    k : int
-    seed : int
-
-    Returns
-    -------
-    SurfacePoints
-    """
-    rng = np.random.default_rng(seed)
-    area = face_area(mesh.side_length)
-    face = rng.choice(mesh.n_faces, size=k, p=area / area.sum())
-    return SurfacePoints(face, rng.dirichlet(np.ones(3), k))
-
-
-def starts_at(mesh: TriangleMesh, sources: Sources) -> SurfacePoints:
-    """Sources as surface points; vertices as corners of one of their faces.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    sources : Sources
-
-    Returns
-    -------
-    SurfacePoints
-        The vertices first.
-    """
-    vertices = sources.vertex.tolist()
-    face = np.array([np.flatnonzero((mesh.faces == v).any(axis=1))[0] for v in vertices], dtype=np.int64)
-    corner = (mesh.faces[face] == sources.vertex[:, None]).astype(np.float64)
-    points = sources.points
-    return SurfacePoints(
-        np.concatenate([face, points.face]), np.concatenate([corner.reshape(-1, 3), points.barycentric])
-    )
-
-
-def default_duration(mesh: TriangleMesh, values: NDArray) -> float:
-    """Time in which the root mean square speed of a field crosses the bounding box.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    values : (k, 3) ndarray of float64
-        Vectors of the field.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ParameterError
-        When the field is zero everywhere.
-    """
-    speed = float(np.sqrt(np.mean(np.einsum("ij,ij->i", values, values))))
-    if not speed > 0:
-        raise ParameterError("the field is zero everywhere and has no integral curves; give another field")
-    points = mesh.points[mesh.topology.referenced_vertex]
-    return float(np.linalg.norm(points.max(axis=0) - points.min(axis=0))) / speed
 
 
 def _end(lines: Traces) -> _CurvePositions:

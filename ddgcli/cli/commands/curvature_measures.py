@@ -11,6 +11,8 @@ from ddgcli.cli.options import POSITIVE_NUMBER, Numbers, grouped_options
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from ddgcli.algorithms.curvature.offset_body import OffsetBody
     from ddgcli.cli.run import Run
     from ddgcli.io.mesh_file import MeshInput
@@ -73,16 +75,19 @@ measure_options = grouped_options("measures", MeasureOptions, _OPTIONS)
 
 def surface_arguments(read: MeshInput, measures: MeasureOptions) -> dict[str, Any]:
     """Arguments of `measure_surface`: arrays in the place of names."""
-    from ddgcli.io.arrays import input_array
-
-    regions = [input_array(read, name) for name in measures.region if isinstance(name, str)]
     return {
-        "regions": regions,
+        "regions": [_input_array(read, name) for name in measures.region if isinstance(name, str)],
         "balls": [ball for ball in measures.region if not isinstance(ball, str)],
         "vertex_vectors": measures.vertex_vectors,
         "offset": measures.offset,
         "offset_angle": measures.offset_angle,
     }
+
+
+def _input_array(read: MeshInput, name: str) -> tuple[NDArray, str]:
+    from ddgcli.io.arrays import input_array
+
+    return input_array(read, name)
 
 
 def write_offset(run: Run, path: str | None, body: OffsetBody | None) -> None:

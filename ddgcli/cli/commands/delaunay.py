@@ -107,7 +107,6 @@ def command(
     source = run.read(mesh_path, subdivide=subdivide)
     transferred = {name: options.named_array(source.vertex, name, "vertex array") for name in transfer}
 
-    from ddgcli.algorithms.delaunay.dual import dual_lines
     from ddgcli.algorithms.delaunay.intrinsic_delaunay import check_query, intrinsic_delaunay, overlay_mesh
     from ddgcli.mesh.fields import AnnotatedMesh
 
@@ -129,6 +128,8 @@ def command(
         run.write_file(overlay, subdivision, converged=result.converged)
     if dual is not None and result.dual is not None:
         if lines and result.subdivision:
+            from ddgcli.algorithms.delaunay.dual import dual_lines
+
             run.write_file(dual, AnnotatedMesh(dual_lines(result.dual, result.subdivision)))
         else:
             run.write_file(dual, result.dual_arrays, converged=result.converged)

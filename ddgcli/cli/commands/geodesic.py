@@ -70,10 +70,11 @@ def command(
     for name in (curves.field, distance.source_edges, waves.signed_distance):
         run.add_input(name)
     read = run.read(mesh_path, subdivide=subdivide)
-    mesh = read.surface
-    from ddgcli.io.arrays import input_array
+    mesh, field = read.surface, None
+    if curves.field:
+        from ddgcli.io.arrays import input_array
 
-    field = input_array(read, curves.field) if curves.field else None
+        field = input_array(read, curves.field)
     source_edges = input_edge_set(read, distance.source_edges, "source_edges")
     signed_curves = input_edge_set(read, waves.signed_distance, "signed_distance")
     with run.clock.timed("compute"):

@@ -28,12 +28,16 @@ CERTIFICATE_RUNS = 4
 PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
 MAX_COMPARED_FACES, TRADEOFF_RANGE = 14_000, (0.2, 5.0)  # on larger meshes the budget bounds the rows
 FIELD_SEEDS, FIELD_RANGE = 16, (0.3, 30.0)  # the default; steps adapt to the field
-# guesses: of the seconds and memory of the search for noise in balls, which clean meshes end early
-NOISY_SECONDS_SHARE, NOISY_MEMORY_SHARE, NOISY_RANGE = 0.4, 0.4, (0.1, 4.0)
+# of the seconds and memory of the search for noise in balls, on meshes where it ends early: guesses
+CLEAN_SECONDS_SHARE, CLEAN_MEMORY_SHARE = 0.2, 0.3
+NOISY_RANGE: Range = (0.1, 3.0)  # rough surfaces may be creased only
+AUTO_RINGS = 4.0  # of the radius that balances noise and bias
 WINDOW_RANGE: Range = (0.7, 6.0)  # windows of exact distances: many on long flat strips
-# Steiner points over the angle deficit of `InputSize`, at 25 degrees: 2 on scans and slivers of mechanical
-# parts, 6 on random points, on which the kernel is measured; they grow as exp(degrees / 12)
-STEINER_POINTS_PER_DEFICIT, STEINER_RANGE, STEINER_DEGREES = 4.7, (0.4, 2.5), 12.0
+# Steiner points over the angle deficit of `InputSize`, at 25 degrees: 2 on scans, on slivers of mechanical
+# parts and on stretched surfaces, whose faces share what they lack, 6 on random points, on which the kernel
+# is measured; they grow as exp(degrees / 12)
+STEINER_POINTS_PER_DEFICIT, STEINER_SATURATION = 4.8, 2.0
+STEINER_RANGE, STEINER_DEGREES = (0.4, 2.5), 12.0
 STEINER_POINTS_OF_MEASURED_FACE, DEFICIT_OF_MEASURED_FACE = 0.78, 0.12
 
 
@@ -117,21 +121,24 @@ def _curvature(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if options.get("offset"):
         yield Use("curvature offset")
     if radius in (None, "auto"):
-        yield Use(
-            "curvature noise",
-            NOISY_SECONDS_SHARE,
-            NOISY_MEMORY_SHARE,
-            range=NOISY_RANGE,
-            assumes="little noise",
-        )
+        yield _noise_search(size)
     if radius is None:
         yield Use(f"curvature {scheme}")
     elif radius == "auto":
         yield Use(f"curvature {scheme} auto")
+        if size.rough:
+            yield Use(f"curvature {scheme} radius", AUTO_RINGS**2, range=NOISY_RANGE, assumes="noise")
     else:
         yield Use(f"curvature {scheme}")
         rings = min(float(radius) / (size.edge_length or 1.0), MAX_RINGS)
         yield Use(f"curvature {scheme} radius", rings**2)
+
+
+def _noise_search(size: InputSize) -> Use:
+    """The search for noise in balls, which clean meshes end early."""
+    if size.rough:
+        return Use("curvature noise", added=1.0, range=NOISY_RANGE, assumes="noise")
+    return Use("curvature noise", CLEAN_SECONDS_SHARE, CLEAN_MEMORY_SHARE)
 
 
 def _delaunay(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
@@ -149,7 +156,8 @@ def _refinement(degrees: float, size: InputSize) -> Use:
     if deficit is None:
         deficit = DEFICIT_OF_MEASURED_FACE * size.elements
     growth = math.exp((min(degrees, MAX_REFINEMENT_DEGREES) - MEASURED_REFINEMENT_DEGREES) / STEINER_DEGREES)
-    points = STEINER_POINTS_PER_DEFICIT * growth * deficit
+    shared = 1.0 + STEINER_SATURATION * deficit / max(size.elements, 1)
+    points = STEINER_POINTS_PER_DEFICIT * growth * deficit / shared
     return Use(
         "delaunay refine",
         elements=points / STEINER_POINTS_OF_MEASURED_FACE,

@@ -24,6 +24,7 @@ STEPS_PER_ITERATION = 0.5  # one factorisation in place of a factorisation and t
 DESCENT_RANGE: Range = (0.1, 1.5)  # of --steps, where a flow ends at rest before
 CONFORMAL_RANGE: Range = (0.2, 5.0)
 MEASURED_MODES = 10
+ELASTIC_STEPS = 1.7  # steps of the flow by curvature that cost as much as one of the elastic flow
 NEWTON_RANGE: Range = (0.6, 3.0)  # of implicit steps: Newton iterations, and steps that are rejected
 
 
@@ -69,7 +70,8 @@ def willmore_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Us
 
 def curve_flow_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("curve-flow")
-    yield _step_uses("curve-flow step", size)
+    factor = ELASTIC_STEPS if options.get("flow") == "elastic" else 1.0
+    yield _step_uses("curve-flow step", size, factor)
 
 
 def shell_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:

@@ -30,6 +30,8 @@ class InputSize:
         Elements of the largest connected component; default all.
     angle_deficit : float, optional
         Sum over the faces of 1 - (smallest angle / angle of --refine), where that is positive.
+    rough : bool
+        Faces turn against each other by large angles of both signs, as noise makes them.
     adaptive : bool
         `steps` counts frames, between which the steps adapt.
     """
@@ -41,6 +43,7 @@ class InputSize:
     frame_count: int = 1
     component_elements: int | None = None
     angle_deficit: float | None = None
+    rough: bool = False
     adaptive: bool = False
 
 

@@ -7,7 +7,6 @@ deflate packs zeros 1,000 to 1; meshes pack 2 to 30 to 1. What a file unpacks to
 from __future__ import annotations
 
 import io
-import zipfile
 import zlib
 
 from ddgcli.errors import MeshFileError
@@ -61,6 +60,8 @@ def check_zip(data: bytes) -> None:
     """
     if not data.startswith(b"PK"):
         return
+    import zipfile
+
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             total = sum(member.file_size for member in archive.infolist())

@@ -135,6 +135,10 @@ def example_problem(name: str, quantity: str, *, options: CommandOptions = NO_OP
     options : mapping
         `step`, `duration` or `steps`, `integrator`.
 
+    Returns
+    -------
+    Problem
+
     Raises
     ------
     ParameterError
@@ -160,7 +164,26 @@ def example_problem(name: str, quantity: str, *, options: CommandOptions = NO_OP
 def scene_problem(
     document: Document, read: Callable[[str], Any], quantity: str, *, options: CommandOptions = NO_OPTIONS
 ) -> Problem:
-    """Drift of a conserved quantity of the shells of a scene, which must be free of what changes it."""
+    """Drift of a conserved quantity of the shells of a scene, which must be free of what changes it.
+
+    Parameters
+    ----------
+    document : Document
+    read : callable
+        Reads a mesh file.
+    quantity : {'energy', 'momentum', 'angular-momentum'}
+    options : mapping
+        Of the command, which restrict the rows.
+
+    Returns
+    -------
+    Problem
+
+    Raises
+    ------
+    ParameterError
+        For a scene that does not conserve the quantity.
+    """
     from ddgcli.models.shell import model
     from ddgcli.models.shell.scene import KIND
 

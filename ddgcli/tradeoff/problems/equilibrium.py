@@ -93,6 +93,18 @@ def equilibrium_problem(simulator: Simulator, options: CommandOptions, error_par
 
     The rows are models; their error in time is that of the solver.
 
+    Parameters
+    ----------
+    simulator : Simulator
+    options : mapping
+        Of the command, which restrict the rows.
+    error_part : str
+        Which error decides: in time, of the mesh, or both.
+
+    Returns
+    -------
+    Problem
+
     Raises
     ------
     ParameterError

@@ -49,7 +49,22 @@ def shell_problem(
     options: CommandOptions = NO_OPTIONS,
     error_part: str = "both",
 ) -> Problem:
-    """Positions of a shell scene at the end, or in equilibrium where its integrator is `static`."""
+    """Positions of a shell scene at the end, or in equilibrium where its integrator is `static`.
+
+    Parameters
+    ----------
+    document : Document
+    read : callable
+        Reads a mesh file.
+    options : mapping
+        Of the command, which restrict the rows.
+    error_part : str
+        Which error decides: in time, of the mesh, or both.
+
+    Returns
+    -------
+    Problem
+    """
     from ddgcli.models.shell import model
     from ddgcli.models.shell.scene import KIND
 
@@ -74,7 +89,24 @@ def fluid_problem(
     options: CommandOptions = NO_OPTIONS,
     error_part: str = "both",
 ) -> Problem:
-    """Vorticity of a fluid scene at the end."""
+    """Vorticity of a fluid scene at the end.
+
+    Parameters
+    ----------
+    document : Document
+    read : callable
+        Reads a mesh file.
+    array : callable
+        Reads an array file.
+    options : mapping
+        Of the command, which restrict the rows.
+    error_part : str
+        Which error decides: in time, of the mesh, or both.
+
+    Returns
+    -------
+    Problem
+    """
     from ddgcli.models.fluid import model
     from ddgcli.models.fluid.scene import KIND, TRANSPORTS
 

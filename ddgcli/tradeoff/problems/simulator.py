@@ -82,7 +82,19 @@ class Simulator:
 
 
 def other_models(simulator: Simulator, own_models: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Models that rows vary: those of effects with their default parameters, without the scene's own."""
+    """Models that rows vary: those of effects with their default parameters, without the scene's own.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    own_models : sequence of str
+        As `effect=model`.
+
+    Returns
+    -------
+    dict of str to tuple of str
+        Models by effect.
+    """
     effects = simulator.document.data.get("effects", {})
     names = {text.partition("=")[0] for text in own_models}
     others = {}
@@ -95,7 +107,19 @@ def other_models(simulator: Simulator, own_models: Sequence[str]) -> dict[str, t
 
 
 def truth_models(others: Mapping[str, tuple[str, ...]], own_models: Sequence[str]) -> tuple[str, ...]:
-    """Models of the limit: where one of an effect converges on any mesh, that one."""
+    """Models of the limit of fine meshes: where one of an effect converges on any mesh, that one.
+
+    Parameters
+    ----------
+    others : mapping of str to tuple of str
+        Of `other_models`.
+    own_models : sequence of str
+        As `effect=model`.
+
+    Returns
+    -------
+    tuple of str
+    """
     best = [
         f"{effect}={MODELS[effect][0]}"
         for effect, models in others.items()
@@ -105,7 +129,17 @@ def truth_models(others: Mapping[str, tuple[str, ...]], own_models: Sequence[str
 
 
 def relative_lengths(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
-    """Length of the difference at each vertex over the largest of the truth."""
+    """Length of the difference at each vertex, relative to the largest length of the truth.
+
+    Parameters
+    ----------
+    answer, truth : (n, d) or (n,) ndarray of float64
+
+    Returns
+    -------
+    (n,) ndarray of float64
+        Infinite where an answer is not finite.
+    """
     difference, size = answer - truth, truth
     if truth.ndim == 2:
         difference, size = np.linalg.norm(difference, axis=1), np.linalg.norm(truth, axis=1)

@@ -10,6 +10,18 @@ from ddgcli.tradeoff.candidates import Problem
 
 
 def mesh_problem(command: str, mesh: TriangleMesh, **keywords: Any) -> Problem:
-    """Problem of a command on a mesh; `keywords` are those of its `problem` function."""
+    """Problem of a command on a mesh; its module is imported on demand.
+
+    Parameters
+    ----------
+    command : str
+    mesh : TriangleMesh
+    **keywords
+        Of the `problem` function of the command.
+
+    Returns
+    -------
+    Problem
+    """
     module = importlib.import_module(f"ddgcli.tradeoff.problems.{command.replace('-', '_')}")
     return module.problem(mesh, **keywords)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.exact.shadow import corner_turns
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.ragged import list_starts, repeat_with_place
+from ddgcli.mesh.ragged import group_by_key, list_starts, repeat_with_place
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -137,8 +137,6 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
     -------
     WindowTables
     """
-    from scipy.sparse import coo_array
-
     sides, topology, n = side_tables(mesh), mesh.topology, mesh.n_vertices
     shape, ids = sides.shape, sides.ids
     angle = corner_angle(shape[:, 0].reshape(-1, 3))
@@ -146,8 +144,7 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
     turn, total = np.full(angle.shape, np.nan), np.full(n, np.inf)
     if sides.plain:
         turn, total = corner_turns(topology, angle, np.flatnonzero(topology.referenced_vertex & ~inaccurate))
-    corner = np.arange(len(ids))
-    around = coo_array((corner, (ids[:, 2], corner)), shape=(n, max(len(ids), 1))).tocsr()
+    start, around = group_by_key(ids[:, 2], np.arange(len(ids)), n)
     return WindowTables(
         shape,
         ids,
@@ -159,8 +156,8 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
         angle[:, PREVIOUS].ravel(),
         turn[:, PREVIOUS].ravel(),
         total,
-        around.indptr.astype(np.int64),
-        around.data.astype(np.int64),
+        start,
+        around,
     )
 
 
