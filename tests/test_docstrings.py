@@ -18,6 +18,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = (
     "ddgcli.algorithms",
+    "ddgcli.batch",
     "ddgcli.errors",
     "ddgcli.geometry",
     "ddgcli.linalg",

@@ -62,11 +62,23 @@ class TaskRow:
 def run_task(
     task: Task, limits: TaskLimits, collect: Sequence[str] = (), stop: threading.Event | None = None
 ) -> TaskRow:
-    """Run a task and report how it ended.
+    """Run a task in a process of its own and report how it ended.
 
-    `status` is `done` (exit code 0), `failed` (another exit code), `timeout`, `memory` or `killed` (by a
-    signal, or because `stop` was set). `collected` holds the values of dotted names such as `results.area` of
-    its summary.
+    Parameters
+    ----------
+    task : Task
+    limits : TaskLimits
+        Of time and memory.
+    collect : sequence of str
+        Dotted names of values of the summary, such as `results.area`.
+    stop : threading.Event, optional
+        Ends the task when set.
+
+    Returns
+    -------
+    TaskRow
+        `status` is `done` (exit code 0), `failed` (another exit code), `timeout`, `memory` or `killed` (by a
+        signal, or because `stop` was set).
     """
     if task.output is not None:
         Path(task.output).parent.mkdir(parents=True, exist_ok=True)
@@ -179,7 +191,17 @@ def _collected(summary: str, names: Sequence[str]) -> dict[str, Any]:
 
 
 def file_hash(path: str) -> str | None:
-    """SHA-256 of a file; None where it cannot be read."""
+    """SHA-256 of a file.
+
+    Parameters
+    ----------
+    path : str
+
+    Returns
+    -------
+    str or None
+        None where it cannot be read.
+    """
     try:
         with open(path, "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

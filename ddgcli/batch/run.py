@@ -30,12 +30,17 @@ def run_batch(
     cluster: str | None = None,
     progress: Callable[[float, float], Any] = lambda completed, total: None,
 ) -> list[TaskRow]:
-    """Rows of all tasks in their order; a task that fails does not stop the others.
+    """Run the tasks of a batch; a task that fails does not stop the others.
 
     Parameters
     ----------
+    tasks : sequence of Task
+    limits : TaskLimits
+        Of each task.
     jobs : int
         Processes in parallel.
+    collect : sequence of str
+        Dotted names of values of the summaries.
     table : str, optional
         Path of the table; its journal `TABLE.part` gets a line when a task ends.
     resume : bool
@@ -43,6 +48,11 @@ def run_batch(
     cluster : str, optional
         Address of a Dask scheduler whose workers see the same files.
     progress : callable (completed, total)
+
+    Returns
+    -------
+    list of TaskRow
+        In the order of the tasks.
     """
     rows: dict[int, TaskRow] = {}
     journal = journal_path(table) if table is not None else None

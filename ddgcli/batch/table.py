@@ -19,7 +19,19 @@ NUMBER_COLUMNS = ("index", "exit_code", "seconds", "peak_mib")
 
 
 def table_bytes(path: str, rows: Sequence[TaskRow]) -> bytes:
-    """Content of the table at `path`: a JSON object a line, or CSV with a column a parameter and value."""
+    """Content of a table of results.
+
+    Parameters
+    ----------
+    path : str
+        Its extension decides: a JSON object per line (.jsonl), else CSV with a column per parameter and
+        value.
+    rows : sequence of TaskRow
+
+    Returns
+    -------
+    bytes
+    """
     ordered = sorted(rows, key=lambda row: row.index)
     if Path(path).suffix.lower() == ".jsonl":
         return "".join(json.dumps(asdict(row), ensure_ascii=False) + "\n" for row in ordered).encode(
@@ -43,12 +55,31 @@ def _cell(value: Any) -> Any:
 
 
 def journal_path(table: str) -> Path:
-    """File beside the table that gets a row when a task ends; it is removed when the table is written."""
+    """File beside the table that gets a row when a task ends; it is removed when the table is written.
+
+    Parameters
+    ----------
+    table : str
+        Path of the table.
+
+    Returns
+    -------
+    Path
+    """
     return Path(f"{table}.part")
 
 
 def journal_line(row: TaskRow) -> str:
-    """Line of the journal: the row as a JSON object."""
+    """Line of the journal: the row as a JSON object.
+
+    Parameters
+    ----------
+    row : TaskRow
+
+    Returns
+    -------
+    str
+    """
     return json.dumps(asdict(row), ensure_ascii=False) + "\n"
 
 
@@ -62,8 +93,17 @@ def completed_rows(
 
     Parameters
     ----------
+    table : str
+        Path of the table.
+    tasks : sequence of Task
     hashes : mapping of input to SHA-256
         As the inputs are now.
+    collect : sequence of str
+        Dotted names of values of the summaries.
+
+    Returns
+    -------
+    dict of int to TaskRow
     """
     by_command = {task.command: task for task in tasks}
     journal = journal_path(table)

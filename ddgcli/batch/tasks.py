@@ -48,6 +48,14 @@ class Task:
 def expanded_inputs(patterns: Sequence[str]) -> list[str]:
     """Files that paths and patterns such as `meshes/*.ply` name, each once, in order.
 
+    Parameters
+    ----------
+    patterns : sequence of str
+
+    Returns
+    -------
+    list of str
+
     Raises
     ------
     ParameterError
@@ -66,7 +74,21 @@ def expanded_inputs(patterns: Sequence[str]) -> list[str]:
 
 
 def parsed_sweeps(sweeps: Sequence[str]) -> dict[str, list[str]]:
-    """Values by option name from `NAME=V1,V2` texts."""
+    """Values by option name from texts `NAME=V1,V2`.
+
+    Parameters
+    ----------
+    sweeps : sequence of str
+
+    Returns
+    -------
+    dict of str to list of str
+
+    Raises
+    ------
+    ParameterError
+        For a text of another form, or a name that occurs twice.
+    """
     values: dict[str, list[str]] = {}
     for sweep in sweeps:
         name, equals, text = sweep.partition("=")
@@ -92,6 +114,10 @@ def make_tasks(
         Path of the outputs with `{stem}`, `{name}`, `{suffix}`, `{index}` and swept names.
     command : sequence of str
         Command and its options, such as `["curvature", "--scheme", "corrected"]`.
+
+    Returns
+    -------
+    list of Task
 
     Raises
     ------
@@ -152,7 +178,23 @@ def _formatted(template: str, path: str, index: int, parameters: Mapping[str, st
 
 
 def shard_of(tasks: Sequence[Task], shard: str | None) -> list[Task]:
-    """Every N-th task for `I/N` (I from 1 to N); all of them for None."""
+    """Every N-th task of a batch.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    shard : str or None
+        `I/N` with I from 1 to N; None for all tasks.
+
+    Returns
+    -------
+    list of Task
+
+    Raises
+    ------
+    ParameterError
+        For a text of another form.
+    """
     if shard is None:
         return list(tasks)
     number, _, count = shard.partition("/")

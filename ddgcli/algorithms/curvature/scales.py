@@ -129,7 +129,7 @@ def measure_scales(
     Returns
     -------
     Scales or None
-        None where fewer than two radii could be measured.
+        None where fewer than two radii could be measured, or the surface hardly bends in the balls.
     """
     radii: list[float] = []
     fits: list[PrincipalCurvatures] = []
