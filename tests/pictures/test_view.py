@@ -196,6 +196,12 @@ def test_curves_and_trajectories_are_shown(run, summary, sphere, tmp_path):
     assert 0.002 < share < 0.1 and red > 80  # the ring alone: a thick line in its own colour
 
 
+def test_every_without_a_trajectory_is_refused(run, sphere, tmp_path):
+    result = run("view", sphere[0], "--every", "2", "-o", tmp_path / "page.html")
+    assert result.exit_code == 2 and "--every: is for trajectories" in result.stderr
+    assert not (tmp_path / "page.html").exists()
+
+
 def test_two_surfaces_are_shown_one_after_the_other(summary, tmp_path):
     for name, radius in (("before.ply", 1.0), ("after.ply", 0.5)):
         write_mesh(str(tmp_path / name), AnnotatedMesh(shapes.icosphere(2, radius)))

@@ -64,6 +64,8 @@ def command(
         viewed, seconds = trajectory_frames or ([_static(run, path)], [])
         objects += viewed
         times = seconds or times
+    if every > 1 and not times:
+        raise ParameterError("is for trajectories, and no input is one; leave it out", parameter="every")
     names = sorted({name for viewed in objects for name in (*viewed.vertex, *viewed.face)})
     if array is not None:
         options.named_array(dict.fromkeys(names), array)
