@@ -18,6 +18,9 @@ MAX_CONTRACTION = 0.5  # of a move, what a whole one may leave where energies do
 MAX_SHIFT = 1e12  # of the first shift
 # sizes of the object: what moves farther has no rest, nor have nearly all halves of its step
 MAX_TRAVEL, HALVINGS_AFTER_TRAVEL = 1e4, 3
+BALANCE_TOLERANCE = 1e-8  # what may be left of the largest force on a vertex
+# further moves for the balance, each with that part of the shift of the one before; and what is none
+MAX_BALANCE_MOVES, SHIFT_CUT, NO_SHIFT = 8, 1e-3, 1e-12
 INERTIA_ROUNDING = 16 * float(np.finfo(float).eps)  # of the Hessian's norm
 
 
@@ -38,7 +41,7 @@ class Equilibrium:
         newton, increment, enough = self.newton, Increment(0.0, start), MOVE_TOLERANCE * self.system.size
         point, before = newton.at(increment, start), np.inf
         unit = self._unit(increment, start)
-        shift, exact_allowed = unit, False
+        shift, exact_allowed, near, imbalance = unit, False, 0, np.inf
         for iteration in range(1, MAX_EQUILIBRIUM_ITERATIONS + 1):
             g = newton.slope(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
@@ -69,8 +72,20 @@ class Equilibrium:
             following = max(following, newton.solver(increment).error * size)
             before = size if t == 1.0 else np.inf
             if following <= enough:
-                return point.y, iteration
+                missing, imbalance = imbalance, self._imbalance(increment, point.y)
+                rounded = imbalance > MAX_CONTRACTION * missing and shift < NO_SHIFT * unit
+                if imbalance <= BALANCE_TOLERANCE or rounded or near == MAX_BALANCE_MOVES:
+                    return point.y, iteration
+                # short because of the shift, where the shell is soft; or long beside a small displacement
+                near, shift, exact_allowed, before = near + 1, SHIFT_CUT * shift, True, np.inf
         raise StepRejected("newton", worst(g), size)
+
+    def _imbalance(self, increment: Increment, y: NDArray) -> float:
+        """The largest force on a free vertex, over the largest of a single term on any vertex."""
+        terms = self.system.potentials
+        largest = max((float(np.abs(term.gradient(y)).max(initial=0.0)) for term in terms), default=0.0)
+        left = float(np.abs(self.newton.slope(increment, y)).max(initial=0.0))
+        return left / largest if left > 0 else 0.0
 
     def _check_travel(self, moved: NDArray) -> None:
         farthest = float(np.abs(moved).max())

@@ -40,3 +40,41 @@ def test_models_of_hinges_agree_where_deflections_are_small(bending, cells):
     tip, force = cantilever(bending, cells)
     assert tip == pytest.approx(cantilever("hinge", cells)[0], rel=1e-6)
     assert force == pytest.approx(1e-3, rel=1e-6)
+
+
+PLATE = """
+[time]
+duration = 1
+step = 1
+integrator = "static"
+[[object]]
+name = "s"
+role = "shell"
+grid = {{ size = [1, 1], cells = [8, 8] }}
+young = 1e9
+poisson = 0.3
+density = 1
+thickness = {thickness}
+[effects]
+stretching = {{}}
+bending = {{ model = "{bending}" }}
+pin = {{ box = [[-1, -1, -1], [1e-9, 2, 1]], clamp = true }}
+load = {{ box = [[-1, -1, -1], [2, 2, 2]], traction = [0, 0, {traction}] }}
+"""
+
+
+def plate(bending, thickness, traction):
+    """Deflection of a clamped plate over traction / thickness^3, and the clamp's force over the load's."""
+    run, *_ = shell_run(PLATE.format(bending=bending, thickness=thickness, traction=-traction))
+    end = run[-1].observations["s"]
+    force = np.asarray(end.scalar["reaction_force_pin"])[2]
+    return -end.points[:, 2].min() * thickness**3 / traction, force / traction
+
+
+@pytest.mark.parametrize("thickness, traction", [(1e-5, 1e-12), (1e-3, 1e-12), (1e-3, 1e-9), (1e-2, 1e-6)])
+@pytest.mark.parametrize("bending", ["midedge", "cubic"])
+def test_small_loads_bend_in_proportion(bending, thickness, traction):
+    """The first moves of the iteration are short because it is damped, not because the forces balance."""
+    flexibility, force = plate(bending, thickness, traction)
+    assert force == pytest.approx(1, rel=1e-6)
+    assert flexibility == pytest.approx(plate(bending, 1e-2, 1e-4)[0], rel=1e-5)
