@@ -16,6 +16,7 @@ from ddgcli.models.willmore.area_energy import AreaEnergy, VolumeEnergy, mean_cu
 from ddgcli.models.willmore.constraints import area, cap_faces, volume_inside
 from ddgcli.models.willmore.descent import vertex_normals
 from ddgcli.models.willmore.flow_options import FlowOptions
+from ddgcli.models.willmore.report import failure_reason
 from ddgcli.models.willmore.state import FILM_STOP
 from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, run_flow
 
@@ -222,3 +223,16 @@ def test_a_mesh_without_an_even_film_says_so_and_stays_as_it_was(monkeypatch):
     observations, end, shots = run_flow(uneven_ball(shapes.icosphere(2)), film(fix_volume=True))
     assert shots[-1].stopped == UNEVEN_FILM_REASON
     assert observations[-1].scalar["mean_curvature_spread"] > 1e-6
+
+
+@pytest.mark.parametrize("genus", [0, 1])
+def test_a_closed_film_that_pinches_names_no_boundary(genus):
+    """A closed surface has none to bring closer together; and a torus has no film to come to."""
+    mesh = ellipsoid(1)
+    if genus:
+        mesh = shapes.torus(12, 8, 1.0, 0.6)
+        _, mesh, shots = run_flow(mesh, film(fix_volume=True))
+        assert shots[-1].stopped == films.THIN_STAR_REASON
+    message = failure_reason(films.THIN_STAR_REASON, mesh, "area")
+    assert ("remesh=mean" in message, "flow=quadratic" in message) == (not genus, bool(genus))
+    assert "boundary" not in message

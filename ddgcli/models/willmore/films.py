@@ -18,6 +18,7 @@ from ddgcli.models.willmore.flow_options import FlowOptions
 # share of the area that a vertex star has on average, below which a film has pinched off there
 PINCHED_STAR_FRACTION = 1e-5
 PINCH_REASON = "the surface pinches off: no film of this topology spans the boundary"
+THIN_STAR_REASON = "the closed surface pinches off, or its triangles were too slender"
 MIN_VOLUME = 1e-9  # of a surface at unit size, below which it counts as enclosing none
 FILM_CONVENTIONS = {False: "area", True: "minus the enclosed volume"}  # by whether the area is kept
 
@@ -69,7 +70,9 @@ def film_reason(at: EnergyGradient, variation: float | None, constraints: Constr
     """
     if variation is not None and curvature_variation(at, constraints) <= variation:
         return f"curvature equal to {variation:g}"
-    return PINCH_REASON if at.mass.min() < PINCHED_STAR_FRACTION * at.mass.mean() else ""
+    if at.mass.min() < PINCHED_STAR_FRACTION * at.mass.mean():
+        return THIN_STAR_REASON if constraints.in_place else PINCH_REASON
+    return ""
 
 
 def film_constraints(unit: TriangleMesh, options: FlowOptions, film: bool) -> Constraints:

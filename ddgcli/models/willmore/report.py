@@ -13,7 +13,7 @@ from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY, ENERGIES, SECOND_ENERGY
-from ddgcli.models.willmore.films import PINCH_REASON
+from ddgcli.models.willmore.films import PINCH_REASON, THIN_STAR_REASON
 from ddgcli.models.willmore.step_rules import (
     CONFORMAL_REASON,
     CRUMPLING_REASON,
@@ -26,6 +26,7 @@ RESOLUTION_REASONS = (
     LOWER_BOUND_REASON,
     CRUMPLING_REASON,
     PINCH_REASON,
+    THIN_STAR_REASON,
     CONFORMAL_REASON,
     FALSE_REST_REASON,
     SLOW_NEWTON_REASON,
@@ -145,6 +146,10 @@ def failure_reason(stopped: str, start: TriangleMesh, energy: str) -> str:
     cure = "begin with a finer mesh"
     if stopped == PINCH_REASON:
         cure = "bring the parts of the boundary closer together, or span each by its own surface"
+    elif stopped == THIN_STAR_REASON:
+        cure = "use `remesh=mean`"
+        if start.topology.euler_characteristic < 2 * start.topology.n_components:
+            cure = "only spheres have equal curvature, and this surface has handles: use `flow=quadratic`"
     elif stopped == CONFORMAL_REASON:
         cure = "go on from there with `flow=quadratic`"
     elif stopped == SLOW_NEWTON_REASON:
