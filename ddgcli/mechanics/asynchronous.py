@@ -176,7 +176,7 @@ def _divided(system: System, dt: float) -> Levels:
 
     x = np.asarray(system.start)
     limit = stable_step(system, x, 2.0)
-    rate = sum((b.stiffest() for b in system.barriers), np.zeros(len(x))) / system.mass
+    rate = sum((b.stiffest(x) for b in system.barriers), np.zeros(len(x))) / system.mass
     for potential in system.potentials:
         if hasattr(potential, "subset"):
             rows = np.abs(potential.blocks(x, "material")).sum(axis=2)

@@ -112,8 +112,9 @@ class _Barrier:
         crossed = self.own_term.outside(self.rows.of(x))
         return None if crossed is None else (crossed[0] + self.rows.start, crossed[1])
 
-    def stiffest(self) -> NDArray[np.float64]:
-        return self.rows.padded(np.broadcast_to(self.own_term.stiffest(), (self.rows.count,)))
+    def stiffest(self, x: NDArray) -> NDArray[np.float64]:
+        own = self.own_term.stiffest(self.rows.of(x))
+        return self.rows.padded(np.broadcast_to(own, (self.rows.count,)))
 
 
 class _Crossing:

@@ -17,7 +17,8 @@ MAX_POWERS = 60  # of the matrix, in its power iteration
 def stable_step(system: System, x: NDArray, reach: float) -> float:
     """Largest step of an explicit scheme that is stable.
 
-    The frequency is that of the elastic terms at `x` and of the barriers where they are expected stiffest.
+    The frequency is that of the elastic terms at `x` and of the barriers where they are expected stiffest,
+    there or later.
     Damping of rate c shortens the step: explicit schemes take the velocity from before.
 
     Parameters
@@ -36,7 +37,7 @@ def stable_step(system: System, x: NDArray, reach: float) -> float:
     if not np.isfinite(reach):
         return np.inf
     elastic = [p for p in system.potentials if len(p.stencil)]
-    barrier = sum((b.stiffest() for b in system.barriers), np.zeros(len(x)))
+    barrier = sum((b.stiffest(x) for b in system.barriers), np.zeros(len(x)))
     square = _largest_rate(system, elastic, x, "material") + float((barrier / system.mass).max())
     for p in system.potentials:
         if hasattr(p, "low_rank"):

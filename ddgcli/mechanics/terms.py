@@ -78,8 +78,8 @@ class BarrierPotential(Protocol):
         """First vertex that is outside and its gap, or None."""
         ...
 
-    def stiffest(self) -> NDArray[np.float64]:
-        """(n,) curvature that a vertex is expected to meet at most, in N/m: for explicit steps."""
+    def stiffest(self, x: NDArray) -> NDArray[np.float64]:
+        """(n,) curvature in N/m that a vertex is expected to meet from `x` on: for explicit steps."""
         ...
 
 

@@ -73,8 +73,9 @@ class Barrier:
         worst = int(np.argmin(d))
         return (worst, float(d[worst])) if not d[worst] > 0 else None
 
-    def stiffest(self) -> NDArray[np.float64]:
-        return self.weight * curvature(self.closest)
+    def stiffest(self, x: NDArray) -> NDArray[np.float64]:
+        part = np.minimum(self.surface.gap(x)[0] / self.range, self.closest)  # a shell may start nearer
+        return self.weight * curvature(np.maximum(part, MIN_START_DISTANCE))
 
     def surface_velocity(self, x: NDArray) -> NDArray[np.float64]:
         """(n, 3) velocities of the surface at points."""

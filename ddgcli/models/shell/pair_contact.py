@@ -268,7 +268,7 @@ class PairBarrier:
         """Whether surfaces meet on the straight way."""
         return self.longest(before, after - before) < 1.0
 
-    def stiffest(self) -> NDArray[np.float64]:
+    def stiffest(self, x: NDArray) -> NDArray[np.float64]:
         """Zeros: explicit schemes do without these pairs."""
         return np.zeros(1)
 
