@@ -82,7 +82,7 @@ class Run:
         self._source: MeshInput | None = None
         self._predicted: tuple[Prediction, InputSize] | None = None
         self._planned_outputs: list[str] = []
-        self._staged = meta["ddgcli.outputs"] = StagedOutputs()
+        self.staged = meta["ddgcli.outputs"] = StagedOutputs()
         self._progress = Progress(command, False, None)
         self._messages = MessageHandler(common.verbose, common.quiet, option_names(self._context.command))
         self._messages.install()
@@ -90,7 +90,7 @@ class Run:
         check_picture(command, common, pictures)
         self.progress(command)
         self._context.call_on_close(lambda: self._progress.clear())
-        self._context.call_on_close(self._staged.discard)
+        self._context.call_on_close(self.staged.discard)
 
     @property
     def picture_options(self) -> dict[str, Any]:
@@ -309,7 +309,7 @@ class Run:
             metadata = {**self.metadata, "converged": converged, **annotated.metadata}
             output_format = self.common.output_format if path == "-" else None
             annotated = replace(annotated, whole=whole, metadata=metadata)
-            write_mesh(path, annotated, output_format=output_format, staged=self._staged)
+            write_mesh(path, annotated, output_format=output_format, staged=self.staged)
             self.outputs.append(path)
 
     def write_bytes(self, path: str, content: FileContent, *, in_place: bool = False) -> None:
@@ -323,19 +323,19 @@ class Run:
 
             if not in_place:
                 self._protect_inputs(path)
-            write_atomically(path, content, staged=self._staged)
+            write_atomically(path, content, staged=self.staged)
             self.outputs.append(path)
 
     def make_folder(self, folder: Path) -> None:
         """Make a folder for outputs; a run with an error removes it."""
         try:
-            self._staged.make_folder(folder)
+            self.staged.make_folder(folder)
         except OSError as error:
             raise OutputError(f"{folder}: {error.strerror}; name another folder") from error
 
     def commit_outputs(self) -> None:
         """Put the complete outputs in their places together: an error in one leaves none."""
-        self._staged.commit()
+        self.staged.commit()
 
     def plot(self, draw: Callable[[str], Any]) -> None:
         """Draw the picture of --plot, if there is one, with `draw(path)`."""
@@ -355,7 +355,7 @@ class Run:
             self._protect_inputs(path)
             if progress:
                 self.progress("picture")
-            with atomic_output(path, self._staged) as partial:
+            with atomic_output(path, self.staged) as partial:
                 yield partial
             self.outputs.append(path)
 

@@ -31,6 +31,7 @@ from ddgcli.simulation.model import StepRejected
 MOVE_TOLERANCE = 1e-9  # a Newton step below this fraction of the object's size ends the iteration
 # a first guess whose acceleration misses no more than this part needs no iteration
 ACCELERATION_TOLERANCE = 1e-8
+ROUNDED_SPACINGS = 2.0
 HALF_ULP = 0.25 * float(np.finfo(float).eps)  # a move that changes no digit
 # moves of which the line search leaves less than that part, and how many may be
 SHORT_STEP_FRACTION, MAX_SHORT_STEPS = 1e-3, 10
@@ -157,7 +158,9 @@ class Newton:
         if self.is_linear(increment):
             return self._constant.minimiser(system, increment.a, increment.target, guess.y), 1
         self._fresh, self._secants = False, Secants()
-        enough = max(MOVE_TOLERANCE * system.size, self._rounding(guess.y))
+        # far from the origin, moves of the spacing of numbers there come from rounded positions
+        spacing = float(np.spacing(np.abs(guess.y).max()))
+        enough = max(MOVE_TOLERANCE * system.size, ROUNDED_SPACINGS * spacing)
         point, before, cut, near = guess, np.inf, 0, 0
         for iteration in range(1, MAX_NEWTON_ITERATIONS + 1):
             g = self.slope(increment, point.y)

@@ -277,13 +277,12 @@ def _step_or_halves(
     try:
         state = _advanced(active, schedule, active.state, step, time, dt, events)
     except StepRejected as rejected:
-        detail = f"{active.name}: step of {dt:.3g} {active.model.time_unit} rejected: {rejected}"
-        events.append(Event(step, time, rejected.cause, rejected.place, rejected.value, detail))
+        detail = _logged(active, rejected, step, time, dt, events)
         active.n_rejected += 1
         _check_rejected(active, step, time, schedule.dt)
         if schedule.on_failure == "stop" or depth >= rejected.halvings:
             raise SolveError(
-                f"t = {time:.6g} {active.model.time_unit}, {detail}; try a smaller step"
+                f"t = {time:.6g} {active.model.time_unit}, {detail}; {_advice(active, rejected, dt / 2)}"
             ) from rejected
         log_event = log.info if active.divided else log.warning
         unit = active.model.time_unit
@@ -299,6 +298,22 @@ def _step_or_halves(
     active.shortest = min(active.shortest, dt)
     active.allowed *= STEP_GROWTH
     return state
+
+
+def _logged(
+    active: ActiveModel, rejected: StepRejected, step: int, time: float, dt: float, events: list[Event]
+) -> str:
+    """Adds a step that failed to the events; its description."""
+    detail = f"{active.name}: step of {dt:.3g} {active.model.time_unit} rejected: {rejected}"
+    events.append(Event(step, time, rejected.cause, rejected.place, rejected.value, detail))
+    return detail
+
+
+def _advice(active: ActiveModel, rejected: StepRejected, dt: float) -> str:
+    """What may let a run go on whose step failed; shorter steps alone do not make numbers finite."""
+    shorter = f"make the step {dt:.1g} {active.model.time_unit}"
+    infinite = rejected.cause == "not finite" or math.isinf(rejected.value)
+    return f"weaken the forces and velocities, or {shorter}" if infinite else shorter
 
 
 def _check_rejected(active: ActiveModel, step: int, time: float, dt: float) -> None:
@@ -370,11 +385,10 @@ def _advance_adaptively(
             state = _advanced(active, schedule, half, first, time + dt / 2, dt / 2, events)
             error = model.distance(whole, state)
         except StepRejected as rejected:
-            detail = f"{active.name}: step of {dt:.3g} {active.model.time_unit} rejected: {rejected}"
-            events.append(Event(first, time, rejected.cause, rejected.place, rejected.value, detail))
+            detail = _logged(active, rejected, first, time, dt, events)
             if schedule.on_failure == "stop" or dt < shortest:
                 raise SolveError(
-                    f"t = {time:.6g} {active.model.time_unit}, {detail}; try a smaller step"
+                    f"t = {time:.6g} {active.model.time_unit}, {detail}; {_advice(active, rejected, dt / 4)}"
                 ) from rejected
             active.next_dt = dt / 4
             continue
@@ -385,16 +399,8 @@ def _advance_adaptively(
                 f"{error:.2g} however short the step; give a step instead of the tolerance {tolerance:g}"
             )
         if error > tolerance:
-            events.append(
-                Event(
-                    first,
-                    time,
-                    "tolerance",
-                    active.name,
-                    error,
-                    f"step of {dt:.3g} {active.model.time_unit} too long",
-                )
-            )
+            detail = f"step of {dt:.3g} {active.model.time_unit} too long"
+            events.append(Event(first, time, "tolerance", active.name, error, detail))
             active.next_dt = dt * max(0.2, min(growth, 0.9))
             continue
         active.state = state

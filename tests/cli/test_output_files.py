@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ddgcli.errors import OutputError
 from ddgcli.io.mesh_file import read_mesh
 from tests.cli.test_command_group import refused
 
@@ -94,6 +95,28 @@ def test_an_error_in_a_later_output_leaves_none(run, torus, tmp_path):
         run("laplacian", torus, "--heat", 0, "--duration", 1, "-o", tmp_path / "d.vtkhdf", *wrong), "missing"
     )
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_trajectory_takes_its_place_with_the_other_outputs(run, torus, tmp_path, monkeypatch):
+    """It was in place before the mesh of the last frame failed; now the whole run stays, to be resumed."""
+    from ddgcli.cli.simulation import simulate
+
+    target = tmp_path / "run.vtkhdf"
+    target.write_text("old")
+    call = ("shell-sim", torus, "--effect", "gravity", "--steps", 1, "--dt", 1e-3)
+    outputs = ("-o", target, "-o", tmp_path / "last.ply")
+    with monkeypatch.context() as patch:
+
+        def full(*args):
+            raise OutputError("last.ply: cannot be written (No space left)")
+
+        patch.setattr(simulate, "_write_last", full)
+        refused(run(*call, *outputs), "No space left")
+    assert target.read_text() == "old" and not (tmp_path / "last.ply").exists()
+    whole = tmp_path / "run.vtkhdf.part"
+    assert whole.exists()
+    assert run("shell-sim", "--resume", whole, *outputs).exit_code == 0
+    assert not whole.exists() and target.stat().st_size > 1000 and (tmp_path / "last.ply").exists()
 
 
 def test_outputs_of_a_run_that_did_not_converge_are_written(run, torus, tmp_path):

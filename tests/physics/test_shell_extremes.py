@@ -5,9 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ddgcli.errors import SolveError
 from ddgcli.mesh.shapes import grid, icosphere
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from tests.physics.test_shell_midedge import CLAMP
+from ddgcli.models.shell.face_arrays import face_arrays
+from tests.physics.test_shell_midedge import CLAMP, built
 from tests.simulate import scalar, shell_run
 
 SCENE = """
@@ -15,6 +17,7 @@ SCENE = """
 integrator = "{integrator}"
 duration = {duration}
 step = {step}
+on_failure = "{on_failure}"
 [[object]]
 name = "s"
 role = "shell"
@@ -35,6 +38,7 @@ IMPLICIT = ["newmark", "implicit-euler", "implicit-midpoint", "bdf2"]
 def run(mesh, integrator, effects="", motion="", **options):
     values = {
         "duration": 0.02, "step": 1e-3, "young": 1e6, "rest": "flat", "model": "hinge", "stretching": "",
+        "on_failure": "shrink",
     } | options  # fmt: skip
     text = SCENE.format(integrator=integrator, effects=effects, motion=motion, **values)
     source = SimpleNamespace(mesh=mesh, vertex={}, face={}, sha256="", notes=[])
@@ -162,3 +166,35 @@ def test_strip_carried_in_its_plane_through_faces_without_area_comes_to_rest_inv
     assert energy[-1] < 0.01 * max(energy)
     start = np.asarray(contexts["s"].mesh.points)
     assert np.abs(x[:, :2] - start[:, :2] * [-1, 1]).max() < 0.05
+
+
+@pytest.mark.parametrize("integrator", ["newmark", "verlet"])
+def test_what_no_step_makes_finite_is_answered_by_weaker_forces_and_a_step(integrator):
+    load = "load = {{ vertices = [0], force = [0, 0, {}] }}"
+    with pytest.raises(SolveError, match="weaken the forces and velocities, or make the step [0-9.e-]+ s$"):
+        run(grid(2, 2), integrator, load.format("1e300"))
+    run(grid(2, 2), integrator, load.format("1e-2"), duration=2e-3)
+
+
+def test_faces_beyond_the_range_of_numbers_have_no_stress():
+    """Their eigenvalues stopped the program."""
+    mesh = grid(2, 2)
+    _, context, system = built(mesh)
+    x = np.array(mesh.points)
+    x[0, 0] = 1e200
+    with np.errstate(all="ignore"):
+        faces = face_arrays(context, system.potentials, x)
+    touched = (np.asarray(mesh.faces) == 0).any(axis=1)
+    assert np.isnan(faces["principal_stress"][touched]).all()
+    assert np.abs(faces["principal_stress"][~touched]).max() < 1e-3
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT)
+def test_far_from_the_origin_moves_of_rounding_end_the_iteration(integrator):
+    """At 1e8 sizes numbers are 1.5e-8 apart, and no move came below a quarter of their rounding."""
+    plate = grid(4, 2, 1, 0.5)
+    options = {"motion": "position = [1e8, 0, 0]", "duration": 0.05, "step": 0.01, "on_failure": "stop"}
+    snapshots = run(plate, integrator, "gravity = {}\npin = { vertices = [0, 1, 2] }", **options)
+    near = run(plate, integrator, "gravity = {}\npin = { vertices = [0, 1, 2] }", **options | {"motion": ""})
+    apart = snapshots[-1].observations["s"].points - [1e8, 0, 0] - near[-1].observations["s"].points
+    assert np.abs(apart).max() < 1e-6

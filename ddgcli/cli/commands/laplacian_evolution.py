@@ -94,8 +94,7 @@ def write_evolution(run: Run, mesh: TriangleMesh | TetMesh, result: EvolutionRes
     from ddgcli.algorithms.laplacian.evolution import frame_arrays
     from ddgcli.mesh.fields import AnnotatedMesh, TrajectoryFrame
 
-    # a trajectory takes its place at once: it comes after the files that an error may still refuse
-    for path in sorted(run.common.outputs, key=lambda path: Path(path).suffix.lower() in TRAJECTORIES):
+    for path in run.common.outputs:
         if Path(path).suffix.lower() not in TRAJECTORIES:
             run.write_file(path, AnnotatedMesh(mesh, vertex=result.arrays))
             continue
@@ -121,5 +120,5 @@ def write_evolution(run: Run, mesh: TriangleMesh | TetMesh, result: EvolutionRes
                     )
                 status = "complete"
             finally:
-                writer.close(status)
+                writer.close(status, staged=run.staged, keep=False)
         run.outputs.append(path)

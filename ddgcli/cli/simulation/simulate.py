@@ -123,7 +123,7 @@ def simulate(run: Run, job: Job) -> Outcome:
     finally:
         if writer is not None:
             with run.clock.timed("write"):
-                partial_file = writer.close(outcome.status, _rows(outcome.last_events))
+                partial_file = writer.close(outcome.status, _rows(outcome.last_events), run.staged)
             if partial_file is not None:
                 run.outputs.append(partial_file)
     if outcome.status == "interrupted":

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import OutputError, excerpt
-from ddgcli.io.temporary import temporary_name
+from ddgcli.io.temporary import StagedOutputs, temporary_name
 from ddgcli.io.trajectories.layout import (
     BY_FACE,
     EFFECT_DTYPE,
@@ -191,10 +191,13 @@ class TrajectoryWriter:
         if old is not None:
             old.close()
 
-    def close(self, status: str, log: Iterable[tuple] = ()) -> str | None:
+    def close(
+        self, status: str, log: Iterable[tuple] = (), staged: StagedOutputs | None = None, keep: bool = True
+    ) -> str | None:
         """End the file with its status; a complete one takes its own name, which is returned.
 
-        `log` are rows of what came after the last frame: a resumed run drops them, and makes its own.
+        `log` are rows of what came after the last frame: a resumed run drops them, and makes its own. With
+        `staged` it takes its name together with the other outputs; where these fail it stays, if `keep`.
         """
         if self._file is None:
             return None
@@ -217,7 +220,10 @@ class TrajectoryWriter:
         self._file.close()
         self._file = None
         if complete:
-            os.replace(self.partial_path, self.path)
+            if staged is None:
+                os.replace(self.partial_path, self.path)
+            else:
+                staged.add(self.partial_path, Path(self.path), keep=keep)
             return self.path
         return self.partial_path
 

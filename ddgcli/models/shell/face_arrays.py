@@ -47,7 +47,7 @@ def face_arrays(
                 np.matmul(_rest_sides(points, context.mesh.faces, face_frame), potential.basis[:, 1:])
             )
             arrays["strain_tensor"] = _in_space(np.matmul(face_frame, turn), strain)
-            arrays["principal_strain"] = np.linalg.eigvalsh(strain)[:, ::-1]
+            arrays["principal_strain"] = _eigenvalues(strain)[:, ::-1]
             spatial = np.matmul(np.matmul(elastic, cauchy), elastic.transpose(0, 2, 1))
             arrays["stress"] = spatial.reshape(-1, 9)
             arrays["principal_stress"] = _tangent_values(spatial)
@@ -55,7 +55,7 @@ def face_arrays(
             couples = [p for p in potentials if hasattr(p, "added_rotations")]
             moment = potential.moment_tensor(x, sum(p.added_rotations() for p in couples))
             arrays["bending_moment"] = _in_space(_rotation(gradient), moment)
-            arrays["principal_moment"] = np.linalg.eigvalsh(moment)[:, ::-1]
+            arrays["principal_moment"] = _eigenvalues(moment)[:, ::-1]
     return arrays
 
 
@@ -80,9 +80,21 @@ def _rest_sides(points: NDArray, faces: NDArray, face_frame: NDArray) -> NDArray
 
 
 def _rotation(gradient: NDArray) -> NDArray[np.float64]:
-    """(m, 3 or 2, 2) nearest isometry of the deformation gradients."""
-    u, _, vt = np.linalg.svd(gradient, full_matrices=False)
-    return np.matmul(u, vt)
+    """(m, 3 or 2, 2) nearest isometry of the deformation gradients; nan where these are not finite."""
+    finite = _finite(gradient)
+    u, _, vt = np.linalg.svd(np.where(finite, gradient, 0.0), full_matrices=False)
+    return np.where(finite, np.matmul(u, vt), np.nan)
+
+
+def _eigenvalues(tensor: NDArray) -> NDArray[np.float64]:
+    """(m, k) eigenvalues, ascending, of symmetric (m, k, k) tensors; nan where these are not finite."""
+    finite = _finite(tensor)
+    return np.where(finite[:, 0], np.linalg.eigvalsh(np.where(finite, tensor, 0.0)), np.nan)
+
+
+def _finite(tensor: NDArray) -> NDArray[np.bool_]:
+    """(m, 1, 1): whether all entries are, so that lapack takes them (not in a run beyond all numbers)."""
+    return np.isfinite(tensor).all(axis=(1, 2))[:, None, None]
 
 
 def _in_space(face_frame: NDArray, tensor: NDArray) -> NDArray[np.float64]:
@@ -92,7 +104,7 @@ def _in_space(face_frame: NDArray, tensor: NDArray) -> NDArray[np.float64]:
 
 def _tangent_values(tensor: NDArray) -> NDArray[np.float64]:
     """(m, 2) eigenvalues, descending, of symmetric (m, 3, 3) tensors without the one of the normal, zero."""
-    values = np.linalg.eigvalsh(tensor)
+    values = _eigenvalues(tensor)
     normal = np.argmin(np.abs(values), axis=1)
     in_tangent = np.arange(3) != normal[:, None]
     return values[in_tangent].reshape(-1, 2)[:, ::-1]
