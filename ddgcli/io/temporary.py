@@ -14,14 +14,14 @@ class StagedOutputs:
 
     def __init__(self) -> None:
         self._files: list[tuple[str, Path]] = []  # temporary path, target
-        self._kept: dict[str, int] = {}  # temporary path that is never removed: its file's number
+        self._inodes: dict[str, int] = {}  # inode of a temporary path that is never removed
         self._folders: list[Path] = []  # made for them
 
     def add(self, partial: str, target: Path, *, keep: bool = False) -> None:
         """Hold a complete file until `commit` or `discard`; `keep`: `discard` leaves it where it is."""
         self._files.append((partial, target))
         if keep:
-            self._kept[partial] = os.stat(partial).st_ino
+            self._inodes[partial] = os.stat(partial).st_ino
 
     def make_folder(self, folder: Path) -> None:
         """Make a folder and those above it; `discard` removes them."""
@@ -39,7 +39,7 @@ class StagedOutputs:
         """
         while self._files:
             partial, target = self._files[0]
-            if partial in self._kept and self._kept[partial] != os.stat(partial).st_ino:
+            if partial in self._inodes and self._inodes[partial] != os.stat(partial).st_ino:
                 raise OutputError(f"{partial}: another run took this place; give each run its own output")
             try:
                 os.replace(partial, target)
@@ -52,7 +52,7 @@ class StagedOutputs:
         """Remove the files that have not replaced their targets, and the empty folders made for them."""
         while self._files:
             with contextlib.suppress(OSError):
-                if self._files[-1][0] not in self._kept:
+                if self._files[-1][0] not in self._inodes:
                     os.unlink(self._files[-1][0])
             del self._files[-1]
         while self._folders:

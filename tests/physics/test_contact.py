@@ -303,7 +303,7 @@ def test_an_explicit_step_is_short_enough_for_a_start_deep_in_a_barrier(integrat
     assert np.abs(energy / energy[0] - 1).max() < (0.5 if integrator == "symplectic-euler" else 0.05)
 
 
-DROPPED = """
+SLIDING_BOX = """
 [time]
 duration = 0.2
 step = 2e-3
@@ -331,7 +331,7 @@ contact = { pairs = [["s", "floor"]], gap = 1e-3, friction = 0.5 }
 
 def test_friction_of_the_midpoint_rule_is_that_of_the_force_at_the_middle():
     """A box that vibrates on stiff contact: of the forces at the ends friction was 6 % more."""
-    snapshots = shell_run(DROPPED)[0]
+    snapshots = shell_run(SLIDING_BOX)[0]
     time = np.array([snapshot.time for snapshot in snapshots])
     place = np.array([snapshot.observations["s"].points[:, 0].mean() for snapshot in snapshots])
     late = time > 0.05

@@ -74,8 +74,8 @@ class Barrier:
         return (worst, float(d[worst])) if not d[worst] > 0 else None
 
     def stiffest(self, x: NDArray) -> NDArray[np.float64]:
-        part = np.minimum(self.surface.gap(x)[0] / self.range, self.closest)  # a shell may start nearer
-        return self.weight * curvature(np.maximum(part, MIN_START_DISTANCE))
+        share = np.minimum(self.surface.gap(x)[0] / self.range, self.closest)  # a shell may start nearer
+        return self.weight * curvature(np.maximum(share, MIN_START_DISTANCE))
 
     def surface_velocity(self, x: NDArray) -> NDArray[np.float64]:
         """(n, 3) velocities of the surface at points."""
