@@ -1,4 +1,4 @@
-"""Metric of triangles and tetrahedra from edge lengths: measures, gradients of barycentric coordinates."""
+"""Metric of triangles and tetrahedra: measures, gradients of barycentric coordinates."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from ddgcli.geometry.intrinsic import corner_cotan, face_area
 from ddgcli.mesh.require import no_area_error, refuse_flat_cells, refuse_flat_faces
 from ddgcli.mesh.tet_mesh import FLAT_VOLUME_TOLERANCE, TET_EDGES
+from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_side_blocks
+from ddgcli.mesh.vectors import cross, dot, vector_length
 
 # local edges of a triangle: its sides in order
 TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
@@ -48,32 +50,6 @@ class CellMetric:
         return 0.5 * (s[:, a, d] + s[:, b, c] - s[:, a, c] - s[:, b, d])
 
 
-def check_triangles(side_length: NDArray) -> NDArray[np.float64]:
-    """Areas of triangles, every one of which must be positive.
-
-    Parameters
-    ----------
-    side_length : (m, 3) ndarray of float64
-        Side j runs from corner j to corner j+1.
-
-    Returns
-    -------
-    (m,) ndarray of float64
-        In length^2.
-
-    Raises
-    ------
-    MeshError
-        When a face has no area.
-    """
-    area = face_area(side_length)
-    flat = np.flatnonzero(~(area > 0))
-    if len(flat) and len(flat) == len(area):
-        raise no_area_error(len(area))
-    refuse_flat_faces(flat, manifold=True)
-    return area
-
-
 def triangle_metric(side_length: NDArray) -> CellMetric:
     """Metric of triangles from their side lengths.
 
@@ -99,10 +75,55 @@ def triangle_metric(side_length: NDArray) -> CellMetric:
     >>> right.measure.round(12).tolist()
     [0.5]
     """
-    area = check_triangles(side_length)
+    area = face_area(side_length)
+    _refuse_flat(np.flatnonzero(~(area > 0)), len(area))
+    return _triangles(side_length, area, corner_cotan(side_length))
+
+
+def embedded_triangle_metric(mesh: TriangleMesh) -> CellMetric:
+    """Metric of triangles from their positions.
+
+    Lengths determine areas to 1e-8 of the longest side squared only: caps below that have none by their lengths.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    CellMetric
+        As of `triangle_metric`.
+
+    Raises
+    ------
+    MeshError
+        When a face has no area (`TriangleMesh.flat_faces`).
+
+    Examples
+    --------
+    >>> cap = TriangleMesh.from_arrays([[0, 0, 0], [2, 0, 0], [1, 1e-9, 0]], [[0, 1, 2]])
+    >>> embedded_triangle_metric(cap).measure.tolist()
+    [1e-09]
+    """
+    _refuse_flat(mesh.flat_faces, mesh.n_faces)
+    area, cotan = np.empty(mesh.n_faces), np.empty((mesh.n_faces, 3))
+    for faces, side in unit_side_blocks(mesh):
+        double_area = vector_length(cross(side[:, 0], side[:, 1]).T)
+        scale = mesh.side_length[faces].max(axis=1) / np.sqrt(dot(side, side).max(axis=0))
+        area[faces] = 0.5 * double_area * scale * scale
+        cotan[faces] = (-dot(side, np.roll(side, 1, axis=1)) / double_area).T
+    return _triangles(mesh.side_length, area, cotan)
+
+
+def _refuse_flat(flat: NDArray, n_faces: int) -> None:
+    if len(flat) and len(flat) == n_faces:
+        raise no_area_error(n_faces)
+    refuse_flat_faces(flat, manifold=True)
+
+
+def _triangles(side_length: NDArray, area: NDArray, cotan: NDArray) -> CellMetric:
     squared = np.zeros((len(area), 3, 3))
     product = np.zeros_like(squared)
-    cotan = corner_cotan(side_length)
     for j, (a, b) in enumerate(TRIANGLE_EDGES):
         opposite = 3 - a - b
         squared[:, a, b] = squared[:, b, a] = side_length[:, j] ** 2

@@ -15,7 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ddgcli.geometry.cells import TET_EDGES, CellMetric, tetrahedron_metric, triangle_metric
+from ddgcli.geometry.cells import (
+    TET_EDGES,
+    CellMetric,
+    embedded_triangle_metric,
+    tetrahedron_metric,
+    triangle_metric,
+)
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh, parity
@@ -149,6 +155,10 @@ def complex_of(mesh: SimplicialMesh) -> Complex:
 def _surface_complex(mesh: TriangleMesh | IntrinsicMesh) -> Complex:
     topology = mesh.topology
     n_faces = topology.n_faces
+    if isinstance(mesh, TriangleMesh):
+        metric = embedded_triangle_metric(mesh)
+    else:
+        metric = triangle_metric(mesh.side_length)
     return Complex(
         dimension=2,
         counts=(topology.n_vertices, topology.n_edges, n_faces),
@@ -162,7 +172,7 @@ def _surface_complex(mesh: TriangleMesh | IntrinsicMesh) -> Complex:
         face_edge_sign=topology.side_sign.astype(float),
         cell_face=np.zeros((n_faces, 0), dtype=np.int64),
         cell_face_sign=np.zeros((n_faces, 0)),
-        metric=triangle_metric(mesh.side_length),
+        metric=metric,
         boundary_faces=topology.boundary_edges,
     )
 

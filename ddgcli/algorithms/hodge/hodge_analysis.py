@@ -23,11 +23,10 @@ from ddgcli.algorithms.hodge.harmonic import HarmonicBasis, harmonic_basis
 from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, generator_loops
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.cells import check_triangles
 from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
-from ddgcli.mesh.require import require, require_manifold_body
+from ddgcli.mesh.require import refuse_flat_faces, require, require_manifold_body
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import complex_of
@@ -130,7 +129,7 @@ def check_query(mesh: SpaceMesh, field: tuple[NDArray, str] | None, with_basis: 
     """
     check_mesh(mesh)
     if isinstance(mesh, TriangleMesh) and (with_basis or field is not None):
-        check_triangles(mesh.side_length)
+        refuse_flat_faces(mesh.flat_faces, mesh.topology, manifold=True)
     if field is None:
         return "edge" if with_basis else ""
     place = field_place(mesh, *field)
