@@ -83,7 +83,7 @@ def triangle_metric(side_length: NDArray) -> CellMetric:
 def embedded_triangle_metric(mesh: TriangleMesh) -> CellMetric:
     """Metric of triangles from their positions.
 
-    Lengths determine areas to 1e-8 of the longest side squared only: caps below that have none by their lengths.
+    Lengths determine areas to 1e-8 of the longest side squared only: by them flatter caps have none.
 
     Parameters
     ----------
