@@ -72,3 +72,50 @@ def test_a_gradient_moves_nothing_and_a_mean_force_the_harmonic_flow():
 def test_a_force_with_an_unknown_name_is_refused():
     with pytest.raises(SceneError, match="force: unknown name 'q'"):
         last_frame(BALL.format(1), 'force = { acceleration = ["q", 0, 0] }')
+
+
+@pytest.mark.parametrize("integrator, most", [("energy", 1e-12), ("circulation", 2e-4)])
+def test_a_fast_frame_takes_no_energy(integrator, most):
+    """Runge-Kutta steps of the Coriolis force took 0.06 % in 100 steps of one radian."""
+    effects = 'initial = { vorticity = "x*y + 0.5*z" }\nrotation = { angular_velocity = [0, 0, 10] }'
+    *_, first, last = last_frame(BALL.format(2), effects, 10.0, 0.1, integrator)
+    assert last.scalar["kinetic_energy"] == pytest.approx(first.scalar["kinetic_energy"], rel=most)
+
+
+def test_explicit_steps_in_a_turning_frame_are_of_fourth_order():
+    effects = 'initial = { vorticity = "x*y + z^2*x" }\nrotation = { angular_velocity = [0, 0, 5] }'
+    _, mass, _, exact = last_frame(BALL.format(2), effects, 0.4, 0.005)
+    error = []
+    for step in (0.1, 0.05):
+        change = (
+            last_frame(BALL.format(2), effects, 0.4, step)[-1].vertex["vorticity"] - exact.vertex["vorticity"]
+        )
+        error.append(np.sqrt(mass @ change**2))
+    assert error[0] / error[1] > 12
+
+
+def test_energy_that_steps_lose_is_a_warning_whose_step_keeps_it(tmp_path, summary):
+    scene = tmp_path / "ball.toml"
+    scene.write_text(
+        "[time]\nduration = 100\nstep = 0.1\nframe_every = 100\n"
+        '[[object]]\nname = "f"\nrole = "fluid"\nsphere = { subdivisions = 2 }\n'
+        '[effects]\ninitial = { vorticity = "x*y + 0.5*z" }\nrotation = { angular_velocity = [0, 0, 10] }\n'
+    )
+    first = summary("fluid-sim", scene)
+    assert first["accuracy"]["energy_drift"] > 0.05
+    warning = next(text for text in first["warnings"] if "of the energy" in text)
+    step = warning.split("take steps of ")[1].split(" s")[0]
+    second = summary("fluid-sim", scene, "--dt", step)
+    assert second["accuracy"]["energy_drift"] < 0.05
+    assert not any(" lost " in text for text in second["warnings"])
+
+
+def test_the_total_vorticity_of_a_start_at_rest_drifts_by_rounding_alone(tmp_path, summary):
+    scene = tmp_path / "ball.toml"
+    scene.write_text(
+        "[time]\nduration = 0.1\nstep = 0.02\n"
+        '[[object]]\nname = "f"\nrole = "fluid"\nsphere = { subdivisions = 1 }\n'
+        '[effects]\nforce = { acceleration = ["sin(3*t)*y", "x*z", "-x"] }\n'
+    )
+    accuracy = summary("fluid-sim", scene)["accuracy"]
+    assert accuracy["total_vorticity_drift"] < 1e-12 and accuracy["circulation_drift"] < 1e-12

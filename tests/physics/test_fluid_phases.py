@@ -120,7 +120,14 @@ def test_an_effect_is_one_module_and_one_line(spin):
     assert last.observations["f"].scalar["spun"] == pytest.approx(0.1, rel=1e-12)
     z = built["f"].context.points[:, 2]
     assert np.allclose(last.observations["f"].vertex["vorticity"], 0.1 * z, atol=1e-4)
-    assert set(last.checkpoint) == {"f/clock", "f/stopped", "f/vorticity", "f/spun", "f/dye"}
+    assert set(last.checkpoint) == {
+        "f/clock",
+        "f/stopped",
+        "f/vorticity",
+        "f/enstrophy_loss",
+        "f/spun",
+        "f/dye",
+    }
     assert account.calls["spin"] == 10 and account.calls["dye"] == 5
     again = {n: m.model() for n, m in built.items()}
     resumed = list(evolve(again, schedule, Account(), resume=(2, snapshots[2].checkpoint)))

@@ -10,6 +10,7 @@ circulation along every boundary loop, on any mesh.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,14 +22,21 @@ from ddgcli.models.fluid.midpoint import PICARD_TOLERANCE, implicit_midpoint
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
-from ddgcli.simulation.model import StepRejected
+from ddgcli.simulation.model import Observation, StepRejected
 
 RK4_LIMIT = 2.8  # on the imaginary axis
 
 
+Rates = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+
+
 def rate(
-    space: SurfaceSpace, vorticity: NDArray, coefficients: NDArray, evolve_harmonic: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    space: SurfaceSpace,
+    vorticity: NDArray,
+    coefficients: NDArray,
+    evolve_harmonic: bool,
+    coriolis: NDArray | float = 0.0,
+) -> Rates:
     """Time derivatives of vorticity and harmonic coefficients by Euler's equation.
 
     Parameters
@@ -39,6 +47,8 @@ def rate(
     coefficients : (b,) ndarray of float64
     evolve_harmonic : bool
         Whether the harmonic coefficients change.
+    coriolis : (n,) ndarray of float64 or float
+        Vorticity of a frame that turns, in 1/s.
 
     Returns
     -------
@@ -50,7 +60,7 @@ def rate(
     phi = space.stream_function(vorticity)
     flux = space.side_flux(phi, coefficients)
     d_vorticity, d_coefficients = rotational_rates(
-        space, vorticity * space.inverse_mass, flux, evolve_harmonic
+        space, vorticity * space.inverse_mass + coriolis, flux, evolve_harmonic
     )
     outflow = space.outflow_head(phi, coefficients)
     if outflow is not None:
@@ -98,28 +108,58 @@ def advection_rate(space: SurfaceSpace, flux: NDArray) -> float:
     return float((row * space.inverse_mass).max(initial=0.0))
 
 
-def runge_kutta(
-    space: SurfaceSpace, vorticity: NDArray, coefficients: NDArray, dt: float, evolve_harmonic: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """One classical fourth-order step; the third value is dt times `advection_rate` at its start."""
-    k1, c1, flux = rate(space, vorticity, coefficients, evolve_harmonic)
-    courant = dt * advection_rate(space, flux)
-    if courant > RK4_LIMIT:
-        return vorticity, coefficients, courant
+def fourth_order_step(
+    slope: Callable[[NDArray, NDArray], Rates],
+    vorticity: NDArray,
+    coefficients: NDArray,
+    dt: float,
+    first: Rates,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Flow after one classical Runge-Kutta step; `first` are the rates at its start."""
     half = 0.5 * dt
-    k2, c2, _ = rate(space, vorticity + half * k1, coefficients + half * c1, evolve_harmonic)
-    k3, c3, _ = rate(space, vorticity + half * k2, coefficients + half * c2, evolve_harmonic)
-    k4, c4, _ = rate(space, vorticity + dt * k3, coefficients + dt * c3, evolve_harmonic)
+    k1, c1, _ = first
+    k2, c2, _ = slope(vorticity + half * k1, coefficients + half * c1)
+    k3, c3, _ = slope(vorticity + half * k2, coefficients + half * c2)
+    k4, c4, _ = slope(vorticity + dt * k3, coefficients + dt * c3)
     sixth = dt / 6.0
     return (
         vorticity + sixth * (k1 + 2.0 * (k2 + k3) + k4),
         coefficients + sixth * (c1 + 2.0 * (c2 + c3) + c4),
-        courant,
     )
 
 
+def largest_rate(space: SurfaceSpace, flux: NDArray, coriolis: NDArray | float) -> float:
+    """Bound on the spectral radius of transport and Coriolis force together [1/s]."""
+    return advection_rate(space, flux) + float(np.abs(coriolis).max(initial=0.0))
+
+
+def runge_kutta(
+    space: SurfaceSpace,
+    vorticity: NDArray,
+    coefficients: NDArray,
+    dt: float,
+    evolve_harmonic: bool,
+    coriolis: NDArray | float = 0.0,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """One classical fourth-order step; the third value is dt times `largest_rate` at its start."""
+
+    def slope(vorticity: NDArray, coefficients: NDArray) -> Rates:
+        return rate(space, vorticity, coefficients, evolve_harmonic, coriolis)
+
+    first = slope(vorticity, coefficients)
+    courant = dt * largest_rate(space, first[2], coriolis)
+    if courant > RK4_LIMIT:
+        return vorticity, coefficients, courant
+    return *fourth_order_step(slope, vorticity, coefficients, dt, first), courant
+
+
 def midpoint(
-    space: SurfaceSpace, vorticity: NDArray, coefficients: NDArray, dt: float, evolve_harmonic: bool
+    space: SurfaceSpace,
+    vorticity: NDArray,
+    coefficients: NDArray,
+    dt: float,
+    evolve_harmonic: bool,
+    coriolis: NDArray | float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """One step of the implicit midpoint rule, which keeps energy and enstrophy to the solver's tolerance.
 
@@ -129,38 +169,63 @@ def midpoint(
     start = np.concatenate([vorticity, coefficients])
 
     def slope(middle: NDArray) -> NDArray[np.float64]:
-        return np.concatenate(rate(space, middle[:n], middle[n:], evolve_harmonic)[:2])
+        return np.concatenate(rate(space, middle[:n], middle[n:], evolve_harmonic, coriolis)[:2])
 
     after, change = implicit_midpoint(slope, start, dt)
     return after[:n], after[n:], change
 
 
 class ConservativeTransport(FlowPhase):
-    """Transport by an explicit Runge-Kutta step of order 4, or by the implicit midpoint rule."""
+    """Transport by an explicit Runge-Kutta step of order 4, or by the implicit midpoint rule.
+
+    The Coriolis force is part of the rate of change, so that it does no work. The enstrophy that explicit
+    steps lose is booked in the state, where no fluid crosses the boundary.
+    """
 
     step_stage = "transport"
 
     def __init__(self, setting: FluidSetting, scheme: str) -> None:
-        self.space, self.evolve_harmonic = setting.space, setting.evolve_harmonic
+        self.setting, self.space = setting, setting.space
         self.implicit = scheme == "midpoint"
         self.order = 2 if self.implicit else 4
+        self.books_loss = not (self.implicit or setting.is_open)
+        setting.transport_takes_coriolis = True
+
+    def start(self) -> dict[str, NDArray]:
+        return {"enstrophy_loss": np.zeros(1)} if self.books_loss else {}
 
     def step_limit(self, state: FluidState) -> float:
         """Longest stable step of a state, up to which steps are halved; infinite with the midpoint rule."""
         if self.implicit:
             return math.inf
         phi = self.space.stream_function(state["vorticity"])
-        courant = advection_rate(self.space, self.space.side_flux(phi, state["coefficients"]))
+        flux = self.space.side_flux(phi, state["coefficients"])
+        courant = largest_rate(self.space, flux, self.setting.coriolis)
         return RK4_LIMIT / courant if courant > 0 else math.inf
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
         scheme = midpoint if self.implicit else runge_kutta
         vorticity, coefficients, measure = scheme(
-            self.space, state["vorticity"], state["coefficients"], step.dt, self.evolve_harmonic
-        )
+            self.space, state["vorticity"], state["coefficients"], step.dt,
+            self.setting.evolve_harmonic, self.setting.coriolis,
+        )  # fmt: skip
         if not measure <= (PICARD_TOLERANCE if self.implicit else RK4_LIMIT):
             raise StepRejected("midpoint iteration" if self.implicit else "stability", value=measure)
-        return state.replaced(vorticity=vorticity, coefficients=coefficients)
+        after = state.replaced(vorticity=vorticity, coefficients=coefficients)
+        if not self.books_loss:
+            return after
+        loss = self._enstrophy(state["vorticity"]) - self._enstrophy(vorticity)
+        return after.with_passive(enstrophy_loss=state["enstrophy_loss"] + loss)
+
+    def _enstrophy(self, vorticity: NDArray) -> float:
+        """Half the integral of the squared vorticity, with that of the frame, up to a constant [m^2/s^2]."""
+        added = 2.0 * np.asarray(self.setting.coriolis)
+        return 0.5 * float(np.sum(vorticity * (vorticity * self.space.inverse_mass + added)))
+
+    def observed(self, state: FluidState) -> Observation:
+        if not self.books_loss:
+            return Observation(None)
+        return Observation(None, {}, {"lost_enstrophy": float(state["enstrophy_loss"][0])})
 
 
 def transport(setting: FluidSetting, parameters: Any) -> ConservativeTransport:

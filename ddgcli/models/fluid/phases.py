@@ -119,6 +119,10 @@ class FluidSetting:
         Whether fluid crosses the boundary.
     phases : list of Phase
         Those of all effects, complete when the model is.
+    coriolis : (n,) ndarray or 0
+        Vorticity of a frame that turns [1/s].
+    transport_takes_coriolis : bool
+        Whether the integrator's rate of change holds the Coriolis force, so that its effect has no step.
     """
 
     context: FluidContext
@@ -130,6 +134,8 @@ class FluidSetting:
     slip: NDArray[np.bool_] | None = None
     is_open: bool = False
     phases: list[Phase] = field(default_factory=list)
+    coriolis: NDArray[np.float64] | float = 0.0
+    transport_takes_coriolis: bool = False
 
     @property
     def volume(self) -> VolumeSpace:

@@ -23,6 +23,9 @@ from ddgcli.simulation.outcome import Outcome
 
 log = logging.getLogger("ddgcli")
 MAX_LOSS_SHARE = 0.05  # share of energy or enstrophy lost by the scheme, above which a run warns
+LOSS_ORDER = 5  # of what Runge-Kutta steps lose over a time, in the step
+# effects that do no work where no fluid crosses the boundary and nothing is viscous
+IDLE_EFFECTS = {"initial", "boundary", "harmonic", "rotation", "pressure", "dye", "particles"}
 VORTICITY_ROUNDING = 1e-12  # vorticity over the circulations that cancel in it, below which it counts as none
 
 
@@ -85,7 +88,16 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
         accuracy["dye_drift"] = _drift(series["total_dye"], float(series["absolute_dye"][0]))
     # of the integrators that keep energy, volumes have `energy` alone
     alternative = "energy" if any(m.context.is_volume for m in models.values()) else "conservative"
-    accuracy |= _scheme_losses(series, enstrophy, integrator, alternative)
+    cure = f"integrator {alternative}, or a finer or more regular mesh"
+    accuracy |= (losses := _scheme_losses(series, enstrophy))
+    if integrator == "conservative":
+        if _keeps_energy(models):
+            losses = {"energy_lost_by_scheme": accuracy["energy_drift"], **losses}
+        worst = max(losses.values(), default=0.0)
+        if worst > MAX_LOSS_SHARE and outcome.smallest_step:
+            step = outcome.smallest_step * (0.5 * MAX_LOSS_SHARE / worst) ** (1.0 / LOSS_ORDER)
+            cure = f"steps of {step:.2g} s, or integrator energy"
+    _warn_of_losses(losses, integrator, cure)
     return results, accuracy | _linear_solver_accuracy(models)
 
 
@@ -102,27 +114,36 @@ def _linear_solver_accuracy(models: Mapping[str, FluidModel]) -> dict[str, Any]:
     }
 
 
-def _scheme_losses(
-    series: Mapping[str, NDArray], least_enstrophy: float, integrator: str, alternative: str
-) -> dict[str, float]:
-    """Shares of energy and enstrophy that the transport lost, where it books them; warn of large ones."""
+def _scheme_losses(series: Mapping[str, NDArray], least_enstrophy: float) -> dict[str, float]:
+    """Shares of energy and enstrophy that the transport lost, where it books them."""
     losses = {}
     for name, total, least in (
         ("energy", "kinetic_energy", 0.0),
         ("enstrophy", "enstrophy", least_enstrophy),
     ):
-        if f"lost_{name}" not in series:
-            continue
-        loss = float(series[f"lost_{name}"][-1])
-        share = loss / (max(float(series[total].max()), least) or 1.0)
-        losses[f"{name}_lost_by_scheme"] = share
+        if f"lost_{name}" in series:
+            size = max(float(series[total].max()), least) or 1.0
+            losses[f"{name}_lost_by_scheme"] = float(series[f"lost_{name}"][-1]) / size
+    return losses
+
+
+def _keeps_energy(models: Mapping[str, FluidModel]) -> bool:
+    """Whether nothing but the steps in time changes the kinetic energy of integrators that conserve it."""
+    return all(
+        model.setting.effects <= IDLE_EFFECTS
+        and not model.setting.is_open
+        and (model.setting.evolve_harmonic or not len(model.space.harmonic))
+        for model in models.values()
+    )
+
+
+def _warn_of_losses(losses: Mapping[str, float], integrator: str, cure: str) -> None:
+    for name, share in losses.items():
         if share > MAX_LOSS_SHARE:
             log.warning(
-                "integrator %s lost %.2g %% of the %s (warned of above %.0f %%): take integrator "
-                "%s, or a finer or more regular mesh",
-                integrator, 100.0 * share, name, 100.0 * MAX_LOSS_SHARE, alternative,
+                "integrator %s lost %.2g %% of the %s (warned of above %.0f %%): take %s",
+                integrator, 100.0 * share, name.split("_")[0], 100.0 * MAX_LOSS_SHARE, cure,
             )  # fmt: skip
-    return losses
 
 
 def _corrections(counts: NDArray, integrator: str) -> dict[str, int]:
@@ -149,8 +170,8 @@ def _at_end(series: Mapping[str, NDArray], what: str, names: list[str]) -> list[
 def _scales(series: Mapping[str, NDArray], models: Mapping[str, FluidModel]) -> tuple[float, float]:
     """Sizes that drifts of circulations and of enstrophy are relative to.
 
-    Their own sizes at the start, 0 for a start whose vorticity is rounding; or, where that never exceeds the
-    rounding of the flow, what the terms that cancel in it amount to.
+    Their own sizes at the start, or the largest after a start whose vorticity is rounding; or, where that
+    never exceeds the rounding of the flow, what the terms that cancel in it amount to.
     """
     terms = [model.flows.circulation_terms() for model in models.values()]
     speed = math.sqrt(2.0 * float(series["kinetic_energy"].max()))
@@ -159,7 +180,7 @@ def _scales(series: Mapping[str, NDArray], models: Mapping[str, FluidModel]) -> 
     if not float(vorticity.max()) > VORTICITY_ROUNDING * circulation:
         return circulation, enstrophy
     if not float(vorticity[0]) > VORTICITY_ROUNDING * circulation:
-        return 0.0, 0.0
+        return float(vorticity.max()), float(series["enstrophy"].max())
     return float(vorticity[0]), float(series["enstrophy"][0])
 
 
