@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.choices import ERROR_PARTS
 from ddgcli.errors import ParameterError
+from ddgcli.library.arguments import checked_arguments
 from ddgcli.library.distances import surface_sources
 from ddgcli.library.mesh_arguments import MeshLike, mesh_of_kind
 from ddgcli.tradeoff.candidates import Table
@@ -33,6 +34,7 @@ OPTIONS_OF_QUESTION = {
 }  # fmt: skip
 
 
+@checked_arguments
 def tradeoff_table(
     question: Literal["curvature", "delaunay", "laplacian", "geodesic", "willmore-flow"],
     mesh: MeshLike,

@@ -12,6 +12,7 @@ from ddgcli.algorithms.curvature.region_measures import RegionMeasures, measures
 from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME, measure_curvature
 from ddgcli.algorithms.curvature.surface_query import labelled_measures, require_regions
 from ddgcli.errors import ParameterError
+from ddgcli.library.arguments import real_array, real_number
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.result import Measurement
 from ddgcli.mesh.curve import CurveSet
@@ -64,8 +65,11 @@ def curvature_measures(
         raise ParameterError("give regions or a ball, one of the two", parameter="regions")
     if ball is not None:
         require_regions(mesh)
-        return measures_in_ball(mesh, np.asarray(ball[0], dtype=float), float(ball[1]))
-    return labelled_measures(mesh, np.asarray(regions, dtype=float))[0]
+        if not isinstance(ball, (tuple, list)) or len(ball) != 2:
+            raise ParameterError("give (centre, radius)", parameter="ball")
+        centre = np.asarray(real_array(ball[0], "ball"), dtype=np.float64)
+        return measures_in_ball(mesh, centre, real_number(ball[1], "ball"))
+    return labelled_measures(mesh, np.asarray(regions, dtype=np.float64))[0]
 
 
 @accepts_arrays("surface")

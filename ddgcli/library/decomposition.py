@@ -71,7 +71,7 @@ def hodge_decomposition(
     True
     """
     _check(mesh, boundary)
-    measured = analysis.hodge_analysis(mesh, (np.asarray(field), place), boundary, False)
+    measured = analysis.hodge_analysis(mesh, (np.atleast_1d(field), place), boundary, False)
     arrays = measured.annotated
     return Measurement(
         mesh,

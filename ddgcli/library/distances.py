@@ -14,6 +14,7 @@ from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.choices import DEFAULT_HEAT_TIME
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import nearest_points
+from ddgcli.library.arguments import checked_arguments, real_array, real_number, text, whole_number
 from ddgcli.library.mesh_arguments import MeshLike, accepts_arrays, mesh_of_kind
 from ddgcli.library.result import Measurement
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -70,11 +71,13 @@ class DistanceSolver:
     [3.3, 3.3]
     """
 
+    @checked_arguments
     def __init__(self, mesh: MeshLike, method: str = "exact", **options: Any) -> None:
         self.mesh = mesh_of_kind(mesh, ("surface", "intrinsic"), "a geodesic distance")
         self.method = method
         self._solve = distances.prepare_solver(self.mesh, method, _distance_options(method, options))
 
+    @checked_arguments
     def distance(
         self,
         sources: int | Sequence[int] | NDArray = (),
@@ -85,6 +88,7 @@ class DistanceSolver:
         """(n,) distance from every vertex to the nearest source, in length units; inf where none reaches."""
         return self._solve(surface_sources(self.mesh, sources, source_points, source_edges)).distance
 
+    @checked_arguments
     def measure(
         self,
         sources: int | Sequence[int] | NDArray = (),
@@ -100,6 +104,7 @@ class DistanceSolver:
         )
 
 
+@checked_arguments
 def HeatSolver(
     mesh: MeshLike, *, heat_time: float = DEFAULT_HEAT_TIME, heat_refine: int = 0, operator: str | None = None
 ) -> DistanceSolver:
@@ -139,6 +144,7 @@ def HeatSolver(
     return DistanceSolver(mesh, "heat", heat_time=heat_time, heat_refine=heat_refine, operator=operator)
 
 
+@checked_arguments
 def geodesic_distance(
     mesh: MeshLike,
     sources: int | Sequence[int] | NDArray = (),
@@ -189,6 +195,7 @@ def geodesic_distance(
     return solver.distance(sources, source_points=source_points, source_edges=source_edges)
 
 
+@checked_arguments
 def measure_distance(
     mesh: MeshLike,
     sources: int | Sequence[int] | NDArray = (),
@@ -244,17 +251,20 @@ def measure_distance(
 def _distance_options(method: str, options: dict[str, Any]) -> distances.DistanceOptions:
     """Options of a method, checked."""
     own = OPTIONS_OF_METHOD.get(method, tuple(options))
+    checked: dict[str, Any] = {}
     for name, value in options.items():
         if name not in own:
             names = ", ".join(own) or "none"
             raise ParameterError(f"method {method!r} has no option {name!r}; its options: {names}")
-        if name == "heat_time" and not (np.isfinite(value) and value > 0):
+        if name == "operator":
+            checked[name] = None if value is None else text(value, name)
+            continue
+        checked[name] = number = (whole_number if name == "heat_refine" else real_number)(value, name)
+        if name == "heat_time" and not 0 < number < np.inf:
             raise ParameterError(f"heat_time must be positive, not {value}")
-        if name == "heat_refine" and not (isinstance(value, (int, np.integer)) and value >= 0):
-            raise ParameterError(f"heat_refine must be a whole number of rounds, 0 or more, not {value}")
-        if name == "tolerance" and not (np.isfinite(value) and value >= 0):
-            raise ParameterError(f"tolerance must be 0 or more, not {value}")
-    return distances.DistanceOptions(**options)
+        if not 0 <= number < np.inf:
+            raise ParameterError(f"{name} must be 0 or more, not {value}")
+    return distances.DistanceOptions(**checked)
 
 
 def surface_sources(
@@ -287,7 +297,7 @@ def surface_sources(
 
 def vertex_numbers(vertices: int | Sequence[int] | NDArray) -> list[int]:
     """Vertex numbers as a list; ParameterError for anything but whole numbers."""
-    numbers = np.atleast_1d(np.asarray(vertices))
+    numbers = np.atleast_1d(real_array(vertices, "vertices"))
     if numbers.ndim != 1 or (numbers.dtype.kind not in "iu" and len(numbers)):
         raise ParameterError("vertices must be whole numbers, such as [0, 5]")
     return [int(v) for v in numbers]

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from ddgcli.algorithms.laplacian.evolution import EvolutionResult, EvolutionTimes, solve_evolution
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
+from ddgcli.errors import ParameterError
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.simulations import Simulation, trajectory_frames
 from ddgcli.mesh.curve import CurveSet
@@ -119,7 +120,9 @@ def wave_equation(
 def _solved(
     mesh: Any, equation: str, start: ArrayLike, times: tuple[Any, Any, Any], operator: str | None, mass: str
 ) -> EvolutionResult:
-    values = int(start) if isinstance(start, (int, np.integer)) else np.asarray(start, dtype=float)
+    array = np.asarray(start)
+    is_vertex = array.ndim == 0 and array.dtype.kind in "iu"
+    values = int(array) if is_vertex else np.asarray(array, dtype=np.float64)
     return solve_evolution(
         laplace_operator(mesh, operator, mass), equation, values, EvolutionTimes.of(*times)
     )
@@ -175,6 +178,8 @@ def curve_flow(
     True
     """
     options = {"flow": flow, "redistribute": redistribute, "length_penalty": length_penalty}
+    if steps is not None and steps < 1:
+        raise ParameterError(f"must be 1 or more, not {steps}", parameter="steps")
     bounded = steps is not None or duration is not None
     curves = setup.without_repeated_points(mesh)
     curve, model = setup.build(

@@ -189,7 +189,7 @@ def integral_curves(
     [0.75, 0.5, 0.0]
     """
     cover = oriented_cover(mesh)
-    values, place = cover.lift_values(np.asarray(vectors, dtype=np.float64))
+    values, place = cover.lift_values(np.atleast_1d(np.asarray(vectors, dtype=np.float64)))
     if count < 1:
         raise ParameterError(f"count must be at least 1, not {count}")
     if starts is None:

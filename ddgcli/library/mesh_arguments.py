@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ddgcli.errors import MeshError
+from ddgcli.library.arguments import checked_arguments
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnyMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
@@ -123,6 +124,8 @@ def accepts_arrays(
 ) -> Callable[[Callable[Concatenate[Any, P], R]], Callable[Concatenate[MeshLike, P], R]]:
     """Decorator: convert the first argument, `mesh`, by `as_mesh`, and refuse meshes of other kinds.
 
+    The other arguments are checked by `checked_arguments`.
+
     Parameters
     ----------
     *kinds : str
@@ -130,9 +133,11 @@ def accepts_arrays(
     """
 
     def decorate(function: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[MeshLike, P], R]:
+        checked = checked_arguments(function)
+
         @functools.wraps(function)
         def call(mesh: MeshLike, *args: P.args, **kwargs: P.kwargs) -> R:
-            return function(mesh_of_kind(mesh, kinds, function.__name__), *args, **kwargs)
+            return checked(mesh_of_kind(mesh, kinds, function.__name__), *args, **kwargs)
 
         return call
 

@@ -11,6 +11,7 @@ from typing import Any
 from ddgcli.io.arrays import read_array
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.io.scene_file import SceneDocument, read_scene
+from ddgcli.library.arguments import checked_arguments
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -64,6 +65,7 @@ class Simulation:
         return next(self.trajectory_frames)
 
 
+@checked_arguments
 def simulate(
     scene: str | os.PathLike[str] | Mapping[str, Any],
     *,

@@ -14,6 +14,7 @@ from ddgcli.algorithms.delaunay.dual import circumcentric_dual as core_circumcen
 from ddgcli.algorithms.delaunay.intrinsic_delaunay import DelaunayResult
 from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay as core_intrinsic_delaunay
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
+from ddgcli.errors import ParameterError
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -178,4 +179,6 @@ def delaunay_refinement(
     >>> refined.results["before"]["min_angle_degrees"] < 25 <= refined.results["after"]["min_angle_degrees"]
     True
     """
+    if max_points is not None and max_points < 0:
+        raise ParameterError(f"must be 0 or more, not {max_points}", parameter="max_points")
     return core_intrinsic_delaunay(mesh, degrees=degrees, max_points=max_points, seed=seed)

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.ragged import list_starts
-from ddgcli.mesh.triangle_mesh import check_points
+from ddgcli.mesh.topology import frozen
+from ddgcli.mesh.triangle_mesh import own_points
 
 PLANARITY_TOLERANCE = 1e-6  # of the curve's size: coordinates in text files have six digits
 
@@ -61,7 +62,7 @@ class CurveSet:
         MeshError
             On a wrong shape, a point that is not finite, or a segment that names no point.
         """
-        checked, segments = check_points(np.asarray(points)), np.asarray(lines)
+        checked, segments = own_points(points), np.asarray(lines)
         if segments.ndim != 2 or segments.shape[1] != 2 or segments.dtype.kind not in "iu":
             raise MeshError(
                 f"lines must be integers of shape (k, 2), not {segments.dtype} of shape {segments.shape}"
@@ -69,7 +70,7 @@ class CurveSet:
         bad = np.flatnonzero(((segments < 0) | (segments >= len(checked))).any(axis=1))
         if len(bad):
             raise MeshError(f"segment {bad[0]} names a point outside 0..{len(checked) - 1}")
-        return cls(checked, segments.astype(np.int64))
+        return cls(frozen(checked), frozen(segments.astype(np.int64)))
 
     @property
     def n_vertices(self) -> int:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.topology import frozen
-from ddgcli.mesh.triangle_mesh import TriangleMesh, check_points
+from ddgcli.mesh.triangle_mesh import TriangleMesh, own_points
 from ddgcli.mesh.vectors import cone_volume
 
 # faces of a positively oriented tetrahedron, outward; face i is opposite corner i
@@ -68,10 +68,12 @@ class TetMesh:
         MeshError
             On a wrong shape, a point that is not finite, or a corner that names no point.
         """
-        points = check_points(np.asarray(points))
+        points = own_points(points)
         tetrahedra = np.asarray(tetrahedra)
         if tetrahedra.ndim != 2 or tetrahedra.shape[1] != 4:
             raise MeshError(f"tetrahedra must have shape (k, 4), found {tetrahedra.shape}")
+        if tetrahedra.dtype.kind not in "iu":
+            raise MeshError(f"indices of tetrahedra must be integers, found {tetrahedra.dtype}")
         bad = np.flatnonzero(((tetrahedra < 0) | (tetrahedra >= len(points))).any(axis=1))
         if len(bad):
             raise MeshError(f"tetrahedron {bad[0]} names a vertex outside 0..{len(points) - 1}")

@@ -33,8 +33,10 @@ def check_points(points: NDArray) -> NDArray[np.float64]:
     Raises
     ------
     MeshError
-        For another shape, or a coordinate that is not finite or above `MAX_COORDINATE`.
+        For another shape, numbers that are not real, or a coordinate that is not finite or above `MAX_COORDINATE`.
     """
+    if np.asarray(points).dtype.kind not in "biufO":  # numpy would drop imaginary parts
+        raise MeshError(f"points must be real numbers, found {np.asarray(points).dtype}")
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise MeshError(f"points must have shape (n, 3), found {points.shape}")
@@ -50,6 +52,23 @@ def check_points(points: NDArray) -> NDArray[np.float64]:
         f"vertex {bad[0]} has a coordinate above {MAX_COORDINATE:g} ({len(bad)} such vertices), and "
         "lengths leave the range of numbers; rescale the coordinates"
     )
+
+
+def own_points(points: ArrayLike) -> NDArray[np.float64]:
+    """Convert positions as `check_points` does, to an array of their own: a mesh makes its points read-only.
+
+    Parameters
+    ----------
+    points : (n, 3) or (n, 2) array_like
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+        Shares no memory with the argument.
+    """
+    array = np.asarray(points)
+    checked = check_points(array)
+    return checked.copy() if np.may_share_memory(checked, array) else checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +118,7 @@ class TriangleMesh:
         MeshError
             On a wrong shape, a point that is not finite, or a corner that names no point.
         """
-        points = check_points(np.asarray(points))
+        points = own_points(points)
         return cls(points, Topology(check_faces(np.asarray(faces), len(points)), len(points)))
 
     def moved(self, points: NDArray) -> TriangleMesh:

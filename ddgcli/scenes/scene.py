@@ -301,6 +301,8 @@ def _time(document: Document, kind: SceneKind, overrides: dict[str, Any]) -> Any
     model = time_model(kind.integrators[name])
     time = checked(document, ("time",), model, values, "[time]")
     if steps is not None:
+        if steps < 1:
+            raise ParameterError(f"must be 1 or more, not {steps}", parameter="steps")
         time = time.model_copy(update={"duration": steps * (time.step or kind.default_step)})
     elif default and time.step > time.duration:
         time = time.model_copy(update={"step": time.duration})

@@ -18,6 +18,8 @@ Clock = Callable[[], float]
 # share of the budget that the reference may take
 REFERENCE_SHARE = 0.5
 
+MAX_TIMER_SECONDS = 1e8  # about what every system's interval timers take
+
 
 class BudgetExceeded(BaseException):
     """Raised in a run that exceeds its share of the time budget."""
@@ -63,7 +65,7 @@ class TimeBudget:
             yield
             return
         before = signal.signal(signal.SIGALRM, _raise_budget_exceeded)
-        signal.setitimer(signal.ITIMER_REAL, max(seconds, 1e-3), 0.1)
+        signal.setitimer(signal.ITIMER_REAL, min(max(seconds, 1e-3), MAX_TIMER_SECONDS), 0.1)
         try:
             yield
         finally:

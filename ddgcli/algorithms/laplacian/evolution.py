@@ -80,15 +80,21 @@ class EvolutionTimes:
         """
         if duration is None:
             raise ParameterError("give the time to evolve with `duration=TIME`", parameter="duration")
+        for name, number in (("duration", duration), ("time_step", step)):
+            if number is not None and not (0 < number < math.inf):
+                raise ParameterError(f"must be a positive number, not {number:g}", parameter=name)
+        if n_frames is not None and n_frames < 1:
+            raise ParameterError(f"must be 1 or more, not {n_frames}", parameter="n_frames")
         if step is not None and step > duration * (1 + 1e-9):
             raise ParameterError(
                 f"{step:g} is longer than the duration of {duration:g}; give {duration:g} or less",
                 parameter="time_step",
             )
-        count = DEFAULT_STEPS if step is None else max(1, math.ceil(duration / step - 1e-9))
+        ratio = DEFAULT_STEPS if step is None else duration / step  # infinite where it overflows
+        count = max(1, math.ceil(min(ratio, 2.0 * MAX_STEPS) - 1e-9))
         if count > MAX_STEPS:
             raise ParameterError(
-                f"{count:,} steps are more than {MAX_STEPS:,}; take longer ones", parameter="time_step"
+                f"{ratio:,.10g} steps are more than {MAX_STEPS:,}; take longer ones", parameter="time_step"
             )
         return cls(duration, count, max(1, math.ceil(count / (n_frames or min(count, DEFAULT_FRAMES)))))
 

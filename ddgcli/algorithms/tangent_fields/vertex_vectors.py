@@ -122,6 +122,8 @@ def vectors_at_sources(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike)
             f"{len(vectors)} vectors for {len(sources.vertex)} source vertices; give `spread_vector` once "
             "for each source vertex"
         )
+    if vectors.ndim != 2 or vectors.shape[1] != 3:
+        raise ParameterError(f"vectors have three components; these have the shape {vectors.shape}")
     require(mesh, "`spread_vector`")
     in_space = np.zeros((mesh.n_vertices, 3))
     in_space[sources.vertex] = vectors

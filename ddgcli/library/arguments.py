@@ -1,0 +1,159 @@
+"""Types of the arguments of library functions, checked against their annotations."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import math
+import numbers
+import operator
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import ParameterError, excerpt
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _scalar(value: Any) -> Any:
+    """The number in an array without axes; anything else as it is."""
+    return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
+
+
+def real_number(value: Any, name: str) -> float:
+    """A float; ParameterError for NaN, numbers above 1e308, and what is no real number."""
+    if isinstance(number := _scalar(value), numbers.Real):
+        try:
+            converted = float(number)
+        except OverflowError:
+            converted = math.nan
+        if not math.isnan(converted):
+            return converted
+    raise ParameterError(f"must be a number, not {excerpt(value, 40)}", parameter=name)
+
+
+def whole_number(value: Any, name: str) -> int:
+    """An int; ParameterError for what is none, also for 2.0."""
+    if isinstance(number := _scalar(value), numbers.Integral):
+        return operator.index(number)
+    raise ParameterError(f"must be a whole number, not {excerpt(value, 40)}", parameter=name)
+
+
+def truth(value: Any, name: str) -> bool:
+    """A bool; ParameterError for anything but True, False, 1 and 0."""
+    if isinstance(flag := _scalar(value), (bool, np.bool_, numbers.Integral)) and flag in (0, 1):
+        return bool(flag)
+    raise ParameterError(f"must be True or False, not {excerpt(value, 40)}", parameter=name)
+
+
+def text(value: Any, name: str) -> str:
+    """A str; ParameterError for anything else."""
+    if isinstance(value, str):
+        return value
+    raise ParameterError(f"must be a name in quotes, not {excerpt(value, 40)}", parameter=name)
+
+
+def real_array(value: Any, name: str) -> NDArray:
+    """An array of real numbers or booleans; ParameterError for ragged lists, text, complex numbers, ..."""
+    if np.ma.is_masked(value):
+        raise ParameterError(
+            "has masked entries; give them values first, as numpy.ma.filled does", parameter=name
+        )
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind == "O":  # integers beyond 64 bits, fractions; None would become NaN
+            if any(not isinstance(number, numbers.Real) for number in array.flat):
+                raise TypeError("not real")
+            array = array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        array = np.array("")
+    if array.dtype.kind in "biuf":
+        return array
+    raise ParameterError(f"must be an array of real numbers, not {excerpt(value, 40)}", parameter=name)
+
+
+def table_of_vertices(value: Any, name: str) -> dict[int, float]:
+    """A dict from vertex to number; ParameterError where a key or a value is something else."""
+    if not isinstance(value, Mapping):
+        raise ParameterError(
+            f"must be a dict such as {{0: 1.0}}, from vertex to number, not {excerpt(value, 40)}",
+            parameter=name,
+        )
+    return {whole_number(key, f"key of {name}"): real_number(v, f"{name}[{key}]") for key, v in value.items()}
+
+
+def three_numbers(value: Any, name: str) -> tuple[float, ...]:
+    """Three floats; ParameterError for anything else."""
+    array = real_array(value, name)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise ParameterError(f"must be three numbers, not {excerpt(value, 40)}", parameter=name)
+    return tuple(float(number) for number in array)
+
+
+def lists_of_vertices(value: Any, name: str) -> list[NDArray]:
+    """One array for each list of vertices; ParameterError where there is none."""
+    if isinstance(value, (str, bytes, Mapping)) or not isinstance(_scalar(value), Iterable):
+        raise ParameterError(
+            f"must be lists of vertices such as [[0, 1, 2]], not {excerpt(value, 40)}", parameter=name
+        )
+    return [real_array(numbers_of_one, name) for numbers_of_one in value]
+
+
+# annotation of a parameter, without `| None` -> its check and conversion
+CONVERSIONS: dict[str, Callable[[Any, str], Any]] = {
+    "float": real_number,
+    "int": whole_number,
+    "bool": truth,
+    "str": text,
+    "ArrayLike": real_array,
+    "Sequence[float]": real_array,
+    "int | Sequence[int] | NDArray": real_array,
+    "Sequence[int] | NDArray": real_array,
+    "tuple[float, float, float]": three_numbers,
+    "Sequence[Sequence[int]]": lists_of_vertices,
+    "Mapping[int, float]": table_of_vertices,
+}
+
+
+def _conversion(parameter: inspect.Parameter) -> Callable[[Any, str], Any] | None:
+    annotation = str(parameter.annotation)
+    if annotation.startswith(("Literal['", 'Literal["')) or isinstance(parameter.default, str):
+        return text
+    if annotation.startswith("Literal["):
+        return whole_number
+    return CONVERSIONS.get(annotation.removesuffix(" | None"))
+
+
+def checked_arguments(function: Callable[P, R]) -> Callable[P, R]:
+    """Decorator: refuse arguments whose types are not those of the annotations, and convert the others.
+
+    Parameters
+    ----------
+    function : callable
+        With annotations as text, of which `CONVERSIONS` holds the checked ones.
+    """
+    parameters = inspect.signature(function).parameters.values()
+    checks = {
+        p.name: (conversion, p.default is None)
+        for p in parameters
+        if (conversion := _conversion(p)) is not None
+    }
+    positional = [p.name for p in parameters if p.kind is not p.KEYWORD_ONLY]
+
+    def converted(name: str, value: Any) -> Any:
+        if name not in checks:
+            return value
+        conversion, is_optional = checks[name]
+        return None if value is None and is_optional else conversion(value, name)
+
+    @functools.wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        names = positional + [""] * (len(args) - len(positional))  # too many: Python's own error
+        own = [converted(name, value) for name, value in zip(names, args)]
+        return function(*own, **{name: converted(name, value) for name, value in kwargs.items()})
+
+    return call
