@@ -33,7 +33,8 @@ def check_points(points: NDArray) -> NDArray[np.float64]:
     Raises
     ------
     MeshError
-        For another shape, numbers that are not real, or a coordinate that is not finite or above `MAX_COORDINATE`.
+        For another shape, numbers that are not real, or a coordinate that is not finite or above
+        `MAX_COORDINATE`.
     """
     if np.asarray(points).dtype.kind not in "biufO":  # numpy would drop imaginary parts
         raise MeshError(f"points must be real numbers, found {np.asarray(points).dtype}")

@@ -115,7 +115,25 @@ def fourth_order_step(
     dt: float,
     first: Rates,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Flow after one classical Runge-Kutta step; `first` are the rates at its start."""
+    """Flow after one classical Runge-Kutta step.
+
+    Parameters
+    ----------
+    slope : callable (n,), (b,) -> rates
+        Time derivatives of a flow, as of `rate`.
+    vorticity : (n,) ndarray of float64
+        Integrated over the cells.
+    coefficients : (b,) ndarray of float64
+    dt : float
+        In seconds.
+    first : rates
+        At the start of the step.
+
+    Returns
+    -------
+    vorticity : (n,) ndarray of float64
+    coefficients : (b,) ndarray of float64
+    """
     half = 0.5 * dt
     k1, c1, _ = first
     k2, c2, _ = slope(vorticity + half * k1, coefficients + half * c1)
