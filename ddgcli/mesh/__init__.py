@@ -17,6 +17,7 @@ __all__ = [
     "repair",
     "require",
     "scatter",
+    "sides",
     "shapes",
     "tet_mesh",
     "topology",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.sides import next_side
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import colour_bar, colours, extremes, robust_limits
@@ -302,7 +303,7 @@ def _corner_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
     twin, side = topology.side_twin.ravel(), topology.interior_sides
     smooth = side[np.einsum("ij,ij->i", flat[side // 3], flat[twin[side] // 3]) > CREASE_COSINE]
     # corners of two faces that meet across a smooth side, at both of its ends
-    a, b = (np.stack([s, 3 * (s // 3) + (s % 3 + 1) % 3], axis=1) for s in (smooth, twin[smooth]))
+    a, b = (np.stack([s, next_side(s)], axis=1) for s in (smooth, twin[smooth]))
     corner = mesh.faces.ravel()
     b = np.where((corner[a[:, :1]] == corner[b[:, :1]]), b, b[:, ::-1])
     count, group = connected_labels(a, b, n)

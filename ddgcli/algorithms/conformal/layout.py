@@ -15,6 +15,7 @@ from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.ragged import group_by_key
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.sides import next_side
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 
@@ -66,7 +67,7 @@ def flat_layout(mesh: IntrinsicMesh, cone: NDArray) -> Layout:
     seam = _seams(mesh, cone, crossed)
     twin = mesh.topology.side_twin.ravel()
     side = np.flatnonzero((twin >= 0) & ~seam)
-    following = 3 * (side // 3) + NEXT[side % 3]
+    following = next_side(side)
     other = twin[side]
     # the head of a side is the tail of its twin
     count, label = connected_labels(following, other, len(twin))
@@ -98,7 +99,7 @@ def _developed(mesh: IntrinsicMesh) -> tuple[NDArray[np.complex128], NDArray[np.
     for level in range(1, len(start) - 1):
         inner = entry[faces[start[level] : start[level + 1]]]
         outer = twin[inner]
-        head, tail = flat[outer], flat[3 * (outer // 3) + NEXT[outer % 3]]
+        head, tail = flat[outer], flat[next_side(outer)]
         first = 3 * (inner // 3)
         flat[inner], flat[first + NEXT[inner % 3]] = tail, head
         flat[first + PREVIOUS[inner % 3]] = tail + apex[inner] * (head - tail)

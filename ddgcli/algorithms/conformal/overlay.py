@@ -20,6 +20,7 @@ from ddgcli.algorithms.delaunay.overlay_lines import lines_over
 from ddgcli.algorithms.delaunay.triangulation import IntrinsicDelaunay
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.sides import next_side
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -122,7 +123,7 @@ def flat_overlay_mesh(cut: CommonSubdivision, layout: Layout) -> AnnotatedMesh:
     m = cut.intrinsic.n_faces
     corner_z = layout.z[layout.corner].ravel()
     side, along = cut.half_side, cut.half_along
-    head = 3 * (side // 3) + (side % 3 + 1) % 3
+    head = next_side(side)
     half_z = corner_z[side] * (1.0 - along) + corner_z[head] * along
     # one name for each plane vertex, and for each crossing or, on seams, each side of it
     half = np.arange(len(side))

@@ -15,8 +15,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.delaunay.normal_coordinates import following, preceding
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.sides import next_side, previous_side
 
 
 def projective_lines_over(
@@ -77,7 +77,7 @@ class _Strips:
         from_tail = np.empty((len(self.side), 2))
         end = np.empty(len(start))
         first = self.side[start]
-        right, left = self.length[preceding(first)], self.length[following(first)]
+        right, left = self.length[previous_side(first)], self.length[next_side(first)]
         n_active = len(start)
         for step in range(int(count[0])):
             at = start[:n_active] + step
@@ -85,12 +85,12 @@ class _Strips:
             from_tail[at, 0], from_tail[at, 1] = right, left
             side = self.side[at]
             entered = self.twin[side]  # runs from left to right
-            to_right, to_left = self.length[following(entered)], self.length[preceding(entered)]
+            to_right, to_left = self.length[next_side(entered)], self.length[previous_side(entered)]
             corner = (left * to_right + right * to_left) / self.length[side]
             going = int(np.searchsorted(-count[:n_active], -(step + 1), side="left"))
             end[going:n_active] = corner[going:]
             n_active = going
-            keeps_right = self.side[start[:n_active] + step + 1] == following(entered[:n_active])
+            keeps_right = self.side[start[:n_active] + step + 1] == next_side(entered[:n_active])
             right, left = (
                 np.where(keeps_right, right[:n_active], corner[:n_active]),
                 np.where(keeps_right, corner[:n_active], left[:n_active]),
@@ -102,7 +102,7 @@ class _Strips:
         from_head = np.empty((len(self.side), 2))
         last = start + count - 1
         entered = self.twin[self.side[last]]
-        right, left = self.length[following(entered)], self.length[preceding(entered)]
+        right, left = self.length[next_side(entered)], self.length[previous_side(entered)]
         n_active = len(start)
         for step in range(int(count[0])):
             at = last[:n_active] - step
@@ -110,9 +110,9 @@ class _Strips:
             from_head[at, 0], from_head[at, 1] = right, left
             n_active = int(np.searchsorted(-count[:n_active], -(step + 1), side="left"))
             side, right, left = self.side[at[:n_active]], right[:n_active], left[:n_active]
-            to_right, to_left = self.length[preceding(side)], self.length[following(side)]
+            to_right, to_left = self.length[previous_side(side)], self.length[next_side(side)]
             corner = (left * to_right + right * to_left) / self.length[side]
             came_through = self.twin[self.side[at[:n_active] - 1]]
-            keeps_right = side == following(came_through)
+            keeps_right = side == next_side(came_through)
             right, left = np.where(keeps_right, right, corner), np.where(keeps_right, corner, left)
         return from_head

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.ragged import repeat_with_place
+from ddgcli.mesh.sides import next_side, previous_side
 
 STEP_BITS = 32  # bits of the step in a label of a crossing
 STEP_MASK = (1 << STEP_BITS) - 1
@@ -188,36 +189,6 @@ def blocks(count: NDArray, together: int) -> list[slice]:
     return [slice(a, b) for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist()) if a < b]
 
 
-def following(side: NDArray) -> NDArray[np.int64]:
-    """Next side of the same face.
-
-    Parameters
-    ----------
-    side : (k,) ndarray of int64
-        Flat side numbers 3*face + j.
-
-    Returns
-    -------
-    (k,) ndarray of int64
-    """
-    return side + np.where(side % 3 == 2, -2, 1)
-
-
-def preceding(side: NDArray) -> NDArray[np.int64]:
-    """Previous side of the same face.
-
-    Parameters
-    ----------
-    side : (k,) ndarray of int64
-        Flat side numbers 3*face + j.
-
-    Returns
-    -------
-    (k,) ndarray of int64
-    """
-    return side + np.where(side % 3 == 0, 2, -1)
-
-
 @dataclass(frozen=True, eq=False)
 class BaseEdges:
     """Crossed base edges, each as two chains of its crossings, one from each end.
@@ -294,14 +265,14 @@ def _arcs(c: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[n
     onward = np.empty(c.total, dtype=np.int64)
     cut = np.flatnonzero(c.cut)
     for block in blocks(c.cut[cut], BLOCK_SIZE):
-        corner, before = cut[block], preceding(cut[block])
+        corner, before = cut[block], previous_side(cut[block])
         index, place = repeat_with_place(np.arange(len(corner)), c.cut[corner])
         x = ahead(c.first[corner].take(index), place)  # the arc's ends on both sides of the corner
         y = ahead(c.last(before).take(index), -place)
         onward[x ^ 1] = y
         onward[y ^ 1] = x
     left = np.flatnonzero(c.leaving)
-    opposite = following(left)
+    opposite = next_side(left)
     which, place = repeat_with_place(np.arange(len(left)), c.leaving[left])
     end = ahead(c.at(opposite, c.cut[opposite]).take(which), place)
     onward[end ^ 1] = ~np.arange(len(end))

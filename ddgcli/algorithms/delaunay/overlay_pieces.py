@@ -12,10 +12,9 @@ from ddgcli.algorithms.delaunay.normal_coordinates import (
     Crossings,
     ahead,
     blocks,
-    following,
-    preceding,
 )
 from ddgcli.mesh.ragged import repeat_with_place
+from ddgcli.mesh.sides import next_side, previous_side
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,14 +138,14 @@ class _Cutter:
 
     def _tips(self, corner: NDArray) -> PieceGroup:
         """The tip of each corner that is cut off."""
-        x, y = self.c.first[corner], self.c.last(preceding(corner))
+        x, y = self.c.first[corner], self.c.last(previous_side(corner))
         tip = self.names.corner[corner], self.names.half(x), self.names.half(y)
         return tip, corner // 3, self.labels.before(x)
 
     def _quads(self, corner: NDArray) -> list[PieceGroup]:
         """Between two arcs that cut off the same corner, each with the one before it."""
         index, place = repeat_with_place(np.arange(len(corner)), self.c.cut[corner] - 1)
-        other = preceding(corner)
+        other = previous_side(corner)
         x = ahead(self.c.first[corner].take(index), place)
         y = ahead(self.c.last(other).take(index), -place)
         a, d = self.names.half(x), self.names.half(y)
@@ -166,7 +165,7 @@ class _Cutter:
         half : (k,) ndarray of int64
             The end of that arc on the side that leaves the corner.
         """
-        last, other = self.c.cut[corner] - 1, preceding(corner)
+        last, other = self.c.cut[corner] - 1, previous_side(corner)
         x, y = self.c.at(corner, last), self.c.at(other, self.c.count[other] - 1 - last)
         arriving = np.where(last >= 0, self.names.half(y), self.names.corner[corner])
         return arriving, np.where(last >= 0, self.names.half(x), -1), x
@@ -186,7 +185,7 @@ class _Cutter:
 
     def _fans(self, corner: NDArray) -> list[PieceGroup]:
         """The pieces around corners that arcs leave."""
-        count, opposite = self.c.leaving[corner], following(corner)
+        count, opposite = self.c.leaving[corner], next_side(corner)
         face, tip = corner // 3, self.names.corner[corner]
         first = self.c.at(opposite, self.c.cut[opposite])
         last = ahead(first, count - 1)
@@ -197,7 +196,7 @@ class _Cutter:
             _present(((tip, arriving, leaving), face, input_face)),
             ((tip, middle, self.names.half(first)), face, input_face),
         ]
-        arriving, leaving, _ = self._outermost(preceding(corner))
+        arriving, leaving, _ = self._outermost(previous_side(corner))
         input_face = self.labels.beyond(last)
         groups += [
             ((tip, self.names.half(last), arriving), face, input_face),

@@ -21,6 +21,7 @@ from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_
 from ddgcli.errors import MeshError, SolveError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import list_starts, sorted_keys
+from ddgcli.mesh.sides import next_side
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 MAX_UNFOLDED_FACES = 30
@@ -137,7 +138,7 @@ def _obtuse(length: NDArray) -> NDArray[np.int64]:
 def _straight(corner: NDArray, shape: NDArray, mesh: SurfaceMesh, side: NDArray, scale: float) -> None:
     """Fill in stencils along sides of a mesh, from tail to head."""
     corner[:, 0] = corner[:, 1] = mesh.faces.ravel().take(side)
-    corner[:, 2] = mesh.faces.ravel().take(side + np.where(side % 3 == 2, -2, 1))
+    corner[:, 2] = mesh.faces.ravel().take(next_side(side))
     shape[:, :3] = 0.0
     np.divide(mesh.side_length.ravel().take(side), scale, out=shape[:, 3])
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.tracing.crossing import next_side
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.unfolding import cache_lines
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import ranges
+from ddgcli.mesh.sides import next_side
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

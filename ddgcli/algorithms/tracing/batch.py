@@ -12,15 +12,14 @@ from ddgcli.algorithms.tracing.crossing import (
     VERTEX_TOLERANCE,
     least,
     leaves_right,
-    next_side,
     on_side,
-    previous_side,
     scalar_crossings,
     to_exit,
 )
 from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, END_STATUS, FAILURE_STATUS, LineStart, Traces
 from ddgcli.algorithms.tracing.trace_points import PointRecorder
 from ddgcli.geometry.unfolding import APEX, TURN, TWIN, Fans, Unfolding
+from ddgcli.mesh.sides import next_side, previous_side
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 MAX_ENDED_FRACTION = 1 / 8  # of the lines in the arrays; above it, ended lines are removed

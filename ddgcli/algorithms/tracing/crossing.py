@@ -103,36 +103,6 @@ def scalar_crossings(rows: memoryview, state: tuple, max_steps: int) -> list[tup
     return states
 
 
-def next_side(side: NDArray) -> NDArray[np.int64]:
-    """Next side of the same face.
-
-    Parameters
-    ----------
-    side : (k,) ndarray of int64
-        Flat side numbers 3*face + j.
-
-    Returns
-    -------
-    (k,) ndarray of int64
-    """
-    return side + np.where(side % 3 == 2, -2, 1)
-
-
-def previous_side(side: NDArray) -> NDArray[np.int64]:
-    """Previous side of the same face.
-
-    Parameters
-    ----------
-    side : (k,) ndarray of int64
-        Flat side numbers 3*face + j.
-
-    Returns
-    -------
-    (k,) ndarray of int64
-    """
-    return side + np.where(side % 3 == 0, 2, -1)
-
-
 def least(x: NDArray, y: NDArray, z: NDArray) -> NDArray[np.int64]:
     """Index of the least of three numbers, row by row (numpy reductions over short axes are slow).
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.geometry.hinges import hinge_sides
 from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.sides import next_side
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
@@ -60,8 +61,8 @@ def split_surface(topology: Topology, opened: NDArray[np.bool_]) -> SplitSurface
     """
     vertex = topology.faces.ravel()
     side, other = hinge_sides(topology)
-    a = np.concatenate([side, _following(side)])
-    b = np.concatenate([_following(other), other])
+    a = np.concatenate([side, next_side(side)])
+    b = np.concatenate([next_side(other), other])
     closed = np.tile(~opened, 2)
     # fans that share a vertex of the whole surface already belong together
     whole = connected_labels(a, b, len(vertex))[1]
@@ -82,11 +83,6 @@ def split_surface(topology: Topology, opened: NDArray[np.bool_]) -> SplitSurface
     return SplitSurface(lookup[fan].reshape(-1, 3), origin, corner)
 
 
-def _following(side: NDArray) -> NDArray[np.int64]:
-    """The corner at the head of a side; the one at its tail has the side's own number."""
-    return side - side % 3 + (side + 1) % 3
-
-
 class Strength:
     """Limits of strain and angle of the interior edges of a surface.
 
@@ -101,8 +97,8 @@ class Strength:
 
     def __init__(self, mesh: TriangleMesh, strain: float | None, angle: float | None, flat: bool) -> None:
         side, other = hinge_sides(mesh.topology)
-        apex, far = _following(_following(side)), _following(_following(other))
-        self._corners = np.stack([side, _following(side), apex, far], axis=1)
+        apex, far = next_side(next_side(side)), next_side(next_side(other))
+        self._corners = np.stack([side, next_side(side), apex, far], axis=1)
         self._length = mesh.side_length.ravel()[side]
         self._strain, self._angle = strain, angle
         rest = hinge.hinge_frame(np.asarray(mesh.points), mesh.faces.ravel()[self._corners]).angle
