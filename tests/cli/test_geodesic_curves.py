@@ -153,8 +153,8 @@ def test_traces_report_their_status_and_the_log_map_its_axis(summary, tmp_path):
         np.testing.assert_allclose(path["end_direction"], direction, atol=1e-12)
         displacement = np.array(path["end"]["point"]) - start
         np.testing.assert_allclose(displacement, path["length"] * np.array(direction), atol=1e-12)
-    assert short["asked_length"] == 0.1 and short["length"] == pytest.approx(0.1, rel=1e-14)
-    assert long["length"] < long["asked_length"] == 9
+    assert short["target_length"] == 0.1 and short["length"] == pytest.approx(0.1, rel=1e-14)
+    assert long["length"] < long["target_length"] == 9
     axis = report["log_map_axis"]
     ahead = mesh.points[axis["towards_vertex"]] - mesh.points[40]
     np.testing.assert_allclose(axis["x_axis"], ahead / np.linalg.norm(ahead), atol=1e-15)

@@ -107,7 +107,7 @@ def trace_curves(
     for i, status in enumerate(lines.status):
         kind: dict[str, Any] = {
             "kind": "trace",
-            "asked_length": float(np.broadcast_to(length, (len(paths),))[i]),
+            "target_length": float(np.broadcast_to(length, (len(paths),))[i]),
         }
         kind |= {"status": STATUS_TEXT[status], "crossings": int(lines.crossings[i])}
         if isinstance(mesh, TriangleMesh):
