@@ -21,6 +21,7 @@ PACKAGES = (
     "ddgcli.batch",
     "ddgcli.errors",
     "ddgcli.geometry",
+    "ddgcli.io.readers",
     "ddgcli.linalg",
     "ddgcli.mechanics",
     "ddgcli.memory",

@@ -28,10 +28,17 @@ def add_vtk_cells(
 
     Parameters
     ----------
+    raw : RawMesh
+        Changed in place.
     types, sizes : (c,) ndarray of int
         VTK type and number of nodes of each cell.
     connectivity : (sum of sizes,) ndarray of int
     arrays : dict of str to (c, ...) ndarray
+
+    Raises
+    ------
+    MeshFileError
+        Sizes that do not fit the connectivity, cells of another kind, or a cell with too few nodes.
     """
     if (sizes < 0).any() or len(types) != len(sizes) or len(connectivity) != sizes.sum():
         raise MeshFileError("the cells' offsets do not fit their connectivity; the file is damaged")

@@ -56,13 +56,46 @@ HDF5 = {".xdmf", ".xmf", ".cgns", ".h5m", ".hmf", ".med", ".e", ".ex2", ".exo"}
 
 
 def read_meshio(path: str, suffix: str) -> RawMesh:
-    """Read through meshio, in a process of its own."""
+    """Read through meshio, in a process of its own.
+
+    Parameters
+    ----------
+    path : str
+    suffix : str
+        A key of `MESHIO`.
+
+    Returns
+    -------
+    RawMesh
+
+    Raises
+    ------
+    MeshFileError
+        Every reader of the extension fails, or a bound of `guarded` is exceeded.
+    """
     needs = ("meshio", "h5py") if suffix in HDF5 else ("meshio",)
     return guarded("readers.foreign", "content_by_meshio", path, suffix, needs=needs, **_bounds(path))
 
 
 def read_trimesh(path: str, suffix: str) -> RawMesh:
-    """Read through trimesh, in a process of its own; the parts of a scene become one mesh, not merged."""
+    """Read through trimesh, in a process of its own; the parts of a scene become one mesh, not merged.
+
+    Parameters
+    ----------
+    path : str
+    suffix : str
+        A member of `TRIMESH`.
+
+    Returns
+    -------
+    RawMesh
+
+    Raises
+    ------
+    MeshFileError
+        The reader fails or needs a missing package, the file has no triangles, or a bound of `guarded` is
+        exceeded.
+    """
     return guarded("readers.foreign", "content_by_trimesh", path, suffix, needs=("trimesh",), **_bounds(path))
 
 
@@ -277,5 +310,11 @@ def _block_kind(name: str, vtk_types: dict[str, int]) -> tuple[str, int | None]:
 
 
 def suffixes() -> set[str]:
-    """Extensions that this module reads."""
+    """Extensions that this module reads.
+
+    Returns
+    -------
+    set of str
+        In lower case, each with its dot.
+    """
     return set(MESHIO) | TRIMESH

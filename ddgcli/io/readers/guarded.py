@@ -50,16 +50,25 @@ def memory_bytes(size: int) -> int:
 def guarded(
     module: str, function: str, *args: Any, size: int, needs: tuple[str, ...], folder: str | None = None
 ) -> Any:
-    """`ddgcli.io.MODULE.FUNCTION(*args)` in a process of its own.
+    """Call `ddgcli.io.MODULE.FUNCTION(*args)` in a process of its own.
 
     Parameters
     ----------
+    module, function : str
+        Name of a module below `ddgcli.io`, and of a function in it.
+    *args
+        Arguments of the function; they can be pickled.
     size : int
         Of the file in bytes; sets the bounds.
     needs : tuple of str
         Packages that the function uses; imported before the process is confined, and before it is forked.
     folder : str, optional
         The only folder, beside Python's own, that the reader may open files in; None: no folder at all.
+
+    Returns
+    -------
+    object
+        Result of the function, through pickle.
 
     Raises
     ------

@@ -16,7 +16,18 @@ MAX_COMPRESSION_RATIO = 200  # of content to file
 
 
 def largest_content(file_size: int) -> int:
-    """Most bytes that a file of this size may unpack to: 64 MiB, or 200 times its size."""
+    """Most bytes that a file of this size may unpack to: 64 MiB, or 200 times its size.
+
+    Parameters
+    ----------
+    file_size : int
+        In bytes.
+
+    Returns
+    -------
+    int
+        The larger of both bounds.
+    """
     return max(MIN_CONTENT_LIMIT, MAX_COMPRESSION_RATIO * file_size)
 
 
@@ -56,7 +67,17 @@ def too_much(limit: int) -> str:
 def check_zip(data: bytes) -> None:
     """Refuse a .zip whose members unpack to more than `largest_content`, by their stated sizes.
 
-    zipfile reads no more of a member than its stated size.
+    zipfile reads no more of a member than its stated size. A damaged archive and data of
+    another format pass.
+
+    Parameters
+    ----------
+    data : bytes
+
+    Raises
+    ------
+    MeshFileError
+        The members unpack to too much.
     """
     if not data.startswith(b"PK"):
         return

@@ -15,6 +15,16 @@ from ddgcli.io.readers.inflate import check_zip
 def npz_arrays(data: bytes) -> tuple[dict[str, NDArray], list[str]]:
     """Arrays of a .npz by name, and the names of members that are none.
 
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+
+    Returns
+    -------
+    arrays : dict of str to ndarray
+    others : list of str
+
     Raises
     ------
     MeshFileError
@@ -39,7 +49,22 @@ def npz_arrays(data: bytes) -> tuple[dict[str, NDArray], list[str]]:
 
 
 def npy_array(data: bytes) -> NDArray:
-    """The array of a .npy file; MeshFileError where it is damaged or holds objects."""
+    """Array of a .npy file.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+
+    Returns
+    -------
+    ndarray
+
+    Raises
+    ------
+    MeshFileError
+        A damaged file, or pickled objects.
+    """
     if not data.startswith(b"\x93NUMPY"):
         raise MeshFileError("not a .npy file: it is cut or of another format")
     try:
@@ -51,7 +76,21 @@ def npy_array(data: bytes) -> NDArray:
 def text_array(data: bytes, separator: str | None) -> NDArray:
     """Table of numbers, one element a row; one number a row, or one row of more than three, is a list.
 
-    `separator` None is white space.
+    Parameters
+    ----------
+    data : bytes
+        Content of the file, in UTF-8.
+    separator : str or None
+        Between the numbers of a row; None is white space.
+
+    Returns
+    -------
+    (n, k) or (n,) ndarray of float64
+
+    Raises
+    ------
+    MeshFileError
+        A row with something else than numbers, or of another length.
     """
     text = data.decode("utf-8-sig", "replace")
     with warnings.catch_warnings():

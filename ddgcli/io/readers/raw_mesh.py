@@ -62,9 +62,22 @@ class RawMesh:
 
 
 def assembled(raw: RawMesh) -> tuple[InputMesh, dict[str, NDArray], NDArray | None]:
-    """The mesh of a raw content, its cell arrays, and the polygon of each triangle if any was split.
+    """Mesh of a file's content, its cell arrays, and the polygon of each triangle if any was split.
 
     Tetrahedra take precedence over polygons, and polygons over segments; omitted cells are noted.
+
+    Parameters
+    ----------
+    raw : RawMesh
+        Its arrays and notes are changed in place.
+
+    Returns
+    -------
+    mesh : TriangleMesh, TetMesh or CurveSet
+    arrays : dict of str to (m, ...) ndarray
+        On the triangles, tetrahedra or segments.
+    polygon : (m,) ndarray of int64, or None
+        None if all polygons are triangles, and without polygons.
 
     Raises
     ------

@@ -16,7 +16,21 @@ from ddgcli.mesh.ragged import ranges
 
 
 def numbers(text: bytes) -> NDArray[np.float64]:
-    """All numbers of whitespace-separated text; ValueError when something in it is no number."""
+    """All numbers of whitespace-separated text.
+
+    Parameters
+    ----------
+    text : bytes
+
+    Returns
+    -------
+    (k,) ndarray of float64
+
+    Raises
+    ------
+    ValueError
+        Something in the text is no number.
+    """
     if not text.strip():
         return np.zeros(0)
     with warnings.catch_warnings():
@@ -87,20 +101,70 @@ def _line_starts(characters: NDArray[np.uint8]) -> NDArray[np.int64]:
 
 
 def word_starts(is_word: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Places where a run of True begins."""
+    """Places where a run of True begins.
+
+    Parameters
+    ----------
+    is_word : (k,) ndarray of bool
+
+    Returns
+    -------
+    (w,) ndarray of int64
+        Ascending.
+    """
     starts = is_word.copy()
     starts[1:] &= ~is_word[:-1]
     return np.flatnonzero(starts)
 
 
 def rows(lines: Sequence[bytes], line_number: Sequence[int], what: str) -> tuple[NDArray, NDArray]:
-    """Numbers of lines and how many each holds; MeshFileError naming the first line with something else."""
+    """Numbers of lines, and how many each holds.
+
+    Parameters
+    ----------
+    lines : sequence of bytes
+    line_number : sequence of int
+        Number of each line in the file, from 0, for the error.
+    what : str
+        Name of a line in the error, such as `row`.
+
+    Returns
+    -------
+    values : (k,) ndarray of float64
+        Of all lines, one after the other.
+    count : (n,) ndarray of int64
+        How many of them each line holds.
+
+    Raises
+    ------
+    MeshFileError
+        Names the first line with something else.
+    """
     count = np.fromiter((len(line.split()) for line in lines), dtype=np.int64, count=len(lines))
     return _counted_numbers(b"\n".join(lines), count, zip(lines, line_number), what), count
 
 
 def rows_of(lines: TextLines, what: str) -> tuple[NDArray, NDArray]:
-    """`rows` of lines in one text."""
+    """Numbers of the lines of a text, and how many each holds: `rows` without a list of lines.
+
+    Parameters
+    ----------
+    lines : TextLines
+    what : str
+        Name of a line in the error, such as `vertex`.
+
+    Returns
+    -------
+    values : (k,) ndarray of float64
+        Of all lines, one after the other.
+    count : (n,) ndarray of int64
+        How many of them each line holds.
+
+    Raises
+    ------
+    MeshFileError
+        Names the first line with something else.
+    """
     count = lines.n_words
     by_line = zip(lines.text.split(b"\n"), lines.number)
     return _counted_numbers(lines.text, count, by_line, what), count
@@ -126,7 +190,20 @@ def _counted_numbers(
 
 
 def leading(values: NDArray, count: NDArray, width: int) -> NDArray[np.float64]:
-    """(k, width) first numbers of each of k lines with `count` numbers."""
+    """First numbers of each of n lines.
+
+    Parameters
+    ----------
+    values : (k,) ndarray of float64
+        Of all lines, one after the other.
+    count : (n,) ndarray of int64
+        How many of them each line holds, `width` at least.
+    width : int
+
+    Returns
+    -------
+    (n, width) ndarray of float64
+    """
     if len(count) == 0:
         return np.zeros((0, width))
     if (count == count[0]).all():
@@ -136,7 +213,17 @@ def leading(values: NDArray, count: NDArray, width: int) -> NDArray[np.float64]:
 
 
 def integers(text: bytes) -> NDArray[np.int64] | None:
-    """All whole numbers of a text, four times as fast as `numbers`; None if it holds anything else."""
+    """All whole numbers of a text, four times as fast as `numbers`.
+
+    Parameters
+    ----------
+    text : bytes
+
+    Returns
+    -------
+    (k,) ndarray of int64, or None
+        None if the text holds anything else.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
@@ -146,7 +233,24 @@ def integers(text: bytes) -> NDArray[np.int64] | None:
 
 
 def whole_numbers(values: NDArray, what: str) -> NDArray[np.int64]:
-    """Numbers as int64; MeshFileError where one is not a whole number that int64 can hold."""
+    """Numbers as int64.
+
+    Parameters
+    ----------
+    values : ndarray of int or float
+    what : str
+        Name of a number in the error, such as `vertex number`.
+
+    Returns
+    -------
+    ndarray of int64
+        Of the same shape.
+
+    Raises
+    ------
+    MeshFileError
+        A fraction, a number that is not finite, or one of 2^53 or more in size.
+    """
     if values.dtype.kind in "iu" and values.dtype.itemsize < 8:
         return values.astype(np.int64)
     with np.errstate(invalid="ignore"):
@@ -160,6 +264,19 @@ def whole_numbers(values: NDArray, what: str) -> NDArray[np.int64]:
 
 def typed(values: NDArray, dtype: Any, what: str) -> NDArray:
     """Floats of a text in the type that the file declares.
+
+    Parameters
+    ----------
+    values : ndarray of float64
+    dtype : numpy dtype, or what becomes one
+        Of floats or integers.
+    what : str
+        Name of a number in the error.
+
+    Returns
+    -------
+    ndarray of `dtype`
+        Of the same shape; floats that are too large for a shorter type become infinite.
 
     Raises
     ------
@@ -178,7 +295,17 @@ def typed(values: NDArray, dtype: Any, what: str) -> NDArray:
 
 
 def ragged(flat: NDArray, n: int, what: str, extra: int = 0) -> tuple[NDArray, NDArray, int]:
-    """`n` lists, each its length and then its members (and `extra` more values), from a flat array.
+    """Split a flat array in `n` lists: each has its length first, then its members, then `extra` more values.
+
+    Parameters
+    ----------
+    flat : (k,) ndarray of int or float
+    n : int
+        Number of lists.
+    what : str
+        Name of a list in the error, such as `face`.
+    extra : int
+        Values behind the members of each list; they are skipped.
 
     Returns
     -------
@@ -186,6 +313,11 @@ def ragged(flat: NDArray, n: int, what: str, extra: int = 0) -> tuple[NDArray, N
     sizes : (n,) ndarray of int64
     used : int
         Values of `flat` that were consumed.
+
+    Raises
+    ------
+    MeshFileError
+        A length that is no whole number, or that leads beyond the end.
     """
     if n == 0:
         return flat[:0], np.zeros(0, dtype=np.int64), 0
