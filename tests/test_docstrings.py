@@ -22,6 +22,7 @@ PACKAGES = (
     "ddgcli.errors",
     "ddgcli.geometry",
     "ddgcli.io.readers",
+    "ddgcli.io.writers",
     "ddgcli.linalg",
     "ddgcli.mechanics",
     "ddgcli.memory",

@@ -54,7 +54,22 @@ class CellData:
 
 
 def cell_data_of(annotated: AnnotatedMesh) -> CellData:
-    """Cell data of an annotated mesh; the gluing of an IntrinsicMesh becomes arrays."""
+    """Cell data of an annotated mesh; the gluing of an IntrinsicMesh becomes arrays.
+
+    Parameters
+    ----------
+    annotated : AnnotatedMesh
+
+    Returns
+    -------
+    CellData
+        Points of an intrinsic mesh without coordinates are zero.
+
+    Raises
+    ------
+    ValueError
+        An array whose length is not the number of its elements.
+    """
     mesh = annotated.mesh
     vertex, cell, edge = dict(annotated.vertex), dict(annotated.face), dict(annotated.edge)
     if isinstance(mesh, TetMesh):
@@ -95,7 +110,20 @@ def _check(data: CellData) -> None:
 
 
 def free_name(name: str, used_names: set[str], suffix: str) -> str:
-    """The name, or with a warning the first free one of `name_2`, `name_3`, ...; `used_names` gains it."""
+    """Name of an array in the file: `name`, else with a warning `name_2`, `name_3` and so on.
+
+    Parameters
+    ----------
+    name : str
+    used_names : set of str
+        Gains the result.
+    suffix : str
+        Extension of the file, for the warning.
+
+    Returns
+    -------
+    str
+    """
     free, number = name, 1
     while free in used_names:
         number += 1
@@ -107,7 +135,17 @@ def free_name(name: str, used_names: set[str], suffix: str) -> str:
 
 
 def two_dimensional(value: NDArray) -> NDArray:
-    """(n, k) contiguous numeric array; booleans as uint8, longer shapes flattened."""
+    """Contiguous numeric array of one or two dimensions.
+
+    Parameters
+    ----------
+    value : (n, ...) ndarray
+
+    Returns
+    -------
+    (n,) or (n, k) ndarray
+        Further dimensions become columns; booleans become uint8, and half precision single precision.
+    """
     value = np.asarray(value)
     if value.dtype == bool:
         value = value.astype(np.uint8)
@@ -117,7 +155,17 @@ def two_dimensional(value: NDArray) -> NDArray:
 
 
 def short_integers(value: NDArray) -> NDArray:
-    """The array without 8-byte integers, for formats that have none: int32 where it fits, else float64."""
+    """The array without 8-byte integers, for formats that have none.
+
+    Parameters
+    ----------
+    value : ndarray
+
+    Returns
+    -------
+    ndarray
+        8-byte integers become int32 where all fit, else float64; other arrays are returned as they are.
+    """
     if value.dtype.kind not in "iu" or value.dtype.itemsize < 8:
         return value
     if value.size == 0 or np.abs(value).max() < 2**31:
@@ -128,7 +176,18 @@ def short_integers(value: NDArray) -> NDArray:
 def warn_of_lost_arrays(
     data: CellData, suffix: str, *, writable_names: tuple[str, ...] = (), what: str = "arrays"
 ) -> None:
-    """Warn about arrays that a format cannot hold: all but those of `writable_names`."""
+    """Warn about arrays on vertices and cells that a format cannot hold.
+
+    Parameters
+    ----------
+    data : CellData
+    suffix : str
+        Extension of the format.
+    writable_names : tuple of str
+        Arrays that it can hold.
+    what : str
+        Name of the arrays in the warning.
+    """
     missing = [name for name in (*data.vertex, *data.cell) if name not in writable_names]
     if missing:
         names = ", ".join(missing[:4]) + (", ..." if len(missing) > 4 else "")
@@ -136,13 +195,37 @@ def warn_of_lost_arrays(
 
 
 def require_surface(kind: str, suffix: str) -> None:
-    """Raise OutputError for 'lines' in a format of surfaces."""
+    """Raise an error for curves in a format of surfaces.
+
+    Parameters
+    ----------
+    kind : {'faces', 'tetrahedra', 'lines'}
+    suffix : str
+        Extension of the format.
+
+    Raises
+    ------
+    OutputError
+        `kind` is 'lines' and the format is one of `SURFACE_FORMATS`.
+    """
     if kind == "lines" and suffix in SURFACE_FORMATS:
         raise OutputError(f"{suffix} cannot hold curves; write .vtp, .vtu, .ply, .obj or .npz")
 
 
 def require_single_precision(points: NDArray, suffix: str) -> None:
-    """Raise OutputError for coordinates that are infinite in a format with 32-bit numbers."""
+    """Raise an error for coordinates that are infinite in a format with 32-bit numbers.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray of float64
+    suffix : str
+        Extension of the format.
+
+    Raises
+    ------
+    OutputError
+        A coordinate exceeds float32, and the format is one of `SINGLE_PRECISION_FORMATS`.
+    """
     if suffix not in SINGLE_PRECISION_FORMATS or points.size == 0:
         return
     largest = max(float(points.max()), -float(points.min()))
@@ -153,7 +236,24 @@ def require_single_precision(points: NDArray, suffix: str) -> None:
 
 
 def surface_only(data: CellData, suffix: str) -> CellData:
-    """Cell data of triangles for formats of surfaces: the boundary of tetrahedra; OutputError for curves."""
+    """Cell data of triangles, for formats of surfaces.
+
+    Parameters
+    ----------
+    data : CellData
+    suffix : str
+        Extension of the format.
+
+    Returns
+    -------
+    CellData
+        The same for triangles. Of tetrahedra, with a warning, the boundary with the arrays on vertices.
+
+    Raises
+    ------
+    OutputError
+        Curves in one of `SURFACE_FORMATS`, or coordinates too large for one of `SINGLE_PRECISION_FORMATS`.
+    """
     require_surface(data.kind, suffix)
     require_single_precision(data.points, suffix)
     if data.kind == "faces":

@@ -149,7 +149,17 @@ def _textured_faces(data: CellData) -> list[str]:
 
 
 def paths_of(segments: NDArray) -> list[NDArray]:
-    """Segments that follow one another joined to polylines."""
+    """Polylines of segments that follow one another in the list.
+
+    Parameters
+    ----------
+    segments : (l, 2) ndarray of int64
+
+    Returns
+    -------
+    list of (k,) ndarray of int64
+        Vertices of each polyline; a closed one ends with its first vertex.
+    """
     if len(segments) == 0:
         return []
     breaks = np.flatnonzero(segments[1:, 0] != segments[:-1, 1]) + 1
