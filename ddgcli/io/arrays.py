@@ -43,7 +43,23 @@ def input_array(source: Any, name: str) -> tuple[NDArray, str]:
 
 
 def read_array(path: str) -> NDArray:
-    """Numbers of a `.npy`, one-array `.npz`, `.csv` or `.txt` file; MeshFileError in one line."""
+    """Numbers of a `.npy`, `.npz`, `.csv` or `.txt` file.
+
+    Parameters
+    ----------
+    path : str
+        A `.npz` holds one array.
+
+    Returns
+    -------
+    ndarray of real numbers
+        Of `.csv` and `.txt`, (n,) or (n, k) float64.
+
+    Raises
+    ------
+    MeshFileError
+        One line that begins with the path: no such file, another format, a damaged file, or no real numbers.
+    """
     if not Path(path).is_file():
         raise MeshFileError(f"{path}: no such file; check the path")
     reader = READERS.get(Path(path).suffix.lower())
@@ -82,6 +98,24 @@ def input_form(source: Any, name: str) -> NDArray:
 
     Values on the faces of tetrahedra belong to the array `triangles` of the input, (f, 3) vertex numbers,
     each in the order of its orientation. The array of a file is in the numbering of `mesh.triangles`.
+
+    Parameters
+    ----------
+    source : MeshInput
+    name : str
+        An array of the input, or a file as for `input_array`.
+
+    Returns
+    -------
+    ndarray
+        Values of edges and triangles in the order of the mesh, with its signs.
+
+    Raises
+    ------
+    ParameterError
+        No such array, or `edges` or `triangles` of the input do not list those of the mesh.
+    MeshFileError
+        A file that cannot be read.
     """
     if name in source.whole and "triangles" in source.whole and source.kind == "tetrahedra":
         values, triangles = (np.asarray(source.whole[key]) for key in (name, "triangles"))
@@ -122,6 +156,15 @@ def aligned_edge_values(edges: NDArray, file_edges: NDArray, values: NDArray) ->
     file_edges : (e, 2) ndarray of int
         Edges of the file, in any order and orientation; a reversed edge changes the sign.
     values : (e,) ndarray
+
+    Returns
+    -------
+    (e,) ndarray of float64
+
+    Raises
+    ------
+    ParameterError
+        The edges of the file are not those of the mesh.
     """
     n = np.int64(max(edges.max(initial=0), file_edges.max(initial=0)) + 1)
     key = edges[:, 0] * n + edges[:, 1]
@@ -137,7 +180,29 @@ def aligned_edge_values(edges: NDArray, file_edges: NDArray, values: NDArray) ->
 
 
 def input_field(source: Any, name: str | None, path: str | None) -> tuple[NDArray, str] | None:
-    """The field of an array `name` or of a file `path`, edge values in mesh order; None for neither."""
+    """The field of an array of the input or of a file.
+
+    Parameters
+    ----------
+    source : MeshInput
+    name : str or None
+        An array of the input; a file too, as for `input_array`.
+    path : str or None
+        A file.
+
+    Returns
+    -------
+    (ndarray, str) or None
+        The array, with edge values in the order and orientation of the mesh, and its elements as of
+        `input_array`; None if `name` and `path` are None.
+
+    Raises
+    ------
+    ParameterError
+        Both a name and a path, no such array, or `edges` of the input do not list those of the mesh.
+    MeshFileError
+        A file that cannot be read.
+    """
     if name is not None and path is not None:
         raise ParameterError("`field` and `field_file` exclude each other; give one")
     if name is None and path is None:

@@ -13,7 +13,21 @@ MATRIX_FORMATS = (".npz", ".mtx")
 def matrix_bytes(path: str, matrix: sparray, comment: str = "", *, symmetric: bool = True) -> bytes:
     """Content of a matrix file: `.npz` for `scipy.sparse.load_npz` (CSR), or `.mtx` (Matrix Market).
 
-    Integer matrices stay integer in `.mtx`; `symmetric` writes one triangle of the entries there.
+    Integer matrices stay integer in `.mtx`.
+
+    Parameters
+    ----------
+    path : str
+        Its extension chooses the format; nothing is written.
+    matrix : sparse array
+    comment : str
+        Of the `.mtx` file.
+    symmetric : bool
+        The matrix is symmetric: `.mtx` holds one triangle of the entries.
+
+    Returns
+    -------
+    bytes
     """
     buffer = io.BytesIO()
     if Path(path).suffix.lower() == ".npz":

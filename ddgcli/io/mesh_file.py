@@ -131,6 +131,10 @@ def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
     input_format : str, optional
         An extension, used instead of that of the path.
 
+    Returns
+    -------
+    MeshInput
+
     Raises
     ------
     MeshFileError, MeshError
@@ -236,12 +240,26 @@ def _function(entry: tuple[str, str]) -> Callable:
 
 
 def check_output(path: str, output_format: str | None = None, *, formats: Sequence[str] | None = None) -> str:
-    """Format of an output, checked before any work; `formats`: the allowed ones, by default those of meshes.
+    """Format of an output, checked before any work.
+
+    Parameters
+    ----------
+    path : str
+        `-` is standard output, which needs `output_format`.
+    output_format : str, optional
+        An extension, used for standard output.
+    formats : sequence of str, optional
+        Extensions that are allowed; default those of meshes.
+
+    Returns
+    -------
+    str
+        Extension in lower case, with its dot.
 
     Raises
     ------
     OutputError
-        Unknown extension, missing folder, or a folder in the place of the file.
+        Unknown extension, missing folder, or a folder, pipe or device in the place of the file.
     """
     suffix = (
         "." + output_format.lower().lstrip(".")
@@ -261,7 +279,19 @@ def check_output(path: str, output_format: str | None = None, *, formats: Sequen
 
 
 def check_place(path: str, *, inputs: tuple[str, ...] = ()) -> None:
-    """Raise OutputError for an output in a missing folder, or that is one of the inputs."""
+    """Raise an error for an output that cannot be written, or that is one of the inputs.
+
+    Parameters
+    ----------
+    path : str
+    inputs : tuple of str
+        Paths that must not be the output's file.
+
+    Raises
+    ------
+    OutputError
+        A folder that is missing or not writable; a folder, pipe or device in the place of the file; an input.
+    """
     target = Path(path)
     _check_regular(path)
     if not target.parent.is_dir():
@@ -294,7 +324,20 @@ def write_mesh(
 ) -> None:
     """Write a mesh with its arrays, whole or not at all; the extension chooses the format.
 
-    A `path` of `-` writes to standard output in `output_format`; `staged` as in `atomic_output`.
+    Parameters
+    ----------
+    path : str
+        `-` is standard output, which needs `output_format`.
+    annotated : AnnotatedMesh
+    output_format : str, optional
+        An extension, used for standard output.
+    staged : StagedOutputs, optional
+        As for `atomic_output`.
+
+    Raises
+    ------
+    OutputError
+        As of `check_output`; a format that cannot hold the mesh; a file that cannot be written.
     """
     suffix = check_output(path, output_format)
     from ddgcli.io.writers.cell_data import cell_data_of
@@ -309,10 +352,21 @@ def write_mesh(
 
 
 def write_atomically(path: str, content: FileContent, *, staged: StagedOutputs | None = None) -> None:
-    """Write content to a path, all or nothing, or to standard output (`-`); `staged` as in `atomic_output`.
+    """Write content to a path, all or nothing, or to standard output.
 
-    `content`: bytes, or a function that writes them to the open file it is called with: a large archive
-    is then never whole in memory.
+    Parameters
+    ----------
+    path : str
+        `-` is standard output.
+    content : bytes, or callable (binary file) -> object
+        A function writes to the open file: a large archive is then never whole in memory.
+    staged : StagedOutputs, optional
+        As for `atomic_output`.
+
+    Raises
+    ------
+    OutputError
+        As of `atomic_output`.
     """
     if path == "-":
         buffer = io.BytesIO()  # an archive is written with seeks, which a pipe has not
@@ -337,7 +391,22 @@ def atomic_output(path: str, staged: StagedOutputs | None = None) -> Iterator[st
     """A temporary path beside `path` (same extension) that is renamed to it if the block raises nothing.
 
     A link is followed; the permissions of a replaced file are kept. After an error no file remains.
-    With `staged` the file is added to it, and its `commit` renames it.
+
+    Parameters
+    ----------
+    path : str
+    staged : StagedOutputs, optional
+        The complete file is added to it instead, and its `commit` renames it.
+
+    Yields
+    ------
+    str
+        Path of an empty file.
+
+    Raises
+    ------
+    OutputError
+        A folder, pipe or device in the place of the file, or an OSError, also one of the block.
     """
     _check_regular(path)
     target = Path(os.path.realpath(path))

@@ -52,7 +52,23 @@ class SceneDocument:
 
 
 def read_scene(path: str) -> SceneDocument:
-    """Read a scene file, or standard input at "-"; SceneError with file and line where it is not TOML."""
+    """Read a scene file.
+
+    Parameters
+    ----------
+    path : str
+        `-` is standard input.
+
+    Returns
+    -------
+    SceneDocument
+        Relative paths start at the folder of the file.
+
+    Raises
+    ------
+    SceneError
+        No such file, not UTF-8, or not TOML, with its line.
+    """
     source = Path(path)
     if path != "-" and not source.is_file():
         raise SceneError(f"{path}: no such file; check the path")
@@ -65,7 +81,26 @@ def read_scene(path: str) -> SceneDocument:
 
 
 def parse_scene(text: str, path: str = "", folder: str = ".") -> SceneDocument:
-    """The document of a scene's text."""
+    """Parse the text of a scene.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+    path : str
+        Path of the call, for errors; "" for a scene from options.
+    folder : str
+        Where relative mesh paths start.
+
+    Returns
+    -------
+    SceneDocument
+
+    Raises
+    ------
+    SceneError
+        Not TOML, with its line.
+    """
     text = text.replace("\r\n", "\n")
     prefix = f"{path}: " if path else ""
     try:

@@ -71,7 +71,19 @@ def temporary_beside(target: Path, suffix: str = "") -> str:
 def temporary_name(target: Path, suffix: str = "") -> str:
     """Path of a file in the target's folder that is not there yet; leftovers of killed processes are removed.
 
-    Who creates the file within a `try` that removes it leaves nothing, at whatever moment a signal comes.
+    Create the file within a `try` that removes it: then nothing remains, at whatever moment a signal comes.
+
+    Parameters
+    ----------
+    target : Path
+        The output that the file will replace.
+    suffix : str
+        End of the name, removed from that of `target` first.
+
+    Returns
+    -------
+    str
+        Hidden; it contains the machine's name and the number of the process.
     """
     beginning = f".{target.name.removesuffix(suffix)}-{_host()}-"
     _remove_leftovers(target.parent, beginning)
@@ -79,7 +91,17 @@ def temporary_name(target: Path, suffix: str = "") -> str:
 
 
 def create_new(path: str) -> None:
-    """Create an empty file that only its owner reads; OSError where there is one already."""
+    """Create an empty file that only its owner reads.
+
+    Parameters
+    ----------
+    path : str
+
+    Raises
+    ------
+    OSError
+        There is one already, or it cannot be created.
+    """
     os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
 
 

@@ -83,7 +83,17 @@ def by_vertex(name: str) -> bool:
 
 
 def by_face(name: str) -> bool:
-    """Whether a growing dataset has a row for each face of each frame."""
+    """Whether a growing dataset has a row for each face of each frame.
+
+    Parameters
+    ----------
+    name : str
+        Path of the dataset in the file.
+
+    Returns
+    -------
+    bool
+    """
     return name.startswith("VTKHDF/CellData/")
 
 
@@ -141,6 +151,19 @@ def vertices_of(trajectory_frame: TrajectoryFrame, header: Header) -> int:
 
 
 def shapes_of(trajectory_frame: TrajectoryFrame, checkpoint: dict[str, NDArray], effects: NDArray) -> tuple:
+    """Names and shapes of what a frame writes; frames with equal ones fit the same file.
+
+    Parameters
+    ----------
+    trajectory_frame : TrajectoryFrame
+    checkpoint : dict of str to ndarray
+    effects : (k,) ndarray of EFFECT_DTYPE
+
+    Returns
+    -------
+    tuple
+        For comparison only. Lengths of arrays on vertices and faces are omitted.
+    """
     return (
         tuple((name, np.shape(a)[1:]) for name, a in trajectory_frame.vertex.items()),
         tuple((name, np.shape(a)[1:]) for name, a in trajectory_frame.face.items()),
@@ -151,7 +174,20 @@ def shapes_of(trajectory_frame: TrajectoryFrame, checkpoint: dict[str, NDArray],
 
 
 def frame_rows(trajectory_frame: TrajectoryFrame, header: Header, before: RowCount) -> dict[str, NDArray]:
-    """Values of every growing dataset for the frame after those of `before`."""
+    """Values of every growing dataset for the frame after those of `before`.
+
+    Parameters
+    ----------
+    trajectory_frame : TrajectoryFrame
+    header : Header
+    before : RowCount
+        Of the frames in the file.
+
+    Returns
+    -------
+    dict of str to (r, ...) ndarray
+        New rows by the path of the dataset in the file.
+    """
     one, k, first = np.array, before.n_frames, before.vertices
     topologies = 1 if isinstance(header.mesh, TetMesh) else len(TOPOLOGIES)
     rows: dict[str, NDArray] = {
@@ -215,7 +251,21 @@ def room_for(
 ) -> dict[str, RowLayout]:
     """Growing datasets with room for `n_frames` frames (fewer where that would be more than a disk).
 
-    `whole` are the frames to expect, where the number of vertices changes.
+    Parameters
+    ----------
+    trajectory_frame : TrajectoryFrame
+        Any frame; all have its names and shapes.
+    checkpoint : dict of str to ndarray
+    n_effects, n_frames, log : int
+        Rows of the effects, frames, and rows of the log.
+    header : Header
+    whole : RowCount, optional
+        The frames to expect, where the number of vertices changes.
+
+    Returns
+    -------
+    dict of str to RowLayout
+        By the path of the dataset in the file.
     """
     sample = frame_rows(trajectory_frame, header, RowCount())
     bytes_each = sum(np.asarray(v).size * 8 for v in sample.values())
@@ -243,7 +293,17 @@ def room_for(
 
 
 def static_bytes(header: Header) -> int:
-    """About how much `static` writes."""
+    """About how much `static` writes.
+
+    Parameters
+    ----------
+    header : Header
+
+    Returns
+    -------
+    int
+        In bytes.
+    """
     obstacles = [array for mesh in header.obstacles.values() for array in (mesh.points, mesh.faces)]
     arrays = (header.mesh.points, cells_of(header.mesh), *header.cell.values(), *obstacles)
     texts = (*header.texts.values(), *map(str, header.attributes.values()))
@@ -269,7 +329,14 @@ def _connectivity(group: h5py.Group, cells: NDArray, changing: bool = False, own
 
 
 def static(file: h5py.File, header: Header) -> None:
-    """Groups, attributes and everything that does not grow; the marks first, near the file's head."""
+    """Write groups, attributes and everything that does not grow; the marks first, near the file's head.
+
+    Parameters
+    ----------
+    file : h5py.File
+        New and empty.
+    header : Header
+    """
     root = file.create_group("VTKHDF")
     steps = root.create_group("Steps")
     steps.attrs["NSteps"] = np.int64(NSTEPS_MARK)

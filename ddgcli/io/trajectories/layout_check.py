@@ -22,6 +22,10 @@ MAX_METADATA_BYTES = 1 << 20  # bound of the check, which reads texts and shapes
 def check_trajectory(path: str) -> None:
     """Raise an error for a file that is no trajectory, is damaged, or refers to other files.
 
+    Parameters
+    ----------
+    path : str
+
     Raises
     ------
     MeshFileError
@@ -146,6 +150,16 @@ def _check_texts(ours: Any) -> None:
 
 def part_counts(stored: Any, n_frames: int) -> list[int]:
     """Number of vertices or corners of every frame; a file whose number does not change has it once.
+
+    Parameters
+    ----------
+    stored : (k,) array or dataset of int
+    n_frames : int
+
+    Returns
+    -------
+    list of int
+        `n_frames` numbers.
 
     Raises
     ------

@@ -15,7 +15,21 @@ LONGEST_STEP = 0.5  # of the size of a periodic grid: longer segments cross its 
 
 
 def check_particles(source: Trajectory) -> list[str]:
-    """Names of the scalars that hold particles; ParameterError for a trajectory without."""
+    """Names of the scalars that hold particles.
+
+    Parameters
+    ----------
+    source : Trajectory
+
+    Returns
+    -------
+    list of str
+
+    Raises
+    ------
+    ParameterError
+        The trajectory has no particles.
+    """
     names = [name for name in source.scalars if name.startswith(PREFIX)]
     if not names:
         raise ParameterError(
@@ -25,12 +39,25 @@ def check_particles(source: Trajectory) -> list[str]:
 
 
 def particle_paths(source: Trajectory, frame_numbers: Sequence[int]) -> CurveSet:
-    """Polylines from frame to frame, with the arrays `path_id` and `time` on their points.
+    """Paths of particles as polylines from frame to frame.
+
+    Segments that cross the sides of a periodic grid are left out.
+
+    Parameters
+    ----------
+    source : Trajectory
+    frame_numbers : sequence of int
+        In the order of the polylines.
+
+    Returns
+    -------
+    CurveSet
+        With the arrays `path_id` and `time` on its points.
 
     Raises
     ------
     ParameterError
-        When the trajectory holds no particles.
+        The trajectory has no particles.
     """
     names = check_particles(source)
     rows = np.concatenate([source.scalars[name].reshape(source.n_frames, -1, 3) for name in names], axis=1)

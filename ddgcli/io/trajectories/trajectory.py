@@ -214,7 +214,18 @@ def _mesh_of_cells(
 
 
 def pvd_text(files: list[tuple[float, int, str]]) -> str:
-    """A ParaView series of (time, part, file)."""
+    """Content of a ParaView series.
+
+    Parameters
+    ----------
+    files : list of (float, int, str)
+        Time, number of the part, and path of each file.
+
+    Returns
+    -------
+    str
+        XML of a `.pvd` file.
+    """
     lines = [
         f'    <DataSet timestep="{time!r}" part="{part_number}" file="{escape(name)}"/>'
         for time, part_number, name in files
