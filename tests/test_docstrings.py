@@ -28,6 +28,7 @@ PACKAGES = (
     "ddgcli.mesh",
     "ddgcli.models",
     "ddgcli.operators",
+    "ddgcli.plots",
     "ddgcli.progress",
     "ddgcli.scenes",
     "ddgcli.simulation",

@@ -17,7 +17,20 @@ CONSTANT_LENGTH_TOLERANCE = 1e-3  # relative spread of vector lengths
 
 
 def glyphs_of(mesh: TriangleMesh, name: str, vectors: NDArray) -> Glyphs:
-    """Arrows on vertices or faces; stripes of principal directions, which have no sign."""
+    """Arrows on vertices or faces; stripes of principal directions, which have no sign.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    name : str
+        Name of the array: names of principal directions begin with `principal_direction`.
+    vectors : (n, 3) or (m, 3) ndarray
+
+    Returns
+    -------
+    Glyphs
+        At the vertices, or at the barycentres of the faces.
+    """
     on_vertices = len(vectors) == mesh.n_vertices
     places = mesh.points if on_vertices else mesh.points[mesh.faces].mean(axis=1)
     return Glyphs(places, np.asarray(vectors, dtype=np.float64), name.startswith("principal_direction"))
@@ -28,12 +41,15 @@ def draw_array(path: str, mesh: TriangleMesh, name: str, values: NDArray | None,
 
     Parameters
     ----------
+    path : str
+        .png, .svg or .pdf.
+    mesh : TriangleMesh
     name : str
         Name of the array: label of the colour bar; signed quantities and directions are known by name.
     values : (k,), (k, 2) or (k, 3) ndarray, optional
         Numbers are colours, flat coordinates a pattern of squares, vectors arrows over the colours of their
         lengths.
-    options
+    **options
         Passed on to `draw_surface`.
 
     Raises

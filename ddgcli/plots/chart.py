@@ -49,8 +49,12 @@ def draw_chart(
         .png, .svg or .pdf.
     series : mapping of name to (x, y)
         Points that are not finite (or not positive on a logarithmic axis) are omitted.
+    xlabel, ylabel : str
+        Beside the axes.
     log : str
         'x', 'y' or 'xy': which axes are logarithmic.
+    title, caption : str
+        Above and below the chart.
     labels : mapping of name to texts, optional
         A text beside each point of a series, where no other text or point is; elsewhere with a thin line.
     ringed : mapping of name to indices, optional
@@ -62,6 +66,9 @@ def draw_chart(
     styles : mapping of name to int, optional
         Number of the colour, marker and dash of each series, so that several charts draw a series alike.
         By default the series are numbered in order.
+    width, height : float
+        Inches.
+    dpi : float
     """
     with page(path, width, height, dpi) as figure:
         across = (

@@ -18,9 +18,19 @@ SIGNED_ARRAYS = (
 
 
 def is_signed(name: str, dimension: int = 1) -> bool | None:
-    """True for quantities with a sign, False for lengths of vectors; None if the values decide.
+    """Whether an array is a quantity with a sign.
 
-    `dimension` is that of the array: 1 for numbers, 2 for vectors.
+    Parameters
+    ----------
+    name : str
+    dimension : int
+        Of the array: 1 for numbers, 2 for vectors.
+
+    Returns
+    -------
+    bool or None
+        True for quantities with a sign; False for vectors, which are drawn by their lengths; None if the
+        values decide.
     """
     if dimension > 1:
         return False
@@ -76,7 +86,19 @@ def _rare_reach(sizes: NDArray) -> float:
 
 
 def extremes(label: str, values: NDArray) -> str:
-    """Caption with the least and the largest value of an array; the colour bar may be shorter."""
+    """Caption with the least and the largest value of an array; the colour bar may be shorter.
+
+    Parameters
+    ----------
+    label : str
+    values : ndarray of float
+        Values that are not finite are ignored.
+
+    Returns
+    -------
+    str
+        Empty without a label or a finite value.
+    """
     finite = values[np.isfinite(values)]
     if not label or len(finite) == 0:
         return ""
@@ -84,7 +106,16 @@ def extremes(label: str, values: NDArray) -> str:
 
 
 def colours(diverging: bool) -> Any:
-    """Colour map of signed values (blue, white, red) or of others (dark to light, readable in grey)."""
+    """Colour map of signed values (blue, white, red) or of others (dark to light, readable in grey).
+
+    Parameters
+    ----------
+    diverging : bool
+
+    Returns
+    -------
+    matplotlib.colors.Colormap
+    """
     from matplotlib import colormaps
     from matplotlib.colors import LinearSegmentedColormap
 
@@ -97,7 +128,21 @@ def colours(diverging: bool) -> Any:
 
 
 def baked_colours(values: NDArray, low: float, high: float, signed: bool) -> tuple[NDArray[np.uint8], str]:
-    """(k, 3) colours of values from `low` to `high`, and the name of the map; grey where not finite."""
+    """Colours of values, and the name of their colour map.
+
+    Parameters
+    ----------
+    values : (k,) ndarray of float
+    low, high : float
+        Ends of the colour map; values beyond have the colour of the end.
+    signed : bool
+
+    Returns
+    -------
+    colours : (k, 3) ndarray of uint8
+        Grey where a value is not finite.
+    name : str
+    """
     colour_map = colours(signed)
     share = np.clip((np.nan_to_num(values) - low) / ((high - low) or 1.0), 0.0, 1.0)
     table = np.rint(255 * colour_map(share)[:, :3]).astype(np.uint8)
@@ -106,7 +151,16 @@ def baked_colours(values: NDArray, low: float, high: float, signed: bool) -> tup
 
 
 def colour_bar(figure: Any, mappable: Any, label: str, beyond: str = "neither") -> None:
-    """Draw a colour bar at the right of the page, with arrow heads if values lie beyond its ends."""
+    """Draw a colour bar at the right of the page, with arrow heads if values lie beyond its ends.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    mappable : matplotlib.cm.ScalarMappable
+    label : str
+    beyond : {'neither', 'min', 'max', 'both'}
+        Ends with arrow heads.
+    """
     place = figure.add_axes((0.865, 0.14, 0.022, 0.7))
     bar = figure.colorbar(mappable, cax=place, extend=beyond, label=label)
     bar.ax.tick_params(labelsize=8)

@@ -44,10 +44,13 @@ def draw_curves(
     values : sequence of (k,) ndarray, optional
         One array of vertex values a curve.
     closed : bool, or one for each curve
-    vectors : sequence of (points (k, 3), vectors (k, 3), colour)
-        Thin lines from points, longest 5 % of the size of the curves.
     label, title, signed, limits, fit, view, up
         As for `draw_surface`.
+    vectors : sequence of (points (k, 3), vectors (k, 3), colour)
+        Thin lines from points, longest 5 % of the size of the curves.
+    width, height : float
+        Inches.
+    dpi : float
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize

@@ -60,6 +60,11 @@ def frame_arrows(
         Size of the surface.
     vectors : mapping of str to (p, 3) ndarray
         Unit vectors by colour.
+
+    Returns
+    -------
+    list of Arrows
+        One for each colour, all at the same points.
     """
     numbers = [np.zeros(0, dtype=np.int64)]
     for first, last in zip(start[:-1], start[1:]):
@@ -73,7 +78,16 @@ def frame_arrows(
 
 
 def draw_arrows(axes: Any, camera: Camera, visible: PixelFaces, arrows: Sequence[Arrows]) -> None:
-    """Draw the arrows whose feet are visible."""
+    """Draw the arrows whose feet are visible.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        In pixels of the camera.
+    camera : Camera
+    visible : PixelFaces
+    arrows : sequence of Arrows
+    """
     size = max(camera.width, camera.height)
     for one in arrows:
         foot = camera.project(one.places)
@@ -105,7 +119,16 @@ def thin_glyphs(camera: Camera, visible: PixelFaces, glyphs: Glyphs) -> NDArray[
 
 
 def draw_glyphs(axes: Any, camera: Camera, visible: PixelFaces, glyphs: Glyphs) -> None:
-    """Draw streamlines, or the thinned vectors: all but the longest two per cent fit into a square."""
+    """Draw streamlines, or the thinned vectors: all but the longest two per cent fit into a square.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        In pixels of the camera.
+    camera : Camera
+    visible : PixelFaces
+    glyphs : Glyphs
+    """
     if glyphs.faces is not None:
         _draw_streamlines(axes, camera, streamlines(camera, visible, glyphs.faces, glyphs.vectors))
         return

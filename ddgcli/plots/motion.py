@@ -98,9 +98,29 @@ def sequence_style(
     edges: bool = False,
     time_unit: str = "s",
 ) -> SequenceStyle:
-    """Common view and colour limits of frames; robust limits over all frames by default.
+    """Common view and colour limits of frames.
 
     Obstacles are inside the pictures as far as they are near the bodies.
+
+    Parameters
+    ----------
+    plot_frames : iterable of PlotFrame
+    label : str
+        Beside the colour bar.
+    view : mapping, optional
+        `view` and `up` of `draw_surface`.
+    limits : (float, float), optional
+        Ends of the colour bar, diverging about zero if zero lies between them; default `robust_limits` over
+        all frames.
+    signed : bool, optional
+        Of `robust_limits`.
+    edges : bool
+        Draw the edges too.
+    time_unit : str
+
+    Returns
+    -------
+    SequenceStyle
     """
     corners, values, obstacles = [], [], []
     for plot_frame in plot_frames:
@@ -160,16 +180,24 @@ def draw_frames(
     page_size: Mapping[str, float],
     jobs: int = 1,
 ) -> Iterator[str]:
-    """Draw frames to numbered files in a folder; yield their paths in order.
+    """Draw frames to numbered files in a folder.
 
     Parameters
     ----------
+    plot_frames : iterable of PlotFrame
+    style : SequenceStyle
+    folder : str
     suffix : str
         .png, .svg or .pdf.
     page_size : mapping
         `width`, `height` and `dpi` of `draw_frame`.
     jobs : int
         Processes; the files have the same bytes for any number.
+
+    Yields
+    ------
+    str
+        Path of each file, in order, as soon as it is written.
     """
     numbered = ((f"{folder}/{k}{suffix}", plot_frame) for k, plot_frame in enumerate(plot_frames))
     if jobs <= 1:
@@ -203,7 +231,23 @@ def draw_motion(
     height: float = 10.8,
     dpi: float = 200,
 ) -> None:
-    """Draw a few frames above the chart of the series, on one page."""
+    """Draw a few frames above the chart of the series, on one page.
+
+    Parameters
+    ----------
+    path : str
+        .png, .svg or .pdf.
+    plot_frames : sequence of PlotFrame
+        At most `MAX_PICTURE_FRAMES` are drawn, with about equal changes between them.
+    series : mapping of name to (x, y)
+        As for `draw_chart`, over the time.
+    style : SequenceStyle
+    ylabel : str
+        Of the chart.
+    width, height : float
+        Inches.
+    dpi : float
+    """
     from matplotlib.image import imread
 
     numbers = frames_of_equal_change(
@@ -238,9 +282,22 @@ def draw_animation(
     progress: Callable[[int], None] = lambda n_frames: None,
     jobs: int = 1,
 ) -> None:
-    """Write a looping animated GIF or an MP4 (H.264), by default of 1280 x 960 pixels.
+    """Write a looping animated GIF or an MP4 (H.264).
 
-    `progress(n_frames)` is called after each frame with the number of frames so far; `jobs` processes draw.
+    Parameters
+    ----------
+    path : str
+        .gif or .mp4.
+    plot_frames : iterable of PlotFrame
+        One at least.
+    style : SequenceStyle
+    frames_per_second : float
+    size : (int, int), optional
+        Width and height in pixels; default 1280 x 960.
+    progress : callable (n_frames) -> None
+        Called after each frame with the number of frames so far.
+    jobs : int
+        Processes that draw.
     """
     across, down = size or (1280, 960)
     pictures = _pictures(plot_frames, style, across, down, progress, jobs)
@@ -257,7 +314,23 @@ def draw_animation(
 
 
 def check_animation(path: str, size: tuple[int, int] | None, frames_per_second: float | None = None) -> None:
-    """Raise MissingExtraError or ParameterError for an animation that cannot be written."""
+    """Raise an error for an animation that cannot be written.
+
+    Parameters
+    ----------
+    path : str
+        .gif or .mp4.
+    size : (int, int) or None
+        Width and height in pixels.
+    frames_per_second : float, optional
+
+    Raises
+    ------
+    MissingExtraError
+        The package that writes the format is not installed.
+    ParameterError
+        A rate that the format does not allow, or an odd side of an .mp4.
+    """
     most = MAX_RATE if path.lower().endswith(".mp4") else MAX_GIF_RATE
     if frames_per_second is not None and not MIN_RATE <= frames_per_second <= most:
         suffix = path[path.rindex(".") :]

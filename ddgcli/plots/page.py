@@ -40,8 +40,12 @@ def page(path: str, width: float = 7.0, height: float = 5.25, dpi: float = 200) 
         Ends in .png, .svg or .pdf.
     width, height : float
         Inches.
-    dpi : int
+    dpi : float
         Resolution of .png, and of raster parts of the others.
+
+    Yields
+    ------
+    matplotlib.figure.Figure
 
     Raises
     ------
@@ -60,12 +64,33 @@ def page(path: str, width: float = 7.0, height: float = 5.25, dpi: float = 200) 
 
 
 def picture_axes(figure: Any, coloured: bool, x_range: tuple[float, float] = (0.0, 1.0)) -> Any:
-    """Axes of a picture on a part of a page, with space for a colour bar if it is `coloured`."""
+    """Axes of a picture on a part of a page.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    coloured : bool
+        Leave space for a colour bar.
+    x_range : (float, float)
+        Left end and width of that part of the page, as shares of the page.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
     left, width = x_range
     return figure.add_axes((left + 0.01, 0.05, width * (0.84 if coloured else 0.98), 0.87))
 
 
 def draw_texts(figure: Any, title: str, caption: str, x_range: tuple[float, float] = (0.0, 1.0)) -> None:
-    """Draw the title above the picture and the caption below it."""
+    """Draw the title above the picture and the caption below it.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    title, caption : str
+    x_range : (float, float)
+        As for `picture_axes`.
+    """
     figure.text(x_range[0] + 0.44 * x_range[1], 0.955, title, ha="center", va="center", fontsize=10)
     figure.text(x_range[0] + 0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")

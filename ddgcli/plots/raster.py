@@ -49,10 +49,22 @@ class Camera:
 
 
 def view_axes(points: NDArray, view: View = None, up: str = "z") -> NDArray[np.float64]:
-    """(3, 3) camera axes for a named view, (elevation, azimuth) in degrees, or a default.
+    """Camera axes of a view.
 
-    None looks along the normal of a flat surface, and from above and the side at other surfaces. `up` is the
-    coordinate axis that points up on the page.
+    Parameters
+    ----------
+    points : (k, 3) ndarray
+        Of the shape, for the default view.
+    view : {'x', 'y', 'z', 'iso'} or (float, float), optional
+        Name, or elevation and azimuth in degrees; None looks along the normal of a flat surface, and from
+        above and the side at other surfaces.
+    up : {'z', 'y', 'x'}
+        Coordinate axis that points up on the page.
+
+    Returns
+    -------
+    (3, 3) ndarray of float64
+        Rows: to the right, up, towards the viewer.
     """
     turn = {"z": np.eye(3), "y": np.eye(3)[[2, 0, 1]], "x": np.eye(3)[[1, 2, 0]]}[up]
     if view is None:
@@ -68,7 +80,22 @@ def view_axes(points: NDArray, view: View = None, up: str = "z") -> NDArray[np.f
 
 
 def fitted_camera(points: NDArray, axes: NDArray, width: int, height: int, margin: float = 0.03) -> Camera:
-    """Camera along `axes` whose picture contains all points with a margin."""
+    """Camera along `axes` whose picture contains all points with a margin.
+
+    Parameters
+    ----------
+    points : (k, 3) ndarray
+    axes : (3, 3) ndarray
+        Of `view_axes`.
+    width, height : int
+        Pixels.
+    margin : float
+        At each side, as a share of the picture.
+
+    Returns
+    -------
+    Camera
+    """
     projected = points @ axes.T
     low, high = projected.min(axis=0), projected.max(axis=0)
     extent = (high - low)[:2]
@@ -78,7 +105,17 @@ def fitted_camera(points: NDArray, axes: NDArray, width: int, height: int, margi
 
 
 def unit_box(points: NDArray) -> Callable[[NDArray], NDArray[np.float64]]:
-    """The map that brings points to a box of size one about the origin, so that 1e200 does not overflow."""
+    """Map of points to the cube [-1, 1]^3, so that coordinates of 1e200 do not overflow.
+
+    Parameters
+    ----------
+    points : (k, 3) ndarray
+        Their bounding box is centred at the origin and scaled to a longest side of two.
+
+    Returns
+    -------
+    callable ((..., 3) ndarray) -> (..., 3) ndarray of float64
+    """
     middle = points.min(axis=0) / 2 + points.max(axis=0) / 2
     size = float(np.abs(points - middle).max()) or 1.0
     return lambda p: (np.asarray(p, dtype=np.float64) - middle) / size
@@ -107,7 +144,18 @@ class PixelFaces:
 
 
 def rasterise(camera: Camera, points: NDArray, faces: NDArray) -> PixelFaces:
-    """The nearest face at every pixel's centre."""
+    """Nearest face at the centre of every pixel.
+
+    Parameters
+    ----------
+    camera : Camera
+    points : (n, 3) ndarray
+    faces : (m, 3) ndarray of int64
+
+    Returns
+    -------
+    PixelFaces
+    """
     corners = camera.project(points)[faces]
     low, high = corners[..., 2].min(initial=0.0), corners[..., 2].max(initial=1.0)
     to_step = _DEPTH_STEPS / max(high - low, 1e-300)
@@ -185,7 +233,19 @@ def _barycentric(corners: NDArray, face: NDArray, pixel: NDArray, width: int) ->
 
 
 def altitude(camera: Camera, points: NDArray, faces: NDArray) -> NDArray[np.float64]:
-    """(m, 3) height of each corner over its opposite side in the picture, in pixels."""
+    """Height of each corner over its opposite side in the picture.
+
+    Parameters
+    ----------
+    camera : Camera
+    points : (n, 3) ndarray
+    faces : (m, 3) ndarray of int64
+
+    Returns
+    -------
+    (m, 3) ndarray of float64
+        In pixels; 0 where the opposite side is a point.
+    """
     flat = camera.project(points)[faces][..., :2]
     side = flat[:, NEXT] - flat
     doubled = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
@@ -194,7 +254,19 @@ def altitude(camera: Camera, points: NDArray, faces: NDArray) -> NDArray[np.floa
 
 
 def visible_runs(camera: Camera, visible: PixelFaces, curves: Sequence[NDArray]) -> list[NDArray]:
-    """The parts of polylines, of two points at least, on or before the surface: (k, 2) columns and rows."""
+    """Pieces of polylines on or before the surface, of two points at least.
+
+    Parameters
+    ----------
+    camera : Camera
+    visible : PixelFaces
+    curves : sequence of (k, 3) ndarray
+
+    Returns
+    -------
+    list of (k, 2) ndarray of float64
+        Columns and rows, about a pixel apart.
+    """
     if not len(curves):
         return []
     track = camera.project(np.concatenate(curves))

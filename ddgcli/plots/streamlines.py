@@ -28,7 +28,7 @@ Field = Callable[[NDArray], NDArray[np.float64]]
 def streamlines(
     camera: Camera, visible: PixelFaces, faces: NDArray, vectors: NDArray
 ) -> list[NDArray[np.float64]]:
-    """Polylines (k, 2) of columns and rows, along the field.
+    """Streamlines of a vector field on the visible surface.
 
     Parameters
     ----------
@@ -38,6 +38,11 @@ def streamlines(
         The first m of the visible faces; the field is none on others.
     vectors : (n, 3) ndarray of float64
         At the vertices.
+
+    Returns
+    -------
+    list of (k, 2) ndarray of float64
+        Columns and rows along the field; the longest line first.
     """
     size = max(camera.width, camera.height)
     spacing = SPACING * size

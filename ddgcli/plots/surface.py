@@ -64,6 +64,11 @@ def draw_surface(
     width, height : float
         Inches.
     dpi : float
+    **options
+        As listed below.
+
+    Other Parameters
+    ----------------
     label, title, caption : str
         Beside the colour bar, above and below the picture; the caption ends with the extremes of the values.
     signed : bool, optional
@@ -73,8 +78,9 @@ def draw_surface(
     value_size : float
         `size` of `robust_limits`.
     curves : sequence of (k, 3) ndarray
-        Polylines, drawn where the surface does not hide them, `curve_width` points wide on a white rim of
-        `curve_halo`.
+        Polylines, drawn where the surface does not hide them.
+    curve_width, curve_halo : float
+        Width of the polylines, and of the white rim around them, in points.
     level_lines : sequence of (k, 3) ndarray
         The same, thin and without a halo, under the curves.
     points : (k, 3) ndarray, optional
@@ -110,9 +116,19 @@ def draw_beside(
     dpi: float = 200,
     **options: Any,
 ) -> None:
-    """Write pictures of surfaces side by side, from meshes and their options of `draw_surface`.
+    """Write pictures of surfaces side by side, without colour bars.
 
-    `options` apply to all of them. No colour bars.
+    Parameters
+    ----------
+    path : str
+        .png, .svg or .pdf.
+    pictures : sequence of (TriangleMesh, dict)
+        Each mesh with its own `values` and options of `draw_surface`.
+    width, height : float
+        Of the page in inches.
+    dpi : float
+    **options
+        Options of all pictures.
     """
     with page(path, width, height, dpi) as figure:
         for k, (mesh, own) in enumerate(pictures):

@@ -19,6 +19,14 @@ def up_axis_of(points: NDArray) -> str:
     """Up axis of a shape: 'y' if its base is much larger with y up than with z up, else 'z'.
 
     The base is the bounding rectangle of the lowest fiftieth of the height.
+
+    Parameters
+    ----------
+    points : (k, 3) ndarray
+
+    Returns
+    -------
+    str
     """
     if len(points) == 0:
         return "z"
@@ -34,12 +42,21 @@ def _base_area(points: NDArray, axis: int) -> float:
 
 
 def best_view(mesh: TriangleMesh, interest: NDArray | None, up: str) -> View:
-    """View of a surface: None if it is flat, else the 'iso' view that shows most of the interest.
+    """View of a surface that shows most of the interest, from above or below.
 
     Parameters
     ----------
+    mesh : TriangleMesh
     interest : (n,) or (m,) ndarray, optional
         Weight of each vertex or face; not negative.
+    up : {'z', 'y', 'x'}
+        Axis that points up on the page.
+
+    Returns
+    -------
+    (float, float) or None
+        Elevation and azimuth in degrees; None, the default of `view_axes`, for a flat surface, without
+        interest, and where no view shows a fifth more than that one.
     """
     extent = np.ptp(mesh.points[mesh.topology.referenced_vertex], axis=0) if mesh.n_faces else np.zeros(3)
     if interest is None or not np.isfinite(interest).any() or extent.min() < 1e-3 * extent.max():

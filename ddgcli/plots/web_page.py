@@ -47,16 +47,24 @@ def page_bytes(
     show: str | None = None,
     up: str | None = None,
 ) -> bytes:
-    """The page, as UTF-8; equal content gives equal bytes.
+    """Content of the page, in UTF-8; equal content gives equal bytes.
 
     Parameters
     ----------
+    title : str
+    objects : sequence of ViewedObject
+        One at least.
     times : sequence of float
         Of the frames, in seconds; empty where nothing moves.
     show : str, optional
         Array to begin with.
     up : {'y', 'z'}, optional
         Default: z with times, else from the shape.
+
+    Returns
+    -------
+    bytes
+        HTML.
     """
     centre, size = _bounds([points for viewed in objects for points in viewed.points])
     data = {
