@@ -10,7 +10,10 @@ from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.tet_mesh import TetMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_side_blocks
+from ddgcli.mesh.vectors import cross, dot, vector_length
+
+THIN_TRIANGLE = 1e-5  # area over squared longest side below which a triangle alone leaves such errors
 
 
 def cure_of_bad_shapes(mesh: SurfaceMesh | TetMesh) -> str:
@@ -31,11 +34,25 @@ def cure_of_bad_shapes(mesh: SurfaceMesh | TetMesh) -> str:
         if not 0 < len(mesh.flat_tetrahedra) < len(mesh.tetrahedra):
             return "thin tetrahedra leave rounding errors; move their vertices, or mesh the body again"
         return f"cells without volume leave rounding errors; {cure('no volume')}"
-    if isinstance(mesh, TriangleMesh):
-        n_flat = len(mesh.flat_faces)
-        if n_flat < mesh.n_faces and (n_flat or len(folded_edges(dihedral_angle(mesh)))):
-            return f"faces without area or folded onto others leave rounding errors; {cure('folds')}"
+    if isinstance(mesh, TriangleMesh) and _repair_helps(mesh):
+        return f"faces without area or folded onto others leave rounding errors; {cure('folds')}"
     return "thin triangles leave rounding errors; move their vertices, or mesh the surface again"
+
+
+def _repair_helps(mesh: TriangleMesh) -> bool:
+    """Whether the repair removes faces, or parts folded ones and no thin triangles are left."""
+    n_flat = len(mesh.flat_faces)
+    if n_flat:
+        return n_flat < mesh.n_faces
+    return len(folded_edges(dihedral_angle(mesh))) > 0 and not _has_thin_triangles(mesh)
+
+
+def _has_thin_triangles(mesh: TriangleMesh) -> bool:
+    for _, side in unit_side_blocks(mesh):
+        double_area = vector_length(cross(side[:, 0], side[:, 1]).T)
+        if (double_area < 2.0 * THIN_TRIANGLE * dot(side, side).max(axis=0)).any():
+            return True
+    return False
 
 
 def weld_advice(mesh: SurfaceMesh, unreached: NDArray[np.bool_]) -> str:

@@ -78,6 +78,7 @@ TRACE_CHECKED = "ddgcli.algorithms.tracing.trace:Tracer.trace_checked"
 HALFEDGE_POINTS = "ddgcli.algorithms.geodesics.halfedge_traces:_points_before_vertices"
 STEP = "ddgcli.algorithms.tangent_fields.integral_curves:runge_kutta_step"
 EVOLVE = "ddgcli.simulation.recording:evolve"
+TRANSPORT_STEP = "ddgcli.models.fluid.conservative:runge_kutta"
 SIDE_FLUX = "ddgcli.models.fluid.surface_space:SurfaceSpace.side_flux"
 MEAN_STEP = "ddgcli.models.willmore.flow:mean_curvature_step"
 
@@ -206,6 +207,7 @@ PLANTS = {
             ["total_vorticity_drift", "energy_drift", "enstrophy_drift", "circulation_drift"],
         ),
         (SIDE_FLUX, returned(first_wrong), ["divergence_max"]),
+        (TRANSPORT_STEP, returned(lambda after: (0.99 * after[0], *after[1:])), ["enstrophy_lost_by_scheme"]),
     ],
     "willmore": [(EVOLVE, stepping(bulged), ["constraint_residuals", "min_angle_degrees"])],
     "mean-curvature": [

@@ -68,7 +68,7 @@ def test_a_run_at_rest_stays_at_rest_after_resume(run, ellipsoid_file, tmp_path,
 
     out = tmp_path / "run.vtkhdf"
     close = TrajectoryWriter.close
-    monkeypatch.setattr(TrajectoryWriter, "close", lambda self, status, log=(): close(self, "running"))
+    monkeypatch.setattr(TrajectoryWriter, "close", lambda self, status, *_: close(self, "running"))
     whole = json.loads(run("willmore-flow", ellipsoid_file, "-o", out, "--json").stdout)["results"]
     assert whole["stopped_because"] != "1000 steps were taken" and not out.exists()
     monkeypatch.setattr(TrajectoryWriter, "close", close)

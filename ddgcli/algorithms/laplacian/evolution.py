@@ -234,9 +234,9 @@ def _evolution_frame(
 
 def _dirichlet_energy(L: csc_array, u: NDArray) -> float:
     """Half of u' L u by differences over edges: 0 for a constant, and without its cancellation."""
-    row, column = L.nonzero()
-    weight = -np.asarray(L[row, column]).ravel()
-    return 0.25 * float(weight @ (u[row] - u[column]) ** 2)
+    entries = L.tocoo()
+    row, column = entries.coords
+    return -0.25 * float(entries.data @ (u[row] - u[column]) ** 2)
 
 
 def _on_all_vertices(evolution_frame: EvolutionFrame, vertices: NDArray, n: int) -> EvolutionFrame:
@@ -372,7 +372,8 @@ def _energy_of_rounding(operator: LaplaceOperator, start: NDArray, times: Evolut
     size = operator.mass @ np.ones(len(start))
     terms = (abs(operator.mass) + scale * abs(operator.stiffness)) @ np.full(len(start), np.abs(start).max())
     inverse = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
-    return 0.5 * float(inverse @ (SOLVE_ROUNDING * terms) ** 2) / scale
+    error = SOLVE_ROUNDING * terms * np.sqrt(inverse / scale)  # terms^2 may overflow
+    return 0.5 * float(error @ error)
 
 
 def check_vertex(vertex: int, n: int, has_size: NDArray, equation: str) -> None:

@@ -70,6 +70,7 @@ def _is_rough(mesh: TriangleMesh | IntrinsicMesh) -> bool:
     import numpy as np
 
     from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+    from ddgcli.mesh.vectors import unit_vectors
 
     if isinstance(mesh, IntrinsicMesh):
         return False
@@ -78,11 +79,11 @@ def _is_rough(mesh: TriangleMesh | IntrinsicMesh) -> bool:
     face = face[:: max(1, len(face) // SAMPLED_SIDES)]
     side = twin[face]
     a, b = mesh.points[faces[face]], mesh.points[faces[side // 3]]
-    normals = [np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) for x in (a, b)]
-    n, m = (x / np.maximum(np.linalg.norm(x, axis=1), 1e-300)[:, None] for x in normals)
+    first, second = (unit_vectors(np.stack([x[:, k] - x[:, 0] for x in (a, b)])) for k in (1, 2))
+    n, m = unit_vectors(np.cross(first, second))
     turn = np.arccos(np.clip((n * m).sum(axis=1), -1.0, 1.0))
     away = mesh.points[faces[side // 3, (side + 2) % 3]] - a[:, 0]
-    sign = -np.sign((n * away).sum(axis=1))
+    sign = -np.sign((n * unit_vectors(away)).sum(axis=1))
     if not len(turn) or not np.isfinite(turn).all():
         return False
     return bool(turn.mean() > MIN_ROUGH_TURN and abs((sign * turn).mean()) < MAX_ONE_SIGN * turn.mean())
