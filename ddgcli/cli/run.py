@@ -23,12 +23,13 @@ from ddgcli.cli.parameters import option_names
 from ddgcli.cli.progress import Progress
 from ddgcli.cli.summary import plain, print_summary
 from ddgcli.errors import MeshError, OutputError
+from ddgcli.io.output_file import FileContent, atomic_output, check_place, write_atomically
 from ddgcli.io.temporary import StagedOutputs
 
 if TYPE_CHECKING:
     from ddgcli.cli.forecast.prediction import Prediction
     from ddgcli.cli.forecast.use import InputSize
-    from ddgcli.io.mesh_file import FileContent, MeshInput
+    from ddgcli.io.mesh_file import MeshInput
     from ddgcli.mesh.fields import AnnotatedMesh
 
 log = logging.getLogger("ddgcli")
@@ -136,8 +137,6 @@ class Run:
     def _protect_inputs(self, path: str) -> None:
         """Raise OutputError if an output would overwrite an input."""
         if path != "-":
-            from ddgcli.io.mesh_file import check_place
-
             check_place(path, inputs=(*self._inputs, *self._further_inputs))
 
     def progress(self, label: str) -> Callable[..., None]:
@@ -170,7 +169,7 @@ class Run:
             Whether the command may treat an intrinsic triangulation as flat faces between its points.
         """
         with self.clock.timed("read"):
-            from ddgcli.io.mesh_file import check_place, read_mesh
+            from ddgcli.io.mesh_file import read_mesh
             from ddgcli.mesh.require import kind_error
 
             for output in self._planned_outputs:
@@ -319,8 +318,6 @@ class Run:
         input itself.
         """
         with self.clock.timed("write"):
-            from ddgcli.io.mesh_file import write_atomically
-
             if not in_place:
                 self._protect_inputs(path)
             write_atomically(path, content, staged=self.staged)
@@ -350,8 +347,6 @@ class Run:
         `progress` False: the caller draws the progress bar.
         """
         with self.clock.timed("write"):
-            from ddgcli.io.mesh_file import atomic_output
-
             self._protect_inputs(path)
             if progress:
                 self.progress("picture")

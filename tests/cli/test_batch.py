@@ -163,7 +163,7 @@ def test_a_batch_with_failures_leaves_its_table_alone_and_resumes_from_it(
 def test_a_killed_run_leaves_no_temporary_file(monkeypatch, tmp_path):
     code = """
 import pathlib, sys, time
-from ddgcli.io.mesh_file import atomic_output
+from ddgcli.io.output_file import atomic_output
 with atomic_output(sys.argv[-3]) as partial:
     open(partial, "w").write("half")
     pathlib.Path(sys.argv[-3] + ".began").touch()

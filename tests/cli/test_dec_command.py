@@ -9,7 +9,8 @@ from scipy.sparse import csr_array, load_npz
 
 from benchmarks.hardcases import meshes
 from ddgcli.cli.commands.dec import write_archive
-from ddgcli.io.mesh_file import write_atomically, write_mesh
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.io.output_file import write_atomically
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.operators.dec import complex_of

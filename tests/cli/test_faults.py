@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ddgcli.io import mesh_file
+from ddgcli.io import output_file
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -70,7 +70,7 @@ def test_a_link_to_a_file_is_written_through(run, ball, tmp_path):
 def test_a_folder_that_vanishes_during_the_run(run, ball, tmp_path, monkeypatch):
     folder = tmp_path / "out"
     folder.mkdir()
-    monkeypatch.setattr(mesh_file, "_check_regular", lambda path: folder.exists() and folder.rmdir())
+    monkeypatch.setattr(output_file, "_check_regular", lambda path: folder.exists() and folder.rmdir())
     result = run("curvature", ball, "-o", folder / "o.ply")
     assert result.exit_code == 2 and result.stderr.count("\n") == 1
 
@@ -117,7 +117,7 @@ def test_a_signal_at_the_write_leaves_nothing(ball, tmp_path, monkeypatch, run, 
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(5)  # the signal ends it
 
-    monkeypatch.setattr(mesh_file, "write_content", write)
+    monkeypatch.setattr(output_file, "write_content", write)
     result = run("curvature", ball, "-o", tmp_path / "o.ply")
     assert result.exit_code == 128 + signal.SIGTERM
     assert [p.name for p in tmp_path.iterdir()] == [ball.name]

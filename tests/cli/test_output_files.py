@@ -127,7 +127,7 @@ def test_outputs_of_a_run_that_did_not_converge_are_written(run, torus, tmp_path
 
 
 def test_a_folder_for_outputs_that_are_refused_is_removed(tmp_path):
-    from ddgcli.io.mesh_file import write_atomically
+    from ddgcli.io.output_file import write_atomically
     from ddgcli.io.temporary import StagedOutputs
 
     staged, old = StagedOutputs(), tmp_path / "old"

@@ -43,7 +43,7 @@ def command(folder: str, common: CommonOptions) -> None:
 
 def _copy(sources: list[Traversable], target: Path) -> int:
     """Copy files that are not there yet; the number of copies."""
-    from ddgcli.io.mesh_file import write_atomically
+    from ddgcli.io.output_file import write_atomically
 
     try:
         target.mkdir(parents=True, exist_ok=True)

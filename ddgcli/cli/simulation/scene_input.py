@@ -160,7 +160,8 @@ def mesh_reader(run: Run, document: Document) -> Callable[[str], MeshInput]:
 
     @cache  # standard input has one reading
     def read(name: str) -> MeshInput:
-        from ddgcli.io.mesh_file import check_place, read_mesh
+        from ddgcli.io.mesh_file import read_mesh
+        from ddgcli.io.output_file import check_place
 
         if from_options and name == STANDARD_INPUT:
             with run.clock.timed("read"):
