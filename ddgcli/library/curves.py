@@ -12,7 +12,7 @@ from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.flipout import straighten_curves
 from ddgcli.algorithms.geodesics.isolines import isoline_curves
 from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover
-from ddgcli.algorithms.geodesics.paths import curve_set
+from ddgcli.algorithms.geodesics.path_results import curve_set
 from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths as core_shortest_paths
 from ddgcli.algorithms.geodesics.surface_curves import Curves, trace_curves
 from ddgcli.algorithms.tangent_fields.field_curves import add_transport

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.geodesics.paths import SurfacePaths, curve_set, joints, path_lengths, reversed_paths
+from ddgcli.algorithms.geodesics.path_results import curve_set
+from ddgcli.algorithms.geodesics.paths import SurfacePaths, joints, path_lengths, reversed_paths
 from ddgcli.algorithms.geodesics.surface_curves import largest_angle_defect
 from ddgcli.algorithms.tracing.trace import trace
 from ddgcli.errors import ParameterError

@@ -20,6 +20,7 @@ __all__ = [
     "flippable_mesh",
     "isolines",
     "oriented_cover",
+    "path_results",
     "paths",
     "query",
     "shortest_paths",

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from ddgcli.algorithms.geodesics.flippable_mesh import EdgeGraph, edge_path
-from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths
+from ddgcli.algorithms.geodesics.path_results import describe_paths
+from ddgcli.algorithms.geodesics.paths import SurfacePaths
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT

@@ -16,7 +16,8 @@ import numpy as np
 
 from ddgcli.algorithms.geodesics.flippable_mesh import EdgeGraph, FlippableMesh, edge_path
 from ddgcli.algorithms.geodesics.halfedge_traces import trace_on_input
-from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths, joints
+from ddgcli.algorithms.geodesics.path_results import describe_paths
+from ddgcli.algorithms.geodesics.paths import SurfacePaths, joints
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh

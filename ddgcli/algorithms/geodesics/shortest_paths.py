@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
-from ddgcli.algorithms.geodesics.paths import SurfacePaths, barycentric_in, describe_paths, reversed_paths
+from ddgcli.algorithms.geodesics.path_results import describe_paths
+from ddgcli.algorithms.geodesics.paths import SurfacePaths, barycentric_in, reversed_paths
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.algorithms.tracing.trace import BOUNDARY_STATUS, Tracer, Traces

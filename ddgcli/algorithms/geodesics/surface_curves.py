@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths, joints
+from ddgcli.algorithms.geodesics.path_results import describe_paths
+from ddgcli.algorithms.geodesics.paths import SurfacePaths, joints
 from ddgcli.algorithms.tracing.trace import FAILURE_STATUS, STATUS_TEXT, Tracer
 from ddgcli.geometry.face_frames import to_space
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.paths import describe_paths
+from ddgcli.algorithms.geodesics.path_results import describe_paths
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.algorithms.tangent_fields.integral_curves import integral_curves
 from ddgcli.algorithms.tangent_fields.tangent_field import default_duration, field_of_array

@@ -105,7 +105,7 @@ def write_curves(
     """Write the polylines of all curves to every output path."""
     if not paths_output:
         return
-    from ddgcli.algorithms.geodesics.paths import curve_set
+    from ddgcli.algorithms.geodesics.path_results import curve_set
     from ddgcli.mesh.fields import AnnotatedMesh
 
     with run.clock.timed("write"):

@@ -130,7 +130,7 @@ def _polylines(mesh: TriangleMesh, paths: SurfacePaths) -> list[NDArray]:
     """(p, 3) points of each path."""
     import numpy as np
 
-    from ddgcli.algorithms.geodesics.paths import curve_set
+    from ddgcli.algorithms.geodesics.path_results import curve_set
 
     if not len(paths):
         return []
