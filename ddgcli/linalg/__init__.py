@@ -24,4 +24,5 @@ __all__ = [
     "ordering",
     "residual_gate",
     "separators",
+    "superlu",
 ]

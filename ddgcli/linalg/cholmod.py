@@ -5,13 +5,14 @@ from __future__ import annotations
 import importlib.util
 import logging
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from ddgcli.errors import SolveError
+from ddgcli.linalg.ordering import Ordered
 
 log = logging.getLogger("ddgcli")
 
@@ -34,13 +35,6 @@ def cholmod_available() -> bool:
     if available:
         log.info("CHOLMOD (cvxopt, GPL-3) is installed and used for large systems")
     return available
-
-
-class Ordered(Protocol):
-    """What has an elimination order, or None."""
-
-    @property
-    def order(self) -> NDArray[np.int64] | None: ...
 
 
 class Cholmod:

@@ -13,12 +13,12 @@ from ddgcli.linalg.backends import (
     Analysis,
     Backend,
     NotPositiveDefinite,
-    SymmetricLU,
     choose_solver,
     make_backend,
 )
 from ddgcli.linalg.indices import compact
 from ddgcli.linalg.iterative import Iterative
+from ddgcli.linalg.superlu import SymmetricLU
 
 log = logging.getLogger("ddgcli")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,13 @@ class Ordering:
 
     order: NDArray[np.int64]
     final: bool
+
+
+class Ordered(Protocol):
+    """What has an elimination order, or None."""
+
+    @property
+    def order(self) -> NDArray[np.int64] | None: ...
 
 
 def fill_reducing_ordering(matrix: csc_array) -> Ordering:
