@@ -100,7 +100,7 @@ SURFACE = [
     Task("geodesic log-map", "geodesic {mesh} --source 0 --log-map"),
     Task(
         "geodesic job",
-        "geodesic {mesh} --source 0,9,99,999 --target 5,50 --distance-matrix {out}.npz --jobs 2",
+        "geodesic {mesh} --source 0,9,99,999 --each-source --jobs 2",
         (10_000,),
     ),
     Task("geodesic point", "geodesic {mesh} --source-point 0,0,1"),
