@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["check_cost", "dry_run_of", "predict_run", "refuse_run", "size_of"]
 
 MIN_CHECKED_ELEMENTS = 100_000  # smaller inputs fit, and their runs need no prediction
-SAMPLED_SIDES = 20_000  # of a mesh, for its roughness
+SAMPLED_SIDES = 4_000  # of a mesh, for its roughness
 MIN_ROUGH_TURN, MAX_ONE_SIGN = 0.09, 0.5  # radians; share of turns that have one sign only
 DEFAULT_FRAME_COUNT = 50  # of flows with adaptive steps
 CURES = {
