@@ -234,8 +234,9 @@ def closed_projection(mesh: SimplicialMesh, boundary: Boundary = "tangential") -
     -------
     ClosedProjection
     """
-    kind = SolidProjection if isinstance(mesh, TetMesh) else ClosedProjection
-    return kind(mesh, boundary)  # type: ignore[arg-type]
+    if isinstance(mesh, TetMesh):
+        return SolidProjection(mesh, boundary)
+    return ClosedProjection(mesh, boundary)
 
 
 @dataclass(frozen=True, eq=False)
