@@ -14,7 +14,7 @@ from typing import Any
 REPEAT_DELAY = 0.01  # seconds after which a signal whose exception was dropped is delivered again
 
 _received: BaseException | None = None
-_was_dropped = False  # the exception of the last signal was dropped and not raised since
+_delivery: object | None = None  # of the thread that delivers a dropped signal, until its exception is raised
 _is_in_hook = False  # Python handles a dropped exception: another one would be printed
 
 
@@ -29,8 +29,8 @@ def received_signal() -> signal.Signals | None:
 
 def raise_received() -> None:
     """Raise the exception of a signal that came since `signals_as_exceptions` began."""
-    global _was_dropped
-    _was_dropped = False
+    global _delivery
+    _delivery = None
     if _received is not None:
         raise type(_received)(*_received.args)
 
@@ -46,21 +46,26 @@ def _raise(number: int, stack_frame: Any) -> None:
 
 
 def _deliver_later() -> None:
-    """Deliver the signal again from a thread of its own, whose start does not wait for the thread."""
-    global _was_dropped
-    if _received is not None:
-        _was_dropped = True
-        with suppress(RuntimeError):  # no thread starts while the interpreter ends
-            _thread.start_new_thread(_deliver_again, _received.args)
+    """Deliver the signal again from a thread of its own, whose start does not wait for the thread.
+
+    One thread is enough: if each of its signals within the hook started another, the hook would not return.
+    """
+    global _delivery
+    if _received is not None and _delivery is None:
+        _delivery = object()
+        try:
+            _thread.start_new_thread(_deliver_again, (_delivery,))
+        except RuntimeError:  # no thread starts while the interpreter ends
+            _delivery = None
 
 
-def _deliver_again(number: signal.Signals) -> None:
-    """Deliver a signal until its exception is raised."""
-    while _was_dropped:
+def _deliver_again(delivery: object) -> None:
+    """Deliver the last signal until its exception is raised."""
+    while _delivery is delivery:
         time.sleep(REPEAT_DELAY)
-        if _was_dropped:
+        if _delivery is delivery and _received is not None:
             with suppress(RuntimeError):
-                _thread.interrupt_main(number)
+                _thread.interrupt_main(_received.args[0])
 
 
 @contextmanager
@@ -70,8 +75,8 @@ def signals_as_exceptions() -> Iterator[None]:
     Extension modules that are interrupted during their import print a traceback of it and raise ImportError;
     Python ends a process whose text of `exec` or `eval` was interrupted by SIGINT, whatever its exit code.
     """
-    global _received, _was_dropped
-    _received, _was_dropped = None, False
+    global _received, _delivery
+    _received = _delivery = None
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -101,7 +106,7 @@ def signals_as_exceptions() -> Iterator[None]:
     try:
         yield
     finally:
-        _was_dropped = False
+        _delivery = None
         sys.excepthook, sys.unraisablehook = print_exception, print_dropped
         for kind, handler in before.items():
             signal.signal(kind, handler)
