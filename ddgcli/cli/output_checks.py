@@ -56,7 +56,7 @@ def check_picture(command: str, common: CommonOptions, pictures: str) -> None:
 
 def check_mesh(command: str, common: CommonOptions, mesh: TriangleMesh | TetMesh | CurveSet) -> None:
     """Refuse a mesh that the outputs cannot hold, or cells of a size that the command does not take."""
-    from ddgcli.mesh.require import require_sized_cells
+    from ddgcli.mesh.requirements import require_sized_cells
 
     check_holdable(common, mesh)
     require_sized_cells(mesh, command)
@@ -65,7 +65,7 @@ def check_mesh(command: str, common: CommonOptions, mesh: TriangleMesh | TetMesh
 def check_holdable(common: CommonOptions, mesh: TriangleMesh | TetMesh | CurveSet) -> None:
     """Refuse outputs whose format cannot hold the cells or the coordinates of the input's mesh."""
     from ddgcli.io.writers.cell_data import require_single_precision, require_surface
-    from ddgcli.mesh.require import kind_of
+    from ddgcli.mesh.requirements import kind_of
 
     is_curve = kind_of(mesh) == "curve"
     for path in common.outputs:

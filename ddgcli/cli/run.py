@@ -170,7 +170,7 @@ class Run:
         """
         with self.clock.timed("read"):
             from ddgcli.io.mesh_file import read_mesh
-            from ddgcli.mesh.require import kind_error
+            from ddgcli.mesh.requirements import kind_error
 
             for output in self._planned_outputs:
                 if output != "-":

@@ -24,7 +24,7 @@ from ddgcli.io.temporary import StagedOutputs
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-from ddgcli.mesh.require import kind_error, kind_of
+from ddgcli.mesh.requirements import kind_error, kind_of
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 

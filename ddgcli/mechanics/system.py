@@ -146,6 +146,12 @@ class System:
         system._choose(self.all_terms)
         return system
 
+    def with_own_account(self) -> System:
+        """The system with its own account: what is computed after a run is not booked to effects."""
+        system = copy.copy(self)
+        system.account = Account()
+        return system
+
     def begin_step(self) -> None:
         """Discard what terms keep from earlier steps: a step has the bits of its arguments alone."""
         for potential in self.potentials:

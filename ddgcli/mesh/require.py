@@ -1,16 +1,12 @@
-"""Requirements of the commands on their meshes, and errors for meshes that do not meet them."""
+"""Properties of meshes that algorithms require, and errors for meshes without them."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.cures import cure, with_repair
-from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import FLAT_AREA_TOLERANCE, TriangleMesh
@@ -133,187 +129,6 @@ def check_size(longest: float, *, in_range: bool = True) -> None:
         )
 
 
-@dataclass(frozen=True)
-class Requirement:
-    """Properties that a command requires of its mesh.
-
-    Parameters
-    ----------
-    kinds : tuple of str
-        Of 'surface', 'tetrahedra', 'curve'.
-    surface : dict
-        Arguments of `require` for a surface.
-    boundary : dict
-        Arguments of `require` for the boundary of tetrahedra.
-    area, every_area, volume : bool
-        At least one face with area; every face with area; every tetrahedron with volume.
-    positive_volume : bool
-        No tetrahedron of negative volume.
-    manifold_cells : bool
-        No face of more than two tetrahedra.
-    instead : str
-        Why the command takes no mesh, or "".
-    """
-
-    kinds: tuple[str, ...] = ("surface",)
-    surface: dict[str, bool] = field(default_factory=dict)
-    boundary: dict[str, bool] = field(default_factory=dict)
-    area: bool = False
-    every_area: bool = False
-    volume: bool = False
-    positive_volume: bool = False
-    manifold_cells: bool = False
-    instead: str = ""
-
-
-_MANIFOLD = {"manifold": True, "oriented": True}
-# `info` reports them under `accepts`; tests compare each row with the command
-REQUIREMENTS = {
-    "info": Requirement(
-        ("surface", "tetrahedra", "curve"), {"faces": False, "sized": False}, {"faces": False, "sized": False}
-    ),
-    "repair": Requirement(
-        ("surface", "tetrahedra"), {"faces": False, "sized": False}, {"faces": False, "sized": False}
-    ),
-    "curvature": Requirement(("surface", "tetrahedra", "curve"), area=True),
-    "delaunay": Requirement(
-        surface={"sized": False, "extent": True, "manifold_edges": True, "oriented": True, "one_sided": True},
-        area=True,
-    ),
-    "laplacian": Requirement(("surface", "tetrahedra"), area=True, volume=True),
-    "hodge": Requirement(
-        ("surface", "tetrahedra"), {**_MANIFOLD, "one_sided": True}, {"manifold": True}, volume=True
-    ),
-    "dec": Requirement(("surface", "tetrahedra"), _MANIFOLD, {"faces": True}, every_area=True, volume=True),
-    "geodesic": Requirement(surface={"sized": False}),
-    "shell-sim": Requirement(every_area=True),
-    "fluid-sim": Requirement(
-        ("surface", "tetrahedra"),
-        _MANIFOLD,
-        {"faces": True},
-        every_area=True,
-        volume=True,
-        positive_volume=True,
-        manifold_cells=True,
-    ),
-    "willmore-flow": Requirement(surface=_MANIFOLD, every_area=True),
-    "curve-flow": Requirement(("curve",)),
-    "tradeoff": Requirement(),
-    "frames": Requirement((), instead="it takes the trajectory of a simulation (.vtkhdf)"),
-    "view": Requirement(
-        ("surface", "tetrahedra", "curve"), {"faces": False, "sized": False}, {"faces": False}
-    ),
-    "batch": Requirement((), instead="it takes inputs and, behind --, the command to run on them"),
-    "examples": Requirement((), instead="it takes the folder to copy to"),
-    "check": Requirement((), instead="it takes a stored summary (.json)"),
-}
-
-
-_PHRASE = {"surface": "a surface", "tetrahedra": "tetrahedra", "curve": "a curve"}
-
-
-def kind_of(mesh: TriangleMesh | TetMesh | CurveSet) -> str:
-    """Kind of a mesh, as the requirements of the commands name it.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh, TetMesh or CurveSet
-
-    Returns
-    -------
-    {'surface', 'tetrahedra', 'curve'}
-    """
-    return "tetrahedra" if isinstance(mesh, TetMesh) else "curve" if isinstance(mesh, CurveSet) else "surface"
-
-
-def kind_error(
-    mesh: TriangleMesh | TetMesh | CurveSet, kinds: Sequence[str], verb: str = "it", path: str = "MESH"
-) -> str | None:
-    """Why a command does not take a mesh of this kind, with a cure.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh, TetMesh or CurveSet
-    kinds : sequence of {'surface', 'tetrahedra', 'curve'}
-        What the command takes.
-    verb : str
-        Subject of the message, such as the name of a command.
-    path : str
-        Of the mesh file, for the cure.
-
-    Returns
-    -------
-    str or None
-        None if the mesh has one of the kinds.
-    """
-    kind = kind_of(mesh)
-    if kind in kinds:
-        return None
-    bounded = kind == "tetrahedra" and "surface" in kinds
-    advice = f"; ddgcli info {path} -o surface.ply writes their boundary" if bounded else ""
-    return f"holds {_PHRASE[kind]}; {verb} takes {' or '.join(_PHRASE[k] for k in kinds)}{advice}"
-
-
-def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
-    """First requirement of a command that a mesh does not meet, with a cure.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh, TetMesh or CurveSet
-    verb : str
-        Name of the command, a key of `REQUIREMENTS`.
-
-    Returns
-    -------
-    str or None
-        None if the mesh meets all.
-    """
-    requirement = REQUIREMENTS[verb]
-    if requirement.instead:
-        return requirement.instead
-    if message := kind_error(mesh, requirement.kinds):
-        return message
-    try:
-        if isinstance(mesh, TetMesh):
-            require(mesh.boundary, "it", **{**requirement.boundary, "manifold": False})
-            if requirement.boundary.get("manifold"):
-                require_manifold_body(mesh, "it")
-        elif isinstance(mesh, TriangleMesh):
-            require(mesh, "it", **requirement.surface)
-            if requirement.area:
-                _require_area(mesh)
-        require_sized_cells(mesh, verb)
-    except MeshError as error:
-        return str(error)
-    return None
-
-
-def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> None:
-    """Raise an error for faces without area and for flat or inverted tetrahedra, if the command takes none.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh, TetMesh or CurveSet
-    verb : str
-        Name of the command, a key of `REQUIREMENTS`.
-
-    Raises
-    ------
-    MeshError
-    """
-    requirement = REQUIREMENTS[verb]
-    if isinstance(mesh, TetMesh):
-        if requirement.volume:
-            refuse_flat_cells(mesh.flat_tetrahedra, len(mesh.tetrahedra))
-        if requirement.positive_volume and (mesh.signed_volume < 0).any():
-            bad = np.flatnonzero(mesh.signed_volume < 0)
-            raise MeshError(f"{len(bad)} tetrahedra are inverted (first: {bad[0]}); {cure('inverted')}")
-        if requirement.manifold_cells:
-            require_manifold_cells(mesh)
-    elif isinstance(mesh, TriangleMesh) and requirement.every_area:
-        refuse_flat_faces(mesh.flat_faces, mesh.topology, **requirement.surface)
-
-
 def require_manifold_body(mesh: TetMesh, verb: str) -> None:
     """Raise an error for tetrahedra that meet at an edge or a vertex and share no faces there.
 
@@ -363,7 +178,17 @@ def require_manifold_cells(mesh: TetMesh) -> None:
         )
 
 
-def _require_area(mesh: TriangleMesh) -> None:
+def require_area(mesh: TriangleMesh) -> None:
+    """Raise an error for a surface none of whose faces has an area.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Raises
+    ------
+    MeshError
+    """
     if surely_has_area(mesh):
         return
     side = mesh.side_vector / mesh.side_length.max()

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array, diags_array
 from ddgcli.errors import MeshError
 from ddgcli.linalg.indices import compact
 from ddgcli.memory import check_memory
-from ddgcli.mesh.require import require_sized_cells
+from ddgcli.mesh.requirements import require_sized_cells
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import Complex, complex_of

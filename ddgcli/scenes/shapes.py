@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-from ddgcli.mesh.require import kind_error
+from ddgcli.mesh.requirements import kind_error
 from ddgcli.mesh.shapes import box, box_tetrahedra, icosphere, wrapped_grid
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import NEXT, Topology

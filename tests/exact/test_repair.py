@@ -8,7 +8,7 @@ from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh import repair, shapes
-from ddgcli.mesh.require import unmet_need
+from ddgcli.mesh.requirements import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 

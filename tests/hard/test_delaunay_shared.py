@@ -16,7 +16,7 @@ from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay, non_delau
 from ddgcli.errors import DdgError, MeshError
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.io.mesh_file import read_mesh
-from ddgcli.mesh.require import unmet_need
+from ddgcli.mesh.requirements import unmet_need
 from tests.delaunay_cases import fan
 
 SMALL = 2_500  # vertices: refined

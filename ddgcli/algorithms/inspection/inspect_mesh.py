@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.inspection import quality
 from ddgcli.geometry.unfolding import face_corner_angle
 from ddgcli.mesh.curve import CurveSet
-from ddgcli.mesh.require import REQUIREMENTS, unmet_need
+from ddgcli.mesh.requirements import REQUIREMENTS, unmet_need
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length

@@ -12,7 +12,8 @@ from ddgcli.algorithms.repair import steps
 from ddgcli.algorithms.repair.holes import fill_holes
 from ddgcli.algorithms.repair.steps import RepairedMesh
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.mesh.require import REQUIREMENTS, kind_of, require, unmet_need
+from ddgcli.mesh.require import require
+from ddgcli.mesh.requirements import REQUIREMENTS, kind_of, unmet_need
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 

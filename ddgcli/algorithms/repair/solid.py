@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.repair.pipeline import RepairSteps
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.require import REQUIREMENTS, refuse_flat_cells
+from ddgcli.mesh.require import refuse_flat_cells
+from ddgcli.mesh.requirements import REQUIREMENTS
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 
 SOLID_STEPS = ("drop_degenerate", "split_fans", "orient", "drop_unused")

@@ -135,18 +135,18 @@ class Shells:
         return [(owner[name], context.mesh.n_vertices) for name, context in self.contexts.items()]
 
     def assembled(self, schedule: Schedule) -> dict[str, Any]:
-        from ddgcli.models.shell import report
+        from ddgcli.models.shell.dry_run import assembled
 
-        return report.assembled(self.scene, self.contexts, self.systems, schedule)
+        return assembled(self.scene, self.contexts, self.systems, schedule)
 
     def cost_facts(self) -> dict[str, Any]:
-        from ddgcli.models.shell.report import cost_facts
+        from ddgcli.models.shell.dry_run import cost_facts
 
         counts = {"modes": self.n_modes, "buckling": self.n_buckling}
         return cost_facts(self.scene, self.contexts) | counts
 
     def linear_solver(self) -> str | None:
-        from ddgcli.models.shell.report import step_solver
+        from ddgcli.models.shell.dry_run import step_solver
 
         return step_solver(self.scene, self.systems)
 
@@ -163,10 +163,10 @@ class Shells:
         return parts_of_step(schedule.dt, limit, adaptive=schedule.tolerance is not None)
 
     def models(self) -> dict[str, Model]:
-        from ddgcli.models.shell import model, report
+        from ddgcli.models.shell import last_frame, model
 
         if self.n_modes or self.n_buckling:
-            report.check_analysis(self.systems)
+            last_frame.check_analysis(self.systems)
         return model.models(self.scene, self.contexts, self.systems)
 
     def _at_end(
@@ -195,12 +195,10 @@ class Shells:
 
     def final(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
         """(vertex, face) arrays of the last frame: modes, strains, stresses and moments."""
-        from ddgcli.models.shell import report
+        from ddgcli.models.shell.last_frame import final
 
         contexts, systems, order = self._at_end(outcome)
-        vertex, face, self.analysis = report.final(
-            outcome, contexts, systems, order, self.n_modes, self.n_buckling
-        )
+        vertex, face, self.analysis = final(outcome, contexts, systems, order, self.n_modes, self.n_buckling)
         return vertex, face
 
     def obstacle_poses(self, time: float) -> dict[str, Any]:
@@ -235,5 +233,5 @@ class Shells:
 
         static = self.scene.time.integrator == "static"
         _, systems, order = self._at_end(outcome)
-        results, accuracy = report.summary(outcome, systems, static, order)
+        results, accuracy = report.summary(outcome, systems, order, static=static)
         return {**results, **self.analysis}, accuracy

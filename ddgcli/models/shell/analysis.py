@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ddgcli.errors import SolveError
 from ddgcli.mechanics.modes import Modes, buckling_modes, natural_modes
 from ddgcli.mechanics.system import System
+from ddgcli.models.shell.groups import Order
 
-Order = Sequence[tuple[str, int]]  # name of the system and number of vertices of each shell
 log = logging.getLogger("ddgcli")
 
 

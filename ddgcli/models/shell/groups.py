@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,11 @@ from numpy.typing import NDArray
 
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.scene import Scene
+from ddgcli.simulation.outcome import Outcome
+
+Order = Sequence[
+    tuple[str, int]
+]  # name of the system and number of vertices of each shell, in the scene's order
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,3 +108,25 @@ def terms_between(scene: Scene, group: Group) -> list[Any]:
             except ValueError as error:
                 scene.refuse(key, f"{effect.name}: {error}")
     return terms
+
+
+def points_at_end(outcome: Outcome, systems: Iterable[str], order: Order) -> dict[str, NDArray]:
+    """Vertices of each system in the last frame, which has those of all shells one behind the other.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    systems : iterable of str
+        Names of the systems.
+    order : Order
+
+    Returns
+    -------
+    dict of str to (n_k, 3) ndarray of float64
+    """
+    points = np.asarray(outcome.end.points)
+    pieces = np.split(points, np.cumsum([count for _, count in order])[:-1])
+    return {
+        name: np.concatenate([piece for (owner, _), piece in zip(order, pieces) if owner == name])
+        for name in systems
+    }

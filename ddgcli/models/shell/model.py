@@ -17,7 +17,7 @@ from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Integrator, St
 from ddgcli.mechanics.stability import stable_step
 from ddgcli.mechanics.system import LINEAR_SOLVER, NO_MULTIPLIERS, Motion, System
 from ddgcli.mechanics.terms import FixedCoordinates, Memory, PrescribedMotion, ProportionalLoad, RampedLoad
-from ddgcli.mesh.require import unmet_need
+from ddgcli.mesh.requirements import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.groups import Group, groups, terms_between

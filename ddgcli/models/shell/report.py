@@ -1,33 +1,23 @@
-"""Results and accuracy of a shell run, and the facts of a dry run."""
+"""Results and accuracy of a shell run."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.choices import EXPLICIT_INTEGRATORS
-from ddgcli.errors import ParameterError
-from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.system import LINEAR_SOLVER, System
-from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.groups import groups
-from ddgcli.scenes.scene import Scene
-from ddgcli.simulation.account import Account
-from ddgcli.simulation.model import Schedule
+from ddgcli.models.shell.groups import Order, points_at_end
 from ddgcli.simulation.outcome import Outcome
 
 log = logging.getLogger("ddgcli")
 # scalars of the frames, by support and by obstacle
 FORCE, MOMENT = "reaction_force_", "reaction_moment_"
 CONTACT_FORCE, CONTACT_MOMENT = "contact_force_", "contact_moment_"
-Order = Sequence[tuple[str, int]]  # system and number of vertices of each shell
 # of the available energy: more is description; more makes the result unreliable, exit 1
 ENERGY_GROWTH_WARNING, ENERGY_GROWTH_FAILURE = 0.1, 1.0
 
@@ -42,7 +32,7 @@ class RunRounding:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def rounding(outcome: Outcome, systems: dict[str, System], order: Order = ()) -> RunRounding:
+def rounding(outcome: Outcome, systems: dict[str, System], order: Order) -> RunRounding:
     """Rounding of a run over all shells: the larger of what it is at the start and at the end.
 
     Parameters
@@ -56,7 +46,7 @@ def rounding(outcome: Outcome, systems: dict[str, System], order: Order = ()) ->
     RunRounding
         Energy in J, momentum in kg m/s, angular momentum.
     """
-    steps, end = outcome.steps, _split(outcome.end.points, systems, order)
+    steps, end = outcome.steps, points_at_end(outcome, systems, order)
     dt = outcome.smallest_step if steps else np.inf
     energy = momentum = angular = 0.0
     for name, system in systems.items():
@@ -68,81 +58,11 @@ def rounding(outcome: Outcome, systems: dict[str, System], order: Order = ()) ->
     return RunRounding(energy, momentum, angular)
 
 
-def _split(points: Any, systems: dict[str, System], order: Order) -> dict[str, NDArray]:
-    """Vertices of each system from those of all shells, which are concatenated.
-
-    `order` has the name of the system and the number of vertices of each shell; by default the systems are
-    the shells.
-    """
-    shells = order or [(name, len(system.mass)) for name, system in systems.items()]
-    pieces = np.split(np.asarray(points), np.cumsum([count for _, count in shells])[:-1])
-    return {
-        name: np.concatenate([piece for (owner, _), piece in zip(shells, pieces) if owner == name])
-        for name in systems
-    }
-
-
-def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any]:
-    """Facts on which the cost of a step depends.
-
-    Parameters
-    ----------
-    scene : Scene
-    contexts : dict of str to ShellContext
-
-    Returns
-    -------
-    dict
-        `contact` (with another object) and `midedge` (bending) are bool. `pair_elements` are the faces among
-        which contact searches pairs: those of shells that meet themselves, each other or an obstacle with a
-        mesh, and of that mesh.
-    """
-    effects = [(effect.name, parameters) for effect, parameters, _ in scene.effects]
-    searched: set[str] = set()
-    for name, parameters in effects:
-        if name == "contact":
-            meets = parameters.self_contact
-            searched |= set(contexts) if meets is True else set(meets or ())
-            meshes = set(contexts).union(*(context.obstacles for context in contexts.values()))
-            searched |= {name for pair in parameters.pairs if meshes.issuperset(pair) for name in pair}
-    faces = {name: context.mesh.n_faces for name, context in contexts.items()}
-    for context in contexts.values():
-        faces |= {name: len(obstacle.mesh.faces) for name, obstacle in context.obstacles.items()}
-    return {
-        "contact": any(name == "contact" and bool(p.pairs) for name, p in effects),
-        "midedge": any(name == "bending" and p.model == "midedge" for name, p in effects),
-        "pair_elements": sum(faces.get(name, 0) for name in searched),
-    }
-
-
-def step_solver(scene: Scene, systems: dict[str, System]) -> str | None:
-    """Solver of the linear systems of the steps: an iterative one, or `direct`.
-
-    The decision is that of the run, by the patterns of the Hessians and the available memory.
-
-    Parameters
-    ----------
-    scene : Scene
-    systems : dict of str to System
-
-    Returns
-    -------
-    str or None
-        None of explicit steps.
-    """
-    from ddgcli.mechanics.newton import Increment, newton_of
-
-    if scene.time.integrator in EXPLICIT_INTEGRATORS:
-        return None
-    solvers = [newton_of(system).solver(Increment(1.0, system.start)) for system in systems.values()]
-    return next((solver.iterative for solver in solvers if solver.iterative), "direct")
-
-
 DRIFTS = ("energy_drift", "energy_gain", "momentum_drift", "angular_momentum_drift")
 
 
 def summary(
-    outcome: Outcome, systems: dict[str, System], static: bool = False, order: Order = ()
+    outcome: Outcome, systems: dict[str, System], order: Order, *, static: bool
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Results and accuracy of a run of shells.
 
@@ -150,11 +70,10 @@ def summary(
     ----------
     outcome : Outcome
     systems : dict of str to System
+    order : Order
     static : bool
         Adds the stability of the equilibrium, and has no drifts: its frames are no motion that conserves
         anything.
-    order : Order
-        Of the shells, see `_split`.
 
     Returns
     -------
@@ -164,7 +83,8 @@ def summary(
     if static:
         accuracy |= dict.fromkeys(DRIFTS)
     if static and not outcome.failure:
-        accuracy["negative_eigenvalues"] = _instability(_split(outcome.end.points, systems, order), systems)
+        end = points_at_end(outcome, systems, order)
+        accuracy["negative_eigenvalues"] = _instability(end, systems)
     return _results(outcome), accuracy
 
 
@@ -243,109 +163,13 @@ def _accuracy(outcome: Outcome, systems: dict[str, System], order: Order) -> dic
     return accuracy
 
 
-def _yields(systems: dict[str, System]) -> bool:
-    """Whether a shell has plasticity."""
-    return any("work" in memory.initial() for system in systems.values() for memory in system.memories)
-
-
-def check_analysis(systems: dict[str, System]) -> None:
-    """Raise an error for shells whose modes are not computed.
-
-    Parameters
-    ----------
-    systems : dict of str to System
-
-    Raises
-    ------
-    ParameterError
-        For rigid edges, plasticity, or shells without a free vertex.
-    """
-    if any(system.constraints for system in systems.values()):
-        raise ParameterError("modes of shells with rigid edges are not computed; leave rigid out")
-    if _yields(systems):
-        raise ParameterError("modes of shells with plasticity are not computed; leave plasticity out")
-    if not any(system.free.any() for system in systems.values()):
-        raise ParameterError("every vertex is held, so nothing vibrates or buckles; pin fewer vertices")
-
-
-def final(
-    outcome: Outcome,
-    contexts: dict[str, ShellContext],
-    systems: dict[str, System],
-    order: Order,
-    n_modes: int | None = None,
-    n_buckling: int | None = None,
-) -> tuple[dict[str, NDArray], dict[str, NDArray], dict[str, Any]]:
-    """Arrays and results of the last frame: modes, strains, stresses, moments.
-
-    Parameters
-    ----------
-    outcome : Outcome
-    contexts : dict of str to ShellContext
-    systems : dict of str to System
-    order : Order
-    n_modes, n_buckling : int, optional
-        Number of vibration modes and of buckling modes.
-
-    Returns
-    -------
-    vertex, face : dict of str to ndarray
-    results : dict
-    """
-    if outcome.last is None or outcome.failure:
-        return {}, {}, {}
-    end, time = _split(outcome.end.points, systems, order), outcome.end.time
-    systems = {name: _unbooked(system.at(time)) for name, system in systems.items()}
-    yields = _yields(systems)
-    vertex: dict[str, NDArray] = {}
-    results: dict[str, Any] = {}
-    if n_modes or n_buckling:
-        from ddgcli.models.shell import analysis
-
-        if n_modes:
-            values, shapes = analysis.vibrations(systems, end, order, n_modes)
-            results, vertex = {**results, **values}, {**vertex, **shapes}
-        if n_buckling:
-            values, shapes = analysis.buckling(systems, order, n_buckling)
-            results, vertex = {**results, **values}, {**vertex, **shapes}
-    # what has yielded is not known here
-    face = {} if yields else _faces(contexts, systems, end, order)
-    return vertex, face, results
-
-
-def _faces(
-    contexts: dict[str, ShellContext], systems: dict[str, System], end: dict[str, NDArray], order: Order
-) -> dict[str, NDArray]:
-    """Arrays on the faces of all shells, those that every shell has."""
-    from ddgcli.mechanics.embedding import terms_of_rows
-    from ddgcli.models.shell.face_arrays import face_arrays
-
-    starts = dict.fromkeys(systems, 0)
-    scalars = []
-    for (owner, count), context in zip(order, contexts.values()):
-        rows = slice(starts[owner], starts[owner] + count)
-        starts[owner] += count
-        scalars.append(face_arrays(context, terms_of_rows(systems[owner].potentials, rows), end[owner][rows]))
-    shared = set.intersection(*(set(scalar) for scalar in scalars))
-    return {
-        name: np.concatenate([scalar[name] for scalar in scalars]) for name in scalars[0] if name in shared
-    }
-
-
-def _unbooked(system: System) -> System:
-    """The system with an account of its own: seconds after the run are not booked to effects."""
-    system = copy(system)
-    system.account = Account()
-    return system
-
-
 def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | None:
     """Negative eigenvalues of the Hessians at all equilibria; a warning where there are some."""
     from ddgcli.mechanics.equilibrium import unstable_directions
 
     total: int | None = 0
     for name, system in systems.items():
-        count = unstable_directions(_unbooked(system), end[name])
+        count = unstable_directions(system.with_own_account(), end[name])
         total = None if total is None or count is None else total + count
         if count is None:
             log.warning("object %s: no factorisation shows whether the equilibrium is stable", name)
@@ -404,50 +228,6 @@ def _drift(series: np.ndarray, scale: float, rounding: float) -> float:
     """Largest |q - q0| over the frames by the scale; 0 where it is within rounding."""
     change = float(np.abs(series - series[0]).max())
     return change / max(scale, rounding) if change > rounding else 0.0
-
-
-def assembled(
-    scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System], schedule: Schedule
-) -> dict[str, Any]:
-    """What a scene would build: sizes, terms, steps.
-
-    Parameters
-    ----------
-    scene : Scene
-    shells : dict of str to ShellContext
-    systems : dict of str to System
-    schedule : Schedule
-
-    Returns
-    -------
-    dict
-    """
-    description: dict[str, Any] = {
-        "integrator": scene.time.integrator,
-        "order": INTEGRATORS[scene.time.integrator].order,
-        "steps": schedule.steps,
-        "frames": schedule.n_frames,
-        "step": schedule.dt,
-    }
-    for group in groups(scene, shells):
-        system = systems[group.name]
-        acting: list[Any] = [*system.potentials, *system.dissipations]
-        terms = {p.name: _term_text(p) for p in acting}
-        meshes = [context.mesh for context in group.shells.values()]
-        description[group.name] = {
-            "vertices": len(system.mass),
-            "faces": sum(mesh.n_faces for mesh in meshes),
-            "mass": float(system.mass.sum()),
-            "free_coordinates": int(system.free.sum()),
-            "terms": terms,
-        }
-    return description
-
-
-def _term_text(term: Any) -> str:
-    kind = type(getattr(term, "part", term)).__name__
-    changing = not len(term.stencil) and hasattr(getattr(term, "part", term), "near")
-    return f"{kind}, elements found in each step" if changing else f"{kind}, {len(term.stencil)} elements"
 
 
 def _linear_solver_accuracy(systems: dict[str, System]) -> dict[str, Any]:

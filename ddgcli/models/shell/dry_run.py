@@ -1,0 +1,113 @@
+"""Facts of a dry run of shells: what the scene builds, and on what the cost of a step depends."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ddgcli.choices import EXPLICIT_INTEGRATORS
+from ddgcli.mechanics.integrators import INTEGRATORS
+from ddgcli.mechanics.system import System
+from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.groups import groups
+from ddgcli.scenes.scene import Scene
+from ddgcli.simulation.model import Schedule
+
+
+def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any]:
+    """Facts on which the cost of a step depends.
+
+    Parameters
+    ----------
+    scene : Scene
+    contexts : dict of str to ShellContext
+
+    Returns
+    -------
+    dict
+        `contact` (with another object) and `midedge` (bending) are bool. `pair_elements` are the faces among
+        which contact searches pairs: those of shells that meet themselves, each other or an obstacle with a
+        mesh, and of that mesh.
+    """
+    effects = [(effect.name, parameters) for effect, parameters, _ in scene.effects]
+    searched: set[str] = set()
+    for name, parameters in effects:
+        if name == "contact":
+            meets = parameters.self_contact
+            searched |= set(contexts) if meets is True else set(meets or ())
+            meshes = set(contexts).union(*(context.obstacles for context in contexts.values()))
+            searched |= {name for pair in parameters.pairs if meshes.issuperset(pair) for name in pair}
+    faces = {name: context.mesh.n_faces for name, context in contexts.items()}
+    for context in contexts.values():
+        faces |= {name: len(obstacle.mesh.faces) for name, obstacle in context.obstacles.items()}
+    return {
+        "contact": any(name == "contact" and bool(p.pairs) for name, p in effects),
+        "midedge": any(name == "bending" and p.model == "midedge" for name, p in effects),
+        "pair_elements": sum(faces.get(name, 0) for name in searched),
+    }
+
+
+def step_solver(scene: Scene, systems: dict[str, System]) -> str | None:
+    """Solver of the linear systems of the steps: an iterative one, or `direct`.
+
+    The decision is that of the run, by the patterns of the Hessians and the available memory.
+
+    Parameters
+    ----------
+    scene : Scene
+    systems : dict of str to System
+
+    Returns
+    -------
+    str or None
+        None of explicit steps.
+    """
+    from ddgcli.mechanics.newton import Increment, newton_of
+
+    if scene.time.integrator in EXPLICIT_INTEGRATORS:
+        return None
+    solvers = [newton_of(system).solver(Increment(1.0, system.start)) for system in systems.values()]
+    return next((solver.iterative for solver in solvers if solver.iterative), "direct")
+
+
+def assembled(
+    scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System], schedule: Schedule
+) -> dict[str, Any]:
+    """What a scene would build: sizes, terms, steps.
+
+    Parameters
+    ----------
+    scene : Scene
+    shells : dict of str to ShellContext
+    systems : dict of str to System
+    schedule : Schedule
+
+    Returns
+    -------
+    dict
+    """
+    description: dict[str, Any] = {
+        "integrator": scene.time.integrator,
+        "order": INTEGRATORS[scene.time.integrator].order,
+        "steps": schedule.steps,
+        "frames": schedule.n_frames,
+        "step": schedule.dt,
+    }
+    for group in groups(scene, shells):
+        system = systems[group.name]
+        acting: list[Any] = [*system.potentials, *system.dissipations]
+        terms = {p.name: _term_text(p) for p in acting}
+        meshes = [context.mesh for context in group.shells.values()]
+        description[group.name] = {
+            "vertices": len(system.mass),
+            "faces": sum(mesh.n_faces for mesh in meshes),
+            "mass": float(system.mass.sum()),
+            "free_coordinates": int(system.free.sum()),
+            "terms": terms,
+        }
+    return description
+
+
+def _term_text(term: Any) -> str:
+    kind = type(getattr(term, "part", term)).__name__
+    changing = not len(term.stencil) and hasattr(getattr(term, "part", term), "near")
+    return f"{kind}, elements found in each step" if changing else f"{kind}, {len(term.stencil)} elements"

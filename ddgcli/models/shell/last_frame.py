@@ -1,0 +1,103 @@
+"""Arrays and results of the last frame of shells: modes, strains, stresses, moments."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import ParameterError
+from ddgcli.mechanics.system import System
+from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.groups import Order, points_at_end
+from ddgcli.simulation.outcome import Outcome
+
+
+def check_analysis(systems: dict[str, System]) -> None:
+    """Raise an error for shells whose modes are not computed.
+
+    Parameters
+    ----------
+    systems : dict of str to System
+
+    Raises
+    ------
+    ParameterError
+        For rigid edges, plasticity, or shells without a free vertex.
+    """
+    if any(system.constraints for system in systems.values()):
+        raise ParameterError("modes of shells with rigid edges are not computed; leave rigid out")
+    if _yields(systems):
+        raise ParameterError("modes of shells with plasticity are not computed; leave plasticity out")
+    if not any(system.free.any() for system in systems.values()):
+        raise ParameterError("every vertex is held, so nothing vibrates or buckles; pin fewer vertices")
+
+
+def final(
+    outcome: Outcome,
+    contexts: dict[str, ShellContext],
+    systems: dict[str, System],
+    order: Order,
+    n_modes: int | None = None,
+    n_buckling: int | None = None,
+) -> tuple[dict[str, NDArray], dict[str, NDArray], dict[str, Any]]:
+    """Arrays and results of the last frame: modes, strains, stresses, moments.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    contexts : dict of str to ShellContext
+    systems : dict of str to System
+    order : Order
+    n_modes, n_buckling : int, optional
+        Number of vibration modes and of buckling modes.
+
+    Returns
+    -------
+    vertex, face : dict of str to ndarray
+    results : dict
+    """
+    if outcome.last is None or outcome.failure:
+        return {}, {}, {}
+    end, time = points_at_end(outcome, systems, order), outcome.end.time
+    systems = {name: system.at(time).with_own_account() for name, system in systems.items()}
+    yields = _yields(systems)
+    vertex: dict[str, NDArray] = {}
+    results: dict[str, Any] = {}
+    if n_modes or n_buckling:
+        from ddgcli.models.shell import analysis
+
+        if n_modes:
+            values, shapes = analysis.vibrations(systems, end, order, n_modes)
+            results, vertex = {**results, **values}, {**vertex, **shapes}
+        if n_buckling:
+            values, shapes = analysis.buckling(systems, order, n_buckling)
+            results, vertex = {**results, **values}, {**vertex, **shapes}
+    # what has yielded is not known here
+    face = {} if yields else _faces(contexts, systems, end, order)
+    return vertex, face, results
+
+
+def _yields(systems: dict[str, System]) -> bool:
+    """Whether a shell has plasticity."""
+    return any("work" in memory.initial() for system in systems.values() for memory in system.memories)
+
+
+def _faces(
+    contexts: dict[str, ShellContext], systems: dict[str, System], end: dict[str, NDArray], order: Order
+) -> dict[str, NDArray]:
+    """Arrays on the faces of all shells, those that every shell has."""
+    from ddgcli.mechanics.embedding import terms_of_rows
+    from ddgcli.models.shell.face_arrays import face_arrays
+
+    starts = dict.fromkeys(systems, 0)
+    scalars = []
+    for (owner, count), context in zip(order, contexts.values()):
+        rows = slice(starts[owner], starts[owner] + count)
+        starts[owner] += count
+        scalars.append(face_arrays(context, terms_of_rows(systems[owner].potentials, rows), end[owner][rows]))
+    shared = set.intersection(*(set(scalar) for scalar in scalars))
+    return {
+        name: np.concatenate([scalar[name] for scalar in scalars]) for name in scalars[0] if name in shared
+    }
