@@ -2,36 +2,103 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 from numpy.typing import NDArray
 
-from ddgcli.choices import ERROR_PARTS
+from ddgcli.choices import (
+    CURVATURE_SCHEMES,
+    DISTANCE_METHODS,
+    ERROR_PARTS,
+    HEAT_OPERATORS,
+    LAPLACE_OPERATORS,
+    MASSES,
+    MAX_REFINEMENT_DEGREES,
+    WILLMORE_BOUNDARIES,
+    WILLMORE_ENERGIES,
+    WILLMORE_FLOWS,
+)
 from ddgcli.errors import ParameterError
-from ddgcli.library.arguments import checked_arguments
+from ddgcli.library.arguments import checked_arguments, real_number, text, whole_number
+from ddgcli.library.arguments import truth as boolean
 from ddgcli.library.distances import surface_sources
 from ddgcli.library.mesh_arguments import MeshLike, mesh_of_kind
 from ddgcli.tradeoff.candidates import Table
 from ddgcli.tradeoff.measure import run_problem
 from ddgcli.tradeoff.pareto import assign_verdicts
-from ddgcli.tradeoff.problems.geodesic import METHOD_PARAMETERS as GEODESIC_PARAMETERS
 from ddgcli.tradeoff.problems.table import mesh_problem
 from ddgcli.tradeoff.truths import parse_truth
 
 __all__ = ["tradeoff_table"]
 
-# options of each question: those of the command of the same name that are part of the question
-OPTIONS_OF_QUESTION = {
-    "curvature": ("scheme", "radius"),
-    "delaunay": ("refine", "max_points"),
-    "laplacian": ("eigen", "operator", "mass"),
-    "geodesic": ("method", *GEODESIC_PARAMETERS),
-    "willmore-flow": (
-        "flow", "energy", "boundary", "fix_area", "fix_volume", "duration", "steps", "step", "integrator",
-        "tolerance",
-    ),
-}  # fmt: skip
+
+def _one_of(*names: str) -> Callable[[Any, str], Any]:
+    """Check of a name."""
+
+    def check(value: Any, name: str) -> str:
+        if text(value, name) not in names:
+            raise ParameterError(f"is one of {', '.join(names)}, not {value!r}", parameter=name)
+        return str(value)
+
+    return check
+
+
+def _within(
+    low: float,
+    high: float = math.inf,
+    convert: Callable[[Any, str], Any] = real_number,
+    *,
+    above: bool = False,
+) -> Callable[[Any, str], Any]:
+    """Check of a finite number from `low`, or above it, to `high`."""
+
+    def check(value: Any, name: str) -> Any:
+        number = convert(value, name)
+        if not low <= number <= high or number == math.inf or (above and number == low):
+            bounds = f"{'above' if above else 'at least'} {low:g}" + (
+                f" and at most {high:g}" * (high < math.inf)
+            )
+            raise ParameterError(f"must be {bounds}, not {value}", parameter=name)
+        return number
+
+    return check
+
+
+POSITIVE = _within(0.0, above=True)
+# options of each question, those of the command of the same name that are part of the question: their checks
+OPTIONS_OF_QUESTION: dict[str, dict[str, Callable[[Any, str], Any]]] = {
+    "curvature": {"scheme": _one_of(*CURVATURE_SCHEMES), "radius": POSITIVE},
+    "delaunay": {
+        "refine": _within(0, MAX_REFINEMENT_DEGREES, above=True),
+        "max_points": _within(0, convert=whole_number),
+    },
+    "laplacian": {
+        "eigen": _within(1, convert=whole_number),
+        "operator": _one_of(*LAPLACE_OPERATORS),
+        "mass": _one_of(*MASSES),
+    },
+    "geodesic": {
+        "method": _one_of(*DISTANCE_METHODS),
+        "tolerance": _within(0.0),
+        "operator": _one_of(*HEAT_OPERATORS),
+        "heat_time": POSITIVE,
+        "heat_refine": _within(0, 100, whole_number),
+    },
+    "willmore-flow": {
+        "flow": _one_of(*WILLMORE_FLOWS),
+        "energy": _one_of(*WILLMORE_ENERGIES),
+        "boundary": _one_of(*WILLMORE_BOUNDARIES),
+        "fix_area": boolean,
+        "fix_volume": boolean,
+        "duration": POSITIVE,
+        "steps": _within(1, convert=whole_number),
+        "step": POSITIVE,
+        "integrator": text,
+        "tolerance": POSITIVE,
+    },
+}
 
 
 @checked_arguments
@@ -93,7 +160,7 @@ def tradeoff_table(
     >>> [(row.method, row.max_error > 0) for row in table.rows]
     [('dijkstra', True)]
     """
-    _check_options(question, options, sources is not None)
+    options = _checked_options(question, options, sources is not None)
     if norm not in ("max", "mean"):
         raise ParameterError(f"norm must be 'max' or 'mean', not {norm!r}")
     if error is not None and (question != "willmore-flow" or error not in ERROR_PARTS):
@@ -113,7 +180,8 @@ def tradeoff_table(
     return table
 
 
-def _check_options(question: str, options: dict[str, Any], has_sources: bool) -> None:
+def _checked_options(question: str, options: dict[str, Any], has_sources: bool) -> dict[str, Any]:
+    """The options of a question, converted; raises an error for unknown ones and for wrong values."""
     if question not in OPTIONS_OF_QUESTION:
         raise ParameterError(f"unknown question {question!r}; choose one of {', '.join(OPTIONS_OF_QUESTION)}")
     own_options = OPTIONS_OF_QUESTION[question]
@@ -124,3 +192,4 @@ def _check_options(question: str, options: dict[str, Any], has_sources: bool) ->
         )
     if has_sources and question != "geodesic":
         raise ParameterError(f"sources belong to 'geodesic', not to {question!r}")
+    return {name: own_options[name](value, name) for name, value in options.items()}

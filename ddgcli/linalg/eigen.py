@@ -16,7 +16,7 @@ from scipy.sparse.linalg import splu
 
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.backends import direct_fits, shift_is_cheap
-from ddgcli.linalg.constrain import Poisson, floating_components
+from ddgcli.linalg.constrain import Poisson, components, floating_components
 from ddgcli.linalg.indices import compact
 from ddgcli.linalg.lanczos import BlockLanczos
 from ddgcli.linalg.ordering import fill_reducing_ordering
@@ -30,6 +30,7 @@ MAX_DENSE_SIZE = 400  # unknowns; larger problems are dense only for more than a
 VECTORS_PER_PAIR = 4  # in memory
 SHIFTED_WIDTH = 8  # vectors of a block: the multifrontal solver takes as long for eight as for four
 SMALL = 1e-2  # eigenvalue relative to the shift, below which two and more of its digits are lost
+MAX_SCALE_RATIO = 1e6  # of the mean eigenvalues of components that are solved together
 ROUNDING = 1e-9  # of a zero eigenvalue, relative to the shift
 
 
@@ -102,10 +103,57 @@ def smallest_eigenpairs(
     check_memory(8.0 * n * VECTORS_PER_PAIR * k, f"{k} eigenvectors of {n} unknowns", "compute fewer")
     if not 1 <= k <= n:
         raise ParameterError(f"{k} eigenpairs of a matrix with {n} unknowns; compute 1 to {n}")
+    groups = _groups_of_scale(L, M)
+    if len(groups) > 1:
+        solved = [
+            smallest_eigenpairs(
+                L[rows][:, rows], M[rows][:, rows], min(k, len(rows)), seed=seed, progress=progress, **options
+            )
+            for rows in groups
+        ]
+        return _merged(solved, groups, k)
     # masses near 1, by a power of 4 without rounding: squares of huge and tiny masses over- or underflow
     unit = 4.0 ** round(0.5 * math.log2(float(np.abs(M.data).max(initial=0.0)) or 1.0))
     pairs = _scaled_eigenpairs(L, M / unit, k, seed, progress, options)
     return replace(pairs, values=pairs.values / unit, vectors=pairs.vectors / math.sqrt(unit))
+
+
+def _groups_of_scale(L: csr_array, M: csr_array) -> list[NDArray[np.int64]]:
+    """Unknowns of the components that can be solved together, as their eigenvalues have similar sizes.
+
+    The errors of a solve are relative to its smallest eigenvalue, so that those of much larger ones
+    would have no digits.
+    """
+    count, label = components(L)
+    if count == 1 or M.nnz != M.shape[0]:
+        count, label = components(abs(L) + abs(M))
+    if count == 1:
+        return [np.arange(L.shape[0])]
+    with np.errstate(divide="ignore", over="ignore"):
+        mean = np.log10(np.bincount(label, L.diagonal()) / np.bincount(label, M.diagonal()))
+    order = np.argsort(mean, kind="stable")
+    group, first = np.zeros(count, dtype=np.int64), order[0]
+    for last, component in zip(order, order[1:]):
+        if mean[component] - mean[first] > np.log10(MAX_SCALE_RATIO):
+            first = component
+        group[component] = group[last] + (first == component)
+    return [np.flatnonzero(group[label] == g) for g in range(int(group.max()) + 1)]
+
+
+def _merged(solved: list[Eigenpairs], groups: list[NDArray[np.int64]], k: int) -> Eigenpairs:
+    """The k smallest of the pairs of several groups of unknowns."""
+    n = sum(len(rows) for rows in groups)
+    group = np.repeat(np.arange(len(groups)), [len(pairs.values) for pairs in solved])
+    column = np.concatenate([np.arange(len(pairs.values)) for pairs in solved])
+    values = np.concatenate([pairs.values for pairs in solved])
+    first = np.argsort(values, kind="stable")[:k]
+    vectors = np.zeros((n, k))
+    for g, (pairs, rows) in enumerate(zip(solved, groups)):
+        at = np.flatnonzero(group[first] == g)
+        vectors[rows[:, None], at] = pairs.vectors[:, column[first[at]]]
+    residuals = np.concatenate([pairs.residuals for pairs in solved])[first]
+    solver = next((pairs.solver for pairs in solved if pairs.solver), "")
+    return Eigenpairs(values[first], vectors, residuals, all(pairs.complete for pairs in solved), solver)
 
 
 def _scaled_eigenpairs(

@@ -14,6 +14,7 @@ from ddgcli.mesh.vectors import bounding_box
 
 SAMPLE_SIZE = 1000  # faces
 LENGTH_RANGE = (1e-140, 1e140)  # lengths whose squares, and sums of them, do not overflow
+PLANE_TOLERANCE = 1e-9  # height of a component over its extent
 
 
 def require(
@@ -76,12 +77,38 @@ def require(
         )
     if closed and not topology.is_closed:
         a, b = topology.edges[topology.boundary_edges[0]]
-        one_side = topology.one_sided_face.any()
-        advice = "no repair closes this one, which is one-sided" if one_side else cure("boundary", topology)
         raise MeshError(
             f"the surface has {topology.boundary_loops} boundary loops (first edge: vertices {a}-{b}); "
-            f"{verb} needs a closed surface: {advice}"
+            f"{verb} needs a closed surface: {how_to_close(mesh)}"
         )
+
+
+def how_to_close(mesh: TriangleMesh) -> str:
+    """How to close a surface with a boundary, for error messages; no repair closes some.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    str
+    """
+    topology = mesh.topology
+    if topology.one_sided_face.any():
+        return "no repair closes this one, which is one-sided"
+    component = topology.face_component
+    is_open = np.zeros(topology.n_components, dtype=bool)
+    is_open[topology.vertex_component[topology.edges[topology.boundary_edges, 0]]] = True
+    for number in np.flatnonzero(is_open)[:SAMPLE_SIZE]:
+        rows = component == number
+        corners = mesh.points[np.unique(mesh.faces[rows])]
+        extent = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
+        if extent[-1] <= PLANE_TOLERANCE * extent[0]:
+            return (
+                f"the component of face {np.argmax(rows)} is a flat sheet, which encloses nothing; extrude it"
+            )
+    return cure("boundary", topology)
 
 
 def _orientation_cure(mesh: TriangleMesh, one_sided: bool = False) -> str:

@@ -1,12 +1,14 @@
 """Geodesic Runge-Kutta methods: orders on flat and developable meshes, and error control."""
 
+import re
+
 import numpy as np
 import pytest
 
 from ddgcli.algorithms.geodesics.paths import path_lengths
 from ddgcli.algorithms.tangent_fields.curve_starts import random_starts
 from ddgcli.algorithms.tangent_fields.field_curves import field_curves
-from ddgcli.algorithms.tangent_fields.integral_curves import integral_curves
+from ddgcli.algorithms.tangent_fields.integral_curves import check_field_step, integral_curves
 from ddgcli.algorithms.tangent_fields.tangent_field import field_of_array
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
@@ -177,3 +179,16 @@ def test_bad_fields_are_refused():
     with pytest.raises(ParameterError, match="zero everywhere"):
         field_curves(mesh, np.zeros((mesh.n_faces, 3)), SurfacePoints([0], [[1, 0, 0]]))
     assert isinstance(mesh, TriangleMesh)
+
+
+def test_a_step_too_short_for_the_time_is_refused_with_one_that_works():
+    mesh = shapes.grid(4, 4)
+    field = field_of_array(mesh, np.tile([1.0, 0, 0], (mesh.n_faces, 1)))
+    starts = SurfacePoints(np.array([0]), np.array([[0.3, 0.3, 0.4]]))
+    with pytest.raises(
+        ParameterError, match=r"takes 5e\+04 steps .* step of at least \S+, or a time"
+    ) as refusal:
+        integral_curves(mesh, field, starts, 0.5, step=1e-5)
+    step, duration = map(float, re.findall(r"at (?:least|most) ([\d.e-]+\d)", str(refusal.value)))
+    check_field_step(step, 0.5)
+    check_field_step(1e-5, duration)

@@ -9,6 +9,7 @@ from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature.ball import normal_cycle_in_balls
 from ddgcli.algorithms.curvature.faces import REMAINING, Faces
 from ddgcli.algorithms.curvature.frames import unit_normals
+from ddgcli.algorithms.curvature.offset_body import offset_body
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.algorithms.curvature.unit_surface import prepare_surface
 from ddgcli.choices import CURVATURE_SCHEMES
@@ -221,6 +222,38 @@ def test_moving_scaling_and_relabelling_change_nothing_else(scheme, scale):
     assert after.results["volume"] == pytest.approx(scale**3 * before.results["volume"], rel=1e-11)
 
 
+def few_neighbours():
+    cube = shapes.box(1, 1, 1)
+    corners = np.array([[0, 0, 0], [1, 0, 0.1], [1, 1, 0], [0, 1, 0.1]])
+    a = np.linspace(0, 1, 12)
+    i = np.arange(11)[:, None]
+    return {
+        "cube": cube,  # all directions alike
+        "two cubes": TriangleMesh.from_arrays(np.concatenate([cube.points, cube.points * [2, 1, 1] + 5]),
+                                              np.concatenate([cube.faces, cube.faces + cube.n_vertices])),
+        "box of right angles": shapes.box(2, 2, 2),  # neighbours whose normals are at right angles
+        "two faces": TriangleMesh.from_arrays(corners, np.array([[0, 1, 2], [0, 2, 3]])),
+        "strip": TriangleMesh.from_arrays(
+            np.concatenate([np.stack([a, 0 * a + y, a * a], 1) for y in (0, 0.1)]),
+            np.concatenate([np.hstack([i, i + 1, i + 13]), np.hstack([i, i + 13, i + 12])])),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name, mesh", few_neighbours().items())
+def test_curvature_of_few_or_symmetric_neighbours_does_not_depend_on_numbers_and_axes(name, mesh):
+    rng = np.random.default_rng(2)
+    before = measure_curvature(mesh, "quadric").vertex
+    size = np.abs(before["principal_curvature_max"]).max()
+    for _ in range(4):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        order = rng.permutation(mesh.n_vertices)
+        points, faces = (mesh.points @ (turn * np.linalg.det(turn)).T)[order], np.argsort(order)[mesh.faces]
+        moved = TriangleMesh.from_arrays(points, rng.permutation(faces))
+        after = measure_curvature(moved, "quadric").vertex
+        for key in ("principal_curvature_min", "principal_curvature_max"):
+            assert np.abs(after[key] - before[key][order]).max() < 1e-11 * size
+
+
 def test_willmore_energies_of_spheres_tori_and_round_polyhedra():
     sphere = measure_curvature(shapes.icosphere(4)).results
     assert sphere["willmore_energy"] == pytest.approx(4 * np.pi, rel=2e-3)
@@ -290,6 +323,8 @@ def test_refusals_name_a_cure():
         measure_curvature(mesh, "cotan", 0.1)
     with pytest.raises(ParameterError, match="radius below"):
         measure_curvature(shapes.icosphere(6), "corrected", 10.0)
+    with pytest.raises(MeshError, match="face 0 is a flat sheet, which encloses nothing; extrude it"):
+        offset_body(shapes.grid(3, 3), 0.1)  # filled, it would be refused again
     with pytest.raises(MeshError, match="same place"):
         measure_curvature(mesh.moved(np.zeros_like(mesh.points)))
     with pytest.raises(MeshError, match="no face has area"):

@@ -75,6 +75,18 @@ def test_more_components_than_requested_pairs():
     assert np.abs(pairs.vectors.T @ (M @ pairs.vectors) - np.eye(5)).max() < 1e-12
 
 
+@pytest.mark.parametrize("k, levels", [(200, (1, 2)), (60, (1, 3))], ids=["dense", "lanczos"])
+def test_components_of_very_different_sizes_keep_their_digits(k, levels):
+    large, small = (shapes.icosphere(level) for level in levels)  # of radius 1e6 and 1e-6
+    L = csr_array(block_diag([stiffness(large), stiffness(small)]))
+    M = csr_array(block_diag([1e12 * lumped_mass(large), 1e-12 * lumped_mass(small)]))
+    pairs = smallest_eigenpairs(L, M, k)
+    n, of_small = large.n_vertices, smallest_eigenpairs(stiffness(small), lumped_mass(small), k - 41)
+    assert pairs.residuals.max() < 1e-11 and (pairs.values[:2] == 0).all()
+    assert pairs.values[1 + n :] == pytest.approx(1e12 * of_small.values[1 : k - n], rel=1e-9)
+    assert np.abs(pairs.vectors.T @ (M @ pairs.vectors) - np.eye(k)).max() < 1e-11
+
+
 def test_a_definite_matrix_has_no_zero():
     mesh = shapes.icosphere(3)
     L, M = stiffness(mesh), lumped_mass(mesh)

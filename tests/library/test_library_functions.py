@@ -15,6 +15,7 @@ import ddgcli as ddg
 ROOT = Path(__file__).parents[2]
 SPHERE = ddg.icosphere(1)
 SQUARE = ddg.grid(3, 3)
+NO_FACES = ddg.TriangleMesh.from_arrays(np.eye(3), np.zeros((0, 3), dtype=np.int64))
 TET = ddg.TetMesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
 RING = ddg.CurveSet.from_arrays([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]])
 X = SQUARE.points[:, 0]
@@ -116,6 +117,10 @@ def test_what_read_mesh_returns_is_accepted_as_a_mesh(tmp_path):
         (lambda: ddg.write_mesh("x.vtu", SQUARE, face={"a": ["b"] * 18}), "write real numbers"),
         (lambda: ddg.write_mesh("x.npz", TET, edge={"a": [1]}), "edge arrays belong to surfaces"),
         (lambda: ddg.write_trajectory("x.vtkhdf", []), "pass it as mesh"),
+        (lambda: ddg.circumcentric_dual(NO_FACES), "no triangles; a circumcentric dual needs a surface"),
+        (lambda: ddg.mean_curvature_flow(NO_FACES, 1.0), "no triangles; smoothing needs a surface"),
+        (lambda: ddg.signed_distance(NO_FACES, [[0, 1]]), "no triangles; edges on a surface need a surface"),
+        (lambda: ddg.integral_curves(NO_FACES, np.ones((3, 3))), "no triangles; random starts need"),
     ],
 )
 def test_wrong_meshes_and_arrays_are_refused(call, message, tmp_path, monkeypatch):
@@ -160,10 +165,12 @@ def test_the_cure_for_tetrahedra_works():
         (lambda: ddg.shortest_paths(SPHERE, 0, 1.5), "whole numbers"),
         (lambda: ddg.tradeoff_table("geodesic", SPHERE, scheme="cotan"), "no option 'scheme'"),
         (lambda: ddg.tradeoff_table("curvature", SPHERE, norm="sum"), "norm must be"),
-        (
-            lambda: ddg.tradeoff_table("curvature", SPHERE, scheme="none", repeat=1),
-            "no method of 'curvature'",
-        ),
+        (lambda: ddg.tradeoff_table("curvature", SPHERE, scheme="none"), "scheme: is one of quadric,"),
+        (lambda: ddg.tradeoff_table("curvature", SPHERE, radius=[1]), "radius: must be a number"),
+        (lambda: ddg.tradeoff_table("laplacian", SPHERE, eigen=1.5), "eigen: must be a whole number"),
+        (lambda: ddg.tradeoff_table("laplacian", SPHERE, eigen=0), "eigen: must be at least 1, not 0"),
+        (lambda: ddg.tradeoff_table("delaunay", SPHERE, refine=40), "must be above 0 and at most 33, not 40"),
+        (lambda: ddg.tradeoff_table("geodesic", SPHERE, operator="x"), "operator: is one of intrinsic-"),
     ],
 )
 def test_wrong_parameters_are_refused(call, message):

@@ -99,7 +99,10 @@ def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> Offs
     if (fold > MAX_FOLD).any():
         bad = int(np.argmax(fold))
         a, b = topology.side_tail[side[bad]], topology.side_head[side[bad]]
-        raise MeshError(f"the surface folds back at edge {a}-{b}: its normals have no arc; move a vertex")
+        raise MeshError(
+            f"the surface folds back at edge {a}-{b}: its normals have no arc; move a vertex, "
+            "or leave `offset` out if it is a sheet, which bounds no body"
+        )
     centre = unit_vectors(sum_by_index(mesh.faces.ravel(), np.repeat(normal, 3, axis=0), mesh.n_vertices))
     if not centre[mesh.topology.referenced_vertex].any(axis=1).all():
         bad = int(np.flatnonzero(mesh.topology.referenced_vertex & ~centre.any(axis=1))[0])

@@ -10,6 +10,7 @@ products of rows; elimination solves them for thousands of vertices at a time.
 from __future__ import annotations
 
 import logging
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +28,19 @@ _HIGH_TERMS = [(4, 0), (3, 1), (2, 2), (1, 3), (0, 4), (3, 0), (2, 1), (1, 2), (
 _LOW_TERMS = [(2, 0), (1, 1), (0, 2), (1, 0), (0, 1), (0, 0)]
 _TERMS = _HIGH_TERMS + _LOW_TERMS
 _MOMENT_POWERS = [(a, b) for a in range(9) for b in range(9 - a)]
+# weights of Bombieri's norm, which a rotation of the coordinates does not change: the axes of a neighbourhood
+# that spreads equally in all directions are arbitrary
+_TERM_WEIGHT = np.array([1.0 / comb(a + b, a) for a, b in _TERMS])
+_IS_HIGH = np.arange(len(_TERMS)) < len(_HIGH_TERMS)
 _MOMENT_INDEX = np.array([[_MOMENT_POWERS.index((a + c, b + d)) for c, d in _TERMS] for a, b in _TERMS])
 
 _PENALTIES = (1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4)  # from a quartic fit to a quadratic one
 QUADRATIC_PENALTY = _PENALTIES[-1]
 _PENALTY_SAMPLE_SIZE = 96  # vertices whose fits choose among the penalties
 _LOW_TERM_PENALTY = 1e-12  # of the low terms, so that three neighbours determine a fit too
+_MIN_PIVOT = 1e-7  # of the low terms, a share of the number of neighbours, below which a fit is repeated
+_MIN_SINGULAR_VALUE = 1e-6  # relative: coefficients that the neighbours determine less are the least ones
+_RIGHT_ANGLE = 1e-9  # cosine of normals at a right angle, whatever their rounding
 _MIN_NEIGHBOURS = 15  # below which a third ring is added
 _MAX_PAIRS = 40_000  # neighbours handled at once: the working arrays stay in the cache
 
@@ -111,10 +119,6 @@ def fit_forms(
     n = columns.shape[1]
     gradient, hessian = np.zeros((2, n)), np.zeros((3, n))
     vertex_frame = np.concatenate([*tangent_frame(normal), normal])
-    high, low = (
-        np.array([1.0] * len(_HIGH_TERMS) + [0.0] * len(_LOW_TERMS)),
-        np.full(len(_TERMS), _LOW_TERM_PENALTY),
-    )
 
     def fit(block: tuple[int, int]) -> None:
         begin, end = block
@@ -122,12 +126,17 @@ def fit_forms(
         x, y, z = local_coordinates(columns, columns[:, begin:end], vertex_frame[:, begin:end], start, member)
         x, y, axes = _scaled(x, y, start)
         matrix, right = _normal_equations(x, y, z, start)
-        diagonal = np.arange(len(_TERMS))
         count = np.diff(start)
         # fewer data than terms: the low terms have precedence
         share = np.where(count > len(_TERMS), penalty, np.maximum(penalty, 1.0))
-        matrix[diagonal, diagonal] += (high[:, None] * share + low[:, None]) * count
-        gradient[:, begin:end], hessian[:, begin:end] = _unscaled(_solve_low(matrix, right), axes)
+        _add_penalty(matrix, share, count)
+        low, pivot = _solve_low(matrix, right)
+        singular = pivot < _MIN_PIVOT * count
+        for size in np.unique(count[singular]):
+            some = np.flatnonzero(singular & (count == size))
+            own = start[some, None] + np.arange(size)
+            low[:, some] = _least_coefficients(x[own], y[own], z[own], share[some])
+        gradient[:, begin:end], hessian[:, begin:end] = _unscaled(low, axes)
 
     blocks = chunks(regions, _MAX_PAIRS)
     for _ in map_blocks(fit, list(blocks), jobs):
@@ -170,7 +179,7 @@ def local_coordinates(
 def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple[NDArray, NDArray]:
     """Neighbours whose normals are less than a right angle from their vertex's: heights are a function.
 
-    A vertex left with fewer than three, as the corners of a tetrahedron are, keeps those up to 120 degrees.
+    A vertex left with fewer than three, as the corners of a tetrahedron are, keeps those below 120 degrees.
     """
     # whole indices once, as each np.take would convert them
     member = regions.member[regions.start[begin] : regions.start[end]].astype(np.intp, copy=False)
@@ -179,12 +188,12 @@ def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple
     cosine = np.take(normal[0], member) * np.repeat(normal[0, begin:end], count)
     cosine += np.take(normal[1], member) * np.repeat(normal[1, begin:end], count)
     cosine += np.take(normal[2], member) * np.repeat(normal[2, begin:end], count)
-    keep = cosine > 0
+    keep = cosine > _RIGHT_ANGLE
     if keep.all():
         return start, member
     n_members = np.add.reduceat(keep, start[:-1], dtype=np.int64)
     if n_members.min() < 4:
-        keep |= np.repeat(n_members < 4, count) & (cosine > -0.5)
+        keep |= np.repeat(n_members < 4, count) & (cosine > -0.5 + _RIGHT_ANGLE)
         n_members = np.add.reduceat(keep, start[:-1], dtype=np.int64)
     return list_starts(n_members), member[keep]
 
@@ -228,11 +237,37 @@ def _powers(x: NDArray) -> list[NDArray]:
     return powers
 
 
-def _solve_low(matrix: NDArray, right: NDArray) -> NDArray[np.float64]:
-    """The low coefficients of many symmetric systems, by elimination of one unknown after another."""
+def _add_penalty(matrix: NDArray, share: NDArray | float, count: NDArray) -> None:
+    """Add the penalties of the terms to the diagonals of (p, p, c) matrices, in place."""
+    diagonal = np.arange(len(_TERMS))
+    high = (_IS_HIGH * _TERM_WEIGHT)[:, None]
+    matrix[diagonal, diagonal] += (high * share + _LOW_TERM_PENALTY * _TERM_WEIGHT[:, None]) * count
+
+
+def _least_coefficients(x: NDArray, y: NDArray, z: NDArray, share: NDArray) -> NDArray[np.float64]:
+    """The low coefficients (6, k) of fits that the (k, m) neighbours do not determine: the least of the best.
+
+    The normal equations square the condition number, so their solutions would consist of rounding errors.
+    """
+    root = np.sqrt(_TERM_WEIGHT)
+    rows = np.stack([x**a * y**b for a, b in _TERMS], axis=2) / root
+    penalty = np.sqrt(share[:, None] * x.shape[1])[..., None] * np.diag(_IS_HIGH.astype(float))
+    inverse = np.linalg.pinv(np.concatenate([rows, penalty], axis=1), rcond=_MIN_SINGULAR_VALUE)
+    solved = (inverse[:, :, : x.shape[1]] @ z[..., None])[..., 0] / root
+    return solved.T[len(_HIGH_TERMS) :]
+
+
+def _solve_low(matrix: NDArray, right: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The low coefficients of many symmetric systems, by elimination of one unknown after another.
+
+    Also the smallest pivot of each system among them.
+    """
     p = len(matrix)
+    least = np.full(matrix.shape[2], np.inf)
     for j in range(p):
         pivot = matrix[j, j]
+        if j >= len(_HIGH_TERMS):
+            least = np.minimum(least, pivot)
         inverse = np.divide(1.0, pivot, out=np.zeros_like(pivot), where=pivot > 0)
         row = matrix[j, j + 1 :]
         factor = row * inverse
@@ -241,7 +276,7 @@ def _solve_low(matrix: NDArray, right: NDArray) -> NDArray[np.float64]:
         matrix[j, j + 1 :], right[j] = factor, right[j] * inverse
     for j in range(p - 2, len(_HIGH_TERMS) - 1, -1):
         right[j] -= np.einsum("kn,kn->n", matrix[j, j + 1 :], right[j + 1 :])
-    return right[len(_HIGH_TERMS) :]
+    return right[len(_HIGH_TERMS) :], least
 
 
 def _unscaled(low: NDArray, axes: tuple[NDArray, ...]) -> tuple[NDArray, NDArray]:
@@ -364,12 +399,11 @@ def polynomial_residuals(
 
 
 def _best_penalty(matrix: NDArray, right: NDArray, squared: NDArray, count: NDArray) -> float:
-    high = (np.arange(len(_TERMS)) < len(_HIGH_TERMS)).astype(np.float64)
     flat = squared <= 0
     squared = np.where(flat, 1.0, squared)
     scores = []
     for penalty in _PENALTIES:
-        weight = np.diag(penalty * high + _LOW_TERM_PENALTY)
+        weight = np.diag(_TERM_WEIGHT * (penalty * _IS_HIGH + _LOW_TERM_PENALTY))
         inverse = _inverse(matrix + weight * count[:, None, None])
         fitted = inverse @ right
         explained = np.einsum("nij,nij->n", 2 * right - matrix @ fitted, fitted)

@@ -15,6 +15,7 @@ from ddgcli.algorithms.delaunay.common_subdivision import CommonSubdivision
 from ddgcli.algorithms.delaunay.point_location import PointMap
 from ddgcli.algorithms.delaunay.triangulation import length_scale
 from ddgcli.algorithms.tracing.trace import trace
+from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, face_area, half_angle_tangent
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.curve import CurveSet
@@ -78,10 +79,17 @@ def circumcentric_dual(mesh: SurfaceMesh) -> CircumcentricDual:
     -------
     CircumcentricDual
 
+    Raises
+    ------
+    MeshError
+        For a mesh without faces, or lengths whose squares leave the range of numbers.
+
     Notes
     -----
     With circumradius R = abc / (4 area), the circumcentre lies R cos(opposite angle) from a side.
     """
+    if mesh.topology.n_faces == 0:
+        raise MeshError("no triangles; a circumcentric dual needs a surface")
     check_size(float(mesh.side_length.max()))  # areas are squares of lengths
     unit, topology = length_scale(mesh.side_length), mesh.topology
     length = mesh.side_length / unit  # squares of tiny and huge lengths leave the range of float64

@@ -70,9 +70,13 @@ def edge_set(mesh: SurfaceMesh, array: NDArray, place: str = "", *, parameter: s
     ------
     ParameterError
         When the array fits no elements, a pair is no edge, or the set is empty.
+    MeshError
+        For a mesh without edges.
     """
     array = np.asarray(array)
     topology = mesh.topology
+    if topology.n_edges == 0:
+        raise MeshError("no triangles; edges on a surface need a surface")
     if array.ndim == 2 and array.shape[1] == 2 and place in ("", "pairs"):
         edges = _of_pairs(mesh, array, parameter)
     else:

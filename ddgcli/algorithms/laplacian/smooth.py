@@ -12,6 +12,7 @@ from ddgcli.choices import SMOOTHING_FLOWS
 from ddgcli.errors import MeshError, ParameterError, SolveError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.constrain import Dirichlet
+from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.mollify import mollify_mesh
@@ -106,6 +107,7 @@ def smooth(
     ParameterError
         For a time that is not positive, no step, or an unknown flow.
     """
+    require(mesh, "smoothing", sized=False)
     if not time > 0:
         raise ParameterError("must be positive", parameter="smooth")
     if steps < 1:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -22,9 +24,17 @@ def random_starts(mesh: TriangleMesh, k: int, seed: int = 0) -> SurfacePoints:
     Returns
     -------
     SurfacePoints
+
+    Raises
+    ------
+    MeshError
+        For a mesh without area.
     """
     rng = np.random.default_rng(seed)
+    require(mesh, "random starts")
     area = face_area(mesh.side_length)
+    if not area.any():
+        raise MeshError("no face has an area; random starts need one")
     face = rng.choice(mesh.n_faces, size=k, p=area / area.sum())
     return SurfacePoints(face, rng.dirichlet(np.ones(3), k))
 

@@ -117,11 +117,14 @@ def _check_curves(
         for waypoints in query.loop:
             check_waypoints(cover.mesh, waypoints, closed=True)
     if field is not None:
+        from ddgcli.algorithms.tangent_fields.integral_curves import check_field_step
         from ddgcli.algorithms.tangent_fields.tangent_field import checked_field, default_duration
 
         values, _ = checked_field(cover.base, *field)
-        if query.field_time is None:
-            default_duration(cover.base, values)
+        duration = query.field_time
+        check_field_step(
+            query.field_step, default_duration(cover.base, values) if duration is None else duration
+        )
     if query.darboux:
         cover.require_two_sides("`darboux`")
 

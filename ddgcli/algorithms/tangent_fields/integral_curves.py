@@ -26,6 +26,7 @@ from ddgcli.progress import ProgressCallback
 
 _log = logging.getLogger("ddgcli")
 
+MAX_STEPS = 10_000  # of a curve
 TIME_STOP, BOUNDARY_STOP, CRITICAL_POINT_STOP, STALL_STOP = "time", "boundary", "critical point", "gave up"
 
 
@@ -106,7 +107,7 @@ def integral_curves(
     order: int = 4,
     step: float | None = None,
     tolerance: float | None = None,
-    max_steps: int = 10_000,
+    max_steps: int = MAX_STEPS,
     progress: ProgressCallback | None = None,
 ) -> IntegralCurves:
     """Integral curves of a tangent field from points of a surface.
@@ -122,7 +123,8 @@ def integral_curves(
         Positive time; the unit of the field is length per time.
     order : {1, 2, 4}
     step : float, optional
-        Fixed time step. A second run with doubled steps then estimates the error.
+        Fixed time step, at least the duration over `max_steps`. A second run with doubled steps then
+        estimates the error.
     tolerance : float, optional
         Without `step`: largest error of a step, in length units, estimated by two half steps. Default: 1 % of
         the mean side length.
@@ -134,13 +136,17 @@ def integral_curves(
     Returns
     -------
     IntegralCurves
+
+    Raises
+    ------
+    ParameterError
+        For an order, a duration, a step or a tolerance out of range.
     """
     if order not in (1, 2, 4):
         raise ParameterError(f"the order must be 1, 2 or 4, got {order}")
     if not 0 < duration < np.inf:
         raise ParameterError(f"the time to integrate must be positive and finite, got {duration}")
-    if step is not None and not 0 < step < np.inf:
-        raise ParameterError(f"the step must be positive and finite, got {step}")
+    check_field_step(step, duration, max_steps)
     if tolerance is not None and not 0 < tolerance < np.inf:
         raise ParameterError(f"the tolerance must be positive and finite, got {tolerance}")
     tracer = Tracer(mesh)
@@ -155,6 +161,32 @@ def integral_curves(
     rough.integrate_uniformly(2 * step)
     run.error = _gap(mesh, run.at, rough.at)
     return run.result()
+
+
+def check_field_step(step: float | None, duration: float, max_steps: int = MAX_STEPS) -> None:
+    """Raise an error for a fixed step that needs more steps than a curve may have.
+
+    Parameters
+    ----------
+    step : float, optional
+    duration : float
+        Of the curves.
+    max_steps : int
+
+    Raises
+    ------
+    ParameterError
+    """
+    if step is None:
+        return
+    if not 0 < step < np.inf:
+        raise ParameterError(f"the step must be positive and finite, got {step}")
+    if duration > step * max_steps * (1 + 1e-9):
+        raise ParameterError(
+            f"a step of {step:g} takes {duration / step:.3g} steps to the time {duration:g}, more than "
+            f"{max_steps:,}; use a step of at least {1.01 * duration / max_steps:.3g}, or a time of at most "
+            f"{0.99 * step * max_steps:.3g}"
+        )
 
 
 def _gap(mesh: TriangleMesh, a: _CurvePositions, b: _CurvePositions) -> NDArray[np.float64]:

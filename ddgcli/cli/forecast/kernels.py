@@ -28,6 +28,7 @@ CERTIFICATE_RUNS = 4
 PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
 MAX_COMPARED_FACES, TRADEOFF_RANGE = 14_000, (0.2, 5.0)  # on larger meshes the budget bounds the rows
 FIELD_SEEDS, FIELD_RANGE = 16, (0.3, 30.0)  # the default; steps adapt to the field
+FIXED_STEP_RANGE = (0.3, 60.0)  # up to 10,000 steps, whatever the mesh
 # of the seconds and memory of the search for noise in balls, on meshes where it ends early: guesses
 CLEAN_SECONDS_SHARE, CLEAN_MEMORY_SHARE = 0.2, 0.3
 NOISY_RANGE: Range = (0.1, 3.0)  # rough surfaces may be creased only
@@ -221,7 +222,10 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         yield Use("geodesic point")
     if options.get("field"):
         seeds = (options.get("field_seeds") or FIELD_SEEDS) / FIELD_SEEDS
-        yield Use("geodesic field", seeds, range=FIELD_RANGE, assumes="a smooth field")
+        seconds_range, assumes = (FIELD_RANGE, "a smooth field")
+        if options.get("field_step") is not None:
+            seconds_range, assumes = (FIXED_STEP_RANGE, "about a step for each face that a curve crosses")
+        yield Use("geodesic field", seeds, range=seconds_range, assumes=assumes)
     if options.get("log_map"):
         yield Use("geodesic vector-heat" if method == "heat" else "geodesic log-map")
     if options.get("transport"):
