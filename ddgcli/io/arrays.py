@@ -141,7 +141,7 @@ def aligned_triangle_values(
     order = np.lexsort(np.sort(corners, axis=1).T[::-1])
     if corners.shape != triangles.shape or (np.sort(corners, axis=1)[order] != triangles).any():
         raise ParameterError(
-            "the array `triangles` of the input does not list the faces of its tetrahedra; drop it"
+            "the array `triangles` of the input does not list the faces of its tetrahedra; leave it out"
         )
     return parity(corners[order]) * np.asarray(values)[order]
 
@@ -173,7 +173,9 @@ def aligned_edge_values(edges: NDArray, file_edges: NDArray, values: NDArray) ->
     place = np.searchsorted(key[order], low * n + high).clip(max=max(len(key) - 1, 0))
     edge = order[place]
     if len(file_edges) != len(edges) or (key[edge] != low * n + high).any():
-        raise ParameterError("the array `edges` of the input does not list the edges of its faces; drop it")
+        raise ParameterError(
+            "the array `edges` of the input does not list the edges of its faces; leave it out"
+        )
     result = np.zeros(len(edges))
     result[edge] = np.where(file_edges[:, 0] <= file_edges[:, 1], values, -np.asarray(values))
     return result

@@ -84,7 +84,7 @@ def as_mesh(mesh: MeshLike) -> AnyMesh:
     if isinstance(own_mesh, AnyMesh):
         return own_mesh
     raise MeshError(
-        f"{type(mesh).__name__} is no mesh; give a mesh, a pair (points, faces) of arrays, or what "
+        f"{type(mesh).__name__} is not a mesh; give a mesh, a pair (points, faces) of arrays, or what "
         "read_mesh returns"
     )
 

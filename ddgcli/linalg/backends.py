@@ -205,7 +205,9 @@ def _solver_setting(solver: str | None) -> str:
             f"solver {name!r} is not one of {', '.join(LINEAR_SOLVERS)}; change DDGCLI_SOLVER"
         )
     if name == "cholmod" and not cholmod_available():
-        raise ParameterError("solver 'cholmod' is not installed; install ddgcli[fast] or use 'superlu'")
+        raise ParameterError(
+            "solver 'cholmod' is not installed; pip install 'ddgcli[fast]', or use 'superlu'"
+        )
     return name
 
 

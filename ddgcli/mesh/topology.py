@@ -424,9 +424,9 @@ def check_faces(faces: NDArray, n_vertices: int, *, copy: bool = True) -> NDArra
     if faces.size == 0:
         return np.zeros((0, 3), dtype=np.int64)
     if faces.ndim != 2 or faces.shape[1] != 3:
-        raise MeshError(f"faces must have shape (m, 3), found {faces.shape}")
+        raise MeshError(f"faces must have shape (m, 3), not {faces.shape}")
     if not np.issubdtype(faces.dtype, np.integer):
-        raise MeshError(f"face indices must be integers, found {faces.dtype}")
+        raise MeshError(f"face indices must be integers, not {faces.dtype}")
     if faces.min() < 0 or faces.max() >= n_vertices:
         outside = (faces < 0) | (faces >= n_vertices)
         bad = int(np.argmax(outside.any(axis=1)))

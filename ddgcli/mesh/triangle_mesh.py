@@ -37,10 +37,10 @@ def check_points(points: NDArray) -> NDArray[np.float64]:
         `MAX_COORDINATE`.
     """
     if np.asarray(points).dtype.kind not in "biufO":  # numpy would drop imaginary parts
-        raise MeshError(f"points must be real numbers, found {np.asarray(points).dtype}")
+        raise MeshError(f"points must be real numbers, not {np.asarray(points).dtype}")
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] not in (2, 3):
-        raise MeshError(f"points must have shape (n, 3), found {points.shape}")
+        raise MeshError(f"points must have shape (n, 3), not {points.shape}")
     if points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
     if len(points) == 0 or (points.min() >= -MAX_COORDINATE and points.max() <= MAX_COORDINATE):

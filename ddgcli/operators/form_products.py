@@ -155,11 +155,13 @@ def _form(complex_: Complex, array: NDArray) -> NDArray[np.float64]:
     values = np.asarray(array, dtype=np.float64)
     if values.ndim != 1:
         raise ParameterError(
-            f"an array of shape {values.shape} is no form; name numbers on "
+            f"an array of shape {values.shape} is not a form; name numbers on "
             f"{_listed(ELEMENTS[complex_.dimension])}"
         )
     if not np.isfinite(values).all():
-        raise ParameterError(f"the form is not finite at element {int(np.argmin(np.isfinite(values)))}")
+        raise ParameterError(
+            f"the form is not finite at element {int(np.argmin(np.isfinite(values)))}; correct the array"
+        )
     return values
 
 
@@ -171,8 +173,8 @@ def _cell_vectors(complex_: Complex, array: NDArray) -> NDArray[np.float64]:
     if vectors.shape == (complex_.counts[0], 3):
         return vectors[complex_.corners].mean(axis=1)
     raise ParameterError(
-        f"an array of shape {vectors.shape} is no field; name vectors on the {complex_.counts[0]} vertices "
-        f"or {len(complex_.corners)} {ELEMENTS[complex_.dimension][-1]}"
+        f"an array of shape {vectors.shape} is not a field; name vectors on the {complex_.counts[0]} "
+        f"vertices or {len(complex_.corners)} {ELEMENTS[complex_.dimension][-1]}"
     )
 
 

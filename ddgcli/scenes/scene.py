@@ -260,11 +260,11 @@ def _check_clock(scene: Scene, *, is_step_overridden: bool) -> None:
         )
     end, between = schedule.steps * schedule.dt, schedule.every * schedule.dt
     if abs(end - time.duration) > 1e-6 * time.duration:
-        log.warning("duration %g s is no whole number of steps of %g s: the run ends at %g s",
+        log.warning("duration %g s is not a whole number of steps of %g s: the run ends at %g s",
                     time.duration, schedule.dt, end)  # fmt: skip
     expected = min(time.frame_every or between, end)
     if abs(min(between, end) - expected) > 1e-6 * expected:
-        log.warning("frame_every %g s is no whole number of steps of %g s: frames come every %g s",
+        log.warning("frame_every %g s is not a whole number of steps of %g s: frames come every %g s",
                     expected, schedule.dt, between)  # fmt: skip
 
 

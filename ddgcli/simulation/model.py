@@ -167,7 +167,7 @@ class Schedule:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.dt) and self.dt > 0):
-            raise ParameterError(f"the time step must be a positive number, found {self.dt}")
+            raise ParameterError(f"the time step must be a positive number, not {self.dt}")
         if self.steps < 0 or self.every < 1:
             raise ParameterError("steps must be 0 or more, and the steps between frames 1 or more")
 

@@ -76,9 +76,9 @@ def test_products_of_the_input_are_written_on_the_simplices_of_their_degree(summ
     [
         (("--forms", "x.npz"), "--forms: holds --wedge"),
         (("--wedge", "area", "df"), "--wedge: a 2-form and a 1-form have no wedge in dimension 2"),
-        (("--wedge", "wind", "df"), "is no form"),
+        (("--wedge", "wind", "df"), "is not a form"),
         (("--interior-product", "wind", "f"), "--interior-product: a 0-form has no interior product"),
-        (("--lie-derivative", "f", "df"), "is no field"),
+        (("--lie-derivative", "f", "df"), "is not a field"),
         (("--wedge", "f", "nothing"), "no array 'nothing'"),
     ],
 )

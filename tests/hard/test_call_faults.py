@@ -117,7 +117,7 @@ def test_a_comparison_of_curvatures_takes_a_radius_that_is_a_length(run, tmp_pat
     ball = written(tmp_path / "a.npz", shapes.icosphere(1))
     result = run("tradeoff", "--budget", 1, "curvature", ball, "--radius", "auto")
     assert result.exit_code == 2
-    assert "no length" in result.stderr
+    assert "not a length" in result.stderr
 
 
 def test_options_of_time_are_left_out_together_where_a_flow_goes_to_rest(run, tmp_path):

@@ -60,7 +60,7 @@ REFUSED = {
     "nan_index.ply": (ply(f"{LIST}property int f\n|3 0 nan 2 0"), "nan is not a usable whole number"),
     "fracsize.ply": (ply(f"{LIST}|3.9 0 1 2"), "its count is wrong"),
     "nan_first.ply": (ply(f"{LIST}|3 0 1 2\nnan 0 1 2", count=2), "its count is wrong"),
-    "nan_list.ply": (ply(f"{LIST}property int f\n|nan 0 1 2 0"), "nan is no count of a list"),
+    "nan_list.ply": (ply(f"{LIST}property int f\n|nan 0 1 2 0"), "nan is not a count of a list"),
     "neg.ply": (ply("property list int int vertex_indices\n|3 0 1 -1"), "names vertex -1"),
     "edge_frac.ply": (ply("", edge="0 1.9"), "1.9 is not a usable whole number"),
     "edge_nan.ply": (ply("", edge="0 nan"), "nan is not a usable whole number"),
@@ -68,13 +68,13 @@ REFUSED = {
         ply(f"{LIST}|3 0 1 2", vertex="property uchar red\n", points="0 0 0 300\n1 0 0 -5\n0 1 0 9\n"),
         "'red' 300 does not fit its type uint8",
     ),
-    "float_count.ply": (ply("property list float int vertex_indices\n|3 0 1 2"), "no PLY header line"),
+    "float_count.ply": (ply("property list float int vertex_indices\n|3 0 1 2"), "not a line of a PLY"),
     "x_list.ply": (
         "ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar float x\nproperty float y\n"
         "property float z\nend_header\n1 0 0 0\n",
         "no numbers x, y and z",
     ),
-    "indices_no_list.ply": (ply("property int vertex_indices\n|0"), "no list"),
+    "indices_no_list.ply": (ply("property int vertex_indices\n|0"), "is not a list"),
     "off_frac.off": ("OFF\n3 1 0\n" + TRIANGLE + "3 0 1 1.5\n", "1.5 is not a usable whole number"),
     "off_nan.off": ("OFF\n3 1 0\n" + TRIANGLE + "nan 0 1 2\n", "nan is not a usable whole number"),
     "vtk_frac.vtk": (vtk("3 0 1 2.9"), "2.9 is not a usable whole number"),
@@ -198,7 +198,7 @@ def test_a_data_set_in_the_place_of_a_group(tmp_path, group):
         if group in file["VTKHDF"]:
             del file["VTKHDF"][group]
         file["VTKHDF"][group] = np.zeros(3)
-    assert f"'{group}' of the VTKHDF file is no group" in refused(path)
+    assert f"'{group}' of the VTKHDF file is not a group" in refused(path)
 
 
 @pytest.mark.parametrize("name", ["NumberOfPoints", "Polygons/Connectivity", "Polygons/Offsets"])

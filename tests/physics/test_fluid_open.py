@@ -80,7 +80,7 @@ def test_a_prescribed_flux_leaves_where_it_is_prescribed():
             INFLOW + OUTFLOW + "flux = 0.5\n",
             r"0.166667 m\^2/s more flow in than out through the boundary loop",
         ),
-        (INFLOW.replace('"4*', '"-4*') + OUTFLOW, "brings no fluid in; turn it round"),
+        (INFLOW.replace('"4*', '"-4*') + OUTFLOW, "brings no fluid in; reverse it"),
         (INFLOW + OUTFLOW.replace("2 -", "3 -"), "no boundary side lies where"),
         (INFLOW + OUTFLOW + OUTFLOW.replace("x > 2 - 1e-9", "y > 1 - 1e-9"), None),
         (

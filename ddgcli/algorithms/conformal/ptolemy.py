@@ -101,7 +101,10 @@ def flip_by_ptolemy(state: DecoratedTriangulation, u: NDArray, *, max_rounds: in
         independent = _independent(state, active, value)
         rim = _flip(state, length, u, active[independent])
         active = np.unique(np.concatenate([active[~independent], rim]))
-    raise SolveError("the Ptolemy flips do not end: the scale factors leave the range of numbers")
+    raise SolveError(
+        "the Ptolemy flips do not end: the scale factors leave the range of numbers; use other angles or "
+        "boundary values"
+    )
 
 
 def _cosine(length: NDArray, side: NDArray) -> NDArray[np.float64]:

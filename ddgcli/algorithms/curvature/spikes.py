@@ -97,8 +97,8 @@ def warn_of_spikes(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> None:
     spikes = sharpest[spikes_among(faces.points, area_normals(faces), rings, sharpest, faces.mean_length)]
     if len(spikes):
         logging.getLogger("ddgcli").warning(
-            "%d vertices lie far off the surface around them (first: vertex %d): the curvature over their "
-            "neighbours is theirs; correct them in the mesh",
+            "%d vertices lie far off the surface around them (first: vertex %d): they decide the "
+            "curvature of their neighbours; correct them in the mesh",
             len(spikes),
             spikes[0],
         )

@@ -104,7 +104,7 @@ def _of_pairs(mesh: SurfaceMesh, pairs: NDArray, parameter: str | None) -> EdgeS
     bad = np.flatnonzero(~whole.all(axis=1))
     if len(bad):
         raise ParameterError(
-            f"row {bad[0]} ({pairs[bad[0], 0]:g}, {pairs[bad[0], 1]:g}) is no pair of vertices "
+            f"row {bad[0]} ({pairs[bad[0], 0]:g}, {pairs[bad[0], 1]:g}) is not a pair of vertices "
             f"0..{mesh.n_vertices - 1}",
             parameter=parameter,
         )

@@ -86,12 +86,12 @@ class DistanceQuery:
         for name in ("tolerance", "target_point", "target_face"):
             if getattr(self, name) not in (None, ()) and self.method != "exact":
                 raise ParameterError(
-                    f"belongs to `method=exact`, not to {self.method}; drop one of them", parameter=name
+                    f"belongs to `method=exact`, not to {self.method}; leave one of them out", parameter=name
                 )
         for name in ("operator", "heat_time", "heat_refine"):
             if getattr(self, name) is not None and self.method != "heat" and "heat" not in self.compare:
                 raise ParameterError(
-                    f"belongs to `method=heat`, not to {self.method}; drop one of them", parameter=name
+                    f"belongs to `method=heat`, not to {self.method}; leave one of them out", parameter=name
                 )
         if self.has_source_edges and self.tolerance is not None:
             raise ParameterError(
@@ -103,7 +103,7 @@ class DistanceQuery:
         is_set["method"] = method_needs_source and self.method != DistanceQuery.method
         for name, value in is_set.items():
             if value and not self.has_source:
-                raise ParameterError("needs a source, e.g. `source=0`", parameter=name)
+                raise ParameterError("needs a source, such as `source=0`", parameter=name)
 
 
 @dataclass(frozen=True)
@@ -186,26 +186,26 @@ class CurveQuery:
             )
         for name in ("transport", "darboux"):
             if getattr(self, name) and not self.has_curves and distance.isolines is None:
-                raise ParameterError("has no curves; add some, e.g. `path_to` or `trace`", parameter=name)
+                raise ParameterError("has no curves; add some, such as `path_to` or `trace`", parameter=name)
 
     def _check_sources(self, has_source: bool, method: str) -> None:
         if self.path_to and not has_source:
-            raise ParameterError("needs a source, e.g. `source=0`", parameter="path_to")
+            raise ParameterError("needs a source, such as `source=0`", parameter="path_to")
         if self.path_to and method != "exact":
             raise ParameterError(
                 f"follows the exact distance, not that of {method}; use `method=exact`", parameter="path_to"
             )
         if self.log_map and not has_source:
-            raise ParameterError("needs a source, e.g. `source=0`", parameter="log_map")
+            raise ParameterError("needs a source, such as `source=0`", parameter="log_map")
         if self.log_map and method not in LOG_MAP_METHODS:
             cures = " or ".join(f"`method={name}`" for name in LOG_MAP_METHODS)
             raise ParameterError(f"has no method {method}; use {cures}", parameter="log_map")
         if self.field_seeds is not None and has_source:
             raise ParameterError(
-                "sets random starts, but there are sources; drop one of them", parameter="field_seeds"
+                "sets random starts, but there are sources; leave one of them out", parameter="field_seeds"
             )
         if self.spread_vector and not has_source:
-            raise ParameterError("needs source vertices, e.g. `source=0`", parameter="spread_vector")
+            raise ParameterError("needs source vertices, such as `source=0`", parameter="spread_vector")
 
 
 @dataclass(frozen=True)
@@ -255,10 +255,11 @@ class WaveQuery:
         """Raise ParameterError for parameters that lack what they refer to."""
         for name in ("target", "voronoi", "fan"):
             if getattr(self, name) and not distance.has_source:
-                raise ParameterError("needs a source, e.g. `source=0`", parameter=name)
+                raise ParameterError("needs a source, such as `source=0`", parameter=name)
         if self.voronoi and distance.method != "exact":
             raise ParameterError(
-                f"belongs to `method=exact`, not to {distance.method}; drop one of them", parameter="voronoi"
+                f"belongs to `method=exact`, not to {distance.method}; leave one of them out",
+                parameter="voronoi",
             )
         if self.signed_distance and distance.method not in ("exact", "heat"):
             raise ParameterError(

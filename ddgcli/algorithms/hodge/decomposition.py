@@ -270,11 +270,13 @@ def finite_field(values: NDArray, count: int, place: str) -> NDArray[np.float64]
     values = np.asarray(values, dtype=np.float64)
     if len(values) != count:
         raise ParameterError(
-            f"an array of {len(values)} values; the mesh has {count} at kind {place}", parameter="field"
+            f"an array of {len(values)} values; a field on {place}s has {count}", parameter="field"
         )
     bad = np.flatnonzero(~np.isfinite(row_matrix(values)).all(axis=1))
     if len(bad):
-        raise ParameterError(f"not finite at {place} {bad[0]} ({len(bad)} such values)", parameter="field")
+        raise ParameterError(
+            f"not finite at {place} {bad[0]} ({len(bad)} such values); correct the array", parameter="field"
+        )
     return values
 
 

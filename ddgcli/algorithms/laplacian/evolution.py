@@ -164,12 +164,15 @@ def checked_start(start: NDArray, n: int, equation: str) -> NDArray[np.float64]:
     values = np.asarray(start, dtype=np.float64)
     if values.shape not in ((n,), (n, 1)):
         raise ParameterError(
-            f"an array of shape {np.shape(start)}; the mesh has {n} vertices", parameter=equation
+            f"an array of shape {np.shape(start)}; use one number for each of {n} vertices",
+            parameter=equation,
         )
     values = values.reshape(n)
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
-        raise ParameterError(f"not finite at vertex {bad[0]} ({len(bad)} such vertices)", parameter=equation)
+        raise ParameterError(
+            f"not finite at vertex {bad[0]} ({len(bad)} such vertices); correct the array", parameter=equation
+        )
     return values
 
 

@@ -88,11 +88,14 @@ def checked_source(source: NDArray, n: int) -> NDArray[np.float64]:
     source = np.asarray(source, dtype=np.float64)
     if source.shape[:1] != (n,) or source.ndim > 2:
         raise ParameterError(
-            f"an array of shape {source.shape}; the mesh has {n} vertices", parameter="poisson"
+            f"an array of shape {source.shape}; use one number for each of {n} vertices", parameter="poisson"
         )
     if not np.isfinite(source).all():
         bad = np.flatnonzero(~np.isfinite(source.reshape(n, -1)).all(axis=1))
-        raise ParameterError(f"not finite at vertex {bad[0]} ({len(bad)} such vertices)", parameter="poisson")
+        raise ParameterError(
+            f"not finite at vertex {bad[0]} ({len(bad)} such vertices); correct the array",
+            parameter="poisson",
+        )
     return source
 
 

@@ -109,9 +109,9 @@ def smooth(
     """
     require(mesh, "smoothing", sized=False)
     if not time > 0:
-        raise ParameterError("must be positive", parameter="smooth")
+        raise ParameterError(f"must be positive, not {time:g}", parameter="smooth")
     if steps < 1:
-        raise ParameterError("must be at least 1", parameter="smooth_steps")
+        raise ParameterError(f"must be at least 1, not {steps}", parameter="smooth_steps")
     if flow not in SMOOTHING_FLOWS:
         raise ParameterError(f"{flow!r} is not one of {', '.join(SMOOTHING_FLOWS)}", parameter="smooth_flow")
     stepper = _Stepper(mesh, time / steps, flow, operator, mass)

@@ -87,7 +87,7 @@ def check_fan(
     if not (np.isfinite(length) and length > 0):
         raise ParameterError(f"must be a positive length, not {length}", parameter="fan_length")
     if len(source) != 1 or len(source.edge):
-        raise ParameterError(f"needs exactly one source vertex or point, got {len(source)}", parameter="fan")
+        raise ParameterError(f"needs exactly one source vertex or point, not {len(source)}", parameter="fan")
     return SourceFrame(tracer or Tracer(mesh), source)
 
 

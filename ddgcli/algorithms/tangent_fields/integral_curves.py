@@ -143,12 +143,12 @@ def integral_curves(
         For an order, a duration, a step or a tolerance out of range.
     """
     if order not in (1, 2, 4):
-        raise ParameterError(f"the order must be 1, 2 or 4, got {order}")
+        raise ParameterError(f"the order must be 1, 2 or 4, not {order}")
     if not 0 < duration < np.inf:
-        raise ParameterError(f"the time to integrate must be positive and finite, got {duration}")
+        raise ParameterError(f"the time to integrate must be positive and finite, not {duration}")
     check_field_step(step, duration, max_steps)
     if tolerance is not None and not 0 < tolerance < np.inf:
-        raise ParameterError(f"the tolerance must be positive and finite, got {tolerance}")
+        raise ParameterError(f"the tolerance must be positive and finite, not {tolerance}")
     tracer = Tracer(mesh)
     if step is None:
         allowed = tolerance or 1e-2 * float(mesh.side_length.mean())
@@ -180,7 +180,7 @@ def check_field_step(step: float | None, duration: float, max_steps: int = MAX_S
     if step is None:
         return
     if not 0 < step < np.inf:
-        raise ParameterError(f"the step must be positive and finite, got {step}")
+        raise ParameterError(f"the step must be positive and finite, not {step}")
     if duration > step * max_steps * (1 + 1e-9):
         raise ParameterError(
             f"a step of {step:g} takes {duration / step:.3g} steps to the time {duration:g}, more than "

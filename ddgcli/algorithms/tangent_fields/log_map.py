@@ -67,7 +67,7 @@ def require_single_source(sources: Sources) -> None:
     ParameterError
     """
     if len(sources) != 1:
-        raise ParameterError(f"needs exactly one source, got {len(sources)}", parameter="log_map")
+        raise ParameterError(f"needs exactly one source, not {len(sources)}", parameter="log_map")
 
 
 class SourceFrame:

@@ -76,7 +76,7 @@ class VectorHeat:
 
     def __init__(self, mesh: SurfaceMesh, time: float = 1.0, *, intrinsic_delaunay: bool = True) -> None:
         if not time > 0:
-            raise ParameterError(f"must be positive, got {time}", parameter="time")
+            raise ParameterError(f"must be positive, not {time}", parameter="time")
         self.turn = np.ones(mesh.n_vertices, dtype=np.complex128)
         if intrinsic_delaunay:
             mesh, self.turn = _delaunay_frames(mesh)

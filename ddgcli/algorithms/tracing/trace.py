@@ -84,7 +84,7 @@ class Tracer:
         start = self.checked_start(face, barycentric, direction, length)
         if at_boundary not in TRACE_BOUNDARIES:
             raise ParameterError(
-                f"must be {' or '.join(TRACE_BOUNDARIES)}, got {at_boundary!r}", parameter="at_boundary"
+                f"must be {' or '.join(TRACE_BOUNDARIES)}, not {at_boundary!r}", parameter="at_boundary"
             )
         return self.trace_checked(
             start, at_boundary=at_boundary, record=record, max_crossings=max_crossings, progress=progress
@@ -234,7 +234,7 @@ def check_start(
         )
     direction = np.atleast_2d(np.asarray(direction, dtype=np.float64))
     if direction.ndim != 2 or direction.shape[1] not in (2, 3) or len(direction) not in (1, k):
-        raise ParameterError(f"directions must have shape ({k}, 3) or ({k}, 2), got {direction.shape}")
+        raise ParameterError(f"directions must have shape ({k}, 3) or ({k}, 2), not {direction.shape}")
     direction = np.broadcast_to(direction, (k, direction.shape[1]))
     if not np.isfinite(direction).all():
         bad = np.flatnonzero(~np.isfinite(direction).all(axis=1))

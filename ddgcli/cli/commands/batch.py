@@ -83,7 +83,7 @@ def command(
 
     inputs, call = split_words(words)
     if len(common.outputs) > 1:
-        raise ParameterError("one template is enough", parameter="output")
+        raise ParameterError("takes one template; leave the others out", parameter="output")
     if resume and table is None:
         raise ParameterError("needs `table`, which holds the runs that are done", parameter="resume")
     template = common.outputs[0] if common.outputs else None

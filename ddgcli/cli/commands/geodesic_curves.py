@@ -34,7 +34,7 @@ class GeodesicCurveOptions(CurveQuery):
         """Raise ParameterError for an output of curves without curves."""
         if self.paths_output and not has_curves:
             raise ParameterError(
-                "has no curves; add some, e.g. `path_to` or `trace`", parameter="paths_output"
+                "has no curves; add some, such as `path_to` or `trace`", parameter="paths_output"
             )
 
 

@@ -75,7 +75,7 @@ def command(
     content = page_bytes(", ".join(Path(path).name for path in paths), objects, times, show=array, up=up)
     if len(content) > MAX_PAGE_MIB << 20:
         raise ParameterError(
-            f"the page would have {len(content) >> 20} MiB, {MAX_PAGE_MIB} are the most; show fewer frames",
+            f"the page would have {len(content) >> 20} MiB, above {MAX_PAGE_MIB}; show fewer frames",
             parameter="every",
         )
     for output in common.outputs:

@@ -192,7 +192,9 @@ def _filled(mesh: Any, loop: str | None, region: str | None) -> Any:
     from ddgcli.algorithms.repair.patches import fill_loops
 
     if loop != "all" and not loop.isdecimal():
-        raise ParameterError(f"{loop!r} is no vertex number; name one on the loop, or all", parameter="fill")
+        raise ParameterError(
+            f"{loop!r} is not a vertex number; name one on the loop, or all", parameter="fill"
+        )
     return fill_loops(mesh, None if loop == "all" else int(loop))
 
 
@@ -216,7 +218,9 @@ def _length(text: str | None) -> str | float | None:
     try:
         return float(str(text))
     except ValueError:
-        raise ParameterError(f"{text!r} is no length; write a number, or mean", parameter="remesh") from None
+        raise ParameterError(
+            f"{text!r} is not a length; write a number, or mean", parameter="remesh"
+        ) from None
 
 
 def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:

@@ -122,7 +122,7 @@ def content_by_meshio(path: str, suffix: str) -> RawMesh:
         except Exception as error:  # third-party readers raise any exception
             reasons.append(_in_a_line(error))
     raise MeshFileError(
-        f"cannot be read as {suffix} ({'; '.join(reasons)}); it is cut, damaged or of another format"
+        f"cannot be read as {suffix} ({'; '.join(reasons)}); it is truncated, damaged or of another format"
     )
 
 

@@ -52,7 +52,7 @@ class Budget:
             raise MeshFileError(f"a compressed array cannot be unpacked ({error}); it is damaged") from None
         self.take(len(data))
         if not stream.eof:
-            raise MeshFileError("a compressed array ends early; the file is cut")
+            raise MeshFileError("a compressed array ends early; the file is truncated")
         return data
 
 

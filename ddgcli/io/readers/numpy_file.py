@@ -31,7 +31,7 @@ def npz_arrays(data: bytes) -> tuple[dict[str, NDArray], list[str]]:
         A damaged archive, pickled objects, or members that unpack to too much.
     """
     if not data.startswith(b"PK"):
-        raise MeshFileError("not a NumPy archive: it is cut or of another format")
+        raise MeshFileError("not a NumPy archive: it is truncated or of another format")
     check_zip(data)
     arrays: dict[str, NDArray] = {}
     others: list[str] = []
@@ -66,7 +66,7 @@ def npy_array(data: bytes) -> NDArray:
         A damaged file, or pickled objects.
     """
     if not data.startswith(b"\x93NUMPY"):
-        raise MeshFileError("not a .npy file: it is cut or of another format")
+        raise MeshFileError("not a .npy file: it is truncated or of another format")
     try:
         return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
     except Exception as error:  # tokenize, ast and numpy each raise their own

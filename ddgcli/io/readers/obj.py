@@ -88,7 +88,9 @@ def _points(vertices: _Element) -> tuple[NDArray[np.float64], NDArray[np.float64
     values, count = rows_of(vertices.lines, "vertex")
     short = np.flatnonzero(count < 3)
     if len(short):
-        raise MeshFileError(f"line {vertices.lines.number[short[0]] + 1}: a vertex needs three numbers")
+        raise MeshFileError(
+            f"line {vertices.lines.number[short[0]] + 1}: a vertex needs three numbers; correct the line"
+        )
     colors = values.reshape(-1, 6)[:, 3:] if len(count) and (count == 6).all() else None
     return leading(values, count, 3), colors
 
@@ -110,13 +112,13 @@ def _corner_uv(faces: _Element, textures: _Element, sizes: NDArray) -> NDArray |
     values, _ = rows_of(replace(faces.lines, text=only_second), "face")
     table, width = rows_of(textures.lines, "texture vertex")
     if not np.array_equal(faces.lines.n_words, sizes) or width.min() < 2:
-        raise MeshFileError("a corner or a texture vertex lacks a number")
+        raise MeshFileError("a corner or a texture vertex lacks a number; correct it")
     index, n = np.zeros(sizes.sum(), dtype=np.int64), len(width)
     index[named] = whole_numbers(values, "texture vertex")
     before = np.repeat(textures.count_before(faces), sizes)
     number = np.where(index > 0, index - 1, np.where(index < 0, before + index, n))
     if ((number < 0) | (number > n)).any() or (index > n).any():
-        raise MeshFileError(f"a corner names a texture vertex outside 1..{n}")
+        raise MeshFileError(f"a corner names a texture vertex outside 1..{n}; correct the index")
     return np.vstack([leading(table, width, 2), [[np.nan, np.nan]]])[number]
 
 

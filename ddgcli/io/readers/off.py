@@ -41,7 +41,7 @@ def read_off(data: bytes) -> RawMesh:
     if at + n_vertices + n_faces > len(number):
         raise MeshFileError(
             f"line {number[at - 1] + 1}: the header announces {n_vertices} vertices and {n_faces} faces, "
-            f"but only {len(number) - at} lines follow; the file is truncated or the header wrong"
+            f"but only {len(number) - at} lines follow; the file is truncated or the header is wrong"
         )
     split = at + n_vertices
     points = _points(lines.select(np.arange(at, split)))
@@ -71,7 +71,9 @@ def _points(lines: TextLines) -> NDArray[np.float64]:
     values, count = rows_of(lines, "vertex")
     short = np.flatnonzero(count < 3)
     if len(short):
-        raise MeshFileError(f"line {lines.number[short[0]] + 1}: a vertex needs three numbers")
+        raise MeshFileError(
+            f"line {lines.number[short[0]] + 1}: a vertex needs three numbers; correct the line"
+        )
     return leading(values, count, 3)
 
 

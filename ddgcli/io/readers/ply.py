@@ -63,7 +63,7 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
         raise MeshFileError("not a PLY file: it does not begin with 'ply'; check the file")
     end = data.find(b"end_header")
     if end < 0:
-        raise MeshFileError("the PLY header has no end_header; the file is cut or damaged")
+        raise MeshFileError("the PLY header has no end_header; the file is truncated or damaged")
     body = end + len(b"end_header")
     while data[body : body + 1] == b" ":
         body += 1
@@ -85,7 +85,7 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
                 elements[-1].properties.append(_Property(words[2], TYPES[words[1]]))
         except (KeyError, IndexError, ValueError):
             raise MeshFileError(
-                f"line {number}: {excerpt(line, 60)!r} is no PLY header line; correct it"
+                f"line {number}: {excerpt(line, 60)!r} is not a line of a PLY header; correct it"
             ) from None
     if order is None:
         raise MeshFileError("the PLY header has no format line; the file is damaged")
@@ -105,7 +105,7 @@ def _require_distinct(what: str, names: list[str], place: str) -> None:
 def _short(element: _Element) -> MeshFileError:
     return MeshFileError(
         f"the header announces {element.count:.6g} elements '{excerpt(element.name, 40)}', more than the "
-        "file holds; it is cut or the header wrong"
+        "file holds; it is truncated or the header is wrong"
     )
 
 
@@ -147,8 +147,8 @@ class _Ascii:
                     count = values[self.at]
                     if not (0 <= count < len(values) - self.at and count == int(count)):
                         raise MeshFileError(
-                            f"{count:.17g} is no count of a list of '{excerpt(element.name, 40)}' that the "
-                            "file holds; it is cut or damaged"
+                            f"{count:.17g} is not a count of a list of '{excerpt(element.name, 40)}' that "
+                            "the file holds; it is truncated or damaged"
                         )
                     size = int(count)
                     columns_by_name[p.name] += values[self.at + 1 : self.at + 1 + size]
@@ -320,7 +320,7 @@ def _raw(columns: dict[str, Columns]) -> RawMesh:
     face = dict(columns.get("face", {}))
     corners = next((face.pop(k) for k in ("vertex_indices", "vertex_index") if k in face), None)
     if corners is not None and not isinstance(corners, tuple):
-        raise MeshFileError("'vertex_indices' of the PLY faces is no list; correct the header")
+        raise MeshFileError("'vertex_indices' of the PLY faces is not a list; correct the header")
     if corners is not None:
         raw.corners, raw.sizes = whole_numbers(np.asarray(corners[0]), "vertex number").ravel(), corners[1]
         raw.face = _with_appearance(_scalars(face))

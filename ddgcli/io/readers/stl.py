@@ -43,7 +43,7 @@ def _is_ascii(data: bytes) -> bool:
 
 def _binary(data: bytes, notes: list[str]) -> NDArray:
     if len(data) < 84:
-        raise MeshFileError("not an STL file: shorter than a header; it is cut or of another format")
+        raise MeshFileError("not an STL file: shorter than a header; it is truncated or of another format")
     count, capacity = int.from_bytes(data[80:84], "little"), (len(data) - 84) // 50
     if count > capacity:
         raise MeshFileError(
@@ -61,7 +61,7 @@ def _ascii(data: bytes) -> NDArray:
     if b"endsolid" not in lower or facets != ends or len(vertices) != 3 * ends:
         raise MeshFileError(
             f"ASCII STL with {facets} facets, {ends} ends of facets and {len(vertices)} vertices; "
-            "it is cut or damaged"
+            "it is truncated or damaged"
         )
     try:
         values = numbers(b" ".join(vertices))

@@ -75,7 +75,7 @@ def read_wkt(data: bytes) -> RawMesh:
     head = re.match(rb"TIN ?\(", text, re.IGNORECASE)
     if head is None or text.count(b"(") != text.count(b")") or not text.endswith(b")"):
         raise MeshFileError(
-            "not a TIN in WKT, or its brackets do not close; the file is cut or of another kind"
+            "not a TIN in WKT, or its brackets do not close; the file is truncated or of another kind"
         )
     rings = re.findall(rb"\(\(([^()]*)\)\)", text[head.end() - 1 :][1:-1])
     if any(ring.count(b",") != 3 for ring in rings):

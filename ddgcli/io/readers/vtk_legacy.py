@@ -48,7 +48,7 @@ def read_vtk_legacy(data: bytes) -> RawMesh | None:
         if isinstance(error, MeshFileError):
             raise
         raise MeshFileError(
-            f"an array of the VTK file cannot be read ({excerpt(error)}); it is cut or damaged"
+            f"an array of the VTK file cannot be read ({excerpt(error)}); it is truncated or damaged"
         ) from None
 
 

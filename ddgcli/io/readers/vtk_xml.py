@@ -39,7 +39,9 @@ def read_vtk_xml(data: bytes) -> RawMesh:
     try:
         root = ElementTree.fromstring(xml)
     except ElementTree.ParseError as error:
-        raise MeshFileError(f"not well-formed XML ({excerpt(error)}); the file is cut or damaged") from None
+        raise MeshFileError(
+            f"not well-formed XML ({excerpt(error)}); the file is truncated or damaged"
+        ) from None
     if root.tag != "VTKFile" or root.get("type") not in ("UnstructuredGrid", "PolyData"):
         raise MeshFileError(
             f"VTK XML of type {excerpt(root.get('type'), 40)}; only UnstructuredGrid and PolyData hold "
@@ -54,7 +56,7 @@ def read_vtk_xml(data: bytes) -> RawMesh:
         if isinstance(error, MeshFileError):
             raise
         raise MeshFileError(
-            f"an array of the VTK file cannot be read ({excerpt(error)}); it is cut or damaged"
+            f"an array of the VTK file cannot be read ({excerpt(error)}); it is truncated or damaged"
         ) from None
 
 
@@ -67,7 +69,7 @@ def _split_raw_appended(data: bytes) -> tuple[bytes, bytes | None]:
         return data, None
     end = data.rfind(b"</AppendedData>")
     if end < mark.end():
-        raise MeshFileError("the appended data do not end; the file is cut")
+        raise MeshFileError("the appended data do not end; the file is truncated")
     return data[: mark.end()] + data[end:], data[mark.end() : end]
 
 
@@ -139,7 +141,7 @@ class _Arrays:
         """Compressed sizes of the blocks, and where the first begins."""
         n_blocks = int(np.frombuffer(data, self.header, 1)[0])
         if (3 + n_blocks) * self.header.itemsize > len(data):
-            raise MeshFileError("a compressed array is cut; the file is damaged")
+            raise MeshFileError("a compressed array is truncated; the file is damaged")
         table = np.frombuffer(data, self.header, 3 + n_blocks)
         return [int(n) for n in table[3:]], (3 + n_blocks) * self.header.itemsize
 
@@ -167,7 +169,7 @@ def _count(element: ElementTree.Element, name: str) -> int | None:
     except ValueError:
         number = -1
     if number < 0:
-        raise MeshFileError(f"{name}={excerpt(text, 20)!r} is no count; correct it")
+        raise MeshFileError(f"{name}={excerpt(text, 20)!r} is not a count; correct it")
     return number
 
 
@@ -175,13 +177,13 @@ def _decoded(text: bytes | memoryview, length: int) -> bytes:
     """The first `length` bytes that base64 text codes."""
     chars = -(-length // 3) * 4
     if chars > len(text):
-        raise MeshFileError("a base64 array is shorter than its header announces; the file is cut")
+        raise MeshFileError("a base64 array is shorter than its header announces; the file is truncated")
     return base64.b64decode(text[:chars])[:length]
 
 
 def _whole(data: Buffer, length: int) -> Buffer:
     if len(data) != length:
-        raise MeshFileError("an array is shorter than its header announces; the file is cut")
+        raise MeshFileError("an array is shorter than its header announces; the file is truncated")
     return data
 
 

@@ -39,7 +39,7 @@ def content_of_vtkhdf(data: bytes) -> RawMesh:
         raise
     except Exception as error:  # h5py raises whatever the damaged place leads to
         raise MeshFileError(
-            f"the VTKHDF file cannot be read ({excerpt(error)}); it is cut or damaged"
+            f"the VTKHDF file cannot be read ({excerpt(error)}); it is truncated or damaged"
         ) from None
 
 
@@ -97,7 +97,7 @@ def _datasets(root, name: str) -> dict[str, Any]:
     if group is None:
         return {}
     if not hasattr(group, "items"):
-        raise MeshFileError(f"'{name}' of the VTKHDF file is no group; it is damaged")
+        raise MeshFileError(f"'{name}' of the VTKHDF file is not a group; it is damaged")
     return {key: value for key, value in group.items() if hasattr(value, "shape")}
 
 
@@ -131,7 +131,7 @@ def _arrays(root, group: str, steps, last: int, at: int, length: int) -> dict[st
         value = dataset[start : start + length]
         if len(value) != length:
             raise MeshFileError(
-                f"array {excerpt(name, 40)} has {len(value)} entries, not {length}; it is cut or damaged"
+                f"array {excerpt(name, 40)} has {len(value)} entries, not {length}; the file is damaged"
             )
         arrays[name] = value
     return arrays

@@ -110,7 +110,7 @@ def _check_arrays(file: Any, count: int, point_counts: NDArray, cell_counts: NDA
         for array in _group(root, name):
             rows = _rows(_group(root, name), array, length, "fiub", None)
             if name == "FieldData" and rows.ndim != 2:
-                raise MeshFileError(f"'{excerpt(array, 40)}' is no table of numbers of every frame")
+                raise MeshFileError(f"'{excerpt(array, 40)}' is not a table of numbers of every frame")
     for name in json.loads(ours.attrs.get(CHANGING_CELL, "[]")):
         starts = _rows(_group(steps, "CellDataOffsets"), str(name), count, "iu")[:count]
         rows = _rows(_group(root, "CellData"), str(name), int(cell_counts.sum()), "f", None)
@@ -144,7 +144,7 @@ def _check_texts(ours: Any) -> None:
         if isinstance(value, h5py.Dataset) and value.dtype.kind == "O":
             text = value[()]
             if not isinstance(text, bytes):
-                raise MeshFileError(f"'{excerpt(name, 40)}' is no text")
+                raise MeshFileError(f"'{excerpt(name, 40)}' is not a text")
             text.decode()
 
 

@@ -218,6 +218,6 @@ def _pwrite(fd: int, data: Any, offset: int, path: str) -> None:
             n_bytes = os.pwrite(fd, view, offset)
         except OSError as error:
             raise OutputError(
-                f"{path}: cannot be written ({error.strerror}); free space or choose another place"
+                f"{path}: cannot be written ({error.strerror}); free some disk space"
             ) from error
         view, offset = view[n_bytes:], offset + n_bytes

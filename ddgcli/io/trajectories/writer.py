@@ -186,7 +186,7 @@ class TrajectoryWriter:
                     self._file, self._rows, self.n_frames, self._logged = before
             if isinstance(error, OSError):
                 why = os.strerror(error.errno) if error.errno else excerpt(error)
-                raise OutputError(f"{self.path}: cannot be written ({why}); free some room") from error
+                raise OutputError(f"{self.path}: cannot be written ({why}); free some disk space") from error
             raise
         if old is not None:
             old.close()

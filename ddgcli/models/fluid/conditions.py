@@ -198,7 +198,7 @@ def _outward_flux(
         if section.flux is not None:
             flux[own] = section.flux * length[own] / length[own].sum()
         if section.kind == "inflow" and not flux[own].sum() < 0:
-            raise ValueError(f"inflow: velocity {section.velocity} brings no fluid in; turn it round")
+            raise ValueError(f"inflow: velocity {section.velocity} brings no fluid in; reverse it")
     return flux
 
 

@@ -79,8 +79,8 @@ class FluidContext:
             except ValueError as error:
                 names = ", ".join(self.vertex) or "none"
                 raise ValueError(
-                    f"{what} '{excerpt(source)}' is no vertex array of the mesh (there: {names}), no .npy "
-                    f"file and no expression: {error}"
+                    f"{what} '{excerpt(source)}' is not a vertex array of the mesh (there: {names}), a .npy "
+                    f"file or an expression: {error}"
                 ) from error
         if values.shape != (n,):
             raise ValueError(
@@ -102,7 +102,8 @@ class FluidContext:
         else:
             names = ", ".join([*self.vertex, *self.face]) or "none"
             raise ValueError(
-                f"velocity '{excerpt(source)}' is no array of the mesh (there: {names}) and no .npy file"
+                f"velocity '{excerpt(source)}' is neither an array of the mesh (there: {names}) nor "
+                "a .npy file"
             )
         if values.shape == (n, 3) and values.shape != (len(cells), 3):
             values = values[cells].mean(axis=1)

@@ -130,7 +130,7 @@ def without_obstacles(
     inside = np.stack([_inside(context, points, faces, at, d) for at, (_, d, _) in zip(sides, obstacles)])
     outside = ~inside.any(axis=0)
     if not outside.any():
-        raise ValueError(f"the obstacles leave nothing of {context.name!r}")
+        raise ValueError(f"the obstacles leave nothing of {context.name!r}; make them smaller, or move them")
     referenced = np.zeros(len(points), dtype=bool)
     referenced[faces[outside]] = True
     marks = {}

@@ -31,7 +31,7 @@ from ddgcli.simulation.effects import Effect
 
 ENERGY_SAFETY_FACTOR = 2.0  # waves may bring a vertex more than the energy of its own fall
 HALF_GAP = 2 * 0.5 * np.log(2) + 0.5  # slope of the barrier at half its range, in units of its stiffness
-THROWING_DISTANCE = 0.1  # of the gap: a shell that starts nearer is thrown many gaps away
+REPULSION_DISTANCE = 0.1  # of the gap: a shell that starts nearer is repelled by many gaps
 KEY: Key = ("effects", "contact")
 log = logging.getLogger("ddgcli")
 
@@ -118,11 +118,11 @@ def _require_apart(barrier: Barrier, context: ShellContext, gap: float) -> None:
     if least < MIN_START_DISTANCE * gap:
         raise ValueError(
             f"{vertex} starts {least:.3g} m from {barrier.obstacle!r}, nearly in touch for a gap "
-            f"of {gap:.3g} m: contact would throw it away; {apart}"
+            f"of {gap:.3g} m: contact would repel it violently; {apart}"
         )
-    if least < THROWING_DISTANCE * gap:
+    if least < REPULSION_DISTANCE * gap:
         log.warning(
-            "contact: %s starts %.3g m from %r, within the gap of %.3g m: contact throws it away; %s",
+            "contact: %s starts %.3g m from %r, within the gap of %.3g m: contact repels it violently; %s",
             vertex, least, barrier.obstacle, gap, apart,
         )  # fmt: skip
 
@@ -165,7 +165,7 @@ def _obstacle_of(pair: list[str], pairs: list[list[str]], context: ShellContext)
     if [sorted(p) for p in pairs].count(sorted(pair)) > 1:
         scene.refuse((*KEY, "pairs"), f"the pair {pair} is listed more than once; keep one")
     if len(pair) != 2:
-        scene.refuse(KEY, f"a pair of contact is two names, found {pair}")
+        scene.refuse(KEY, f"a pair of contact is two names, not {pair}")
     roles = sorted(scene.find(name, (*KEY, "pairs")).role for name in pair)
     if pair[0] == pair[1] and roles[0] == "shell":
         scene.refuse((*KEY, "pairs"), f'the pair {pair} is one shell; write self_contact = ["{pair[0]}"]')

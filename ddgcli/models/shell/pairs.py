@@ -225,7 +225,7 @@ def _admissible_gap(mesh: PairMesh, start: NDArray, gap: float, alone: bool) -> 
         largest = least / MIN_START_DISTANCE
         raise ValueError(
             f"{_names(mesh)} start {least:.3g} m apart, nearly in touch for a gap of {gap:.3g} m: contact "
-            f"would throw them apart; move one of them, or write a gap below {largest:.2g} m"
+            f"would repel them violently; move one of them, or write a gap below {largest:.2g} m"
         )
     if not alone:
         return gap

@@ -34,7 +34,7 @@ class Pin(Section):
     @classmethod
     def _letters(cls, value: str) -> str:
         if not value or set(value) - set("xyz"):
-            raise ValueError(f"axes must be letters of xyz, found {value!r}")
+            raise ValueError(f"axes must be letters of xyz, not {value!r}")
         return value
 
 

@@ -35,7 +35,7 @@ class Pressure(RampSection):
         least = self.value * min([1.0, *(self.factors or [])])
         if self.gas and not self.ambient + least > 0:
             raise ValueError(
-                f"the absolute pressure of a gas must be positive, found {self.ambient + least:g} Pa"
+                f"the absolute pressure of a gas must be positive, not {self.ambient + least:g} Pa"
             )
         return self
 

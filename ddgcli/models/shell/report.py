@@ -212,8 +212,8 @@ def failure_reason(outcome: Outcome, least: RunRounding) -> str:
     if not growth > ENERGY_GROWTH_WARNING * scale + least.energy:
         return ""
     message = (
-        f"the energy grew by {growth / scale:.3g} of what there is to move, and no force can do "
-        "that: the step is too long for this scheme; shorten it, or take implicit-euler"
+        f"the energy grew by {growth / scale:.3g} of the available energy, which no force explains: the step "
+        "is too long for this scheme; shorten it, or take implicit-euler"
     )
     log.warning(message)
     return message if growth > ENERGY_GROWTH_FAILURE * scale + least.energy else ""

@@ -30,7 +30,7 @@ class Rigid(Section):
     def _pairs(cls, edges: list[list[int]] | None) -> list[list[int]] | None:
         for pair in edges or []:
             if len(pair) != 2:
-                raise ValueError(f"an edge is a pair of vertices [a, b], found {pair}")
+                raise ValueError(f"an edge is a pair of vertices [a, b], not {pair}")
         return edges
 
 
@@ -46,7 +46,7 @@ def build(parameters: Rigid, context: ShellContext) -> list[RigidEdges]:
     edges = _selected_edges(parameters, context)
     edges = edges[~_fixed_vertices(context)[edges].all(axis=1)]
     if not len(edges):
-        raise ValueError("pins hold every one of these edges")
+        raise ValueError("pins hold every one of these edges already; leave rigid out, or pin fewer vertices")
     x = np.asarray(context.mesh.points)
     return [RigidEdges(edges, np.linalg.norm(x[edges[:, 1]] - x[edges[:, 0]], axis=1))]
 
@@ -61,13 +61,13 @@ def _selected_edges(parameters: Rigid, context: ShellContext) -> NDArray[np.int6
         mesh_edges = {(int(a), int(b)) for a, b in np.sort(edges, axis=1)}
         for a, b in edge_rows:
             if (int(a), int(b)) not in mesh_edges:
-                raise ValueError(f"no edge joins the vertices [{a}, {b}]")
+                raise ValueError(f"no edge joins the vertices [{a}, {b}]; name two that share a face")
         edges = np.unique(edge_rows, axis=0)
     elif parameters.vertices is not None or parameters.box is not None:
         vertices = context.selection(parameters.vertices, parameters.box, ("effects", "rigid"))
         edges = edges[np.isin(edges, vertices).all(axis=1)]
     if not len(edges):
-        raise ValueError("no edge joins two of these vertices")
+        raise ValueError("no edge joins two of these vertices; name neighbours, or a larger box")
     return edges
 
 

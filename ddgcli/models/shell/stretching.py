@@ -296,7 +296,7 @@ def _edges_and_areas(context: ShellContext, young: float, nu: float) -> list[Pot
     """
     if nu < 1 / 3 - 1e-12:
         raise ValueError(
-            f"model edges-area needs poisson = 1/3 or more, found {nu:g}: edge springs alone have 1/3; "
+            f"model edges-area needs poisson = 1/3 or more, not {nu:g}: edge springs alone have 1/3; "
             'write model = "stvk"'
         )
     from ddgcli.models.shell.area_springs import AreaSprings

@@ -39,7 +39,7 @@ class Wind(Section):
     @classmethod
     def _expressions(cls, velocity: list[str | float]) -> list[str | float]:
         if len(velocity) != 3:
-            raise ValueError(f"takes three numbers or expressions, found {len(velocity)}")
+            raise ValueError(f"takes three numbers or expressions, not {len(velocity)}")
         for component in velocity:
             parse(str(component), VARIABLES)
         return velocity

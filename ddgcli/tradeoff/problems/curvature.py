@@ -34,13 +34,15 @@ def problem(
 ) -> Problem:
     """Mean curvature at the inner vertices; `options` may contain `scheme` and `radius`."""
     if truth is not None and truth.mean_curvature is None:
-        raise ParameterError(f"no mean curvature is known of the {truth.name}; drop `truth`")
+        raise ParameterError(f"no mean curvature is known of the {truth.name}; leave `truth` out")
     inside = mesh.topology.referenced_vertex & ~mesh.topology.boundary_vertex
     edge = float(mesh.side_length.mean())
     most = float(piece_extents(mesh).max()) / 2 / edge  # mean edges: larger balls hold every component whole
     radius_option = options.get("radius")
     if isinstance(radius_option, str):
-        raise ParameterError(f"{radius_option!r} is no length to compare at; give one, or leave `radius` out")
+        raise ParameterError(
+            f"{radius_option!r} is not a length to compare at; give one, or leave `radius` out"
+        )
     rows = [
         (scheme, radius)
         for scheme, radii in RADII.items()
