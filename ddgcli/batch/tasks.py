@@ -7,7 +7,7 @@ import itertools
 import shlex
 import string
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +43,15 @@ class Task:
     def command(self) -> str:
         """Command line of the task, by which a resumed batch recognises it."""
         return shlex.join(["ddgcli", *self.words])
+
+    def in_existing_folder(self) -> Task:
+        """The task with its output in a folder that exists: a run makes the folder, a dry run does not."""
+        if self.output is None or Path(self.output).parent.is_dir():
+            return self
+        target = Path(self.output)
+        folder = next(parent for parent in target.parents if parent.is_dir())
+        output = str(folder / f"dry-run-{target.name}")  # not the name of an input
+        return replace(self, output=output, words=(*self.words[:-1], output))
 
 
 def expanded_inputs(patterns: Sequence[str]) -> list[str]:

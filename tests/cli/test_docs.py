@@ -97,16 +97,33 @@ def examples(page: Path) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize(
-    "page, line",
-    [(p, line) for p in PAGES for line in examples(p)],
-    ids=lambda v: v if isinstance(v, str) else "",
-)
-def test_every_example_is_a_call(page, line):
+def reads_samples(line: str) -> bool:
+    """Whether all inputs of an example are there: samples, or a mechanical system without a file."""
+    return ("sample_" in line or " pendulum " in line) and not line.startswith(
+        "ddgcli check torus.json --arrays"
+    )
+
+
+LINES = list(dict.fromkeys(line for page in PAGES for line in examples(page)))
+
+
+@pytest.mark.parametrize("line", [line for line in LINES if not reads_samples(line)])
+def test_every_example_on_files_of_the_user_is_a_call(line):
     name, *words = shlex.split(line, comments=True)[1:]
     command = command_of(name)
     context = command.make_context(name, repeat_options(command, words), parent=click.Context(main))
     assert context.params.keys() == {parameter.name for parameter in command.params if parameter.expose_value}
+
+
+@pytest.mark.parametrize("line", [line for line in LINES if reads_samples(line)])
+def test_every_example_on_samples_passes_a_dry_run(line, run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("sample_meshes", "sample_scenes"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    words = shlex.split(line, comments=True)[1:]
+    own = words.index("--") if "--" in words else len(words)
+    result = run(*words[:own], "--dry-run", *words[own:])
+    assert result.exit_code == 0, result.stderr
 
 
 def test_every_sample_that_an_example_names_exists():
@@ -130,6 +147,18 @@ def test_every_link_leads_somewhere(page):
         assert not anchor or anchor in [
             re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings
         ], target
+
+
+def test_links_lead_from_the_readme_to_every_page():
+    reached, waiting = set(), [ROOT / "README.md"]
+    while waiting:
+        page = waiting.pop()
+        if page not in reached and page.suffix == ".md":
+            reached.add(page)
+            targets = re.findall(r"\]\(([^)\s#]+)", page.read_text(encoding="utf-8"))
+            waiting += [(page.parent / target).resolve() for target in targets if "://" not in target]
+    samples = [ROOT / name / "README.md" for name in ("benchmarks", "sample_meshes")]
+    assert {*PAGES, *samples, ROOT / "CHANGELOG.md"} - reached == set()
 
 
 def test_the_readme_lists_every_command_with_its_page():

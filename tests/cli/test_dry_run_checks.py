@@ -40,7 +40,7 @@ from ddgcli.mesh import shapes
      "dec {grid} --star circumcentric", "delaunay {flat}", "delaunay {flat} --refine 20",
      "laplacian {flat}", "laplacian {flat} --operator cotan", "laplacian {flat} --operator tufted",
      "hodge {flat} --basis", "geodesic {flat} --source 0 --method heat",
-     "geodesic {flat} --source 0 --compare heat"],
+     "geodesic {flat} --source 0 --compare heat", "tradeoff shell-sim pendulum --conserved momentum"],
 )  # fmt: skip
 def test_a_dry_run_refuses_what_the_run_refuses(run, tmp_path, words):
     grid = shapes.grid(2, 2)

@@ -55,6 +55,13 @@ def test_first_example_of_the_page_runs(folder_with_samples):
     assert Path("ellipsoid.vtu").is_file()
 
 
+def test_example_of_the_readme_runs(folder_with_samples):
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert printed(re.findall(r"^```python\n(.*?)^```", readme, re.MULTILINE | re.DOTALL)[0]) == []
+    written = ddg.read_mesh("torus.vtu").vertex
+    assert written["distance"][0] == 0 and written["H"].min() > 0  # H of this torus is positive everywhere
+
+
 def test_table_of_functions_names_all_that_is_exported():
     table = PAGE[PAGE.index("## Functions") : PAGE.index("## Limits")]
     assert set(re.findall(r"`(\w+)`", table)) == set(ddg.__all__) - {"__version__"}

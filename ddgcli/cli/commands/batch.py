@@ -92,6 +92,8 @@ def command(
     sweeps = parsed_sweeps(sweep)
     check_call(call, sweeps)
     tasks = shard_of(make_tasks(expanded_inputs(inputs), sweeps, template, call), shard)
+    if common.dry_run:
+        tasks = [task.in_existing_folder() for task in tasks]
     run.input = {"path": ", ".join(inputs), "runs": len(tasks)}
     if common.dry_run:
         run.end_dry_run(batch_cost(tasks, jobs))

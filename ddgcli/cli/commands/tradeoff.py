@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -19,6 +20,7 @@ from ddgcli.cli.commands.tradeoff_options import (
     parse,
 )
 from ddgcli.cli.forecast.check_cost import dry_run_of
+from ddgcli.cli.forecast.use import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.parameters import option_names, with_option_names
 from ddgcli.cli.run import Run
@@ -141,9 +143,11 @@ def command(
         **({"maps": maps} if maps else {}),
         **call.options,
     )
-    if common.dry_run and compared in ("shell-sim", "fluid-sim"):
-        _end_dry_run_of_scene(run, [compared, *words], budget)
+    if common.dry_run and compared in ("shell-sim", "fluid-sim") and not _is_example(call.path):
+        _end_dry_run(run, dry_run_of([compared, *words]), budget)
     problem = _problem(run, compared, call, truth, conserved, maps, error_part or ERROR_PARTS[0])
+    if common.dry_run and _is_example(call.path):
+        _end_dry_run(run, _cost_of_example(run), budget)
 
     from ddgcli.tradeoff.measure import run_problem
     from ddgcli.tradeoff.pareto import assign_verdicts
@@ -169,11 +173,19 @@ def command(
     )
 
 
-def _end_dry_run_of_scene(run: Run, arguments: list[str], budget: float) -> None:
-    """End a dry run with the forecast of the simulator, and the seconds of the budget."""
-    scene = dry_run_of(arguments)
-    read = scene["read_seconds"]
-    run.end_dry_run({**scene, "seconds": read + budget, "seconds_range": [read, read + budget]})
+def _end_dry_run(run: Run, facts: dict[str, Any], budget: float) -> None:
+    """End a dry run with the forecast of one simulation, and the seconds of the budget."""
+    read = facts["read_seconds"]
+    run.end_dry_run({**facts, "seconds": read + budget, "seconds_range": [read, read + budget]})
+
+
+def _cost_of_example(run: Run) -> dict[str, Any]:
+    """Forecast of a mechanical system of a few numbers: that of the program alone."""
+    from ddgcli.cli.forecast.check_cost import predict_run
+    from ddgcli.cli.forecast.prediction import as_results
+
+    size = InputSize("curve", 0)
+    return as_results(predict_run(run, size), size)
 
 
 def _problem(
@@ -234,17 +246,20 @@ def _map_problem(run: Run, compared: str, call: CommandCall, truth: str | None) 
 
 def _conservation_problem(run: Run, compared: str, call: CommandCall, quantity: str) -> Problem:
     """Problem of the drift of a conserved quantity."""
-    from pathlib import Path
-
     if compared != "shell-sim":
         raise ParameterError("compares integrators of shell-sim; leave it out", parameter="conserved")
     from ddgcli.tradeoff.problems.conservation import example_problem, scene_problem
 
-    if call.path in MECHANICAL_EXAMPLES and not Path(call.path).exists():
+    if _is_example(call.path):
         run.set_input(call.path, "")
         return example_problem(call.path, quantity, options=call.options)
     document, read = _scene(run, "shell", call)
     return scene_problem(document, read, quantity, options=call.options)
+
+
+def _is_example(path: str) -> bool:
+    """Whether an input is a mechanical system that has no file."""
+    return path in MECHANICAL_EXAMPLES and not Path(path).exists()
 
 
 def _scene(run: Run, role: str, call: CommandCall) -> tuple[Any, Any]:
@@ -260,8 +275,6 @@ def _scene(run: Run, role: str, call: CommandCall) -> tuple[Any, Any]:
 
 
 def _scene_problem(run: Run, compared: str, call: CommandCall, error_part: str) -> Problem:
-    from pathlib import Path
-
     from ddgcli.io.arrays import read_array
     from ddgcli.tradeoff.problems import simulate
 

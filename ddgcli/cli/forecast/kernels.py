@@ -255,6 +255,8 @@ def _tradeoff(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         "willmore-flow": {"steps": 1},
     }
     compared = options["compared"]
+    if compared not in heaviest:  # mechanical examples, which fill no memory
+        return
     yield from _KERNELS[compared](heaviest[compared], replace(size, steps=1))
     elements = min(size.elements, MAX_COMPARED_FACES)
     yield Use(f"tradeoff {compared}", elements=elements, range=TRADEOFF_RANGE, assumes="rows as of a sphere")
