@@ -200,9 +200,12 @@ class Run:
         self.input = {"path": path, **input_facts(source.mesh)}
         if self.command == "info" and self.input.get("faces") and self.input["genus"] is None:
             log.warning("genus is null: the surface is not an orientable manifold")
-        from ddgcli.cli.forecast.check_cost import size_of
+        from ddgcli.cli.forecast.check_cost import refined_prediction, size_of
 
-        self.predict(size_of(source.mesh, self.options))
+        size = size_of(source.mesh, self.options)
+        prediction = self.predict(size)
+        if self.common.dry_run and prediction is not None:
+            self._predicted = refined_prediction(self, size, source.mesh, prediction)
         return source
 
     def predict(self, size: InputSize, options: Mapping[str, Any] | None = None) -> Prediction | None:

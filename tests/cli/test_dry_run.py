@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from benchmarks.common.process import measured_command
+from ddgcli.batch.tasks import Task
 from ddgcli.choices import ITERATIVE_SOLVERS
-from ddgcli.cli.forecast import check_cost, prediction
+from ddgcli.cli.forecast import batch_cost, check_cost, prediction
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
 from ddgcli.cli.forecast.simulator_kernels import CONTACT_STEPS
+from ddgcli.errors import ParameterError
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.linalg import backends
 from ddgcli.mesh import shapes
@@ -73,11 +75,51 @@ def test_a_batch_and_a_check_predict_the_command_that_they_run(inputs, tmp_path,
 
     one = cost("--", "info")
     assert one["runs"] == 1 and one["peak_mib"] == one["largest_run"]["peak_mib"]
-    many = cost("--jobs", 3, "--sweep", "radius=0.1,0.2,0.3,0.4", "--", "curvature")
-    assert many["runs"] == 4 and many["peak_mib"] == 3 * many["largest_run"]["peak_mib"]
     (tmp_path / "a.json").write_text(json.dumps({"summary": {}, "run": ["info", str(inputs["mesh"])]}))
     checked = summary("check", tmp_path / "a.json", "--dry-run")["results"]
     assert [row["kernel"] for row in checked["kernels"]] == ["info"]
+
+
+def test_a_batch_adds_up_its_inputs_and_swept_values(tmp_path, monkeypatch):
+    """Runs of one file size cost the same, runs between two sizes in proportion, a refused run none."""
+    for name, size in (("a", 1000), ("b", 2000), ("c", 5000), ("refused", 9000)):
+        (tmp_path / name).write_bytes(bytes(size))
+
+    def facts(words):
+        command, path, *option = words
+        if path.endswith("refused"):
+            raise ParameterError("not a manifold")
+        mib, factor = (tmp_path / path).stat().st_size / 100, 10 if "--eigen" in option else 1
+        return {
+            "peak_mib": mib,
+            "available_mib": 100.0,
+            "seconds": factor * mib,
+            "seconds_range": [0.0, 2 * mib],
+        }
+
+    monkeypatch.setattr(batch_cost, "dry_run_of", facts)
+    monkeypatch.setattr(batch_cost.time, "process_time", lambda: 0.0)
+
+    def cost(names, jobs=1, values=((),)):
+        return batch_cost.batch_cost(
+            [
+                Task(0, str(tmp_path / name), dict.fromkeys(value, "9"), None, ("info", name, *value))
+                for name in names
+                for value in values
+            ],
+            jobs,
+        )
+
+    assert cost("abc")["seconds"] == pytest.approx(10 + 20 + 50)
+    assert cost("abc")["seconds_range"] == pytest.approx([0, 2 * (10 + 20 + 50)])
+    assert cost("abc")["peak_mib"] == 50 and cost("abc", 2)["peak_mib"] == pytest.approx(50 + 20)
+    assert cost("aab", 8, [(), ("--eigen",)])["seconds"] == pytest.approx(11 * (10 + 10 + 20))
+    assert cost(["a", "refused"])["largest_run"]["peak_mib"] == 10
+    with pytest.raises(ParameterError, match="manifold"):
+        cost(["refused"])
+    batch_cost.refuse_batch(cost("ccc", 3), 3)
+    with pytest.raises(ParameterError, match="4 runs at a time need about 0.195 GiB.* use fewer --jobs"):
+        batch_cost.refuse_batch(cost("cccc", 4), 4)
 
 
 def test_frames_predict_by_the_number_of_frames(inputs, tmp_path, summary):

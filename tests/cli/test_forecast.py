@@ -7,14 +7,19 @@ import numpy as np
 import pytest
 
 from ddgcli import memory
+from ddgcli.algorithms.hodge.homology import betti_numbers
+from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
+from ddgcli.algorithms.laplacian.spectrum import signature_pairs
 from ddgcli.cli.forecast import prediction
 from ddgcli.cli.forecast.check_cost import size_of
-from ddgcli.cli.forecast.coefficients import PROBE_SECONDS
+from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
 from ddgcli.cli.forecast.kernels import CLEAN_MEMORY_SHARE, CLEAN_SECONDS_SHARE, kernels_of
+from ddgcli.cli.forecast.mesh_facts import ball_vertices, edge_paths, harmonic_fields
 from ddgcli.cli.forecast.prediction import predict
 from ddgcli.cli.forecast.simulator_kernels import ITERATIONS_PER_LOAD_STEP, ITERATIONS_TO_REST
 from ddgcli.cli.forecast.use import InputSize, Use
 from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 MIB = 2.0**20
 
@@ -62,12 +67,13 @@ def test_options_change_what_is_predicted():
     assert names("laplacian", eigen=8) == ["laplacian", "laplacian eigen"]
     assert names("laplacian", eigen=9)[-1] == "laplacian eigenpair"
     assert names("delaunay", refine=25.0, overlay="x") == ["delaunay", "delaunay refine", "delaunay overlay"]
-    *_, ball, further = kernels_of("curvature", {"scheme": "quadric", "radius": 0.5}, size)
+    assert names("delaunay", transfer=["f"])[1:] == ["delaunay overlay", "laplacian poisson"]
+    *_, ball, further = kernels_of("curvature", {"scheme": "quadric", "radius": 0.3}, size)
     assert further.kernel == "curvature further results"
     noise, own = kernels_of("curvature", {"scheme": "cotan"}, size, full=False)
     assert own == Use("curvature cotan") and noise.kernel == "curvature noise"
     assert (noise.times, noise.added) == (CLEAN_SECONDS_SHARE, CLEAN_MEMORY_SHARE)
-    assert ball.kernel == "curvature quadric radius" and math.isclose(ball.times, 25)
+    assert ball.kernel == "curvature quadric radius" and math.isclose(ball.times, 9)
     loaded = InputSize("surface", 10_000, steps=11)
     rest = kernels_of("shell-sim", {"integrator": "static"}, loaded)[1:]
     assert [use.times for use in rest] == [ITERATIONS_TO_REST, 10 * ITERATIONS_PER_LOAD_STEP]
@@ -104,6 +110,10 @@ def test_noise_of_a_surface_is_part_of_the_prediction_of_its_curvature():
         assert len(radii) == (share == 1.0)
     assert uses(shapes.icosphere(1))[0].times == CLEAN_SECONDS_SHARE  # large turns of one sign
     assert all(use.kernel != "curvature noise" for use in uses(smooth, radius=0.1))
+    rough = smooth.moved(smooth.points + noise)
+    assert any(use.kernel == "curvature noise" for use in uses(rough, radius=0.1))
+    corrected = uses(rough, radius=0.1, scheme="corrected")  # its balls do not depend on noise
+    assert all(use.kernel != "curvature noise" for use in corrected)
 
 
 def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
@@ -114,7 +124,7 @@ def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
         return (cost.seconds_range[0], cost.seconds, cost.seconds_range[1]), cost.kernels[-1]
 
     for known in (
-        seconds("geodesic", method="heat"),
+        seconds("geodesic", method="heat", source=[0]),
         seconds("willmore-flow", 5, step=1e-6),
         seconds("fluid-sim", 5),
     ):
@@ -127,7 +137,7 @@ def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
         seconds("shell-sim", 5),
         seconds("shell-sim", 5, contact=True),
         seconds("delaunay", refine=25.0),
-        seconds("geodesic"),
+        seconds("geodesic", source=[0]),
     ):
         assert unknown[1]["assumes"]
         assert unknown[0][0] < unknown[0][1] < unknown[0][2]
@@ -151,3 +161,91 @@ def test_a_mesh_of_many_parts_needs_smaller_factors_than_one_part():
 
     assert mib(4) < 0.6 * mib(100_000) and mib(None) == mib(100_000) < mib(10**6)
     assert mib(4, "shell-sim") == mib(None, "shell-sim")
+
+
+@pytest.mark.parametrize(
+    ("mesh", "least", "most"),
+    [
+        (shapes.random_sphere(2000, 0), 0.7, 1.4),  # the measured kernel itself
+        (shapes.grid(400, 5, 400.0, 5.0), 4.0, 30.0),  # measured: 5 (2,000 cells long: 10)
+        (shapes.grid(45, 45), 0.7, 2.0),
+    ],
+    ids=["sphere", "strip", "square"],
+)
+def test_exact_distances_are_predicted_by_the_edges_between_sources_and_vertices(mesh, least, most):
+    def times(**options):
+        of_all, of_one = edge_paths(mesh, options)
+        size = InputSize("surface", mesh.n_faces, paths=of_all, paths_of_one=of_one)
+        return [use.times for use in kernels_of("geodesic", {"method": "exact", **options}, size)]
+
+    (from_end,) = times(source=[0])
+    assert least < from_end < most
+    assert times(source=[0, mesh.n_vertices // 2])[0] < from_end
+    assert times(source=[0], certify=True)[1] == 4 * from_end
+    assert times(field="wind")[0] == 1.0  # no source, no distance
+
+
+def test_edge_paths_end_at_other_components_and_ignore_sources_outside_the_mesh():
+    one = shapes.icosphere(1)
+    faces = np.concatenate([one.faces, one.faces + one.n_vertices])
+    two = TriangleMesh.from_arrays(np.concatenate([one.points, one.points + 9.0]), faces)
+    assert edge_paths(two, {"source": [0]}) == edge_paths(one, {"source": [0]})
+    assert edge_paths(one, {"source": [-1, 999]}) == edge_paths(one, {"source": [0]})
+    at_pole = edge_paths(one, {"source_point": [one.points[5]]})
+    assert at_pole == edge_paths(one, {"source": [5]})
+    face = int(np.flatnonzero(one.faces[:, 0] == 5)[0])
+    assert edge_paths(one, {"source_face": [[face, [1, 0, 0]]]}) == at_pole
+    square = shapes.grid(4, 4)
+    assert edge_paths(square, {"source_boundary": True})[0].longest == 2.0
+
+
+def test_balls_are_counted_where_the_vertices_lie():
+    """On graded meshes as many as a search finds, not as the mean edge suggests."""
+    square, radius = shapes.grid(60, 60), 0.1
+    graded = square.moved(square.points**3)
+    for mesh in (square, graded):
+        distance = np.linalg.norm(mesh.points[:, None, :2] - mesh.points[None, ::7, :2], axis=2)
+        count = float((distance <= radius).sum(axis=0).mean())
+        assert math.isclose(ball_vertices(mesh, radius), count, rel_tol=0.15)
+
+    def times(mesh):
+        size = InputSize("surface", mesh.n_faces, ball_vertices=ball_vertices(mesh, radius))
+        return kernels_of("curvature", {"scheme": "corrected", "radius": radius}, size)[1].times
+
+    assert times(graded) > 2 * times(square)
+    # measured: balls of eight edges take 2.4 to 2.9 times as long as balls of three
+    size = InputSize("surface", 9, edge_length=1.0)
+    three, eight = (
+        kernels_of("curvature", {"scheme": "corrected", "radius": rings}, size) for rings in (3.0, 8.0)
+    )
+    assert 2.0 < eight[1].times / three[1].times < 3.0
+
+
+def test_heat_kernel_signatures_take_the_eigenpairs_that_the_run_computes():
+    for mesh, times in ((shapes.icosphere(2), [0.2, 1.0]), (shapes.box_tetrahedra(4, 4, 4), [0.05])):
+        operator = laplace_operator(mesh)
+        pairs = signature_pairs(operator, times)
+        assert 20 < pairs < 300
+        size = size_of(mesh, {"hks": times})
+        further = kernels_of("laplacian", {"hks": times}, size)[-1]
+        assert further.kernel == "laplacian eigenpair" and further.times == pairs - 8
+        assert kernels_of("laplacian", {"hks": times, "eigen": 900}, size)[-1].times == 892
+
+
+def test_harmonic_fields_are_counted_by_eulers_formula():
+    tube = shapes.cylinder(8, 4)
+    for mesh, count in ((shapes.torus(8, 6), 2), (shapes.icosphere(1), 0), (shapes.grid(3, 3), 0), (tube, 1)):
+        assert harmonic_fields(mesh) == betti_numbers(mesh).of_boundary("tangential")[1] == count
+        uses = kernels_of("hodge", {"basis": True}, size_of(mesh, {"basis": True}))
+        assert [use.times for use in uses[1:]] == [1, count] * (count > 0)
+
+
+def test_the_constant_part_of_steps_counts_once():
+    def seconds(steps):
+        size = InputSize("surface", 1000, steps=steps)
+        return predict(kernels_of("laplacian", {"heat": "f"}, size), size, calibrate=False).kernels[-1][
+            "seconds"
+        ]
+
+    constant = COEFFICIENTS["laplacian evolution"].seconds
+    assert math.isclose(seconds(200) - constant, 20 * (seconds(10) - constant))

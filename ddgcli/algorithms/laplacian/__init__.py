@@ -17,4 +17,5 @@ __all__ = [
     "solve_tasks",
     "spectrum",
     "tasks",
+    "weyl",
 ]

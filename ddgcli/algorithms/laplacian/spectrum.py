@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
+from ddgcli.algorithms.laplacian.weyl import pairs_for_times
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.eigen import Eigenpairs, smallest_eigenpairs
 from ddgcli.progress import ProgressCallback
@@ -17,7 +18,6 @@ from ddgcli.progress import ProgressCallback
 log = logging.getLogger("ddgcli")
 
 # default bound on the eigenpairs of a heat kernel signature, and the weight of the first one left out
-MAX_SIGNATURE_PAIRS, SIGNATURE_TAIL = 300, 1e-6
 
 
 def check_pair_count(k: int, n: int) -> None:
@@ -101,11 +101,10 @@ def signature_pairs(operator: LaplaceOperator, times: Sequence[float]) -> int:
     Returns
     -------
     int
-        At most `MAX_SIGNATURE_PAIRS`.
+        As of `pairs_for_times`.
     """
-    measure, largest = float(operator.mass.sum()), -np.log(SIGNATURE_TAIL) / min(times)
-    n_pairs = measure * (largest / (4 * np.pi) if operator.dimension == 2 else largest**1.5 / (6 * np.pi**2))
-    return int(min(np.ceil(n_pairs) + 10, MAX_SIGNATURE_PAIRS, len(operator.referenced_vertices)))
+    measure, n_vertices = float(operator.mass.sum()), len(operator.referenced_vertices)
+    return pairs_for_times(measure, operator.dimension, times, n_vertices)
 
 
 def heat_kernel_signature(pairs: Eigenpairs, times: NDArray) -> HeatKernelSignature:

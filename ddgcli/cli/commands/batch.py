@@ -6,24 +6,21 @@ import logging
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.forecast.check_cost import dry_run_of
+from ddgcli.cli.forecast.batch_cost import batch_cost, may_not_fit, refuse_batch
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
     from ddgcli.batch.process import TaskRow
-    from ddgcli.batch.tasks import Task
 
 log = logging.getLogger("ddgcli")
 
-START_SECONDS = 0.4  # of a process before it reads its input
 COMMANDS_OUTSIDE_BATCHES = ("batch", "check", "examples")
 
 
@@ -95,8 +92,12 @@ def command(
     if common.dry_run:
         tasks = [task.in_existing_folder() for task in tasks]
     run.input = {"path": ", ".join(inputs), "runs": len(tasks)}
-    if common.dry_run:
-        run.end_dry_run(batch_cost(tasks, jobs))
+    if common.dry_run or (cluster is None and may_not_fit(tasks, jobs)):
+        cost = batch_cost(tasks, jobs)
+        if cluster is None:
+            refuse_batch(cost, jobs)
+        if common.dry_run:
+            run.end_dry_run(cost)
     rows = run_batch(
         tasks, TaskLimits(timeout, memory), jobs=jobs, collect=collect, table=table, resume=resume,
         cluster=cluster, progress=run.progress("batch"),
@@ -116,29 +117,6 @@ def command(
     text = [f"runs    {len(rows)}", *(f"{status:<8}{count}" for status, count in counts.items())]
     text += [f"{row.status}: {row.input} {row.message}".rstrip() for row in failed]
     run.finish(results, {}, converged=not failed, text=text)
-
-
-def batch_cost(tasks: Sequence[Task], jobs: int) -> dict[str, Any]:
-    """Prediction of a batch: of the task with the largest input, the others in proportion to their files."""
-    if not tasks:
-        return {"dry_run": True, "runs": 0, "peak_mib": 0.0, "available_mib": 0.0, "seconds": 0.0}
-    sizes = [Path(task.input).stat().st_size if Path(task.input).is_file() else 0 for task in tasks]
-    one = dry_run_of(tasks[sizes.index(max(sizes))].words)
-    fixed, largest = START_SECONDS, max(max(sizes), 1)
-    relative_size = sum(sizes) / largest
-    seconds, *seconds_range = (
-        START_SECONDS + fixed * len(tasks) + (of_one - fixed) * relative_size
-        for of_one in (one["seconds"], *one.get("seconds_range", 2 * (one["seconds"],)))
-    )
-    return {
-        "dry_run": True,
-        "runs": len(tasks),
-        "peak_mib": one["peak_mib"] * min(jobs, len(tasks)),
-        "available_mib": one["available_mib"],
-        "seconds": seconds,
-        "seconds_range": seconds_range,
-        "largest_run": one,
-    }
 
 
 def warn_of_empty_columns(rows: Sequence[TaskRow], collect: Sequence[str]) -> None:

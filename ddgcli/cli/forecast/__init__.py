@@ -1,8 +1,17 @@
 """Peak memory and time of a command before it computes: `--dry-run`, and the refusal of what cannot fit.
 
-`kernels` and `simulator_kernels` list what a command computes for its options, `coefficients` (generated)
-what a kernel costs, `prediction` adds both up and scales seconds by a probe of this machine, commands call
-`check_cost`.
+`kernels` and `simulator_kernels` list what a command computes for its options and the facts of `mesh_facts`,
+`coefficients` (generated) what a kernel costs, `prediction` adds both up and scales seconds by a probe of
+this machine, commands call `check_cost`; `batch_cost` adds up the dry runs of a batch.
 """
 
-__all__ = ["check_cost", "coefficients", "kernels", "prediction", "simulator_kernels", "use"]
+__all__ = [
+    "batch_cost",
+    "check_cost",
+    "coefficients",
+    "kernels",
+    "mesh_facts",
+    "prediction",
+    "simulator_kernels",
+    "use",
+]

@@ -14,14 +14,10 @@ from ddgcli.errors import ParameterError, excerpt
 if TYPE_CHECKING:
     from ddgcli.cli.forecast.prediction import Prediction
     from ddgcli.mesh.fields import AnyMesh
-    from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-__all__ = ["check_cost", "dry_run_of", "predict_run", "refuse_run", "size_of"]
+__all__ = ["check_cost", "dry_run_of", "predict_run", "refined_prediction", "refuse_run", "size_of"]
 
 MIN_CHECKED_ELEMENTS = 100_000  # smaller inputs fit, and their runs need no prediction
-SAMPLED_SIDES = 4_000  # of a mesh, for its roughness
-MIN_ROUGH_TURN, MAX_ONE_SIGN = 0.09, 0.5  # radians; share of turns that have one sign only
 DEFAULT_FRAME_COUNT = 50  # of flows with adaptive steps
 CURES = {
     "laplacian": "use fewer eigenpairs, a coarser mesh, or a machine with more memory",
@@ -37,6 +33,7 @@ DEFAULT_CURE = "use a coarser mesh, or a machine with more memory"
 
 def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     """Size of a mesh and of the steps that the options name."""
+    from ddgcli.cli.forecast.mesh_facts import angle_deficit, harmonic_fields, is_rough, signature_pairs
     from ddgcli.mesh.curve import CurveSet
     from ddgcli.mesh.tet_mesh import TetMesh
 
@@ -51,52 +48,19 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     if isinstance(mesh, CurveSet):
         return InputSize("curve", mesh.n_vertices, steps=steps, adaptive=adaptive)
     if isinstance(mesh, TetMesh):
-        return InputSize("tetrahedra", len(mesh.tetrahedra), steps=steps)
+        pairs = signature_pairs(mesh, options["hks"]) if options.get("hks") else 0
+        return InputSize("tetrahedra", len(mesh.tetrahedra), steps=steps, signature_pairs=pairs)
     edge_length = float(mesh.side_length.mean()) if options.get("radius") and len(mesh.faces) else None
     refine = options.get("refine")
-    deficit = _angle_deficit(mesh, float(refine)) if refine else None
-    rough = "scheme" in options and options.get("radius") in (None, "auto") and _is_rough(mesh)
+    deficit = angle_deficit(mesh, float(refine)) if refine else None
+    scheme, radius = options.get("scheme"), options.get("radius")
+    searches = scheme == "quadric" or radius in (None, "auto")  # for noise
+    rough = bool(scheme and searches and is_rough(mesh))
     return InputSize(
-        "surface", len(mesh.faces), edge_length, steps, angle_deficit=deficit, rough=rough, adaptive=adaptive
-    )
-
-
-def _is_rough(mesh: TriangleMesh | IntrinsicMesh) -> bool:
-    """Whether faces turn against their neighbours by large angles of both signs, in a sample of sides.
-
-    Mean turns are 0.1 to 0.25 on noise and on scans, of both signs; on smooth surfaces of more than a
-    thousand faces they are smaller, or of one sign.
-    """
-    import numpy as np
-
-    from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-    from ddgcli.mesh.vectors import unit_vectors
-
-    if isinstance(mesh, IntrinsicMesh):
-        return False
-    faces, twin = mesh.faces, mesh.topology.side_twin[:, 0]
-    face = np.flatnonzero(twin >= 0)
-    face = face[:: max(1, len(face) // SAMPLED_SIDES)]
-    side = twin[face]
-    a, b = mesh.points[faces[face]], mesh.points[faces[side // 3]]
-    first, second = (unit_vectors(np.stack([x[:, k] - x[:, 0] for x in (a, b)])) for k in (1, 2))
-    n, m = unit_vectors(np.cross(first, second))
-    turn = np.arccos(np.clip((n * m).sum(axis=1), -1.0, 1.0))
-    away = mesh.points[faces[side // 3, (side + 2) % 3]] - a[:, 0]
-    sign = -np.sign((n * unit_vectors(away)).sum(axis=1))
-    if not len(turn) or not np.isfinite(turn).all():
-        return False
-    return bool(turn.mean() > MIN_ROUGH_TURN and abs((sign * turn).mean()) < MAX_ONE_SIGN * turn.mean())
-
-
-def _angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
-    """Sum over the faces of 1 - (smallest angle / degrees), where that is positive."""
-    import numpy as np
-
-    from ddgcli.geometry.intrinsic import corner_angle
-
-    smallest = np.degrees(corner_angle(mesh.side_length)).min(axis=1, initial=180.0)
-    return float(np.maximum(1.0 - smallest / degrees, 0.0).sum())
+        "surface", len(mesh.faces), edge_length, steps, angle_deficit=deficit, rough=rough, adaptive=adaptive,
+        signature_pairs=signature_pairs(mesh, options["hks"]) if options.get("hks") else 0,
+        betti_number=harmonic_fields(mesh) if options.get("basis") else 0,
+    )  # fmt: skip
 
 
 def predict_run(
@@ -128,6 +92,27 @@ def predict_run(
         low, high = (min(most, seconds) for seconds in prediction.seconds_range)
         return replace(prediction, seconds=min(most, prediction.seconds), seconds_range=(low, high))
     return prediction
+
+
+def refined_prediction(
+    run: Any, size: InputSize, mesh: AnyMesh, prediction: Prediction
+) -> tuple[Prediction, InputSize]:
+    """A prediction and its size with facts of the mesh that only the seconds of a dry run depend on."""
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+    if not isinstance(mesh, TriangleMesh) or not mesh.n_faces:
+        return prediction, size
+    from ddgcli.cli.forecast.mesh_facts import ball_vertices, edge_paths
+
+    options = run.options
+    if run.command == "geodesic" and options.get("method") == "exact":
+        of_all, of_one = edge_paths(mesh, options)
+        size = replace(size, paths=of_all, paths_of_one=of_one)
+    elif run.command == "curvature" and options.get("radius") not in (None, "auto"):
+        size = replace(size, ball_vertices=ball_vertices(mesh, float(options["radius"])))
+    else:
+        return prediction, size
+    return predict_run(run, size, earlier=prediction), size
 
 
 def check_cost(run: Any, size: InputSize, options: Mapping[str, Any] | None = None) -> Prediction | None:

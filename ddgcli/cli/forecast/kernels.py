@@ -15,13 +15,16 @@ from ddgcli.cli.forecast.simulator_kernels import (
     shell_kernels,
     willmore_kernels,
 )
-from ddgcli.cli.forecast.use import KNOWN, InputSize, Range, Use
+from ddgcli.cli.forecast.use import KNOWN, EdgePaths, InputSize, Range, Use
 
 __all__ = ["kernels_of"]
 
 MEASURED_EIGENPAIRS = 8  # of the kernel `laplacian eigen`
+HARMONIC_FIELD_MEMORY = 4.0  # edge values and vectors on faces, over the memory of an eigenpair
 MEASURED_SMOOTHING_STEPS = 10
 MAX_RINGS = 1e9  # of a ball, in edge lengths; its square is a number
+MEASURED_RINGS, VERTICES_PER_SQUARED_RING = 3.0, 4.15  # of the kernels with a radius, on a sphere
+BALL_OVERHEAD = 0.75  # of their seconds, what does not grow with the vertices of a ball
 MEASURED_REFINEMENT_DEGREES = 25.0
 MEASURED_EVOLUTION_STEPS = 100
 CERTIFICATE_RUNS = 4
@@ -33,7 +36,12 @@ FIXED_STEP_RANGE = (0.3, 60.0)  # up to 10,000 steps, whatever the mesh
 CLEAN_SECONDS_SHARE, CLEAN_MEMORY_SHARE = 0.2, 0.3
 NOISY_RANGE: Range = (0.1, 3.0)  # rough surfaces may be creased only
 AUTO_RINGS = 4.0  # of the radius that balances noise and bias
-WINDOW_RANGE: Range = (0.7, 6.0)  # windows of exact distances: many on long flat strips
+# Windows of exact distances: a face has 0.2 (flat strips) to 0.7 (smooth surfaces) times the edges between it
+# and the source; a round of the wavefront costs as much as 1,800 of them, and an edge takes 2 to 5 rounds
+WINDOWS_PER_EDGE_AND_VERTEX, WINDOWS_PER_EDGE_OF_LONGEST = 0.9, 3 * 1800.0
+WINDOW_RANGE: Range = (0.5, 2.0)
+SPHERE_MEAN_PATH, SPHERE_LONGEST_PATH = 0.237, 0.456  # edges over the root of the faces: the measured kernel
+SOURCE_OPTIONS = ("source", "source_point", "source_face", "source_edges", "source_boundary")
 # Steiner points over the angle deficit of `InputSize`, at 25 degrees: 2 on scans, on slivers of mechanical
 # parts and on stretched surfaces, whose faces share what they lack, 6 on random points, on which the kernel
 # is measured; they grow as exp(degrees / 12)
@@ -131,8 +139,18 @@ def _curvature(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
             yield Use(f"curvature {scheme} radius", AUTO_RINGS**2, range=NOISY_RANGE, assumes="noise")
     else:
         yield Use(f"curvature {scheme}")
-        rings = min(float(radius) / (size.edge_length or 1.0), MAX_RINGS)
-        yield Use(f"curvature {scheme} radius", rings**2)
+        yield Use(f"curvature {scheme} radius", _ball_work(float(radius), size))
+        if size.rough:
+            yield _noise_search(size)
+
+
+def _ball_work(radius: float, size: InputSize) -> float:
+    """Work of measuring in balls; the kernel is a ninth of that in balls of three edges."""
+    vertices = size.ball_vertices
+    if vertices is None:
+        vertices = VERTICES_PER_SQUARED_RING * min(radius / (size.edge_length or 1.0), MAX_RINGS) ** 2
+    measured = VERTICES_PER_SQUARED_RING * MEASURED_RINGS**2
+    return MEASURED_RINGS**2 * (BALL_OVERHEAD + (1.0 - BALL_OVERHEAD) * vertices / measured)
 
 
 def _noise_search(size: InputSize) -> Use:
@@ -147,8 +165,10 @@ def _delaunay(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if options.get("refine"):
         yield _refinement(float(options["refine"]), size)
     for name in ("overlay", "dual", "condition"):
-        if options.get(name):
+        if options.get(name) or (name == "overlay" and options.get("transfer")):
             yield Use(f"delaunay {name}")
+    if options.get("transfer"):  # a solve with the mass matrix
+        yield Use("laplacian poisson")
 
 
 def _refinement(degrees: float, size: InputSize) -> Use:
@@ -176,24 +196,29 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if options.get("poisson") or options.get("harmonic"):
         way = " multigrid" if options.get("solver") in ITERATIVE_SOLVERS else ""
         yield Use(f"laplacian poisson{way}")
-    pairs = options.get("eigen") or (100 if options.get("hks") else 0)
+    pairs = max(options.get("eigen") or 0, size.signature_pairs)
     if pairs:
         yield Use("laplacian eigen")
         if (further := pairs - MEASURED_EIGENPAIRS) > 0:
             yield Use("laplacian eigenpair", further, added=further)
     if options.get("smooth"):
         steps = (options.get("smooth_steps") or MEASURED_SMOOTHING_STEPS) / MEASURED_SMOOTHING_STEPS
-        yield Use("laplacian smooth", steps)
+        yield Use("laplacian smooth", steps, once=True)
     if options.get("parameterize"):
         yield Use(f"laplacian {options['parameterize']}")
     if options.get("form_eigen"):
         yield Use("laplacian form-eigen", options["form_eigen"] / 4)
     if options.get("heat") or options.get("wave"):
-        yield Use("laplacian evolution", (size.steps or MEASURED_EVOLUTION_STEPS) / MEASURED_EVOLUTION_STEPS)
+        steps = (size.steps or MEASURED_EVOLUTION_STEPS) / MEASURED_EVOLUTION_STEPS
+        yield Use("laplacian evolution", steps, once=True)
 
 
 def _hodge(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("hodge field" if options.get("field") else "hodge")
+    if options.get("basis") and size.betti_number:  # a solve for each field, which stays
+        yield Use("laplacian poisson", added=1.0)
+        fields = size.betti_number
+        yield Use("laplacian eigenpair", fields, added=HARMONIC_FIELD_MEMORY * fields)
 
 
 def _dec(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
@@ -203,8 +228,11 @@ def _dec(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
 def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     method = options.get("method", "exact")
     sources = max(1, len(options.get("source") or ()))
-    windows, assumes = (WINDOW_RANGE, "few windows an edge") if method == "exact" else (KNOWN, "")
-    yield Use(f"geodesic {method}", range=windows, assumes=assumes)
+    exact = method == "exact"
+    windows, assumes = (WINDOW_RANGE, "windows as on scans") if exact else (KNOWN, "")
+    if any(options.get(name) for name in SOURCE_OPTIONS):
+        times = _wavefront_share(size.paths, size.elements) if exact else 1.0
+        yield Use(f"geodesic {method}", times, range=windows, assumes=assumes, once=exact)
     further = sources if options.get("each_source") else 0
     if targets := options.get("target"):  # the smaller set is propagated where distances are symmetric
         further += min(sources, len(targets)) if method in SYMMETRIC_METHODS else sources
@@ -215,7 +243,8 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if options.get("certify"):
         further += CERTIFICATE_RUNS
     if further:
-        yield Use(f"geodesic {method} solve", further, range=windows, assumes=assumes)
+        times = further * _wavefront_share(size.paths_of_one, size.elements) if exact else further
+        yield Use(f"geodesic {method} solve", times, range=windows, assumes=assumes)
     for other in options.get("compare") or ():
         yield Use(f"geodesic {other}")
     if options.get("source_point") or options.get("target_point"):
@@ -232,6 +261,19 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         yield Use("geodesic transport")
     if options.get("signed_distance") or options.get("spread_vector"):
         yield Use("geodesic vector-heat")
+
+
+def _wavefront_share(paths: EdgePaths | None, n_faces: int) -> float:
+    """Work of an exact propagation over that on a sphere of as many faces, where the kernel is measured."""
+    if paths is None:
+        return 1.0
+    root = math.sqrt(n_faces)
+    sphere = EdgePaths(0.5 * n_faces * SPHERE_MEAN_PATH * root, SPHERE_LONGEST_PATH * root)
+    own, measured = (
+        WINDOWS_PER_EDGE_AND_VERTEX * run.total + WINDOWS_PER_EDGE_OF_LONGEST * run.longest
+        for run in (paths, sphere)
+    )
+    return own / measured
 
 
 def _frame_export(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
@@ -251,7 +293,7 @@ def _tradeoff(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         "curvature": {"scheme": "quadric"},
         "delaunay": {"refine": MEASURED_REFINEMENT_DEGREES},
         "laplacian": {"eigen": options.get("eigen") or MEASURED_EIGENPAIRS},
-        "geodesic": {"method": "exact"},
+        "geodesic": {"method": "exact", "source": [0]},
         "willmore-flow": {"steps": 1},
     }
     compared = options["compared"]

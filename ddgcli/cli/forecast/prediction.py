@@ -143,7 +143,8 @@ def _row(use: Use, size: InputSize, scale: float) -> dict[str, Any]:
         row["assumes"] = use.assumes
     if cost is None:
         return {**row, "seconds": None, "mib": None}
-    seconds = scale * use.times * (cost.seconds + filled * cost.seconds_per_1e5 * n**cost.exponent)
+    constant = cost.seconds * (1.0 if use.once else use.times)
+    seconds = scale * (constant + use.times * filled * cost.seconds_per_1e5 * n**cost.exponent)
     return {**row, "seconds": seconds, "mib": cost.mib + filled * cost.mib_per_1e5 * n}
 
 

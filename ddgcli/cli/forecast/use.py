@@ -4,11 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["KNOWN", "InputSize", "Range", "Use"]
+__all__ = ["KNOWN", "EdgePaths", "InputSize", "Range", "Use"]
 
 Range = tuple[float, float]
 
 KNOWN: Range = (1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class EdgePaths:
+    """Edge paths from each vertex to the nearest source.
+
+    Parameters
+    ----------
+    total, longest : float
+        Edges of all paths and of the longest; a path counts at least as many as it is mean lengths long.
+    """
+
+    total: float
+    longest: float
 
 
 @dataclass(frozen=True)
@@ -34,6 +48,14 @@ class InputSize:
         Faces turn against each other by large angles of both signs, as noise makes them.
     adaptive : bool
         `steps` counts frames, between which the steps adapt.
+    paths, paths_of_one : EdgePaths, optional
+        From all sources together, and from the first alone.
+    ball_vertices : float, optional
+        Mean number of vertices within the radius of curvature.
+    signature_pairs : int
+        Eigenpairs of heat kernel signatures.
+    betti_number : int
+        Of the harmonic fields.
     """
 
     kind: str
@@ -45,6 +67,11 @@ class InputSize:
     angle_deficit: float | None = None
     rough: bool = False
     adaptive: bool = False
+    paths: EdgePaths | None = None
+    paths_of_one: EdgePaths | None = None
+    ball_vertices: float | None = None
+    signature_pairs: int = 0
+    betti_number: int = 0
 
 
 @dataclass(frozen=True)
@@ -65,6 +92,8 @@ class Use:
         Least and largest factor of `times`, where only the run shows how long it is.
     assumes : str
         What `times` takes for granted, where only the run shows it.
+    once : bool
+        `times` counts the part of its seconds that grows with the elements only, not the constant one.
     """
 
     kernel: str
@@ -73,3 +102,4 @@ class Use:
     elements: float | None = None
     range: Range = KNOWN
     assumes: str = ""
+    once: bool = False

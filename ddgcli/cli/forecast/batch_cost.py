@@ -1,0 +1,110 @@
+"""Cost of a batch, from the dry runs of some of its tasks."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ddgcli.cli.forecast.check_cost import CURES, dry_run_of
+from ddgcli.errors import ParameterError
+
+if TYPE_CHECKING:
+    from ddgcli.batch.tasks import Task
+
+__all__ = ["batch_cost", "may_not_fit", "refuse_batch"]
+
+MIN_CHECKED_BYTES = 5e6  # of a file of some 100,000 faces: smaller ones fit
+MAX_PREDICTED_VALUES = 4  # combinations of swept values with dry runs of their own
+MAX_REFUSED = 3  # dry runs that refuse their input, before the batch is refused
+MIN_SIZE_RATIO = 1.3  # of files whose costs are predicted apart
+_Facts = tuple[int, dict[str, Any]]  # bytes of an input and its dry run
+COSTS = ("peak_mib", "seconds", "least seconds", "most seconds")
+
+
+def may_not_fit(tasks: Sequence[Task], jobs: int) -> bool:
+    """Whether a batch runs inputs side by side that are large enough for a prediction."""
+    return min(jobs, len(tasks)) > 1 and max(map(_bytes, tasks)) >= MIN_CHECKED_BYTES
+
+
+def batch_cost(tasks: Sequence[Task], jobs: int) -> dict[str, Any]:
+    """Prediction of a batch: seconds of all tasks, and memory of the `jobs` largest side by side.
+
+    The largest and the smallest input with each combination of swept values (of some, where there are many)
+    have dry runs of their own; the cost of an input between them grows in proportion to its file.
+    """
+    if not tasks:
+        return {"dry_run": True, "runs": 0, "peak_mib": 0.0, "available_mib": 0.0, "seconds": 0.0}
+    groups: dict[tuple[tuple[str, str], ...], list[Task]] = {}
+    for task in tasks:
+        groups.setdefault(tuple(task.parameters.items()), []).append(task)
+    every = -(-len(groups) // MAX_PREDICTED_VALUES)
+    costs: list[dict[str, float]] = []
+    largest_run: dict[str, Any] = {}
+    for number, group in enumerate(groups.values()):
+        if number % every == 0:
+            low, high = _ends(group)
+            largest_run = max(largest_run, high[1], key=lambda facts: facts.get("peak_mib", 0.0))
+        costs += [_between(_bytes(task), low, high) for task in group]
+    start = time.process_time()
+    seconds, least, most = (start + sum(cost[name] for cost in costs) for name in COSTS[1:])
+    return {
+        "dry_run": True,
+        "runs": len(tasks),
+        "peak_mib": sum(sorted(cost["peak_mib"] for cost in costs)[-jobs:]),
+        "available_mib": largest_run["available_mib"],
+        "seconds": seconds,
+        "seconds_range": [least, most],
+        "largest_run": largest_run,
+    }
+
+
+def refuse_batch(cost: dict[str, Any], jobs: int) -> None:
+    """Raise ParameterError for tasks that do not fit into memory side by side."""
+    from ddgcli.cli.forecast.prediction import UNCERTAINTY
+
+    if cost["peak_mib"] > (1 + UNCERTAINTY) * cost["available_mib"]:
+        required, available = (cost[name] / 1024 for name in ("peak_mib", "available_mib"))
+        raise ParameterError(
+            f"{min(jobs, cost['runs'])} runs at a time need about {required:.3g} GiB of memory, and "
+            f"{available:.3g} GiB are available; {CURES['batch']}"
+        )
+
+
+def _bytes(task: Task) -> int:
+    return Path(task.input).stat().st_size if Path(task.input).is_file() else 0
+
+
+def _ends(group: Sequence[Task]) -> tuple[_Facts, _Facts]:
+    """Bytes and predictions of the smallest and of the largest input that a command accepts."""
+    ordered = sorted(group, key=_bytes)
+    high = _accepted(ordered[::-1])
+    if _bytes(ordered[0]) * MIN_SIZE_RATIO > high[0]:
+        return high, high
+    try:
+        return _accepted(ordered), high
+    except ParameterError:
+        return high, high
+
+
+def _accepted(tasks: Sequence[Task]) -> _Facts:
+    """Bytes and prediction of the first task whose input is accepted; others fail and do not stop a batch."""
+    refusal = None
+    for task in tasks[:MAX_REFUSED]:
+        try:
+            return _bytes(task), dry_run_of(task.words)
+        except ParameterError as error:
+            refusal = refusal or error
+    raise refusal or ParameterError("no runs")
+
+
+def _between(size: int, low: _Facts, high: _Facts) -> dict[str, float]:
+    """Costs of an input by the bytes of its file."""
+    share = (size - low[0]) / (high[0] - low[0]) if high[0] > low[0] else 1.0
+    ends = [_costs(facts) for _, facts in (low, high)]
+    return {name: max(0.0, a + share * (b - a)) for name, a, b in zip(COSTS, *ends)}
+
+
+def _costs(facts: dict[str, Any]) -> tuple[float, ...]:
+    return facts["peak_mib"], facts["seconds"], *facts.get("seconds_range", 2 * (facts["seconds"],))
