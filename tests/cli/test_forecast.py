@@ -90,7 +90,7 @@ def test_options_change_what_is_predicted():
 @pytest.mark.parametrize(("method", "rows", "processes"), [("exact", 2, 2), ("heat", 9, 4)])
 def test_the_rows_of_a_distance_matrix_are_those_that_the_run_propagates(method, rows, processes):
     """Symmetric methods start from the smaller set; each process of --jobs factorises for itself."""
-    options = {"method": method, "source": list(range(9)), "target": [5, 6], "jobs": 4}
+    options = {"method": method, "source": list(range(9)), "target": [[5, 6]], "jobs": 4}
     uses = kernels_of("geodesic", options, InputSize("surface", 10_000))
     assert [use.times for use in uses if use.kernel == f"geodesic {method} solve"] == [rows]
     assert [use.times for use in uses if use.kernel == "geodesic job"] == [processes]

@@ -234,8 +234,8 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         times = _wavefront_share(size.paths, size.elements) if exact else 1.0
         yield Use(f"geodesic {method}", times, range=windows, assumes=assumes, once=exact)
     further = sources if options.get("each_source") else 0
-    if targets := options.get("target"):  # the smaller set is propagated where distances are symmetric
-        further += min(sources, len(targets)) if method in SYMMETRIC_METHODS else sources
+    if targets := _count(options.get("target")):  # symmetric distances start from the smaller set
+        further += min(sources, targets) if method in SYMMETRIC_METHODS else sources
     if (jobs := min(options.get("jobs", 1), further)) > 1:
         yield Use("geodesic job", jobs)
         if method == "heat":  # each process factorises
@@ -261,6 +261,11 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         yield Use("geodesic transport")
     if options.get("signed_distance") or options.get("spread_vector"):
         yield Use("geodesic vector-heat")
+
+
+def _count(vertices: Any) -> int:
+    """Number of vertices in groups of them, or without groups."""
+    return sum(len(group) if isinstance(group, (list, tuple)) else 1 for group in vertices or ())
 
 
 def _wavefront_share(paths: EdgePaths | None, n_faces: int) -> float:
