@@ -32,16 +32,26 @@ def _relaxed(mesh: TriangleMesh, steps: tuple[float, ...]) -> TriangleMesh:
 
 
 def decimated(share: float, mesh: TriangleMesh) -> TriangleMesh:
-    """Collapse of edges by quadrics to a share of the faces (pymeshlab)."""
-    import pymeshlab
+    """Collapse of edges by quadrics to a share of the faces (VTK)."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+    from vtkmodules.vtkFiltersCore import vtkQuadricDecimation
 
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(pymeshlab.Mesh(mesh.points, mesh.faces))
-    meshes.meshing_decimation_quadric_edge_collapse(
-        targetfacenum=int(share * mesh.n_faces), preservenormal=True, planarquadric=True
-    )
-    small = meshes.current_mesh()
-    return TriangleMesh.from_arrays(small.vertex_matrix(), small.face_matrix())
+    points, cells, data = vtkPoints(), vtkCellArray(), vtkPolyData()
+    points.SetData(numpy_to_vtk(mesh.points, deep=True))
+    triples = np.column_stack([np.full(mesh.n_faces, 3), mesh.faces]).astype(np.int64)
+    cells.SetCells(mesh.n_faces, numpy_to_vtkIdTypeArray(triples.ravel(), deep=True))
+    data.SetPoints(points)
+    data.SetPolys(cells)
+    decimation = vtkQuadricDecimation()
+    decimation.SetInputData(data)
+    decimation.SetTargetReduction(1 - share)
+    decimation.Update()
+    small = decimation.GetOutput()
+    faces = vtk_to_numpy(small.GetPolys().GetData()).reshape(-1, 4)[:, 1:]
+    used, index = np.unique(faces, return_inverse=True)
+    return TriangleMesh.from_arrays(vtk_to_numpy(small.GetPoints().GetData())[used], index.reshape(-1, 3))
 
 
 def _edge(mesh: TriangleMesh) -> float:

@@ -203,7 +203,7 @@ def estimate_noise(
     deviation = vertex_deviation(mesh, faces, dihedral)
     if deviation is None:
         return Noise(None)
-    kind, deviation, share = noise_kind(mesh, faces, dihedral, deviation)
+    kind, deviation = noise_kind(mesh, faces, dihedral, deviation)
     if not kind:
         return Noise(deviation.relative)
     few = np.arange(0, len(deviation.sample), max(1, len(deviation.sample) // BENDING_SAMPLE_SIZE))
@@ -214,7 +214,7 @@ def estimate_noise(
         scales = _scales(mesh, faces, normal, regions, vertices, scheme, extent, max_radii)
         if scales is None or not may_err_evenly(scales):
             break  # two radii show most details
-    if scales is None or not settles(kind, deviation, share, scales, faces, regions):
+    if scales is None or not settles(kind, deviation, scales):
         return Noise(deviation.relative)
     everywhere = scales.median_share > MIN_UNEVEN_MEDIAN_SHARE
     if kind in ("ruled", "even") or (kind == "partial" and deviation.doubtful and everywhere):
@@ -328,7 +328,7 @@ def _voting_scales(
         first,
         _largest_radius(mesh, extent, scheme),
         VOTING_BIAS_GROWTH,
-        default_by_fits=False,
+        reference=scales.first_mean[::step],
     )
 
 
@@ -381,3 +381,24 @@ def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> flo
         100 * (noise.expected_error(best) or 0.0),
     )
     return error
+
+
+def warn_of_better_scheme(noise: Noise, scheme: str, error: float) -> None:
+    """Report another scheme that has a clearly smaller error in balls of its best radius.
+
+    Parameters
+    ----------
+    noise : Noise
+    scheme : str
+    error : float
+        Expected one of that scheme.
+    """
+    best, least = noise.best_scheme, noise.expected_error(noise.best_scheme)
+    if best != scheme and least is not None and least < MAX_VOTING_SHARE * error:
+        logging.getLogger("ddgcli").warning(
+            "the error of the mean curvature is about %.0f %% at this radius; use `scheme=%s` with "
+            "`radius=auto`, where it is about %.0f %%",
+            100 * error,
+            best,
+            100 * least,
+        )

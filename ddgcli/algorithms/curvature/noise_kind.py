@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature.deviation import MIN_CREASED_FLAT_SHARE, Deviation
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.grid_coordinates import on_grid_edges
-from ddgcli.algorithms.curvature.quadric import QUADRATIC_PENALTY
-from ddgcli.algorithms.curvature.regions import Regions, listed
-from ddgcli.algorithms.curvature.scales import Scales, fits_at, typical_size
+from ddgcli.algorithms.curvature.regions import listed
+from ddgcli.algorithms.curvature.scales import Scales
 from ddgcli.algorithms.curvature.staircase import cancellation
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -25,16 +24,13 @@ MAX_ROUGH_DETAIL_RATIO, MAX_UNEVEN_DETAIL_RATIO = 1.75, 2.2
 # of an edge has 0.05 to 0.8, and less the larger it is; scans have 0.2 to 0.6, mechanical parts 0.4 to 0.9
 MAX_CANCELLATION, MAX_ROUGH_CANCELLATION = 0.8, 0.28
 MAX_CANCELLATION_OF_NOISE = 0.055  # times one over the noise in edges
-# fall of the change of curvature when the radius doubles: creases have 2, stairs 3 to 10, noise 8
-MIN_FALL = 2.5
-# of the error at the default region over that at the best radius: wide steps, whose changes fall late, have
-# 20 to 80, busts, noisy in places, 6 to 10
-MIN_ROUGH_ERROR_RATIO = 15
 MIN_MEDIAN_SHARE = 0.1  # median error of grids of voxels over the mean one, which creases of a part exceed
-# at the best radius: terrain and scans with details of all sizes have more, 0.28 to 0.53, and creases that
-# cancel to 0.15 to 0.24; where they cancel to less, up to the second limit
-MAX_ROUGH_ERROR, MAX_CANCELLED_ERROR = 0.25, 0.5
-MAX_CANCELLATION_OF_STEPS = 0.12
+# curvature that balls little larger than the default region do not repeat, all over the surface: its
+# correlation with that in the first balls, 0.72 and more of details that the mesh resolves, 0.6 and more of
+# scans; its error over that at the best radius (2.4 and less where it is right), the latter (of scans and
+# parts with less correlation 0.4 and more), median share and kurtosis (parts have less, and more)
+MAX_CORRELATION, MIN_UNREPEATED_RATIO, MAX_UNREPEATED_ERROR = 0.55, 3.5, 0.37
+MIN_UNREPEATED_MEDIAN_SHARE, MAX_UNREPEATED_KURTOSIS = 0.5, 6.0
 # smoothed stairs and noise over several edges: the error at the best radius over the larger curvature, that
 # of the default region over it, and the median over the mean of the latter. Scans and modelled surfaces have
 # errors of 0.15 to 0.9, smooth ones with a bias in balls ratios of 1.1 to 1.9, and details that two rings
@@ -65,7 +61,7 @@ MIN_ROWS_RESIDUAL, MIN_ROWS_FALL = 0.03, 8.0
 
 def noise_kind(
     mesh: TriangleMesh, faces: Faces, dihedral: NDArray, deviation: Deviation
-) -> tuple[str, Deviation, float]:
+) -> tuple[str, Deviation]:
     """Kind of the noise as far as residuals and creases show it, '' where they are those of a surface.
 
     Parameters
@@ -83,8 +79,6 @@ def noise_kind(
         Of `Noise`, or 'ruled' and 'even', which `settles` may confirm as 'uneven'.
     deviation : Deviation
         Of the regions that have it.
-    share : float
-        Of their creases, that do not cancel.
     """
 
     def share_of(of_regions: Deviation) -> float:
@@ -92,16 +86,14 @@ def noise_kind(
         return cancellation(mesh, faces, dihedral, noisy)
 
     if deviation.kind not in ("noise", "partial"):
-        return deviation.kind, deviation, 1.0
+        return deviation.kind, deviation
     if on_grid_edges(faces.points, faces.sorted_coordinates, faces.mean_length):
-        return "grid", deviation, 1.0
-    share, bent = share_of(deviation), deviation.of_bent
-    kind = _kind_by_creases(deviation, share)
-    if kind in ("", "uneven", "ruled", "even") and bent is not None:
-        bent_share = share_of(bent)
-        if _kind_by_creases(bent, bent_share) == "rough":
-            return "rough", bent, bent_share
-    return kind, deviation, share
+        return "grid", deviation
+    kind, bent = _kind_by_creases(deviation, share_of(deviation)), deviation.of_bent
+    doubtful = kind in ("", "uneven", "ruled", "even")
+    if doubtful and bent is not None and _kind_by_creases(bent, share_of(bent)) == "rough":
+        return "rough", bent
+    return kind, deviation
 
 
 def _kind_by_creases(deviation: Deviation, share: float) -> str:
@@ -125,22 +117,16 @@ def _kind_by_creases(deviation: Deviation, share: float) -> str:
     return "even" if has_flats or wide or deviation.relative > MIN_ROWS_RESIDUAL else ""
 
 
-def settles(
-    kind: str, deviation: Deviation, share: float, scales: Scales, faces: Faces, regions: Regions
-) -> bool:
+def settles(kind: str, deviation: Deviation, scales: Scales) -> bool:
     """Whether the curvature settles with the radius, where the kind may also be creases or details.
 
     Parameters
     ----------
     kind : str
     deviation : Deviation
-    share : float
-        All three of `noise_kind`.
+        Both of `noise_kind`.
     scales : Scales
         Curvature of some vertices in balls by quadratic fits.
-    faces : Faces
-    regions : Regions
-        Two rings around the vertices of `scales`.
 
     Returns
     -------
@@ -149,7 +135,7 @@ def settles(
     if kind in ("rough", "uneven", "ruled", "even"):
         if scales.kurtosis < (MIN_KURTOSIS if kind in ("rough", "uneven") else MIN_EVEN_KURTOSIS):
             return False  # a wave
-        if _errs_evenly(deviation, scales):
+        if _errs_evenly(deviation, scales) or _is_not_repeated(scales):
             return True
     ratio = scales.default_error / scales.error
     everywhere = scales.median_share > MIN_UNEVEN_MEDIAN_SHARE
@@ -160,16 +146,10 @@ def settles(
         return clear and everywhere
     if kind in ("ruled", "even"):
         return steep and kind == "ruled"
-    if kind == "rough" and (steep or (clear and everywhere)):
-        return True
-    if kind == "rough" and ratio > MIN_ROUGH_ERROR_RATIO:
-        cancels = share <= MAX_CANCELLATION_OF_STEPS
-        return scales.error <= (MAX_CANCELLED_ERROR if cancels else MAX_ROUGH_ERROR)
     if kind == "rough":
-        return _falls_as_noise(faces, deviation.normal, regions, scales)
+        return steep or (clear and everywhere)
     if kind == "partial":
-        settled = clear or steep or not deviation.doubtful or _errs_evenly(deviation, scales)
-        return settled or _falls_as_noise(faces, deviation.normal, regions, scales)
+        return clear or steep or not deviation.doubtful or _errs_evenly(deviation, scales)
     return kind != "grid" or scales.median_share >= MIN_MEDIAN_SHARE  # creases of a part
 
 
@@ -211,10 +191,12 @@ def _errs_evenly(deviation: Deviation, scales: Scales) -> bool:
     return has_flats and error < MAX_FLAT_EVEN_ERROR
 
 
-def _falls_as_noise(faces: Faces, normal: NDArray, regions: Regions, scales: Scales) -> bool:
-    """Whether quadratic fits settle with the radius, as at creases and on terrain they do not."""
-    if len(scales.change) < 3 or scales.error > MAX_ROUGH_ERROR:
-        return False
-    few = scales.vertices
-    first = fits_at(faces.points, normal, few, normal[:, few], regions, QUADRATIC_PENALTY).mean
-    return typical_size(first - scales.first_mean) > MIN_FALL * scales.change[2]
+def _is_not_repeated(scales: Scales) -> bool:
+    """Whether balls do not repeat the curvature of the default region, and settle all over the surface."""
+    return (
+        scales.correlation < MAX_CORRELATION
+        and scales.default_error > MIN_UNREPEATED_RATIO * scales.error
+        and scales.error < MAX_UNREPEATED_ERROR
+        and scales.median_share > MIN_UNREPEATED_MEDIAN_SHARE
+        and scales.kurtosis < MAX_UNREPEATED_KURTOSIS
+    )

@@ -5,7 +5,8 @@ three and the bias doubles. So the change between the two is about the error at 
 them dominates, and without a model of the noise: stairs, lines of a scanner, rounded coordinates, spikes.
 Balls larger than the features of a surface change little with the radius though their bias is large. So each
 radius is also compared with all smaller ones, as Lepski's method does: curvature that is farther from theirs
-than their noise explains is biased.
+than their noise explains is biased. Averaged normals flatten small features most: their curvature is compared
+with that of fits in small balls.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ MAX_NOISE_RATIO = (
 # distance of curvature to that in much wider balls over its change to the next radius, where noise dominates:
 # the changes of independent vertices and of voxels have 1.0 to 1.2
 MAX_NOISE_DISTANCE = 1.3
+MIN_SIGNIFICANCE = 3.0  # of a squared difference, over that which noise leaves by chance
 # of the bias from one radius to the next: quadratic fits of smooth surfaces double it, and averaged normals
 # multiply it by 1.3 (rounded boxes) to 1.7 (tori)
 QUADRATIC_BIAS_GROWTH, VOTING_BIAS_GROWTH = 2.0, 1.6
@@ -96,6 +98,13 @@ class Scales:
         """First change of the curvature over the second one: of noise and of stairs more than of details."""
         return float(self.change[0] / self.change[1]) if self.change[1] > 0 else np.inf
 
+    @property
+    def correlation(self) -> float:
+        """Correlation of the curvature over the default region with that in the first balls; 1 of none."""
+        at, after = (_without_tails(values - values.mean()) for values in (self.default, self.first_mean))
+        size = float((at @ at) * (after @ after)) ** 0.5
+        return float(at @ after) / size if size > 0 else 1.0
+
 
 def measure_scales(
     fits_at_radius: Callable[[float], PrincipalCurvatures | None],
@@ -105,7 +114,7 @@ def measure_scales(
     largest: float,
     bias_growth: float,
     *,
-    default_by_fits: bool = True,
+    reference: NDArray | None = None,
     max_radii: int = MAX_SCALES,
 ) -> Scales | None:
     """Mean curvature of some vertices in balls whose radii grow by the square root of two.
@@ -121,8 +130,9 @@ def measure_scales(
         Radius of a disk as large as the default region, and the largest radius.
     bias_growth : float
         Of the bias of these fits from one radius to the next, above 1.
-    default_by_fits : bool
-        Whether such fits gave `default`, so that their noise there bounds that in the first ball.
+    reference : (k,) ndarray, optional
+        Mean curvature of other fits, which flatten small features less. Without it such fits gave `default`,
+        so that their noise there bounds that in the first ball.
     max_radii : int
         At least two.
 
@@ -150,7 +160,7 @@ def measure_scales(
     if not growth:
         return None
     mean = np.stack([fit.mean for fit in fits])
-    error = error_of_radii(mean, default if default_by_fits else None)
+    error = error_of_radii(mean, default, reference)
     best = int(np.argmin(error))
     larger = np.maximum(np.abs(fits[best].low), np.abs(fits[best].high))
     size = max(float(np.mean(np.abs(mean[best]))), MIN_MEAN_SHARE * float(np.median(larger)))
@@ -168,7 +178,7 @@ def measure_scales(
         best_radius=_least_between(np.array(radii), error, best),
         error=relative,
         bending_error=relative * size / max(float(np.median(larger)), size),
-        expected_error=max(_whole_error(mean, default, best, bias_growth, default_by_fits) / size, MIN_ERROR),
+        expected_error=max(_whole_error(mean, default, reference, best, bias_growth) / size, MIN_ERROR),
         default_error=float(np.hypot(measured / size, relative)),
         default_rms=float(np.sqrt(np.mean(difference**2))) / size,
         mean=mean[best],
@@ -180,26 +190,57 @@ def measure_scales(
 
 
 def error_of_radii(
-    mean: NDArray, default: NDArray | None = None, *, bound: float = np.inf
+    mean: NDArray, default: NDArray | None = None, reference: NDArray | None = None, *, bound: float = np.inf
 ) -> NDArray[np.float64]:
     """(r - 1,) error of curvatures (r, k) of k vertices at each radius but the last, by their changes.
 
     The mean change to the next radius; or, if that is more, the distance to the curvature at a smaller radius
-    beyond the noise of that; or a share of the change from the radius before, at the first one from the
-    default region (k,), if there is one.
+    beyond the noise of that; or the flattening of `reference` (k,); or a share of the change from the radius
+    before, at the first one from the default region (k,), if there is one and no reference.
 
     Notes
     -----
     O. Lepski, "On a problem of adaptive estimation in Gaussian white noise", 1991.
     """
     change = np.array([_mean_size(after - at, bound) for after, at in zip(mean[1:], mean)])
-    first = 0.0 if default is None else _mean_size(mean[0] - default, bound)
+    first = 0.0 if default is None or reference is not None else _mean_size(mean[0] - default, bound)
     before = np.append(first, change[:-1])
     error = np.maximum(change, before / MAX_NOISE_RATIO)
     for j in range(1, len(error)):
         distance = np.array([_mean_size(before - mean[j], bound) for before in mean[:j]])
         error[j] = max(error[j], float((distance - MAX_NOISE_DISTANCE * change[:j]).max()))
-    return error
+    if reference is None:
+        return error
+    return np.maximum(error, [flattening(reference, at) for at in mean[:-1]])
+
+
+def flattening(reference: NDArray, mean: NDArray) -> float:
+    """Mean size of the variation of a reference that curvature in wider balls follows, but not to its height.
+
+    Noise of the reference is independent of the curvature in wider balls, of which it is an average: what the
+    regression of their difference on the latter explains, beyond what noise leaves by chance, is its bias.
+
+    Parameters
+    ----------
+    reference, mean : (k,) ndarray of float64
+
+    Returns
+    -------
+    float
+    """
+    variation, rest = mean - mean.mean(), reference - mean
+    rest = _without_tails(rest - rest.mean())  # stairs shift the curvature of fits
+    square = float(variation @ variation)
+    explained = variation * (float(variation @ rest) / square if square > 0 else 0.0)
+    size, by_chance = float(explained @ explained), float(np.sum((rest - explained) ** 2)) / len(rest)
+    significant = max(0.0, 1 - MIN_SIGNIFICANCE * by_chance / size) if size > 0 else 0.0
+    return float(np.abs(explained).mean()) * significant**0.5
+
+
+def _without_tails(values: NDArray) -> NDArray[np.float64]:
+    """Values clipped at a few times their median size."""
+    most = MAX_CHANGE * float(np.median(np.abs(values)))
+    return np.clip(values, -most, most)
 
 
 def _kurtosis(difference: NDArray) -> float:
@@ -220,18 +261,21 @@ def _least_between(radius: NDArray, error: NDArray, best: int) -> float:
 
 
 def _whole_error(
-    mean: NDArray, default: NDArray, best: int, bias_growth: float, default_by_fits: bool
+    mean: NDArray, default: NDArray, reference: NDArray | None, best: int, bias_growth: float
 ) -> float:
     """Error at the best radius with the whole bias, where the error is part noise, part bias.
 
     A bias that grows by `bias_growth` from each radius to the next changes by at most the next change over
-    that: the rest of the error is noise, which changes by its whole size.
+    that, or is the flattening of the reference: the rest of the error is noise, which changes by its whole
+    size.
     """
-    first = default if default_by_fits else None
-    error = float(error_of_radii(mean, first, bound=MAX_CHANGE)[best])
+    error = float(error_of_radii(mean, default, reference, bound=MAX_CHANGE)[best])
     bias = error
     if best + 2 < len(mean):
-        bias = min(error, _mean_size(mean[best + 2] - mean[best + 1], MAX_CHANGE) / bias_growth)
+        bias = _mean_size(mean[best + 2] - mean[best + 1], MAX_CHANGE) / bias_growth
+        if reference is not None:
+            bias = max(bias, flattening(reference, mean[best]))
+        bias = min(error, bias)
     return float(np.hypot(np.sqrt(error * error - bias * bias), bias / (bias_growth - 1)))
 
 

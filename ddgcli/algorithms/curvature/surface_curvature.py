@@ -14,7 +14,13 @@ from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.deviation import vertex_deviation
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals, unit_normals
-from ddgcli.algorithms.curvature.noise import Effort, Noise, estimate_noise, warn_of_noise
+from ddgcli.algorithms.curvature.noise import (
+    Effort,
+    Noise,
+    estimate_noise,
+    warn_of_better_scheme,
+    warn_of_noise,
+)
 from ddgcli.algorithms.curvature.one_sided import of_copies, unsigned_normals
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.regions import check_radius, check_reach
@@ -137,6 +143,8 @@ def measure_curvature(
         principal = _pointwise(measured, scheme, in_ball, noisy, jobs, full)
     if automatic and noisy:
         expected_error = noise.expected_error(scheme, principal.mean)
+        if expected_error is not None:
+            warn_of_better_scheme(noise, scheme, expected_error)
     if at_default:
         expected_error = warn_of_noise(noise, scheme, principal.mean, surface.scale)
         if expected_error is None:
