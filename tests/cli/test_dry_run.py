@@ -143,6 +143,20 @@ def test_a_run_that_cannot_fit_is_refused_in_one_line_before_it_starts(inputs, t
 
 
 @pytest.mark.parametrize(
+    "call", [call for call in CALLS if not call.startswith("examples")], ids=lambda call: call.split()[0]
+)
+def test_every_command_refuses_what_cannot_fit(call, inputs, tmp_path, run, monkeypatch):
+    monkeypatch.setattr(prediction, "available_memory", lambda enough=0: 1e-6 * MIB)
+    monkeypatch.setattr(prediction, "resident_memory", lambda: (MIB, 2 * MIB))
+    monkeypatch.setattr(check_cost, "MIN_CHECKED_ELEMENTS", 1)
+    words = call.format(**inputs, out=tmp_path / "out").split()
+    refusal = run(*words)
+    assert refusal.exit_code == 2 and refusal.stdout == "" and refusal.stderr.count("\n") == 1
+    assert f"{words[0]} on " in refusal.stderr and " needs about " in refusal.stderr
+    assert run(*words, "--dry-run").stderr == refusal.stderr and list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
     "call",
     [f"shell-sim {{mesh}} {SHELL}", "fluid-sim {mesh} --vorticity f --dt 1e-2"],
     ids=["shell", "fluid"],
@@ -299,14 +313,36 @@ MESHES = {
 }
 
 
+# options and meshes that change the work, unlike those of the measured kernels
+OTHER_WORK = {
+    "strip": ("geodesic {mesh} --source 0", lambda: shapes.grid(1000, 8, 100.0, 0.8)),
+    "tube": ("geodesic {mesh} --source 0", lambda: shapes.cylinder(12, 800, 0.5, 100.0)),
+    "signatures": ("laplacian {mesh} --hks 0.05", lambda: shapes.random_sphere(9000, 2)),
+    "heat": ("laplacian {mesh} --heat f --duration 1 --dt 0.004", lambda: shapes.random_sphere(6000, 2)),
+    "basis": ("hodge {mesh} --basis", lambda: shapes.torus(250, 80)),
+    "transfer": ("delaunay {mesh} --transfer f", lambda: shapes.torus(250, 80)),
+    "wide balls": ("curvature {mesh} --scheme corrected --radius 0.2", lambda: shapes.random_sphere(6000, 2)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OTHER_WORK)
+def test_other_work_is_within_half_of_the_prediction(name, tmp_path):
+    call, make = OTHER_WORK[name]
+    assert_predicted(call, make(), 100, tmp_path)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MEASURED)
 @pytest.mark.parametrize("shape", MESHES)
 def test_peak_memory_and_seconds_are_within_half_of_the_prediction(name, shape, tmp_path):
     make, n_points = MESHES[shape]
-    paths = write_inputs(tmp_path, make(), n_points)
-    words = MEASURED[name].format(**paths, out=tmp_path / "out").split()
-    dry, real = (measured_command([*words, "--json", *more], tmp_path) for more in (["--dry-run"], []))
+    assert_predicted(MEASURED[name], make(), n_points, tmp_path)
+
+
+def assert_predicted(call, mesh, n_points, folder):
+    words = call.format(**write_inputs(folder, mesh, n_points), out=folder / "out").split()
+    dry, real = (measured_command([*words, "--json", *more], folder) for more in (["--dry-run"], []))
     facts = facts_of(dry.summary)
     assert 0.5 <= facts["peak_mib"] / real.mib <= 1.5
     assert 0.5 <= facts["seconds"] / (real.seconds + real.system_seconds) <= 1.5
