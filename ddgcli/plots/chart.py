@@ -19,6 +19,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", "h", ">")
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
 
 MIN_AXIS_RANGE = 1e-5  # of the largest value
+LABELS_HEIGHT = 0.48  # inches, of the numbers and the label below the horizontal axis
 
 Series = tuple[ArrayLike, ArrayLike]
 
@@ -77,7 +78,7 @@ def draw_chart(
             else 0.64 - 0.009 * max(0, max(map(len, series)) - 16)
         )
         below = [row for line in caption.splitlines() for row in textwrap.wrap(line, int(16 * width))]
-        bottom = 0.18 + 0.03 * max(0, len(below) - 2)
+        bottom = max(0.18 + 0.03 * max(0, len(below) - 2), LABELS_HEIGHT / height)
         axes = figure.add_axes((0.125, bottom, max(across, 0.4) - 0.015, 0.91 - bottom))
         drawable = {name: _drawable(x, y, log) for name, (x, y) in series.items()}
         axes.set_xscale("log" if "x" in log else "linear")

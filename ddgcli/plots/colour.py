@@ -167,4 +167,7 @@ def colour_bar(figure: Any, mappable: Any, label: str, beyond: str = "neither") 
     bar.formatter.set_useOffset(False)  # an offset such as 0.9999 + 1e-5 x is hard to read
     bar.formatter.set_powerlimits((-3, 4))
     bar.formatter.set_useMathText(True)
+    bar.ax.yaxis.set_offset_position(
+        "left"
+    )  # the power of ten starts there and is over the bar and its numbers
     bar.outline.set_linewidth(0.5)

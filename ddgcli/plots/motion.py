@@ -259,10 +259,13 @@ def draw_motion(
     with tempfile.TemporaryDirectory() as folder:
         pictures = []
         for k, plot_frame in enumerate(picture_frames):
-            draw_frame(f"{folder}/{k}.png", plot_frame, style, 4.5, 3.6)
+            draw_frame(f"{folder}/{k}.png", plot_frame, style, 0.5 * width, height / 3, dpi)
             pictures.append(imread(f"{folder}/{k}.png"))
         xlabel = f"time [{style.time_unit}]"
-        draw_chart(f"{folder}/chart.png", series, xlabel=xlabel, ylabel=ylabel, width=9.0, height=3.6)
+        draw_chart(
+            f"{folder}/chart.png", series, xlabel=xlabel, ylabel=ylabel,
+            width=width, height=height / 3, dpi=dpi,
+        )  # fmt: skip
         pictures.append(imread(f"{folder}/chart.png"))
     with page(path, width, height, dpi) as figure:
         places = [(0.0, 0.667), (0.5, 0.667), (0.0, 0.333), (0.5, 0.333)][: len(picture_frames)]

@@ -15,6 +15,7 @@ _MAX_FRAGMENTS = 2_000_000  # pixels of faces in memory at once
 _EMPTY_PIXEL = np.iinfo(np.int64).max
 _DEPTH_STEPS = 2**30
 OUTLINE_DEPTH_STEP = 0.012  # relative to the size of the picture
+MARGIN = 0.03  # of a picture, free at each side
 
 View = str | tuple[float, float] | None
 # elevation and azimuth in degrees; the vertical axis of the page is z, or y for a look along z
@@ -79,7 +80,7 @@ def view_axes(points: NDArray, view: View = None, up: str = "z") -> NDArray[np.f
     return np.stack([right, np.cross(towards, right), towards]) @ turn
 
 
-def fitted_camera(points: NDArray, axes: NDArray, width: int, height: int, margin: float = 0.03) -> Camera:
+def fitted_camera(points: NDArray, axes: NDArray, width: int, height: int, margin: float = MARGIN) -> Camera:
     """Camera along `axes` whose picture contains all points with a margin.
 
     Parameters

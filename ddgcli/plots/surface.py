@@ -16,9 +16,10 @@ from ddgcli.mesh.sides import next_side
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import colour_bar, colours, extremes, robust_limits
-from ddgcli.plots.glyphs import Arrows, Glyphs, draw_arrows, draw_glyphs
+from ddgcli.plots.glyphs import ARROW_LENGTH, Arrows, Glyphs, draw_arrows, draw_glyphs
 from ddgcli.plots.page import draw_texts, page, picture_axes
 from ddgcli.plots.raster import (
+    MARGIN,
     OUTLINE_DEPTH_STEP,
     Camera,
     PixelFaces,
@@ -174,7 +175,8 @@ def _paint(
         if view is None:
             view = best_view(mesh, _interest(interest, values, signed, limits), up)
     size = _sampled_size(figure, axes)
-    camera = fitted_camera(fit_points, view_axes(fit_points, view, up or "z"), *size)
+    margin = ARROW_LENGTH + MARGIN if arrows else MARGIN
+    camera = fitted_camera(fit_points, view_axes(fit_points, view, up or "z"), size[0], size[1], margin)
     others = [other.moved(placed(other.points)) for other in context]
     image, visible, mappable = _surface_image(camera, mesh, values, signed, limits, others, edges)
     axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none")

@@ -226,3 +226,36 @@ def test_lengths_of_vectors_have_no_sign_and_zeros_begin_at_zero():
     plot_frame = PlotFrame(0.0, mesh, 1.0 + mesh.points[:, 0])
     assert sequence_style([plot_frame], "vorticity", signed=True).limits[0] < -1
     assert sequence_style([plot_frame], "vorticity", signed=False).limits[0] > 0.9
+
+
+def test_arrows_of_frames_are_inside_the_picture(tmp_path, monkeypatch):
+    from ddgcli.plots import surface
+    from ddgcli.plots.glyphs import ARROW_LENGTH, Arrows
+
+    cameras = []
+    monkeypatch.setattr(
+        surface, "draw_arrows", lambda axes, camera, visible, arrows: cameras.append((camera, arrows))
+    )
+    mesh = shapes.torus(12, 8)
+    outward = mesh.points / np.linalg.norm(mesh.points, axis=1, keepdims=True)
+    draw_surface(str(tmp_path / "a.png"), mesh, arrows=[Arrows(mesh.points, outward, "blue")], dpi=30)
+    [(camera, [arrows])] = cameras
+    size = max(camera.width, camera.height)
+    flat = ARROW_LENGTH * size * (arrows.vectors @ camera.axes.T)[:, :2] * [1.0, -1.0]
+    tip = camera.project(arrows.places)[:, :2] + flat
+    assert (tip >= 0).all() and (tip <= [camera.width, camera.height]).all()
+
+
+def test_frames_of_a_motion_fill_their_cells_of_the_page(tmp_path, monkeypatch):
+    from ddgcli.plots import motion
+
+    sizes = []
+    draw_frame = motion.draw_frame
+    monkeypatch.setattr(motion, "draw_frame", lambda *a: (sizes.append(a[3:5]), draw_frame(*a)))
+    mesh = shapes.grid(2, 2)
+    plot_frames = [PlotFrame(0.0, mesh), PlotFrame(1.0, mesh.moved(mesh.points + 1))]
+    series = {"energy": ([0, 1], [1, 2])}
+    motion.draw_motion(
+        str(tmp_path / "a.png"), plot_frames, series, sequence_style(plot_frames), "energy", 9.0, 6.0, dpi=30
+    )
+    assert sizes == [(4.5, 2.0)] * 2
