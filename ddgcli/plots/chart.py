@@ -72,17 +72,12 @@ def draw_chart(
     dpi : float
     """
     with page(path, width, height, dpi) as figure:
-        across = (
-            0.85
-            if len(series) + (threshold is not None) < 2
-            else 0.64 - 0.009 * max(0, max(map(len, series)) - 16)
-        )
         below = [row for line in caption.splitlines() for row in textwrap.wrap(line, int(16 * width))]
         bottom = max(0.18 + 0.03 * max(0, len(below) - 2), LABELS_HEIGHT / height)
-        axes = figure.add_axes((0.125, bottom, max(across, 0.4) - 0.015, 0.91 - bottom))
+        has_legend = len(series) + (threshold is not None) > 1
+        axes = figure.add_axes((0.125, bottom, _width(series, has_legend), 0.91 - bottom))
         drawable = {name: _drawable(x, y, log) for name, (x, y) in series.items()}
-        axes.set_xscale("log" if "x" in log else "linear")
-        axes.set_yscale("log" if "y" in log else "linear")
+        _scale(axes, log)
         if pareto_front is not None:
             x, y, shown = _drawable(*pareto_front, log)
             axes.plot(x[shown], y[shown], color="0.85", linewidth=6, solid_capstyle="round", zorder=0.5,
@@ -99,20 +94,35 @@ def draw_chart(
             axes.axhline(threshold[1], label=threshold[0], color="0.3", linewidth=1.0, linestyle=(0, (1, 2)))
         _widen(axes, drawable, log)
         axes.set(xlabel=xlabel, ylabel=ylabel, title=title)
-        axes.grid(True, which="major", color="0.85", linewidth=0.5)
-        axes.set_axisbelow(True)
-        for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
-            if name in log:
-                _label_few_decades(axis)
-        axes.spines[["top", "right"]].set_visible(False)
-        if len(series) + (threshold is not None) > 1:
-            axes.legend(
-                loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, handlelength=3.2, fontsize=8
-            )
+        _draw_grid_and_legend(axes, log, has_legend)
         if texts:
             shown_points = [(x[shown], y[shown]) for x, y, shown in drawable.values()]
             place_labels(axes, texts, shown_points, shown_points)
         figure.text(0.02, 0.01, "\n".join(below), ha="left", va="bottom", fontsize=7.5, color="0.35")
+
+
+def _width(series: Mapping[str, Series], has_legend: bool) -> float:
+    """Share of the page that the axes take, beside a legend as wide as its longest name."""
+    longest = max(map(len, series), default=0)
+    return max(0.64 - 0.009 * max(0, longest - 16), 0.4) - 0.015 if has_legend else 0.835
+
+
+def _scale(axes: Any, log: str) -> None:
+    axes.set_xscale("log" if "x" in log else "linear")
+    axes.set_yscale("log" if "y" in log else "linear")
+
+
+def _draw_grid_and_legend(axes: Any, log: str, has_legend: bool) -> None:
+    """Draw the grid and the legend, and label the axes."""
+    axes.grid(True, which="major", color="0.85", linewidth=0.5)
+    axes.set_axisbelow(True)
+    for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
+        if name in log:
+            _label_few_decades(axis)
+    axes.spines[["top", "right"]].set_visible(False)
+    if has_legend:
+        place = {"loc": "center left", "bbox_to_anchor": (1.02, 0.5)}
+        axes.legend(**place, frameon=False, handlelength=3.2, fontsize=8)
 
 
 def _widen(axes: Any, drawable: Mapping[str, Any], log: str) -> None:

@@ -13,6 +13,7 @@ from ddgcli.plots.page import draw_texts, page, picture_axes
 from ddgcli.plots.raster import Camera, View, fitted_camera, unit_box, view_axes
 
 _PAPER, _RIM = (1.0, 1.0, 1.0, 1.0), (0.25, 0.25, 0.25, 1.0)
+SIGNED_ARRAYS = ("torsion", "turning_angle")
 VECTOR_SHARE = 0.1  # length of a vector in the picture, in halves of the size of the curves
 
 
@@ -52,9 +53,6 @@ def draw_curves(
         Inches.
     dpi : float
     """
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     flags = [closed] * len(curves) if isinstance(closed, bool) else list(closed)
     start, stop, shade = _segments(curves, values, flags)
     if fit is None:
@@ -75,12 +73,7 @@ def draw_curves(
         a, b = camera.project(start), camera.project(stop)
         order = np.argsort(-(a[:, 2] + b[:, 2]), kind="stable")
         lines = np.stack([a, b], axis=1)[order, :, :2]
-        if label in ("torsion", "turning_angle"):
-            signed = True
-        low, high, diverging = robust_limits(shade, signed)
-        if limits is not None:
-            low, high, diverging = limits[0], limits[1], bool(signed)
-        mappable = ScalarMappable(Normalize(low, high), colours(diverging))
+        mappable = _colour_scale(shade, True if label in SIGNED_ARRAYS else signed, limits)
         plain = np.tile([0.2, 0.4, 0.7, 1.0], (len(order), 1))
         tint = plain if values is None else mappable.to_rgba(shade[order])
         flat = bool(np.ptp(np.concatenate([a[:, 2], b[:, 2]])) < 1e-6 * camera.width)
@@ -93,6 +86,17 @@ def draw_curves(
             colour_bar(figure, mappable, label)
         caption = "" if values is None else extremes(label, np.concatenate(values))
         draw_texts(figure, title, caption)
+
+
+def _colour_scale(shade: NDArray, signed: bool | None, limits: Sequence[float] | None) -> Any:
+    """Colour scale of values, diverging about zero if they are signed."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    low, high, diverging = robust_limits(shade, signed)
+    if limits is not None:
+        low, high, diverging = limits[0], limits[1], bool(signed)
+    return ScalarMappable(Normalize(low, high), colours(diverging))
 
 
 def _vector_lines(camera: Camera, foot: NDArray, directions: NDArray, colour: str) -> Any:

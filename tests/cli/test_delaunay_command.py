@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.delaunay import intrinsic_delaunay
+from ddgcli.algorithms.delaunay import triangulation_statistics
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.io.mesh_file import read_mesh, write_mesh
@@ -264,9 +264,9 @@ def test_points_run_out(summary, stretched, tmp_path):
 
 def test_edges_that_are_not_delaunay_in_the_result_are_reported(run, tmp_path, monkeypatch):
     write_mesh(str(tmp_path / "torus.ply"), AnnotatedMesh(shapes.torus(8, 6)))
-    count = intrinsic_delaunay.non_delaunay_edges
+    count = triangulation_statistics.non_delaunay_edges
     monkeypatch.setattr(
-        intrinsic_delaunay, "non_delaunay_edges", lambda mesh: count(mesh) | (mesh.faces == 0)
+        triangulation_statistics, "non_delaunay_edges", lambda mesh: count(mesh) | (mesh.faces == 0)
     )
     result = run("delaunay", tmp_path / "torus.ply", "--json")
     remaining = json.loads(result.stdout)["results"]["after"]["non_delaunay_edges"]

@@ -5,9 +5,9 @@ import pytest
 
 from ddgcli.algorithms.curvature.measures import angle_defect
 from ddgcli.algorithms.delaunay.common_subdivision import CROSSING, STEINER_POINT, common_subdivision
-from ddgcli.algorithms.delaunay.intrinsic_delaunay import metric_residuals
 from ddgcli.algorithms.delaunay.refine import refine
 from ddgcli.algorithms.delaunay.triangulation import non_delaunay_edges
+from ddgcli.algorithms.delaunay.triangulation_statistics import metric_residuals
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
 from ddgcli.geometry.intrinsic import corner_angle, face_area

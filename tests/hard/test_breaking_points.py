@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from benchmarks.hardcases import meshes
-from ddgcli.algorithms.delaunay.intrinsic_delaunay import dirichlet_energy
+from ddgcli.algorithms.delaunay.triangulation_statistics import dirichlet_energy
 from ddgcli.algorithms.hodge.homology import tree_cotree
 from ddgcli.errors import MeshError
 from ddgcli.geometry.extrinsic import face_area_vector

@@ -105,11 +105,7 @@ def command(
     if expected_path is None:
         if words or update:
             raise ParameterError("the command needs EXPECTED.json to compare its summary with; name it first")
-        run.set_input(arrays[0], "")  # type: ignore[index]
-        run.predict(InputSize("surface", 0))
-        run.begin()
-        compared_arrays = compare_files(run, arrays, {**tolerance_options, "keys": dict(stated)}, diff_paths)
-        run.finish(compared_arrays, {}, converged=not compared_arrays["moved"])
+        compare_two_files(run, arrays, {**tolerance_options, "keys": dict(stated)}, diff_paths)
         return
     if update and Path(expected_path).suffix.lower() != ".json":
         raise OutputError(f"{expected_path}: a summary is stored as JSON; use a name that ends in .json")
@@ -132,9 +128,7 @@ def command(
     except RecursionError:
         raise MeshFileError(f"{expected_path}: nested too deeply; store it again with --update") from None
     for path in set(common.outputs) - set(diff_paths):
-        run.write_bytes(
-            path, json.dumps(summary, indent=1, ensure_ascii=False).encode(errors="backslashreplace") + b"\n"
-        )
+        run.write_bytes(path, json_bytes(summary))
     if arrays is not None:
         further = compare_files(run, arrays, tolerance_options, diff_paths)
         moved, compared = [*moved, *further["moved"]], compared + further["compared"]
@@ -147,8 +141,25 @@ def store(
 ) -> None:
     """Write the command and its summary to EXPECTED.json, which keeps its tolerances."""
     tolerances = {"tolerances": stored["tolerances"]} if "tolerances" in stored else {}
-    text = json.dumps({"run": list(words), **tolerances, "summary": summary}, indent=1, ensure_ascii=False)
-    run.write_bytes(path, text.encode(errors="backslashreplace") + b"\n", in_place=True)
+    content = {"run": list(words), **tolerances, "summary": summary}
+    run.write_bytes(path, json_bytes(content), in_place=True)
+
+
+def json_bytes(content: dict[str, Any]) -> bytes:
+    """A file of JSON, with the characters that have no bytes escaped."""
+    text = json.dumps(content, indent=1, ensure_ascii=False)
+    return text.encode(errors="backslashreplace") + b"\n"
+
+
+def compare_two_files(
+    run: Run, paths: tuple[str, str] | None, tolerances: dict[str, Any], diff_paths: list[str]
+) -> None:
+    """Compare the arrays of two mesh files without a command, as the whole run."""
+    run.set_input((paths or ("",))[0], "")
+    run.predict(InputSize("surface", 0))
+    run.begin()
+    results = compare_files(run, paths, tolerances, diff_paths)
+    run.finish(results, {}, converged=not results["moved"])
 
 
 def compare_files(

@@ -126,15 +126,23 @@ def command(
     if overlay and result.subdivision:
         subdivision = overlay_mesh(result.subdivision, result.transferred)
         run.write_file(overlay, subdivision, converged=result.converged)
-    if dual is not None and result.dual is not None:
-        if lines and result.subdivision:
-            from ddgcli.algorithms.delaunay.dual import dual_lines
-
-            run.write_file(dual, AnnotatedMesh(dual_lines(result.dual, result.subdivision)))
-        else:
-            run.write_file(dual, result.dual_arrays, converged=result.converged)
+    if dual is not None:
+        write_dual(run, dual, result, lines)
     run.plot(lambda path: draw(path, source.surface, result, run.picture_options))
     run.finish(result.results, result.accuracy, converged=result.converged)
+
+
+def write_dual(run: Run, path: str, result: DelaunayResult, lines: bool) -> None:
+    """Write the circumcentric dual, as lines on the surface or as the arrays of its cells."""
+    if result.dual is None:
+        return
+    if lines and result.subdivision:
+        from ddgcli.algorithms.delaunay.dual import dual_lines
+        from ddgcli.mesh.fields import AnnotatedMesh
+
+        run.write_file(path, AnnotatedMesh(dual_lines(result.dual, result.subdivision)))
+    else:
+        run.write_file(path, result.dual_arrays, converged=result.converged)
 
 
 def draw(path: str, mesh: TriangleMesh, result: DelaunayResult, look: dict[str, Any]) -> None:

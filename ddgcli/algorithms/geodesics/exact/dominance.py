@@ -42,11 +42,19 @@ def dominate(
     order = np.argsort(where[0] + 0.9999999 * lines[0] / shape[where[0], 0])
     lines, where = lines.take(order, axis=1), where.take(order, axis=1)
     side = where[0]
-    i = ((side[1:] == side[:-1]) & (lines[0, 1:] < lines[1, :-1])).nonzero()[0]
-    if not len(i):
+    overlapping = ((side[1:] == side[:-1]) & (lines[0, 1:] < lines[1, :-1])).nonzero()[0]
+    if not len(overlapping):
         return lines, where
+    _trim(lines, overlapping, origin_distance.take(where[1]))
+    nonempty = (lines[1] - lines[0] > DOMINANCE_TOLERANCE).nonzero()[0]
+    if len(nonempty) == len(side):
+        return lines, where
+    return lines.take(nonempty, axis=1), where.take(nonempty, axis=1)
+
+
+def _trim(lines: NDArray, i: NDArray, base: NDArray) -> None:
+    """Trim windows i and i + 1, which overlap, in place; `base` are the distances of the windows' origins."""
     p, q = lines.take(i, axis=1), lines.take(i + 1, axis=1)
-    base = origin_distance.take(where[1])
     base_p, base_q = base.take(i), base.take(i + 1)
     px, py, qx, qy = p[2], p[3], q[2], q[3]
     contained = q[1] <= p[1]
@@ -81,10 +89,6 @@ def dominate(
         lines[1, i[root[~forward]] + 1] = hi_r[~forward]
     lines[0, i[p_wins] + 1] = hi[p_wins]
     lines[1, i[q_wins]] = lo[q_wins]
-    nonempty = (lines[1] - lines[0] > DOMINANCE_TOLERANCE).nonzero()[0]
-    if len(nonempty) == len(side):
-        return lines, where
-    return lines.take(nonempty, axis=1), where.take(nonempty, axis=1)
 
 
 def reaching(at: NDArray, lines: NDArray, dx: NDArray, dy: NDArray) -> NDArray[np.bool_]:
