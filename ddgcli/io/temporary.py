@@ -61,13 +61,6 @@ class StagedOutputs:
             del self._folders[-1]
 
 
-def temporary_beside(target: Path, suffix: str = "") -> str:
-    """Path of a new empty file in the target's folder; leftovers of killed processes for it are removed."""
-    name = temporary_name(target, suffix)
-    create_new(name)
-    return name
-
-
 def temporary_name(target: Path, suffix: str = "") -> str:
     """Path of a file in the target's folder that is not there yet; leftovers of killed processes are removed.
 

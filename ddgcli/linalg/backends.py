@@ -97,11 +97,6 @@ def analyse(matrix: csc_array) -> Analysis | None:
     return None if dissection is None else Analysis(dissection, assembly_levels(matrix, dissection))
 
 
-def solver_name(solver: str | None, matrix: csc_array, definite: bool) -> str:
-    """Name of the backend for a matrix: `solver`, else DDGCLI_SOLVER, else by size and installed packages."""
-    return choose_solver(solver, matrix, definite)[0]
-
-
 def choose_solver(
     solver: str | None,
     matrix: csc_array,

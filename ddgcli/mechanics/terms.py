@@ -105,6 +105,7 @@ class TimeDependent(Protocol):
         ...
 
 
+BLOCK_ROWS = 4096  # whose working arrays stay in the cache
 Arrays = dict[str, NDArray[np.float64]]
 
 
@@ -268,17 +269,16 @@ def at_last_point(method: Callable[[Any, NDArray], Value]) -> Callable[[Any, NDA
     return cached
 
 
-def row_blocks(count: int, size: int = 4096) -> Iterator[slice]:
-    """Slices of `size` elements, whose working arrays stay in the cache.
+def row_blocks(count: int) -> Iterator[slice]:
+    """Slices of at most `BLOCK_ROWS` elements.
 
     Parameters
     ----------
     count : int
         Number of elements.
-    size : int
 
     Yields
     ------
     slice
     """
-    return (slice(start, min(start + size, count)) for start in range(0, count, size))
+    return (slice(start, min(start + BLOCK_ROWS, count)) for start in range(0, count, BLOCK_ROWS))

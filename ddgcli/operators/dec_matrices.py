@@ -122,8 +122,8 @@ def check_star(mesh: TriangleMesh | TetMesh, star: Star) -> None:
             _inverse(complex_, degree, star)
 
 
-def form_laplacian(complex_: Complex, degree: int, star: Star = "galerkin") -> tuple[csr_array, csr_array]:
-    """Laplacian and star of k-forms, as `dec_matrices` has them, without the other degrees.
+def form_laplacian(complex_: Complex, degree: int) -> tuple[csr_array, csr_array]:
+    """Laplacian and Galerkin star of k-forms, as `dec_matrices` has them, without the other degrees.
 
     They are to be factorised: what the factor of a Laplacian that fills up needs is checked too.
 
@@ -131,7 +131,6 @@ def form_laplacian(complex_: Complex, degree: int, star: Star = "galerkin") -> t
     ----------
     complex_ : Complex
     degree : int
-    star : {'circumcentric', 'barycentric', 'galerkin'}
 
     Returns
     -------
@@ -145,8 +144,8 @@ def form_laplacian(complex_: Complex, degree: int, star: Star = "galerkin") -> t
         A vertex of high valence makes the Laplacian and its factor too large for the memory.
     """
     degrees = range(degree, min(degree + 1, complex_.dimension) + 1)
-    stars = {k: compact(csr_array(hodge_star(complex_, k, star))) for k in degrees}
-    inverse = {degree - 1: _inverse(complex_, degree - 1, star)} if degree else {}
+    stars = {k: compact(csr_array(hodge_star(complex_, k, "galerkin"))) for k in degrees}
+    inverse = {degree - 1: _inverse(complex_, degree - 1, "galerkin")} if degree else {}
     derivative = [compact(csr_array(d.astype(np.int64))) for d in complex_.derivatives]
     return _laplacian(degree, derivative, stars, inverse, factorised=True), stars[degree]
 

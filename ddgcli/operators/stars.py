@@ -1,4 +1,4 @@
-"""Hodge stars, codifferential and the Laplace-de Rham operator on every degree (chapters 7 and 8).
+"""Hodge stars on every degree (chapters 7 and 8).
 
 Three stars: `circumcentric` (diagonal, signed dual volumes: entries may be zero or negative where a mesh is
 not Delaunay), `barycentric` (diagonal, positive, less accurate) and `galerkin` (the mass matrix of Whitney
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, diags_array
 
 from ddgcli.choices import HODGE_STARS
-from ddgcli.errors import ParameterError, SolveError
+from ddgcli.errors import ParameterError
 from ddgcli.geometry.cells import TET_EDGES, TRIANGLE_EDGES
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.scatter import sum_by_index
@@ -198,58 +198,3 @@ def _whitney_mass2(c: Complex) -> NDArray:
             dots = sum(w[:, i, j] * c.metric.dot(a, i, b, j) for i in range(4) for j in range(4))
             mass[:, a, b] = dots / (9.0 * c.metric.measure**2)
     return mass
-
-
-# --- codifferential and Laplacian --------------------------------------------------------------------------
-
-
-def inverse_star(complex_: Complex, degree: int, kind: Star) -> Callable[[NDArray], NDArray]:
-    """Function that applies the inverse of a star: a division where it is diagonal, else one factorisation.
-
-    Raises
-    ------
-    SolveError
-        When a diagonal star has a zero entry (co-circular pairs with `circumcentric`).
-    """
-    star = hodge_star(complex_, degree, kind)
-    if kind == "galerkin" and degree < complex_.dimension:
-        from ddgcli.linalg.factor import Factor  # slow to import, and the other stars need none
-
-        return Factor(star).solve
-    diagonal = star.diagonal()
-    if len(diagonal) and np.abs(diagonal).min() <= 1e-14 * np.abs(diagonal).max():
-        k = int(np.abs(diagonal).argmin())
-        raise SolveError(
-            f"the {kind} star of {degree}-forms vanishes at {degree}-simplex {k}; use the galerkin star"
-        )
-    return lambda form: (form.T / diagonal).T
-
-
-def codifferential(complex_: Complex, degree: int, kind: Star = "galerkin") -> Callable[[NDArray], NDArray]:
-    """Adjoint of the exterior derivative: takes k-forms to (k-1)-forms, star^-1 d' star.
-
-    Positive convention: <delta a, b> = <a, d b> for every b, so that delta of the gradient of f is the
-    positive Laplacian of f; the boundary term is dropped (natural conditions).
-    """
-    if degree < 1:
-        raise ParameterError("must be at least 1: the codifferential of a 0-form is zero", parameter="degree")
-    solve = inverse_star(complex_, degree - 1, kind)
-    weak = (complex_.derivatives[degree - 1].T @ hodge_star(complex_, degree, kind)).tocsr()
-    return lambda form: solve(weak @ form)
-
-
-def laplace_de_rham(complex_: Complex, degree: int, kind: Star = "galerkin") -> Callable[[NDArray], NDArray]:
-    """Weak Laplace-de Rham operator star (d delta + delta d) on k-forms; symmetric, positive semidefinite.
-
-    Returned as a function, since the inverse of the Galerkin star is dense.
-    """
-    blocks: list[Callable[[NDArray], NDArray]] = []
-    if degree < complex_.dimension:
-        derivative = complex_.derivatives[degree]
-        curl = (derivative.T @ hodge_star(complex_, degree + 1, kind) @ derivative).tocsr()
-        blocks.append(lambda form: curl @ form)
-    if degree > 0:
-        solve = inverse_star(complex_, degree - 1, kind)
-        weak = (complex_.derivatives[degree - 1].T @ hodge_star(complex_, degree, kind)).tocsr()
-        blocks.append(lambda form: weak.T @ solve(weak @ form))
-    return lambda form: sum(block(form) for block in blocks)  # type: ignore[return-value]

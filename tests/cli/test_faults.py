@@ -126,11 +126,12 @@ def test_a_signal_at_the_write_leaves_nothing(ball, tmp_path, monkeypatch, run, 
 
 @needs_posix
 def test_the_leftover_of_a_killed_run_is_removed_and_that_of_a_living_one_is_not(tmp_path, ball):
-    from ddgcli.io.temporary import temporary_beside
+    from ddgcli.io.temporary import temporary_name
 
     with subprocess.Popen([sys.executable, "-c", "pass"]) as dead:
         dead.wait()
-    own = Path(temporary_beside(tmp_path / "o.ply", ".ply"))
+    own = Path(temporary_name(tmp_path / "o.ply", ".ply"))
+    own.touch()
     leftover = own.with_name(own.name.replace(f"-{os.getpid()}-", f"-{dead.pid}-"))
     leftover.touch()
     (tmp_path / "other.ply").touch()

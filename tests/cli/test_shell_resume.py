@@ -1,7 +1,6 @@
 """`shell-sim --resume`: what is interrupted or killed ends with the same bits as an unbroken run."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -11,7 +10,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from ddgcli.io.temporary import temporary_beside
+from ddgcli.io.temporary import temporary_name
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mechanics.integrators import INTEGRATORS
 from tests.simulate import FALLING_CLOTH
@@ -197,7 +196,7 @@ def test_a_process_that_is_ended_leaves_whole_frames(tmp_path, sign):
         assert partial.n_frames >= 1
         assert np.isfinite(partial.points(partial.n_frames - 1)).all()
     if sign == signal.SIGKILL:  # what it was laying out again goes with the next output
-        os.unlink(temporary_beside(partial_file))
+        temporary_name(partial_file)  # removes leftovers
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 
 

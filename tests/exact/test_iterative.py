@@ -86,10 +86,10 @@ def test_conjugate_gradients_take_over_where_the_factors_do_not_fit(installed, m
     monkeypatch.setattr(backends, "preferred_iterative_solver", lambda: ITERATIVE_SOLVERS[not installed])
     fits = backends.factor_bytes(matrix, 0.0)
     monkeypatch.setattr(backends, "available_memory", lambda: 1.01 * fits)
-    assert backends.solver_name(None, matrix, True) not in ITERATIVE_SOLVERS
+    assert backends.choose_solver(None, matrix, True)[0] not in ITERATIVE_SOLVERS
     monkeypatch.setattr(backends, "available_memory", lambda: 0.99 * fits)
     with caplog.at_level(logging.WARNING):
-        assert backends.solver_name(None, matrix, True) == ITERATIVE_SOLVERS[not installed]
+        assert backends.choose_solver(None, matrix, True)[0] == ITERATIVE_SOLVERS[not installed]
     assert "solve instead" in caplog.text
 
 

@@ -72,7 +72,7 @@ class DecoratedTriangulation(Gluing):
         return IntrinsicMesh(topology, length.reshape(-1, 3))
 
 
-def flip_by_ptolemy(state: DecoratedTriangulation, u: NDArray, *, max_rounds: int | None = None) -> None:
+def flip_by_ptolemy(state: DecoratedTriangulation, u: NDArray) -> None:
     """Flip to the Delaunay triangulation of the metric with scale factors u.
 
     The test, cos(alpha) + cos(beta) >= 0 for opposite angles, is defined by lengths that violate the triangle
@@ -84,8 +84,6 @@ def flip_by_ptolemy(state: DecoratedTriangulation, u: NDArray, *, max_rounds: in
         Flipped in place.
     u : (n,) ndarray of float64
         Logarithmic scale factors.
-    max_rounds : int, optional
-        Bound on the batches of flips.
 
     Raises
     ------
@@ -94,7 +92,7 @@ def flip_by_ptolemy(state: DecoratedTriangulation, u: NDArray, *, max_rounds: in
     """
     length = state.scaled_length(u)
     active = np.flatnonzero(state.twin[:-1] > np.arange(3 * state.n_faces))
-    for _ in range(max_rounds or max_flip_rounds(state.n_faces)):
+    for _ in range(max_flip_rounds(state.n_faces)):
         active, value = _violating(state, length, active)
         if len(active) == 0:
             return

@@ -13,7 +13,7 @@ from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.operators.dec import Complex, complex_of
 
 
-def solid_cochains(complex_: Complex, count: int, boundary: Boundary, seed: int = 0) -> csr_array:
+def solid_cochains(complex_: Complex, count: int, boundary: Boundary) -> csr_array:
     """Closed 1-forms of a solid in independent classes: random forms minus their coexact parts.
 
     The coexact part c of w solves d' d c = d' d w, a consistent singular system without lengths, by conjugate
@@ -27,8 +27,6 @@ def solid_cochains(complex_: Complex, count: int, boundary: Boundary, seed: int 
         Number of classes.
     boundary : {'tangential', 'normal'}
         With 'normal' the forms vanish on boundary edges.
-    seed : int
-        Of the random forms.
 
     Returns
     -------
@@ -49,7 +47,7 @@ def solid_cochains(complex_: Complex, count: int, boundary: Boundary, seed: int 
     jacobi = diags_array(1.0 / np.where(diagonal > 0, diagonal, 1.0))
     result = np.zeros((n_edges, count))
     for column in range(count):
-        form = np.random.default_rng([seed, column]).normal(size=int(free.sum()))
+        form = np.random.default_rng([0, column]).normal(size=int(free.sum()))
         for tolerance in (1e-13, 1e-2):
             coexact, failed = cg(stiffness, curl.T @ (curl @ form), rtol=tolerance, maxiter=20_000, M=jacobi)
             if failed:
