@@ -89,11 +89,9 @@ def command(
     sweeps = parsed_sweeps(sweep)
     check_call(call, sweeps)
     tasks = shard_of(make_tasks(expanded_inputs(inputs), sweeps, template, call), shard)
-    if common.dry_run:
-        tasks = [task.in_existing_folder() for task in tasks]
     run.input = {"path": ", ".join(inputs), "runs": len(tasks)}
     if common.dry_run or (cluster is None and may_not_fit(tasks, jobs)):
-        cost = batch_cost(tasks, jobs)
+        cost = batch_cost([task.in_existing_folder() for task in tasks], jobs)
         if cluster is None:
             refuse_batch(cost, jobs)
         if common.dry_run:
