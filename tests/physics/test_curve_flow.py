@@ -8,6 +8,8 @@ import time
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
 
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.trajectories.trajectory import Trajectory
@@ -431,3 +433,15 @@ def test_a_figure_of_eight_that_has_folded_onto_a_line_is_not_converged(tmp_path
     assert early.exit_code == 0 and "folds" not in early.stderr
     assert late.exit_code == 1
     assert any("folds back on itself" in text for text in json.loads(late.stdout)["warnings"])
+
+
+def test_an_arc_between_hinges_rests_as_the_buckled_column(tmp_path, summary):
+    # chord / L = 2 E(m) / K(m) - 1, and the energy 16 K (E - (1 - m) K) / L of length L
+    angle = np.linspace(0, np.pi / 2, 41)
+    arc = write_obj(tmp_path / "arc.obj", (np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1), False))
+    results = summary("curve-flow", arc, "--flow", "elastic")["results"]
+    assert results["stopped_because"] == "at rest"  # 2000 steps were too few before
+    length, chord = results["length"][0], np.sqrt(2)
+    m = brentq(lambda m: 2 * ellipe(m) / ellipk(m) - 1 - chord / length, 1e-6, 0.9)
+    energy = 16 * ellipk(m) * (ellipe(m) - (1 - m) * ellipk(m)) / length
+    assert results["elastic_energy"][-1] == pytest.approx(energy, rel=1e-3)

@@ -22,6 +22,9 @@ from ddgcli.simulation.model import Model, Schedule, flow_schedule
 MAX_STEPS = 2000
 DEFAULT_FRAME_COUNT = 50
 DEFAULT_STEP = 5e-4  # in radius^2 (elastic: radius^4) of the circle of the shortest curve's length
+DEFAULT_OPEN_STEP = (
+    1e-2  # of the half circle, where all are open: MAX_STEPS are 20 decay times of sin(pi s / L)
+)
 EXTENT_RANGE = (1e-60, 1e60)
 MAX_TURNING = np.pi - 1e-6  # radians; a joint that turns back has no elastic energy gradient
 
@@ -196,6 +199,8 @@ def schedule(flow: CurveFlow, options: Mapping[str, Any]) -> Schedule:
     """
     if options.get("tolerance") is not None and not options.get("duration"):
         raise ParameterError("needs `duration`; it chooses the steps up to that time", parameter="tolerance")
-    radius = float(flow.first_length.min()) / (2 * math.pi)
-    own_step = DEFAULT_STEP * radius ** (4 if flow.kind == "elastic" else 2) * flow.time_unit
+    is_open = not flow.mesh.closed.any()
+    radius = float(flow.first_length.min()) / (math.pi if is_open else 2 * math.pi)
+    step = DEFAULT_OPEN_STEP if is_open else DEFAULT_STEP
+    own_step = step * radius ** (4 if flow.kind == "elastic" else 2) * flow.time_unit
     return flow_schedule(options, own_step, max_steps=MAX_STEPS, n_frames=DEFAULT_FRAME_COUNT)
