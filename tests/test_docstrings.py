@@ -38,15 +38,15 @@ PACKAGES = (
 
 def imported_names(tree: ast.Module) -> Iterator[tuple[str, str]]:
     """(module, name) of everything that a module imports from another, also as `module.name`."""
-    alias = {}
+    alias, attributes = {}, []
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module:
             for name in node.names:
                 yield node.module, name.name
                 alias[name.asname or name.name] = f"{node.module}.{name.name}"
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in alias:
-            yield alias[node.value.id], node.attr
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            attributes.append((node.value.id, node.attr))
+    yield from {(alias[name], attribute) for name, attribute in attributes if name in alias}
 
 
 def public_functions(trees: dict[str, ast.Module]) -> Iterator[tuple[str, ast.FunctionDef]]:

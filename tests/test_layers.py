@@ -1,6 +1,7 @@
 """Imports point one way: packages import only packages below them, and modules form no cycle."""
 
 import ast
+import functools
 import graphlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -55,6 +56,7 @@ ONE_PACKAGE = {"click": "cli", "meshio": "io", "trimesh": "io", "h5py": "io", "m
 PEERS = {"igl", "potpourri3d", "pygeodesic", "robust_laplacian", "pymeshlab", "gpytoolbox"}
 
 
+@functools.cache  # three tests read each file
 def imported_names(source: str) -> list[str]:
     """Dotted names that a source imports, at its top or inside functions."""
     names: list[str] = []

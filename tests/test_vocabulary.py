@@ -23,9 +23,8 @@ PROSE = re.compile(
     r"\b(pays?|paid|price|lives?|lived|knows?|speaks?|walks|walked|asks?|asked|tells?|told|story|honest(?:ly)?"
     r"|trusted|trusts|says?|said|anew|forgets?|remembers?|remembered|remembering|lonely|believes?|nobody"
     r"|whoever|somebody|deserves?|by itself|stands? (?:beside|behind|still|once|on|in)|stood|goes on|went on"
-    r"|for ever|forever|afresh|mends?|mended|spoils?|spoilt|hurts?|wants|wanted|wishes)\b",
-    re.IGNORECASE,
-)
+    r"|for ever|forever|afresh|mends?|mended|spoils?|spoilt|hurts?|wants|wanted|wishes)\b"
+)  # of lower-case text: four times as fast as without regard to case
 PROSE_FILES = sorted(
     path
     for path in (
@@ -62,11 +61,9 @@ def banned(tree: ast.Module) -> list[tuple[int, str]]:
 def test_no_value_is_named_by_a_participle_a_metaphor_or_a_word_of_several_meanings():
     words = "|".join(sorted(PARTICIPLES | METAPHORS | AMBIGUOUS))
     # a word where a name may be bound; only files with one are parsed, which takes seconds less
-    candidate = re.compile(
-        rf"(?<![^\W_])(?:{words})(?:_\w+)?\s*(?:[=:,)(]|in\b|$)", re.IGNORECASE | re.MULTILINE
-    )
+    candidate = re.compile(rf"(?<![^\W_])(?:{words})(?:_\w+)?\s*(?:[=:,)(]|in\b|$)", re.MULTILINE)
     sources = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in FILES}
-    parsed = {path: ast.parse(source) for path, source in sources.items() if candidate.search(source)}
+    parsed = {path: ast.parse(source) for path, source in sources.items() if candidate.search(source.lower())}
     assert len(sources) > 300 and len(parsed) > 5
     assert {path: names for path, tree in parsed.items() if (names := banned(tree))} == {}
 
@@ -110,12 +107,12 @@ def test_no_docstring_comment_message_or_page_uses_a_metaphor_of_the_list():
         f"{path.relative_to(ROOT)}:{number}": line.strip()
         for path in PROSE_FILES
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
-        if PROSE.search(line)
+        if PROSE.search(line.lower())
     }
     assert len(PROSE_FILES) > 300
     assert uses == {}
 
 
 def test_a_metaphor_in_prose_is_detected():
-    assert PROSE.search("The reader knows no tetrahedra.") and PROSE.search("it goes on for ever")
-    assert not PROSE.search("A known value on standard error is unknown to the understanding.")
+    assert PROSE.search("the reader knows no tetrahedra.") and PROSE.search("it goes on for ever")
+    assert not PROSE.search("a known value on standard error is unknown to the understanding.")
