@@ -63,29 +63,30 @@ def test_nothing_passes_through_the_floor(integrator):
 
 
 def test_a_cloth_comes_to_rest_at_the_gap_where_the_barrier_bears_its_weight():
-    snapshots, _, _ = run(duration=1.0)
+    snapshots, _, _ = run(duration=0.3)
     z = snapshots[-1].observations["s"].points[:, 2]
     v = snapshots[-1].observations["s"].vertex["velocity"]
-    assert np.abs(v).max() < 2e-3
+    assert np.abs(v).max() < 1e-4
     assert z.min() > 0 and z.max() < 0.005
 
 
 def test_steep_incline_slides_with_the_acceleration_of_coulomb():
     mu, degrees = 0.3, 35
-    snapshots, contexts, _ = run(gravity=gravity_on_incline(degrees), friction=mu, duration=0.4)
+    snapshots, contexts, _ = run(gravity=gravity_on_incline(degrees), friction=mu, duration=0.3)
     mass = contexts["s"].mass.sum()
     speed = np.array(scalar(snapshots, "momentum"))[:, 0] / mass
     times = np.array([s.time for s in snapshots])
     late = times > 0.15
     slope = np.polyfit(times[late], speed[late], 1)[0]
     angle = np.radians(degrees)
-    assert slope == pytest.approx(9.81 * (np.sin(angle) - mu * np.cos(angle)), rel=0.03)
+    assert slope == pytest.approx(9.81 * (np.sin(angle) - mu * np.cos(angle)), rel=1e-3)
 
 
 def test_shallow_incline_sticks():
-    snapshots, contexts, _ = run(gravity=gravity_on_incline(10), friction=0.5, duration=0.4)
-    speed = np.array(scalar(snapshots, "momentum"))[-1, 0] / contexts["s"].mass.sum()
-    assert 0 < speed < 1.5e-4  # the creep that regularised friction allows: a part of `slip`
+    snapshots, contexts, _ = run(gravity=gravity_on_incline(10), friction=0.5, duration=0.2)
+    speed = np.array(scalar(snapshots, "momentum"))[:, 0] / contexts["s"].mass.sum()
+    assert 0 < speed[-1] < 1.5e-4  # the creep that regularised friction allows: a part of `slip`
+    assert speed[-1] == pytest.approx(speed[len(speed) // 2], rel=0.02)  # which grows no more
 
 
 def test_without_friction_the_tangential_momentum_stays():
@@ -153,7 +154,7 @@ def test_explicit_steps_are_short_enough_for_the_barrier(integrator, caplog):
 @pytest.mark.parametrize("damping", ["stiffness = 1e-2", "mass = 1e3"])
 def test_explicit_steps_are_short_enough_for_damping(integrator, damping):
     text = SCENE.format(
-        duration=0.1, step=5e-3, frame=0.01, integrator=integrator, position=[0, 0, 9], friction=0,
+        duration=0.02, step=5e-3, frame=5e-3, integrator=integrator, position=[0, 0, 9], friction=0,
         velocity=[0.1, 0, 0], obstacle="plane = {}", gravity=[0, 0, 0],
     ).replace("velocity = ", "angular_velocity = [20, 5, 3]\nvelocity = ")  # fmt: skip
     snapshots, _, _ = shell_run(text + f"damping = {{ {damping} }}\n")
@@ -164,17 +165,17 @@ def test_explicit_steps_are_short_enough_for_damping(integrator, damping):
 def test_damping_slows_as_it_says():
     """Mass damping alone: free flight slows as exp(-alpha t)."""
     text = SCENE.format(
-        duration=0.5, step=1e-3, frame=0.1, integrator="newmark", position=[0, 0, 9], velocity=[1, 0, 0],
+        duration=0.1, step=1e-3, frame=0.1, integrator="newmark", position=[0, 0, 9], velocity=[1, 0, 0],
         obstacle="plane = {}", gravity=[0, 0, 0], friction=0,
     )  # fmt: skip
     snapshots, contexts, _ = shell_run(text + "damping = { mass = 3 }\n")
     speed = np.array(scalar(snapshots, "momentum"))[:, 0] / contexts["s"].mass.sum()
-    assert speed[-1] == pytest.approx(np.exp(-1.5), rel=1e-5)
+    assert speed[-1] == pytest.approx(np.exp(-0.3), rel=1e-6)  # (alpha dt)^2 alpha t / 12 is 2e-7
 
 
 def test_stiffness_damping_keeps_both_momenta_and_takes_energy():
     text = SCENE.format(
-        duration=0.2, step=1e-3, frame=0.02, integrator="implicit-midpoint", position=[0, 0, 9],
+        duration=0.08, step=1e-3, frame=0.02, integrator="implicit-midpoint", position=[0, 0, 9],
         velocity=[0, 0, 0], obstacle="plane = {}", gravity=[0, 0, 0], friction=0,
     ).replace("velocity = [0, 0, 0]", "angular_velocity = [20, 5, 3]")  # fmt: skip
     snapshots, contexts, _ = shell_run(text + "damping = { stiffness = 1e-3 }\n")
