@@ -198,25 +198,3 @@ def test_a_process_that_is_ended_leaves_whole_frames(tmp_path, sign):
     if sign == signal.SIGKILL:  # what it was laying out again goes with the next output
         temporary_name(partial_file)  # removes leftovers
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
-
-
-@pytest.mark.parametrize("kills", [2, pytest.param(25, marks=pytest.mark.slow)])
-def test_killed_and_resumed_again_and_again_it_ends_with_the_same_bits(run, tmp_path, kills):
-    path = scene(tmp_path, text=SCENE.replace("duration = 0.1", f"duration = {0.1 * kills}"))
-    whole, broken = tmp_path / "whole.vtkhdf", tmp_path / "broken.vtkhdf"
-    assert run("shell-sim", path, "-o", whole).exit_code == 0
-    rng = np.random.default_rng(kills)
-    done = 0
-    while not broken.exists():
-        partial_file = tmp_path / "broken.vtkhdf.part"
-        again = ["--resume", partial_file] if partial_file.exists() else ["-o", broken]
-        child = ddgcli("shell-sim", path, *again, "-q", stdout=subprocess.DEVNULL)
-        if done < kills:
-            deadline = time.time() + 60
-            while not partial_file.exists() and time.time() < deadline:
-                time.sleep(0.02)
-            time.sleep(1.5 * rng.random())
-            child.kill()
-            done += 1
-        child.wait(timeout=300)
-    assert_equal_bits(frames_of(whole), frames_of(broken))

@@ -1,10 +1,6 @@
 """Flows of curves: exact rates of circles and areas, kept quantities, scale, refused input, commands."""
 
 import json
-import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
@@ -21,6 +17,7 @@ from ddgcli.models.curve.setup import CurveFlowOptions, build, without_repeated_
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.model import Schedule
 from ddgcli.simulation.time_loop import evolve
+from tests.cli.test_shell_resume import interrupted_after
 
 
 def closed_curve(points):
@@ -375,51 +372,28 @@ def test_a_loop_that_vanishes_changes_crossings_and_turning_number(tmp_path, sum
     assert (area[5] - area[-1]) / 0.14 == pytest.approx(2 * np.pi, rel=0.01)
 
 
-@pytest.mark.parametrize(
-    "flow, sign",
-    [
-        ("curvature", signal.SIGINT),
-        pytest.param("curvature", signal.SIGKILL, marks=pytest.mark.slow),
-        pytest.param("elastic", signal.SIGKILL, marks=pytest.mark.slow),
-    ],
-)
-def test_a_command_that_is_ended_is_resumed_with_the_same_bits(tmp_path, run, flow, sign):
+@pytest.mark.parametrize("flow", ["curvature", "elastic"])
+def test_a_command_that_is_interrupted_is_resumed_with_the_same_bits(tmp_path, run, monkeypatch, flow):
+    """In this process; `tests/cli/test_kills.py` and `test_random_signals.py` end processes by signals."""
     path = write_obj(tmp_path / "e.obj", (ellipse(60).points, True))
-    words = ("curve-flow", path, "--flow", flow, "--dt", "1e-5", "--steps", "400", "--frame-every", "1e-4")
+    words = ("curve-flow", path, "--flow", flow, "--dt", "1e-5", "--steps", "100", "--frame-every", "1e-4")
     whole, broken = tmp_path / "whole.vtkhdf", tmp_path / "broken.vtkhdf"
     assert run(*words, "-o", whole, "-q").exit_code == 0
     partial = tmp_path / "broken.vtkhdf.part"
-    for _ in range(5):  # a run may end before the signal reaches it
-        broken.unlink(missing_ok=True)
-        process = subprocess.Popen(
-            [sys.executable, "-m", "ddgcli", *map(str, words), "-o", str(broken), "-q"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        while process.poll() is None and not (partial.exists() and readable_frames(partial) >= 3):
-            time.sleep(0.01)
-        process.send_signal(sign)
-        process.wait()
-        if not broken.exists():
-            break
-    assert not broken.exists(), "five runs ended before the signal"
-    assert 3 <= readable_frames(partial) < 41
+    with interrupted_after(monkeypatch, 3):
+        assert run(*words, "-o", broken, "-q").exit_code == 130
+    assert not broken.exists()
+    with Trajectory(str(partial)) as trajectory:
+        assert trajectory.n_frames == 3
     assert run(*words, "--resume", partial, "-q").exit_code == 0
     assert broken.exists() and not partial.exists()
     with Trajectory(str(whole)) as one, Trajectory(str(broken)) as other:
-        assert one.n_frames == other.n_frames == 41 and np.array_equal(one.times, other.times)
-        for k in range(41):
+        assert one.n_frames == other.n_frames == 11 and np.array_equal(one.times, other.times)
+        for k in range(11):
             assert np.array_equal(one.points(k), other.points(k))
             assert np.array_equal(one.vertex(k)["curvature"], other.vertex(k)["curvature"])
         for name, values in one.scalars.items():
             assert np.array_equal(values, other.scalars[name], equal_nan=True), name
-
-
-def readable_frames(path):
-    try:
-        with Trajectory(str(path)) as run:
-            return run.n_frames
-    except Exception:  # the file is being written
-        return 0
 
 
 def test_a_figure_of_eight_that_has_folded_onto_a_line_is_not_converged(tmp_path, run):
