@@ -6,6 +6,7 @@ import json
 import os
 import signal
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import pytest
@@ -57,6 +58,12 @@ def default_pictures(monkeypatch):
     """Pictures without `--size` have their usual size."""
     for name in PAGE_SIZES:
         monkeypatch.setattr(name, page_size)
+
+
+@pytest.fixture
+def processor_clock(monkeypatch):
+    """The account of a run counts processor seconds: none of them are of another program."""
+    monkeypatch.setattr("ddgcli.simulation.account.perf_counter", process_time)
 
 
 @pytest.fixture
