@@ -13,7 +13,7 @@ DDGCLI ?= $(BIN)/ddgcli
 CURVATURE_OPTIONS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels lowest fuzz mutants bench-page \
+.PHONY: help demo pipeline test suite test-all lint fmt bench accuracy accuracy-check samples kernels lowest fuzz mutants bench-page \
   docs man dist hardcases hardcases-peers clean
 
 help:  ## this list
@@ -28,8 +28,10 @@ $(STAMP_RUN): pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[plot]'
 	@touch $@
 
+# pip would compile modules on one core, those of tests too; what does not compile here does so at its import
 $(STAMP_TEST): pyproject.toml | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[plot,fast,test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e '.[plot,fast,test]'
+	@$(BIN)/python -m compileall -qq -j 0 -x '/tests?/' $(VENV)/lib || true
 	@touch $@ $(STAMP_RUN)
 
 $(STAMP_DOCS): pyproject.toml | $(VENV)/bin/python
@@ -80,8 +82,11 @@ fmt: $(STAMP_TEST)  ## format the code
 	$(BIN)/ruff format .
 
 test: $(STAMP_TEST)  ## install what tests need; run lint, the accuracy check and the suite
-	$(MAKE) --no-print-directory -j2 lint accuracy-check  # each keeps one core busy
-	$(BIN)/python -m pytest -n 2 -m 'not slow'
+	$(MAKE) --no-print-directory -j2 lint suite
+
+# in `make test` beside lint, whose mypy keeps one core busy for longer than the accuracy check the other
+suite: accuracy-check
+	env -u MAKEFLAGS -u MFLAGS $(BIN)/python -m pytest -n 2 -m 'not slow'
 
 test-all: $(STAMP_TEST) lint  ## the slow tests too
 	$(BIN)/python -m pytest -n 2
