@@ -17,6 +17,7 @@ __all__ = [
     "modes",
     "newton",
     "pair_blocks",
+    "rigid_motions",
     "rounding",
     "stability",
     "system",

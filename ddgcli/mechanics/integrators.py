@@ -319,8 +319,12 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
     except StepRejected as rejected:
         if getattr(parameters, "load_steps", 1) > 1:
             raise  # the loop halves the load step
+        from ddgcli.mechanics.rigid_motions import unheld_motions
+
+        unheld = unheld_motions(system)
+        cause = f"{rejected}; {unheld}" if unheld else str(rejected)
         raise SolveError(
-            f"no equilibrium was found ({rejected}): hold the shell by pins or lessen the load"
+            f"no equilibrium was found ({cause}): hold the shell by pins or lessen the load"
         ) from rejected
     still = np.zeros_like(y)
     return checked(system, Motion(y, still, still, motion.newton + count))

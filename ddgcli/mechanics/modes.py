@@ -95,7 +95,10 @@ def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
     try:
         move = newton.spread(Factor(stiffness, pivot=False).solve(force))
     except SolveError as error:
-        raise SolveError("the supports do not hold the shell: buckling loads need pins") from error
+        from ddgcli.mechanics.rigid_motions import unheld_motions
+
+        unheld = unheld_motions(system) or "the supports do not hold the shell"
+        raise SolveError(f"{unheld}: buckling loads need pins") from error
     step = DIFFERENCE_STEP * system.size / float(np.abs(move).max())
     ahead = _stress_part(_with_loads(system, step), x + step * move)
     behind = _stress_part(_with_loads(system, -step), x - step * move)

@@ -6,8 +6,10 @@ import pytest
 from ddgcli.errors import SolveError
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mechanics.modes import buckling_modes, natural_modes
+from ddgcli.mechanics.rigid_motions import unheld_motions
 from ddgcli.mesh.shapes import grid, icosphere
 from ddgcli.models.shell.face_arrays import face_arrays
+from ddgcli.models.shell.report import _instability
 from tests.physics.test_shell_midedge import CLAMP, RIGIDITY, border, built, run, square
 
 STRIP = grid(20, 2, 1, 0.1, "alternating")
@@ -96,7 +98,7 @@ def test_compression_lowers_the_frequency_to_zero_at_the_buckling_load():
     ("effects", "message"),
     [
         (CLAMP.format(ROOT), "nothing buckles"),
-        (push(1.0), "do not hold the shell"),
+        (push(1.0), "nothing holds the shell"),
         ("pin = { box = [[0, 0, 0], [1, 1, 0]] }\n" + push(1.0), "nothing buckles"),
     ],
 )
@@ -104,6 +106,35 @@ def test_shells_that_cannot_buckle_are_errors(effects, message):
     _, _, system = built(STRIP, effects)
     with pytest.raises(SolveError, match=message):
         buckling_modes(system, X, 2)
+
+
+HINGE = f"[[effects.pin]]\nvertices = {ROOT}\n"
+CORNER = f"[[effects.pin]]\nvertices = [{ROOT[0]}]\n"
+
+
+@pytest.mark.parametrize(
+    ("effects", "motion"),
+    [
+        ("", "nothing holds the shell"),
+        (CORNER, "leave 3 of 6 rigid motions free"),
+        (CORNER + 'axes = "xy"', "leave 4 of 6 rigid motions free"),
+        (HINGE, "leave a rotation free, about the axis (0, 1, 0) through (0, 0.05, 0)"),
+        (HINGE + 'axes = "xz"\nclamp = true', "leave a translation free, along (0, 1, 0)"),
+        (HINGE + "clamp = true", ""),
+        (HINGE + CORNER.replace(f"{ROOT[0]}", f"{TIP[0]}"), ""),
+    ],
+)
+def test_rigid_motions_that_supports_leave_free_are_named(effects, motion):
+    _, _, system = built(STRIP, effects)
+    unheld = unheld_motions(system).replace("(0, -1, 0)", "(0, 1, 0)")
+    assert unheld == motion or (motion and unheld.endswith(motion))
+
+
+def test_what_turns_without_bending_is_reported_as_a_rotation(caplog):
+    """A strip hinged at one end and pushed towards it: straight is an equilibrium that a rotation leaves."""
+    _, _, system = built(STRIP, push(1.0) + "\n" + HINGE)
+    assert _instability({"s": X * [1 - 1.0 / 1.2e5, 1, 1]}, {"s": system}) == 1
+    assert "leave a rotation free" in caplog.text and "buckle" not in caplog.text
 
 
 def test_faces_of_a_stretched_strip_have_the_stress_of_the_load():

@@ -166,6 +166,7 @@ def _accuracy(outcome: Outcome, systems: dict[str, System], order: Order) -> dic
 def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | None:
     """Negative eigenvalues of the Hessians at all equilibria; a warning where there are some."""
     from ddgcli.mechanics.equilibrium import unstable_directions
+    from ddgcli.mechanics.rigid_motions import unheld_motions
 
     total: int | None = 0
     for name, system in systems.items():
@@ -174,10 +175,12 @@ def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | N
         if count is None:
             log.warning("object %s: no factorisation shows whether the equilibrium is stable", name)
         elif count:
+            unheld = unheld_motions(system)
             log.warning(
-                "object %s: the equilibrium is unstable, its Hessian has %d negative eigenvalue%s; give it a "
-                "small load in the direction in which it should buckle",
+                "object %s: the equilibrium is unstable, its Hessian has %d negative eigenvalue%s; %s",
                 name, count, "s" * (count > 1),
+                f"{unheld}, hold it by pins" if unheld
+                else "give it a small load in the direction in which it should buckle",
             )  # fmt: skip
     return total
 
