@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import angle_of, cone_volume, cross, ratio, unit_vectors
+from ddgcli.mesh.vectors import angle_of, cone_volume, cross, dot, ratio, unit_vectors
 
 FOLD_TOLERANCE = 1e-7  # radians from pi at which the side of a fold is rounding
 EDGES_PER_BLOCK = 16_384  # edges handled at once: the working arrays stay in the cache
@@ -144,29 +144,25 @@ def dihedral_angle_and_length(
     edge_length[others] = _vector_and_length(points, *topology.edges[others].T)[1]
     for begin in range(0, len(interior), EDGES_PER_BLOCK):
         side = interior[begin : begin + EDGES_PER_BLOCK]
-        other = twin[side]
-        face, beyond = side // 3, other // 3
-        x0, y0, z0 = (np.take(c, face) for c in normals)
-        x1, y1, z1 = (np.take(c, beyond) for c in normals)
+        other = twin.take(side)
+        here, beyond = normals.take(side // 3, axis=1), normals.take(other // 3, axis=1)
         if not topology.is_oriented:
-            turned = np.where(sign[side] == sign[other], -1.0, 1.0)
-            x1, y1, z1 = x1 * turned, y1 * turned, z1 * turned
-        (ex, ey, ez), length = _vector_and_length(points, topology.side_tail[side], topology.side_head[side])
-        volume = ex * (y0 * z1 - z0 * y1) + ey * (z0 * x1 - x0 * z1) + ez * (x0 * y1 - y0 * x1)
-        sine = ratio(volume, length)
-        cosine = x0 * x1 + y0 * y1 + z0 * z1
-        cosine = np.where((sine == 0) & (cosine == 0), 1.0, cosine)  # beside a face without area
-        edge = side_edge[side]
+            beyond *= np.where(sign.take(side) == sign.take(other), -1.0, 1.0)
+        vector, length = _vector_and_length(
+            points, topology.side_tail.take(side), topology.side_head.take(side)
+        )
+        sine, cosine = ratio(dot(vector, cross(here, beyond)), length), dot(here, beyond)
+        cosine[(cosine == 0) & (sine == 0)] = 1.0  # beside a face without area
+        edge = side_edge.take(side)
         angle[edge], edge_length[edge] = angle_of(sine, cosine), length
     return angle, edge_length
 
 
-def _vector_and_length(
-    points: NDArray, tail: NDArray, head: NDArray
-) -> tuple[list[NDArray], NDArray[np.float64]]:
-    """Components (k,) of the vectors between points (3, n), and (k,) their lengths."""
-    x, y, z = (np.take(p, head) - np.take(p, tail) for p in points)
-    return [x, y, z], np.sqrt(x * x + y * y + z * z)
+def _vector_and_length(points: NDArray, tail: NDArray, head: NDArray) -> tuple[NDArray, NDArray[np.float64]]:
+    """Vectors (3, k) between points (3, n), and (k,) their lengths."""
+    vector = points.take(head, axis=1)
+    vector -= points.take(tail, axis=1)
+    return vector, np.sqrt(dot(vector, vector))
 
 
 def hinge_bending(

@@ -126,7 +126,7 @@ class Faces:
     @cached_property
     def mean_length(self) -> float:
         """Mean over all sides."""
-        return float(self.length.mean())
+        return float(np.mean([np.sqrt(row).mean() for row in self.squared_length]))
 
     @cached_property
     def sorted_coordinates(self) -> NDArray[np.float64]:
@@ -179,7 +179,9 @@ class Faces:
     @cached_property
     def normal(self) -> NDArray[np.float64]:
         """(3, m) unit normals; zero where flat."""
-        return np.where(self.flat, 0.0, ratio(self.doubled, self.doubled_area))
+        normal = ratio(self.doubled, self.doubled_area)
+        normal[:, self.flat] = 0.0
+        return normal
 
     @cached_property
     def dot(self) -> NDArray[np.float64]:

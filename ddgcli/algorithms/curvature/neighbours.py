@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.regions import Regions, chunks, select_regions
 from ddgcli.algorithms.curvature.rings import two_rings
-from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.topology import PREVIOUS
+from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot
 
@@ -60,14 +59,18 @@ def _sheared(mesh: TriangleMesh, faces: Faces) -> bool:
     """Whether many edges are far from Delaunay, on a surface whose edges can be flipped."""
     topology = mesh.topology
     most = _MIN_NON_DELAUNAY_SHARE * topology.n_edges
-    # of the two cotangents opposite such an edge one is at most half of the sum
-    if np.count_nonzero(faces.cotan < 0.5 * _NON_DELAUNAY_COTAN_SUM) <= most:
+    half = 0.5 * _NON_DELAUNAY_COTAN_SUM
+    is_low = (faces.cotan < half).ravel()  # as one of the two corners opposite such an edge
+    if np.count_nonzero(is_low) <= most:
         return False
-    opposite = np.zeros(topology.n_edges)
-    for side, cotan in zip(topology.side_edge.T, faces.cotan[PREVIOUS]):
-        opposite += sum_by_index(side, cotan, topology.n_edges)
-    far = (opposite < _NON_DELAUNAY_COTAN_SUM) & (topology.edge_face_count == 2)
-    if far.sum() <= most:
+    corner, face = np.divmod(np.flatnonzero(is_low), mesh.n_faces)
+    twin = topology.side_twin.ravel().take(3 * face + NEXT.take(corner))
+    two_sided = np.flatnonzero(twin >= 0)
+    corner, face, twin = corner.take(two_sided), face.take(two_sided), twin.take(two_sided)
+    cotan = faces.cotan.ravel()
+    other = cotan.take(PREVIOUS.take(twin % 3) * mesh.n_faces + twin // 3)
+    far = cotan.take(corner * mesh.n_faces + face) + other < _NON_DELAUNAY_COTAN_SUM
+    if np.where(other < half, 0.5, 1.0)[far].sum() <= most:  # both corners of an edge may be among them
         return False
     return topology.is_oriented and not len(topology.nonmanifold_edges) and not faces.flat.any()
 

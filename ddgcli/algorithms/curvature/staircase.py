@@ -64,7 +64,9 @@ def is_staircase(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> bool:
             [faces.normal[:, sample] / NORMAL_RESOLUTION, np.log2(area / np.median(area)) / AREA_RESOLUTION]
         )
     )
-    count = np.sort(np.unique(keys, axis=1, return_counts=True)[1])[::-1]
+    keys = (keys - keys.min(axis=1, keepdims=True)).astype(np.int64)  # one number each sorts in a twentieth
+    shape = np.ravel_multi_index(tuple(keys), tuple(keys.max(axis=1) + 1))
+    count = np.sort(np.unique(shape, return_counts=True)[1])[::-1]
     frequent = count[: min(FACE_SHAPES, len(sample) // MIN_FACES_OF_A_SHAPE)]
     if frequent.sum() <= MIN_SHAPE_SHARE * len(sample):
         return False

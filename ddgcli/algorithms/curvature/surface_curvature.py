@@ -421,7 +421,7 @@ def _accuracy(surface: UnitSurface) -> dict[str, float | None]:
     }
     if not surface.orientable or not topology.is_manifold:
         return residuals | {"force_balance_residual": None}
-    at_vertex = np.array([0.48, 0.6, 0.64]) @ faces.points
+    at_vertex = exact.BALANCE_DIRECTION @ faces.points
     height = sum(np.take(at_vertex, corner) for corner in faces.corner)
     balance = totals.balances(faces, topology, surface.normal, surface.dihedral, height > np.median(height))
     inside = topology.referenced_vertex & ~topology.boundary_vertex

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.measures import BALANCE_DIRECTION
 from ddgcli.geometry.extrinsic import EDGES_PER_BLOCK, hinge_bending
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS, PREVIOUS_OFFSET, Topology
@@ -231,14 +232,13 @@ def balances(
         `force`, `torque`, `area`: relative to the sum of the absolute values of the terms.
     """
     twin, first = topology.side_twin.ravel(), topology.interior_sides
-    in_region = np.repeat(region, 3)
     beyond = twin.take(first)
-    here, there = in_region.take(first), in_region.take(beyond)
+    here, there = region.take(first // 3), region.take(beyond // 3)
     edge_side = first.compress(here & there)
     rims = [first.compress(here & ~there), beyond.compress(there & ~here)]
     if 2 * len(first) < len(twin):
         boundary = np.flatnonzero(twin < 0)
-        rims.append(boundary.compress(in_region.take(boundary)))
+        rims.append(boundary.compress(region.take(boundary // 3)))
     rim = np.sort(np.concatenate(rims))
     # signed and absolute sums of each component
     force, torque, area = np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 1))
@@ -257,10 +257,13 @@ def balances(
     for begin in range(0, len(edge_side), EDGES_PER_BLOCK):
         side = edge_side[begin : begin + EDGES_PER_BLOCK]
         middle, vector = _middle_and_side(faces.points, topology, side)
-        bisector = np.take(normal, side // 3, axis=1) + np.take(normal, twin[side] // 3, axis=1)
+        bisector = np.take(normal, side // 3, axis=1)
+        bisector += np.take(normal, twin.take(side) // 3, axis=1)
         # of the bisector at unit length
-        size = ratio(np.sqrt(dot(vector, vector)), np.sqrt(dot(bisector, bisector)))
-        add(middle, 2.0 * np.sin(0.5 * dihedral[side_edge[side]]) * size * bisector)
+        size = np.sqrt(ratio(dot(vector, vector), dot(bisector, bisector)))
+        size *= np.sin(0.5 * dihedral.take(side_edge.take(side)))
+        bisector *= 2.0 * size
+        add(middle, bisector)
     doubled = 2.0 * faces.area[region].sum()
     area[:, 0] += -doubled, doubled
     return {"force": _residual(force), "torque": _residual(torque), "area": _residual(area)}
@@ -268,9 +271,11 @@ def balances(
 
 def _middle_and_side(points: NDArray, topology: Topology, side: NDArray) -> tuple[NDArray, NDArray]:
     """(3, k) middles and vectors of sides."""
-    tail = np.take(points, topology.side_tail[side], axis=1)
-    vector = np.take(points, topology.side_head[side], axis=1) - tail
-    return tail + 0.5 * vector, vector
+    middle = np.take(points, topology.side_tail.take(side), axis=1)
+    vector = np.take(points, topology.side_head.take(side), axis=1)
+    vector -= middle
+    middle += 0.5 * vector
+    return middle, vector
 
 
 def _residual(sums: NDArray) -> float:
@@ -311,7 +316,7 @@ def star_balance(vector: NDArray, conormal: NDArray, link: NDArray, inside: NDAr
     ----------
     vector : (3, n) ndarray of float64
         Of `vector_of`.
-    conormal : (3, n) ndarray of float64
+    conormal : (n,) ndarray of float64
         Sums of `link_conormal` over the stars.
     link : (n,) ndarray of float64
         Sums of `link_length` over the stars.
@@ -321,7 +326,7 @@ def star_balance(vector: NDArray, conormal: NDArray, link: NDArray, inside: NDAr
     Returns
     -------
     float
-        Relative to the length of the link.
+        Along `BALANCE_DIRECTION`, relative to the length of the link.
     """
-    gap = 4 * vector - conormal
-    return float(ratio(np.sqrt(dot(gap, gap)), link)[inside].max(initial=0.0))
+    gap = np.abs(4.0 * (BALANCE_DIRECTION @ vector) - conormal)
+    return float(ratio(gap, link)[inside].max(initial=0.0))
