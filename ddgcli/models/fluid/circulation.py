@@ -108,6 +108,7 @@ class CirculationAdvection:
         if not folded <= most:
             return vorticity, coefficients, folded, 0.0, np.zeros(len(CORRECTIONS), dtype=bool)
         back, forth = self._loop_paths(corner, dt), self._loop_paths(corner, -dt)
+        flux = flux - space.side_flux(np.zeros(space.n), coefficients)
         there = self._advected(back, start, flux, evolve_harmonic)
         again = self._advected(forth, there, self._flux(there), evolve_harmonic)
         corrected = 1.5 * start[0] - 0.5 * again[0], 1.5 * start[1] - 0.5 * again[1]
@@ -120,7 +121,8 @@ class CirculationAdvection:
         return *after, folded, rise, acted
 
     def _flux(self, flow: Flow) -> NDArray[np.float64]:
-        return self.space.side_flux(self.space.stream_function(flow[0]), flow[1])
+        """(m, 3) flux through the sides of a flow without its harmonic part."""
+        return self.space.side_flux(self.space.stream_function(flow[0]), np.zeros(0))
 
     def _loop_paths(self, corner: NDArray, dt: float) -> LoopPaths:
         transport = self.transport
@@ -136,7 +138,11 @@ class CirculationAdvection:
     def _advected(
         self, paths: LoopPaths, flow: Flow, flux: NDArray, evolve: bool, smooth: bool = False
     ) -> Flow:
-        """The flow along the traced loops; `smooth`: without what a face has beyond the vertices' flow."""
+        """The flow along the traced loops; `smooth`: without what a face has beyond the vertices' flow.
+
+        `flux` is that of the flow without its harmonic part. Around loops that the flow carries a harmonic
+        flow keeps its circulations: it is kept as it is, and gains what the rest has of it at the end.
+        """
         space, left, right = self.space, self.left, self.right
         corner = self.transport.corners(flux)
         at_ends = self.transport.end_velocity(corner, paths.centre)
@@ -152,7 +158,7 @@ class CirculationAdvection:
         keep_total(space, after, flow[0])
         coefficients = flow[1]
         if evolve and len(coefficients):
-            coefficients = space.harmonic @ circulation
+            coefficients = flow[1] + space.harmonic @ circulation
         return after, coefficients
 
 

@@ -87,9 +87,13 @@ class CovectorAdvection:
         return BackwardPaths(face, barycentric, shift, turn)
 
     def pulled_back(self, paths: BackwardPaths, flow: Flow, evolve: bool) -> Flow:
-        """The discrete flow nearest to the pull-back of a flow without inflow."""
+        """The discrete flow nearest to the pull-back of a flow without inflow.
+
+        A map that the flow makes changes a harmonic covector by a gradient alone, which the projection takes
+        off: the harmonic part is kept as it is, and gains what the pull-back of the rest contains.
+        """
         space = self.space
-        flux = space.side_flux(space.stream_function_change(flow[0]), flow[1])
+        flux = space.side_flux(space.stream_function_change(flow[0]), np.zeros(0))
         end_velocity = self.transport.end_velocity(self.transport.corners(flux), paths)
         velocity = end_velocity[space.faces] * self.turn
         shift = paths.shift[space.faces] * self.turn
@@ -100,7 +104,7 @@ class CovectorAdvection:
             rim = BackwardPaths(*(array[self.rim] for array in vars(paths).values()))
             after = np.where(space.inside, after, along_walls(space, rim, flow[0]))
             keep_total(space, after, flow[0])
-        return after, coefficients if evolve else flow[1]
+        return after, flow[1] + coefficients if evolve else flow[1]
 
     def sharpened(self, flow: Flow, evolve: bool) -> Flow:
         """The flow and what a pull-back by no map would take from it."""

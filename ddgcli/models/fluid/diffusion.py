@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.sparse import block_array, csc_array, csr_array, diags_array, eye_array
 
 from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.linalg.eigen import smallest_eigenpairs
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.fluid.phases import FlowPhase, Step
@@ -30,6 +31,8 @@ from ddgcli.simulation.model import Observation
 
 CURVATURE_SHARE = {"hodge": 0.0, "bochner": 1.0, "deformation": 2.0}
 SPONGE_RINGS = 8
+N_RIGID_TURNS = 3  # independent ones of a sphere, the most that any surface has
+ANGLE_ROUNDING = 1e-12
 GAMMA = 1.0 - np.sqrt(0.5)
 Forces = tuple[NDArray, NDArray]  # rates of change of vorticity (n,) and harmonic coefficients (b,)
 
@@ -43,6 +46,8 @@ class Decay:
     G, A : (k, k) sparse arrays
         Symmetric; G positive definite.
     b : (k,) ndarray, or 0
+    neutral : (k, q) ndarray, optional
+        Eigenvectors of A, orthonormal in G, whose eigenvalue counts as zero.
 
     Notes
     -----
@@ -52,6 +57,7 @@ class Decay:
     G: csr_array
     A: csr_array
     b: NDArray[np.float64] | float = 0.0
+    neutral: NDArray[np.float64] | None = None
     _factors: dict[float, Factor] = field(default_factory=dict)
 
     def rate(self, x: NDArray, source: NDArray | float = 0.0) -> NDArray[np.float64]:
@@ -67,7 +73,10 @@ class Decay:
         factor = self._factors[dt]
         first = factor.solve(self.rate(x, source), refine=False)
         second = factor.solve(self.rate(x + (1.0 - GAMMA) * dt * first, source), refine=False)
-        return x + dt * ((1.0 - GAMMA) * first + GAMMA * second)
+        after = x + dt * ((1.0 - GAMMA) * first + GAMMA * second)
+        if self.neutral is None:
+            return after
+        return after + self.neutral @ (self.neutral.T @ (self.G @ (x - after) + dt * (source - self.b)))
 
 
 class VorticityDiffusion:
@@ -122,11 +131,15 @@ class VelocityDiffusion:
         ) if flows.shape[1] else space.stiffness[space.free][:, space.free]  # fmt: skip
         self.weight = weight = self.active * space.inverse_mass * outflow_friction(space, nu)
         A = self.curl.T @ diags_array(weight) @ self.curl
-        share = CURVATURE_SHARE[kind]
+        share, neutral = CURVATURE_SHARE[kind], None
         if share:
             A = A - share * (basis.T @ diags_array(curvature_star(space)) @ basis)
+        if kind == "deformation":
+            curvature = face_curvature(space)
+            if float((curvature * space.area).max()) > ANGLE_ROUNDING:  # of a flat surface A is not negative
+                neutral = growing_flows(A.tocsr(), gram.tocsr(), share * float(curvature.max()))
         drag = self.curl.T @ (weight * self.moving)
-        self.decay = Decay(gram.tocsr(), (nu * A).tocsr(), nu * drag)
+        self.decay = Decay(gram.tocsr(), (nu * A).tocsr(), nu * drag, neutral)
 
     def free_stream_function(self, vorticity: NDArray) -> NDArray[np.float64]:
         """Stream function at the free vertices, without the part that the boundary values bring."""
@@ -189,12 +202,46 @@ class Diffusion(FlowPhase):
         return forced.replaced(vorticity=vorticity, coefficients=coefficients)
 
 
-def curvature_star(space: SurfaceSpace) -> NDArray[np.float64]:
-    """(e,) star of the inner product weighted by Gaussian curvature, each vertex's spread over its faces."""
+def growing_flows(A: csr_array, G: csr_array, bound: float) -> NDArray[np.float64] | None:
+    """Eigenvectors of A x = lambda G x with lambda < 0: rigid turns that errors of a mesh amplify.
+
+    The decay rate of the deformation Laplacian is zero for them and positive for all other flows; the
+    discrete rate is the difference of two terms with errors of their own.
+
+    Parameters
+    ----------
+    A, G : (k, k) sparse arrays
+        Symmetric; G positive definite.
+    bound : float
+        A + bound G is positive semidefinite.
+
+    Returns
+    -------
+    (k, q) ndarray of float64, or None
+        Orthonormal in G. None where there are none.
+    """
+    n, count = A.shape[0], N_RIGID_TURNS + 1
+    while n:
+        count = min(count, n)
+        pairs = smallest_eigenpairs(csr_array(A + bound * G), G, count)
+        growing = pairs.values < bound
+        if count == n or not growing.all():
+            return pairs.vectors[:, growing] if growing.any() else None
+        count *= 2
+    return None
+
+
+def face_curvature(space: SurfaceSpace) -> NDArray[np.float64]:
+    """(m,) Gaussian curvature, each vertex's spread over its faces [1/m^2]."""
     angle = corner_angle(space.mesh.side_length)
     full = np.where(space.mesh.topology.boundary_vertex, np.pi, 2.0 * np.pi)
     defect = full - sum_by_index(space.faces, angle, space.n)
-    density = (defect * space.inverse_mass)[space.faces].mean(axis=1)
+    return np.asarray((defect * space.inverse_mass)[space.faces].mean(axis=1))
+
+
+def curvature_star(space: SurfaceSpace) -> NDArray[np.float64]:
+    """(e,) star of the inner product weighted by Gaussian curvature."""
+    density = face_curvature(space)
     opposite = -(space.side[:, [1, 2, 0]] * np.conj(space.side[:, [2, 0, 1]])).real
     weight = 0.25 * density[:, None] * opposite / space.area[:, None]
     n_edges = space.mesh.topology.n_edges
