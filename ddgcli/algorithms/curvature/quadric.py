@@ -179,7 +179,8 @@ def local_coordinates(
 def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple[NDArray, NDArray]:
     """Neighbours whose normals are less than a right angle from their vertex's: heights are a function.
 
-    A vertex left with fewer than three, as the corners of a tetrahedron are, keeps those below 120 degrees.
+    A vertex left with fewer than the six terms of a quadratic polynomial, as at the corners of a tetrahedron and
+    on tubes of four sides, keeps those below 120 degrees.
     """
     # whole indices once, as each np.take would convert them
     member = regions.member[regions.start[begin] : regions.start[end]].astype(np.intp, copy=False)
@@ -192,8 +193,8 @@ def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple
     if keep.all():
         return start, member
     n_members = np.add.reduceat(keep, start[:-1], dtype=np.int64)
-    if n_members.min() < 4:
-        keep |= np.repeat(n_members < 4, count) & (cosine > -0.5 + _RIGHT_ANGLE)
+    if n_members.min() < len(_LOW_TERMS):
+        keep |= np.repeat(n_members < len(_LOW_TERMS), count) & (cosine > -0.5 + _RIGHT_ANGLE)
         n_members = np.add.reduceat(keep, start[:-1], dtype=np.int64)
     return list_starts(n_members), member[keep]
 
