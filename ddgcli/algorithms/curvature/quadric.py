@@ -179,8 +179,8 @@ def local_coordinates(
 def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple[NDArray, NDArray]:
     """Neighbours whose normals are less than a right angle from their vertex's: heights are a function.
 
-    A vertex left with fewer than the six terms of a quadratic polynomial, as at the corners of a tetrahedron and
-    on tubes of four sides, keeps those below 120 degrees.
+    A vertex left with fewer than the six terms of a quadratic polynomial, as at the corners of a tetrahedron
+    and on tubes of four sides, keeps those below 120 degrees.
     """
     # whole indices once, as each np.take would convert them
     member = regions.member[regions.start[begin] : regions.start[end]].astype(np.intp, copy=False)

@@ -35,6 +35,7 @@ FIXED_STEP_RANGE = (0.3, 60.0)  # up to 10,000 steps, whatever the mesh
 # of the seconds and memory of the search for noise in balls, on meshes where it ends early: guesses
 CLEAN_SECONDS_SHARE, CLEAN_MEMORY_SHARE = 0.2, 0.3
 NOISY_RANGE: Range = (0.1, 3.0)  # rough surfaces may be creased only
+NOISY_MEMORY = 1.4  # balls wider than on the measured noisy sphere: scans, voxel surfaces (1.2 to 1.9)
 AUTO_RINGS = 4.0  # of the radius that balances noise and bias
 # Windows of exact distances: a face has 0.2 (flat strips) to 0.7 (smooth surfaces) times the edges between it
 # and the source; a round of the wavefront costs as much as 1,800 of them, and an edge takes 2 to 5 rounds
@@ -156,7 +157,7 @@ def _ball_work(radius: float, size: InputSize) -> float:
 def _noise_search(size: InputSize) -> Use:
     """The search for noise in balls, which clean meshes end early."""
     if size.rough:
-        return Use("curvature noise", added=1.0, range=NOISY_RANGE, assumes="noise")
+        return Use("curvature noise", added=NOISY_MEMORY, range=NOISY_RANGE, assumes="noise")
     return Use("curvature noise", CLEAN_SECONDS_SHARE, CLEAN_MEMORY_SHARE)
 
 
