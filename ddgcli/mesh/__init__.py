@@ -16,6 +16,7 @@ __all__ = [
     "ragged",
     "repair",
     "require",
+    "requirements",
     "scatter",
     "shapes",
     "sides",

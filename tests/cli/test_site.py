@@ -76,7 +76,7 @@ def test_the_readme_has_five_examples_pictures_of_two_scenes_and_of_two_measurem
     "command, number",
     [
         ("info", "faces_above_120_degrees  9216"),
-        ("curvature", "min 0.415872, max 1.60667"),
+        ("curvature", "min 0.415881, max 1.60668"),
         ("curvature --scheme cotan", "min 0.685509"),
         ("laplacian --eigen 6", "6.18622]"),
         ("laplacian --operator cotan", "6.46097]"),

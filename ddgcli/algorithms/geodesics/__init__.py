@@ -13,6 +13,7 @@ __all__ = [
     "distance_matrix",
     "distance_query",
     "edge_curves",
+    "edge_distance",
     "edge_sets",
     "exact",
     "fast_marching",
