@@ -321,7 +321,8 @@ def _check_rejected(active: ActiveModel, step: int, time: float, dt: float) -> N
         unit, shorter = active.model.time_unit, min(active.smallest, dt / 2)
         raise SolveError(
             f"t = {time:.6g} {unit}, {active.name}: {active.n_rejected} attempts have failed in {step + 1} "
-            f"steps of {dt:.3g} {unit}; weaken the loads, or make the step {shorter:.1g} {unit}"
+            f"steps of {dt:.3g} {unit}; make the step {shorter:.1g} {unit}, "
+            f"or weaken the forces and velocities"
         )
 
 
