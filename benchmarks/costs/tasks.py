@@ -107,6 +107,10 @@ SURFACE = [
     Task("geodesic field", "geodesic {mesh} --field wind"),
     Task("geodesic transport", "geodesic {mesh} --source 0 --path-to 9 --transport"),
     Task("geodesic vector-heat", "geodesic {mesh} --source 0 --spread-vector 0.3,0.5,1"),
+    Task("geodesic trace", "geodesic {mesh} --trace 0:1,0,0:1,0.3,0:10"),
+    Task("geodesic fan", "geodesic {mesh} --source 0 --fan 100 --fan-length 1 --method fast-marching"),
+    Task("geodesic isolines", "geodesic {mesh} --source 0 --isolines 20 --method fast-marching"),
+    Task("geodesic voronoi", "geodesic {mesh} --source 0,9 --voronoi"),
     Task("willmore-flow", "willmore-flow {mesh} --steps 1 --dt 1e-9", SMALL_SIZES),
     *(
         Task(

@@ -232,6 +232,12 @@ def test_heat_kernel_signatures_take_the_eigenpairs_that_the_run_computes():
         assert kernels_of("laplacian", {"hks": times, "eigen": 900}, size)[-1].times == 892
 
 
+def test_curves_of_a_geodesic_run_are_counted():
+    options = {"fan": 300, "isolines": 40, "voronoi": True, "trace": ["0:1,0,0:1,0,0:1"]}
+    uses = {use.kernel: use.times for use in kernels_of("geodesic", options, InputSize("surface", 10_000))}
+    assert uses == {"geodesic trace": 1, "geodesic fan": 3, "geodesic isolines": 2, "geodesic voronoi": 1}
+
+
 def test_harmonic_fields_are_counted_by_eulers_formula():
     tube = shapes.cylinder(8, 4)
     for mesh, count in ((shapes.torus(8, 6), 2), (shapes.icosphere(1), 0), (shapes.grid(3, 3), 0), (tube, 1)):

@@ -127,4 +127,8 @@ COEFFICIENTS: dict[str, Cost] = {
     "fluid-sim covector step tetrahedra": Cost(0, 1.48, 1.05, 4.396, 559.3),
     "shell-sim buckling": Cost(0.3732, 33.44, 1.15, 26.51, 1326),
     "shell-sim avi": Cost(0, 1.198, 1.05, 1.053, 637.5),
+    "geodesic trace": Cost(0.1031, 0.1415, 1.05, 1.622, 63.59),
+    "geodesic fan": Cost(0.1197, 0.1614, 1.05, 3.008, 89.37),
+    "geodesic isolines": Cost(0.02971, 0.07663, 1.05, 2.171, 99.81),
+    "geodesic voronoi": Cost(0, 0.625, 1.05, 2.395, 55.5),
 }

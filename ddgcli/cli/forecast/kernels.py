@@ -27,6 +27,7 @@ MEASURED_RINGS, VERTICES_PER_SQUARED_RING = 3.0, 4.15  # of the kernels with a r
 BALL_OVERHEAD = 0.75  # of their seconds, what does not grow with the vertices of a ball
 MEASURED_REFINEMENT_DEGREES = 25.0
 MEASURED_EVOLUTION_STEPS = 100
+MEASURED_RAYS, MEASURED_ISOLINES = 100, 20
 CERTIFICATE_RUNS = 4
 PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
 MAX_COMPARED_FACES, TRADEOFF_RANGE = 14_000, (0.2, 5.0)  # on larger meshes the budget bounds the rows
@@ -262,6 +263,14 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         yield Use("geodesic transport")
     if options.get("signed_distance") or options.get("spread_vector"):
         yield Use("geodesic vector-heat")
+    if options.get("trace"):
+        yield Use("geodesic trace")
+    if rays := options.get("fan"):
+        yield Use("geodesic fan", rays / MEASURED_RAYS, once=True)
+    if levels := options.get("isolines"):
+        yield Use("geodesic isolines", levels / MEASURED_ISOLINES, once=True)
+    if options.get("voronoi"):
+        yield Use("geodesic voronoi")
 
 
 def _count(vertices: Any) -> int:
