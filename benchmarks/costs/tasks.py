@@ -35,7 +35,7 @@ SURFACE = [
     Task("picture", "info {mesh} --plot {out}.png"),
     Task("repair", "repair {mesh} --for curvature"),
     *(
-        Task(f"curvature {scheme}", f"curvature {{mesh}} --scheme {scheme}", short=True)
+        Task(f"curvature {scheme}", f"curvature {{mesh}} --scheme {scheme}", LARGE_SIZES, short=True)
         for scheme in ("cotan", "normal-cycle", "corrected", "quadric")
     ),
     *(
@@ -47,7 +47,7 @@ SURFACE = [
         for scheme in ("normal-cycle", "corrected", "quadric")
     ),
     Task("curvature quadric auto", "curvature {mesh} --radius auto", short=True),
-    Task("curvature further results", "curvature {mesh} --scheme corrected"),
+    Task("curvature further results", "curvature {mesh} --scheme corrected", LARGE_SIZES),
     Task("curvature noise", "curvature {mesh} --scheme corrected", mesh="noisy", uses=1.0),
     Task("curvature normal-voting", "curvature {mesh} --scheme normal-voting", short=True),
     Task(
