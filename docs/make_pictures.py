@@ -40,6 +40,8 @@ COMMANDS: dict[str, list[str]] = {
     "laplacian": ["laplacian", "sample_meshes/frame.off", "--hks", "0.1"],
     "hodge": ["hodge", "sample_meshes/frame.off"],
     "shell-cloth": ["shell-sim", "sample_scenes/cloth_on_mesh.toml"],
+    "fluid-street": ["fluid-sim", "sample_scenes/karman_street.toml"],
+    "fluid-jet": ["fluid-sim", "sample_scenes/jet_sphere.toml"],
     "shell-bulb": ["shell-sim", "sample_scenes/light_bulb.toml"],
     "tradeoff-maps": [
         *("tradeoff", "laplacian", "sample_meshes/saddle.obj", "--maps", "--norm", "mean", "--repeat", "3"),

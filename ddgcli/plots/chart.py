@@ -20,6 +20,7 @@ DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)
 
 MIN_AXIS_RANGE = 1e-5  # of the largest value
 LABELS_HEIGHT = 0.48  # inches, of the numbers and the label below the horizontal axis
+CHARACTERS_PER_INCH = 13  # of the label beside the vertical axis
 
 Series = tuple[ArrayLike, ArrayLike]
 
@@ -93,7 +94,8 @@ def draw_chart(
         if threshold is not None:
             axes.axhline(threshold[1], label=threshold[0], color="0.3", linewidth=1.0, linestyle=(0, (1, 2)))
         _widen(axes, drawable, log)
-        axes.set(xlabel=xlabel, ylabel=ylabel, title=title)
+        wrapped_ylabel = textwrap.fill(ylabel, int(CHARACTERS_PER_INCH * height))
+        axes.set(xlabel=xlabel, ylabel=wrapped_ylabel, title=title)
         _draw_grid_and_legend(axes, log, has_legend)
         if texts:
             shown_points = [(x[shown], y[shown]) for x, y, shown in drawable.values()]

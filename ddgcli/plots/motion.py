@@ -22,6 +22,7 @@ from ddgcli.plots.colour import robust_limits
 from ddgcli.plots.curve import draw_curves
 from ddgcli.plots.glyphs import Glyphs
 from ddgcli.plots.page import page
+from ddgcli.plots.raster import flat_view
 from ddgcli.plots.surface import draw_surface
 
 MAX_PICTURE_FRAMES = 4
@@ -108,7 +109,8 @@ def sequence_style(
     label : str
         Beside the colour bar.
     view : mapping, optional
-        `view` and `up` of `draw_surface`.
+        `view` and `up` of `draw_surface`; where the former is None, bodies that stay in a plane normal to an
+        axis are seen along it, whatever the obstacles.
     limits : (float, float), optional
         Ends of the colour bar, diverging about zero if zero lies between them; default `robust_limits` over
         all frames.
@@ -129,6 +131,8 @@ def sequence_style(
         if plot_frame.values is not None:
             values.append(plot_frame.values)
     low, high = np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))
+    view = dict(view or {})
+    view["view"] = view.get("view") or flat_view(high - low, view.get("up") or "z")
     if obstacles:
         around, reach = np.concatenate(obstacles), NEAR_SHARE * float(np.linalg.norm(high - low))
         low = np.minimum(low, np.maximum(around.min(axis=0), low - reach))

@@ -18,6 +18,8 @@ OUTLINE_DEPTH_STEP = 0.012  # relative to the size of the picture
 MARGIN = 0.03  # of a picture, free at each side
 
 View = str | tuple[float, float] | None
+FLATNESS = 1e-3  # ratio of the least and the largest extent of a flat shape
+TURNED_AXES = {"z": [0, 1, 2], "y": [2, 0, 1], "x": [1, 2, 0]}  # axes, with the one that points up last
 # elevation and azimuth in degrees; the vertical axis of the page is z, or y for a look along z
 VIEWS = {"x": (0.0, 0.0), "y": (0.0, -90.0), "z": (90.0, -90.0), "iso": (25.0, -60.0)}
 
@@ -67,17 +69,34 @@ def view_axes(points: NDArray, view: View = None, up: str = "z") -> NDArray[np.f
     (3, 3) ndarray of float64
         Rows: to the right, up, towards the viewer.
     """
-    turn = {"z": np.eye(3), "y": np.eye(3)[[2, 0, 1]], "x": np.eye(3)[[1, 2, 0]]}[up]
     if view is None:
-        extent = np.ptp(points @ turn.T, axis=0)
-        thin = int(np.argmin(extent))
-        view = "xyz"[thin] if extent[thin] < 1e-3 * extent.max() else "iso"
+        view = flat_view(np.ptp(points, axis=0), up) or "iso"
     elevation, azimuth = np.radians(VIEWS[view] if isinstance(view, str) else view)
     towards = np.array(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
     )
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    return np.stack([right, np.cross(towards, right), towards]) @ turn
+    return np.stack([right, np.cross(towards, right), towards]) @ np.eye(3)[TURNED_AXES[up]]
+
+
+def flat_view(extent: NDArray, up: str = "z") -> str | None:
+    """View along the normal of a shape that is flat along a coordinate axis.
+
+    Parameters
+    ----------
+    extent : (3,) ndarray
+        Sides of the bounding box.
+    up : {'z', 'y', 'x'}
+        Coordinate axis that points up on the page.
+
+    Returns
+    -------
+    str or None
+        Name of the view for `view_axes`; None for other shapes.
+    """
+    turned = extent[TURNED_AXES[up]]
+    thin = int(np.argmin(turned))
+    return "xyz"[thin] if turned[thin] < FLATNESS * turned.max() else None
 
 
 def fitted_camera(points: NDArray, axes: NDArray, width: int, height: int, margin: float = MARGIN) -> Camera:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.plots.raster import VIEWS, View, view_axes
+from ddgcli.plots.raster import VIEWS, View, flat_view, view_axes
 
 BASE_LAYER = 0.02  # of the height: points of the base of a shape
 MIN_BASE_RATIO = 2.0  # of base areas, for y as up axis
@@ -59,7 +59,7 @@ def best_view(mesh: TriangleMesh, interest: NDArray | None, up: str) -> View:
         interest, and where no view shows a fifth more than that one.
     """
     extent = np.ptp(mesh.points[mesh.topology.referenced_vertex], axis=0) if mesh.n_faces else np.zeros(3)
-    if interest is None or not np.isfinite(interest).any() or extent.min() < 1e-3 * extent.max():
+    if interest is None or not np.isfinite(interest).any() or flat_view(extent):
         return None
     elevation = VIEWS["iso"][0]
     weight = np.where(np.isfinite(interest), interest, 0.0)

@@ -259,3 +259,27 @@ def test_frames_of_a_motion_fill_their_cells_of_the_page(tmp_path, monkeypatch):
         str(tmp_path / "a.png"), plot_frames, series, sequence_style(plot_frames), "energy", 9.0, 6.0, dpi=30
     )
     assert sizes == [(4.5, 2.0)] * 2
+
+
+@pytest.mark.parametrize(("up", "axes"), [("z", [0, 1, 2]), ("y", [1, 2, 0]), ("x", [2, 0, 1])])
+def test_a_motion_in_a_plane_is_seen_along_its_normal_whatever_the_obstacles(up, axes):
+    ground, pillar = shapes.grid(4, 4), shapes.box(1, 1, 1, size=(0.1, 0.1, 2.0))
+    ground, pillar = (mesh.moved(mesh.points[:, axes]) for mesh in (ground, pillar))
+    normal = np.eye(3)[2][axes]
+    style = sequence_style([PlotFrame(0.0, ground, obstacles=[pillar])], view={"up": up})
+    towards = view_axes(style.fit, style.view["view"], up)[2]
+    assert abs(towards @ normal) > 1 - 1e-12
+    bent = ground.moved(ground.points + 0.3 * np.outer(np.arange(ground.n_vertices), normal))
+    assert sequence_style([PlotFrame(0.0, bent)], view={"up": up}).view["view"] is None
+
+
+def test_a_long_label_of_the_vertical_axis_stays_on_the_page(tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    figures = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, *a, **k: (figures.append(self), save(self, *a, **k)))
+    label = "kinetic energy over density [m⁴/s²]"
+    draw_chart(str(tmp_path / "a.png"), {"energy": ([0, 1], [1, 2])}, ylabel=label, width=9.0, height=2.33)
+    extent = figures[0].axes[0].yaxis.label.get_window_extent()
+    assert extent.y0 >= 0 and extent.y1 <= 2.33 * 200 and extent.x0 >= 0

@@ -153,7 +153,7 @@ class Fluids:
         return Picture(
             "vorticity", "vorticity [1/s]", limits, shown=~wraps(list(self.meshes.values())),
             arrows="velocity", glyphs=self.glyphs,
-            energy=f"kinetic energy over density [m^{5 if in_volume else 4}/s^2]",
+            energy=f"kinetic energy over density [m{'⁵' if in_volume else '⁴'}/s²]",
         )  # fmt: skip
 
     def failure_reason(self, outcome: Outcome) -> str:
