@@ -139,22 +139,20 @@ def test_flips_keep_lengths_angles_and_signposts():
     mesh = shapes.random_sphere(300)
     tracer = Tracer(mesh)
     flipping = FlippableMesh(tracer)
-    rng = np.random.default_rng(0)
+    halfedges = flipping.halfedges(list(range(3 * mesh.n_faces)))
     done = 0
-    for h in rng.integers(0, 3 * mesh.n_faces, 2000).tolist():
-        t = flipping.twin[h]
-        first = flipping.angle[h] + flipping.angle[flipping.next[t]]
-        second = flipping.angle[t] + flipping.angle[flipping.next[h]]
-        if max(first, second) < np.pi - 1e-3:
+    for k in np.random.default_rng(0).integers(0, len(halfedges), 2000).tolist():
+        h = halfedges[k]
+        if max(h.angle + h.twin.next.angle, h.twin.angle + h.next.angle) < np.pi - 1e-3:
             done += flipping.flip(h)
     assert done > 500
     total = np.zeros(len(tracer.fans.vertex))
-    sides = range(3 * mesh.n_faces)
-    np.add.at(total, [flipping.fan[h] for h in sides], [flipping.angle[h] for h in sides])
+    np.add.at(total, [h.fan for h in halfedges], [h.angle for h in halfedges])
     np.testing.assert_allclose(total, tracer.fans.total_angle, atol=1e-11)
-    h = np.array(sorted(flipping.flipped))
-    fan = np.array([flipping.fan[k] for k in h])
-    post = np.array([flipping.post[k] for k in h]) % tracer.fans.total_angle[fan]
+    flipped = [h for h in halfedges if h.is_flipped]
+    assert len(flipped) > 500
+    fan = np.array([h.fan for h in flipped])
+    post = np.array([h.post for h in flipped]) % tracer.fans.total_angle[fan]
     corner = tracer.fans.locate(fan, post)
     local = post - tracer.fans.angle_before[corner]
     e = tracer.unfolding.direction.reshape(-1, 2)[corner]
@@ -166,34 +164,44 @@ def test_flips_keep_lengths_angles_and_signposts():
         1,
     )
     ends = tracer.trace(
-        corner // 3, np.eye(3)[corner % 3], direction, [flipping.scale * flipping.length[k] for k in h]
+        corner // 3, np.eye(3)[corner % 3], direction, [flipping.scale * h.length for h in flipped]
     )
-    head = [flipping.tail(flipping.twin[k]) for k in h]
+    head = [flipping.tail(h.twin) for h in flipped]
     gap = surface_position(mesh, ends.face, ends.barycentric) - mesh.points[head]
     assert np.linalg.norm(gap, axis=1).max() < 1e-9
     flipping.rewind()
     fresh = FlippableMesh(tracer)
-    for name in ("next", "twin", "fan", "length", "angle", "post"):
-        rewound, original = getattr(flipping, name), getattr(fresh, name)
-        assert [rewound[h] for h in sides] == [original[h] for h in sides]
+    assert [state(h) for h in flipping.halfedges([7, 5])] == [state(h) for h in fresh.halfedges([7, 5])]
+    neighbours = [flipping.twin(h) for h in flipping.halfedges(list(range(0, 300, 3)))]
+    assert [state(h) for h in neighbours] == [
+        state(h) for h in fresh.halfedges([h.number for h in neighbours])
+    ]
+
+
+def state(h):
+    """Everything about a halfedge and its face."""
+    return [
+        (g.number, g.fan, g.length, g.angle, g.post, g.is_flipped, g.uses) for g in (h, h.next, h.next.next)
+    ]
 
 
 @pytest.mark.parametrize("mesh", [shapes.random_sphere(200), shapes.grid(8, 8)], ids=["closed", "boundary"])
 def test_signpost_angles_equal_wedge_angles(mesh):
     """On the input and after flips, at inner vertices and on the boundary, counter-clockwise and back."""
     flipping = FlippableMesh(Tracer(mesh))
-    for h in np.random.default_rng(2).integers(0, 3 * mesh.n_faces, 600).tolist():
-        t, on = flipping.twin[h], flipping.next[h]
-        ends = ((h, flipping.next[t]), (t, on)) if flipping.next[t] >= 0 else ()
-        if ends and all(flipping.angle[a] + flipping.angle[b] < np.pi - 1e-3 for a, b in ends):
+    halfedges = flipping.halfedges(list(range(3 * mesh.n_faces)))
+    for k in np.random.default_rng(2).integers(0, len(halfedges), 600).tolist():
+        h, t = halfedges[k], halfedges[k].twin
+        ends = ((h, t.next), (t, h.next)) if t.next else ()
+        if ends and all(a.angle + b.angle < np.pi - 1e-3 for a, b in ends):
             flipping.flip(h)
-    assert len(flipping.flipped) > 50
-    for first in range(3 * mesh.n_faces):
+    assert sum(h.is_flipped for h in halfedges) > 50
+    for first in halfedges:
         around = [first]
-        while flipping.next[around[-1]] >= 0 and len(around) < 4:
-            around.append(flipping.twin[flipping.next[flipping.next[around[-1]]]])
+        while around[-1].next and len(around) < 4:
+            around.append(around[-1].next.next.twin)
         for last in around[1:]:
-            if last != first:
+            if last is not first:
                 expected = flipping.wedge(first, last)[1], flipping.wedge(last, first)[1]
                 np.testing.assert_allclose(flipping.turns(first, last), expected, atol=1e-12)
                 np.testing.assert_allclose(flipping.turns(last, first), expected[::-1], atol=1e-12)
@@ -203,14 +211,15 @@ def test_signpost_angles_equal_wedge_angles(mesh):
 def test_edge_paths_do_not_depend_on_the_search_region(mesh):
     """Near vertices, far ones, and vertices near in space but far on the surface: a cylinder cut open."""
     mesh = TriangleMesh.from_arrays(mesh.points, mesh.faces[np.abs(mesh.points[mesh.faces, 1]).min(1) > 0.01])
-    graph, rng, length = EdgeGraph(mesh), np.random.default_rng(0), FlippableMesh(Tracer(mesh)).length
+    graph, rng, flipping = EdgeGraph(mesh), np.random.default_rng(0), FlippableMesh(Tracer(mesh))
     from scipy.sparse.csgraph import dijkstra
 
     distance, classes, longest = dijkstra(graph.graph), set(), mesh.side_length.max()
     for a, b in rng.integers(0, mesh.n_vertices, (60, 2)).tolist():
         if a != b and np.isfinite(distance[a, b]):
             sides = graph.shortest_path(a, b)
-            assert sum(length[h] for h in sides) == pytest.approx(distance[a, b] / longest, rel=1e-12)
+            length = sum(h.length for h in flipping.halfedges(sides))
+            assert length == pytest.approx(distance[a, b] / longest, rel=1e-12)
             straight = np.linalg.norm(mesh.points[a] - mesh.points[b])
             classes.add(int(np.searchsorted(DETOUR_LIMITS, distance[a, b] / straight)))
     assert {0, 1} <= classes
@@ -225,10 +234,11 @@ def test_the_search_region_does_not_miss_the_edge_path_around_a_wall():
     wall = (np.abs(x) < 0.01) & (np.abs(y) < 0.46)
     mesh = plane.moved(plane.points + 0.35 * wall[:, None] * [0, 0, 1])
     a, b = (int(np.argmin(np.hypot(x - at, y))) for at in (-0.5, 0.5))
-    graph, length = EdgeGraph(mesh), FlippableMesh(Tracer(mesh)).length
+    graph = EdgeGraph(mesh)
     truth = dijkstra(graph.graph, indices=a)[b]
     sides = graph.shortest_path(a, b)
-    assert sum(length[h] for h in sides) == pytest.approx(truth / mesh.side_length.max(), rel=1e-12)
+    length = sum(h.length for h in FlippableMesh(Tracer(mesh)).halfedges(sides))
+    assert length == pytest.approx(truth / mesh.side_length.max(), rel=1e-12)
     tops = mesh.points[mesh.topology.side_tail[sides], 2]
     assert DETOUR_LIMITS[0] < truth < DETOUR_LIMITS[1] and tops.max() == 0
 

@@ -8,13 +8,12 @@ locally shortest, and replace the path by that boundary. Every step shortens the
 from __future__ import annotations
 
 import logging
-from collections import Counter
 from heapq import heappop, heappush
 from math import inf, pi
 
 import numpy as np
 
-from ddgcli.algorithms.geodesics.flippable_mesh import EdgeGraph, FlippableMesh, edge_path
+from ddgcli.algorithms.geodesics.flippable_mesh import EdgeGraph, FlippableMesh, Halfedge, edge_path
 from ddgcli.algorithms.geodesics.halfedge_traces import trace_on_input
 from ddgcli.algorithms.geodesics.path_results import describe_paths
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, joints
@@ -36,7 +35,7 @@ class PathStraightener:
     The path is a doubly linked list of nodes, one for each halfedge; `after` is OFF_PATH at removed nodes.
     """
 
-    def __init__(self, mesh: FlippableMesh, halfedges: list[int], closed: bool) -> None:
+    def __init__(self, mesh: FlippableMesh, halfedges: list[Halfedge], closed: bool) -> None:
         self.mesh, self.closed, self.flips = mesh, closed, 0
         self.shortest_loop = inf
         self.is_self_blocked = False  # an edge to flip belongs to the path
@@ -46,16 +45,23 @@ class PathStraightener:
         if n:
             self.before[0], self.after[-1] = (n - 1, 0) if closed else (-1, -1)
         self.first = 0 if n else -1
-        self.uses = Counter(halfedges)
+        self._count(halfedges, 1)
         self.queue: list[tuple[float, int, int, bool]] = []  # angle, both nodes, whether it is on the left
         for i in range(n):
             self._push(i)
+
+    def _count(self, halfedges: list[Halfedge], change: int) -> None:
+        """Add to the uses of halfedges, and create their twins."""
+        for h in halfedges:
+            t = h.twin or self.mesh.twin(h)
+            h.uses += change
+            t.uses += change
 
     def _push(self, i: int) -> None:
         """Queue the head of node i if the path has an angle below pi there."""
         if i < 0 or (j := self.after[i]) < 0:
             return
-        left, right = self.mesh.turns(self.halfedge[j], self.mesh.twin[self.halfedge[i]])
+        left, right = self.mesh.turns(self.halfedge[j], self.halfedge[i].twin)
         angle = left if left <= right else right
         if angle < STRAIGHT_ANGLE:
             heappush(self.queue, (angle, i, j, left <= right))
@@ -87,7 +93,7 @@ class PathStraightener:
         mesh, j = self.mesh, self.after[i]
         if j == i:
             return self._open_loop(i, on_left)
-        onward, back = self.halfedge[j], mesh.twin[self.halfedge[i]]
+        onward, back = self.halfedge[j], self.halfedge[i].twin
         wedge, angle = mesh.wedge(onward, back) if on_left else mesh.wedge(back, onward)
         if (
             angle >= pi - STRAIGHT_ANGLE_TOLERANCE
@@ -98,12 +104,11 @@ class PathStraightener:
                 return True
         if not self._flip_out(wedge):
             return False
-        following, length = mesh.next, mesh.length
-        rim = [following[h] for h in wedge[:-1]]
-        through = length[onward] + length[back]
-        if sum([length[h] for h in rim]) > through * (1 + 1e-9):  # rounding; prevents an endless loop
+        rim = [h.next for h in wedge[:-1]]
+        through = onward.length + back.length
+        if sum([h.length for h in rim]) > through * (1 + 1e-9):  # rounding; prevents an endless loop
             return False
-        self._replace(i, [mesh.twin[h] for h in reversed(rim)] if on_left else rim)
+        self._replace(i, [mesh.twin(h) for h in reversed(rim)] if on_left else rim)
         return True
 
     def _open_loop(self, i: int, on_left: bool) -> bool:
@@ -112,67 +117,61 @@ class PathStraightener:
         False if the previous replacement did not shorten the loop.
         """
         mesh, h = self.mesh, self.halfedge[i]
-        if mesh.length[h] >= self.shortest_loop * (1 - 1e-13):
+        if h.length >= self.shortest_loop * (1 - 1e-13):
             return False
-        self.shortest_loop = mesh.length[h]
+        self.shortest_loop = h.length
         if on_left:
-            across = mesh.next[h]
-            self._replace(i, [mesh.twin[mesh.next[across]], mesh.twin[across]])
+            across = h.next
+            self._replace(i, [mesh.twin(across.next), mesh.twin(across)])
         else:
-            across = mesh.next[mesh.twin[h]]
-            self._replace(i, [across, mesh.next[across]])
+            across = h.twin.next
+            self._replace(i, [across, across.next])
         return True
 
-    def _flip_out(self, wedge: list[int]) -> bool:
+    def _flip_out(self, wedge: list[Halfedge]) -> bool:
         """Flip inner edges of the wedge (removed from the list) until its boundary bends outward
         everywhere."""
-        mesh, uses, k = self.mesh, self.uses, 1
-        following, twin, angle, flip = mesh.next, mesh.twin, mesh.angle, mesh.flip
-        meets_itself = mesh.has_loop(wedge)
+        mesh, k = self.mesh, 1
+        meets_itself = _has_loop(wedge)
         while k < len(wedge) - 1:
             h = wedge[k]
-            t = twin[h]
-            if angle[t] + angle[following[h]] >= STRAIGHT_ANGLE:
+            t = h.twin
+            if t.angle + h.next.angle >= STRAIGHT_ANGLE:
                 k += 1
                 continue
-            if h in uses or t in uses:
+            if h.uses:
                 self.is_self_blocked = True
                 return False
-            if self.flips >= MAX_STEPS or not flip(h):
+            if self.flips >= MAX_STEPS or not mesh.flip(h):
                 return False
             self.flips += 1
             if meets_itself:  # the flip may also have changed the wedge elsewhere
                 wedge[:] = mesh.wedge(wedge[0], wedge[-1])[0]
-                meets_itself, k = mesh.has_loop(wedge), 1
+                meets_itself, k = _has_loop(wedge), 1
             else:
                 del wedge[k]
                 k = k - 1 or 1
         for h in wedge[1:-1]:
-            if h in uses or twin[h] in uses:
+            if h.uses:
                 self.is_self_blocked = True
                 return False
         return True
 
-    def _replace(self, i: int, halfedges: list[int]) -> None:
+    def _replace(self, i: int, halfedges: list[Halfedge]) -> None:
         """Replace node i and the next node by halfedges."""
-        before_of, after_of, halfedge, uses = self.before, self.after, self.halfedge, self.uses
+        before_of, after_of, halfedge = self.before, self.after, self.halfedge
         j = after_of[i]
         before, after = before_of[i], after_of[j]
         for k in (i, j) if i != j else (i,):
             after_of[k] = OFF_PATH
-            h = halfedge[k]
-            if uses[h] > 1:
-                uses[h] -= 1
-            else:
-                del uses[h]
+            self._count([halfedge[k]], -1)
         if before == j or i == j:  # the whole loop
             before = after = -1
         first, end = len(halfedge), len(halfedge) + len(halfedges)
         halfedge += halfedges
         before_of += range(first - 1, end - 1)
         after_of += range(first + 1, end + 1)
-        for h in halfedges:
-            uses[h] = uses.get(h, 0) + 1
+        self._count(halfedges, 1)
         if not halfedges:
             first, last = after, before
         else:
@@ -191,7 +190,7 @@ class PathStraightener:
         for k in range(end - len(halfedges), end):
             self._push(k)
 
-    def halfedges(self) -> list[int]:
+    def halfedges(self) -> list[Halfedge]:
         """Current halfedges of the path."""
         out, k = [], self.first
         while k >= 0:
@@ -200,6 +199,11 @@ class PathStraightener:
             if k == self.first:
                 break
         return out
+
+
+def _has_loop(wedge: list[Halfedge]) -> bool:
+    """True if one of the halfedges, which leave the same fan of a vertex, also ends there."""
+    return wedge[0].fan in [h.twin.fan for h in wedge]
 
 
 class Straightener:
@@ -222,8 +226,9 @@ class Straightener:
         for stops, is_closed in zip(waypoints, closed, strict=True):
             sides = edge_path(self.graph, stops, is_closed)
             flipping.rewind()
-            before = flipping.scale * sum(flipping.length[h] for h in sides)
-            path = PathStraightener(flipping, sides, is_closed)
+            halfedges = flipping.halfedges(sides)
+            before = flipping.scale * sum(h.length for h in halfedges)
+            path = PathStraightener(flipping, halfedges, is_closed)
             finished = path.straighten()
             converged &= finished
             if not finished:
@@ -250,7 +255,7 @@ class Straightener:
         accuracy = {"path_angle_deficit": np.pi - sharpest}
         return Curves(paths, describe_paths(mesh, paths, kinds, joint), accuracy, converged)
 
-    def _sharp_between_fans(self, halfedges: list[int], closed: bool) -> list[int]:
+    def _sharp_between_fans(self, halfedges: list[Halfedge], closed: bool) -> list[int]:
         """Vertices where a path goes to another fan of faces and would be shorter across the edge they share.
 
         Such an edge has three or more faces, so that no flip moves the path along it.
@@ -258,18 +263,18 @@ class Straightener:
         flipping, following = self.flipping, halfedges[1:] + (halfedges[:1] if closed else [])
         sharp = []
         for before, after in zip(halfedges, following):
-            back = flipping.twin[before]
-            if flipping.fan[back] != flipping.fan[after]:
+            back = before.twin
+            if back.fan != after.fan:
                 arriving, leaving = self._fan_ends(back), self._fan_ends(after)
                 turns = [arriving[edge] + leaving[edge] for edge in arriving.keys() & leaving.keys()]
                 if min(turns, default=pi) < STRAIGHT_ANGLE:
                     sharp.append(flipping.tail(after))
         return sharp
 
-    def _fan_ends(self, h: int) -> dict[int, float]:
+    def _fan_ends(self, h: Halfedge) -> dict[int, float]:
         """Both edges that bound the open fan of a halfedge, with the angles between them and the halfedge."""
         fans, edge = self.tracer.fans, self.mesh.topology.side_edge
-        fan, post = self.flipping.fan[h], self.flipping.post[h]
+        fan, post = h.fan, h.post
         if not fans.is_open[fan]:
             return {}
         first, last = fans.corner[fans.start[fan]], fans.corner[fans.start[fan + 1] - 1]

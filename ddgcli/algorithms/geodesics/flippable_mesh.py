@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import atan2, cos, hypot, inf, sin
 from typing import TYPE_CHECKING, Any
 
@@ -10,153 +11,196 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.unfolding import cache_lines
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import ranges
-from ddgcli.mesh.sides import next_side
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 DETOUR_LIMITS = (1.3, 2.0, inf)  # search an edge path among vertices with at limit this detour, in this order
-NEXT, TWIN, FAN, LENGTH, ANGLE, POST = range(6)  # columns of the table of halfedges
+
+
+class Halfedge:
+    """Directed edge of a triangle in a triangulation that changes by flips.
+
+    Attributes
+    ----------
+    number : int
+        Flat number of the side on the input; beyond the sides for those outside the surface.
+    next, twin : Halfedge
+        `next` is None outside the surface, `twin` until `FlippableMesh.twin` crosses the edge.
+    fan : int
+        Fan of corners at the tail.
+    length, angle, post : float
+        Length in units of `FlippableMesh.scale`; corner angle at the tail; direction at the tail, as an angle
+        in its fan (a signpost).
+    uses : int
+        Number of times that the path to straighten runs along the edge, in either direction.
+    is_flipped : bool
+        The edge is not one of the input.
+    """
+
+    __slots__ = ("angle", "fan", "is_flipped", "length", "next", "number", "post", "twin", "uses")
+
+    number: int
+    next: Any
+    twin: Any
+    fan: int
+    length: float
+    angle: float
+    post: float
+    uses: int
+    is_flipped: bool
 
 
 class FlippableMesh:
     """Triangulation that changes by flips, with the direction and length of every halfedge on the input.
 
-    Halfedges 0..3m-1 are the sides; each boundary side has one more, without a face. Flips are sequential:
-    they read and write scalars through memory views of the columns of a table.
+    Halfedges 0..3m-1 are the sides; each boundary side has one more, without a face. Flips are sequential,
+    and touch a small share of the mesh: halfedges are created where an algorithm comes to their faces.
 
     Attributes
     ----------
-    next, twin, fan : memoryview of int64
-        `next` is -1 outside the surface; `fan` is the fan of corners at the tail.
-    length, angle, post : memoryview of float64
-        Length in units of `scale`, the longest side; corner angle at the tail; direction at the tail, as an
-        angle in its fan (a signpost).
+    scale : float
+        The longest side, the unit of lengths.
     """
 
     def __init__(self, tracer: Tracer) -> None:
-        mesh = tracer.mesh
-        self.tracer, self.scale, self.sides = tracer, tracer.unfolding.scale, 3 * mesh.n_faces
-        twin = mesh.topology.side_twin.ravel()
-        self._rim = np.flatnonzero(twin < 0)
-        n = self.sides + len(self._rim)
-        self._table = cache_lines(n)  # a random halfedge lies in one cache line
-        number = self._table.view(np.int64)
-        number[: self.sides, TWIN] = twin
-        number[self._rim, TWIN] = np.arange(self.sides, n)
-        number[self.sides :, TWIN] = self._rim
-        self._set(np.arange(n))
-        views: list[Any] = [number[:, k].data for k in (NEXT, TWIN, FAN)]
-        views += [self._table[:, k].data for k in (LENGTH, ANGLE, POST)]
-        self.next, self.twin, self.fan, self.length, self.angle, self.post = views
-        total = np.where(tracer.fans.total_angle > 0, tracer.fans.total_angle, 1.0)
-        self.total = np.where(tracer.fans.is_open, inf, total).data
-        self._vertex_of_fan = tracer.fans.vertex.data
-        self.flipped: set[int] = set()
-        self._changed: list[int] = []
+        self.tracer, self.scale, self.sides = tracer, tracer.unfolding.scale, 3 * tracer.mesh.n_faces
+        fans, twin = tracer.fans, tracer.mesh.topology.side_twin.ravel()
+        self._rim, self._side_twin = np.flatnonzero(twin < 0), twin.data
+        # of each side: twin, fan, length, angle and signpost
+        self._columns = [twin, fans.fan, tracer.unfolding.length, fans.corner_angle, fans.angle_before]
+        self._views = [column.data for column in self._columns]  # less time than arrays for a few sides
+        self._total = np.where(fans.is_open, inf, np.where(fans.total_angle > 0, fans.total_angle, 1.0)).data
+        self._vertex_of_fan = fans.vertex.data
+        self._halfedges: dict[int, Halfedge] = {}
 
-    def _set(self, h: NDArray) -> None:
-        """Set halfedges to those of the input, all but their twins."""
-        fans, table, number = self.tracer.fans, self._table, self._table.view(np.int64)
-        is_side = h < self.sides
-        side = h.copy()
-        side[~is_side] = self._rim[h[~is_side] - self.sides]
-        following = next_side(side)
-        corner = np.where(is_side, side, following)
-        width = fans.corner_angle[corner]
-        number[h, NEXT] = np.where(is_side, following, -1)
-        number[h, FAN] = fans.fan[corner]
-        table[h, LENGTH] = self.tracer.unfolding.length[side]
-        table[h, ANGLE] = np.where(is_side, width, inf)
-        table[h, POST] = fans.angle_before[corner] + np.where(is_side, 0.0, width)
+    def halfedges(self, numbers: list[int]) -> list[Halfedge]:
+        """Halfedges by their numbers, with the faces around their tails."""
+        fans, side = self.tracer.fans, np.array(numbers, dtype=np.int64)
+        outside = side >= self.sides
+        side[outside] = self._rim[side[outside] - self.sides]
+        fan = fans.fan[side]
+        start = fans.start[fan]
+        corner = fans.corner[ranges(start, fans.start[fan + 1] - start)[0]]
+        side = np.unique(3 * (corner // 3))
+        if self._halfedges:
+            side = side[[k not in self._halfedges for k in side.tolist()]]
+        side = (side[:, None] + np.arange(3)).ravel()
+        self._create(side.tolist(), *(column.take(side).tolist() for column in self._columns))
+        return [self._halfedges[k] for k in numbers]
+
+    def twin(self, h: Halfedge) -> Halfedge:
+        """Opposite halfedge of the same edge."""
+        if h.twin is None:
+            side = self._side_twin[h.number]
+            first = side - side % 3
+            end = first + 3
+            self._create(range(first, end), *(view[first:end].tolist() for view in self._views))
+        return h.twin
+
+    def _create(self, numbers: Sequence[int], twins: list[int], *columns: list) -> None:
+        """Create the halfedges of faces of the input, and those outside the surface at their sides.
+
+        The numbers of the sides of a face follow each other; `columns` are fan, length, angle and post.
+        """
+        halfedges = [Halfedge() for _ in numbers]
+        self._halfedges.update(zip(numbers, halfedges))
+        for h, number, fan, length, angle, post in zip(halfedges, numbers, *columns):
+            h.number, h.fan, h.length, h.angle, h.post = number, fan, length, angle, post
+            h.uses, h.is_flipped = 0, False
+        for a, b, c in zip(halfedges[0::3], halfedges[1::3], halfedges[2::3]):
+            a.next, b.next, c.next = b, c, a
+        for h, t in zip(halfedges, map(self._halfedges.get, twins)):
+            h.twin = t
+            if t is not None:
+                t.twin = h
+        for h, number in zip(halfedges, twins):
+            if number < 0:
+                self._create_outside(h)
+
+    def _create_outside(self, h: Halfedge) -> None:
+        """Create the halfedge outside the surface at a boundary side."""
+        t = h.twin = Halfedge()
+        t.number, t.fan = self.sides + int(np.searchsorted(self._rim, h.number)), h.next.fan
+        t.length, t.angle, t.post = h.length, inf, h.next.post + h.next.angle
+        t.next, t.twin, t.uses, t.is_flipped = None, h, 0, False
+        self._halfedges[t.number] = t
 
     def rewind(self) -> None:
-        """Undo all flips."""
-        self._set(np.array(self._changed, dtype=np.int64))
-        self.flipped.clear()
-        self._changed.clear()
+        """Undo all flips; halfedges of before are not those of the mesh."""
+        for h in self._halfedges.values():
+            h.next = h.twin = None  # no cycles of references
+        self._halfedges.clear()
 
-    def edge(self, h: int) -> int:
-        """Edge of a halfedge: the lower of its two halfedges."""
-        return min(h, self.twin[h])
-
-    def tail(self, h: int) -> int:
+    def tail(self, h: Halfedge) -> int:
         """Vertex that a halfedge leaves."""
-        return self._vertex_of_fan[self.fan[h]]
+        return self._vertex_of_fan[h.fan]
 
-    def turns(self, first: int, last: int) -> tuple[float, float]:
+    def turns(self, first: Halfedge, last: Halfedge) -> tuple[float, float]:
         """Angles counter-clockwise from halfedge `first` to `last` of a vertex and back, by their signposts.
 
         inf if the boundary lies between, or if the halfedges belong to different fans of the vertex.
         """
-        fan = self.fan[first]
-        if fan != self.fan[last]:
+        if first.fan != last.fan:
             return inf, inf
-        turn, total = self.post[last] - self.post[first], self.total[fan]
+        turn, total = last.post - first.post, self._total[first.fan]
         if total == inf:
             return (turn, inf) if turn >= 0.0 else (inf, -turn)
         turn %= total
         return turn, total - turn
 
-    def wedge(self, first: int, last: int) -> tuple[list[int], float]:
+    def wedge(self, first: Halfedge, last: Halfedge) -> tuple[list[Halfedge], float]:
         """Halfedges leaving a vertex counter-clockwise from `first` to `last`, and the angle between them.
 
         The angle is inf if the boundary lies between.
         """
-        following, twin, angle = self.next, self.twin, self.angle
         around, total, h = [first], 0.0, first
-        while h != last:
-            on = following[h]
-            if on < 0:
+        while h is not last:
+            on = h.next
+            if on is None:
                 return around, inf
-            total += angle[h]
-            h = twin[following[on]]
+            total += h.angle
+            back = on.next
+            h = back.twin or self.twin(back)
             around.append(h)
-            if h == first:
-                raise MeshError(f"halfedges {first} and {last} do not leave the same fan of a vertex")
+            if h is first:
+                raise MeshError(
+                    f"halfedges {first.number} and {last.number} do not leave the same fan of a vertex"
+                )
         return around, total
 
-    def has_loop(self, halfedges: list[int]) -> bool:
-        """True if one of the halfedges, which leave the same fan of a vertex, also ends there."""
-        twin, fan = self.twin, self.fan
-        return fan[halfedges[0]] in [fan[twin[h]] for h in halfedges]
-
-    def flip(self, h: int) -> bool:
+    def flip(self, h: Halfedge) -> bool:
         """Flip the edge of h and return True; False if it has not two different faces.
 
         The two triangles must form a convex quadrilateral. The new edge splits the angles at its ends, and
         the angles at the ends of the old edge are merged: the angle sums stay.
         """
-        following, fan = self.next, self.fan
-        length, angle, post = self.length, self.angle, self.post
-        t = self.twin[h]
-        h1, t1 = following[h], following[t]  # b -> c, a -> d
-        if h1 < 0 or t1 < 0:
+        t = h.twin or self.twin(h)
+        h1, t1 = h.next, t.next  # b -> c, a -> d
+        if h1 is None or t1 is None:
             return False
-        h2, t2 = following[h1], following[t1]  # c -> a, d -> b
-        if t in (h1, h2):
+        h2, t2 = h1.next, t1.next  # c -> a, d -> b
+        if t is h1 or t is h2:
             return False
-        at_a, at_b, at_c, at_d = angle[h] + angle[t1], angle[t] + angle[h1], angle[h2], angle[t2]
-        ca, ad = length[h2], length[t1]
+        at_a, at_b, at_c, at_d = h.angle + t1.angle, t.angle + h1.angle, h2.angle, t2.angle
+        ca, ad = h2.length, t1.length
         cosine, sine = cos(at_a), sin(at_a)
         d_along, d_off, c_along = ca - ad * cosine, ad * sine, ad - ca * cosine
-        length[h] = length[t] = hypot(d_along, d_off)
-        fan[h], fan[t] = fan[t2], fan[h2]
-        following[h], following[h2], following[t1] = h2, t1, h  # d -> c -> a
-        following[t], following[t2], following[h1] = t2, h1, t  # c -> d -> b
+        h.length = t.length = hypot(d_along, d_off)
+        h.fan, t.fan = t2.fan, h2.fan
+        h.next, h2.next, t1.next = h2, t1, h  # d -> c -> a
+        t.next, t2.next, h1.next = t2, h1, t  # c -> d -> b
         angle_c, angle_d = atan2(d_off, d_along), atan2(ca * sine, c_along)
         angle_c, angle_d = angle_c if angle_c < at_c else at_c, angle_d if angle_d < at_d else at_d
-        angle[t1], angle[h1] = at_a, at_b
-        angle[h2], angle[t] = angle_c, at_c - angle_c
-        angle[h], angle[t2] = angle_d, at_d - angle_d
-        post[h] = post[t2] + angle[t2]
-        post[t] = post[h2] + angle_c
-        self.flipped.add(h if h < t else t)
-        self._changed += (h, t, h1, t1, h2, t2)
+        t1.angle, h1.angle = at_a, at_b
+        h2.angle, t.angle = angle_c, at_c - angle_c
+        h.angle, t2.angle = angle_d, at_d - angle_d
+        h.post = t2.post + t2.angle
+        t.post = h2.post + angle_c
+        h.is_flipped = t.is_flipped = True
         return True
 
 

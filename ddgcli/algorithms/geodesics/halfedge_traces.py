@@ -8,7 +8,7 @@ from math import cos, inf, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.flippable_mesh import FlippableMesh
+from ddgcli.algorithms.geodesics.flippable_mesh import FlippableMesh, Halfedge
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, segment_vectors
 from ddgcli.algorithms.tracing.crossing import on_side, scalar_crossings
 from ddgcli.algorithms.tracing.lines import LineStart
@@ -23,7 +23,7 @@ _log = logging.getLogger("ddgcli")
 
 
 def trace_on_input(
-    tracer: Tracer, flipping: FlippableMesh, halfedges: list[int], closed: bool
+    tracer: Tracer, flipping: FlippableMesh, halfedges: list[Halfedge], closed: bool
 ) -> SurfacePaths:
     """Trace a path of halfedges of the flipped triangulation on the input mesh.
 
@@ -32,7 +32,7 @@ def trace_on_input(
     tracer : Tracer
         Of the input mesh.
     flipping : FlippableMesh
-    halfedges : list of int
+    halfedges : list of Halfedge
     closed : bool
 
     Returns
@@ -45,9 +45,9 @@ def trace_on_input(
         return SurfacePaths(
             np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(2, dtype=np.int64), np.array([closed])
         )
-    fan = np.array([flipping.fan[h] for h in halfedges])
+    fan = np.array([h.fan for h in halfedges])
     total = fans.total_angle[fan]
-    post = np.array([flipping.post[h] for h in halfedges])
+    post = np.array([h.post for h in halfedges])
     turn = np.where(total > 0, total, 1.0)
     post = np.where(fans.is_open[fan], np.clip(post, 0.0, total), post % turn)
     corner = fans.locate(fan, post)
@@ -60,7 +60,7 @@ def trace_on_input(
     if not closed:
         last = faces[-1][-1:]
         faces.append(last)
-        weights.append(_corner_of(mesh, last, flipping.tail(flipping.twin[halfedges[-1]])))
+        weights.append(_corner_of(mesh, last, flipping.tail(halfedges[-1].twin)))
     return SurfacePaths(
         np.concatenate(faces), np.concatenate(weights),
         np.array([0, sum(len(f) for f in faces)], dtype=np.int64), np.array([closed]),
@@ -72,18 +72,18 @@ def _corner_of(mesh: SurfaceMesh, face: NDArray, vertex: int) -> NDArray[np.floa
 
 
 def _points_of(
-    tracer: Tracer, flipping: FlippableMesh, h: int, corner: int, angle: float
+    tracer: Tracer, flipping: FlippableMesh, h: Halfedge, corner: int, angle: float
 ) -> tuple[NDArray, NDArray]:
     """Points of a halfedge on the input without its head, up to the face that contains the head.
 
     It leaves its tail in `corner`, at `angle` from the side of that corner.
     """
-    mesh, length = tracer.mesh, flipping.length[h]
-    head = flipping.tail(flipping.twin[h])
-    if flipping.edge(h) not in flipping.flipped:  # an edge of the input
-        side = h if h < flipping.sides else flipping.twin[h]
-        j = side % 3 if h < flipping.sides else NEXT[side % 3]
-        return np.array([side // 3]), np.eye(3)[[j]]
+    mesh, length = tracer.mesh, h.length
+    head = flipping.tail(h.twin)
+    if not h.is_flipped:  # an edge of the input
+        is_side = h.next is not None
+        side = h.number if is_side else h.twin.number
+        return np.array([side // 3]), np.eye(3)[[side % 3 if is_side else NEXT[side % 3]]]
     for trace in (_points_before_vertices, _points_through_vertices):
         face, barycentric, rest = trace(tracer, corner, angle, length)
         holds = np.flatnonzero((mesh.faces[face] == head).any(axis=1))
