@@ -38,6 +38,16 @@ def test_a_force_drives_poiseuille_flow_between_walls_whatever_the_step(step):
     assert end.scalar["kinetic_energy"] == pytest.approx(8 / 15, rel=0.02)
 
 
+@pytest.mark.parametrize("pattern", ["right", "alternating"])
+def test_a_force_in_balance_with_pressure_makes_no_vorticity_in_the_corners_of_walls(pattern):
+    """There it grew by 2/3 a second on any mesh: the corner's cell took the forces of two faces."""
+    square = {"grid": {"size": [1, 1], "cells": [6, 6], "pattern": pattern}}
+    layers = {"buoyancy": {"temperature": "y", "expansion": 1.0, "gravity": [0, -1, 0]}}
+    for effects in (layers, {"force": {"acceleration": ["y", "x + y", "0"]}}):
+        _, end = end_of(square, effects, 0.1, 1.0)
+        assert np.abs(end.vertex["vorticity"]).max() < 1e-12
+
+
 @pytest.mark.parametrize(
     ("shape", "effects"),
     [

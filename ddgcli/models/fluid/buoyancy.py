@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.force import accelerated
+from ddgcli.models.fluid.force import GAUSS_SHARES, BoundarySides, accelerated
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.tracer import Source, TracerPhase
@@ -80,9 +80,13 @@ class BuoyancyPhase(FlowPhase):
     def __init__(self, setting: FluidSetting, parameters: BuoyancySection) -> None:
         self.setting = setting
         self.push = -parameters.expansion * np.array(parameters.gravity)
+        self.boundary = BoundarySides(setting)
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        return accelerated(self.setting, state, step.dt * self.cell_acceleration(state, step.time))
+        warmth = state[ARRAY][self.boundary.ends] @ GAUSS_SHARES.T
+        along = self.boundary.integrals(warmth[:, :, None] * self.push)
+        change = self.cell_acceleration(state, step.time)
+        return accelerated(self.setting, state, step.dt * change, step.dt * along)
 
     def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:
         """(m, 3) what it adds to the velocity of the cells a second."""

@@ -94,10 +94,10 @@ class CirculationAdvection:
         dt: float,
         evolve_harmonic: bool,
         most: float = np.inf,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float, NDArray[np.bool_]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float, NDArray[np.float64]]:
         """Vorticity and harmonic coefficients after dt, the `deformation`, the relative rise of the energy.
 
-        The last value marks the `CORRECTIONS` that acted. A deformation above `most` changes no flow.
+        The last value holds the `CORRECTIONS`. A deformation above `most` changes no flow.
         """
         space = self.space
         start = vorticity, coefficients
@@ -106,7 +106,7 @@ class CirculationAdvection:
         corner = self.transport.corners(flux + 0.5 * dt * change)
         folded = self.limits.deformation(corner, dt)
         if not folded <= most:
-            return vorticity, coefficients, folded, 0.0, np.zeros(len(CORRECTIONS), dtype=bool)
+            return vorticity, coefficients, folded, 0.0, np.zeros(len(CORRECTIONS))
         back, forth = self._loop_paths(corner, dt), self._loop_paths(corner, -dt)
         flux = flux - space.side_flux(np.zeros(space.n), coefficients)
         there = self._advected(back, start, flux, evolve_harmonic)

@@ -118,8 +118,10 @@ class CovectorAdvection:
         change = space.side_flux(space.stream_function_change(d_vorticity), d_coefficients)
         return self.transport.corners(flux + 0.5 * dt * change)
 
-    def end_of(self, flow_map: FlowMap, before: Flow, evolve: bool) -> tuple[Flow, float, NDArray[np.bool_]]:
-        """The flow at the end of a map, the relative rise of its energy, and which `CORRECTIONS` acted.
+    def end_of(
+        self, flow_map: FlowMap, before: Flow, evolve: bool
+    ) -> tuple[Flow, float, NDArray[np.float64]]:
+        """The flow at the end of a map, the relative rise of its energy, and the `CORRECTIONS`.
 
         `before` is the flow at the start of the map's last step.
         """

@@ -232,11 +232,21 @@ def growing_flows(A: csr_array, G: csr_array, bound: float) -> NDArray[np.float6
 
 
 def face_curvature(space: SurfaceSpace) -> NDArray[np.float64]:
-    """(m,) Gaussian curvature, each vertex's spread over its faces [1/m^2]."""
-    angle = corner_angle(space.mesh.side_length)
-    full = np.where(space.mesh.topology.boundary_vertex, np.pi, 2.0 * np.pi)
-    defect = full - sum_by_index(space.faces, angle, space.n)
-    return np.asarray((defect * space.inverse_mass)[space.faces].mean(axis=1))
+    """(m,) Gaussian curvature, the mean of a face's vertices [1/m^2].
+
+    A vertex of the boundary, whose angle defect is the turn of the boundary, has the mean of its neighbours
+    inside, and 0 without any.
+    """
+    inside, topology = space.inside, space.mesh.topology
+    defect = 2.0 * np.pi - sum_by_index(space.faces, corner_angle(space.mesh.side_length), space.n)
+    curvature = np.where(inside, defect * space.inverse_mass, 0.0)
+    ends = topology.edges
+    summed, count = (
+        sum_by_index(ends, np.stack([values[ends[:, 1]], values[ends[:, 0]]], axis=1), space.n)
+        for values in (curvature, inside.astype(np.float64))
+    )
+    around = np.divide(summed, count, out=np.zeros(space.n), where=count > 0)
+    return np.asarray(np.where(inside, curvature, around)[space.faces].mean(axis=1))
 
 
 def curvature_star(space: SurfaceSpace) -> NDArray[np.float64]:

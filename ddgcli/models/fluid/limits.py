@@ -39,8 +39,8 @@ class FlowLimits:
 
     def limited(
         self, before: Flow, advected: Flow, smooth: Callable[[], Flow], folded: float
-    ) -> tuple[Flow, float, NDArray[np.bool_]]:
-        """The flow without rise of energy and enstrophy, the rise left, and which of `CORRECTIONS` acted.
+    ) -> tuple[Flow, float, NDArray[np.float64]]:
+        """The flow without rise of energy and enstrophy, the rise left, and the `CORRECTIONS`.
 
         Parameters
         ----------
@@ -58,11 +58,11 @@ class FlowLimits:
         mixed = after is not advected
         filtered = space.enstrophy(after[0]) > (1.0 + ENERGY_ROUNDING) * enstrophy
         after = self._without_enstrophy_rise(after, enstrophy)
-        energy_after, scaled = self.energy(after), False
+        energy_after, removed = self.energy(after), 0.0
         if energy_after > energy and (folded <= SMALL_DEFORMATION or rise <= ENERGY_ROUNDING):
-            scaled = energy_after > (1.0 + ENERGY_ROUNDING) * energy
+            removed = energy_after - energy if energy_after > (1.0 + ENERGY_ROUNDING) * energy else 0.0
             after = self._at_energy(after, energy_after, energy)
-        return after, rise, np.array([mixed, filtered, scaled])
+        return after, rise, np.array([mixed, filtered, removed > 0, removed])
 
     def energy(self, flow: Flow) -> float:
         return self.space.kinetic_energy(self.space.stream_function(flow[0]), *flow)

@@ -138,6 +138,13 @@ class FluidSetting:
     transport_takes_coriolis: bool = False
 
     @property
+    def wall_friction(self) -> float:
+        """Viscosity of a surface that has walls without slip [m^2/s], else 0."""
+        if not self.no_slip:
+            return 0.0
+        return max((getattr(getattr(phase, "scheme", None), "nu", 0.0) for phase in self.phases), default=0.0)
+
+    @property
     def volume(self) -> VolumeSpace:
         """The space of a volume."""
         return self.space  # type: ignore[return-value]

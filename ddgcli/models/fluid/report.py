@@ -66,8 +66,6 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     triangulations = {n: m.context.triangulation for n, m in models.items() if m.context.triangulation}
     if triangulations:
         results["triangulation"] = triangulations
-    if "corrections" in series:
-        results["corrections"] = _corrections(series["corrections"][-1], integrator)
     forces = {k.removeprefix("force_"): series[k][-1].tolist() for k in series if k.startswith("force_")}
     if forces:
         results["forces"] = forces
@@ -89,7 +87,11 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     # of the integrators that keep energy, volumes have `energy` alone
     alternative = "energy" if any(m.context.is_volume for m in models.values()) else "conservative"
     cure = f"integrator {alternative}, or a finer or more regular mesh"
-    accuracy |= (losses := _scheme_losses(series, enstrophy))
+    renewals = _renewals(series, models)
+    if "corrections" in series:
+        energy = renewals * float(series["kinetic_energy"].max())
+        results["corrections"] = _corrections(series["corrections"][-1], energy, integrator, cure)
+    accuracy |= (losses := _scheme_losses(series, enstrophy, renewals))
     if integrator == "conservative":
         if _keeps_energy(models):
             losses = {"energy_lost_by_scheme": accuracy["energy_drift"], **losses}
@@ -114,7 +116,21 @@ def _linear_solver_accuracy(models: Mapping[str, FluidModel]) -> dict[str, Any]:
     }
 
 
-def _scheme_losses(series: Mapping[str, NDArray], least_enstrophy: float) -> dict[str, float]:
+def _renewals(series: Mapping[str, NDArray], models: Mapping[str, FluidModel]) -> float:
+    """How many flows a run has in its course: 1, and those by which walls without slip renew it.
+
+    In a steady flow friction takes 2 nu Z of the energy E a second, Z the enstrophy, which the walls supply.
+    """
+    nu = max((model.setting.wall_friction for model in models.values()), default=0.0)
+    energy, enstrophy = series["kinetic_energy"], series["enstrophy"]
+    rate = np.divide(2.0 * nu * enstrophy, energy, out=np.zeros(len(energy)), where=energy > 0)
+    time = next(iter(models.values())).scene.time
+    return 1.0 + float(rate.mean()) * time.duration
+
+
+def _scheme_losses(
+    series: Mapping[str, NDArray], least_enstrophy: float, renewals: float
+) -> dict[str, float]:
     """Shares of energy and enstrophy that the transport lost, where it books them."""
     losses = {}
     for name, total, least in (
@@ -122,7 +138,7 @@ def _scheme_losses(series: Mapping[str, NDArray], least_enstrophy: float) -> dic
         ("enstrophy", "enstrophy", least_enstrophy),
     ):
         if f"lost_{name}" in series:
-            size = max(float(series[total].max()), least) or 1.0
+            size = renewals * max(float(series[total].max()), least) or 1.0
             losses[f"{name}_lost_by_scheme"] = float(series[f"lost_{name}"][-1]) / size
     return losses
 
@@ -146,17 +162,18 @@ def _warn_of_losses(losses: Mapping[str, float], integrator: str, cure: str) -> 
             )  # fmt: skip
 
 
-def _corrections(counts: NDArray, integrator: str) -> dict[str, int]:
-    """In how many parts of steps each correction acted; warn of the last resort."""
-    steps, *acted = (int(count) for count in counts)
-    by_name = dict(zip(CORRECTIONS, acted))
-    if by_name["scaling"]:
+def _corrections(counts: NDArray, energy: float, integrator: str, cure: str) -> dict[str, float]:
+    """In how many parts of steps each correction acted; warn where the last resort took much `energy`."""
+    steps, *acted, removed = counts.tolist()
+    share = removed / (energy or 1.0)
+    by_name = {name: int(count) for name, count in zip(CORRECTIONS, acted)}
+    if share > MAX_LOSS_SHARE:
         log.warning(
-            "integrator %s scaled the flow in %d of %d steps, a last resort: take integrator "
-            "conservative, or a finer or more regular mesh",
-            integrator, by_name["scaling"], steps,
+            "integrator %s scaled the flow in %d of %d steps, a last resort that took %.2g %% of the energy "
+            "(warned of above %.0f %%): take %s",
+            integrator, by_name["scaling"], int(steps), 100.0 * share, 100.0 * MAX_LOSS_SHARE, cure,
         )  # fmt: skip
-    return {"steps": steps, **by_name}
+    return {"steps": int(steps), **by_name, CORRECTIONS[-1]: share}
 
 
 def _at_end(series: Mapping[str, NDArray], what: str, names: list[str]) -> list[float]:

@@ -8,8 +8,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 # what holds energy and enstrophy in `circulation` and `covector`: mixing in the smooth step, the filter, and
-# as a last resort scaling the flow
-CORRECTIONS = ("smooth_step", "filter", "scaling")
+# as a last resort scaling the flow; the energy that scaling took
+CORRECTIONS = ("smooth_step", "filter", "scaling", "scaled_energy")
 
 
 @dataclass(frozen=True, eq=False)

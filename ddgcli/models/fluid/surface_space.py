@@ -232,20 +232,28 @@ class SurfaceSpace:
         head = sum_by_index(ends[:, 1], edge_circulation, self.n)
         return head - sum_by_index(ends[:, 0], edge_circulation, self.n)
 
-    def of_face_velocity(self, velocity: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def of_face_velocity(
+        self, velocity: NDArray, along_boundary: NDArray | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Vorticity (n,) and harmonic coefficients of any face velocities (m,): the nearest flow has them.
 
-        At boundary vertices the cell is closed by the boundary edges.
+        At boundary vertices the cell is closed by the boundary sides, with the velocity of their faces or,
+        where `along_boundary` (s, 2) is given, its integrals along `boundary_sides` for tail and head.
         """
         along = (velocity[:, None] * np.conj(self.side)).real  # (m, 3)
         around = 0.5 * sum_by_index(
             self.faces, along[:, NEXT], self.n
         )  # half of the side opposite the corner
-        twin = self.mesh.topology.side_twin
-        rim, k = np.nonzero(twin < 0)
-        for corner in (k, NEXT[k]):
-            around += 0.5 * sum_by_index(self.faces[rim, corner], along[rim, k], self.n)
-        return around, self.harmonic_part(velocity)
+        face, k, ends = self.boundary_sides
+        if along_boundary is None:
+            along_boundary = np.repeat(0.5 * along[face, k][:, None], 2, axis=1)
+        return around + sum_by_index(ends, along_boundary, self.n), self.harmonic_part(velocity)
+
+    @cached_property
+    def boundary_sides(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Face (s,), number (s,) and tail and head (s, 2) of the sides along the boundary."""
+        face, k = np.nonzero(self.mesh.topology.side_twin < 0)
+        return face, k, np.stack([self.faces[face, k], self.faces[face, NEXT[k]]], axis=1)
 
     def harmonic_part(self, velocity: NDArray) -> NDArray[np.float64]:
         """(b,) inner products of face velocities with the harmonic flows."""
