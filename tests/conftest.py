@@ -66,7 +66,7 @@ def processor_clock(monkeypatch):
     monkeypatch.setattr("ddgcli.simulation.account.perf_counter", process_time)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def run():
     """Run a command in this process: `run("curvature", path, "--json")` -> click Result."""
     from ddgcli.cli.main import main
@@ -77,7 +77,7 @@ def run():
     return call
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def summary(run):
     """Run a command with --json and return its parsed summary; fails unless it exits 0 (or `code`)."""
 

@@ -26,12 +26,13 @@ stretching = {}
 """
 
 
-@pytest.fixture
-def trajectory(run, tmp_path):
-    (tmp_path / "scene.toml").write_text(SCENE)
-    path = tmp_path / "run.vtkhdf"
-    assert run("shell-sim", tmp_path / "scene.toml", "-o", path).exit_code == 0
-    return path
+@pytest.fixture(scope="module")
+def trajectory(run, tmp_path_factory):
+    """Trajectory of `SCENE`, beside its `scene.toml`."""
+    folder = tmp_path_factory.mktemp("trajectory")
+    (folder / "scene.toml").write_text(SCENE)
+    assert run("shell-sim", folder / "scene.toml", "-o", folder / "run.vtkhdf").exit_code == 0
+    return folder / "run.vtkhdf"
 
 
 def test_one_time_as_a_mesh(summary, trajectory, tmp_path):
@@ -61,8 +62,8 @@ def test_all_frames_as_numbered_meshes(summary, trajectory, tmp_path):
 def test_two_processes_draw_the_same_pictures(summary, run, trajectory, tmp_path):
     options = ("--size", "280x210", "--every", 2)
     for jobs in (1, 2):
-        summary("frames", trajectory, *options, "--jobs", jobs, "-o", tmp_path / f"p{jobs}_{{}}.png")
-        summary("frames", trajectory, *options, "--jobs", jobs, "-o", tmp_path / f"m{jobs}.gif")
+        outputs = ("-o", tmp_path / f"p{jobs}_{{}}.png", "-o", tmp_path / f"m{jobs}.gif")
+        summary("frames", trajectory, *options, "--jobs", jobs, *outputs)
     for k in range(3):
         assert (tmp_path / f"p1_{k}.png").read_bytes() == (tmp_path / f"p2_{k}.png").read_bytes()
     assert (tmp_path / "m1.gif").read_bytes() == (tmp_path / "m2.gif").read_bytes()
@@ -104,7 +105,7 @@ def test_pictures_and_animations_are_written(summary, trajectory, tmp_path):
         "frames", trajectory, "-o", tmp_path / "m.gif", "--to", 0, "--array", "velocity", "--size", "320x240"
     )
     assert (tmp_path / "m.gif").read_bytes().startswith(b"GIF89a")
-    summary("shell-sim", tmp_path / "scene.toml", "--plot", tmp_path / "plot.png")
+    summary("shell-sim", trajectory.with_name("scene.toml"), "--plot", tmp_path / "plot.png")
     assert (tmp_path / "plot.png").stat().st_size > 5000
 
 

@@ -50,11 +50,16 @@ def make(folder: Path, program: str | None = None) -> str:
 
 
 def test_only_what_changed_is_done_again(folder):
+    later = (folder / "meshes" / "b.obj").rename(folder / "b.obj")
     make(folder)
-    built = sorted(p.name for p in (folder / "build").iterdir())
-    assert built == ["a.curvature.png", "a.curvature.vtu", "b.curvature.png", "b.curvature.vtu"]
+    assert sorted(p.name for p in (folder / "build").iterdir()) == ["a.curvature.png", "a.curvature.vtu"]
     (folder / "stand-in").write_text(STAND_IN)
     (folder / "stand-in").chmod(0o755)
+    later.rename(folder / "meshes" / "b.obj")
+    added = make(folder, "./stand-in")
+    assert "b.obj" in added and "a.ply" not in added
+    built = sorted(p.name for p in (folder / "build").iterdir())
+    assert built == ["a.curvature.png", "a.curvature.vtu", "b.curvature.png", "b.curvature.vtu"]
     assert " curvature " not in make(folder, "./stand-in")
     newer = (folder / "build" / "a.curvature.vtu").stat().st_mtime + 10
     os.utime(folder / "meshes" / "a.ply", (newer, newer))

@@ -37,7 +37,7 @@ def calls(mesh):
     yield f"geodesic --source {source} --voronoi --vertex-types"
     yield f"geodesic --source-boundary --path-to {target} --darboux"
     yield "geodesic --source-edges part --signed-distance part"
-    yield f"geodesic --source {source} --fan 7 --fan-length {length:.17g}"
+    yield f"geodesic --source {source} --fan 3 --fan-length {length:.17g}"
     yield f"laplacian --heat values --duration {length * length:.17g} --frames 2"
     yield f"laplacian --wave {source} --duration {length:.17g} --dt {0.2 * length:.17g}"
     yield "laplacian --parameterize discrete-conformal --boundary angles"

@@ -33,13 +33,14 @@ def end(integrator, step, duration=0.2):
 @cache
 def finest_end():
     """The same with steps so short that their error is below 2 % of that of the steps compared."""
-    return end("verlet", 0.2 / 2048)
+    return end("verlet", 0.2 / 1024)
 
 
 def assert_order(name):
     # velocities: from a start at rest the positions of symplectic Euler gain an order (conjugate to Verlet)
     truth = finest_end().vertex["velocity"]
-    steps = [0.2 / 128, 0.2 / 256]
+    coarse = 128 if name in ("implicit-euler", "bdf2") else 64  # their next terms of the error are larger
+    steps = [0.2 / coarse, 0.1 / coarse]
     errors = [np.abs(end(name, h).vertex["velocity"] - truth).max() for h in steps]
     rates = np.log2(np.array(errors[:-1]) / errors[1:])
     assert rates[-1] == pytest.approx(INTEGRATORS[name].order, abs=0.15)
@@ -86,9 +87,9 @@ def test_no_step_is_so_long_that_it_gives_energy(name, step):
 
 @pytest.mark.parametrize("name", ["newmark", "implicit-midpoint"])
 def test_short_steps_do_not_add_up_what_the_solver_leaves(name):
-    """Four hundred steps far shorter than the motion needs: as near to Verlet as their order predicts."""
-    apart = end(name, 1e-5, 4e-3).vertex["velocity"] - end("verlet", 1e-5, 4e-3).vertex["velocity"]
-    assert np.abs(apart).max() < 4e-9
+    """Two hundred steps far shorter than the motion needs: as near to Verlet as their order predicts."""
+    apart = end(name, 1e-5, 2e-3).vertex["velocity"] - end("verlet", 1e-5, 2e-3).vertex["velocity"]
+    assert np.abs(apart).max() < 2e-9
 
 
 def assert_free_shell_keeps_its_momenta(name, linear, angular):
@@ -118,12 +119,12 @@ def test_free_shell_keeps_its_momenta(name, linear, angular):
 @pytest.mark.parametrize("name", ["verlet", "newmark", "implicit-midpoint"])
 def test_energy_error_is_of_second_order(name):
     worst = []
-    for step in (4e-3, 2e-3, 1e-3):
+    for step in (2e-3, 1e-3):
         run, _, _ = shell_run(FREE_SCENE.format(integrator=name, step=step, duration=0.2), frame_every=0.004)
         energy = np.array(scalar(run, "energy"))
         worst.append(np.abs(energy - energy[0]).max() / energy[0])
-    assert np.log2(worst[1] / worst[2]) > 1.6
-    assert worst[2] < 2e-3
+    assert np.log2(worst[0] / worst[1]) > 1.6
+    assert worst[1] < 2e-3
 
 
 @pytest.mark.parametrize("name", INTEGRATORS)
@@ -165,7 +166,7 @@ pin = { vertices = [0, 14, 210], axes = "xyz" }
 def booked_share(integrator="newmark", adaptive=False):
     """(share of the loop's processor time that the account covers, account, seconds), 400 faces."""
     # below the stability limit, explicit steps are divided by 74
-    step, duration = (1e-3, 2e-3) if integrator in EXPLICIT_INTEGRATORS else (1e-2, 0.05)
+    step, duration = (1e-3, 2e-3) if integrator in EXPLICIT_INTEGRATORS else (1e-2, 0.03)
     text = FREE_SCENE.format(integrator=integrator, step=step, duration=duration)
     text = text.replace("[3, 3]", "[14, 14]")
     if adaptive:
@@ -203,7 +204,7 @@ def test_time_that_no_entry_books_is_missing_from_the_sum(monkeypatch, processor
 
     def work():
         began = process_time()
-        while process_time() < began + 0.005:
+        while process_time() < began + 0.001:
             pass
         extra_seconds[0] += process_time() - began
 
@@ -215,13 +216,13 @@ def test_time_that_no_entry_books_is_missing_from_the_sum(monkeypatch, processor
     monkeypatch.setattr(DeadLoad, "gradient", lambda self, x: (work(), gradient(self, x))[1])
     share, account, _ = booked_share()
     assert share >= 0.95
-    assert extra_seconds[0] > 0.05 and account.seconds["gravity"] >= 0.9 * extra_seconds[0]
+    assert extra_seconds[0] > 0.01 and account.seconds["gravity"] >= 0.9 * extra_seconds[0]
 
 
 @pytest.mark.parametrize("integrator, adaptive", [*((n, False) for n in INTEGRATORS), ("newmark", True)])
 def test_an_object_that_is_not_coupled_changes_no_bit(integrator, adaptive):
     """Not even one that turns fast, lies on a floor of its own and makes steps fail."""
-    one = FREE_SCENE.format(integrator=integrator, step=5e-3, duration=0.1)
+    one = FREE_SCENE.format(integrator=integrator, step=5e-3, duration=0.05)
     one += "gravity = {}\n[[effects.pin]]\nobject = 's'\nvertices = [0, 3]\n"
     if adaptive:
         one = one.replace("step = 0.005", "tolerance = 1e-3")
@@ -244,8 +245,8 @@ plane = {}
         "[[effects.pin]]\nobject = 'other'\nvertices = [0, 1, 7]\n"
         "[effects.contact]\npairs = [['other', 'floor']]\n"
     )
-    alone, _, _ = shell_run(one, frame_every=0.02)
-    together, _, _ = shell_run(both, frame_every=0.02)
+    alone, _, _ = shell_run(one, frame_every=0.01)
+    together, _, _ = shell_run(both, frame_every=0.01)
     assert len(alone) == len(together) > 1
     for before, after in zip(alone, together):
         a, b = before.observations["s"], after.observations["s"]

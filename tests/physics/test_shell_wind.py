@@ -101,7 +101,8 @@ def test_effect_without_object_acts_on_every_shell_as_on_that_which_it_names(eff
     """Each shell moves as in the scene that names it, and not as in the scene that names the other."""
 
     def end(name, key):
-        text = plate_text(effect.format(object=key, name=name)).replace("[effects]", SECOND + "[effects]")
+        text = plate_text(effect.format(object=key, name=name), duration=0.03)
+        text = text.replace("[effects]", SECOND + "[effects]")
         return shell_run(text)[0][-1].observations[name].points
 
     for name, other in (("s", "t"), ("t", "s")):
