@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.choices import (
     CURVATURE_SCHEMES,
     DISTANCE_METHODS,
+    ERROR_NORMS,
     ERROR_PARTS,
     HEAT_OPERATORS,
     LAPLACE_OPERATORS,
@@ -161,12 +162,7 @@ def tradeoff_table(
     [('dijkstra', True)]
     """
     options = _checked_options(question, options, sources is not None)
-    if norm not in ("max", "mean"):
-        raise ParameterError(f"norm must be 'max' or 'mean', not {norm!r}")
-    if error is not None and (question != "willmore-flow" or error not in ERROR_PARTS):
-        raise ParameterError(f"error is one of {', '.join(ERROR_PARTS)}, for 'willmore-flow' only")
-    if repeat < 1 or not budget > 0:
-        raise ParameterError(f"repeat and budget must be positive, not {repeat} and {budget}")
+    _check_measurement(question, norm, error, repeat, budget)
     surface = mesh_of_kind(mesh, ("surface",), "tradeoff_table")
     more: dict[str, Any] = {} if error is None else {"error_part": error}
     if sources is not None:
@@ -178,6 +174,15 @@ def tradeoff_table(
     table = run_problem(problem, repeat=repeat, budget=budget)
     assign_verdicts(table, within, norm)
     return table
+
+
+def _check_measurement(question: str, norm: str, error: str | None, repeat: int, budget: float) -> None:
+    if norm not in ERROR_NORMS:
+        raise ParameterError(f"norm must be 'max' or 'mean', not {norm!r}")
+    if error is not None and (question != "willmore-flow" or error not in ERROR_PARTS):
+        raise ParameterError(f"error is one of {', '.join(ERROR_PARTS)}, for 'willmore-flow' only")
+    if repeat < 1 or not budget > 0:
+        raise ParameterError(f"repeat and budget must be positive, not {repeat} and {budget}")
 
 
 def _checked_options(question: str, options: dict[str, Any], has_sources: bool) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.plots.labels import place_labels
 from ddgcli.plots.page import page
@@ -80,17 +80,13 @@ def draw_chart(
         drawable = {name: _drawable(x, y, log) for name, (x, y) in series.items()}
         _scale(axes, log)
         if pareto_front is not None:
-            x, y, shown = _drawable(*pareto_front, log)
-            axes.plot(x[shown], y[shown], color="0.85", linewidth=6, solid_capstyle="round", zorder=0.5,
-                      drawstyle="steps-post", label="Pareto front")  # fmt: skip
+            _draw_pareto_front(axes, *_drawable(*pareto_front, log))
         texts: list[tuple[str, float, float]] = []
         for k, (name, (x, y, shown)) in enumerate(drawable.items()):
             _draw_series(axes, k if styles is None else styles[name], name, x[shown], y[shown])
             if labels and name in labels:
                 texts += [(labels[name][int(i)], float(x[i]), float(y[i])) for i in np.flatnonzero(shown)]
-            for i in (ringed or {}).get(name, ()):
-                if shown[i]:
-                    axes.plot(x[i], y[i], "o", ms=12, mfc="none", mec="0.3", mew=0.9)
+            _draw_rings(axes, x, y, [i for i in (ringed or {}).get(name, ()) if shown[i]])
         if threshold is not None:
             axes.axhline(threshold[1], label=threshold[0], color="0.3", linewidth=1.0, linestyle=(0, (1, 2)))
         _widen(axes, drawable, log)
@@ -107,6 +103,16 @@ def _width(series: Mapping[str, Series], has_legend: bool) -> float:
     """Share of the page that the axes take, beside a legend as wide as its longest name."""
     longest = max(map(len, series), default=0)
     return max(0.64 - 0.009 * max(0, longest - 16), 0.4) - 0.015 if has_legend else 0.835
+
+
+def _draw_pareto_front(axes: Any, x: NDArray, y: NDArray, shown: NDArray) -> None:
+    axes.plot(x[shown], y[shown], color="0.85", linewidth=6, solid_capstyle="round", zorder=0.5,
+              drawstyle="steps-post", label="Pareto front")  # fmt: skip
+
+
+def _draw_rings(axes: Any, x: NDArray, y: NDArray, points: Sequence[int]) -> None:
+    for i in points:
+        axes.plot(x[i], y[i], "o", ms=12, mfc="none", mec="0.3", mew=0.9)
 
 
 def _scale(axes: Any, log: str) -> None:

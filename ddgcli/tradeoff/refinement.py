@@ -131,15 +131,11 @@ def refined_scene(
         if periodic or (section.box is not None and role == "fluid"):
             input_vertices[section.name] = _double_cells(table, section, times)
             continue
-        source = _source(section, read)
-        meshes, name = [source.mesh], PREFIX + section.name
+        source, name = _source(section, read), PREFIX + section.name
+        meshes = [source.mesh]
         for _ in range(times):
             meshes.append(_split(meshes[-1], section))
-        finer[name] = SimpleNamespace(
-            mesh=meshes[-1], notes=(), sha256="",
-            vertex={k: prolonged(v, meshes) for k, v in source.vertex.items()},
-            face={k: np.concatenate([v] * 4**times) for k, v in source.face.items()},
-        )  # fmt: skip
+        finer[name] = _interpolated(source, meshes)
         for shape in ("mesh", "grid", "sphere", "box", "cylinder"):
             table.pop(shape, None)
         table["mesh"] = name
@@ -165,6 +161,16 @@ def _source(section: Any, read: Callable[[str], Any]) -> Any:
     if not isinstance(source.mesh, TriangleMesh):
         raise SolveError(f"{section.mesh} holds no triangles; tetrahedra of files are not refined")
     return source
+
+
+def _interpolated(source: Any, meshes: list[TriangleMesh]) -> Any:
+    """The last of the meshes, each split from the one before, with the arrays of the source of the first."""
+    pieces = 4 ** (len(meshes) - 1)  # of a face
+    return SimpleNamespace(
+        mesh=meshes[-1], notes=(), sha256="",
+        vertex={k: prolonged(v, meshes) for k, v in source.vertex.items()},
+        face={k: np.concatenate([v] * pieces) for k, v in source.face.items()},
+    )  # fmt: skip
 
 
 def _split(mesh: TriangleMesh, section: Any) -> TriangleMesh:

@@ -157,6 +157,18 @@ def _dual(mesh: IntrinsicMesh, results: dict[str, Any], accuracy: dict[str, Any]
     return cells
 
 
+def _triangulate(
+    mesh: TriangleMesh, degrees: float | None, max_points: int | None, seed: int, *, track: bool
+) -> tuple[IntrinsicDelaunay, RefinementResult | None]:
+    """The triangulation by flips, or by the refinement to a least angle."""
+    if degrees is None:
+        return flip_to_delaunay(mesh, track=track), None
+    from ddgcli.algorithms.delaunay.refine import refine
+
+    refined = refine(mesh, degrees, max_points=max_points, seed=seed, track=track)
+    return refined.triangulation, refined
+
+
 def intrinsic_delaunay(
     mesh: TriangleMesh,
     *,
@@ -199,14 +211,7 @@ def intrinsic_delaunay(
     """
     check_query(mesh, degrees, transferred)
     subdivide = subdivide or bool(transferred)
-    refined: RefinementResult | None = None
-    if degrees is None:
-        flipped = flip_to_delaunay(mesh, track=subdivide)
-    else:
-        from ddgcli.algorithms.delaunay.refine import refine
-
-        refined = refine(mesh, degrees, max_points=max_points, seed=seed, track=subdivide)
-        flipped = refined.triangulation
+    flipped, refined = _triangulate(mesh, degrees, max_points, seed, track=subdivide)
     results: dict[str, Any] = {
         "flips": flipped.flips if refined is None else refined.flips,
         "steiner_points": flipped.mesh.n_vertices - mesh.n_vertices,

@@ -108,12 +108,7 @@ def smooth(
         For a time that is not positive, no step, or an unknown flow.
     """
     require(mesh, "smoothing", sized=False)
-    if not time > 0:
-        raise ParameterError(f"must be positive, not {time:g}", parameter="smooth")
-    if steps < 1:
-        raise ParameterError(f"must be at least 1, not {steps}", parameter="smooth_steps")
-    if flow not in SMOOTHING_FLOWS:
-        raise ParameterError(f"{flow!r} is not one of {', '.join(SMOOTHING_FLOWS)}", parameter="smooth_flow")
+    _check(time, steps, flow)
     stepper = _Stepper(mesh, time / steps, flow, operator, mass)
     low, high = mesh.bounding_box
     diagonal = float(np.linalg.norm(high - low))
@@ -139,6 +134,15 @@ def smooth(
         if area[-1] < VANISHED_AREA * area[0]:
             break
     return SmoothingResult(mesh, area, worst, reached, growth, collapsed, collapse_time)
+
+
+def _check(time: float, steps: int, flow: str) -> None:
+    if not time > 0:
+        raise ParameterError(f"must be positive, not {time:g}", parameter="smooth")
+    if steps < 1:
+        raise ParameterError(f"must be at least 1, not {steps}", parameter="smooth_steps")
+    if flow not in SMOOTHING_FLOWS:
+        raise ParameterError(f"{flow!r} is not one of {', '.join(SMOOTHING_FLOWS)}", parameter="smooth_flow")
 
 
 class _Stepper:

@@ -12,7 +12,7 @@ from ddgcli.algorithms.geodesics.paths import SurfacePaths, barycentric_in, segm
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves, concatenate_curves
 from ddgcli.algorithms.tangent_fields.log_map import SourceFrame
-from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, FAILURE_STATUS
+from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, FAILURE_STATUS, Traces
 from ddgcli.algorithms.tracing.trace import STATUS_TEXT, Tracer
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_normal
@@ -42,6 +42,14 @@ class _Rays:
     paths: SurfacePaths
     reach: NDArray[np.float64]
     total: NDArray[np.float64]
+
+    @classmethod
+    def of_lines(cls, mesh: TriangleMesh, lines: Traces) -> _Rays:
+        paths = SurfacePaths.of_traces(lines)
+        size = np.nan_to_num(np.hypot(*segment_vectors(mesh, paths).T))
+        reach = np.cumsum(np.append(0.0, size[:-1]))
+        reach -= np.repeat(reach[paths.start[:-1]], np.diff(paths.start))
+        return cls(mesh, paths, reach, lines.length)
 
     def at(self, ray: NDArray, length: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         """Face, barycentric coordinates and unit direction in space at lengths along rays."""
@@ -140,35 +148,30 @@ def geodesic_fan(
     if source_frame.vertex >= 0:
         fans = source_frame.tracer.fans
         total, is_open = float(fans.total_angle[source_frame.fan]), bool(fans.is_open[source_frame.fan])
-    share = (np.arange(rays) + (0.5 if is_open else 0.0)) / rays  # none along the boundary
-    lines = source_frame.lines(total * share, np.full(rays, float(length)))
-    paths = SurfacePaths.of_traces(lines)
-    size = np.nan_to_num(np.hypot(*segment_vectors(mesh, paths).T))
-    reach = np.cumsum(np.append(0.0, size[:-1]))
-    reach -= np.repeat(reach[paths.start[:-1]], np.diff(paths.start))
-    swept = _Rays(mesh, paths, reach, lines.length)
+    angle = total * ((np.arange(rays) + (0.5 if is_open else 0.0)) / rays)  # none along the boundary
+    lines = source_frame.lines(angle, np.full(rays, float(length)))
+    swept = _Rays.of_lines(mesh, lines)
     caustic = _caustic_lengths(swept, length, is_open)
     if progress is not None:
         progress(1.0, 1.0)
-    of_ray = paths.of_point()
-    entries: list[dict[str, Any]] = [
-        {"kind": "fan ray", "angle": float(total * s), "length": float(traced), "status": STATUS_TEXT[status],
-         "caustic_length": float(c) if np.isfinite(c) else None}
-        for s, traced, status, c in zip(share, lines.length, lines.status, caustic, strict=True)
-    ]  # fmt: skip
-    behind = (reach >= caustic[of_ray]).astype(np.float64)
     curve_sets = [
-        Curves(
-            paths,
-            entries,
-            {},
-            bool((lines.status != FAILURE_STATUS).all()),
-            {"level": reach, "caustic": behind},
-        ),
+        _ray_curves(swept, lines, angle, caustic),
         *(_circle(swept, length * (k + 1) / circles, caustic, is_open) for k in range(circles)),
         *_caustics(swept, caustic, is_open),
     ]
     return concatenate_curves(curve_sets)
+
+
+def _ray_curves(swept: _Rays, lines: Traces, angle: NDArray, caustic: NDArray) -> Curves:
+    """The rays with their entries of the summary and the arrays of their points."""
+    entries: list[dict[str, Any]] = [
+        {"kind": "fan ray", "angle": float(a), "length": float(traced), "status": STATUS_TEXT[status],
+         "caustic_length": float(c) if np.isfinite(c) else None}
+        for a, traced, status, c in zip(angle, lines.length, lines.status, caustic, strict=True)
+    ]  # fmt: skip
+    behind = (swept.reach >= caustic[swept.paths.of_point()]).astype(np.float64)
+    complete = bool((lines.status != FAILURE_STATUS).all())
+    return Curves(swept.paths, entries, {}, complete, {"level": swept.reach, "caustic": behind})
 
 
 def _caustic_lengths(swept: _Rays, length: float, is_open: bool) -> NDArray[np.float64]:

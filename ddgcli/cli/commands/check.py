@@ -106,28 +106,44 @@ def command(
         if words or update:
             raise ParameterError("the command needs EXPECTED.json to compare its summary with; name it first")
         compare_two_files(run, arrays, {**tolerance_options, "keys": dict(stated)}, diff_paths)
-        return
+    else:
+        tolerance_options["keys"] = dict(stated)
+        compare_with_stored(run, expected_path, words, arrays, tolerance_options, diff_paths, update=update)
+
+
+def compare_with_stored(
+    run: Run,
+    expected_path: str,
+    words: tuple[str, ...],
+    arrays: tuple[str, str] | None,
+    tolerance_options: dict[str, Any],
+    diff_paths: list[str],
+    *,
+    update: bool,
+) -> None:
+    """Run a command, and compare its summary with the stored one or store it, as the whole run."""
     if update and Path(expected_path).suffix.lower() != ".json":
         raise OutputError(f"{expected_path}: a summary is stored as JSON; use a name that ends in .json")
     stored = read_expected(expected_path, may_miss=update)
     run.set_input(expected_path, hashlib.sha256(json.dumps(stored).encode()).hexdigest())
     words = tuple(words) or tuple(stored.get("run", ()))
-    if common.dry_run:
+    if run.common.dry_run:
         run.end_dry_run(dry_run_of(words[1:] if words[:1] == ("ddgcli",) else words))
     summary, exit_code = summary_of(words)
-    from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare
-
-    tolerance_options = {**stored.get("tolerances", {}), **tolerance_options}
-    tolerance_options["keys"] = {**tolerance_options.get("keys", {}), **dict(stated)}
     if update:
         store(run, expected_path, words, stored, summary)
         run.finish({"run": list(words), "run_exit_code": exit_code, "stored": True}, {})
         return
+    from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare
+
+    own = stored.get("tolerances", {})
+    keys = {**own.get("keys", {}), **tolerance_options["keys"]}
+    tolerance_options = {**own, **tolerance_options, "keys": keys}
     try:
         moved, compared = compare(stored["summary"], summary, Tolerances(**tolerance_options))
     except RecursionError:
         raise MeshFileError(f"{expected_path}: nested too deeply; store it again with --update") from None
-    for path in set(common.outputs) - set(diff_paths):
+    for path in set(run.common.outputs) - set(diff_paths):
         run.write_bytes(path, json_bytes(summary))
     if arrays is not None:
         further = compare_files(run, arrays, tolerance_options, diff_paths)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -148,7 +149,19 @@ def command(
     problem = _problem(run, compared, call, truth, conserved, maps, error_part or ERROR_PARTS[0])
     if common.dry_run and _is_example(call.path):
         _end_dry_run(run, _cost_of_example(run), budget)
+    measure(run, problem, partial(row_command, compared, call), within, norm, repeat, budget)
 
+
+def measure(
+    run: Run,
+    problem: Problem,
+    command_of: Callable[[Row], str],
+    within: float | None,
+    norm: str,
+    repeat: int,
+    budget: float,
+) -> None:
+    """Measure the rows of a problem, write and draw them, and print the summary."""
     from ddgcli.tradeoff.measure import run_problem
     from ddgcli.tradeoff.pareto import assign_verdicts
     from ddgcli.tradeoff.report import results_of, text_table
@@ -158,12 +171,10 @@ def command(
     table = run_problem(problem, repeat=repeat, budget=budget, began=run.clock.began, progress=progress)
     cheapest = assign_verdicts(table, within, norm)
     table.undecided = with_option_names(table.undecided, option_names(click.get_current_context().command))
-    results = results_of(
-        table, problem, partial(row_command, compared, call), cheapest=cheapest, within=within, norm=norm
-    )
+    results = results_of(table, problem, command_of, cheapest=cheapest, within=within, norm=norm)
     write(run, results)
     if table.rows:
-        run.plot(lambda path: draw(path, table, results, within, options.page_size(common.size)))
+        run.plot(lambda path: draw(path, table, results, within, options.page_size(run.common.size)))
     run.finish(
         results,
         {"reference_uncertainty": results["reference_uncertainty"]},
