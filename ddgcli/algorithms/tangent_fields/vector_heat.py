@@ -72,6 +72,11 @@ class VectorHeat:
     intrinsic_delaunay : bool
         Diffuse on the intrinsic Delaunay triangulation, whose cotangent weights are not negative; values are
         in the frames of `mesh`. If an edge has three faces, diffuse on the mesh itself (with a warning).
+
+    Attributes
+    ----------
+    vector : Factor
+        Of the diffusion of vectors.
     """
 
     def __init__(self, mesh: SurfaceMesh, time: float = 1.0, *, intrinsic_delaunay: bool = True) -> None:
@@ -91,7 +96,7 @@ class VectorHeat:
         self._mass = lumped_mass(mesh) + idle
         with np.errstate(invalid="ignore"):  # the factorisation refuses entries that are not finite
             matrix = csc_array(self._mass + self._t * connection_laplacian(mesh))
-        self._vector = Factor(matrix)
+        self.vector = Factor(matrix)
         self._scalar: Factor | None = None
 
     @property
@@ -99,7 +104,7 @@ class VectorHeat:
         """Factorised scalar diffusion, created on first access."""
         if self._scalar is None:
             matrix = csc_array(self._mass + self._t * stiffness(self.mesh))
-            self._scalar = Factor(matrix, like=self._vector)
+            self._scalar = Factor(matrix, like=self.vector)
         return self._scalar
 
     def transport(self, vertex: NDArray, value: NDArray) -> TransportedVectors:
@@ -122,11 +127,11 @@ class VectorHeat:
         has_source[-1] = False  # vertices without a face
         reached = has_source.take(component)
         vectors = self._source(vertex, value)
-        diffused, residual = _solve(self._vector, vectors)
+        diffused, residual = _solve(self.vector, vectors)
         amount = np.abs(diffused)
         while self._underflows(amount, vertex, reached) and self.time <= MAX_TIME:
             self._factorise(4.0 * self.time)
-            diffused, residual = _solve(self._vector, vectors)
+            diffused, residual = _solve(self.vector, vectors)
             amount = np.abs(diffused)
             _log.info(f"vector heat: time raised to {self.time:g} squared side lengths to avoid underflow")
         size = np.abs(value)
