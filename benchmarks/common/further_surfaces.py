@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common.known_surfaces import TURN, KnownSurface, binary, cubes, grey, known, nets
-from benchmarks.common.level_sets import Body, projected, samples
+from benchmarks.common.known_surfaces import TURN, KnownSurface, binary, cubes, grey, known, nets, voxels
+from benchmarks.common.level_sets import Body, projected, within
 from benchmarks.common.mesh_noise import (
     decimated,
     isotropic_noise,
@@ -62,14 +62,10 @@ def _bent_tube(x: NDArray, y: NDArray, z: NDArray) -> NDArray:
     return np.hypot(np.hypot(x, y) - 15, z) - 5
 
 
-def _within(*reach: float) -> Callable[[NDArray, NDArray, NDArray], NDArray]:
-    return lambda *p: np.all([np.abs(c) < r for c, r in zip(p, reach)], axis=0)
-
-
 BODIES = {
     "sphere of 7": Body(lambda x, y, z: np.sqrt(x * x + y * y + z * z) - 7, (7, 7, 7)),
     "sphere of 15": Body(lambda x, y, z: np.sqrt(x * x + y * y + z * z) - 15, (15, 15, 15)),
-    "cylinder": Body(lambda x, y, z: np.hypot(x, y) - 10, (10, 10, 18), _within(99, 99, 9)),
+    "cylinder": Body(lambda x, y, z: np.hypot(x, y) - 10, (10, 10, 18), within(99, 99, 9)),
     "torus": Body(_bent_tube, (20, 20, 5)),
     "oblate": Body(_oblate, (18, 15, 7)),
     "thin capsule": Body(
@@ -77,24 +73,11 @@ BODIES = {
     ),
     "metaballs": Body(_metaballs, (22, 20, 20)),
     "bumpy sphere": Body(_bumpy, (16, 16, 16)),
-    "hills": Body(_hills, (22, 22, 9), _within(16, 16, 99)),
-    "Schwarz": Body(_schwarz, (20, 20, 20), _within(13, 13, 13)),
+    "hills": Body(_hills, (22, 22, 9), within(16, 16, 99)),
+    "Schwarz": Body(_schwarz, (20, 20, 20), within(13, 13, 13)),
 }  # fmt: skip
 ROUND = ("sphere of 15", "oblate", "metaballs", "bumpy sphere")  # about the origin, in one piece of rays
 FLAT: Spacing = (1.0, 1.0, 3.0)
-
-
-def _of_volume(
-    name: str,
-    surface_of: Callable[[NDArray], TriangleMesh],
-    spacing: Spacing = (1.0, 1.0, 1.0),
-    turn: NDArray | None = None,
-    change: Change = lambda mesh: mesh,
-) -> KnownSurface:
-    """Surface of a sampled volume."""
-    values, place = samples(BODIES[name], spacing, turn)
-    mesh = surface_of(values)
-    return known(BODIES[name], change(mesh.moved(place(mesh.points))))
 
 
 def noisy_image(share: float, values: NDArray) -> TriangleMesh:
@@ -253,44 +236,50 @@ def reconstruction_bumps(mesh: TriangleMesh) -> TriangleMesh:
 def voxel_cases() -> Cases:
     """Segmented and grey volumes."""
     for name in ("sphere of 7", "cylinder", "thin capsule", "metaballs", "bumpy sphere", "hills"):
-        yield f"cubes: {name}", partial(_of_volume, name, cubes)
+        yield f"cubes: {name}", partial(voxels, BODIES[name], cubes)
     for name in ("sphere of 15", "cylinder", "metaballs", "Schwarz", "oblate"):
-        yield f"marching cubes: {name}", partial(_of_volume, name, binary)
+        yield f"marching cubes: {name}", partial(voxels, BODIES[name], binary)
     for name in ("metaballs", "thin capsule", "hills", "Schwarz"):
-        yield f"nets: {name}", partial(_of_volume, name, nets)
+        yield f"nets: {name}", partial(voxels, BODIES[name], nets)
     for name in ("sphere of 15", "metaballs"):
-        yield f"cubes 1:1:3: {name}", partial(_of_volume, name, cubes, FLAT)
-        yield f"marching cubes 1:1:3: {name}", partial(_of_volume, name, binary, FLAT)
-        yield f"nets 1:1:3: {name}", partial(_of_volume, name, nets, FLAT)
-    yield "marching cubes turned: bumpy sphere", partial(_of_volume, "bumpy sphere", binary, turn=TURN)
+        yield f"cubes 1:1:3: {name}", partial(voxels, BODIES[name], cubes, FLAT)
+        yield f"marching cubes 1:1:3: {name}", partial(voxels, BODIES[name], binary, FLAT)
+        yield f"nets 1:1:3: {name}", partial(voxels, BODIES[name], nets, FLAT)
+    yield "marching cubes turned: bumpy sphere", partial(voxels, BODIES["bumpy sphere"], binary, turn=TURN)
     for name, share in (("metaballs", 0.1), ("sphere of 15", 0.3), ("torus", 0.2), ("oblate", 0.5)):
-        yield f"grey with image noise {share}: {name}", partial(_of_volume, name, partial(noisy_image, share))
+        yield (
+            f"grey with image noise {share}: {name}",
+            partial(voxels, BODIES[name], partial(noisy_image, share)),
+        )
     for name, width in (("metaballs", 0.5), ("sphere of 15", 0.7), ("torus", 0.7), ("metaballs", 1.0)):
-        yield f"segmented, blurred {width}: {name}", partial(_of_volume, name, partial(blurred, width))
-    yield "segmented 1:1:3, blurred 0.7: oblate", partial(_of_volume, "oblate", partial(blurred, 0.7), FLAT)
+        yield f"segmented, blurred {width}: {name}", partial(voxels, BODIES[name], partial(blurred, width))
+    yield (
+        "segmented 1:1:3, blurred 0.7: oblate",
+        partial(voxels, BODIES["oblate"], partial(blurred, 0.7), FLAT),
+    )
     for name, width in (("metaballs", 0.7), ("sphere of 15", 1.0), ("oblate", 1.5)):
         yield (
             f"grey with noise 0.2 over {width}: {name}",
-            partial(_of_volume, name, partial(blurred_noise, 0.2, width)),
+            partial(voxels, BODIES[name], partial(blurred_noise, 0.2, width)),
         )
     for times in (2, 8, 25):
         yield (
             f"marching cubes, Laplacian {times}: metaballs",
-            partial(_of_volume, "metaballs", binary, change=partial(smoothed, times)),
+            partial(voxels, BODIES["metaballs"], binary, change=partial(smoothed, times)),
         )
         yield (
             f"cubes, Taubin {times}: bumpy sphere",
-            partial(_of_volume, "bumpy sphere", cubes, change=partial(taubin, times)),
+            partial(voxels, BODIES["bumpy sphere"], cubes, change=partial(taubin, times)),
         )
         yield (
             f"marching cubes 1:1:3, Taubin {times}: oblate",
-            partial(_of_volume, "oblate", binary, FLAT, change=partial(taubin, times)),
+            partial(voxels, BODIES["oblate"], binary, FLAT, change=partial(taubin, times)),
         )
-    yield "nets, Taubin 10: Schwarz", partial(_of_volume, "Schwarz", nets, change=partial(taubin, 10))
-    yield "nets, Taubin 10: cylinder", partial(_of_volume, "cylinder", nets, change=partial(taubin, 10))
+    yield "nets, Taubin 10: Schwarz", partial(voxels, BODIES["Schwarz"], nets, change=partial(taubin, 10))
+    yield "nets, Taubin 10: cylinder", partial(voxels, BODIES["cylinder"], nets, change=partial(taubin, 10))
     yield (
         "marching cubes, decimated 0.3: metaballs",
-        partial(_of_volume, "metaballs", binary, change=partial(decimated, 0.3)),
+        partial(voxels, BODIES["metaballs"], binary, change=partial(decimated, 0.3)),
     )
 
 
@@ -376,9 +365,9 @@ def clean_cases() -> Cases:
             partial(_on, name, 3000, partial(rounded_to_a_thousandth, 30.0)),
         )
     for name in ("sphere of 15", "metaballs", "torus", "cylinder", "thin capsule", "Schwarz", "bumpy sphere"):
-        yield f"grey: {name}", partial(_of_volume, name, grey)
-    yield "grey 1:1:3: oblate", partial(_of_volume, "oblate", grey, FLAT)
-    yield "grey turned: metaballs", partial(_of_volume, "metaballs", grey, turn=TURN)
+        yield f"grey: {name}", partial(voxels, BODIES[name], grey)
+    yield "grey 1:1:3: oblate", partial(voxels, BODIES["oblate"], grey, FLAT)
+    yield "grey turned: metaballs", partial(voxels, BODIES["metaballs"], grey, turn=TURN)
     for around, along in ((12, 36), (24, 200), (100, 24), (8, 24)):
         yield f"torus {around} x {along}", partial(_tube, around, along)
     yield "open cylinder", _open_cylinder

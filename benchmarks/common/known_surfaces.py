@@ -8,7 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common.level_sets import Body, principal_curvatures, projected, samples, surface_nets
+from benchmarks.common.level_sets import (
+    Body,
+    principal_curvatures,
+    projected,
+    samples,
+    surface_nets,
+    within,
+)
 from benchmarks.common.mesh_sequences import marching_cubes, voxel_boundary
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -50,15 +57,10 @@ def _rounded_box(x: NDArray, y: NDArray, z: NDArray) -> NDArray:
     return np.sqrt(sum(c * c for c in beyond)) - 6
 
 
-def _within(*reach: float) -> Callable[[NDArray, NDArray, NDArray], NDArray]:
-    """Whether points lie so far inside a box."""
-    return lambda *p: np.all([np.abs(c) < r for c, r in zip(p, reach)], axis=0)
-
-
 BODIES = {
     "sphere": Body(lambda x, y, z: np.sqrt(x * x + y * y + z * z) - 12, (12, 12, 12)),
     "large sphere": Body(lambda x, y, z: np.sqrt(x * x + y * y + z * z) - 20, (20, 20, 20)),
-    "cylinder": Body(lambda x, y, z: np.hypot(x, y) - 8, (8, 8, 20), _within(99, 99, 11)),
+    "cylinder": Body(lambda x, y, z: np.hypot(x, y) - 8, (8, 8, 20), within(99, 99, 11)),
     "torus": Body(lambda x, y, z: np.hypot(np.hypot(x, y) - 16, z) - 7, (23, 23, 7)),
     "ellipsoid": _ellipsoid(20, 13, 9),
     "egg": Body(
@@ -69,13 +71,13 @@ BODIES = {
             np.sin(x / 5) * np.cos(y / 5) + np.sin(y / 5) * np.cos(z / 5) + np.sin(z / 5) * np.cos(x / 5)
         ),
         (20, 20, 20),
-        _within(13, 13, 13),
+        within(13, 13, 13),
     ),
-    "catenoid": Body(lambda x, y, z: np.hypot(x, y) - 9 * np.cosh(z / 9), (15, 15, 9), _within(99, 99, 5)),
-    "saddle": Body(_saddle, (22, 22, 12), _within(15, 15, 99)),
+    "catenoid": Body(lambda x, y, z: np.hypot(x, y) - 9 * np.cosh(z / 9), (15, 15, 9), within(99, 99, 5)),
+    "saddle": Body(_saddle, (22, 22, 12), within(15, 15, 99)),
     "capsule": Body(_capsule, (8, 8, 20)),
     "rounded box": Body(_rounded_box, (15, 13, 11)),
-    "wave": Body(_wave, (30, 30, 7), _within(23, 23, 99)),
+    "wave": Body(_wave, (30, 30, 7), within(23, 23, 99)),
 }  # fmt: skip
 
 
@@ -89,14 +91,13 @@ def known(body: Body, mesh: TriangleMesh) -> KnownSurface:
 
 
 def voxels(
-    name: str,
+    body: Body,
     surface_of: Callable[[NDArray], TriangleMesh],
     spacing: tuple[float, float, float] = (1.0, 1.0, 1.0),
     turn: NDArray | None = None,
     change: Callable[[TriangleMesh], TriangleMesh] = lambda mesh: mesh,
 ) -> KnownSurface:
-    """Surface of a segmented volume of one of BODIES, by `surface_of` from its values on a grid."""
-    body = BODIES[name]
+    """Surface of a sampled volume of a body, by `surface_of` from its values on a grid."""
     values, place = samples(body, spacing, turn)
     mesh = surface_of(values)
     return known(body, change(mesh.moved(place(mesh.points))))

@@ -34,6 +34,11 @@ class Body:
     counted: Callable[[NDArray, NDArray, NDArray], NDArray] | None = None
 
 
+def within(*reach: float) -> Callable[[NDArray, NDArray, NDArray], NDArray]:
+    """Whether points lie so far inside a box about the origin."""
+    return lambda *p: np.all([np.abs(c) < r for c, r in zip(p, reach)], axis=0)
+
+
 def _differences(level: Level, points: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """Values (n,), gradients (n, 3) and Hessians (n, 3, 3) by fourth-order differences."""
     weights = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}

@@ -86,50 +86,53 @@ def _changed(
 def voxel_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
     """Surfaces of segmented volumes."""
     for name in ("sphere", "cylinder", "torus", "ellipsoid", "egg"):
-        yield f"cubes: {name}", partial(voxels, name, cubes)
+        yield f"cubes: {name}", partial(voxels, BODIES[name], cubes)
     for name in ("large sphere", "torus", "ellipsoid", "gyroid", "catenoid", "wave"):
-        yield f"marching cubes: {name}", partial(voxels, name, binary)
+        yield f"marching cubes: {name}", partial(voxels, BODIES[name], binary)
     for name in ("sphere", "torus", "egg", "saddle"):
-        yield f"surface nets: {name}", partial(voxels, name, nets)
+        yield f"surface nets: {name}", partial(voxels, BODIES[name], nets)
     flat = (1.0, 1.0, 2.5)
-    yield "cubes 1:1:2.5: large sphere", partial(voxels, "large sphere", cubes, flat)
-    yield "marching cubes 1:1:2.5: ellipsoid", partial(voxels, "ellipsoid", binary, flat)
-    yield "surface nets 1:1:2.5: torus", partial(voxels, "torus", nets, flat)
-    yield "marching cubes 1:1:5: large sphere", partial(voxels, "large sphere", binary, (1.0, 1.0, 5.0))
-    yield "cubes turned: ellipsoid", partial(voxels, "ellipsoid", cubes, turn=TURN)
-    yield "surface nets turned: ellipsoid", partial(voxels, "ellipsoid", nets, turn=TURN)
+    yield "cubes 1:1:2.5: large sphere", partial(voxels, BODIES["large sphere"], cubes, flat)
+    yield "marching cubes 1:1:2.5: ellipsoid", partial(voxels, BODIES["ellipsoid"], binary, flat)
+    yield "surface nets 1:1:2.5: torus", partial(voxels, BODIES["torus"], nets, flat)
+    yield (
+        "marching cubes 1:1:5: large sphere",
+        partial(voxels, BODIES["large sphere"], binary, (1.0, 1.0, 5.0)),
+    )
+    yield "cubes turned: ellipsoid", partial(voxels, BODIES["ellipsoid"], cubes, turn=TURN)
+    yield "surface nets turned: ellipsoid", partial(voxels, BODIES["ellipsoid"], nets, turn=TURN)
     for times in (1, 3, 10, 30):
         yield (
             f"cubes smoothed {times}: ellipsoid",
-            partial(voxels, "ellipsoid", cubes, change=partial(smoothed, times)),
+            partial(voxels, BODIES["ellipsoid"], cubes, change=partial(smoothed, times)),
         )
     for times in (1, 5):
         yield (
             f"marching cubes smoothed {times}: torus",
-            partial(voxels, "torus", binary, change=partial(smoothed, times)),
+            partial(voxels, BODIES["torus"], binary, change=partial(smoothed, times)),
         )
     yield (
         "marching cubes smoothed 30: large sphere",
-        partial(voxels, "large sphere", binary, change=partial(smoothed, 30)),
+        partial(voxels, BODIES["large sphere"], binary, change=partial(smoothed, 30)),
     )
     yield (
         "marching cubes by Taubin: large sphere",
-        partial(voxels, "large sphere", binary, change=partial(taubin, 10)),
+        partial(voxels, BODIES["large sphere"], binary, change=partial(taubin, 10)),
     )
     yield (
         "cubes merged to half: large sphere",
-        partial(voxels, "large sphere", cubes, change=partial(decimated, 0.5)),
+        partial(voxels, BODIES["large sphere"], cubes, change=partial(decimated, 0.5)),
     )
     yield (
         "cubes merged to a fifth: large sphere",
-        partial(voxels, "large sphere", cubes, change=partial(decimated, 0.2)),
+        partial(voxels, BODIES["large sphere"], cubes, change=partial(decimated, 0.2)),
     )
     yield (
         "marching cubes merged to half: torus",
-        partial(voxels, "torus", binary, change=partial(decimated, 0.5)),
+        partial(voxels, BODIES["torus"], binary, change=partial(decimated, 0.5)),
     )
-    yield "grey of 2 bits: ellipsoid", partial(voxels, "ellipsoid", partial(grey_of_bits, 2))
-    yield "grey of 4 bits: ellipsoid", partial(voxels, "ellipsoid", partial(grey_of_bits, 4))
+    yield "grey of 2 bits: ellipsoid", partial(voxels, BODIES["ellipsoid"], partial(grey_of_bits, 2))
+    yield "grey of 4 bits: ellipsoid", partial(voxels, BODIES["ellipsoid"], partial(grey_of_bits, 4))
 
 
 def noise_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
@@ -199,9 +202,12 @@ def noise_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
         )
     yield (
         "spikes 1.0% of grey cubes: torus",
-        partial(voxels, "torus", grey, change=partial(spikes, 0.01, 0.5)),
+        partial(voxels, BODIES["torus"], grey, change=partial(spikes, 0.01, 0.5)),
     )
-    yield "noise 0.1 of grey cubes: torus", partial(voxels, "torus", grey, change=partial(normal_noise, 0.1))
+    yield (
+        "noise 0.1 of grey cubes: torus",
+        partial(voxels, BODIES["torus"], grey, change=partial(normal_noise, 0.1)),
+    )
 
 
 def periodic_surfaces() -> Iterator[tuple[str, TriangleMesh]]:
@@ -237,9 +243,9 @@ def periodic_surfaces() -> Iterator[tuple[str, TriangleMesh]]:
 def clean_cases() -> Iterator[tuple[str, Callable[[], KnownSurface]]]:
     """Surfaces without noise whose curvature is known."""
     for name in ("large sphere", "torus", "gyroid", "wave"):
-        yield f"grey cubes: {name}", partial(voxels, name, grey)
-    yield "grey cubes 1:1:2.5: ellipsoid", partial(voxels, "ellipsoid", grey, (1.0, 1.0, 2.5))
-    yield "grey of 8 bits: ellipsoid", partial(voxels, "ellipsoid", partial(grey_of_bits, 8))
+        yield f"grey cubes: {name}", partial(voxels, BODIES[name], grey)
+    yield "grey cubes 1:1:2.5: ellipsoid", partial(voxels, BODIES["ellipsoid"], grey, (1.0, 1.0, 2.5))
+    yield "grey of 8 bits: ellipsoid", partial(voxels, BODIES["ellipsoid"], partial(grey_of_bits, 8))
     for name in ("sphere", "ellipsoid", "egg", "torus", "wave", "saddle"):
         yield f"clean: {name}", partial(_changed, name)
     yield "clean, slivers: torus", partial(_changed, "torus", base=_torus(slivers=True))

@@ -8,10 +8,11 @@ python -m benchmarks.figures.voxels
 from __future__ import annotations
 
 import time
+from typing import Literal
 
 import numpy as np
 
-from benchmarks.common.known_surfaces import cubes, mean_error, nets, voxels
+from benchmarks.common.known_surfaces import BODIES, cubes, mean_error, nets, voxels
 from benchmarks.common.measure import cpu_seconds, peak_mib, print_table
 from benchmarks.common.mesh_noise import normal_noise
 from benchmarks.common.mesh_sequences import real, voxel_sphere
@@ -28,10 +29,12 @@ SWEPT_BODIES = ("sphere", "large sphere", "ellipsoid", "torus", "egg", "capsule"
 SWEPT_EDGES = 1.6 * 2 ** (np.arange(6) / 2)  # radii of the sweep in mean edges
 
 
-def errors(mesh: TriangleMesh, sphere_radius: float, scheme: str, radius: float | str | None) -> list:
+def errors(
+    mesh: TriangleMesh, sphere_radius: float, scheme: str, radius: float | Literal["auto"] | None
+) -> list:
     """Radius of the balls, errors of H, k1 and k2 in per cent, and CPU seconds."""
     began = time.process_time()
-    result = measure_curvature(mesh, scheme, radius)  # type: ignore[arg-type]
+    result = measure_curvature(mesh, scheme, radius)
     seconds = time.process_time() - began
     names = ("mean_curvature", "principal_curvature_max", "principal_curvature_min")
     off = [float(100 * np.abs(np.abs(result.vertex[n]) * sphere_radius - 1).mean()) for n in names]
@@ -69,7 +72,7 @@ def swept_table() -> None:
     rows: list[list] = []
     for kind, make in (("cubes", cubes), ("nets with noise", nets)):
         for body in SWEPT_BODIES:
-            surface = voxels(body, make)
+            surface = voxels(BODIES[body], make)
             mesh = surface.mesh if make is cubes else normal_noise(0.1, surface.mesh)
             edge = float(mesh.side_length.mean())
             for scheme in SCHEMES:

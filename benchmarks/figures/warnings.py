@@ -12,6 +12,7 @@ import logging
 import re
 import sys
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -37,6 +38,9 @@ class _Messages(logging.Handler):
         self.texts.append(record.getMessage())
 
 
+Radius: TypeAlias = float | Literal["auto"] | None
+
+
 @dataclass
 class Outcome:
     """Errors of one surface: true and stated ones."""
@@ -44,7 +48,7 @@ class Outcome:
     default: float
     stated: float | None
     scheme: str
-    radius: float | str | None
+    radius: Radius
     proposed: float | None
     proposed_stated: float | None
     automatic: float
@@ -54,8 +58,8 @@ class Outcome:
 def outcome(surface: KnownSurface, messages: _Messages, sweep: bool) -> Outcome:
     """Run the default, what it proposes, `auto` and a sweep."""
 
-    def error(scheme: str, radius: float | str | None) -> float:
-        result = measure_curvature(surface.mesh, scheme, radius, full=False)  # type: ignore[arg-type]
+    def error(scheme: str, radius: Radius) -> float:
+        result = measure_curvature(surface.mesh, scheme, radius, full=False)
         return error_as_stated(surface, result.vertex["mean_curvature"])
 
     messages.texts.clear()
@@ -70,7 +74,7 @@ def outcome(surface: KnownSurface, messages: _Messages, sweep: bool) -> Outcome:
     if not match:
         return Outcome(default, None, "", None, None, None, automatic, best)
     scheme = match[1] or "quadric"
-    radius = "auto" if match[2] == "auto" else float(match[2])
+    radius: Radius = "auto" if match[2] == "auto" else float(match[2])
     stated, proposed = result.results["expected_error"], error(scheme, radius)
     return Outcome(default, stated, scheme, radius, proposed, int(match[3]) / 100, automatic, best)
 

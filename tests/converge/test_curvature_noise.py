@@ -128,7 +128,7 @@ def test_voxels_are_recognised_and_the_radius_reduces_the_error(radius, caplog):
 @pytest.mark.parametrize("body", ["ellipsoid", "rounded box"])
 def test_the_automatic_radius_on_voxels_is_near_the_best_and_states_its_error(body, scheme):
     """Balls as large as the roundings of a box change little with the radius, and are all wrong."""
-    surface = known_surfaces.voxels(body, known_surfaces.cubes)
+    surface = known_surfaces.voxels(known_surfaces.BODIES[body], known_surfaces.cubes)
 
     def error_at(radius):
         result = measure_curvature(surface.mesh, scheme, radius, full=False)
@@ -145,7 +145,7 @@ def test_the_automatic_radius_on_voxels_is_near_the_best_and_states_its_error(bo
 def test_measures_at_the_automatic_radius_state_their_own_error(surface, scheme):
     """Normal cycles are off by the area of the stairs, 48 % at any radius; fits there state 15 %."""
     if surface == "voxels":
-        known = known_surfaces.voxels("sphere", known_surfaces.cubes)
+        known = known_surfaces.voxels(known_surfaces.BODIES["sphere"], known_surfaces.cubes)
     else:
         known = CASES["isotropic noise 0.1: torus"]()
     result = measure_curvature(known.mesh, scheme, "auto", full=False)
@@ -262,7 +262,7 @@ EVEN_ERRORS = {
 
 
 def nets_of(body, spacing, change):
-    return known_surfaces.voxels(body, known_surfaces.nets, spacing, change=change)
+    return known_surfaces.voxels(known_surfaces.BODIES[body], known_surfaces.nets, spacing, change=change)
 
 
 def rows_of_a_scanner(share):
