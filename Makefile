@@ -87,7 +87,7 @@ test: $(STAMP_TEST)  ## install what tests need; run lint, the accuracy check an
 # in `make test` beside lint, whose mypy keeps one core busy for longer than the accuracy check the other;
 # to rewrite assertions takes 11 s in each process: only what fails runs again with the values in its message
 suite: accuracy-check
-	env -u MAKEFLAGS -u MFLAGS $(BIN)/python -m pytest -n 2 -m 'not slow' --assert=plain || \
+	unset MAKEFLAGS MFLAGS; $(BIN)/python -m pytest -n 2 -m 'not slow' --assert=plain || \
 	  { $(BIN)/python -m pytest --last-failed --last-failed-no-failures none -m 'not slow'; exit 1; }
 
 test-all: $(STAMP_TEST) lint  ## the slow tests too
