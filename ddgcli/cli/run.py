@@ -182,7 +182,7 @@ class Run:
             self._context.meta["ddgcli.mesh"] = path
             self._context.meta["ddgcli.tetrahedra"] = source.kind == "tetrahedra"
             self._inputs[path] = source.digest.sha256
-            if self._planned_outputs:  # needed later: computed now, it releases the bytes of the file
+            if self._planned_outputs:  # they contain it; computing it here releases the bytes of the file
                 source.digest.sha256()
             self._input_vertex = source.input_vertex
         for note in source.notes:

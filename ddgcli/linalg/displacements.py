@@ -2,8 +2,8 @@
 
 Preconditioners: smoothed aggregation (`aggregation`) whose levels all represent the rigid motions (the extra
 `multigrid`), and the inverses of the (3, 3) blocks of the vertices, which need no further library and many
-more iterations. A solution ends at a stated part of the first error in the norm of the preconditioner: the
-iteration of Newton that uses it measures its own residual.
+more iterations. Iterations end when the error in the norm of the preconditioner is `REDUCTION` of the first;
+Newton's iteration measures its own residual.
 
 P. Vanek, J. Mandel, M. Brezina, "Algebraic multigrid by smoothed aggregation for second and fourth order
 elliptic problems", 1996.
@@ -28,7 +28,7 @@ __all__ = ["BlockIterative", "RigidMotions"]
 
 REDUCTION = 1e-6  # of the error of a solution, in the norm of the preconditioner
 MAX_ITERATIONS = 3000
-LOCAL_DISTANCE = 10.0  # mean difference of neighbours' numbers, in roots of n, that caches bear
+LOCAL_DISTANCE = 10.0  # mean difference of neighbours' numbers, in roots of n, up to which caches hold them
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,7 @@ def _graph(rows: Any) -> csr_array:
 
 
 def _local_order(rows: Any, block: int) -> NDArray[np.int64] | None:
-    """Order in which neighbours are near each other in memory; None where they are."""
+    """Order in which neighbours are near each other in memory; None where they already are."""
     row = np.repeat(np.arange(len(rows.indptr) - 1, dtype=rows.indices.dtype), np.diff(rows.indptr))
     row -= rows.indices
     distance = float(np.abs(row, out=row).mean(dtype=np.float64)) if len(row) else 0.0

@@ -33,7 +33,7 @@ __all__ = [
 
 ROUND_REDUCTION = 1e-10  # of the residual in one round of conjugate gradients
 BACKWARD_ERROR = 4e-16  # componentwise, at which a row of the residual is rounding
-SMALL_ERROR = 1e-13  # backward error from which rounds end where they no longer halve it
+SMALL_ERROR = 1e-13  # backward error below which rounds end as soon as one does not halve it
 MAX_ROUNDS = 80  # ten digits each
 MAX_ITERATIONS = 20_000  # of one round
 MAX_COARSE = 500  # unknowns of the level that is solved densely

@@ -110,7 +110,7 @@ class Tracer:
             batch = TraceBatch(self.unfolding, lambda: self.fans, starts, at_boundary == "reflect", record)
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 batch.begin()
-                # lines that cross as many sides as there are and get no longer are among sides without length
+                # a line that crosses all these sides without growing longer is among sides without length
                 max_idle_crossings, traced, since = PROGRESS_INTERVAL + len(batch.length), -1.0, 0
                 while len(batch.line) and batch.steps < max_crossings:
                     if batch.traced_length() > traced:

@@ -2,8 +2,8 @@
 
 The discrete flows exist on any triangles (dual lengths then have signs), but across edges whose opposite
 angles sum to far more than pi the linear stream function is a bad interpolant, and errors are ten times those
-of good triangles. Where more than `MAX_BAD_SHARE` of the inner edges are so, they are flipped: the surface
-and its vertices stay as they are (A. Bobenko and B. Springborn, 2007).
+of good triangles. Where this holds for more than `MAX_BAD_SHARE` of the inner edges, edges are flipped: the
+surface and its vertices stay as they are (A. Bobenko and B. Springborn, 2007).
 """
 
 from __future__ import annotations

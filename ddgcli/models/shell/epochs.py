@@ -35,9 +35,9 @@ class BreakingMotion:
     Parameters
     ----------
     motion : Motion
-        Of the vertices of the present surfaces.
+        Of the vertices of the current surfaces.
     opened : (h,) ndarray of bool
-        Interior edges of the whole surfaces that are open, those of one shell behind those of another.
+        Which interior edges of the whole surfaces are open, shell after shell.
     released : float
         Joules that cracks have taken from the stored energy.
     """

@@ -119,7 +119,7 @@ def fluid_problem(
     fluids = contexts(resolve(document, KIND, {}), read, array).values()
     dimensions = {3 if fluid.is_volume else 2 for fluid in fluids}
     names = [name for name, modules in TRANSPORTS.items() if dimensions <= set(modules)]
-    reference = "conservative" if "conservative" in names else "energy"  # which volumes have
+    reference = "conservative" if "conservative" in names else "energy"  # the scheme of volumes
     simulator = Simulator(
         document, KIND, read, array, contexts, models, names, reference, _vorticity, "vorticity"
     )
