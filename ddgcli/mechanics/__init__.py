@@ -22,4 +22,5 @@ __all__ = [
     "stability",
     "system",
     "terms",
+    "yielding",
 ]

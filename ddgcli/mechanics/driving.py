@@ -11,7 +11,9 @@ from ddgcli.mechanics.system import Motion, System, is_active
 from ddgcli.mechanics.terms import TimeDependent
 
 
-def driving_work(system: System, before: Motion, after: Motion, dt: float) -> float:
+def driving_work(
+    system: System, before: Motion, after: Motion, dt: float, later: System | None = None
+) -> float:
     """Work that a step adds to kinetic and potential energy from outside, by the trapezoidal rule.
 
     The sum of three terms: the reaction forces of prescribed vertices along their path, with the change of
@@ -24,13 +26,15 @@ def driving_work(system: System, before: Motion, after: Motion, dt: float) -> fl
         At both ends of the step.
     dt : float
         In s.
+    later : System, optional
+        At the memory of the end; by default `system`.
 
     Returns
     -------
     float
         In J.
     """
-    start, end, move = system.at(before.time), system.at(after.time), after.x - before.x
+    start, end, move = system.at(before.time), (later or system).at(after.time), after.x - before.x
     work = 0.0
     if system.prescribed:
         rows = np.logical_or.reduce([term.mask[:, 0] for term in system.prescribed])

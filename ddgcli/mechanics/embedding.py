@@ -14,6 +14,7 @@ from ddgcli.mechanics.terms import (
     FixedCoordinates,
     Memory,
     Mode,
+    PlasticMemory,
     PrescribedMotion,
     SplittableMemory,
 )
@@ -254,6 +255,16 @@ class EmbeddedMemory:
         return own.carried(before.memory, memory, rows[self.rows.rows] - before.rows.start)
 
 
+class EmbeddedPlasticMemory(EmbeddedMemory):
+    """A memory of the plastic strains of one object."""
+
+    def distance(self, one: Arrays, other: Arrays) -> float:
+        return cast(PlasticMemory, self.memory).distance(one, other)
+
+    def quasi_static(self, x: NDArray, before: Arrays, after: Arrays) -> Arrays:
+        return cast(PlasticMemory, self.memory).quasi_static(self.rows.of(x), before, after)
+
+
 def embedded(own_term: Any, rows: Rows) -> Any:
     """A term of one object as a term of a system of several."""
     if isinstance(own_term, FixedCoordinates | PrescribedMotion):
@@ -297,7 +308,9 @@ def embedded_terms(own_terms: list[Any], rows: Rows) -> list[Any]:
         id(own_term): embedded(own_term, rows) for own_term in own_terms if not isinstance(own_term, Memory)
     }
     return [
-        EmbeddedMemory(own_term, new[id(own_term.potential)], rows)
+        (EmbeddedPlasticMemory if isinstance(own_term, PlasticMemory) else EmbeddedMemory)(
+            own_term, new[id(own_term.potential)], rows
+        )
         if isinstance(own_term, Memory)
         else new[id(own_term)]
         for own_term in own_terms

@@ -133,6 +133,19 @@ class Memory(Protocol):
         ...
 
 
+@runtime_checkable
+class PlasticMemory(Memory, Protocol):
+    """A memory of plastic strains: an equilibrium has to find them together with its positions."""
+
+    def distance(self, one: Arrays, other: Arrays) -> float:
+        """Largest difference of the plastic strains of two memories, over the limit."""
+        ...
+
+    def quasi_static(self, x: NDArray, before: Arrays, after: Arrays) -> Arrays:
+        """`after` with the work of a slow path from `before` that ends at x, in balance at all times."""
+        ...
+
+
 class SplittableMemory(Memory, Protocol):
     """A memory that continues after the mesh of its term is split."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
@@ -58,6 +58,24 @@ class Event:
     place: str = ""
     value: float = math.nan
     detail: str = ""
+
+
+NO_REJECTIONS = ("start", "stability", "stop")  # kinds of events: a step that is divided did not fail
+
+
+def rejections(kinds: Iterable[str]) -> int:
+    """Number of rejected steps.
+
+    Parameters
+    ----------
+    kinds : iterable of str
+        Of events.
+
+    Returns
+    -------
+    int
+    """
+    return sum(kind not in NO_REJECTIONS for kind in kinds)
 
 
 class RunFailed(SolveError):
@@ -123,6 +141,8 @@ class Model(Generic[State]):
         Takes a step that `advance` solved and yet rejects, before it is made shorter.
     time_unit : str
         What messages name after a time.
+    advice : callable () -> str, optional
+        What may let a run go on whose step failed, where that is no shorter step.
     """
 
     start: State
@@ -137,6 +157,7 @@ class Model(Generic[State]):
     clock: Callable[[State], float] | None = None
     rescue: Callable[[State, float, float], State] | None = None
     time_unit: str = "s"
+    advice: Callable[[], str] | None = None
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ class Outcome:
         Of the loop, with those of the run that was resumed.
     steps : int
     smallest_step : float
-    events : int
+    rejected_steps : int
         Rejected and shortened steps.
     picture_frames : list of Frame
         A few frames, spread over the run.
@@ -61,7 +61,7 @@ class Outcome:
     seconds: float = 0.0
     steps: int = 0
     smallest_step: float = np.inf
-    events: int = 0
+    rejected_steps: int = 0
     picture_frames: list[TrajectoryFrame] = field(default_factory=list)
     mesh: Any = None
 

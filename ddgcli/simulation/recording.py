@@ -14,7 +14,7 @@ from ddgcli.mesh.fields import TrajectoryFrame, frames_of_equal_change
 from ddgcli.progress import ProgressCallback
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.frames import joined_frame
-from ddgcli.simulation.model import Arrays, Model, RunFailed, Schedule
+from ddgcli.simulation.model import Arrays, Model, RunFailed, Schedule, rejections
 from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.time_loop import Snapshot, evolve
 
@@ -50,7 +50,7 @@ class Recorder:
         self._record(trajectory_frame)
         outcome = self.outcome
         outcome.steps, outcome.smallest_step = snapshot.steps, snapshot.smallest_step
-        outcome.events += len(snapshot.events)
+        outcome.rejected_steps += rejections(event.kind for event in snapshot.events)
         outcome.stopped = snapshot.stopped
 
     def _record(self, trajectory_frame: TrajectoryFrame) -> None:
@@ -126,7 +126,7 @@ def run_models(
     except SolveError as error:
         outcome.failure = str(error)
         outcome.last_events = error.events if isinstance(error, RunFailed) else ()
-        outcome.events += len(outcome.last_events)
+        outcome.rejected_steps += rejections(event.kind for event in outcome.last_events)
         logging.getLogger("ddgcli").warning("%s", error)
     except KeyboardInterrupt:
         outcome.status = "interrupted"

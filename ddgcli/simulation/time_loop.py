@@ -311,6 +311,8 @@ def _logged(
 
 def _advice(active: ActiveModel, rejected: StepRejected, dt: float) -> str:
     """What may let a run go on whose step failed; shorter steps alone do not make numbers finite."""
+    if active.model.advice is not None:
+        return active.model.advice()
     shorter = f"make the step {dt:.1g} {active.model.time_unit}"
     infinite = rejected.cause == "not finite" or math.isinf(rejected.value)
     return f"weaken the forces and velocities, or {shorter}" if infinite else shorter

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.models.shell import model
@@ -112,3 +113,72 @@ def test_resumed_run_has_the_same_bits(name):
     for a, b in zip(whole[9:], again, strict=True):
         for key, value in a.checkpoint.items():
             assert np.array_equal(value, b.checkpoint[key]), key
+
+
+PULLED = """
+[time]
+integrator = "static"
+load_steps = {steps}
+
+[[object]]
+name = "s"
+role = "shell"
+grid = {{ size = [1, 0.5], cells = [4, 2] }}
+density = 1
+thickness = "1 mm"
+young = 1e6
+poisson = 0
+
+[effects]
+stretching = {{ model = "stvk" }}
+plasticity = {{ yield_strain = 0.01, hardening = {hardening} }}
+load = {{ box = [[1, 0, 0], [1, 1, 0]], line_force = [15, 0, 0], times = [0, 0.5, 1], factors = [0, 1, 0] }}
+
+[[effects.pin]]
+name = "wall"
+box = [[0, 0, 0], [0, 1, 0]]
+axes = "x"
+
+[[effects.pin]]
+box = [[0, 0, 0], [1, 1, 0]]
+axes = "yz"
+"""
+
+
+def test_equilibria_of_a_strip_that_yields_balance_its_load_and_stay_long_without_it():
+    """Pulled by N per width, and let go.
+
+    Green's elastic strain e of a rest metric m is at its limit: 2 de / (1 + 2e) = h dm / m, so that 1 + 2e is
+    (1 + 2 yield) m^h; the force is E t e sqrt((1 + 2e) / m).
+    """
+    hardening, limit = 0.5, 0.01
+
+    def elastic(m):
+        return 0.5 * ((1 + 2 * limit) * m**hardening - 1)
+
+    def lacking(m):
+        return 1e3 * elastic(m) * np.sqrt((1 + 2 * elastic(m)) / m) - 15
+
+    metric = brentq(lacking, 1, 1.1)
+    # work at the limit: stress times plastic strain rate, over the area of 0.5
+    path = np.linspace(1, metric, 1001)
+    rate = 0.5 * 1e3 * elastic(path) * 0.5 * (1 + 2 * elastic(path)) / path
+    work = float(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(path)))
+    ends, misses = [np.sqrt(metric * (1 + 2 * elastic(metric))), np.sqrt(metric)], []
+    for steps in (6, 12):
+        run, _, _ = shell_run(PULLED.format(steps=steps, hardening=hardening))
+        tips = [run[k].observations["s"].points[-1, 0] for k in (steps // 2, -1)]
+        force = scalar(run, "reaction_force_wall")
+        assert np.abs(np.array(force[steps // 2]) - [-7.5, 0, 0]).max() < 1e-5
+        miss = np.append(np.subtract(tips, ends) / (metric - 1), scalar(run, "plastic_work")[-1] / work - 1)
+        misses.append(np.abs(miss))
+    # the return is of first order
+    assert (misses[1] < 0.02).all() and (misses[0] > 1.8 * misses[1]).all()
+
+
+def test_a_load_that_the_limits_do_not_bear_has_no_equilibrium(run, tmp_path):
+    path = tmp_path / "s.toml"
+    path.write_text('format = "ddgcli-scene/1"\n' + PULLED.format(steps=2, hardening=0))
+    result = run("shell-sim", path, "--json")
+    assert result.exit_code == 1 and "yields without end" in result.stderr
+    assert "lessen the loads or raise" in result.stderr and "make the step" not in result.stderr

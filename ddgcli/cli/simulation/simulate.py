@@ -19,7 +19,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import moved_rigidly
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.frames import joined_frame, joined_mesh, mesh_of_frame
-from ddgcli.simulation.model import Arrays, Event, Model, Schedule
+from ddgcli.simulation.model import Arrays, Event, Model, Schedule, rejections
 from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.recording import Recorder, run_models
 from ddgcli.simulation.time_loop import Snapshot, evolve, stop_reason
@@ -183,7 +183,8 @@ def _open_trajectory(
         recorder.outcome.stopped = stop_reason(start[1])
         job.account.restore(partial_run.effects)
         recorder.restore(_without_poses(partial_run.read_frame(k)) for k in range(partial_run.n_frames))
-        recorder.outcome.events = partial_run.log_rows - 1  # the first row is the start
+        log = partial_run.log[: partial_run.log_rows]
+        recorder.outcome.rejected_steps = rejections(row["kind"].decode() for row in log)
     return TrajectoryWriter.resume(job.resume, target, header, job.schedule.n_frames), start
 
 

@@ -52,7 +52,7 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
         "frames": outcome.n_frames,
         "steps": outcome.steps,
         **({"smallest_step": outcome.smallest_step} if outcome.steps else {}),
-        "rejected_steps": outcome.events,
+        "rejected_steps": outcome.rejected_steps,
     }
     for name in ("kinetic_energy", "enstrophy", "total_vorticity"):
         results[name] = float(series[name][-1])

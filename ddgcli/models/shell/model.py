@@ -13,12 +13,20 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.mechanics.driving import driving_work
-from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Integrator, Step
+from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Step
 from ddgcli.mechanics.stability import stable_step
-from ddgcli.mechanics.system import LINEAR_SOLVER, NO_MULTIPLIERS, Motion, System
-from ddgcli.mechanics.terms import FixedCoordinates, Memory, PrescribedMotion, ProportionalLoad, RampedLoad
+from ddgcli.mechanics.system import LINEAR_SOLVER, Motion, System
+from ddgcli.mechanics.terms import (
+    FixedCoordinates,
+    Memory,
+    PlasticMemory,
+    PrescribedMotion,
+    ProportionalLoad,
+    RampedLoad,
+)
 from ddgcli.mesh.requirements import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.shell.checkpoint import packed, unpacked
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.groups import Group, groups, terms_between
 from ddgcli.models.shell.observations import observed
@@ -30,7 +38,6 @@ from ddgcli.simulation.effects import Effect
 from ddgcli.simulation.model import Model
 
 SIZE_RANGE = (1e-60, 1e60)  # m: a Hessian of bending holds the fourth power of a length
-PAST_ARRAYS = ("past_x", "past_v", "past_dt")  # arrays of a checkpoint
 log = logging.getLogger("ddgcli")
 
 
@@ -302,6 +309,8 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
     shells = group.shells.values()
     v = np.where(system.free, np.concatenate([_initial_velocity(context) for context in shells]), 0.0)
     x, v, _ = system.prescribed_state(x, v, v)
+    if integrator.order == 0:
+        v = np.zeros_like(x)  # equilibria have no motion
     step_size = scene.schedule().dt
     with np.errstate(all="ignore"):
         a = system.acceleration(x, v, step_size)
@@ -309,22 +318,33 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
     start = Motion(x, v, a, memory=tuple(term.initial() for term in system.memories), past=past)
     start = _constrained(scene, system, start)
     size, reach = system.size, integrator.reach(parameters)
+    in_balance = integrator.order == 0 and any(isinstance(term, PlasticMemory) for term in system.memories)
 
     def advanced(step: Step, motion: Motion, time: float, dt: float) -> Motion:
         before = motion if integrator.own_time else replace(motion, time=time)
         current = system.with_memory_at(motion.memory)
         current.begin_step()
-        after = step(current, before, dt, parameters)
+        if in_balance:
+            from ddgcli.mechanics.yielding import yielding_equilibrium
+
+            after, memory = yielding_equilibrium(
+                system, before, lambda yielded, guess: step(yielded, guess, dt, parameters)
+            )
+        else:
+            after = step(current, before, dt, parameters)
+            memory = system.committed(after.x, motion.memory)
         if LINEAR_SOLVER in system.cache:
             system.cache[LINEAR_SOLVER].release()  # the next step has a matrix of its own
-        memory = system.committed(after.x, motion.memory)
         past = (before.x, before.v, np.array([dt])) if integrator.multistep else ()
         end = after.time if integrator.own_time else time + dt
-        work = driving_work(current, before, replace(after, time=end), dt) if system.driven else 0.0
-        if any("work" in new and new is not old for new, old in zip(memory, motion.memory)):
+        later = system.with_memory_at(memory) if in_balance else current
+        work = driving_work(current, before, replace(after, time=end), dt, later) if system.driven else 0.0
+        if not in_balance and any(
+            "work" in new and new is not old for new, old in zip(memory, motion.memory)
+        ):
             # the next step begins with the forces of what has yielded: else their work is lost
-            yielded = system.with_memory_at(memory).at(end)
-            after = replace(after, a=yielded.acceleration(after.x, after.v, dt))
+            softer = system.with_memory_at(memory).at(end)
+            after = replace(after, a=softer.acceleration(after.x, after.v, dt))
         return replace(after, time=end, work=motion.work + work, memory=memory, past=past)
 
     def advance(motion: Motion, time: float, dt: float) -> Motion:
@@ -335,12 +355,13 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
 
     limit = stable_step(system, x, reach)
     return Model(
-        start, advance, partial(observed, group, system, step_size), _packed,
-        partial(_unpacked, system, integrator), limit,
+        start, advance, partial(observed, group, system, step_size), packed,
+        partial(unpacked, system, integrator.multistep), limit,
         lambda a, b: float(np.abs(a.x - b.x).max()) / size, integrator.order,
         rescue=rescue if integrator.rescue is not None and np.isinf(reach) else None,
         stop=partial(_load_reached, parameters.duration) if integrator.own_time else None,
         clock=(lambda motion: motion.time) if integrator.own_time else None,
+        advice=partial(_load_advice, system, parameters) if integrator.order == 0 else None,
     )  # fmt: skip
 
 
@@ -364,42 +385,20 @@ def _constrained(scene: Scene, system: System, motion: Motion) -> Motion:
     return replace(motion, v=v, multipliers=np.zeros(len(edges.length)))
 
 
+def _load_advice(system: System, parameters: Any) -> str:
+    """What may let equilibria be found where a step fails: its length is no time."""
+    from ddgcli.mechanics.rigid_motions import unheld_motions
+
+    unheld = unheld_motions(system)
+    if unheld:
+        return f"{unheld}: hold it by pins or lessen the loads"
+    smaller = "shorten `arc_length`" if parameters.arc_length else "raise `load_steps`"
+    return f"lessen the loads or {smaller}"
+
+
 def _load_reached(duration: float, motion: Motion) -> str:
     """Reason to end an equilibrium path, or ""."""
     return "the whole load is reached" if motion.time >= duration else ""
-
-
-def _unpacked(system: System, integrator: Integrator, arrays: dict[str, NDArray]) -> Motion:
-    """Motion of a checkpoint's arrays; the inverse of `_packed`."""
-    count, excess, time, work = (float(value) for value in arrays["scalars"])
-    memory = tuple(
-        {name: arrays[f"memory_{k}_{name}"] for name in term.initial()}
-        for k, term in enumerate(system.memories)
-    )
-    past = tuple(arrays[name] for name in PAST_ARRAYS) if integrator.multistep else ()
-    multipliers = arrays.get("multipliers", NO_MULTIPLIERS)
-    return Motion(
-        arrays["x"], arrays["v"], arrays["a"], int(count), excess, time, work, memory, past, multipliers
-    )
-
-
-def _packed(motion: Motion) -> dict[str, NDArray]:
-    """Arrays of a checkpoint."""
-    scalars = np.array([motion.newton, motion.balance_excess, motion.time, motion.work])
-    memory = {
-        f"memory_{k}_{name}": array
-        for k, arrays in enumerate(motion.memory)
-        for name, array in arrays.items()
-    }
-    return {
-        "x": motion.x,
-        "v": motion.v,
-        "a": motion.a,
-        "scalars": scalars,
-        **memory,
-        **dict(zip(PAST_ARRAYS, motion.past)),
-        **({"multipliers": motion.multipliers} if len(motion.multipliers) else {}),
-    }
 
 
 def _initial_velocity(context: ShellContext) -> NDArray[np.float64]:

@@ -16,6 +16,8 @@ from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 
+PATH_FRACTION = 1e-3  # of a plastic increment, over which the stress counts as constant
+
 
 class Plasticity(Section):
     """Permanent deformation beyond a yield strain or a yield angle."""
@@ -63,6 +65,22 @@ class PlasticFlow:
         after = {"rest": rest, "accumulated": memory["accumulated"] + increment, "work": memory["work"]}
         work = self.at(memory).energy(x) - self.at(after).energy(x)
         return {**after, "work": memory["work"] + work}
+
+    def distance(self, one: Arrays, other: Arrays) -> float:
+        """Largest difference of the plastic strains of two memories, over the limit."""
+        return float(np.abs(one["accumulated"] - other["accumulated"]).max(initial=0.0)) / self.limit
+
+    def quasi_static(self, x: NDArray, before: Arrays, after: Arrays) -> Arrays:
+        """`after` with the work of a slow path from `before` to x: mean stress times plastic strain."""
+        limits = [self.limit + self.hardening * memory["accumulated"] for memory in (before, after)]
+        mean = 0.5 * (limits[0] + limits[1]) / limits[1]  # of the stress, over that of the end
+        back = (before["rest"] - after["rest"]) * mean.reshape(-1, *[1] * (after["rest"].ndim - 1))
+
+        def energy(fraction: float) -> float:
+            return self.at({**after, "rest": after["rest"] + fraction * back}).energy(x)
+
+        work = 0.5 / PATH_FRACTION * (energy(PATH_FRACTION) - energy(-PATH_FRACTION))
+        return {**after, "work": before["work"] + work}
 
     def carried(self, before: PlasticFlow, memory: Arrays, rows: NDArray) -> Arrays:
         """Memory after a crack, from that of the flow before it.

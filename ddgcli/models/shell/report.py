@@ -102,7 +102,7 @@ def _results(outcome: Outcome) -> dict[str, Any]:
         "time": last.time,
         "steps": outcome.steps,
         **({"smallest_step": outcome.smallest_step} if outcome.steps else {}),
-        "rejected_steps": outcome.events,
+        "rejected_steps": outcome.rejected_steps,
         "newton_iterations": int(series["newton_iterations"][-1]),
         "energies": energies,
         "momentum": last.scalar["momentum"],
