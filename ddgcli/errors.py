@@ -28,6 +28,22 @@ def excerpt(value: object, max_length: int = MAX_EXCERPT_LENGTH) -> str:
     return text if len(text) <= max_length else text[: max_length - 3] + "..."
 
 
+def counted(number: int, one: str, several: str) -> str:
+    """A number with the words that agree with it.
+
+    Parameters
+    ----------
+    number : int
+    one, several : str
+        Such as "edge has" and "edges have".
+
+    Returns
+    -------
+    str
+    """
+    return f"{number} {one if number == 1 else several}"
+
+
 def encodable(text: str) -> str:
     r"""Text that can be written as UTF-8.
 

@@ -22,5 +22,6 @@ __all__ = [
     "stability",
     "system",
     "terms",
+    "turning",
     "yielding",
 ]

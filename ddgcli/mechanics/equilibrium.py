@@ -11,6 +11,7 @@ from ddgcli.linalg.factor import negative_eigenvalues
 from ddgcli.mechanics.newton import MOVE_TOLERANCE, Increment, Newton, newton_of, worst
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode
+from ddgcli.mechanics.turning import turned
 from ddgcli.simulation.model import StepRejected
 
 MAX_EQUILIBRIUM_ITERATIONS = 2000
@@ -21,6 +22,8 @@ MAX_TRAVEL, HALVINGS_AFTER_TRAVEL = 1e4, 3
 BALANCE_TOLERANCE = 1e-8  # what may be left of the largest force on a vertex
 # further moves for the balance, each with that part of the shift of the one before; and what is none
 MAX_BALANCE_MOVES, SHIFT_CUT, NO_SHIFT = 8, 1e-3, 1e-12
+# iterations before which moves through large rotations are tried, from that part of the first shift
+TURNS_AT, TURN_SHIFT = (16, 64, 256, 1024), 1e-6
 INERTIA_ROUNDING = 16 * float(np.finfo(float).eps)  # of the Hessian's norm
 
 
@@ -41,8 +44,13 @@ class Equilibrium:
         newton, increment, enough = self.newton, Increment(0.0, start), MOVE_TOLERANCE * self.system.size
         point, before = newton.at(increment, start), np.inf
         unit = self._unit(increment, start)
-        shift, exact_allowed, near, imbalance = unit, False, 0, np.inf
+        shift, exact_allowed, near, imbalance, moves = unit, False, 0, np.inf, 0
         for iteration in range(1, MAX_EQUILIBRIUM_ITERATIONS + 1):
+            if iteration in TURNS_AT:
+                end, count = turned(newton, point, TURN_SHIFT * unit)
+                moves += count
+                if end is not None and unstable_directions(self.system, end.y) == 0:
+                    point, shift, exact_allowed, before = end, NO_SHIFT * unit, True, np.inf
             g = newton.slope(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
                 raise StepRejected("not finite", worst(g))
@@ -55,6 +63,10 @@ class Equilibrium:
                     raise StepRejected("singular", worst(g)) from error
                 shift, exact_allowed = max(10 * shift, unit), False
                 continue
+            except StepRejected:
+                if self._imbalance(increment, point.y) <= BALANCE_TOLERANCE:
+                    return point.y, iteration + moves  # what is left has the direction of rounding
+                raise
             size = float(np.abs(move).max())
             before_search = point
             t, point = newton.search(increment, point, move, float(np.vdot(g, move)))
@@ -75,7 +87,7 @@ class Equilibrium:
                 missing, imbalance = imbalance, self._imbalance(increment, point.y)
                 rounded = imbalance > MAX_CONTRACTION * missing and shift < NO_SHIFT * unit
                 if imbalance <= BALANCE_TOLERANCE or rounded or near == MAX_BALANCE_MOVES:
-                    return point.y, iteration
+                    return point.y, iteration + moves
                 # short because of the shift, where the shell is soft; or long beside a small displacement
                 near, shift, exact_allowed, before = near + 1, SHIFT_CUT * shift, True, np.inf
         raise StepRejected("newton", worst(g), size)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, counted
 from ddgcli.mesh.cures import cure, with_repair
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.topology import Topology
@@ -57,14 +57,14 @@ def require(
         bad = topology.nonmanifold_edges
         a, b = topology.edges[bad[0]]
         raise MeshError(
-            f"{len(bad)} edges have more than two faces (first: vertices {a}-{b}); "
+            f"{counted(len(bad), 'edge has', 'edges have')} more than two faces (first: vertices {a}-{b}); "
             f"{verb} needs a manifold mesh: {cure('edge of three faces', topology, oriented=oriented)}"
         )
     if manifold and len(topology.nonmanifold_vertices):
         bad = topology.nonmanifold_vertices
         raise MeshError(
-            f"{len(bad)} vertices join several fans of faces (first: vertex {bad[0]}); "
-            f"{verb} needs a manifold mesh: {cure('several fans', topology, oriented=oriented)}"
+            f"{counted(len(bad), 'vertex joins', 'vertices join')} several fans of faces (first: vertex "
+            f"{bad[0]}); {verb} needs a manifold mesh: {cure('several fans', topology, oriented=oriented)}"
         )
     bad = topology.misoriented_edges if oriented else topology.edges[:0, 0]
     if one_sided and len(bad):
@@ -72,14 +72,15 @@ def require(
     if len(bad):
         a, b = topology.edges[bad[0]]
         raise MeshError(
-            f"{len(bad)} edges join faces of opposite orientation (first: vertices {a}-{b}); "
-            f"{verb} needs consistently oriented faces: {_orientation_cure(mesh, one_sided)}"
+            f"{counted(len(bad), 'edge joins', 'edges join')} faces of opposite orientation (first: vertices "
+            f"{a}-{b}); {verb} needs consistently oriented faces: {_orientation_cure(mesh, one_sided)}"
         )
     if closed and not topology.is_closed:
         a, b = topology.edges[topology.boundary_edges[0]]
+        loops = counted(topology.boundary_loops, "boundary loop", "boundary loops")
         raise MeshError(
-            f"the surface has {topology.boundary_loops} boundary loops (first edge: vertices {a}-{b}); "
-            f"{verb} needs a closed surface: {how_to_close(mesh)}"
+            f"the surface has {loops} (first edge: vertices {a}-{b}); {verb} needs a closed surface: "
+            f"{how_to_close(mesh)}"
         )
 
 
@@ -279,7 +280,7 @@ def refuse_flat_faces(
         raise no_area_error(len(flat))
     corners = "" if topology is None else f", vertices {', '.join(str(v) for v in topology.faces[flat[0]])}"
     raise MeshError(
-        f"{len(flat)} faces have no area (first: face {flat[0]}{corners}); "
+        f"{counted(len(flat), 'face has', 'faces have')} no area (first: face {flat[0]}{corners}); "
         f"{cure('no area', topology, manifold=manifold, oriented=oriented)}"
     )
 

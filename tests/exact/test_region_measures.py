@@ -145,7 +145,7 @@ def test_a_spike_does_not_refine_the_arcs_of_other_edges():
 
 
 def test_offsets_and_regions_that_do_not_exist_are_refused():
-    with pytest.raises(MeshError, match="has 1 boundary loops"):
+    with pytest.raises(MeshError, match="has 1 boundary loop "):
         offset_body(shapes.grid(3, 3), 0.1)
     with pytest.raises(ParameterError, match="positive length"):
         offset_body(CUBE, -1.0)

@@ -36,7 +36,7 @@ def with_fin(mesh):
 def test_a_surface_with_three_faces_at_an_edge_is_refused():
     """The cure, the repair of `ddgcli repair` and of objects, has tests of its own."""
     message = refusal(START, mesh=with_fin(shapes.icosphere(1)))
-    assert "1 edges have more than two faces (first: vertices 0-16)" in message and "split_fans" in message
+    assert "1 edge has more than two faces (first: vertices 0-16)" in message and "split_fans" in message
 
 
 def test_a_moebius_band_is_refused():
@@ -64,7 +64,7 @@ def test_faces_without_area_are_counted():
     mesh = shapes.grid(4, 4)
     points = np.array(mesh.points)
     points[mesh.faces[5, 2]] = points[mesh.faces[5, :2]].mean(axis=0)
-    assert "have no area (first: face" in refusal(START, mesh=mesh.moved(points))
+    assert "1 face has no area (first: face" in refusal(START, mesh=mesh.moved(points))
 
 
 FORCE = "force = { acceleration = [0, 0, 1] }"

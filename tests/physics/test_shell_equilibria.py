@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.simulate import shell_run
+from tests.simulate import scalar, shell_run
 
 CANTILEVER = """
 [time]
@@ -78,3 +78,33 @@ def test_small_loads_bend_in_proportion(bending, thickness, traction):
     flexibility, force = plate(bending, thickness, traction)
     assert force == pytest.approx(1, rel=1e-6)
     assert flexibility == pytest.approx(plate(bending, 1e-2, 1e-4)[0], rel=1e-5)
+
+
+def shape_and_iterations(text):
+    """Positions at the equilibrium, its energy, and Newton's iterations."""
+    run, *_ = shell_run(text)
+    end = run[-1].observations["s"]
+    return end.points, scalar(run, "energy")[-1], scalar(run, "newton_iterations")[-1]
+
+
+@pytest.mark.parametrize(
+    "alpha, drop, reach", [(3, 0.60325, 0.74558), (10, 0.81061, 0.44500)], ids=["moderate", "large"]
+)
+def test_a_thin_strip_comes_to_the_elastica_in_one_load_step_of_few_moves(alpha, drop, reach):
+    """Bisshopp and Drucker's cantilever. Turns stretch it to second order, which cut moves short: 270."""
+    rigidity = 2e11 * 1e-9 / 12  # per width
+    text = CANTILEVER.format(bending="midedge", cells=20, rows=2)
+    points, _, iterations = shape_and_iterations(text.replace("-1e-3", str(-0.1 * alpha * rigidity)))
+    assert np.abs(points[-1, [0, 2]] - [reach, -drop]).max() < 0.004
+    assert iterations < 60
+
+
+def test_a_free_strip_turns_into_the_direction_of_balanced_forces():
+    """Its energy there: -F L and that of the tension, -F^2 L / 2 E t b."""
+    force = "[[effects.load]]\nbox = [[{0}, 0, 0], [{0}, 1, 0]]\nforce = [0, 0, {1}]\n"
+    text = CANTILEVER.format(bending="hinge", cells=8, rows=2)
+    text = text[: text.index("pin =")].replace("2e11", "1e8") + force.format(0, -0.01) + force.format(1, 0.01)
+    points, energy, iterations = shape_and_iterations(text)
+    assert np.ptp(points[:, 2]) == pytest.approx(1 + 1e-6, rel=1e-7)
+    assert energy == pytest.approx(-0.01 * (1 + 0.5e-6), rel=1e-8)
+    assert iterations < 60

@@ -13,7 +13,7 @@ from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.one_sided import double_covered
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, counted
 from ddgcli.geometry.extrinsic import dihedral_angle_and_length, folded_edges
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.repair import reverse_faces
@@ -198,7 +198,7 @@ def _warn_of_defects(
             "locally, and the total mean curvature is undefined"
         )
     if len(flat):
-        _log.warning("%d faces have no area (first: face %d)", len(flat), flat[0])
+        _log.warning("%s no area (first: face %d)", counted(len(flat), "face has", "faces have"), flat[0])
     if not topology.is_manifold:
         _log.warning(
             "the surface is not manifold (%d edges with more than two faces, %d vertices with several fans): "

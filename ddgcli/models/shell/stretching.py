@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import copy
 from functools import cached_property
 from typing import Literal
 
@@ -122,6 +123,7 @@ class StVK:
     ) -> None:
         self.stencil, self.basis, self.area = faces, basis, area
         self.lam, self.mu = lam, mu
+        self.assumed_stress: NDArray[np.float64] | None = None
         self.rest_metric = np.eye(2) if rest_metric is None else rest_metric
 
     def subset(self, rows: NDArray, stencil: NDArray) -> StVK:
@@ -166,6 +168,18 @@ class StVK:
         _, strain, stress = self._stress(x)
         return _matrices(*strain), _matrices(*stress)
 
+    def linearised(self, x: NDArray, move: NDArray) -> StVK:
+        """The membrane whose Hessian has the stress to which x + move leads to first order.
+
+        A turn stretches only to second order: that stress has nothing of it.
+        """
+        (f, g), strain, _ = self._stress(x)
+        df, dg = self._columns(move)
+        rate = np.stack([dot(f, df), dot(g, dg), 0.5 * (dot(f, dg) + dot(g, df))])
+        membrane = copy.copy(self)
+        membrane.assumed_stress = self._stress_of(strain + rate)
+        return membrane
+
     def energy(self, x: NDArray) -> float:
         _, strain, stress = self._stress(x)
         e, s = strain, stress
@@ -198,6 +212,8 @@ class StVK:
 
     def pair_blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         (f, g), _, stress = self._stress(x)
+        if self.assumed_stress is not None:
+            stress = self.assumed_stress
         s = self.area * (stress if mode == "exact" else _positive_part(*stress))
         for rows in row_blocks(len(self.stencil)):
             f1, f2 = f[:, rows], g[:, rows]

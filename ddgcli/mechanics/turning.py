@@ -1,0 +1,76 @@
+"""Newton's iteration through large rotations, with the stress as a second unknown.
+
+A finite move along a turn stretches what it turns. The Hessian with that stress, which the next move takes
+away, allows short moves only; with the stress that the move had to first order, moves are long. D. Magisano,
+L. Leonetti, G. Garcea, "How to improve efficiency and robustness of the Newton method in geometrically
+non-linear structural problem discretized via displacement-based finite elements", 2017.
+"""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+
+from ddgcli.errors import SolveError
+from ddgcli.linalg.factor import negative_eigenvalues
+from ddgcli.mechanics.hessian import total_hessian
+from ddgcli.mechanics.increment import Increment, Point
+from ddgcli.mechanics.newton import Newton
+from ddgcli.mechanics.terms import Mode
+
+MAX_TURNING_MOVES = 40
+MAX_TURNING_MOVE = 0.3  # of the object's size
+END_OF_TURN = 1e-5  # of the object's size: a move after which Newton's iteration needs no help
+SHIFT_RATIO = 0.1
+
+
+def turned(newton: Newton, start: Point, shift: float) -> tuple[Point | None, int]:
+    """A place of less energy, near an equilibrium that long moves lead to.
+
+    Parameters
+    ----------
+    newton : Newton
+    start : Point
+    shift : float
+        Multiple of the masses that is added to the Hessian of the first move; less of it to each later one.
+
+    Returns
+    -------
+    Point or None
+        None where the moves lead nowhere or upwards, and where contact or a gas acts.
+    int
+        Moves.
+    """
+    system, increment = newton.system, Increment(0.0, start.y)
+    solver = newton.solver(increment)
+    linearisable = any(hasattr(p, "linearised") for p in system.potentials)
+    if not linearisable or system.barriers or solver.by_blocks or newton.columns(start.y) is not None:
+        return None, 0
+    y, assumed = start.y, copy.copy(system)
+    mode: Mode = "projected"  # the stress at the start is that of its own short moves
+    for count in range(1, MAX_TURNING_MOVES + 1):
+        matrix = total_hessian(assumed, increment, solver.assembly, y, mode, shift)
+        with system.account.within("solver"):
+            definite = mode == "projected" or negative_eigenvalues(matrix) == 0
+        if not definite:
+            matrix = total_hessian(assumed, increment, solver.assembly, y, "projected", shift)
+        mode = "exact"
+        with system.account.within("solver"):
+            try:
+                solver.factorise(system, matrix, y, None)
+                move = newton.spread(solver.solve(newton.entries(-newton.slope(increment, y))))
+            except SolveError:
+                return None, count
+        size = float(np.abs(move).max())
+        if not np.isfinite(size):
+            return None, count
+        move *= min(1.0, MAX_TURNING_MOVE * system.size / size) if size > 0 else 1.0
+        assumed.potentials = [
+            p.linearised(y, move) if hasattr(p, "linearised") else p for p in system.potentials
+        ]
+        y, shift = y + move, SHIFT_RATIO * shift
+        if size <= END_OF_TURN * system.size:
+            end = newton.at(increment, y)
+            return (end if end.value < start.value else None), count
+    return None, MAX_TURNING_MOVES
