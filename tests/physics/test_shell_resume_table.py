@@ -99,7 +99,7 @@ CASES = {
     ),
     "plasticity": (
         PINNED + "gravity = { acceleration = [0, 900, -900] }\n"
-        "plasticity = { yield_strain = 1e-4, yield_angle = 1e-3 }", "", SQUARE, "",
+        "plasticity = { yield_strain = 1e-4, yield_angle = 1e-3, hardening = 2 }", "", SQUARE, "",
     ),
     "fracture": (ELASTIC + "fracture = { strain = 1e-3 }", "", SQUARE, "angular_velocity = [0, 5, 60]"),
     "fracture self_contact": (
