@@ -46,6 +46,12 @@ def write_input(path: str, kind: str, elements: int) -> float:
         points = np.stack([np.cos(angle), 0.7 * np.sin(angle), 0 * angle], axis=1)
         write_mesh(path, AnnotatedMesh(CurveSet.from_paths([np.vstack([points, points[:1]])])))
         return 0.0
+    if kind == "rings":  # of a hundred points each
+        angle = np.linspace(0, 2 * np.pi, 101)
+        ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+        rings = [ring + [3 * k, 0, 0] for k in range(elements // 100)]
+        write_mesh(path, AnnotatedMesh(CurveSet.from_paths(rings)))
+        return 0.0
     if kind == "box":
         mesh: Any = shapes.box_tetrahedra(*3 * [max(2, round((elements / 6) ** (1 / 3)))])
     elif kind == "disk":
@@ -59,6 +65,10 @@ def write_input(path: str, kind: str, elements: int) -> float:
     if kind == "noisy":
         noise = 0.05 * mesh.side_length.mean() * np.random.default_rng(0).standard_normal(len(mesh.points))
         mesh = mesh.moved(mesh.points * (1 + noise)[:, None])
+    if kind == "detailed":  # bumps of four edges, for which the search for noise tries the widest balls
+        edge = float(mesh.side_length.mean())
+        height = 0.2 * edge * np.sin(2 * np.pi / (4 * edge) * mesh.points).sum(axis=1)
+        mesh = mesh.moved(mesh.points * (1 + height)[:, None])
     cells = {"wind": np.tile([1.0, 0.5, 0.2], (elements_of(mesh), 1))}
     write_mesh(path, AnnotatedMesh(mesh, vertex={"f": mesh.points[:, 2].copy()}, face=cells))
     return 3 * float(mesh.side_length.mean()) if kind != "box" else 0.0

@@ -56,8 +56,8 @@ def measured_kernel(
         words = shlex.split(task.words.format(mesh=path, out=folder / "out", radius=radius))
         run_seconds, run_mib, uses = repeated_run(words, folder, probe_seconds, task)
         read = read_facts(path, folder)
-        if not facts:  # the kernels as the command itself counts them, and what its imports cost
-            facts = dry_run(words, folder)
+        first, facts = not facts, dry_run(words, folder)  # the kernels as the command itself counts them
+        if first:  # what its imports cost
             start = facts["read_seconds"] - read["read_seconds"]
             start_mib = facts["read_mib"] - read["read_mib"]
         speed = probe_seconds / read["probe_seconds"]
@@ -93,19 +93,20 @@ def repeated_run(
 def _rest(
     task: Task, uses: list[dict[str, Any]], n: float, seconds: float, mib: float, table: dict[str, Cost]
 ) -> tuple[float, float, float]:
-    """n, and what other kernels leave of the seconds and MiB, for one use."""
+    """Elements of the kernel, and what other kernels leave of the seconds and MiB, for one use."""
     own = next(use for use in uses if use["kernel"] == task.kernel)
     shared = 0.0
     for use in uses:
         short = task.short and use["kernel"] == "curvature further results"
-        if use is own or short or use["kernel"] == "curvature noise":  # spheres have none
+        if use is own or short:
             continue
         cost = table.get(f"{use['kernel']} {task.suffix}".strip(), NOTHING)
         filled = fill(use["kernel"], round(n * 1e5))
-        seconds -= use["times"] * (cost.seconds + filled * cost.seconds_per_1e5 * n**cost.exponent)
-        shared = max(shared, cost.mib + filled * cost.mib_per_1e5 * n)
+        size = use["elements"] / 1e5 if "elements" in use else n
+        seconds -= use["times"] * (cost.seconds + filled * cost.seconds_per_1e5 * size**cost.exponent)
+        shared = max(shared, cost.mib + filled * cost.mib_per_1e5 * size)
     mib = (mib - shared) / own["added"] if own["added"] else mib
-    return n, max(seconds, 0.0) / own["times"], max(mib, 0.0)
+    return own["elements"] / 1e5 if "elements" in own else n, max(seconds, 0.0) / own["times"], max(mib, 0.0)
 
 
 def fitted(rows: list[tuple[float, float, float]], exponent: float, kernel: str = "") -> Cost:

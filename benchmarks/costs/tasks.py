@@ -48,7 +48,8 @@ SURFACE = [
     ),
     Task("curvature quadric auto", "curvature {mesh} --radius auto", short=True),
     Task("curvature further results", "curvature {mesh} --scheme corrected", LARGE_SIZES),
-    Task("curvature noise", "curvature {mesh} --scheme corrected", mesh="noisy", uses=1.0),
+    Task("curvature wide fits", "curvature {mesh}", mesh="detailed"),
+    Task("curvature noise", "curvature {mesh}", (10_000,), mesh="noisy"),
     Task("curvature normal-voting", "curvature {mesh} --scheme normal-voting", short=True),
     Task(
         "curvature normal-voting radius",
@@ -107,7 +108,9 @@ SURFACE = [
     Task("geodesic field", "geodesic {mesh} --field wind"),
     Task("geodesic transport", "geodesic {mesh} --source 0 --path-to 9 --transport"),
     Task("geodesic vector-heat", "geodesic {mesh} --source 0 --spread-vector 0.3,0.5,1"),
-    Task("geodesic trace", "geodesic {mesh} --trace 0:1,0,0:1,0.3,0:10"),
+    Task("geodesic marching log-map", "geodesic {mesh} --source 0 --method fast-marching --log-map"),
+    Task("geodesic trace", "geodesic {mesh} --trace 0:1,0,0:1,0.3,0:1"),
+    Task("geodesic crossings", "geodesic {mesh} --trace 0:1,0,0:1,0.3,0:1000", (2_000, 10_000)),
     Task("geodesic fan", "geodesic {mesh} --source 0 --fan 100 --fan-length 1 --method fast-marching"),
     Task("geodesic isolines", "geodesic {mesh} --source 0 --isolines 20 --method fast-marching"),
     Task("geodesic voronoi", "geodesic {mesh} --source 0,9 --voronoi"),
@@ -124,7 +127,7 @@ SURFACE = [
     *(
         Task(
             f"willmore-flow {kind} step",
-            f"willmore-flow {{mesh}} --flow {flow} --steps 4",
+            f"willmore-flow {{mesh}} --flow {flow} --steps 20",  # the memory of many factors
             SMALL_SIZES,
             mesh="torus",
             uses="steps",
@@ -306,6 +309,13 @@ CURVES = [
         "curve-flow {mesh} --steps 20 --dt 1e-9",
         SMALL_SIZES,
         mesh="circle",
+        suffix="curve",
+    ),
+    Task(
+        "curve-flow search",
+        "curve-flow {mesh} --steps 20 --dt 1e-9",
+        SMALL_SIZES,
+        mesh="rings",
         suffix="curve",
     ),
 ]

@@ -313,6 +313,19 @@ MESHES = {
 }
 
 
+def warped(mesh, change):
+    return mesh.moved(change(mesh.points))
+
+
+def graded(points):
+    return points ** [3.0, 2.0, 1.0]
+
+
+def noisy(points):
+    """Deviations of a twentieth of an edge, which turn faces too little to look rough."""
+    return points + 1e-3 * np.random.default_rng(0).standard_normal(points.shape)
+
+
 # options and meshes that change the work, unlike those of the measured kernels
 OTHER_WORK = {
     "strip": ("geodesic {mesh} --source 0", lambda: shapes.grid(1000, 8, 100.0, 0.8)),
@@ -321,6 +334,14 @@ OTHER_WORK = {
     "heat": ("laplacian {mesh} --heat f --duration 1 --dt 0.004", lambda: shapes.random_sphere(6000, 2)),
     "basis": ("hodge {mesh} --basis", lambda: shapes.torus(250, 80)),
     "transfer": ("delaunay {mesh} --transfer f", lambda: shapes.torus(250, 80)),
+    "graded balls": ("curvature {mesh} --radius 0.03", lambda: warped(shapes.grid(100, 100), graded)),
+    "stretched balls": (
+        "curvature {mesh} --scheme normal-cycle --radius 0.4",
+        lambda: warped(shapes.icosphere(4), lambda p: p * [1.0, 1.0, 25.0]),
+    ),
+    "noise": ("curvature {mesh}", lambda: warped(shapes.torus(160, 60), noisy)),
+    "long trace": ("geodesic {mesh} --trace 0:1,0,0:1,0.3,0:1500", lambda: shapes.random_sphere(6000, 2)),
+    "boundary": ("geodesic {mesh} --source-boundary", lambda: shapes.grid(80, 80)),
     "wide balls": ("curvature {mesh} --scheme corrected --radius 0.2", lambda: shapes.random_sphere(6000, 2)),
 }
 

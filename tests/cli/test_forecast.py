@@ -7,14 +7,24 @@ import numpy as np
 import pytest
 
 from ddgcli import memory
+from ddgcli.algorithms.curvature.face_balls import FaceBalls
+from ddgcli.algorithms.geodesics.surface_curves import trace_curves
 from ddgcli.algorithms.hodge.homology import betti_numbers
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.algorithms.laplacian.spectrum import signature_pairs
 from ddgcli.cli.forecast import prediction
 from ddgcli.cli.forecast.check_cost import size_of
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
-from ddgcli.cli.forecast.kernels import CLEAN_MEMORY_SHARE, CLEAN_SECONDS_SHARE, kernels_of
-from ddgcli.cli.forecast.mesh_facts import ball_vertices, edge_paths, harmonic_fields
+from ddgcli.cli.forecast.kernels import kernels_of
+from ddgcli.cli.forecast.mesh_facts import (
+    CLIPS_PER_TEST,
+    SEARCH_OF_BALL,
+    ball_work,
+    crossings_per_length,
+    edge_paths,
+    harmonic_fields,
+    noise_of_vertices,
+)
 from ddgcli.cli.forecast.prediction import predict
 from ddgcli.cli.forecast.simulator_kernels import ITERATIONS_PER_LOAD_STEP, ITERATIONS_TO_REST
 from ddgcli.cli.forecast.use import InputSize, Use
@@ -70,10 +80,8 @@ def test_options_change_what_is_predicted():
     assert names("delaunay", transfer=["f"])[1:] == ["delaunay overlay", "laplacian poisson"]
     *_, ball, further = kernels_of("curvature", {"scheme": "quadric", "radius": 0.3}, size)
     assert further.kernel == "curvature further results"
-    noise, own = kernels_of("curvature", {"scheme": "cotan"}, size, full=False)
-    assert own == Use("curvature cotan") and noise.kernel == "curvature noise"
-    assert (noise.times, noise.added) == (CLEAN_SECONDS_SHARE, CLEAN_MEMORY_SHARE)
-    assert ball.kernel == "curvature quadric radius" and math.isclose(ball.times, 9)
+    assert kernels_of("curvature", {"scheme": "cotan"}, size, full=False) == [Use("curvature cotan")]
+    assert ball.kernel == "curvature quadric radius" and math.isclose(ball.elements, 5000 * (30 + 9 * 4.15))
     loaded = InputSize("surface", 10_000, steps=11)
     rest = kernels_of("shell-sim", {"integrator": "static"}, loaded)[1:]
     assert [use.times for use in rest] == [ITERATIONS_TO_REST, 10 * ITERATIONS_PER_LOAD_STEP]
@@ -97,23 +105,31 @@ def test_the_rows_of_a_distance_matrix_are_those_that_the_run_propagates(method,
     assert [use.times for use in uses if use.kernel == "geodesic heat"] == [1, 4] * (method == "heat")
 
 
-def test_noise_of_a_surface_is_part_of_the_prediction_of_its_curvature():
-    smooth, options = shapes.torus(80, 40), {"scheme": "quadric"}
-    noise = 0.1 * smooth.side_length.mean() * np.random.default_rng(0).standard_normal(smooth.points.shape)
-
-    def uses(mesh, **more):
-        return kernels_of("curvature", {**options, **more}, size_of(mesh, {**options, **more}))
-
-    for mesh, share in ((smooth, CLEAN_SECONDS_SHARE), (smooth.moved(smooth.points + noise), 1.0)):
-        assert uses(mesh)[0].times == uses(mesh, radius="auto")[0].times == share
-        radii = [use.kernel for use in uses(mesh, radius="auto") if use.kernel.endswith(" radius")]
-        assert len(radii) == (share == 1.0)
-    assert uses(shapes.icosphere(1))[0].times == CLEAN_SECONDS_SHARE  # large turns of one sign
-    assert all(use.kernel != "curvature noise" for use in uses(smooth, radius=0.1))
+def test_the_search_for_noise_is_counted_where_the_first_fits_of_the_run_show_some():
+    smooth = shapes.torus(80, 40)
+    edge = smooth.side_length.mean()
+    noise = 0.1 * edge * np.random.default_rng(0).standard_normal(smooth.points.shape)
     rough = smooth.moved(smooth.points + noise)
-    assert any(use.kernel == "curvature noise" for use in uses(rough, radius=0.1))
-    corrected = uses(rough, radius=0.1, scheme="corrected")  # its balls do not depend on noise
-    assert all(use.kernel != "curvature noise" for use in corrected)
+    faint = smooth.moved(smooth.points + 0.3 * noise)  # turns of 0.07: no face looks rough
+    waves = smooth.moved(smooth.points + 0.2 * edge * np.sin(2 / edge * smooth.points))
+    search, in_balls = {"curvature wide fits", "curvature noise"}, "curvature quadric radius"
+
+    def kernels(mesh, **options):
+        options = {"scheme": "quadric", **options}
+        size = replace(size_of(mesh, options), noise=noise_of_vertices(mesh))
+        return {use.kernel for use in kernels_of("curvature", options, size)} & {*search, in_balls}
+
+    assert not kernels(smooth) and not kernels(shapes.icosphere(1)) and not kernels(smooth, radius="auto")
+    assert kernels(rough) == kernels(faint) == search
+    assert kernels(waves) == {"curvature wide fits"}
+    assert kernels(rough, radius="auto") == {*search, in_balls}
+    assert kernels(rough, radius=0.1) == {"curvature wide fits", in_balls}
+    # balls of a stated radius do not depend on noise
+    assert not kernels(rough, radius=0.1, scheme="corrected")
+    turned = rough.faces.copy()
+    turned[::3] = turned[::3, ::-1]
+    assert noise_of_vertices(TriangleMesh.from_arrays(rough.points, turned)) == "noise"
+    assert noise_of_vertices(shapes.grid(3, 3)) == ""
 
 
 def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
@@ -125,7 +141,6 @@ def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
 
     for known in (
         seconds("geodesic", method="heat", source=[0]),
-        seconds("willmore-flow", 5, step=1e-6),
         seconds("fluid-sim", 5),
     ):
         assert len(set(known[0])) == 1 and "times_range" not in known[1]
@@ -133,6 +148,7 @@ def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
         seconds("shell-sim", 1, integrator="static"),
         seconds("willmore-flow"),
         seconds("willmore-flow", 5),
+        seconds("willmore-flow", 5, step=1e-6),
         seconds("curve-flow"),
         seconds("shell-sim", 5),
         seconds("shell-sim", 5, contact=True),
@@ -189,7 +205,8 @@ def test_edge_paths_end_at_other_components_and_ignore_sources_outside_the_mesh(
     one = shapes.icosphere(1)
     faces = np.concatenate([one.faces, one.faces + one.n_vertices])
     two = TriangleMesh.from_arrays(np.concatenate([one.points, one.points + 9.0]), faces)
-    assert edge_paths(two, {"source": [0]}) == edge_paths(one, {"source": [0]})
+    of_two, of_one = (edge_paths(mesh, {"source": [0]})[0] for mesh in (two, one))
+    assert replace(of_two, reach_all=True) == of_one and not of_two.reach_all
     assert edge_paths(one, {"source": [-1, 999]}) == edge_paths(one, {"source": [0]})
     at_pole = edge_paths(one, {"source_point": [one.points[5]]})
     assert at_pole == edge_paths(one, {"source": [5]})
@@ -200,25 +217,56 @@ def test_edge_paths_end_at_other_components_and_ignore_sources_outside_the_mesh(
 
 
 def test_balls_are_counted_where_the_vertices_lie():
-    """On graded meshes as many as a search finds, not as the mean edge suggests."""
+    """On graded meshes as many pairs as a search finds, not as the mean edge suggests."""
     square, radius = shapes.grid(60, 60), 0.1
     graded = square.moved(square.points**3)
     for mesh in (square, graded):
         distance = np.linalg.norm(mesh.points[:, None, :2] - mesh.points[None, ::7, :2], axis=2)
         count = float((distance <= radius).sum(axis=0).mean())
-        assert math.isclose(ball_vertices(mesh, radius), count, rel_tol=0.15)
+        work = ball_work(mesh, radius, "quadric") / mesh.n_vertices
+        assert math.isclose(work - SEARCH_OF_BALL, count, rel_tol=0.15)
 
-    def times(mesh):
-        size = InputSize("surface", mesh.n_faces, ball_vertices=ball_vertices(mesh, radius))
-        return kernels_of("curvature", {"scheme": "corrected", "radius": radius}, size)[1].times
+    def elements(mesh):
+        work = ball_work(mesh, radius, "quadric")
+        size = InputSize("surface", mesh.n_faces, ball_work=work)
+        return kernels_of("curvature", {"scheme": "quadric", "radius": radius}, size)[1].elements
 
-    assert times(graded) > 2 * times(square)
-    # measured: balls of eight edges take 2.4 to 2.9 times as long as balls of three
+    assert elements(graded) > 2 * elements(square)
+    # measured: clipping balls of eight edges take 2.4 to 2.9 times as long as balls of three
     size = InputSize("surface", 9, edge_length=1.0)
     three, eight = (
         kernels_of("curvature", {"scheme": "corrected", "radius": rings}, size) for rings in (3.0, 8.0)
     )
-    assert 2.0 < eight[1].times / three[1].times < 3.0
+    assert 2.0 < eight[1].times / three[1].times < 4.5
+
+
+def test_clipped_faces_are_counted_as_the_run_clips_them():
+    """Stretched faces are clipped again each time that a ball grows over one of their corners."""
+    sphere = shapes.icosphere(3)
+    stretched = sphere.moved(sphere.points * [1.0, 1.0, 25.0])
+    for mesh in (sphere, stretched):
+        balls = FaceBalls(mesh, 0.6)
+        for _ in balls:
+            pass
+        work = balls.n_clipped + CLIPS_PER_TEST * balls.n_tested
+        assert 0.5 * work < ball_work(mesh, 0.6, "corrected") < 1.5 * work
+    assert ball_work(stretched, 0.6, "corrected") > 3 * ball_work(stretched, 0.6, "quadric")
+
+
+def test_crossings_of_straight_lines_are_counted_by_the_formula_of_crofton():
+    # lines on tori do not pass everywhere
+    for mesh, tolerance in ((shapes.random_sphere(500, 0), 0.07), (shapes.torus(40, 20), 0.3)):
+        traces = trace_curves(
+            mesh, np.array([0, 9]), np.full((2, 3), 1 / 3), [[1, 0.3, 0], [0, 1, 1]], [30.0, 30.0]
+        )
+        n_edges = sum(entry["crossings"] for entry in traces.entries)
+        assert math.isclose(60 * crossings_per_length(mesh), n_edges, rel_tol=tolerance)
+    use = kernels_of(
+        "geodesic",
+        {"trace": [[0, [1, 0, 0], [1, 0, 0], 30.0]] * 2},
+        InputSize("surface", 9, crossings_per_length=5.0),
+    )[-1]
+    assert use.kernel == "geodesic crossings" and use.elements == 300.0
 
 
 def test_heat_kernel_signatures_take_the_eigenpairs_that_the_run_computes():
@@ -233,9 +281,10 @@ def test_heat_kernel_signatures_take_the_eigenpairs_that_the_run_computes():
 
 
 def test_curves_of_a_geodesic_run_are_counted():
-    options = {"fan": 300, "isolines": 40, "voronoi": True, "trace": ["0:1,0,0:1,0,0:1"]}
+    options = {"fan": 300, "isolines": 40, "voronoi": True, "trace": [[0, [1, 0, 0], [1, 0, 0], 1.0]]}
     uses = {use.kernel: use.times for use in kernels_of("geodesic", options, InputSize("surface", 10_000))}
-    assert uses == {"geodesic trace": 1, "geodesic fan": 3, "geodesic isolines": 2, "geodesic voronoi": 1}
+    counts = {"trace": 1, "crossings": 1, "fan": 3, "isolines": 2, "voronoi": 1}
+    assert uses == {f"geodesic {name}": times for name, times in counts.items()}
 
 
 def test_harmonic_fields_are_counted_by_eulers_formula():

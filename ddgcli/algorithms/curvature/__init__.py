@@ -15,6 +15,7 @@ __all__ = [
     "measures",
     "neighbours",
     "noise",
+    "noise_kind",
     "offset_body",
     "one_sided",
     "point_grid",

@@ -60,10 +60,18 @@ class FaceBalls:
     ----------
     mesh : TriangleMesh
     radius : float
+
+    Attributes
+    ----------
+    max_balls : int
+        That the table of their fans has room for at once.
+    n_tested, n_clipped : int
+        Pairs of a ball with a vertex, and with a face, that were computed so far: the work.
     """
 
     def __init__(self, mesh: TriangleMesh, radius: float) -> None:
         self.mesh, self.radius = mesh, radius
+        self.n_tested = self.n_clipped = 0
         # a vertex with several fans counts once for each fan: other fans count only where they are connected
         fan = mesh.topology.corner_fans
         self.n_fans = n = int(fan.max(initial=-1)) + 1
@@ -86,20 +94,31 @@ class FaceBalls:
         )
         self._planes = FacePlanes.of(self._columns[:, mesh.faces].transpose(2, 0, 1))
         self.face_area = self._planes.area
-        self._most = max(8, _MAX_TABLE_CELLS // max(n, 1))
-        self._state = np.zeros(min(self._most, mesh.n_vertices) * n, dtype=np.int8)
+        self.max_balls = max(8, _MAX_TABLE_CELLS // max(n, 1))
+        self._state = np.zeros(min(self.max_balls, mesh.n_vertices) * n, dtype=np.int8)
         self._stamp = np.empty(len(self._state), dtype=np.int32)
 
     def __iter__(self) -> Iterator[Ball]:
         begin, step = 0, 64
         while begin < self.mesh.n_vertices:
-            end = min(begin + min(step, self._most), self.mesh.n_vertices)
-            ball = self._of(begin, end)
+            end = min(begin + min(step, self.max_balls), self.mesh.n_vertices)
+            ball = self.around(begin, end)
             yield ball
             step = max(1, int((end - begin) * _MAX_PAIRS / max(ball.whole.nnz + len(ball.face), 1)))
             begin = end
 
-    def _of(self, begin: int, end: int) -> Ball:
+    def around(self, begin: int, end: int) -> Ball:
+        """Balls around a range of vertices.
+
+        Parameters
+        ----------
+        begin, end : int
+            The range [begin, end), of at most `max_balls`.
+
+        Returns
+        -------
+        Ball
+        """
         self._state.fill(0)
         owner, fan = expand_lists(np.arange(end - begin), np.arange(begin, end), self._fans_of_vertex)
         self._state[owner * self.n_fans + fan] = _INSIDE_STATE
@@ -130,6 +149,7 @@ class FaceBalls:
             owner, fan = owner[inside], fan[inside]
 
     def _within(self, vertex: NDArray, fan: NDArray) -> NDArray[np.bool_]:
+        self.n_tested += len(fan)
         squared = np.zeros(len(fan))
         for column, place in zip(self._columns, self._fan_point):
             squared += (np.take(place, fan) - np.take(column, vertex)) ** 2
@@ -165,6 +185,7 @@ class FaceBalls:
         return self._ball(begin, end, fans, whole, pieces), visited[:0], visited[:0]
 
     def _clip(self, begin: int, owner: NDArray, face: NDArray) -> tuple[NDArray, NDArray]:
+        self.n_clipped += len(face)
         return self._planes.clip(face, np.take(self._columns, begin + owner, axis=1), self.radius)
 
     def _beyond(self, owner: NDArray, face: NDArray, chord: NDArray) -> NDArray[np.int64]:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from ddgcli.cli.forecast.kernels import kernels_of
 from ddgcli.cli.forecast.use import InputSize
-from ddgcli.errors import ParameterError, excerpt
+from ddgcli.errors import MeshError, ParameterError, excerpt
 
 if TYPE_CHECKING:
     from ddgcli.cli.forecast.prediction import Prediction
+    from ddgcli.mesh.curve import CurveSet
     from ddgcli.mesh.fields import AnyMesh
 
 __all__ = ["check_cost", "dry_run_of", "predict_run", "refined_prediction", "refuse_run", "size_of"]
@@ -33,7 +34,12 @@ DEFAULT_CURE = "use a coarser mesh, or a machine with more memory"
 
 def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     """Size of a mesh and of the steps that the options name."""
-    from ddgcli.cli.forecast.mesh_facts import angle_deficit, harmonic_fields, is_rough, signature_pairs
+    from ddgcli.cli.forecast.mesh_facts import (
+        angle_deficit,
+        crossings_per_length,
+        harmonic_fields,
+        signature_pairs,
+    )
     from ddgcli.mesh.curve import CurveSet
     from ddgcli.mesh.tet_mesh import TetMesh
 
@@ -46,21 +52,27 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         every = options.get("frame_every")
         steps = max(1, round(options["duration"] / every)) if every else DEFAULT_FRAME_COUNT
     if isinstance(mesh, CurveSet):
-        return InputSize("curve", mesh.n_vertices, steps=steps, adaptive=adaptive)
+        n_curves = _n_curves(mesh) if options.get("flow") else 1
+        return InputSize("curve", mesh.n_vertices, steps=steps, adaptive=adaptive, n_curves=n_curves)
     if isinstance(mesh, TetMesh):
         pairs = signature_pairs(mesh, options["hks"]) if options.get("hks") else 0
         return InputSize("tetrahedra", len(mesh.tetrahedra), steps=steps, signature_pairs=pairs)
     edge_length = float(mesh.side_length.mean()) if options.get("radius") and len(mesh.faces) else None
     refine = options.get("refine")
     deficit = angle_deficit(mesh, float(refine)) if refine else None
-    scheme, radius = options.get("scheme"), options.get("radius")
-    searches = scheme == "quadric" or radius in (None, "auto")  # for noise
-    rough = bool(scheme and searches and is_rough(mesh))
     return InputSize(
-        "surface", len(mesh.faces), edge_length, steps, angle_deficit=deficit, rough=rough, adaptive=adaptive,
+        "surface", len(mesh.faces), edge_length, steps, angle_deficit=deficit, adaptive=adaptive,
         signature_pairs=signature_pairs(mesh, options["hks"]) if options.get("hks") else 0,
+        crossings_per_length=crossings_per_length(mesh) if options.get("trace") else 0.0,
         betti_number=harmonic_fields(mesh) if options.get("basis") else 0,
     )  # fmt: skip
+
+
+def _n_curves(mesh: CurveSet) -> int:
+    try:
+        return max(1, len(mesh.paths()))
+    except MeshError:  # the command itself refuses curves that meet
+        return 1
 
 
 def predict_run(
@@ -102,14 +114,18 @@ def refined_prediction(
 
     if not isinstance(mesh, TriangleMesh) or not mesh.n_faces:
         return prediction, size
-    from ddgcli.cli.forecast.mesh_facts import ball_vertices, edge_paths
+    from ddgcli.cli.forecast.mesh_facts import ball_work, edge_paths, noise_of_vertices
 
     options = run.options
     if run.command == "geodesic" and options.get("method") == "exact":
         of_all, of_one = edge_paths(mesh, options)
         size = replace(size, paths=of_all, paths_of_one=of_one)
-    elif run.command == "curvature" and options.get("radius") not in (None, "auto"):
-        size = replace(size, ball_vertices=ball_vertices(mesh, float(options["radius"])))
+    elif run.command == "curvature":
+        scheme, radius = options["scheme"], options.get("radius")
+        if stated := radius not in (None, "auto"):
+            size = replace(size, ball_work=ball_work(mesh, float(radius), scheme))
+        if scheme == "quadric" or not stated:
+            size = replace(size, noise=noise_of_vertices(mesh))
     else:
         return prediction, size
     return predict_run(run, size, earlier=prediction), size

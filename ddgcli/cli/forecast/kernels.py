@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ddgcli.choices import ITERATIVE_SOLVERS, MAX_REFINEMENT_DEGREES, SYMMETRIC_METHODS
+from ddgcli.cli.forecast.curvature_kernels import curvature_kernels
 from ddgcli.cli.forecast.simulator_kernels import (
     curve_flow_kernels,
     fluid_kernels,
@@ -22,9 +23,6 @@ __all__ = ["kernels_of"]
 MEASURED_EIGENPAIRS = 8  # of the kernel `laplacian eigen`
 HARMONIC_FIELD_MEMORY = 4.0  # edge values and vectors on faces, over the memory of an eigenpair
 MEASURED_SMOOTHING_STEPS = 10
-MAX_RINGS = 1e9  # of a ball, in edge lengths; its square is a number
-MEASURED_RINGS, VERTICES_PER_SQUARED_RING = 3.0, 4.15  # of the kernels with a radius, on a sphere
-BALL_OVERHEAD = 0.75  # of their seconds, what does not grow with the vertices of a ball
 MEASURED_REFINEMENT_DEGREES = 25.0
 MEASURED_EVOLUTION_STEPS = 100
 MEASURED_RAYS, MEASURED_ISOLINES = 100, 20
@@ -33,11 +31,6 @@ PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
 MAX_COMPARED_FACES, TRADEOFF_RANGE = 14_000, (0.2, 5.0)  # on larger meshes the budget bounds the rows
 FIELD_SEEDS, FIELD_RANGE = 16, (0.3, 30.0)  # the default; steps adapt to the field
 FIXED_STEP_RANGE = (0.3, 60.0)  # up to 10,000 steps, whatever the mesh
-# of the seconds and memory of the search for noise in balls, on meshes where it ends early: guesses
-CLEAN_SECONDS_SHARE, CLEAN_MEMORY_SHARE = 0.2, 0.3
-NOISY_RANGE: Range = (0.1, 3.0)  # rough surfaces may be creased only
-NOISY_MEMORY = 1.4  # balls wider than on the measured noisy sphere: scans, voxel surfaces (1.2 to 1.9)
-AUTO_RINGS = 4.0  # of the radius that balances noise and bias
 # Windows of exact distances: a face has 0.2 (flat strips) to 0.7 (smooth surfaces) times the edges between it
 # and the source; a round of the wavefront costs as much as 1,800 of them, and an edge takes 2 to 5 rounds
 WINDOWS_PER_EDGE_AND_VERTEX, WINDOWS_PER_EDGE_OF_LONGEST = 0.9, 3 * 1800.0
@@ -124,44 +117,6 @@ def _repair(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("repair")
 
 
-def _curvature(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
-    if size.kind == "curve":
-        yield Use("curvature")
-        return
-    scheme, radius = options["scheme"], options.get("radius")
-    if options.get("offset"):
-        yield Use("curvature offset")
-    if radius in (None, "auto"):
-        yield _noise_search(size)
-    if radius is None:
-        yield Use(f"curvature {scheme}")
-    elif radius == "auto":
-        yield Use(f"curvature {scheme} auto")
-        if size.rough:
-            yield Use(f"curvature {scheme} radius", AUTO_RINGS**2, range=NOISY_RANGE, assumes="noise")
-    else:
-        yield Use(f"curvature {scheme}")
-        yield Use(f"curvature {scheme} radius", _ball_work(float(radius), size))
-        if size.rough:
-            yield _noise_search(size)
-
-
-def _ball_work(radius: float, size: InputSize) -> float:
-    """Work of measuring in balls; the kernel is a ninth of that in balls of three edges."""
-    vertices = size.ball_vertices
-    if vertices is None:
-        vertices = VERTICES_PER_SQUARED_RING * min(radius / (size.edge_length or 1.0), MAX_RINGS) ** 2
-    measured = VERTICES_PER_SQUARED_RING * MEASURED_RINGS**2
-    return MEASURED_RINGS**2 * (BALL_OVERHEAD + (1.0 - BALL_OVERHEAD) * vertices / measured)
-
-
-def _noise_search(size: InputSize) -> Use:
-    """The search for noise in balls, which clean meshes end early."""
-    if size.rough:
-        return Use("curvature noise", added=NOISY_MEMORY, range=NOISY_RANGE, assumes="noise")
-    return Use("curvature noise", CLEAN_SECONDS_SHARE, CLEAN_MEMORY_SHARE)
-
-
 def _delaunay(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("delaunay")
     if options.get("refine"):
@@ -235,6 +190,9 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if any(options.get(name) for name in SOURCE_OPTIONS):
         times = _wavefront_share(size.paths, size.elements) if exact else 1.0
         yield Use(f"geodesic {method}", times, range=windows, assumes=assumes, once=exact)
+        reach_all = size.paths is None or size.paths.reach_all
+        if exact and (not reach_all or any(options.get(name) for name in SOURCE_OPTIONS[1:])):
+            yield Use("geodesic dijkstra", added=1.0)  # the certificate compares with distances along edges
     further = sources if options.get("each_source") else 0
     if targets := _count(options.get("target")):  # symmetric distances start from the smaller set
         further += min(sources, targets) if method in SYMMETRIC_METHODS else sources
@@ -258,13 +216,16 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
             seconds_range, assumes = (FIXED_STEP_RANGE, "about a step for each face that a curve crosses")
         yield Use("geodesic field", seeds, range=seconds_range, assumes=assumes)
     if options.get("log_map"):
-        yield Use("geodesic vector-heat" if method == "heat" else "geodesic log-map")
+        log_maps = {"heat": "vector-heat", "fast-marching": "marching log-map"}
+        yield Use(f"geodesic {log_maps.get(method, 'log-map')}")
     if options.get("transport"):
         yield Use("geodesic transport")
     if options.get("signed_distance") or options.get("spread_vector"):
         yield Use("geodesic vector-heat")
     if options.get("trace"):
         yield Use("geodesic trace")
+        length = sum(length for *_, length in options["trace"])
+        yield Use("geodesic crossings", added=1.0, elements=length * size.crossings_per_length)
     if rays := options.get("fan"):
         yield Use("geodesic fan", rays / MEASURED_RAYS, once=True)
     if levels := options.get("isolines"):
@@ -324,7 +285,7 @@ _KERNELS: dict[str, Callable[[Mapping[str, Any], InputSize], Iterator[Use]]] = {
     "repair": _repair,
     "examples": _nothing,
     "check": _nothing,
-    "curvature": _curvature,
+    "curvature": curvature_kernels,
     "delaunay": _delaunay,
     "laplacian": _laplacian,
     "hodge": _hodge,

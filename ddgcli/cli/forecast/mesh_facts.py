@@ -13,39 +13,46 @@ if TYPE_CHECKING:
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-__all__ = ["angle_deficit", "ball_vertices", "edge_paths", "harmonic_fields", "is_rough", "signature_pairs"]
+__all__ = [
+    "angle_deficit",
+    "ball_work",
+    "crossings_per_length",
+    "edge_paths",
+    "harmonic_fields",
+    "noise_of_vertices",
+    "signature_pairs",
+]
 
-SAMPLED_SIDES = 4_000  # of a mesh, for its roughness
 SAMPLED_BALLS, SAMPLED_POINTS = 200, 50_000  # of a mesh, for the number of vertices in balls
-MIN_ROUGH_TURN, MAX_ONE_SIGN = 0.09, 0.5  # radians; share of turns that have one sign only
+SAMPLED_BLOCKS, BALLS_PER_BLOCK = 6, 120  # of consecutive vertices: their balls grow together
+SAMPLED_PAIRS = 1e6  # of balls and vertices
+CLIPPING_SCHEMES = ("corrected", "normal-cycle")
+SEARCH_OF_BALL = 30.0  # vertices in a ball that cost as much as the search for it
+CLIPS_PER_TEST = 0.35  # clipped faces that cost as much as the test of a vertex
 
 
-def is_rough(mesh: TriangleMesh | IntrinsicMesh) -> bool:
-    """Whether faces turn against their neighbours by large angles of both signs, in a sample of sides.
-
-    Mean turns are 0.1 to 0.25 on noise and on scans, of both signs; on smooth surfaces of more than a
-    thousand faces they are smaller, or of one sign.
-    """
+def noise_of_vertices(mesh: TriangleMesh) -> str:
+    """Kind of the noise that fits at some vertices show, '' of none: the first step of the run's search."""
     import numpy as np
 
-    from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-    from ddgcli.mesh.vectors import unit_vectors
+    from ddgcli.algorithms.curvature.deviation import vertex_deviation
+    from ddgcli.algorithms.curvature.faces import Faces
+    from ddgcli.algorithms.curvature.noise_kind import noise_kind
+    from ddgcli.algorithms.curvature.totals import filled_normals
+    from ddgcli.geometry.extrinsic import dihedral_angle_and_length
+    from ddgcli.mesh.repair import reverse_faces
 
-    if isinstance(mesh, IntrinsicMesh):
-        return False
-    faces, twin = mesh.faces, mesh.topology.side_twin[:, 0]
-    face = np.flatnonzero(twin >= 0)
-    face = face[:: max(1, len(face) // SAMPLED_SIDES)]
-    side = twin[face]
-    a, b = mesh.points[faces[face]], mesh.points[faces[side // 3]]
-    first, second = (unit_vectors(np.stack([x[:, k] - x[:, 0] for x in (a, b)])) for k in (1, 2))
-    n, m = unit_vectors(np.cross(first, second))
-    turn = np.arccos(np.clip((n * m).sum(axis=1), -1.0, 1.0))
-    away = mesh.points[faces[side // 3, (side + 2) % 3]] - a[:, 0]
-    sign = -np.sign((n * unit_vectors(away)).sum(axis=1))
-    if not len(turn) or not np.isfinite(turn).all():
-        return False
-    return bool(turn.mean() > MIN_ROUGH_TURN and abs((sign * turn).mean()) < MAX_ONE_SIGN * turn.mean())
+    topology = mesh.topology
+    extent = float(np.ptp(mesh.points / 2, axis=0).max()) if mesh.n_faces else 0.0
+    if not (extent > 0.0 and (topology.is_oriented or topology.is_orientable)):
+        return ""
+    unit = mesh.moved((mesh.points - mesh.points[mesh.faces[0, 0]]) / extent)
+    if not topology.is_oriented:
+        unit = reverse_faces(unit, topology.faces_to_turn)
+    faces = Faces.of(unit)
+    dihedral, _ = dihedral_angle_and_length(unit, filled_normals(faces, unit.topology).T)
+    deviation = None if faces.flat.all() else vertex_deviation(unit, faces, dihedral)
+    return "" if deviation is None else noise_kind(unit, faces, dihedral, deviation)[0]
 
 
 def angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
@@ -58,17 +65,37 @@ def angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
     return float(np.maximum(1.0 - smallest / degrees, 0.0).sum())
 
 
-def ball_vertices(mesh: TriangleMesh, radius: float) -> float:
-    """Mean number of vertices within a radius of a vertex, from a sample of both."""
+def ball_work(mesh: TriangleMesh, radius: float, scheme: str) -> float:
+    """Pairs of a ball around a vertex and a vertex or a face in it: the unit of kernels with a radius."""
+    unit = float(mesh.side_length.max()) or 1.0  # no square over- or underflows
+    pairs = _clipped_faces if scheme in CLIPPING_SCHEMES else _ball_vertices
+    return mesh.n_vertices * pairs(mesh.moved(mesh.points / unit), radius / unit)
+
+
+def _ball_vertices(mesh: TriangleMesh, radius: float) -> float:
+    """Mean number of vertices within a radius of a vertex, from a sample, and the work of the search."""
     import numpy as np
 
     points = mesh.points.T
     every = max(1, mesh.n_vertices // SAMPLED_POINTS)
     sample = np.ascontiguousarray(points[:, ::every])
     centres = points[:, :: max(1, mesh.n_vertices // SAMPLED_BALLS)].T
-    with np.errstate(over="ignore"):
-        inside = [np.count_nonzero(((sample - p[:, None]) ** 2).sum(axis=0) <= radius**2) for p in centres]
-    return 1.0 + every * max(0.0, float(np.mean(inside)) - 1.0 / every)
+    inside = [np.count_nonzero(((sample - p[:, None]) ** 2).sum(axis=0) <= radius**2) for p in centres]
+    return SEARCH_OF_BALL + 1.0 + every * max(0.0, float(np.mean(inside)) - 1.0 / every)
+
+
+def _clipped_faces(mesh: TriangleMesh, radius: float) -> float:
+    """Mean work of clipping the ball around a vertex, from a sample: faces, and a share of the vertices."""
+    from ddgcli.algorithms.curvature.face_balls import FaceBalls
+
+    balls = FaceBalls(mesh, radius)
+    wide = int(SAMPLED_PAIRS / (SAMPLED_BLOCKS * _ball_vertices(mesh, radius)))
+    n_balls, block = 0, max(1, min(BALLS_PER_BLOCK, balls.max_balls, wide))
+    for begin in range(0, mesh.n_vertices, max(block, mesh.n_vertices // SAMPLED_BLOCKS)):
+        end = min(begin + block, mesh.n_vertices)
+        balls.around(begin, end)
+        n_balls += end - begin
+    return (balls.n_clipped + CLIPS_PER_TEST * balls.n_tested) / n_balls
 
 
 def edge_paths(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[EdgePaths, EdgePaths]:
@@ -90,7 +117,7 @@ def edge_paths(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[EdgePath
         reached = np.isfinite(count)
         # small faces between large ones count by their length, stretched faces by their number
         edges = np.maximum(count[reached], length[reached] / mean_length)
-        return EdgePaths(float(edges.sum()), float(edges.max(initial=0.0)))
+        return EdgePaths(float(edges.sum()), float(edges.max(initial=0.0)), bool(reached.all()))
 
     of_all = paths_from(sources)
     return of_all, of_all if len(sources) == 1 else paths_from(sources[:1])
@@ -109,6 +136,18 @@ def _source_vertices(mesh: TriangleMesh, options: Mapping[str, Any]) -> NDArray:
     vertices = np.concatenate([vertices, mesh.faces[faces, 0], near, boundary]).astype(np.int64)
     vertices = np.unique(vertices[(vertices >= 0) & (vertices < mesh.n_vertices)])
     return vertices if len(vertices) else np.zeros(1, dtype=np.int64)
+
+
+def crossings_per_length(mesh: TriangleMesh | IntrinsicMesh) -> float:
+    """Mean number of edges that a line of unit length crosses, by the formula of Cauchy and Crofton."""
+    import math
+
+    from ddgcli.geometry.intrinsic import face_area
+
+    unit = float(mesh.side_length.max(initial=0.0)) or 1.0  # no square over- or underflows
+    area = float(face_area(mesh.side_length / unit).sum())
+    edges = 0.5 * float((mesh.side_length / unit).sum())  # a side at the boundary is half an edge
+    return 2.0 / math.pi * edges / area / unit if area > 0.0 else 0.0
 
 
 def signature_pairs(mesh: TriangleMesh | IntrinsicMesh | TetMesh, times: Sequence[float]) -> int:

@@ -15,6 +15,7 @@ DEFAULT_FLOW_STEPS = 100  # a guess: flows end at rest
 # iterations to an equilibrium, and to one after a further load step: stiff parts need few, cloth many
 ITERATIONS_TO_REST, REST_RANGE = 120, (0.06, 8.0)
 ITERATIONS_PER_LOAD_STEP, LOAD_STEP_RANGE = 30, (0.1, 3.0)
+TIMED_RANGE: Range = (0.7, 20.0)  # steps that raise the energy are divided again and again
 FLOW_RANGE: Range = (0.01, 10.0)  # of DEFAULT_FLOW_STEPS, where a flow ends at rest
 TRIED_STEPS = 3  # of an adaptive step: one, and two of half its length
 ADAPTIVE_RANGE: Range = (1.0, 10.0)  # adaptive steps of a frame
@@ -24,6 +25,7 @@ STEPS_PER_ITERATION = 0.5  # one factorisation in place of a factorisation and t
 DESCENT_RANGE: Range = (0.1, 1.5)  # of --steps, where a flow ends at rest before
 CONFORMAL_RANGE: Range = (0.2, 5.0)
 MEASURED_MODES = 10
+STEPS_WITHOUT_SLIDING = 0.5  # one of two factorisations
 ELASTIC_STEPS = 1.7  # steps of the flow by curvature that cost as much as one of the elastic flow
 NEWTON_RANGE: Range = (0.6, 3.0)  # of implicit steps: Newton iterations, and steps that are rejected
 
@@ -60,7 +62,8 @@ def willmore_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Us
     kind = flow if flow in ("mean-curvature", "newton") else "quadratic" if in_time else "descent"
     if options.get("remesh"):
         yield _step_uses("willmore-flow remeshing", size)
-    use = _step_uses(f"willmore-flow {kind} step", size)
+    divided = (TIMED_RANGE, "no divided step") if in_time else (KNOWN, "")
+    use = _step_uses(f"willmore-flow {kind} step", size, 1.0, divided[0], assumes=divided[1])
     # a flow to rest ends when it is there, whatever the number of steps
     if in_time or size.steps is None:
         yield use
@@ -71,7 +74,11 @@ def willmore_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Us
 def curve_flow_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("curve-flow")
     factor = ELASTIC_STEPS if options.get("flow") == "elastic" else 1.0
+    if options.get("redistribute") is False:
+        factor *= STEPS_WITHOUT_SLIDING
     yield _step_uses("curve-flow step", size, factor)
+    if size.n_curves > 1:  # each curve is searched for crossings with itself
+        yield _step_uses("curve-flow search", size, float(size.n_curves))
 
 
 def shell_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:

@@ -19,10 +19,13 @@ class EdgePaths:
     ----------
     total, longest : float
         Edges of all paths and of the longest; a path counts at least as many as it is mean lengths long.
+    reach_all : bool
+        Whether there is one from each vertex.
     """
 
     total: float
     longest: float
+    reach_all: bool = True
 
 
 @dataclass(frozen=True)
@@ -44,16 +47,19 @@ class InputSize:
         Elements of the largest connected component; default all.
     angle_deficit : float, optional
         Sum over the faces of 1 - (smallest angle / angle of --refine), where that is positive.
-    rough : bool
-        Faces turn against each other by large angles of both signs, as noise makes them.
+    noise : str
+        Kind of the noise of the vertices that curvature searches, '' of none.
     adaptive : bool
         `steps` counts frames, between which the steps adapt.
     paths, paths_of_one : EdgePaths, optional
         From all sources together, and from the first alone.
-    ball_vertices : float, optional
-        Mean number of vertices within the radius of curvature.
+    ball_work : float, optional
+        Pairs of a ball with a vertex or face within the radius of curvature.
     signature_pairs : int
         Eigenpairs of heat kernel signatures.
+    crossings_per_length : float
+        Edges that a straight line of unit length crosses.
+    n_curves : int
     betti_number : int
         Of the harmonic fields.
     """
@@ -65,12 +71,14 @@ class InputSize:
     frame_count: int = 1
     component_elements: int | None = None
     angle_deficit: float | None = None
-    rough: bool = False
+    noise: str = ""
     adaptive: bool = False
     paths: EdgePaths | None = None
     paths_of_one: EdgePaths | None = None
-    ball_vertices: float | None = None
+    ball_work: float | None = None
     signature_pairs: int = 0
+    n_curves: int = 1
+    crossings_per_length: float = 0.0
     betti_number: int = 0
 
 

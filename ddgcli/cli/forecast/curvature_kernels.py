@@ -1,0 +1,68 @@
+"""Kernels of `curvature`: a scheme, balls of a radius, and the search for noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from ddgcli.cli.forecast.mesh_facts import CLIPPING_SCHEMES
+from ddgcli.cli.forecast.use import KNOWN, InputSize, Range, Use
+
+__all__ = ["curvature_kernels"]
+
+MAX_RINGS = 1e9  # of a ball, in edge lengths; its square is a number
+BALL_SEARCH, VERTICES_PER_SQUARED_RING = 30.0, 4.15  # of a ball on a sphere
+PAIRS_OF_MEASURED_FACE = 34.0  # in balls of three edges on a sphere
+# kinds of noise over which normals are averaged; the balls of fits grow until they err more than smaller ones
+AVERAGED_NOISE = ("voxels", "rounded", "grid", "spikes", "noise")
+WIDE_FITS_RANGE: Range = (0.3, 1.6)
+NOISY_RANGE: Range = (0.1, 3.0)
+AUTO_RINGS = 4.0  # of the radius that balances noise and bias
+
+
+def curvature_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
+    """Kernels of `curvature` for its options."""
+    if size.kind == "curve":
+        yield Use("curvature")
+        return
+    scheme, radius = options["scheme"], options.get("radius")
+    if options.get("offset"):
+        yield Use("curvature offset")
+    stated = radius not in (None, "auto")
+    yield Use(f"curvature {scheme} auto" if radius == "auto" else f"curvature {scheme}")
+    noisy = size.noise in AVERAGED_NOISE
+    if stated or (radius == "auto" and noisy):
+        length = AUTO_RINGS * (size.edge_length or 1.0) if radius == "auto" else float(radius or 0.0)
+        seconds_range, assumes = (KNOWN, "") if stated else (NOISY_RANGE, "balls of four edges")
+        use = Use(f"curvature {scheme} radius", range=seconds_range, assumes=assumes)
+        work = _ball_work(length, size)
+        # spheres clip faces in blocks, whose memory does not grow with them
+        share = work / (PAIRS_OF_MEASURED_FACE * max(size.elements, 1))
+        yield replace(use, times=share) if scheme in CLIPPING_SCHEMES else replace(use, elements=work)
+    if size.noise and (not stated or scheme == "quadric"):
+        yield from _noise_search(scheme, radius, size, averages=noisy and not stated)
+
+
+def _noise_search(scheme: str, radius: Any, size: InputSize, *, averages: bool) -> Iterator[Use]:
+    """Fits in balls around some vertices, and where they show noise averages of normals; in pairs of both."""
+    from ddgcli.algorithms.curvature import noise
+    from ddgcli.algorithms.curvature.regions import MAX_BALL_PAIRS
+
+    n = 0.5 * size.elements
+    widest = min(noise.MAX_SURFACE_SHARE * n, MAX_BALL_PAIRS[scheme] / max(size.elements, 1))
+    fits = noise.BENDING_SAMPLE_SIZE * widest
+    added = 0.0 if averages else 1.0  # the memory of fits is free when normals are averaged
+    yield Use("curvature wide fits", 1.0, added, fits, WIDE_FITS_RANGE, "balls that grow to the widest")
+    if averages:
+        voxels = size.noise == "voxels" and radius == "auto" and scheme == "normal-voting"
+        most = noise.MAX_VOXEL_PAIRS if voxels else noise.MAX_VOTING_PAIRS
+        yield Use("curvature noise", added=1.0, elements=min(most, n * n))
+
+
+def _ball_work(radius: float, size: InputSize) -> float:
+    """Pairs of a ball and a vertex or face in it; unless counted, those of a sphere with edges alike."""
+    if size.ball_work is not None:
+        return size.ball_work
+    rings = min(radius / (size.edge_length or 1.0), MAX_RINGS)
+    return 0.5 * size.elements * (BALL_SEARCH + VERTICES_PER_SQUARED_RING * rings**2)
