@@ -22,9 +22,12 @@ def channel(effects, cells=8, duration=0.04, step=0.02, objects="", time="", fri
     text = f"[time]\nduration = {duration}\nstep = {step}\n{time}\n"
     grid = f"grid = {{ size = [2, 1], cells = [{2 * cells}, {cells}] }}"
     text += f'[[object]]\nname = "f"\nrole = "fluid"\n{grid}\n'
-    scene = resolve(
-        parse_scene(f"{text}{objects}[effects]\nviscosity = {{ {friction} }}\n{effects}"), KIND, {}
-    )
+    return run(f"{text}{objects}[effects]\nviscosity = {{ {friction} }}\n{effects}")
+
+
+def run(text):
+    """(fluid model, observations) of a scene."""
+    scene = resolve(parse_scene(text), KIND, {})
     account = Account()
     fluids = {name: context for name, (context, _) in contexts(scene, None, None).items()}
     models = build(scene, fluids, account)
@@ -49,6 +52,29 @@ def test_poiseuille_flow_leaves_through_a_natural_outflow_as_it_entered():
         error.append(np.abs(phi - exact - offset).max())
         assert observed[-1].scalar["divergence"] < 1e-13
     assert error[1] < 2.5e-3 and error[0] / error[1] > 3
+
+
+@pytest.mark.parametrize("integrator", ["conservative", "energy"])
+def test_a_steady_flow_through_open_boundaries_does_not_depend_on_the_step(integrator):
+    """The flow behind a grid (L. I. G. Kovasznay, 1948) at Re 40, with its velocity along the boundary."""
+    decay = 20 - np.hypot(20, 2 * np.pi)
+    u = f"1 - exp(({decay})*x)*cos(2*pi*y)"
+    velocity = f'["{u}", "({decay})/(2*pi)*exp(({decay})*x)*sin(2*pi*y)", 0]'
+    sections = (f'kind = "outflow"\nwhere = "x > 0.999"\nvelocity = {velocity}',)
+    sections += (f'kind = "inflow"\nvelocity = {velocity}',)
+    flows, errors = [], []
+    for step in (0.05, 0.025):
+        text = f'[time]\nduration = 6\nstep = {step}\nframe_every = 6\nintegrator = "{integrator}"\n'
+        text += '[[object]]\nname = "f"\nrole = "fluid"\nposition = [0, -0.5, 0]\n'
+        text += "grid = { size = [1, 1], cells = [6, 6] }\n[effects]\nviscosity = { nu = 0.025 }\n"
+        model, observed = run(text + "".join(f"[[effects.boundary]]\n{section}\n" for section in sections))
+        x, y, _ = model.context.points.T
+        phi = stream_function(model, observed[-1])
+        apart = phi - y + np.exp(decay * x) * np.sin(2 * np.pi * y) / (2 * np.pi)
+        flows.append(phi)
+        errors.append(np.abs(apart - apart[model.context.mesh.topology.boundary_vertex].mean()).max())
+    assert np.abs(flows[0] - flows[1]).max() < 1e-3 * errors[0]
+    assert max(errors) < 0.015  # of a flux of 1
 
 
 def test_a_uniform_stream_between_walls_of_free_slip_stays_uniform():

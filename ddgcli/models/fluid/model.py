@@ -330,15 +330,16 @@ class FluidModel:
     def advance(self, state: FluidState, time: float, dt: float) -> FluidState:
         """One symmetric step, of second order: see `phases`."""
         half = 0.5 * dt
+        balance = None if self.sources.friction is None else self.transport.balance(state, dt)
         for phase in self.sources.phases:
-            state = self.sources.advanced(phase, Step(time, half, state), state)
-        whole = Step(time, dt, state)
+            state = self.sources.advanced(phase, Step(time, half, state, balance), state)
+        whole = Step(time, dt, state, balance)
         state = self.transport.advance(whole, state)
         for phase in self.tracers:
             with self.account.within(phase.effect):
                 state = phase.advance(whole, state)
         for phase in reversed(self.sources.phases):
-            state = self.sources.advanced(phase, Step(time + half, half, state), state)
+            state = self.sources.advanced(phase, Step(time + half, half, state, balance), state)
         if not all(np.isfinite(values).all() for values in state.arrays.values()):
             raise StepRejected("not finite")
         return state

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from ddgcli.models.fluid.volume_space import VolumeSpace
 
 
+FlowRate = tuple[NDArray[np.float64], NDArray[np.float64]]  # of vorticity (n,) and harmonic coefficients (b,)
+
+
 @dataclass(frozen=True, eq=False)
 class Step:
     """A span of time.
@@ -36,11 +39,14 @@ class Step:
         Start and length [s].
     before : FluidState
         At the start of the span; tracers read the flow there and in the state that they advance.
+    balance : FlowRate, optional
+        What the transport leaves out in the span, since the viscosity has it as a source.
     """
 
     time: float
     dt: float
     before: FluidState
+    balance: FlowRate | None = None
 
 
 class Phase(Protocol):
@@ -76,6 +82,10 @@ class Phase(Protocol):
 class TransportPhase(Phase, Protocol):
     """The phase of an integrator."""
 
+    def balance(self, state: FluidState, dt: float) -> FlowRate | None:
+        """Its rate of change where the viscosity takes it as a source in a step of dt, else None."""
+        ...
+
     def step_limit(self, state: FluidState) -> float:
         """Longest step that is stable at a state; infinity without a limit."""
         ...
@@ -94,6 +104,9 @@ class FlowPhase:
 
     def step_limit(self, state: FluidState) -> float:
         return math.inf
+
+    def balance(self, state: FluidState, dt: float) -> FlowRate | None:
+        return None
 
     def observed(self, state: FluidState) -> Observation:
         return Observation(None)

@@ -26,6 +26,8 @@ class ViscousPhase(Phase, Protocol):
 class SourceSequence:
     """The sources of a fluid, in an order that does not depend on that of the scene.
 
+    Where a step has a `balance`, the viscosity has it as a source as it has forces.
+
     Parameters
     ----------
     phases : iterable of Phase
@@ -62,5 +64,11 @@ class SourceSequence:
         for force in self.forces:
             with self.account.within(force.effect):
                 forced = force.advance(step, forced)
+        if step.balance is not None:
+            vorticity, coefficients = step.balance
+            forced = forced.replaced(
+                vorticity=forced["vorticity"] + step.dt * vorticity,
+                coefficients=forced["coefficients"] + step.dt * coefficients,
+            )
         with self.account.within(phase.effect):
             return self.friction.advance_forced(step, state, forced)
