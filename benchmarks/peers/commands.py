@@ -48,8 +48,9 @@ OF_CURVATURE = (
         "algorithms/curvature/surface_curvature:_pointwise",
     ),
     (
-        "algorithms/curvature/surface_curvature:_accuracy", "algorithms/curvature/noise:estimate_noise",
-        "algorithms/curvature/surface_curvature:_further_integrals",
+        "algorithms/curvature/curvature_results:identity_residuals",
+        "algorithms/curvature/noise_estimate:estimate_noise",
+        "algorithms/curvature/curvature_results:further_integrals",
     ),
 )  # fmt: skip
 OF_LAPLACIAN = (

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import angle_of, cone_volume, cross, dot, ratio, unit_vectors
 
@@ -134,35 +139,96 @@ def dihedral_angle_and_length(
         `dihedral_angle`, in radians.
     length : (e,) ndarray of float64
     """
-    topology = mesh.topology
+    topology, points = mesh.topology, np.ascontiguousarray(mesh.points.T)
     # column by column: gathering rows of three costs several times as much
     normals = np.ascontiguousarray((face_normal(mesh) if normal is None else normal).T)
-    points, interior = np.ascontiguousarray(mesh.points.T), topology.interior_sides
-    twin, sign, side_edge = topology.side_twin.ravel(), topology.side_sign.ravel(), topology.side_edge.ravel()
-    angle, edge_length = np.zeros(topology.n_edges), np.zeros(topology.n_edges)
-    others = np.flatnonzero(topology.edge_face_count != 2)
-    edge_length[others] = _vector_and_length(points, *topology.edges[others].T)[1]
-    for begin in range(0, len(interior), EDGES_PER_BLOCK):
-        side = interior[begin : begin + EDGES_PER_BLOCK]
-        other = twin.take(side)
-        here, beyond = normals.take(side // 3, axis=1), normals.take(other // 3, axis=1)
-        if not topology.is_oriented:
-            beyond *= np.where(sign.take(side) == sign.take(other), -1.0, 1.0)
-        vector, length = _vector_and_length(
-            points, topology.side_tail.take(side), topology.side_head.take(side)
-        )
-        sine, cosine = ratio(dot(vector, cross(here, beyond)), length), dot(here, beyond)
-        cosine[(cosine == 0) & (sine == 0)] = 1.0  # beside a face without area
-        edge = side_edge.take(side)
-        angle[edge], edge_length[edge] = angle_of(sine, cosine), length
+    angle, edge_length = np.zeros(topology.n_edges), single_edge_length(points, topology)
+    for block in edge_blocks(points, topology, normals):
+        angle[block.edge], edge_length[block.edge] = block.angle, block.length
     return angle, edge_length
 
 
-def _vector_and_length(points: NDArray, tail: NDArray, head: NDArray) -> tuple[NDArray, NDArray[np.float64]]:
-    """Vectors (3, k) between points (3, n), and (k,) their lengths."""
-    vector = points.take(head, axis=1)
-    vector -= points.take(tail, axis=1)
-    return vector, np.sqrt(dot(vector, vector))
+@dataclass(frozen=True, eq=False)
+class EdgeBlock:
+    """Some edges with two faces: the first side, its twin, and the normals on both sides.
+
+    Parameters
+    ----------
+    side, twin, edge : (k,) ndarray of int64
+        Flat numbers of the sides, and numbers of the edges.
+    tail, vector : (3, k) ndarray of float64
+        Start and vector of the first side.
+    length : (k,) ndarray of float64
+    here, beyond : (3, k) ndarray of float64
+        Unit normals of the two faces, the second one as if oriented as the first.
+    """
+
+    side: NDArray[np.int64]
+    twin: NDArray[np.int64]
+    edge: NDArray[np.int64]
+    tail: NDArray[np.float64]
+    vector: NDArray[np.float64]
+    length: NDArray[np.float64]
+    here: NDArray[np.float64]
+    beyond: NDArray[np.float64]
+
+    @cached_property
+    def angle(self) -> NDArray[np.float64]:
+        """(k,) dihedral angles in radians, positive where convex."""
+        sine = ratio(dot(self.vector, cross(self.here, self.beyond)), self.length)
+        cosine = dot(self.here, self.beyond)
+        cosine[(cosine == 0) & (sine == 0)] = 1.0  # beside a face without area
+        return angle_of(sine, cosine)
+
+
+def edge_blocks(points: NDArray, topology: Topology, normals: NDArray) -> Iterator[EdgeBlock]:
+    """Blocks of the edges with two faces, whose arrays stay in the cache.
+
+    Parameters
+    ----------
+    points : (3, n) ndarray of float64
+    topology : Topology
+    normals : (3, m) ndarray of float64
+        Unit normals of the faces.
+
+    Yields
+    ------
+    EdgeBlock
+    """
+    interior, side_edge = topology.interior_sides, topology.side_edge.ravel()
+    twins, sign = topology.side_twin.ravel(), topology.side_sign.ravel()
+    for begin in range(0, len(interior), EDGES_PER_BLOCK):
+        side = interior[begin : begin + EDGES_PER_BLOCK]
+        twin = twins.take(side)
+        here, beyond = normals.take(side // 3, axis=1), normals.take(twin // 3, axis=1)
+        if not topology.is_oriented:
+            beyond *= np.where(sign.take(side) == sign.take(twin), -1.0, 1.0)
+        tail = points.take(topology.side_tail.take(side), axis=1)
+        vector = points.take(topology.side_head.take(side), axis=1)
+        vector -= tail
+        length = np.sqrt(dot(vector, vector))
+        yield EdgeBlock(side, twin, side_edge.take(side), tail, vector, length, here, beyond)
+
+
+def single_edge_length(points: NDArray, topology: Topology) -> NDArray[np.float64]:
+    """Lengths of the edges that have one face, or more than two.
+
+    Parameters
+    ----------
+    points : (3, n) ndarray of float64
+    topology : Topology
+
+    Returns
+    -------
+    (e,) ndarray of float64
+        Zero at edges with two faces.
+    """
+    length = np.zeros(topology.n_edges)
+    others = np.flatnonzero(topology.edge_face_count != 2)
+    tail, head = topology.edges[others].T
+    vector = points.take(head, axis=1) - points.take(tail, axis=1)
+    length[others] = np.sqrt(dot(vector, vector))
+    return length
 
 
 def hinge_bending(

@@ -113,33 +113,6 @@ def sorted_keys(key: NDArray, n_keys: int, *, overwrite: bool = False) -> tuple[
     return packed, order
 
 
-def ascending_order(values: NDArray) -> NDArray[np.int64]:
-    """Stable order that sorts non-negative float64 values: that of `argsort`, in a third of its time.
-
-    Parameters
-    ----------
-    values : (k,) ndarray of float64
-        None negative, none NaN.
-
-    Returns
-    -------
-    (k,) ndarray of int64
-
-    Notes
-    -----
-    Sorts by the leading bits; where these do not separate the values, by the last bits first.
-    """
-    bits = len(values).bit_length()
-    image = np.ascontiguousarray(values + 0.0).view(np.int64)  # no -0.0: its order is that of the values
-    leading, n_leading = image >> bits, (1 << (63 - bits)) - 1
-    order = sorted_keys(leading, n_leading)[1]
-    ordered = values.take(order)
-    if (ordered[1:] >= ordered[:-1]).all():
-        return order
-    by_last_bits = sorted_keys(image & ((1 << bits) - 1), 1 << bits)[1]
-    return by_last_bits.take(sorted_keys(leading.take(by_last_bits), n_leading, overwrite=True)[1])
-
-
 def expand_lists(
     owner: NDArray, number: NDArray, lists: tuple[NDArray, NDArray]
 ) -> tuple[NDArray, NDArray[np.int64]]:

@@ -70,7 +70,7 @@ RUNS = {
 SOLVE = ("ddgcli.linalg.factor:Factor.solve", returned(lambda x: scattered(x, 1e-3 * np.abs(x).max())))
 FAINT = (SOLVE[0], returned(lambda x: scattered(x, 1e-6 * np.abs(x).max())))  # below what is refused
 WILD = (SOLVE[0], returned(lambda x: scattered(x, np.abs(x).max())))
-MEASURE = "ddgcli.algorithms.curvature.surface_curvature:_accuracy"
+MEASURE = "ddgcli.algorithms.curvature.surface_curvature:identity_residuals"
 HEAT = "ddgcli.algorithms.geodesics.heat:HeatSolver.distance"
 EXACT_DISTANCE = "ddgcli.algorithms.geodesics.exact.exact_distance:exact_distance"
 OPERATOR = "ddgcli.algorithms.laplacian.solve_tasks:laplace_operator"
@@ -90,7 +90,11 @@ PLANTS = {
         (MEASURE, surface(defect=first_wrong), ["gauss_bonnet_residual"]),
         (MEASURE, surface(area=first_wrong), ["vertex_area_residual"]),
         (MEASURE, surface(vector=first_wrong), ["force_balance_residual"]),
-        (MEASURE, surface(dihedral=first_wrong), ["torque_balance_residual", "area_balance_residual"]),
+        (
+            "ddgcli.geometry.extrinsic:angle_of",
+            returned(first_wrong),
+            ["torque_balance_residual", "area_balance_residual"],
+        ),
     ],
     "delaunay": [
         (

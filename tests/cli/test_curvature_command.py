@@ -162,9 +162,9 @@ def test_the_same_call_gives_the_same_bytes(run, torus, tmp_path):
 
 
 def test_fits_in_blocks_are_the_same_bits_for_any_number_of_jobs(run, torus, tmp_path, monkeypatch):
-    from ddgcli.algorithms.curvature import quadric
+    from ddgcli.algorithms.curvature import polynomial_fits
 
-    monkeypatch.setattr(quadric, "_MAX_PAIRS", 900)  # several blocks
+    monkeypatch.setattr(polynomial_fits, "_MAX_PAIRS", 900)  # several blocks
     arrays = []
     for jobs in (1, 3):
         result = run("curvature", torus, "--jobs", jobs, "-o", tmp_path / f"{jobs}.npz")

@@ -92,14 +92,20 @@ def test_areas_and_balances_close(name):
 
 
 def test_a_broken_dihedral_angle_opens_the_balances():
-    from ddgcli.algorithms.curvature.totals import balances
-    from ddgcli.geometry.extrinsic import dihedral_angle
+    from ddgcli.algorithms.curvature.balance import RegionBalance
+    from ddgcli.geometry.extrinsic import edge_blocks
 
     mesh = crumpled(shapes.icosphere(2))
-    faces, angle = Faces.of(mesh), dihedral_angle(mesh)
+    faces = Faces.of(mesh)
     region = mesh.points[mesh.faces].mean(axis=1)[:, 2] > 0.1
-    closed = balances(faces, mesh.topology, faces.normal, angle, region)
-    opened = balances(faces, mesh.topology, faces.normal, 1.01 * angle, region)
+
+    def residuals(factor):
+        balance = RegionBalance(faces, mesh.topology, faces.normal, region)
+        for block in edge_blocks(faces.points, mesh.topology, faces.normal):
+            balance.add(block, factor * block.angle)
+        return balance.residuals()
+
+    closed, opened = residuals(1.0), residuals(1.01)
     assert max(closed.values()) < 1e-14
     assert min(opened.values()) > 1e-7
 

@@ -15,6 +15,7 @@ __all__ = [
     "measures",
     "neighbours",
     "noise",
+    "noise_estimate",
     "noise_kind",
     "offset_body",
     "one_sided",

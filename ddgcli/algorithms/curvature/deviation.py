@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.fit_penalty import polynomial_residuals, sampled_regions
 from ddgcli.algorithms.curvature.frames import area_normals
 from ddgcli.algorithms.curvature.grid_coordinates import rounding_deviation
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
-from ddgcli.algorithms.curvature.quadric import polynomial_residuals, sampled_regions
 from ddgcli.algorithms.curvature.regions import Regions, listed
 from ddgcli.algorithms.curvature.spikes import spikes_among
 from ddgcli.algorithms.curvature.staircase import is_staircase, sampled_sides
-from ddgcli.mesh.ragged import ascending_order
+from ddgcli.mesh.ragged import sorted_keys
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 SAMPLE_SIZE = 400  # vertices sampled for residuals
@@ -185,5 +185,6 @@ def _candidates(mesh: TriangleMesh, faces: Faces) -> NDArray[np.int64] | None:
     if mesh.n_vertices <= MAX_UNSAMPLED_VERTICES:
         return None
     vertices = np.flatnonzero(mesh.topology.referenced_vertex)
-    order = ascending_order(faces.stars(faces.area[None])[0][vertices])
+    area = faces.stars(faces.area[None])[0].take(vertices).astype(np.float32)
+    order = sorted_keys(area.view(np.int32), 1 << 31)[1]  # bits of positive numbers have their order
     return vertices[order[:: max(1, len(vertices) // (CANDIDATES_PER_SAMPLE * SAMPLE_SIZE))]]

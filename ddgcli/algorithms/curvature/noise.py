@@ -1,51 +1,17 @@
-"""Noise of a surface's vertices: its size, its effect on curvature, and the radius that averages it.
-
-Residuals of fits over two rings show the deviation of the vertices, of whatever kind (`deviation`); creases
-of both signs, coordinates on grids and curvature that settles with the radius distinguish noise from details.
-The error of the default region and the radius come from balls around a sample of vertices (`scales`).
-"""
+"""Noise of a surface's vertices: its kind, its effect on curvature, and the radius that averages it."""
 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.deviation import MIN_NEIGHBOURS, vertex_deviation
-from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.neighbours import neighbourhoods
-from ddgcli.algorithms.curvature.noise_kind import (
-    MIN_UNEVEN_MEDIAN_SHARE,
-    may_err_evenly,
-    noise_kind,
-    settles,
-)
-from ddgcli.algorithms.curvature.point_grid import PointGrid
-from ddgcli.algorithms.curvature.quadric import cross_validated_penalty
-from ddgcli.algorithms.curvature.regions import Regions, largest_radius, listed, size_groups
-from ddgcli.algorithms.curvature.scales import (
-    MAX_SCALES,
-    MAX_SURFACE_SHARE,
-    QUADRATIC_BIAS_GROWTH,
-    RADIUS_RATIO,
-    VOTING_BIAS_GROWTH,
-    Scales,
-    fits_at,
-    fits_in_balls,
-    measure_scales,
-)
-from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.algorithms.curvature.scales import Scales
 
-Effort = Literal["fits", "warn", "auto"]
 FITTED_SCHEMES = ("quadric", "normal-voting")  # those of which `Scales` are measured
 
-BENDING_SAMPLE_SIZE = 100  # vertices sampled for curvature
-VOTING_SAMPLE_SIZE = 32  # vertices sampled for curvature by averaged normals
-# members of all their balls: the stairs of large bodies need wide ones
-MAX_VOTING_PAIRS, MAX_VOXEL_PAIRS = 3e6, 3.6e7
 MAX_ERROR = 0.08  # of curvature, root mean square, by noise, above which the default region is unreliable
 MAX_REMAINING_ERROR_SHARE = 0.75  # largest share of that error at the proposed radius
 # at the best radius of voxels and rounded coordinates: parts of blocks, pleats and layers have more
@@ -78,7 +44,8 @@ class Noise:
     kind : str
         'voxels' (a staircase), 'rounded' (coordinates), 'grid' (marching cubes of grey values), 'spikes',
         'partial' (in a part of the surface), 'rough' (structure of the size of an edge), 'uneven' (of several
-        edges, as smoothed stairs have), 'noise', or '' for a surface whose residuals are creases or details.
+        edges, as smoothed stairs have), 'lattice' (smoothed stairs whose vertices repeat with voxels),
+        'noise', or '' for a surface whose residuals are creases or details.
     scales : Scales, optional
         Mean curvature of some vertices in balls by quadratic fits, where the residuals may be noise.
     voting : Scales, optional
@@ -176,162 +143,6 @@ class Noise:
         return radius
 
 
-def estimate_noise(
-    mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: str, *, effort: Effort = "warn"
-) -> Noise:
-    """Estimate the noise of the vertices and its effect on the mean curvature.
-
-    The radius is one that the scheme can measure in.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    faces : Faces
-        Of the mesh.
-    dihedral : (e,) ndarray
-        Dihedral angles of the edges in radians, positive where convex.
-    scheme : str
-        Name of the scheme of curvature.
-    effort : {'fits', 'warn', 'auto'}
-        'fits': without averaged normals, which cost more; 'auto': with wide balls of them on voxels, which
-        may take several times as long as the measurement.
-
-    Returns
-    -------
-    Noise
-    """
-    deviation = vertex_deviation(mesh, faces, dihedral)
-    if deviation is None:
-        return Noise(None)
-    kind, deviation = noise_kind(mesh, faces, dihedral, deviation)
-    if not kind:
-        return Noise(deviation.relative)
-    few = np.arange(0, len(deviation.sample), max(1, len(deviation.sample) // BENDING_SAMPLE_SIZE))
-    regions, normal = listed(deviation.regions, few), deviation.normal
-    scales = None
-    for max_radii in (2, MAX_SCALES) if kind == "even" else (MAX_SCALES,):
-        extent, vertices = _extent(mesh, faces), deviation.sample[few]
-        scales = _scales(mesh, faces, normal, regions, vertices, scheme, extent, max_radii)
-        if scales is None or not may_err_evenly(scales):
-            break  # two radii show most details
-    if scales is None or not settles(kind, deviation, scales):
-        return Noise(deviation.relative)
-    everywhere = scales.median_share > MIN_UNEVEN_MEDIAN_SHARE
-    if kind in ("ruled", "even") or (kind == "partial" and deviation.doubtful and everywhere):
-        kind = "uneven"  # smoothed stairs have large residuals in places, and errors everywhere
-    noise = Noise(deviation.relative, kind, scales)
-    if scales.default_rms < MAX_ERROR or effort == "fits":
-        return noise
-    pairs = MAX_VOXEL_PAIRS if kind == "voxels" and effort == "auto" else MAX_VOTING_PAIRS
-    whole = _extent(mesh, faces)
-    noise = replace(noise, voting=_voting_scales(mesh, faces, normal, scales, scheme, pairs, whole))
-    if not noise.dominates_curvature:
-        return noise
-    groups = [
-        _of_group(mesh, faces, normal, vertices, n_components, scheme, pairs)
-        for vertices, n_components in size_groups(mesh)
-    ]
-    return replace(noise, groups=tuple(group for group in groups if group is not None))
-
-
-def _extent(
-    mesh: TriangleMesh, faces: Faces, vertices: NDArray | None = None, n_components: int = 1
-) -> tuple[float, float, float]:
-    """Area of a vertex and of a component, and the share of the vertices, of some components or of all."""
-    if vertices is None:
-        area = float(faces.area.sum())
-        return area / int(mesh.topology.referenced_vertex.sum()), area, 1.0
-    inside = np.zeros(mesh.n_vertices, dtype=bool)
-    inside[vertices] = True
-    area = float(faces.area[inside[faces.corner[0]]].sum())
-    return area / len(vertices), area / n_components, len(vertices) / mesh.n_vertices
-
-
-def _of_group(
-    mesh: TriangleMesh,
-    faces: Faces,
-    normal: NDArray,
-    vertices: NDArray,
-    n_components: int,
-    scheme: str,
-    pairs: float,
-) -> SizeGroup | None:
-    """Curvature in balls around some vertices of components of like size."""
-    inner = vertices[~mesh.topology.boundary_vertex[vertices]]
-    few = inner[:: max(1, len(inner) // BENDING_SAMPLE_SIZE)]
-    if len(few) < MIN_NEIGHBOURS:
-        return None
-    extent = _extent(mesh, faces, vertices, n_components)
-    regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS, few)
-    scales = _scales(mesh, faces, normal, regions, few, scheme, extent)
-    if scales is None:
-        return None
-    voting = _voting_scales(mesh, faces, normal, scales, scheme, pairs, extent)
-    return SizeGroup(vertices, scales, voting)
-
-
-def _largest_radius(mesh: TriangleMesh, extent: tuple[float, float, float], scheme: str) -> float:
-    """Radius up to which balls hold a part of a component, and a scheme measures in minutes."""
-    vertex_area, area, share = extent
-    total = vertex_area * mesh.n_vertices / share  # balls hold more vertices where these are dense
-    return float(min(np.sqrt(MAX_SURFACE_SHARE * area / np.pi), 0.99 * largest_radius(mesh, total, scheme)))
-
-
-def _scales(
-    mesh: TriangleMesh,
-    faces: Faces,
-    normal: NDArray,
-    regions: Regions,
-    few: NDArray,
-    scheme: str,
-    extent: tuple[float, float, float],
-    max_radii: int = MAX_SCALES,
-) -> Scales | None:
-    """Mean curvature of a few vertices, over their regions and in balls."""
-    region_radius = float(np.sqrt(extent[0] * np.median(regions.count) / np.pi))
-    penalty = cross_validated_penalty(faces.points, normal, regions, few)
-    default = fits_at(faces.points, normal, few, normal[:, few], regions, penalty).mean
-    grid = PointGrid(faces.points)
-    return measure_scales(
-        lambda radius: fits_in_balls(faces.points, grid, normal, few, radius),
-        few,
-        default,
-        region_radius,
-        _largest_radius(mesh, extent, scheme),
-        QUADRATIC_BIAS_GROWTH,
-        max_radii=max_radii,
-    )
-
-
-def _voting_scales(
-    mesh: TriangleMesh,
-    faces: Faces,
-    normal: NDArray,
-    scales: Scales,
-    scheme: str,
-    pairs: float,
-    extent: tuple[float, float, float],
-) -> Scales | None:
-    """The same by averaged normals, at fewer vertices, in balls of `pairs` members in all."""
-    from scipy.spatial import cKDTree
-
-    from ddgcli.algorithms.curvature.voting import normal_voting_at  # imports scipy.sparse
-
-    tree = cKDTree(mesh.points, balanced_tree=False, compact_nodes=False)
-    step = max(1, len(scales.vertices) // VOTING_SAMPLE_SIZE)
-    some, default = scales.vertices[::step], scales.default[::step]
-    first = float(scales.radius[0]) / RADIUS_RATIO
-    return measure_scales(
-        lambda radius: normal_voting_at(faces, normal, some, tree, radius, pairs),
-        some,
-        default,
-        first,
-        _largest_radius(mesh, extent, scheme),
-        VOTING_BIAS_GROWTH,
-        reference=scales.first_mean[::step],
-    )
-
-
 KINDS = {
     "voxels": "is a staircase of voxels",
     "rounded": "has rounded coordinates (noise of {:.2g} of an edge)",
@@ -340,6 +151,7 @@ KINDS = {
     "partial": "has noise of {:.2g} of an edge in a part of it",
     "rough": "has noise of {:.2g} of an edge",
     "uneven": "is uneven by {:.2g} of an edge over several edges, as smoothed voxels are (or has details)",
+    "lattice": "comes from a grid of voxels (it is uneven by {:.2g} of an edge over several edges)",
     "noise": "has noise of {:.2g} of an edge",
 }
 

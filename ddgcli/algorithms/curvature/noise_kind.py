@@ -20,6 +20,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 # residual of cubic fits over that of quartic ones: stairs that were averaged or cut have 1.2 to 1.7, details
 # of six edges 1.8; smoothed segmentations have up to 2.2, and of details with less the default is 15 % off
 MAX_ROUGH_DETAIL_RATIO, MAX_UNEVEN_DETAIL_RATIO = 1.75, 2.2
+MAX_NOISE_DETAIL_RATIO = 1.1  # of residuals that are surely noise; scans have 1.2, in some samples 1.13
 # creases of both signs within two rings: their sum over that of their sizes. Noise of more than a twentieth
 # of an edge has 0.05 to 0.8, and less the larger it is; scans have 0.2 to 0.6, mechanical parts 0.4 to 0.9
 MAX_CANCELLATION, MAX_ROUGH_CANCELLATION = 0.8, 0.28
@@ -36,6 +37,9 @@ MIN_UNREPEATED_MEDIAN_SHARE, MAX_UNREPEATED_KURTOSIS = 0.5, 6.0
 # errors of 0.15 to 0.9, smooth ones with a bias in balls ratios of 1.1 to 1.9, and details that two rings
 # resolve errors of 0.13 and more
 MAX_UNEVEN_ERROR, MIN_UNEVEN_ERROR_RATIO, MIN_UNEVEN_MEDIAN_SHARE = 0.12, 2.3, 0.4
+# curvature that balls repeat: its correlation, and a limit of that error: smoothed stairs have 0.06 and less,
+# subdivided scans 0.10 and more
+MIN_REPEATED_CORRELATION, MAX_REPEATED_ERROR = 0.85, 0.08
 # larger errors, of bodies with rims: the first change of the curvature over the second one. Stairs, also
 # smoothed, and surface nets have 3.6 to 13, scans and modelled surfaces with errors below 0.2 have 1.2 to 2.7
 MAX_STEEP_ERROR, MIN_STEEP_FALL = 0.18, 3.2
@@ -54,6 +58,9 @@ MIN_EVEN_ERROR_RATIO, MAX_EVEN_ERROR_RATIO, MAX_EVEN_ERROR, MAX_FLAT_EVEN_ERROR 
 # residual of cubic over that of quartic fits, of errors alike everywhere: below the first, details
 # of one size have default errors of 15 % and more, below the second, bumps have ratios of errors above 15
 MAX_EVEN_DETAIL_RATIO, MAX_WIDE_DETAIL_RATIO = 2.3, 2.8
+# surfaces whose coordinates repeat with voxels: the error of the default region over that at the best radius,
+# the latter, and the median share. Mechanical parts on such a grid have errors of 0.31 and more in places
+MIN_LATTICE_ERROR_RATIO, MAX_LATTICE_ERROR, MIN_LATTICE_MEDIAN_SHARE = 2.2, 0.3, 0.35
 # rows of a scanner, each at a height of its own: quartics follow five of them. Their errors fall by 12 to 21
 # from the first change to the second, those of waves by up to 6
 MIN_ROWS_RESIDUAL, MIN_ROWS_FALL = 0.03, 8.0
@@ -138,18 +145,26 @@ def settles(kind: str, deviation: Deviation, scales: Scales) -> bool:
         if _errs_evenly(deviation, scales) or _is_not_repeated(scales):
             return True
     ratio = scales.default_error / scales.error
+    if kind == "lattice":
+        return (
+            ratio > MIN_LATTICE_ERROR_RATIO
+            and scales.bending_error < MAX_LATTICE_ERROR
+            and scales.median_share > MIN_LATTICE_MEDIAN_SHARE
+        )
     everywhere = scales.median_share > MIN_UNEVEN_MEDIAN_SHARE
     clear = scales.bending_error < MAX_UNEVEN_ERROR and ratio > MIN_UNEVEN_ERROR_RATIO
     least_fall = MIN_RULED_FALL if kind == "ruled" else MIN_STEEP_FALL
     steep = everywhere and scales.bending_error < MAX_STEEP_ERROR and scales.fall > least_fall
     if kind == "uneven":
-        return clear and everywhere
+        repeated = scales.correlation > MIN_REPEATED_CORRELATION
+        return clear and everywhere and not (repeated and scales.bending_error > MAX_REPEATED_ERROR)
     if kind in ("ruled", "even"):
         return steep and kind == "ruled"
     if kind == "rough":
         return steep or (clear and everywhere)
-    if kind == "partial":
-        return clear or steep or not deviation.doubtful or _errs_evenly(deviation, scales)
+    detailed = kind == "noise" and deviation.detail_ratio > MAX_NOISE_DETAIL_RATIO
+    if detailed or (kind == "partial" and deviation.doubtful):
+        return clear or steep or _errs_evenly(deviation, scales)
     return kind != "grid" or scales.median_share >= MIN_MEDIAN_SHARE  # creases of a part
 
 

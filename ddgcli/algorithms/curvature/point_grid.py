@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.regions import Regions
 from ddgcli.mesh.ragged import list_starts, ranges, sorted_keys
+from ddgcli.mesh.vectors import dot
 
 MAX_CUBES = 1 << 13  # along an axis: keys and places fit in one integer
 MAX_REACH = 4  # cubes in a radius, above which wider cubes take less time
@@ -57,10 +58,11 @@ class PointGrid:
         for block in np.unique(of_block[:-1]):
             rows = np.flatnonzero(of_block[:-1] == block)
             near = self._member[ranges(first[rows].ravel(), count[rows].ravel())[0]]
-            centre = np.repeat(rows, count[rows].sum(axis=1))
-            squared = np.zeros(len(near))
-            for values in self._points:
-                squared += (values.take(near) - values.take(few[centre])) ** 2
+            n_near = count[rows].sum(axis=1)
+            centre = np.repeat(rows, n_near)
+            vector = self._points.take(near, axis=1)
+            vector -= np.repeat(self._points.take(few[rows], axis=1), n_near, axis=1)
+            squared = dot(vector, vector)
             inside = np.flatnonzero(squared <= radius * radius)
             pairs.append(centre[inside] * n + near[inside])
         order = np.sort(np.concatenate(pairs))

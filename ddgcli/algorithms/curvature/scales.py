@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
 from ddgcli.algorithms.curvature.point_grid import PointGrid
-from ddgcli.algorithms.curvature.quadric import QUADRATIC_PENALTY, fit_forms, principal_of_forms
+from ddgcli.algorithms.curvature.polynomial_fits import (
+    QUADRATIC,
+    QUARTIC,
+    Basis,
+    fit_forms,
+    principal_of_forms,
+)
 from ddgcli.algorithms.curvature.regions import Regions
 from ddgcli.mesh.vectors import unit_vectors as unit_rows
 
@@ -329,11 +335,18 @@ def fits_in_balls(
     around = np.take(normal, member, axis=1)
     same = np.einsum("ij,ij->j", around, np.repeat(normal[:, few], np.diff(start), axis=1)) > 0
     mean = unit_rows(np.add.reduceat(np.where(same, around, 0.0), start[:-1], axis=1).T).T
-    return fits_at(points, normal, few, mean, regions, QUADRATIC_PENALTY)
+    return fits_at(points, normal, few, mean, regions, basis=QUADRATIC)
 
 
 def fits_at(
-    points: NDArray, normal: NDArray, few: NDArray, centre_normal: NDArray, regions: Regions, penalty: float
+    points: NDArray,
+    normal: NDArray,
+    few: NDArray,
+    centre_normal: NDArray,
+    regions: Regions,
+    penalty: float = 0.0,
+    *,
+    basis: Basis = QUARTIC,
 ) -> PrincipalCurvatures:
     """Principal curvatures of fits around a few vertices.
 
@@ -349,6 +362,8 @@ def fits_at(
         One for each centre.
     penalty : float
         Of the terms of degree three and four.
+    basis : Basis
+        Terms of the polynomials.
 
     Returns
     -------
@@ -358,6 +373,6 @@ def fits_at(
     columns = np.concatenate([points[:, few], np.take(points, regions.member, axis=1)], axis=1)
     normals = np.concatenate([centre_normal, np.take(normal, regions.member, axis=1)], axis=1)
     own = Regions(regions.start, len(few) + np.arange(len(regions.member)))
-    gradient, hessian = fit_forms(columns, normals, own, penalty)
+    gradient, hessian = fit_forms(columns, normals, own, penalty, basis=basis)
     k = slice(0, len(few))
     return principal_of_forms(gradient[:, k], hessian[:, k], normals[:, k])

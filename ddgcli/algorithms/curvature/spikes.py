@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import area_normals, tangent_frame
-from ddgcli.algorithms.curvature.quadric import local_coordinates
+from ddgcli.algorithms.curvature.polynomial_fits import local_coordinates
 from ddgcli.algorithms.curvature.regions import Regions, listed
 from ddgcli.algorithms.curvature.rings import two_rings
 from ddgcli.mesh.ragged import list_starts
@@ -89,7 +89,8 @@ def warn_of_spikes(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> None:
     dihedral : (e,) ndarray
         Dihedral angles of the edges in radians, positive where convex.
     """
-    bend = np.abs(sum_by_index(mesh.topology.edges.ravel(), np.repeat(dihedral, 2), mesh.n_vertices))
+    ends = mesh.topology.edges.T
+    bend = np.abs(sum(sum_by_index(end, dihedral, mesh.n_vertices) for end in ends))
     bend[mesh.topology.boundary_vertex] = 0.0
     most = min(MAX_CANDIDATES, mesh.n_vertices)
     sharpest = np.sort(np.argpartition(bend, -most)[-most:])

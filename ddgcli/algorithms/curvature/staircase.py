@@ -144,11 +144,12 @@ def cancellation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray, regions: R
     is_member[regions.member] = True
     end_is_member = is_member.take(mesh.topology.edges.ravel())
     near = np.flatnonzero(end_is_member[::2] | end_is_member[1::2])
-    edges, angle = mesh.topology.edges[near], dihedral[near]
-    length = np.sqrt(((faces.points[:, edges[:, 0]] - faces.points[:, edges[:, 1]]) ** 2).sum(axis=0))
+    tail, head = np.ascontiguousarray(mesh.topology.edges.take(near, axis=0).T)
+    vector = faces.points.take(head, axis=1) - faces.points.take(tail, axis=1)
+    bending, n = np.sqrt(dot(vector, vector)) * dihedral.take(near), mesh.n_vertices
     totals = []
-    for bending in (length * angle, length * np.abs(angle)):
-        at_vertex = sum_by_index(edges.ravel(), np.repeat(bending, 2), mesh.n_vertices)
-        totals.append(np.add.reduceat(at_vertex[regions.member], regions.start[:-1]))
+    for values in (bending, np.abs(bending)):
+        at_vertex = sum_by_index(tail, values, n) + sum_by_index(head, values, n)
+        totals.append(np.add.reduceat(at_vertex.take(regions.member), regions.start[:-1]))
     signed, absolute = totals
     return float(np.median(np.divide(np.abs(signed), absolute, out=np.ones_like(signed), where=absolute > 0)))

@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
+from ddgcli.algorithms.curvature.curvature_results import (
+    cheap_integrals,
+    curvature_arrays,
+    edge_arrays,
+    further_integrals,
+    identity_residuals,
+    statistics,
+    vertex_arrays,
+)
 from ddgcli.algorithms.curvature.deviation import vertex_deviation
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals, unit_normals
-from ddgcli.algorithms.curvature.noise import (
-    Effort,
-    Noise,
-    estimate_noise,
-    warn_of_better_scheme,
-    warn_of_noise,
-)
+from ddgcli.algorithms.curvature.noise import Noise, warn_of_better_scheme, warn_of_noise
+from ddgcli.algorithms.curvature.noise_estimate import Effort, estimate_noise
 from ddgcli.algorithms.curvature.one_sided import of_copies, unsigned_normals
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.regions import check_radius, check_reach
@@ -39,7 +43,6 @@ from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.require import require, surely_has_area
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import ratio
 
 _log = logging.getLogger("ddgcli")
 
@@ -126,50 +129,103 @@ def measure_curvature(
     """
     check_curvature(mesh, scheme, radius, image=image)
     surface = prepare_surface(mesh, scheme)
-    measured = surface.cover or surface  # with two sides, where a sign has a meaning
-    noise = _noise(measured, scheme, radius, one_sided=surface.cover is not None)
-    at_default, automatic = radius is None, radius == "auto"
-    noisy, principal, expected_error = noise.dominates_curvature, None, None
-    if radius == "auto":
-        if noise.kind and not noisy:  # by the sample; the fits of all vertices may have another penalty
-            principal = _pointwise(measured, scheme, None, False, jobs, full)
-            noisy = noise.default_error(principal.mean) is not None
-        radius = noise.radius_of(scheme) * surface.scale if noisy else None
-        _check_radius(mesh, radius, scheme)
-    in_ball: float | NDArray | None = None if radius is None else radius / surface.scale
-    if automatic and noisy:
-        in_ball = noise.radii_of(scheme, measured.mesh.n_vertices)
-    if principal is None or in_ball is not None:
-        principal = _pointwise(measured, scheme, in_ball, noisy, jobs, full)
-    if automatic and noisy:
-        expected_error = noise.expected_error(scheme, principal.mean)
-        if expected_error is not None:
-            warn_of_better_scheme(noise, scheme, expected_error)
-    if at_default:
-        expected_error = warn_of_noise(noise, scheme, principal.mean, surface.scale)
-        if expected_error is None:
-            warn_of_spikes(surface.mesh, surface.faces, surface.dihedral)
+    measured = _measured(mesh, surface, scheme, radius, jobs, full)
+    principal = measured.principal
     if surface.copy is not None:
         principal = of_copies(principal, surface.copy, mesh.topology.referenced_vertex)
-    vertex = _vertex_arrays(surface, principal) if full else _curvature_arrays(surface, principal)
-    edge = _edge_arrays(surface) if full else {}
+    vertex = vertex_arrays(surface, principal) if full else curvature_arrays(surface, principal)
+    edge = edge_arrays(surface) if full else {}
     results: dict[str, Any] = {"scheme": scheme, "promise": SCHEME_PROMISES[scheme]}
-    results |= {"region": DEFAULT_REGIONS[scheme] if radius is None else "ball", "radius": radius}
-    if isinstance(in_ball, np.ndarray):  # of components that differ in size
-        radii, vertices = np.unique(in_ball * surface.scale, return_counts=True)
-        results["radii"] = [{"radius": r, "vertices": n} for r, n in zip(radii.tolist(), vertices.tolist())]
-    results |= {"noise_estimate": noise.relative, "expected_error": expected_error}
-    results |= _integrals(surface, principal)
+    results |= measured.region(scheme, surface.scale)
+    results |= cheap_integrals(surface, principal)
     if full:
-        results |= _further_integrals(surface, results)
+        results |= further_integrals(surface, results)
     if image is not None:
         results |= totals.nonconformality(surface.faces, image)
-    results |= _statistics(vertex, edge, mesh)
-    accuracy = _accuracy(surface)
+    results |= statistics(vertex, edge, mesh)
+    accuracy = identity_residuals(surface)
     remedy = cure("folds")
     advice = f"faces without area or folded onto others leave curvatures undetermined; {remedy}"
     converged = within_residuals(accuracy, tuple(accuracy), advice)
     return CurvatureResult(vertex, edge, results, accuracy, converged)
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """Principal curvatures at unit size, and what they were measured in.
+
+    `radius` is one for all vertices or (n,), at unit size, None of the default region.
+    """
+
+    principal: PrincipalCurvatures
+    noise: Noise
+    radius: float | NDArray | None = None
+    expected_error: float | None = None
+
+    def region(self, scheme: str, scale: float) -> dict[str, Any]:
+        """Entries of the summary, at a length unit."""
+        radius: float | None = None
+        results: dict[str, Any] = {}
+        if isinstance(self.radius, np.ndarray):  # of components that differ in size
+            radii, vertices = np.unique(self.radius * scale, return_counts=True)
+            results["radii"] = [
+                {"radius": r, "vertices": n} for r, n in zip(radii.tolist(), vertices.tolist())
+            ]
+            radius = self.noise.radius_of(scheme) * scale
+        elif self.radius is not None:
+            radius = self.radius * scale
+        region = DEFAULT_REGIONS[scheme] if radius is None else "ball"
+        noise = {"noise_estimate": self.noise.relative, "expected_error": self.expected_error}
+        return {"region": region, "radius": radius} | results | noise
+
+
+def _measured(
+    mesh: TriangleMesh,
+    surface: UnitSurface,
+    scheme: str,
+    radius: float | Literal["auto"] | None,
+    jobs: int,
+    directions: bool,
+) -> _Measured:
+    """Curvature in balls of a radius, or of the best one, or over the default region; warnings of noise."""
+    two_sided = surface.cover or surface  # where a sign has a meaning
+    noise = _noise(two_sided, scheme, radius, one_sided=surface.cover is not None)
+
+    def pointwise(in_ball: float | NDArray | None, noisy: bool) -> PrincipalCurvatures:
+        return _pointwise(two_sided, scheme, in_ball, noisy, jobs, directions)
+
+    if isinstance(radius, (int, float)):
+        in_ball = radius / surface.scale
+        return _Measured(pointwise(in_ball, noise.dominates_curvature), noise, in_ball)
+    if radius == "auto" and noise.dominates_curvature:
+        return _in_best_balls(mesh, surface, scheme, noise, pointwise)
+    principal = pointwise(None, False)
+    # by the sample noise does not dominate; the fits of all vertices may have another penalty
+    if radius == "auto" and noise.kind and noise.default_error(principal.mean) is not None:
+        return _in_best_balls(mesh, surface, scheme, noise, pointwise)
+    if radius == "auto":
+        return _Measured(principal, noise)
+    expected_error = warn_of_noise(noise, scheme, principal.mean, surface.scale)
+    if expected_error is None:
+        warn_of_spikes(surface.mesh, surface.faces, surface.dihedral)
+    return _Measured(principal, noise, None, expected_error)
+
+
+def _in_best_balls(
+    mesh: TriangleMesh,
+    surface: UnitSurface,
+    scheme: str,
+    noise: Noise,
+    pointwise: Callable[[float | NDArray, bool], PrincipalCurvatures],
+) -> _Measured:
+    """Curvature in balls of the radii with the least error, where noise dominates; warns of better ones."""
+    _check_radius(mesh, noise.radius_of(scheme) * surface.scale, scheme)
+    in_ball = noise.radii_of(scheme, (surface.cover or surface).mesh.n_vertices)
+    principal = pointwise(in_ball, True)
+    expected_error = noise.expected_error(scheme, principal.mean)
+    if expected_error is not None:
+        warn_of_better_scheme(noise, scheme, expected_error)
+    return _Measured(principal, noise, in_ball, expected_error)
 
 
 def check_curvature(
@@ -204,11 +260,10 @@ def check_curvature(
         check_reach(mesh, float(radius))
 
 
-def _check_radius(mesh: TriangleMesh, radius: float | None, scheme: str) -> None:
-    if radius is not None:
-        unit = float(mesh.side_length.max())  # no square over- or underflows
-        area = float(face_area(mesh.side_length / unit).sum())
-        check_radius(mesh, area, radius / unit, unit, scheme)
+def _check_radius(mesh: TriangleMesh, radius: float, scheme: str) -> None:
+    unit = float(mesh.side_length.max())  # no square over- or underflows
+    area = float(face_area(mesh.side_length / unit).sum())
+    check_radius(mesh, area, radius / unit, unit, scheme)
 
 
 def _check_parameters(scheme: str, radius: float | str | None) -> None:
@@ -278,126 +333,6 @@ def _pointwise(
     return replace(principal, low=low, high=high, gaussian=gaussian)
 
 
-def _curvature_arrays(surface: UnitSurface, principal: PrincipalCurvatures) -> dict[str, NDArray]:
-    s = surface.scale
-    return {"gaussian_curvature": principal.gaussian / (s * s), "mean_curvature": principal.mean / s}
-
-
-def _vertex_arrays(surface: UnitSurface, principal: PrincipalCurvatures) -> dict[str, NDArray]:
-    mesh, s = surface.mesh, surface.scale
-    curvature = _curvature_arrays(surface, principal)
-    return {  # by the names of VERTEX_ARRAYS
-        "angle_defect": surface.defect,
-        "vertex_area": surface.area * s * s,
-        "boundary": mesh.topology.boundary_vertex.astype(np.uint8),
-        "gaussian_curvature": curvature["gaussian_curvature"],
-        "geodesic_curvature": exact.geodesic_curvature(mesh, surface.defect) / s,
-        "mean_curvature": curvature["mean_curvature"],
-        "mean_curvature_normal": np.ascontiguousarray((ratio(surface.vector, surface.area) / s).T),
-        "principal_curvature_min": principal.low / s,
-        "principal_curvature_max": principal.high / s,
-        "principal_direction_min": np.ascontiguousarray(principal.low_direction.T),
-        "principal_direction_max": np.ascontiguousarray(principal.high_direction.T),
-        "combinatorial_curvature": exact.combinatorial_curvature(mesh),
-    }
-
-
-def _edge_arrays(surface: UnitSurface) -> dict[str, NDArray]:
-    topology = surface.mesh.topology
-    return {
-        "edges": topology.edges,
-        "dihedral_angle": surface.dihedral,
-        "edge_mean_curvature": 0.5 * surface.scale * surface.edge_length * surface.dihedral,
-    }
-
-
-def _integrals(surface: UnitSurface, principal: PrincipalCurvatures) -> dict[str, Any]:
-    """Integrals that cost little beside the curvature."""
-    topology, s = surface.mesh.topology, surface.scale
-    mean = float((0.5 * surface.edge_length * surface.dihedral).sum()) * s if surface.orientable else None
-    boundary = topology.boundary_vertex
-    return {
-        "area": float(surface.faces.area.sum()) * s * s,
-        "volume": None if surface.volume is None else surface.volume * s * s * s,  # or inf
-        "total_gaussian_curvature": float(surface.defect[~boundary].sum()),
-        "total_geodesic_curvature": float(surface.defect[boundary].sum()),
-        "total_mean_curvature": mean,
-        "willmore_energy": float((principal.mean**2 * surface.area).sum()),
-    }
-
-
-def _further_integrals(surface: UnitSurface, integrals: dict[str, Any]) -> dict[str, Any]:
-    """Energies and volumes besides `integrals`, those of `_integrals`."""
-    from ddgcli.algorithms.delaunay.triangulation import non_delaunay_edges  # for these alone
-
-    mesh, faces, s = surface.mesh, surface.faces, surface.scale
-    topology = mesh.topology
-    energies = totals.willmore_energies(
-        faces,
-        topology,
-        surface.dihedral,
-        surface.edge_length,
-        surface.area,
-        surface.vector,
-        surface.defect,
-        surface.area_vector,
-    )
-    skewed = int(non_delaunay_edges(mesh).sum())
-    if skewed:
-        _log.info("%d edges are not Delaunay: circle-angle counts each as bending, flat ones too", skewed)
-    unknown = [name for name, energy in energies.items() if energy is None]
-    if unknown:
-        _log.warning(
-            "no Willmore energy %s: points coincide, the surface folds back, or it is one-sided and not "
-            "manifold",
-            " and ".join(unknown),
-        )
-    mean, area, volume = (integrals[name] for name in ("total_mean_curvature", "area", "volume"))
-    volumes = totals.intrinsic_volumes(topology.euler_characteristic, mean, area, volume)
-    two_sided_closed = surface.volume is not None
-    return {
-        "total_combinatorial_curvature": float(exact.combinatorial_curvature(mesh).sum()),
-        "willmore_energies": energies,
-        "non_delaunay_edges": skewed,
-        "vector_area": totals.vector_area(faces) * s * s if surface.orientable else None,
-        "intrinsic_volumes": volumes if two_sided_closed else [*volumes[:3], None],
-        "steiner_polynomial": totals.steiner_polynomial(volumes) if two_sided_closed else None,
-    }
-
-
-def _statistics(
-    vertex: dict[str, NDArray], edge: dict[str, NDArray], mesh: TriangleMesh
-) -> dict[str, dict[str, float]]:
-    """Least, greatest and mean value of each array; of vectors, of their length.
-
-    Vertices that no face uses are left out; pointwise curvatures leave out the boundary too, and the
-    geodesic curvature everything else.
-    """
-    referenced = mesh.topology.referenced_vertex
-    inside = referenced & ~mesh.topology.boundary_vertex
-    everywhere = {"angle_defect", "vertex_area", "combinatorial_curvature"}
-    statistics = {}
-    for name, values in vertex.items():
-        if name == "boundary" or name.startswith("principal_direction"):
-            continue
-        if values.ndim == 2:
-            values = np.sqrt(np.einsum("ij,ij->i", values, values))
-        where = referenced if name in everywhere else inside
-        if name == "geodesic_curvature":
-            where = mesh.topology.boundary_vertex
-        if where.any():
-            statistics[name] = _range(values[where])
-    between_two = mesh.topology.edge_face_count == 2
-    for name, values in edge.items():
-        if name != "edges" and between_two.any():
-            statistics[name] = _range(values[between_two])
-    return statistics
-
-
-def _range(values: NDArray) -> dict[str, float]:
-    return {"min": float(values.min()), "max": float(values.max()), "mean": float(values.mean())}
-
-
 def _check_image(mesh: TriangleMesh, image: NDArray) -> None:
     """Raise ParameterError for an array that is no map of the vertices."""
     if image.ndim != 2 or image.shape[1] not in (2, 3) or len(image) != mesh.n_vertices:
@@ -407,27 +342,3 @@ def _check_image(mesh: TriangleMesh, image: NDArray) -> None:
     if not np.isfinite(image).all():
         bad = np.flatnonzero(~np.isfinite(image).all(axis=1))[0]
         raise ParameterError(f"the map is not finite at vertex {bad}; correct the array", parameter="map")
-
-
-def _accuracy(surface: UnitSurface) -> dict[str, float | None]:
-    """Residuals of identities that hold on the polyhedron up to rounding."""
-    mesh, faces, defect = surface.mesh, surface.faces, surface.defect
-    topology = mesh.topology
-    expected = exact.gauss_bonnet_total(mesh)
-    size = max(float(np.abs(defect).sum()), 2 * np.pi)  # all defects of a cylinder are rounding
-    residuals: dict[str, float | None] = {
-        "gauss_bonnet_residual": abs(float(defect.sum()) - expected) / size,
-        "vertex_area_residual": abs(float(surface.area.sum() / faces.area.sum()) - 1.0),
-    }
-    if not surface.orientable or not topology.is_manifold:
-        return residuals | {"force_balance_residual": None}
-    at_vertex = exact.BALANCE_DIRECTION @ faces.points
-    height = sum(np.take(at_vertex, corner) for corner in faces.corner)
-    balance = totals.balances(faces, topology, surface.normal, surface.dihedral, height > np.median(height))
-    inside = topology.referenced_vertex & ~topology.boundary_vertex
-    of_stars = totals.star_balance(surface.vector, surface.link_conormal, surface.link_length, inside)
-    return residuals | {
-        "force_balance_residual": max(of_stars, balance["force"]),
-        "torque_balance_residual": balance["torque"],
-        "area_balance_residual": balance["area"],
-    }

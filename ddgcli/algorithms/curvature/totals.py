@@ -1,4 +1,4 @@
-"""Integrals of curvature, intrinsic volumes, and balance laws that hold on every polyhedron."""
+"""Integrals of curvature and intrinsic volumes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.measures import BALANCE_DIRECTION
 from ddgcli.geometry.extrinsic import EDGES_PER_BLOCK, hinge_bending
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS, PREVIOUS_OFFSET, Topology
@@ -205,85 +204,6 @@ def _between(points: NDArray, tail: NDArray, head: NDArray) -> NDArray[np.float6
     return np.stack([np.take(p, head) - np.take(p, tail) for p in points])
 
 
-def balances(
-    faces: Faces, topology: Topology, normal: NDArray, dihedral: NDArray, region: NDArray
-) -> dict[str, float]:
-    """Residuals of force, torque and area balance around a region of faces (chapter 3, 1.4).
-
-    The outward conormal eta over the boundary of a region D and the mean curvature vector H nu (sum of the
-    principal curvatures) inside it obey, on polyhedra too: int eta = int H nu, int x cross eta =
-    int x cross H nu, int x . eta = int (H nu . x + 2). On an edge H nu integrates to 2 |e| sin(theta / 2)
-    against the mean of its two normals, which is computed here from the dihedral angle; the left sides come
-    from the faces beside the region's boundary.
-
-    Parameters
-    ----------
-    faces : Faces
-    topology : Topology
-    normal : (3, m) ndarray
-        Unit normals, of flat faces too (`filled_normals`).
-    dihedral : (e,) ndarray
-    region : (m,) ndarray of bool
-        Faces of the region D.
-
-    Returns
-    -------
-    dict
-        `force`, `torque`, `area`: relative to the sum of the absolute values of the terms.
-    """
-    twin, first = topology.side_twin.ravel(), topology.interior_sides
-    beyond = twin.take(first)
-    here, there = region.take(first // 3), region.take(beyond // 3)
-    edge_side = first.compress(here & there)
-    rims = [first.compress(here & ~there), beyond.compress(there & ~here)]
-    if 2 * len(first) < len(twin):
-        boundary = np.flatnonzero(twin < 0)
-        rims.append(boundary.compress(region.take(boundary // 3)))
-    rim = np.sort(np.concatenate(rims))
-    # signed and absolute sums of each component
-    force, torque, area = np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 1))
-
-    def add(position: NDArray, pull: NDArray) -> None:
-        moments = (torque, cross(position, pull)), (area, dot(position, pull)[None]), (force, pull)
-        for sums, terms in moments:
-            sums[0] += terms.sum(axis=1)
-            sums[1] += np.abs(terms, out=terms).sum(axis=1)
-
-    for begin in range(0, len(rim), EDGES_PER_BLOCK):
-        side = rim[begin : begin + EDGES_PER_BLOCK]
-        middle, vector = _middle_and_side(faces.points, topology, side)
-        add(middle, cross(vector, np.take(normal, side // 3, axis=1)))
-    side_edge = topology.side_edge.ravel()
-    for begin in range(0, len(edge_side), EDGES_PER_BLOCK):
-        side = edge_side[begin : begin + EDGES_PER_BLOCK]
-        middle, vector = _middle_and_side(faces.points, topology, side)
-        bisector = np.take(normal, side // 3, axis=1)
-        bisector += np.take(normal, twin.take(side) // 3, axis=1)
-        # of the bisector at unit length
-        size = np.sqrt(ratio(dot(vector, vector), dot(bisector, bisector)))
-        size *= np.sin(0.5 * dihedral.take(side_edge.take(side)))
-        bisector *= 2.0 * size
-        add(middle, bisector)
-    doubled = 2.0 * faces.area[region].sum()
-    area[:, 0] += -doubled, doubled
-    return {"force": _residual(force), "torque": _residual(torque), "area": _residual(area)}
-
-
-def _middle_and_side(points: NDArray, topology: Topology, side: NDArray) -> tuple[NDArray, NDArray]:
-    """(3, k) middles and vectors of sides."""
-    middle = np.take(points, topology.side_tail.take(side), axis=1)
-    vector = np.take(points, topology.side_head.take(side), axis=1)
-    vector -= middle
-    middle += 0.5 * vector
-    return middle, vector
-
-
-def _residual(sums: NDArray) -> float:
-    """Largest component of a sum over that of the sum of absolute values; `sums` has both as rows."""
-    total, scale = np.abs(sums[0]).max(), sums[1].max()
-    return float(total / scale) if scale > 0 else 0.0
-
-
 def nonconformality(faces: Faces, image: NDArray) -> dict[str, float]:
     """Dirichlet energy minus area of the image of a map given at vertices, 0 for the identity (ch. 3, 2.6).
 
@@ -307,26 +227,3 @@ def nonconformality(faces: Faces, image: NDArray) -> dict[str, float]:
     )
     area = float(mapped.area.sum())
     return {"dirichlet_energy": dirichlet, "map_area": area, "nonconformality": dirichlet - area}
-
-
-def star_balance(vector: NDArray, conormal: NDArray, link: NDArray, inside: NDArray) -> float:
-    """Largest gap between the mean curvature vector of a star and the conormals of its link.
-
-    Parameters
-    ----------
-    vector : (3, n) ndarray of float64
-        Of `vector_of`.
-    conormal : (n,) ndarray of float64
-        Sums of `link_conormal` over the stars.
-    link : (n,) ndarray of float64
-        Sums of `link_length` over the stars.
-    inside : (n,) ndarray of bool
-        Where to compare.
-
-    Returns
-    -------
-    float
-        Along `BALANCE_DIRECTION`, relative to the length of the link.
-    """
-    gap = np.abs(4.0 * (BALANCE_DIRECTION @ vector) - conormal)
-    return float(ratio(gap, link)[inside].max(initial=0.0))

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
+from ddgcli.algorithms.curvature.balance import RegionBalance, upper_half
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.one_sided import double_covered
 from ddgcli.errors import MeshError, counted
-from ddgcli.geometry.extrinsic import dihedral_angle_and_length, folded_edges
+from ddgcli.geometry.extrinsic import edge_blocks, folded_edges, single_edge_length
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.repair import reverse_faces
 from ddgcli.mesh.require import check_size
@@ -33,8 +34,9 @@ TWO_SIDED_SCHEMES = ("normal-cycle", "corrected", "normal-voting")
 class UnitSurface:
     """The mesh at unit size, consistently oriented where it is orientable, with its exact quantities.
 
-    `volume` is None unless the surface is closed and two-sided. `cover` is None but of a one-sided manifold:
-    there it is its double cover, whose vertex `copy[v]` stands for v.
+    `volume` is None unless the surface is closed and two-sided. `balance` has the residuals of
+    `RegionBalance` for half the surface, None where it is one-sided or not manifold. `cover` is None but of a
+    one-sided manifold: there it is its double cover, whose vertex `copy[v]` stands for v.
     """
 
     mesh: TriangleMesh
@@ -50,6 +52,7 @@ class UnitSurface:
     vector: NDArray
     link_conormal: NDArray
     link_length: NDArray
+    balance: dict[str, float] | None
     cover: UnitSurface | None = None
     copy: NDArray | None = None
 
@@ -154,7 +157,7 @@ def _unit_surface(
     """The surface of `_measures`."""
     area, defect, vector, conormal, link = measures
     normal = totals.filled_normals(faces, mesh.topology)
-    dihedral, edge_length = dihedral_angle_and_length(mesh, normal.T)
+    dihedral, edge_length, balance = _edge_measures(faces, mesh.topology, normal)
     return UnitSurface(
         mesh,
         faces,
@@ -169,7 +172,22 @@ def _unit_surface(
         vector,
         conormal,
         link,
+        balance,
     )
+
+
+def _edge_measures(
+    faces: Faces, topology: Topology, normal: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64], dict[str, float] | None]:
+    """Dihedral angles and lengths of the edges, and the balance of half the surface where it has sides."""
+    angle, length = np.zeros(topology.n_edges), single_edge_length(faces.points, topology)
+    has_balance = topology.is_oriented and topology.is_manifold
+    balance = RegionBalance(faces, topology, normal, upper_half(faces)) if has_balance else None
+    for block in edge_blocks(faces.points, topology, normal):
+        angle[block.edge], length[block.edge] = block.angle, block.length
+        if balance is not None:
+            balance.add(block, block.angle)
+    return angle, length, None if balance is None else balance.residuals()
 
 
 def _oriented(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:

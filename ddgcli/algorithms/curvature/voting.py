@@ -11,7 +11,7 @@ from ddgcli.algorithms.curvature.area_vectors import averaged_normals, region_su
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, tangent_frame
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
-from ddgcli.algorithms.curvature.quadric import principal_of_forms
+from ddgcli.algorithms.curvature.polynomial_fits import principal_of_forms
 from ddgcli.algorithms.curvature.regions import Regions, balls_around, larger
 from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
 from ddgcli.mesh.triangle_mesh import TriangleMesh

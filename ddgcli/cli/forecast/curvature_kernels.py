@@ -46,17 +46,18 @@ def curvature_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[U
 
 def _noise_search(scheme: str, radius: Any, size: InputSize, *, averages: bool) -> Iterator[Use]:
     """Fits in balls around some vertices, and where they show noise averages of normals; in pairs of both."""
-    from ddgcli.algorithms.curvature import noise
+    from ddgcli.algorithms.curvature import noise_estimate
     from ddgcli.algorithms.curvature.regions import MAX_BALL_PAIRS
+    from ddgcli.algorithms.curvature.scales import MAX_SURFACE_SHARE
 
     n = 0.5 * size.elements
-    widest = min(noise.MAX_SURFACE_SHARE * n, MAX_BALL_PAIRS[scheme] / max(size.elements, 1))
-    fits = noise.BENDING_SAMPLE_SIZE * widest
+    widest = min(MAX_SURFACE_SHARE * n, MAX_BALL_PAIRS[scheme] / max(size.elements, 1))
+    fits = noise_estimate.BENDING_SAMPLE_SIZE * widest
     added = 0.0 if averages else 1.0  # the memory of fits is free when normals are averaged
     yield Use("curvature wide fits", 1.0, added, fits, WIDE_FITS_RANGE, "balls that grow to the widest")
     if averages:
         voxels = size.noise == "voxels" and radius == "auto" and scheme == "normal-voting"
-        most = noise.MAX_VOXEL_PAIRS if voxels else noise.MAX_VOTING_PAIRS
+        most = noise_estimate.MAX_VOXEL_PAIRS if voxels else noise_estimate.MAX_VOTING_PAIRS
         yield Use("curvature noise", added=1.0, elements=min(most, n * n))
 
 

@@ -1,0 +1,205 @@
+"""Estimate of the noise of a surface's vertices and of the radius that averages it.
+
+Residuals of fits over two rings show the deviation of the vertices, of whatever kind (`deviation`); creases
+of both signs, coordinates on grids and curvature that settles with the radius distinguish noise from details.
+The error of the default region and the radius come from balls around a sample of vertices (`scales`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.curvature.deviation import MIN_NEIGHBOURS, Deviation, vertex_deviation
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.fit_penalty import cross_validated_penalty
+from ddgcli.algorithms.curvature.neighbours import neighbourhoods
+from ddgcli.algorithms.curvature.noise import MAX_ERROR, Noise, SizeGroup
+from ddgcli.algorithms.curvature.noise_kind import (
+    MIN_UNEVEN_MEDIAN_SHARE,
+    may_err_evenly,
+    noise_kind,
+    settles,
+)
+from ddgcli.algorithms.curvature.point_grid import PointGrid
+from ddgcli.algorithms.curvature.regions import Regions, largest_radius, listed, size_groups
+from ddgcli.algorithms.curvature.scales import (
+    MAX_SCALES,
+    MAX_SURFACE_SHARE,
+    QUADRATIC_BIAS_GROWTH,
+    RADIUS_RATIO,
+    VOTING_BIAS_GROWTH,
+    Scales,
+    fits_at,
+    fits_in_balls,
+    measure_scales,
+)
+from ddgcli.algorithms.curvature.voxel_lattice import repeats_with_voxels
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+Effort = Literal["fits", "warn", "auto"]
+
+BENDING_SAMPLE_SIZE = 100  # vertices sampled for curvature
+CONFIRMING_SAMPLE_SIZE = 400  # vertices that confirm what so few show, where scans are near the limits
+VOTING_SAMPLE_SIZE = 32  # vertices sampled for curvature by averaged normals
+# members of all their balls: the stairs of large bodies need wide ones
+MAX_VOTING_PAIRS, MAX_VOXEL_PAIRS = 3e6, 3.6e7
+
+
+def estimate_noise(
+    mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: str, *, effort: Effort = "warn"
+) -> Noise:
+    """Estimate the noise of the vertices and its effect on the mean curvature.
+
+    The radius is one that the scheme can measure in.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
+    dihedral : (e,) ndarray
+        Dihedral angles of the edges in radians, positive where convex.
+    scheme : str
+        Name of the scheme of curvature.
+    effort : {'fits', 'warn', 'auto'}
+        'fits': without averaged normals, which cost more; 'auto': with wide balls of them on voxels, which
+        may take several times as long as the measurement.
+
+    Returns
+    -------
+    Noise
+    """
+    deviation = vertex_deviation(mesh, faces, dihedral)
+    if deviation is None:
+        return Noise(None)
+    kind, deviation = noise_kind(mesh, faces, dihedral, deviation)
+    balls = _Balls(mesh, faces, deviation.normal, scheme)
+    scales = _settled_scales(balls, kind, deviation) if kind else None
+    if scales is None and repeats_with_voxels(faces.points, faces.mean_length):
+        kind, scales = "lattice", _settled_scales(balls, "lattice", deviation)
+    if scales is None:
+        return Noise(deviation.relative)
+    everywhere = scales.median_share > MIN_UNEVEN_MEDIAN_SHARE
+    if kind in ("ruled", "even") or (kind == "partial" and deviation.doubtful and everywhere):
+        kind = "uneven"  # smoothed stairs have large residuals in places, and errors everywhere
+    noise = Noise(deviation.relative, kind, scales)
+    if scales.default_rms < MAX_ERROR or effort == "fits":
+        return noise
+    pairs = MAX_VOXEL_PAIRS if kind == "voxels" and effort == "auto" else MAX_VOTING_PAIRS
+    noise = replace(noise, voting=balls.voting_scales(scales, pairs, balls.extent()))
+    if not noise.dominates_curvature:
+        return noise
+    groups = [balls.of_group(vertices, n, pairs) for vertices, n in size_groups(mesh)]
+    return replace(noise, groups=tuple(group for group in groups if group is not None))
+
+
+def _settled_scales(balls: _Balls, kind: str, deviation: Deviation) -> Scales | None:
+    """Curvature in balls around a part of the sample; None where the kind is none by it."""
+
+    def scales_of(n_vertices: int, max_radii: int = MAX_SCALES) -> Scales | None:
+        few = np.arange(0, len(deviation.sample), max(1, len(deviation.sample) // n_vertices))
+        regions = listed(deviation.regions, few)
+        return balls.scales(regions, deviation.sample[few], balls.extent(), max_radii)
+
+    if kind == "even":
+        scales = scales_of(BENDING_SAMPLE_SIZE, 2)
+        if scales is None or not may_err_evenly(scales):
+            return None  # two radii show most details
+    scales = scales_of(BENDING_SAMPLE_SIZE)
+    if scales is None or not settles(kind, deviation, scales):
+        return None
+    if kind == "uneven":  # a scan may look so in one sample of ten
+        scales = scales_of(CONFIRMING_SAMPLE_SIZE)
+    return None if scales is None or not settles(kind, deviation, scales) else scales
+
+
+@dataclass(frozen=True)
+class _Extent:
+    """Area of a vertex and of a component, and the share of the vertices, of some components or of all."""
+
+    vertex_area: float
+    area: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Balls:
+    """Fits in balls around some vertices of a surface, with the radii that a scheme can measure in.
+
+    `normal` (3, n) is that of the vertices, averaged by areas.
+    """
+
+    mesh: TriangleMesh
+    faces: Faces
+    normal: NDArray[np.float64]
+    scheme: str
+
+    def extent(self, vertices: NDArray | None = None, n_components: int = 1) -> _Extent:
+        """Of the components that have these vertices, or of all."""
+        if vertices is None:
+            area = float(self.faces.area.sum())
+            return _Extent(area / int(self.mesh.topology.referenced_vertex.sum()), area, 1.0)
+        inside = np.zeros(self.mesh.n_vertices, dtype=bool)
+        inside[vertices] = True
+        area = float(self.faces.area[inside[self.faces.corner[0]]].sum())
+        return _Extent(area / len(vertices), area / n_components, len(vertices) / self.mesh.n_vertices)
+
+    def largest_radius(self, extent: _Extent) -> float:
+        """Radius up to which balls hold a part of a component, and the scheme measures in minutes."""
+        # balls hold more vertices where these are dense
+        total = extent.vertex_area * self.mesh.n_vertices / extent.share
+        most = 0.99 * largest_radius(self.mesh, total, self.scheme)
+        return float(min(np.sqrt(MAX_SURFACE_SHARE * extent.area / np.pi), most))
+
+    def scales(
+        self, regions: Regions, few: NDArray, extent: _Extent, max_radii: int = MAX_SCALES
+    ) -> Scales | None:
+        """Mean curvature of a few vertices, over their regions and in balls."""
+        points, normal, grid = self.faces.points, self.normal, PointGrid(self.faces.points)
+        penalty = cross_validated_penalty(points, normal, regions, few)
+        default = fits_at(points, normal, few, normal[:, few], regions, penalty).mean
+        return measure_scales(
+            lambda radius: fits_in_balls(points, grid, normal, few, radius),
+            few,
+            default,
+            float(np.sqrt(extent.vertex_area * np.median(regions.count) / np.pi)),
+            self.largest_radius(extent),
+            QUADRATIC_BIAS_GROWTH,
+            max_radii=max_radii,
+        )
+
+    def voting_scales(self, scales: Scales, pairs: float, extent: _Extent) -> Scales | None:
+        """The same by averaged normals, at fewer vertices, in balls of `pairs` members in all."""
+        from scipy.spatial import cKDTree
+
+        from ddgcli.algorithms.curvature.voting import normal_voting_at  # imports scipy.sparse
+
+        tree = cKDTree(self.mesh.points, balanced_tree=False, compact_nodes=False)
+        step = max(1, len(scales.vertices) // VOTING_SAMPLE_SIZE)
+        some, default = scales.vertices[::step], scales.default[::step]
+        return measure_scales(
+            lambda radius: normal_voting_at(self.faces, self.normal, some, tree, radius, pairs),
+            some,
+            default,
+            float(scales.radius[0]) / RADIUS_RATIO,
+            self.largest_radius(extent),
+            VOTING_BIAS_GROWTH,
+            reference=scales.first_mean[::step],
+        )
+
+    def of_group(self, vertices: NDArray, n_components: int, pairs: float) -> SizeGroup | None:
+        """Curvature in balls around some vertices of components of like size."""
+        inner = vertices[~self.mesh.topology.boundary_vertex[vertices]]
+        few = inner[:: max(1, len(inner) // BENDING_SAMPLE_SIZE)]
+        if len(few) < MIN_NEIGHBOURS:
+            return None
+        extent = self.extent(vertices, n_components)
+        regions = neighbourhoods(self.mesh, self.faces, self.normal, MIN_NEIGHBOURS, few)
+        scales = self.scales(regions, few, extent)
+        return (
+            None if scales is None else SizeGroup(vertices, scales, self.voting_scales(scales, pairs, extent))
+        )
