@@ -366,7 +366,7 @@ def test_a_loop_that_vanishes_changes_crossings_and_turning_number(tmp_path, sum
     crossings = result["results"]["self_crossings"]
     assert (crossings[0], crossings[-1]) == (1, 0) and len(crossings) == len(result["results"]["times"])
     assert result["accuracy"]["self_crossing_changes"] == 1 == result["accuracy"]["turning_number_changes"]
-    assert any("cross themselves 1 times at the start and 0" in text for text in result["warnings"])
+    assert any("changes at 1 frame: 1 at the start, 0 at the end" in text for text in result["warnings"])
     # the points of the loop do not hold the curve: from then on the area falls as that of a simple curve
     area = result["results"]["area"]
     assert (area[5] - area[-1]) / 0.14 == pytest.approx(2 * np.pi, rel=0.01)

@@ -7,8 +7,10 @@ import pytest
 
 from benchmarks.common.rectangle_meshes import irregular_rectangle
 from benchmarks.common.shell_problems import PROBLEMS, displacements
+from ddgcli.errors import SceneError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh.shapes import grid
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell import model
 from ddgcli.models.shell.scene import KIND
 from ddgcli.scenes.scene import resolve
@@ -39,9 +41,19 @@ CLAMP = "pin = {{ vertices = {}, clamp = true }}"
 FLAT = ', rest = "flat"'
 
 
-def built(mesh, effects="", poisson=0.0, rest="", integrator="static", duration=1, step=1, spin=(0, 0, 0)):
+def built(
+    mesh,
+    effects="",
+    poisson=0.0,
+    rest="",
+    integrator="static",
+    duration=1,
+    step=1,
+    spin=(0, 0, 0),
+    text=SCENE,
+):
     """(scene, context, system) of a shell with a given mesh."""
-    text = SCENE.format(
+    text = text.format(
         effects=effects, poisson=poisson, rest=rest, integrator=integrator, duration=duration, step=step,
         spin=list(spin),
     )  # fmt: skip
@@ -260,3 +272,37 @@ def test_derivatives_of_edge_moments_agree_with_finite_differences(bending):
             assert float(product.ravel() @ other.ravel()) == pytest.approx(
                 float(change @ other.ravel()), rel=1e-5, abs=1e-10
             )
+
+
+@pytest.mark.parametrize(
+    "faces",
+    [[[0, 1, 2]], [[0, 1, 2], [1, 0, 3], [0, 1, 4]], [[0, 1, 2], [0, 3, 4]]],
+    ids=["one", "book", "bow"],
+)
+def test_faces_without_a_hinge_have_no_bending(faces, caplog):
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [-0.5, 0, 1]])
+    mesh = TriangleMesh.from_arrays(points[: np.max(faces) + 1], faces)
+    moved = mesh.points + 0.1 * np.random.default_rng(0).normal(size=mesh.points.shape)
+    bending = built(mesh)[2].potentials[-1]
+    assert bending.name == "bending" and len(bending.stencil) == len(faces)
+    assert bending.energy(moved) == 0 and not bending.gradient(moved).any()
+    assert len(run(mesh, integrator="newmark", duration=0.02, step=0.01, spin=(3, 2, 0))) == 3
+    assert ("1 edge has no bending in s: more than two faces" in caplog.text) == (len(faces) == 3)
+
+
+def needle(height):
+    points = np.array([[0, 0, 0], [1, 0, 0], [0.5, -height, 0], [0.5, 1, 0]])
+    return TriangleMesh.from_arrays(points, [[1, 0, 2], [0, 1, 3]])
+
+
+def test_the_plate_of_a_needle_has_its_area_or_is_refused():
+    """Lengths of needles hide their area: that of a segment is theirs to the last bits."""
+    mesh = needle(3e-8)
+    bending = built(mesh)[2].potentials[-1]
+    own = np.diagonal(bending.plate, axis1=1, axis2=2)  # of a turn at one side: D l^2 / A
+    truth = RIGIDITY * mesh.side_length**2 / np.array([[1.5e-8], [0.5]])
+    assert own == pytest.approx(truth, rel=1e-12)
+    with pytest.raises(SceneError, match='face 0 of s has a height of 1e-09 of its longest side.*"hinge"'):
+        built(needle(1e-9))
+    hinges = SCENE.replace('model = "midedge"', 'model = "hinge"')
+    assert hinges != SCENE and built(needle(1e-9), text=hinges)[2].potentials

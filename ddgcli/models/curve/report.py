@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import counted
 from ddgcli.mesh.vectors import row_matrix
 from ddgcli.models.curve.flow import CurveFlow
 
@@ -144,9 +145,11 @@ def _warn(accuracy: Mapping[str, Any], series: Mapping[str, NDArray]) -> None:
     if accuracy["turning_number_changes"]:
         log.warning("the turning number changed: a loop of the curve shrank to a point")
     crossings = series["self_crossings"].astype(int)
-    if accuracy["self_crossing_changes"]:
-        log.warning("the curves cross themselves %d times at the start and %d times at the end",
-                    crossings[0], crossings[-1])  # fmt: skip
+    if changes := accuracy["self_crossing_changes"]:
+        log.warning(
+            "the number of self-crossings changes at %s: %d at the start, %d at the end, at most %d",
+            counted(changes, "frame", "frames"), crossings[0], crossings[-1], max(crossings),
+        )  # fmt: skip
     if folds_back(series):
         log.warning(
             "the curve folds back on itself (it turns by %.3g degrees at one point), which no smooth curve "

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.choices import CURVE_FLOWS
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.vectors import vector_length
 from ddgcli.models.curve import polygon
@@ -91,7 +91,10 @@ def without_repeated_points(curves: CurveSet) -> CurveSet:
     if not paths:
         raise MeshError("no segments; curve-flow needs a curve")
     if repeated:
-        log.warning("%d points repeat their predecessor and are left out", repeated)
+        text = counted(
+            repeated, "point repeats its predecessor and is", "points repeat their predecessor and are"
+        )
+        log.warning("%s left out", text)
     return CurveSet(np.concatenate(paths), np.concatenate(lines))
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.sparse import coo_array, csr_array
 
+from ddgcli.errors import counted
 from ddgcli.geometry.hinges import hinge_cotans, hinges
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mechanics.pair_blocks import PairBlocks, vertex_pairs, whole_blocks
@@ -29,6 +30,7 @@ from ddgcli.simulation.effects import Effect
 # Hinge constant K = D / PLATE_RATIO. The plate of a hinge mesh depends on it (docs/shell-sim.md): a strip
 # that is free to relax has B = 4.8 to 5 K on right and alternating grids, 5.4 K on equilateral and 5.6 K on
 # irregular triangles, 6.2 to 7 K on crossed ones; bent to a cylinder unrelaxed, 6 K along a grid's axes.
+MIN_MIDEDGE_HEIGHT = 2e-8  # of a face, by its longest side: the square root of the rounding
 PLATE_RATIO = 5.0
 FLAT_ANGLE_TOLERANCE = 1e-6  # radians: a mesh whose hinges are flatter counts as flat
 
@@ -159,6 +161,18 @@ def hinge_measure(mesh: TriangleMesh, stencil: NDArray, area: NDArray) -> tuple[
     return 3 * mesh.side_length.ravel()[side] ** 2 / both, 3 / both
 
 
+def _require_height(context: ShellContext) -> None:
+    """Refuse needles whose three rotations are dependent to rounding."""
+    longest = context.mesh.side_length.max(axis=1)
+    height = 2 * context.face_area / longest**2
+    if (height < MIN_MIDEDGE_HEIGHT).any():
+        first = int(np.argmax(height < MIN_MIDEDGE_HEIGHT))
+        raise ValueError(
+            f"face {first} of {context.shell.name} has a height of {height[first]:.2g} of its longest side, "
+            f'and "midedge" takes {MIN_MIDEDGE_HEIGHT:g} or more; write model = "hinge"'
+        )
+
+
 def build(parameters: Bending, context: ShellContext) -> list[Potential]:
     shell, mesh = context.shell, context.mesh
     rigidity = parameters.stiffness or plate_rigidity(shell.young, shell.thickness, shell.poisson)
@@ -166,13 +180,14 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
     without = mesh.topology.n_edges - len(mesh.topology.boundary_edges) - len(stencil)
     if without:
         logging.getLogger("ddgcli").warning(
-            "%d edges of %s have no bending: more than two faces, or faces of opposite orientation",
-            without, shell.name,
+            "%s no bending in %s: more than two faces, or faces of opposite orientation",
+            counted(without, "edge has", "edges have"), shell.name,
         )  # fmt: skip
     if parameters.model == "midedge":
         from ddgcli.models.shell.clamps import clamped_sides
         from ddgcli.models.shell.midedge import MidedgeBending
 
+        _require_height(context)
         flat, poisson = parameters.rest == "flat", float(shell.poisson or 0)
         return [MidedgeBending(mesh, rigidity, poisson, flat, clamped_sides(context))]
     scaled, plain = hinge_measure(mesh, stencil, context.face_area)

@@ -22,13 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
+from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.hinges import hinge_sides, hinges
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.terms import LinearOperator, Mode, at_last_point
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import dot, row_dot, unit_vectors
+from ddgcli.mesh.vectors import dot, row_dot, unit_vectors, vector_length
 from ddgcli.models.shell import hinge
 
 NODES = 9  # of an element: corners, apexes across the sides, rotations of the sides
@@ -96,8 +97,9 @@ class MidedgeBending:
         unit = float(mesh.side_length.mean())
         self._slope = self._sign / unit  # of the angle of a side in its rotation times length
         self.rigidity, self.poisson = rigidity, poisson
-        self.plate = plate_matrices(mesh.side_length, rigidity, poisson)
-        self._conormals = conormal_products(mesh.side_length)
+        area = vector_length(face_area_vector(mesh))  # rounding of the lengths hides the area of needles
+        self.plate = plate_matrices(mesh.side_length, area, rigidity, poisson)
+        self._conormals = conormal_products(mesh.side_length, area)
         self._matrices()
         self.stencil = self._stencil(faces)
         self.rest = np.zeros(len(self.hinges)) if flat else hinge.hinge_frame(x, self.hinges).angle
@@ -131,7 +133,8 @@ class MidedgeBending:
                 np.broadcast_to(rows[:, :, None], values.shape),
                 np.broadcast_to(columns[:, None, :], values.shape),
             )
-            matrix = coo_array((values.ravel(), (i.ravel(), j.ravel())), shape=shape).tocsr()
+            there = values != 0  # where a side has no angle or no rotation, its number has no meaning
+            matrix = coo_array((values[there], (i[there], j[there])), shape=shape).tocsr()
             matrix.eliminate_zeros()
             return matrix
 
@@ -292,13 +295,14 @@ class MidedgeBending:
         return lambda v: self.pulled_back(at, self.moments(self.turned(at, v)))
 
 
-def plate_matrices(length: NDArray, rigidity: float, poisson: float) -> NDArray[np.float64]:
+def plate_matrices(length: NDArray, area: NDArray, rigidity: float, poisson: float) -> NDArray[np.float64]:
     """(m, 3, 3) second derivatives of the bending energy of faces in the turns of their three sides.
 
     Parameters
     ----------
     length : (m, 3) ndarray
         Sides of the faces.
+    area : (m,) ndarray
     """
     square = length**2
     doubled = 0.5 * (square.sum(axis=1)[:, None] - 2 * np.roll(square, -2, axis=1))
@@ -308,24 +312,23 @@ def plate_matrices(length: NDArray, rigidity: float, poisson: float) -> NDArray[
         k = (j + 1) % 3
         inner[:, j, j] = square[:, j]
         inner[:, j, k] = inner[:, k, j] = -doubled[:, j]
-    area = 0.5 * np.sqrt(np.maximum(square[:, 0] * square[:, 1] - doubled[:, 0] ** 2, 0.0))
     outer = length[:, :, None] * length[:, None, :]
     return (rigidity / area)[:, None, None] * ((1 - poisson) * inner**2 / outer + poisson * outer)
 
 
-def conormal_products(length: NDArray) -> NDArray[np.float64]:
-    """(m, 3, 2, 2) products l m m^T / A of the conormals m of the sides, of lengths l (m, 3).
+def conormal_products(length: NDArray, area: NDArray) -> NDArray[np.float64]:
+    """(m, 3, 2, 2) products l m m^T / A of the conormals m of the sides, of lengths l (m, 3); A = `area`.
 
     Frames: along the first side, and across it.
     """
     a, b, c = length.T
     along = (a**2 + c**2 - b**2) / (2 * a)  # apex over the first side, at height h
-    height = np.sqrt(np.maximum(c**2 - along**2, 0.0))
+    height = 2 * area / a
     zero = np.zeros_like(a)
     outward = np.stack(  # l m: the sides turned by -90 degrees
         [np.stack([zero, -a], 1), np.stack([height, a - along], 1), np.stack([-height, along], 1)], axis=1
     )
-    scale = 1 / (length * (0.5 * a * height)[:, None])
+    scale = 1 / (length * area[:, None])
     return scale[:, :, None, None] * outward[:, :, :, None] * outward[:, :, None, :]
 
 

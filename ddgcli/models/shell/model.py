@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import SolveError
+from ddgcli.errors import SolveError, counted
 from ddgcli.mechanics.driving import driving_work
 from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Step
 from ddgcli.mechanics.stability import stable_step
@@ -105,7 +105,8 @@ def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
         scene.refuse(("object", number), f"object {context.shell.name!r}: {reason}")
     loose = int((~context.mesh.topology.referenced_vertex).sum())
     if loose:
-        log.warning("%d vertices belong to no face: they stay where they are", loose)
+        text = counted(loose, "vertex belongs", "vertices belong")
+        log.warning("%s to no face and cannot move", text)
 
 
 def build(scene: Scene, shells: dict[str, ShellContext], account: Account) -> dict[str, Model]:
