@@ -24,6 +24,7 @@ __all__ = [
     "quadric",
     "regions",
     "rings",
+    "scales",
     "star",
     "region_measures",
     "surface_curvature",
