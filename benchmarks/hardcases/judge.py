@@ -57,7 +57,7 @@ class Verdict:
 
 # arrays in which an infinite value is an answer: a vertex that no source reaches
 # unreached vertices; straight pieces of a curve
-INFINITE_ARRAYS = ("geodesic_distance", "log_map", "osculating_radius")
+INFINITE_ARRAYS = ("geodesic_distance", "signed_distance", "log_map", "osculating_radius")
 
 
 def judge(

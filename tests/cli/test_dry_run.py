@@ -142,6 +142,15 @@ def test_a_run_that_cannot_fit_is_refused_in_one_line_before_it_starts(inputs, t
     assert not (tmp_path / "d.ply").exists()
 
 
+@pytest.mark.parametrize("scheme", ["quadric", "normal-voting", "corrected"])
+@pytest.mark.parametrize("radius", [9.0, 1e300])
+def test_a_dry_run_refuses_a_radius_beyond_the_surface_as_the_run_does(scheme, radius, inputs, run):
+    words = ["curvature", inputs["mesh"], "--scheme", scheme, "--radius", radius]
+    refusal = run(*words)
+    assert refusal.exit_code == 2 and "holds the whole surface" in refusal.stderr
+    assert run(*words, "--dry-run").stderr == refusal.stderr
+
+
 @pytest.mark.parametrize(
     "call", [call for call in CALLS if not call.startswith("examples")], ids=lambda call: call.split()[0]
 )

@@ -66,4 +66,5 @@ def _ball_work(radius: float, size: InputSize) -> float:
     if size.ball_work is not None:
         return size.ball_work
     rings = min(radius / (size.edge_length or 1.0), MAX_RINGS)
-    return 0.5 * size.elements * (BALL_SEARCH + VERTICES_PER_SQUARED_RING * rings**2)
+    in_ball = min(VERTICES_PER_SQUARED_RING * rings**2, size.elements)  # no more than the surface has
+    return 0.5 * size.elements * (BALL_SEARCH + in_ball)

@@ -67,9 +67,12 @@ def angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
 
 def ball_work(mesh: TriangleMesh, radius: float, scheme: str) -> float:
     """Pairs of a ball around a vertex and a vertex or a face in it: the unit of kernels with a radius."""
+    import numpy as np
+
     unit = float(mesh.side_length.max()) or 1.0  # no square over- or underflows
     pairs = _clipped_faces if scheme in CLIPPING_SCHEMES else _ball_vertices
-    return mesh.n_vertices * pairs(mesh.moved(mesh.points / unit), radius / unit)
+    whole = float(np.ptp(mesh.points / unit, axis=0).sum())  # wider balls contain no more
+    return mesh.n_vertices * pairs(mesh.moved(mesh.points / unit), min(radius / unit, whole))
 
 
 def _ball_vertices(mesh: TriangleMesh, radius: float) -> float:
