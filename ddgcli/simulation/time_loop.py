@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.progress import ProgressCallback
 from ddgcli.simulation.account import Account
+from ddgcli.simulation.active_model import ActiveModel, reason_text
+from ddgcli.simulation.failed_steps import check_parts, check_rejected, largest_solvable, step_advice
 from ddgcli.simulation.model import (
     MAX_HALVINGS,
     Arrays,
@@ -32,48 +33,6 @@ from ddgcli.simulation.model import (
 log = logging.getLogger("ddgcli")
 RECOVERY_FACTOR = 8.0  # of the shortest part of a step, what the next one tries first
 STEP_GROWTH = 1.1  # of the part tried, with each that succeeds
-# Rejected steps of a run: some of its steps may need many shorter ones, but if all of them do, the run takes
-# hundreds of times what its scene and its prediction state.
-MAX_REJECTED, MAX_REJECTED_PER_STEP = 200, 30
-STOP_REASON_BYTES = 240  # of the reason to stop in a checkpoint, whose arrays keep their shapes
-
-
-@dataclass(eq=False)
-class ActiveModel:
-    """State of one model during a run."""
-
-    name: str
-    model: Model
-    state: Any
-    next_dt: float
-    n_steps: int = 0
-    n_rejected: int = 0
-    smallest: float = math.inf
-    stopped: str = ""
-    divided: bool = False
-    rescue_reported: bool = False
-    allowed: float = math.inf  # longest part of the step under way that is tried
-    shortest: float = math.inf  # taken of the step under way
-    reached: float = 0.0  # in steps
-    report_progress: Callable[[], None] = field(default=lambda: None)
-
-    def pack(self) -> Arrays:
-        clock = np.array([self.next_dt, self.n_steps, self.smallest, self.n_rejected])
-        reason = np.zeros(STOP_REASON_BYTES, dtype=np.uint8)
-        text = self.stopped.encode()[:STOP_REASON_BYTES]
-        reason[: len(text)] = np.frombuffer(text, dtype=np.uint8)
-        return {"clock": clock, "stopped": reason, **self.model.pack(self.state)}
-
-    def restore(self, arrays: Arrays) -> None:
-        self.next_dt, n_steps, self.smallest, n_rejected = arrays["clock"].tolist()
-        self.n_steps, self.n_rejected = int(n_steps), int(n_rejected)
-        self.divided = self.rescue_reported = True
-        self.stopped = _reason_text(arrays["stopped"])
-        self.state = self.model.unpack({k: v for k, v in arrays.items() if k not in ("clock", "stopped")})
-
-
-def _reason_text(packed: NDArray) -> str:
-    return np.asarray(packed, dtype=np.uint8).tobytes().rstrip(b"\0").decode(errors="ignore")
 
 
 def stop_reason(checkpoint: Arrays) -> str:
@@ -88,7 +47,7 @@ def stop_reason(checkpoint: Arrays) -> str:
     -------
     str
     """
-    reasons = [_reason_text(v) for k, v in checkpoint.items() if k.endswith("/stopped")]
+    reasons = [reason_text(v) for k, v in checkpoint.items() if k.endswith("/stopped")]
     return reasons[0] if reasons and all(reasons) else ""
 
 
@@ -236,6 +195,7 @@ def _advance_to(active: ActiveModel, schedule: Schedule, first: int, last: int, 
         return last
     for step in range(first, last):
         active.allowed, active.shortest = RECOVERY_FACTOR * active.next_dt, math.inf
+        active.n_before = active.n_steps
         active.state = _step_or_halves(active, schedule, step, step * schedule.dt, schedule.dt, 0, events)
         active.next_dt = active.shortest
         if active.model.stop is not None:
@@ -279,10 +239,11 @@ def _step_or_halves(
     except StepRejected as rejected:
         detail = _logged(active, rejected, step, time, dt, events)
         active.n_rejected += 1
-        _check_rejected(active, step, time, schedule.dt)
+        check_rejected(active, step, time, schedule.dt)
         if schedule.on_failure == "stop" or depth >= rejected.halvings:
             raise SolveError(
-                f"t = {time:.6g} {active.model.time_unit}, {detail}; {_advice(active, rejected, dt / 2)}"
+                f"t = {time:.6g} {active.model.time_unit}, {detail}; "
+                f"{step_advice(active, rejected, schedule.dt, largest_solvable(active, time, dt))}"
             ) from rejected
         log_event = log.info if active.divided else log.warning
         unit = active.model.time_unit
@@ -297,6 +258,7 @@ def _step_or_halves(
     active.smallest = min(active.smallest, dt)
     active.shortest = min(active.shortest, dt)
     active.allowed *= STEP_GROWTH
+    check_parts(active, schedule, step, time + dt)
     return state
 
 
@@ -307,25 +269,6 @@ def _logged(
     detail = f"{active.name}: step of {dt:.3g} {active.model.time_unit} rejected: {rejected}"
     events.append(Event(step, time, rejected.cause, rejected.place, rejected.value, detail))
     return detail
-
-
-def _advice(active: ActiveModel, rejected: StepRejected, dt: float) -> str:
-    """What may let a run go on whose step failed; shorter steps alone do not make numbers finite."""
-    if active.model.advice is not None:
-        return active.model.advice()
-    shorter = f"make the step {dt:.1g} {active.model.time_unit}"
-    infinite = rejected.cause == "not finite" or math.isinf(rejected.value)
-    return f"weaken the forces and velocities, or {shorter}" if infinite else shorter
-
-
-def _check_rejected(active: ActiveModel, step: int, time: float, dt: float) -> None:
-    if active.n_rejected > MAX_REJECTED + MAX_REJECTED_PER_STEP * step:
-        unit, shorter = active.model.time_unit, min(active.smallest, dt / 2)
-        raise SolveError(
-            f"t = {time:.6g} {unit}, {active.name}: {active.n_rejected} attempts have failed in {step + 1} "
-            f"steps of {dt:.3g} {unit}; make the step {shorter:.1g} {unit}, "
-            f"or weaken the forces and velocities"
-        )
 
 
 def _advanced(
@@ -391,7 +334,8 @@ def _advance_adaptively(
             detail = _logged(active, rejected, first, time, dt, events)
             if schedule.on_failure == "stop" or dt < shortest:
                 raise SolveError(
-                    f"t = {time:.6g} {active.model.time_unit}, {detail}; {_advice(active, rejected, dt / 4)}"
+                    f"t = {time:.6g} {active.model.time_unit}, {detail}; "
+                    f"{step_advice(active, rejected, schedule.dt, dt / 4)}"
                 ) from rejected
             active.next_dt = dt / 4
             continue

@@ -1,6 +1,7 @@
 """`ddgcli fluid-sim` end to end: scenes, the quick form, files, refusals."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -119,6 +120,21 @@ def test_transport_is_bounded_far_beyond_the_courant_limit(summary, tmp_path, in
     results = out["results"]
     assert results["kinetic_energy"] < 1.001 * results["kinetic_energy_start"]
     assert out["accuracy"]["total_vorticity_drift"] < 1e-13
+
+
+@pytest.mark.parametrize("integrator", ["energy", "covector", "circulation"])
+def test_steps_far_too_long_end_early_with_a_step_that_works(run, tmp_path, integrator):
+    """They took minutes, of thousands of parts."""
+    effects = 'initial = { vorticity = "5*z + x*y" }'
+    time = f'duration = 400\nstep = 200\nintegrator = "{integrator}"'
+    path = scene(tmp_path / "s.toml", BALL, effects, time)
+    refused = run("fluid-sim", path, "--json")
+    because = json.loads(refused.stdout)["results"]["stopped_because"]
+    assert refused.exit_code == 1 and "shorter ones" in because
+    step = float(re.search(r"make the step (\S+) s", because)[1])
+    cure = ("--dt", step, "--duration", 20 * step, "--frame-every", 10 * step)
+    cured = json.loads(run("fluid-sim", path, "--json", *cure).stdout)
+    assert cured["results"]["rejected_steps"] == 0 and not cured["warnings"]
 
 
 def test_boundary_circulation_is_kept(summary, tmp_path):

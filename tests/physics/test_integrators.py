@@ -281,19 +281,34 @@ def test_what_failed_is_not_tried_at_every_turn(limit, later):
     assert n_attempts < 0.35 * len(step_sizes) + 40
 
 
-def test_a_run_whose_every_step_needs_a_thousand_parts_ends_and_names_a_step_that_works():
+@pytest.mark.parametrize(
+    "limit, on_failure, message",
+    [
+        (4e-4, "shrink", "takes about (2048|4096) shorter ones"),
+        (2.2e-3, "shrink", r"\d+ attempts have failed in \d+ steps"),
+        (3e-3, "stop", "step of 1 s rejected"),
+    ],
+)
+def test_a_run_whose_steps_need_many_parts_ends_early_and_names_a_step_that_works(limit, on_failure, message):
+    """The step divides the one of the run: the time between frames remains a whole number of steps."""
     from ddgcli.simulation.model import Model, Observation, Schedule, StepRejected
 
+    n_parts = 0
+
     def advance(state, time, dt):
-        if dt > 4e-4:
+        nonlocal n_parts
+        if dt > limit:
             raise StepRejected("too long")
+        n_parts += 1
         return state + dt
 
     shown = Observation(None)
     model = Model(np.zeros(1), advance, lambda state: shown, lambda s: {"s": s}, lambda a: a["s"])
-    with pytest.raises(SolveError, match="201 attempts have failed in 1 steps") as refusal:
-        list(evolve({"m": model}, Schedule(1.0, 10), Account()))
+    with pytest.raises(SolveError, match=message) as refusal:
+        list(evolve({"m": model}, Schedule(1.0, 100, on_failure=on_failure), Account()))
+    assert n_parts <= (64 if limit < 1e-3 else 512 * 100)
     step = float(re.search(r"make the step (\S+) s", str(refusal.value))[1])
+    assert step > limit / 5 and 1 / step == pytest.approx(round(1 / step), abs=1e-9)
     end = list(evolve({"m": model}, Schedule(step, 2000), Account()))[-1]
     assert end.checkpoint["m/s"] == pytest.approx(2000 * step) and not end.events
 

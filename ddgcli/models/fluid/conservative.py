@@ -261,7 +261,7 @@ class ConservativeTransport(FlowPhase):
             self.setting.evolve_harmonic, self.setting.coriolis, step.balance,
         )  # fmt: skip
         if not measure <= (PICARD_TOLERANCE if self.implicit else RK4_LIMIT):
-            raise StepRejected("midpoint iteration" if self.implicit else "stability", value=measure)
+            raise StepRejected("midpoint iteration" if self.implicit else "stability limit", value=measure)
         after = state.replaced(vorticity=vorticity, coefficients=coefficients)
         if not self.books_loss:
             return after

@@ -1,0 +1,119 @@
+"""Runs whose steps fail too often: their limits, and the shorter step that the message names."""
+
+from __future__ import annotations
+
+import math
+
+from ddgcli.errors import SolveError
+from ddgcli.simulation.active_model import ActiveModel
+from ddgcli.simulation.model import MAX_HALVINGS, Schedule, StepRejected
+
+# Rejected steps of a run: some of its steps may need many shorter ones, but if all of them do, the run takes
+# hundreds of times what its scene and its prediction state.
+MAX_REJECTED, MAX_REJECTED_PER_STEP = 200, 30
+MAX_PARTS = 512  # into which steps that fail may be divided, on average over the run
+N_PARTS_OBSERVED = 64  # of a step, after which their number is extrapolated to the whole step
+
+
+def step_advice(active: ActiveModel, rejected: StepRejected, dt: float, solvable: float) -> str:
+    """What may let a run go on whose step failed; shorter steps alone do not make numbers finite.
+
+    Parameters
+    ----------
+    active : ActiveModel
+    rejected : StepRejected
+    dt : float
+        Step of the run.
+    solvable : float
+        A length at which the step does not fail.
+
+    Returns
+    -------
+    str
+    """
+    if active.model.advice is not None:
+        return active.model.advice()
+    shorter = f"make the step {_fraction_of_step(dt, solvable):.6g} {active.model.time_unit}"
+    infinite = rejected.cause == "not finite" or math.isinf(rejected.value)
+    return f"weaken the forces and velocities, or {shorter}" if infinite else shorter
+
+
+def largest_solvable(active: ActiveModel, time: float, dt: float) -> float:
+    """Half, quarter, ... of a step that failed, which the scheme can take from here; dt / 2 if none.
+
+    Parameters
+    ----------
+    active : ActiveModel
+    time, dt : float
+
+    Returns
+    -------
+    float
+    """
+    if active.model.advice is not None:  # the model's own advice names no step
+        return dt / 2
+    for depth in range(1, MAX_HALVINGS + 1):
+        try:
+            active.model.advance(active.state, time, dt / 2**depth)
+        except (StepRejected, SolveError):
+            continue
+        return dt / 2**depth
+    return dt / 2
+
+
+def _fraction_of_step(dt: float, at_most: float) -> float:
+    """A 1, 2, 5, 10, 20, ... th of a step: frames remain whole numbers of steps."""
+    pieces = dt / at_most * (1 - 1e-9)
+    power = 10.0 ** math.floor(math.log10(pieces))
+    return dt / next(n * power for n in (1, 2, 5, 10) if n * power >= pieces)
+
+
+def check_rejected(active: ActiveModel, step: int, time: float, dt: float) -> None:
+    """End a run with too many failed attempts.
+
+    Parameters
+    ----------
+    active : ActiveModel
+    step : int
+    time, dt : float
+
+    Raises
+    ------
+    SolveError
+        Names a shorter step.
+    """
+    if active.n_rejected > MAX_REJECTED + MAX_REJECTED_PER_STEP * step:
+        unit, shorter = active.model.time_unit, _fraction_of_step(dt, min(active.smallest, dt / 2))
+        raise SolveError(
+            f"t = {time:.6g} {unit}, {active.name}: {active.n_rejected} attempts have failed in {step + 1} "
+            f"steps of {dt:.3g} {unit}; make the step {shorter:.6g} {unit}, "
+            f"or weaken the forces and velocities"
+        )
+
+
+def check_parts(active: ActiveModel, schedule: Schedule, step: int, time: float) -> None:
+    """End a run early in a step that would take hundreds of parts, unless most steps before took few.
+
+    Parameters
+    ----------
+    active : ActiveModel
+    schedule : Schedule
+    step : int
+    time : float
+        That the parts of the step have reached.
+
+    Raises
+    ------
+    SolveError
+        Names a shorter step.
+    """
+    unit, dt, n_parts = active.model.time_unit, schedule.dt, active.n_steps - active.n_before
+    if not active.n_rejected or dt > active.model.largest_step or n_parts < N_PARTS_OBSERVED:
+        return
+    n_extrapolated = n_parts / (time / dt - step)
+    if active.n_before + n_extrapolated > MAX_PARTS * (step + 1):
+        shorter = _fraction_of_step(dt, active.shortest)
+        raise SolveError(
+            f"t = {time:.6g} {unit}, {active.name}: a step of {dt:.3g} {unit} takes about "
+            f"{n_extrapolated:.0f} shorter ones; make the step {shorter:.6g} {unit}"
+        )
