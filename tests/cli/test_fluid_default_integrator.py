@@ -79,4 +79,4 @@ def test_the_energy_of_a_picture_has_the_unit_of_the_dimension(run, tmp_path, mo
     for name in ("ball.vtu", "sphere.ply"):
         words = ("--steps", 1, "--dt", 0.01, "--plot", tmp_path / "a.png")
         assert run("fluid-sim", samples / name, *words).exit_code == 0
-    assert [label.split("[")[1] for label in labels] == ["m^5/s^2]", "m^4/s^2]"]
+    assert [label.split("[")[1] for label in labels] == ["m⁵/s²]", "m⁴/s²]"]

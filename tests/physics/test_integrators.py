@@ -188,10 +188,10 @@ def test_parts_account_for_the_time(integrator, adaptive, processor_clock):
     """Effects, solver, integrator and output add up to the loop's own time, within 5 %."""
     share, account, _ = booked_share(integrator, adaptive)
     solver = set() if integrator in EXPLICIT_INTEGRATORS else {"solver"}
-    acting = {"stretching", "bending", "gravity", "contact", "damping"}
+    acting = {"stretching", "bending", "gravity", "contact"}
+    if integrator != "static":  # nothing moves in an equilibrium
+        acting.add("damping")
     assert set(account.seconds) == {*acting, *solver, "integrator", "output"}
-    if integrator == "static":  # the steps damp nothing; the reaction forces of the moving start do
-        assert account.calls["damping"] <= 3
     assert 0.95 <= share <= 1.0
 
 

@@ -93,7 +93,7 @@ class RegionBalance:
 
 
 def upper_half(faces: Faces) -> NDArray[np.bool_]:
-    """Faces whose first corner is above the median height along `BALANCE_DIRECTION`.
+    """Faces whose centroid is above the median height along `BALANCE_DIRECTION`.
 
     Parameters
     ----------
@@ -103,7 +103,10 @@ def upper_half(faces: Faces) -> NDArray[np.bool_]:
     -------
     (m,) ndarray of bool
     """
-    height = (BALANCE_DIRECTION @ faces.points).take(faces.corner[0])
+    at_vertex = BALANCE_DIRECTION @ faces.points
+    height = at_vertex.take(faces.corner[0])
+    for corner in faces.corner[1:]:
+        height += at_vertex.take(corner)
     return height > np.median(height)
 
 
