@@ -41,7 +41,7 @@ class Outcome:
     steps : int
     smallest_step : float
     rejected_steps : int
-        Rejected and shortened steps.
+        Steps that failed; those that were only divided at a known limit do not count.
     picture_frames : list of Frame
         A few frames, spread over the run.
     mesh : TriangleMesh
