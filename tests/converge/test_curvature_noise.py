@@ -6,56 +6,16 @@ from functools import partial
 import numpy as np
 import pytest
 
-from benchmarks.common import further_surfaces, known_surfaces, level_sets, mesh_noise, noisy_surfaces
+from benchmarks.common import further_surfaces, known_surfaces, mesh_noise
 from benchmarks.common.known_surfaces import error_as_stated as mean_error
-from benchmarks.common.mesh_sequences import voxel_sphere
 from ddgcli.algorithms.curvature.scales import error_of_radii
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
-from ddgcli.algorithms.curvature.voxel_lattice import repeats_with_voxels
-from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from tests.conftest import ROOT
-from tests.curvature_truths import ellipsoid_truth, irregular_ellipsoid, irregular_torus, torus_truth
-
-AXES = (1.5, 1.0, 0.6)
-SURFACES = {
-    "sphere": (lambda: shapes.icosphere(3), ellipsoid_truth),
-    "irregular sphere": (lambda: shapes.random_sphere(2000), ellipsoid_truth),
-    "ellipsoid": (lambda: irregular_ellipsoid(2000), lambda p: ellipsoid_truth(p, AXES)),
-    "torus": (lambda: irregular_torus(70, 35), torus_truth),
-}
-BOXES = ("cube.obj", "frame.off")
-SAMPLES = (*BOXES, "bad_torus.ply", "catenoid.off", "cylinder.ply", "ellipsoid.ply", "hat.ply", "saddle.obj",
-           "sphere.ply", "torus.ply", "ball.vtu")  # fmt: skip
-
-
-def noisy(mesh, share, seed=0):
-    rng = np.random.default_rng(seed)
-    return mesh.moved(mesh.points + share * mesh.side_length.mean() * rng.standard_normal(mesh.points.shape))
-
-
-def error_and_results(mesh, truth, radius=None):
-    """Error relative to the root mean square of the truth, and the results of the run."""
-    measured = measure_curvature(mesh, radius=radius, full=False)
-    difference = measured.vertex["mean_curvature"] - truth
-    return float(np.sqrt(np.mean(difference**2) / np.mean(truth**2))), measured.results
-
-
-def error(mesh, truth, radius=None):
-    return error_and_results(mesh, truth, radius)[0]
-
-
-@pytest.mark.parametrize("name", SURFACES)
-def test_clean_surfaces_have_no_noise(name, caplog):
-    mesh = SURFACES[name][0]()
-    default = measure_curvature(mesh, full=False)
-    assert default.results["noise_estimate"] < 2e-3 and default.results["radius"] is None
-    assert not caplog.records
-    automatic = measure_curvature(mesh, radius="auto", full=False)
-    assert automatic.results["radius"] is None
-    assert np.array_equal(automatic.vertex["mean_curvature"], default.vertex["mean_curvature"])
+from tests.curvature_noise import CASES, SURFACES, error, error_and_results, noisy, proposal
 
 
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.1])
@@ -104,43 +64,6 @@ def test_three_spikes_are_reported_with_the_first_vertex(name, height, caplog):
     assert f"3 vertices lie far off the surface around them (first: vertex {spikes.min()})" in caplog.text
 
 
-def test_the_tip_of_a_cone_is_no_spike(caplog):
-    u, v, faces = shapes.wrapped_grid(60, 30, wrap_u=True, wrap_v=False)
-    radius, angle = 0.2 * (1 + 30 * v), 2 * np.pi * u
-    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), -radius], axis=1)
-    first = np.flatnonzero(v == 0)
-    first = first[np.argsort(u[first])]
-    tip = np.stack([np.full(60, len(points)), first, np.roll(first, -1)], axis=1)
-    cone = TriangleMesh.from_arrays(np.vstack([points, np.zeros((1, 3))]), np.vstack([faces, tip[:, ::-1]]))
-    measure_curvature(cone, full=False)
-    assert "far off" not in caplog.text
-
-
-@pytest.mark.parametrize("radius", [6, 10])
-def test_voxels_are_recognised_and_the_radius_reduces_the_error(radius, caplog):
-    mesh = voxel_sphere(radius)
-    truth = np.full(mesh.n_vertices, 1 / radius)
-    default, automatic = error(mesh, truth), error(mesh, truth, "auto")
-    assert "staircase of voxels" in caplog.text
-    assert default > 0.8 and automatic < 0.25
-
-
-@pytest.mark.parametrize("scheme", ["quadric", "normal-voting"])
-@pytest.mark.parametrize("body", ["ellipsoid", "rounded box"])
-def test_the_automatic_radius_on_voxels_is_near_the_best_and_states_its_error(body, scheme):
-    """Balls as large as the roundings of a box change little with the radius, and are all wrong."""
-    surface = known_surfaces.voxels(known_surfaces.BODIES[body], known_surfaces.cubes)
-
-    def error_at(radius):
-        result = measure_curvature(surface.mesh, scheme, radius, full=False)
-        return known_surfaces.mean_error(surface, result.vertex["mean_curvature"]), result.results
-
-    automatic, results = error_at("auto")
-    best = min(error_at(radius)[0] for radius in (2.6, 3.6, 5.2))
-    assert automatic < 1.3 * best
-    assert automatic / 3 < results["expected_error"] < 3 * automatic
-
-
 @pytest.mark.parametrize("scheme", ["normal-cycle", "corrected"])
 @pytest.mark.parametrize("surface", ["voxels", "noise"])
 def test_measures_at_the_automatic_radius_state_their_own_error(surface, scheme):
@@ -174,102 +97,9 @@ def test_averaged_normals_that_flatten_small_features_are_not_proposed(name, cap
     assert mean_error(known, mean) < 0.3
 
 
-THIN_TORUS = level_sets.Body(lambda x, y, z: np.hypot(np.hypot(x, y) - 20, z) - 5, (25.0, 25.0, 5.0))
-
-
-@pytest.mark.parametrize(
-    "body, steps",
-    [("thin torus", 0), ("thin torus", 2), ("thin torus", 10), ("capsule", 0), ("capsule", 2)]
-    + [("rounded box", 0), ("rounded box", 2)],
-)
-def test_surface_nets_and_smoothed_ones_are_reported_with_their_error_and_a_radius(body, steps, caplog):
-    """As programs for segmented images write them: the default is off by 60 to 200 %.
-
-    Cylinders and planes have stairs in one direction, which fits over two rings follow exactly.
-    """
-    shape = THIN_TORUS if body == "thin torus" else known_surfaces.BODIES[body]
-    values, place = level_sets.samples(shape)
-    mesh = known_surfaces.nets(values)
-    known = known_surfaces.known(shape, mesh_noise.taubin(steps, mesh.moved(place(mesh.points))))
-    default = mean_error(known, measure_curvature(known.mesh, full=False).vertex["mean_curvature"])
-    error, scheme, radius = proposal(caplog.text)
-    assert default / 2 < error < 2 * default
-    mean = measure_curvature(known.mesh, scheme, radius, full=False).vertex["mean_curvature"]
-    assert mean_error(known, mean) < 0.25 * default
-
-
-@pytest.mark.parametrize("steps, remaining", [(0, 0.25), (10, 0.4)])
-def test_surface_nets_of_a_gyroid_are_reported(steps, remaining, caplog):
-    """Its mean curvature is below a tenth of the principal ones: errors are compared with those.
-
-    Smoothed ones err as scans do; their coordinates repeat with the voxels.
-    """
-    shape = level_sets.Body(known_surfaces.BODIES["gyroid"].level, (14.0, 14.0, 14.0))
-    values, place = level_sets.samples(shape)
-    mesh = known_surfaces.nets(values)
-    mesh = mesh_noise.taubin(steps, mesh.moved(place(mesh.points)))
-    inner = (np.abs(mesh.points) < 9).all(axis=1)
-    default = np.abs(measure_curvature(mesh, full=False).vertex["mean_curvature"])[inner].mean()
-    _, scheme, radius = proposal(caplog.text)
-    assert (
-        np.abs(measure_curvature(mesh, scheme, radius, full=False).vertex["mean_curvature"])[inner].mean()
-        < remaining * default
-    )
-
-
-def test_stairs_that_were_smoothed_are_recognised_by_their_voxels():
-    def repeats(mesh):
-        return repeats_with_voxels(mesh.points.T, mesh.side_length.mean())
-
-    values, _ = level_sets.samples(known_surfaces.BODIES["cylinder"])
-    for surface_of in (known_surfaces.nets, known_surfaces.grey):
-        assert repeats(mesh_noise.taubin(10, surface_of(values)))
-    grid = noisy_surfaces._graph("wave", jitter=0.0)
-    plate = shapes.box(20, 14, 2, (20.0, 14.0, 3.0))
-    for mesh in (shapes.icosphere(4), shapes.random_sphere(3000), shapes.torus(100, 24, 15, 5), grid, plate):
-        assert not repeats(mesh)
-
-
-@pytest.mark.parametrize("name", ["nets: hills", "marching cubes 1:1:3, Taubin 2: oblate"])
-def test_curvature_that_wider_balls_do_not_repeat_is_reported(name, caplog):
-    """Low terraces and smoothed stairs of flat voxels: the default is 870 and 350 % off."""
-    pytest.importorskip("vtkmodules.vtkFiltersCore")
-    known = dict(further_surfaces.voxel_cases())[name]()
-    default = mean_error(known, measure_curvature(known.mesh, full=False).vertex["mean_curvature"])
-    _, scheme, radius = proposal(caplog.text)
-    mean = measure_curvature(known.mesh, scheme, radius, full=False).vertex["mean_curvature"]
-    assert mean_error(known, mean) < 0.2 * default
-
-
-def proposal(text):
-    """Error by default, scheme and radius of a warning."""
-    stated = re.search(r"about (\d+) %; use (?:`scheme=(.*)` with )?`radius=(\S+)`", text)
-    assert stated, text
-    return int(stated[1]) / 100, stated[2] or "quadric", float(stated[3])
-
-
-@pytest.mark.parametrize("share", [0.05, 0.2])
-@pytest.mark.parametrize("jitter", [0.0, 0.25])
-def test_waves_of_four_edges_are_details_that_the_default_resolves(share, jitter, caplog):
-    """Stripes of four edges are also those of a corrugated surface, measured to 10 %.
-
-    On a regular grid quartics follow them exactly, as they follow stairs that are alike along a line.
-    """
-    u, v, faces = shapes.wrapped_grid(80, 40, wrap_u=True, wrap_v=False)
-    rng, radius, k = np.random.default_rng(0), 80 / (2 * np.pi), np.pi / 2
-    angle = 2 * np.pi * u + jitter / radius * rng.uniform(-1, 1, len(u))
-    y = 0.9 * 39 * v + jitter * rng.uniform(-1, 1, len(v))
-    height, slope, bend = share * np.sin(k * y), share * k * np.cos(k * y), -share * k * k * np.sin(k * y)
-    r = radius + height
-    truth = 0.5 * (1 / (r * np.sqrt(1 + slope**2)) - bend / (1 + slope**2) ** 1.5)
-    points = np.stack([r * np.cos(angle), r * np.sin(angle), y], axis=1)
-    mean = measure_curvature(TriangleMesh.from_arrays(points, faces), full=False).vertex["mean_curvature"]
-    inner = np.abs(v - 0.5) < 0.35
-    assert np.abs(np.abs(mean) - np.abs(truth))[inner].mean() < 0.1 * np.abs(truth)[inner].mean()
-    assert "at the default region" not in caplog.text
-
-
 FLAT_VOXELS = (1.0, 1.0, 3.0)
+
+
 EVEN_ERRORS = {
     "flat voxels smoothed 5": lambda: nets_of("capsule", FLAT_VOXELS, partial(mesh_noise.smoothed, 5)),
     "flat voxels by Taubin": lambda: nets_of("ellipsoid", FLAT_VOXELS, partial(mesh_noise.taubin, 10)),
@@ -317,16 +147,6 @@ def test_errors_that_are_alike_everywhere_are_reported(name, caplog):
     assert mean_error(known, mean) < 0.5 * default
 
 
-def test_terraces_of_a_nearly_flat_body_are_voxels(caplog):
-    """Between the steps lie wide flat faces: few vertices lie on creases."""
-    pytest.importorskip("vtkmodules.vtkFiltersCore")
-    hill = level_sets.Body(lambda x, y, z: z - 3 * np.exp(-(x * x + y * y) / 120), (26.0, 26.0, 8.0))
-    values, place = level_sets.samples(hill)
-    mesh = known_surfaces.binary(values)
-    measure_curvature(mesh.moved(place(mesh.points)), full=False)
-    assert "staircase of voxels" in caplog.text
-
-
 @pytest.mark.parametrize("scheme, worst", [("normal-voting", 0.03), ("quadric", 0.3)])
 def test_components_of_different_sizes_have_radii_of_their_own(scheme, worst, caplog):
     """With one radius the smallest sphere is 26 % off by averaged normals where 1 % was stated."""
@@ -348,83 +168,6 @@ def test_components_of_different_sizes_have_radii_of_their_own(scheme, worst, ca
     true = (errors * size).mean() / size.mean()
     assert true / 2 < result.results["expected_error"] < max(2 * true, 0.015)  # at least 1 % is stated
     assert [r["vertices"] for r in result.results["radii"]] == [162, 642, 2562]
-
-
-def torus_and_cylinder():
-    """Masks of a torus of radii 16 and 7 and of a cylinder of radius 9, about a centre off the grid."""
-    x, y, z = np.indices((52, 52, 52)) - 25.63
-    around = np.hypot(x, y)
-    return (around - 16) ** 2 + z**2 < 49, (around < 9) & (np.abs(z) < 20)
-
-
-@pytest.mark.parametrize("surface_of", ["voxel_boundary", "marching_cubes"])
-@pytest.mark.parametrize("body", ["torus", "cylinder", "turned torus in single precision"])
-def test_boundaries_of_segmented_volumes_are_recognised_and_measured(surface_of, body, caplog):
-    """As programs for images write them, by cubes or marching cubes; also turned and far from the origin."""
-    from benchmarks.common import mesh_sequences
-
-    if surface_of == "marching_cubes":
-        pytest.importorskip("vtkmodules.vtkFiltersCore")
-    torus, cylinder = torus_and_cylinder()
-    mesh = getattr(mesh_sequences, surface_of)(cylinder if body == "cylinder" else torus)
-    x, y, z = mesh.points.T - 25.63
-    around = np.hypot(x, y)
-    if body == "cylinder":
-        inner = (np.abs(z) < 10) & (around > 7)
-        truth = np.full(mesh.n_vertices, 1 / 18)
-    else:
-        across = np.cos(np.arctan2(z, around - 16))
-        inner, truth = np.ones(mesh.n_vertices, dtype=bool), 0.5 * (1 / 7 + across / (16 + 7 * across))
-    if body.startswith("turned"):
-        turn = np.linalg.qr(np.random.default_rng(4).standard_normal((3, 3)))[0]
-        turn *= np.sign(np.linalg.det(turn))
-        mesh = mesh.moved((mesh.points @ turn + 500).astype(np.float32).astype(float))
-
-    def relative_error(scheme, radius):
-        mean = measure_curvature(mesh, scheme, radius, full=False).vertex["mean_curvature"]
-        return np.mean(np.abs(mean - truth)[inner]) / np.mean(np.abs(truth[inner]))
-
-    default, automatic = relative_error("quadric", None), relative_error("normal-voting", "auto")
-    assert "staircase of voxels" in caplog.text
-    reported = float(re.search(r"mean curvature is about (\d+) %", caplog.text)[1]) / 100
-    assert default > 1 and automatic < 0.08
-    assert default / 3 < reported < 3 * default
-
-
-@pytest.mark.parametrize("name, truth, radius, best", [("sphere_r10", 10, 6, 0.046)])
-def test_normal_voting_on_voxels_is_below_the_best_published_error(shared_meshes, name, truth, radius, best):
-    """PyCurv's vector voting (Salfer et al. 2020), mean relative error of H on its own surfaces."""
-    mesh = read_mesh(str(shared_meshes / "voxel" / f"{name}.vtp")).surface
-    errors = [
-        float(
-            np.mean(np.abs(np.abs(measure_curvature(mesh, s, radius).vertex["mean_curvature"]) * truth - 1))
-        )
-        for s in ("normal-voting", "quadric")
-    ]
-    assert errors[0] < best < errors[1], errors
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("radius, best", [(10, 0.031), (14, 0.014)])
-def test_normal_voting_on_many_voxels_is_below_the_best_published_error(shared_meshes, radius, best):
-    mesh = read_mesh(str(shared_meshes / "voxel" / "sphere_r30.vtp")).surface
-    mean = measure_curvature(mesh, "normal-voting", radius).vertex["mean_curvature"]
-    assert np.mean(np.abs(np.abs(mean) * 30 - 1)) < best
-
-
-@pytest.mark.parametrize("name", SAMPLES)
-def test_no_false_alarm_on_the_samples(name, caplog):
-    measure_curvature(read_mesh(str(ROOT / "sample_meshes" / name), None).surface, full=False)
-    assert "noise" not in caplog.text and "voxels" not in caplog.text
-
-
-def test_creases_are_not_noise(caplog):
-    stair = shapes.box()
-    for _ in range(3):
-        stair = shapes.midpoint_subdivided(stair)
-    measure_curvature(stair, full=False)
-    measure_curvature(shapes.cylinder(64, 3), full=False)
-    assert not caplog.records
 
 
 def test_the_text_states_that_no_radius_is_used(run):
@@ -464,35 +207,6 @@ def test_the_command_takes_auto(run, summary, tmp_path):
     assert run("curvature", path, "--radius", "auto", "--scheme", "cotan").exit_code == 2
 
 
-@pytest.mark.parametrize("waves", [8, 10, 12])
-def test_details_of_a_few_edges_are_not_noise(waves, caplog):
-    """Noise leaves fits of degree three and four with equal residuals; details do not."""
-    ball = shapes.icosphere(4)
-    radius = 1 + 1.5 / waves * np.prod(np.sin(waves * ball.points + [0, 1, 2]), axis=1)
-    mesh = TriangleMesh.from_arrays(ball.points * radius[:, None], ball.faces)
-    assert measure_curvature(mesh, full=False).results["noise_estimate"] > 0.02
-    assert "noise" not in caplog.text
-    edge = mesh.side_length.mean()
-    noisy = mesh.points + 0.3 * edge * np.random.default_rng(0).normal(size=mesh.points.shape)
-    measure_curvature(TriangleMesh.from_arrays(noisy, mesh.faces), full=False)
-    assert "noise of" in caplog.text
-
-
-@pytest.mark.parametrize(
-    "name", ["goathead.obj", "hand_lowres.obj", "spot.obj", "featuretype.STL", "plate_holes.STL"]
-)
-def test_designed_meshes_cause_no_warning_of_noise(shared_meshes, name, caplog):
-    measure_curvature(read_mesh(str(shared_meshes / name)).mesh, full=False)
-    assert "noise of" not in caplog.text
-
-
-CASES = {
-    name: make
-    for cases in (noisy_surfaces.voxel_cases, noisy_surfaces.noise_cases, noisy_surfaces.clean_cases)
-    for name, make in cases()
-}
-
-
 @pytest.mark.parametrize(
     "name, kind",
     [
@@ -529,47 +243,3 @@ def test_stated_errors_hold_within_a_factor_of_two_and_the_cure_helps(name, kind
     cured = mean_error(known, mean)
     assert default / 2 < int(stated[1]) / 100 < 2 * default
     assert cured < 0.3 * default and cured < 2 * (int(stated[4]) + 0.5) / 100  # rounded to per cents
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "clean, slivers: torus",
-        "clean, long cells: wave",
-        "clean, coarse: ellipsoid",
-        "rounded to 1/256: ellipsoid",
-        "grey cubes: wave",
-        "noise 0.05 averaged 12: ellipsoid",
-    ],
-)
-def test_clean_meshes_of_any_shape_cause_no_warning_of_noise(name, caplog):
-    if "cubes" in name:
-        pytest.importorskip("vtkmodules.vtkFiltersCore")
-    results = measure_curvature(CASES[name]().mesh, full=False).results
-    assert "at the default region" not in caplog.text and results["expected_error"] is None
-
-
-@pytest.mark.parametrize("name, mesh", list(noisy_surfaces.periodic_surfaces()))
-def test_periodic_surfaces_are_no_voxels(name, mesh, caplog):
-    """Their faces have few shapes, like those of voxels, but the vertices are on no lattice."""
-    measure_curvature(mesh, full=False)
-    assert "at the default region" not in caplog.text
-
-
-def test_the_warning_is_about_the_values_of_the_run_not_about_those_of_the_estimate(caplog):
-    """On slivers of marching cubes the fits of the estimate may have another penalty and errors of 10 %."""
-    pytest.importorskip("vtkmodules.vtkFiltersCore")
-    turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
-    turn *= np.sign(np.linalg.det(turn))
-
-    def level(*p):
-        x, y, z = np.einsum("ji,j...->i...", turn, np.stack(p))
-        return np.hypot(np.hypot(x, y) - 18, z) - 6
-
-    body = level_sets.Body(level, (25, 25, 25))
-    values, place = level_sets.samples(body)
-    mesh = known_surfaces.grey(values)
-    known = known_surfaces.known(body, mesh.moved(place(mesh.points)))
-    result = measure_curvature(known.mesh, full=False)
-    assert mean_error(known, result.vertex["mean_curvature"]) < 0.04
-    assert "at the default region" not in caplog.text and result.results["expected_error"] is None
