@@ -5,7 +5,7 @@ import pytest
 from benchmarks.fluids.runs import run_fluid
 from ddgcli.algorithms.hodge import harmonic
 from ddgcli.mesh import shapes
-from ddgcli.models.fluid import diffusion, tracer, transport, volume_effects, volume_paths
+from ddgcli.models.fluid import diffusion, tracer, transport, volume_effects, volume_paths, volume_viscosity
 
 SURFACE = 'grid = { size = [6, 6], cells = [6, 6], periodic = "xy" }'
 VOLUME = "box = { size = [1, 1, 1], cells = [2, 2, 2] }"
@@ -17,7 +17,7 @@ ASSEMBLIES = {
     "viscosity matrix": (SURFACE, diffusion, "Decay", "viscosity = { nu = 0.1 }"),
     "tracer": (SURFACE, tracer, "SurfaceTracer", 'dye = { amount = "x" }'),
     "paths": (SURFACE, transport, "Transport", "particles = { count = 2 }"),
-    "viscosity matrix of a volume": (VOLUME, volume_effects, "vertex_stiffness", "viscosity = { nu = 0.1 }"),
+    "viscosity matrix of a volume": (VOLUME, volume_viscosity, "hodge_star", "viscosity = { nu = 0.1 }"),
     "tracer of a volume": (VOLUME, volume_effects, "VolumeTracer", 'dye = { amount = "x" }'),
     "paths of a volume": (VOLUME, volume_paths, "VolumePaths", "particles = { count = 2 }"),
 }

@@ -138,4 +138,4 @@ def test_a_wave_in_the_box_decays_at_its_rate_with_second_order():
         energy = run_fluid(effects, 'integrator = "energy"\nduration = 0.5\nstep = 0.025', shape)
         energy = energy.series("kinetic_energy")
         error.append(-np.log(energy[-1] / energy[0]) / 0.5 / 0.6 - 1.0)
-    assert abs(error[1]) < 0.07 and error[0] / error[1] > 3.5
+    assert abs(error[1]) < 0.01 and error[0] / error[1] > 3.5

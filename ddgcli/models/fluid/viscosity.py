@@ -31,7 +31,7 @@ def build(parameters: ViscositySection, context: FluidContext) -> list[PhaseRequ
 
     def make(setting: FluidSetting) -> Phase:
         if context.is_volume:
-            from ddgcli.models.fluid.volume_effects import VolumeDiffusion
+            from ddgcli.models.fluid.volume_viscosity import VolumeDiffusion
 
             if parameters.kind != "hodge":
                 raise ValueError(f"kind {parameters.kind} is one of surfaces; a volume takes hodge")

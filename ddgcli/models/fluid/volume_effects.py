@@ -1,4 +1,4 @@
-"""Effects in volumes: the flow at the start, viscosity, and tracers."""
+"""Effects in volumes: the flow at the start, tracers and their diffusion."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from ddgcli.linalg.constrain import Dirichlet
-from ddgcli.mesh.tet_mesh import TET_FACES
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import Initial
 from ddgcli.models.fluid.flows import VOLUME_FLOWS
-from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
+from ddgcli.models.fluid.phases import FluidSetting
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.tracer import Bounds, conserved
 from ddgcli.models.fluid.volume_space import VolumeSpace
@@ -88,72 +87,6 @@ def vertex_stiffness(space: VolumeSpace) -> csr_array:
     """
     derivative = space.complex.derivatives[0].astype(np.float64)
     return (derivative.T @ hodge_star(space.complex, 1) @ derivative).tocsr()
-
-
-class VolumeDiffusion(FlowPhase):
-    """Viscosity: the vertices' velocities diffuse, cells take the change, the flow is projected.
-
-    What cells have beyond their vertices would stay: it changes over a cell, and decays by 1 / (1 + a^2),
-    a = nu dt / V^(2/3), which vanishes with the second power of the step.
-    """
-
-    effect = "viscosity"
-    order = 1
-
-    def __init__(self, setting: FluidSetting, nu: float) -> None:
-        self.space = space = setting.volume
-        wall_vertices, self.wall = _wall_vertices(space)
-        unused = np.flatnonzero(space.mass == 0)
-        self.wall = np.concatenate([self.wall, np.zeros((len(unused), 3))])
-        order = np.argsort(np.concatenate([wall_vertices, unused]))
-        fixed = np.concatenate([wall_vertices, unused])[order]
-        self.wall = self.wall[order]
-        self.diffusion = ImplicitDiffusion(space.mass, nu * vertex_stiffness(space), fixed)
-        self.cell_rate = nu / np.cbrt(space.volume) ** 2
-
-    def advance_forced(self, step: Step, state: FluidState, forced: FluidState) -> FluidState:
-        """The step of a state in which forces have acted: their balance with an implicit Euler step."""
-        return self.advance(step, forced)
-
-    def advance(self, step: Step, state: FluidState) -> FluidState:
-        at_vertices, cells = self._vertex_velocity(state), self.space.cells
-        change = self.diffusion.step(at_vertices, self.wall, step.dt) - at_vertices
-        share = (step.dt * self.cell_rate) ** 2
-        beyond = self.space.cell_velocity(state) - at_vertices[cells].mean(axis=1)
-        decay = (share / (1.0 + share))[:, None] * beyond
-        return self.space.accelerated(state, change[cells].mean(axis=1) - decay)
-
-    def _vertex_velocity(self, state: FluidState) -> NDArray[np.float64]:
-        """(n, 3) means at the vertices, with what the means over cells and vertices take from the flow added.
-
-        The decay of a wave then errs by half as much.
-        """
-        space, velocity = self.space, self.space.cell_velocity(state)
-        back = space.vertex_means(velocity)[space.cells].mean(axis=1)
-        return space.vertex_means(2.0 * velocity - back)
-
-    def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:
-        """(k, 3) what it adds to the velocity of the cells a second."""
-        space, diffusion = self.space, self.diffusion
-        change = diffusion.stiffness @ self._vertex_velocity(state)
-        change *= -space.inverse_mass[:, None]
-        change[diffusion.fixed] = 0.0
-        return change[space.cells].mean(axis=1)
-
-
-def _wall_vertices(space: VolumeSpace) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Vertices with a prescribed velocity, and that velocity: means over the faces by area."""
-    cell, i = space.boundary
-    if space.conditions is None:
-        return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
-    rough = space.conditions.friction
-    vertex = space.cells[cell[:, None], TET_FACES[i]][rough].ravel()
-    weight = np.repeat(np.linalg.norm(space.area[cell, i][rough], axis=1), 3)
-    wall = np.repeat(space.conditions.velocity[rough], 3, axis=0) * weight[:, None]
-    total = np.bincount(vertex, weight, space.n)
-    mean = np.stack([np.bincount(vertex, w, space.n) for w in wall.T], axis=1)
-    vertices = np.flatnonzero(total > 0)
-    return vertices, mean[vertices] / total[vertices, None]
 
 
 class VolumeTracer:

@@ -1,0 +1,94 @@
+"""Viscosity in volumes: implicit steps of the vorticity, with one value per edge.
+
+The vorticity w of a flow u is the Whitney form with
+
+    (w, t) = (u, curl t) + int n x u_wall . t      for all Whitney forms t of the edges,
+
+and the flow changes by - nu curl w, which is a discrete flow again. An implicit step of both is one symmetric
+positive definite system, (M + dt nu curl' curl) w = curl' u, and lowers the energy of any flow between walls
+at rest. On free-slip walls the edges have no vorticity. Elsewhere the velocity along the boundary is
+prescribed by the integral, and the projection takes off what would cross a wall.
+
+J. C. Nedelec, "A new family of mixed finite elements in R^3", Numerische Mathematik, 1986.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.geometry.cells import TET_EDGES
+from ddgcli.linalg.constrain import Dirichlet
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
+from ddgcli.models.fluid.state import FluidState
+from ddgcli.operators.stars import hodge_star
+
+MAX_FACTORS = 4  # of step lengths, kept at a time
+
+
+class VolumeDiffusion(FlowPhase):
+    """Viscosity: implicit Euler steps, together with forces."""
+
+    effect = "viscosity"
+    order = 1
+
+    def __init__(self, setting: FluidSetting, nu: float) -> None:
+        self.space, self.nu = setting.volume, nu
+        cells = self.space.complex
+        self.curl = cells.derivatives[1].astype(np.float64)
+        self.mass = hodge_star(cells, 1)
+        self.stiffness = self.curl.T @ hodge_star(cells, 2) @ self.curl
+        self.has_friction, self.slip_edges, self.wall = self._boundary()
+        self._factors: dict[float, Dirichlet] = {}
+
+    def _boundary(self) -> tuple[bool, NDArray[np.int64], NDArray[np.float64]]:
+        """Whether a velocity along the boundary is prescribed, edges without vorticity, (e,) the integral."""
+        space, cells = self.space, self.space.complex
+        cell, i = space.boundary
+        conditions = space.conditions
+        if conditions is None:
+            return False, np.unique(cells.face_edge[space.cell_face[cell, i]]), np.zeros(cells.counts[1])
+        friction = conditions.friction | conditions.natural[space.cell_face[cell, i]]
+        slip_edges = np.unique(cells.face_edge[space.cell_face[cell, i][~friction]])
+        cell, i = cell[friction], i[friction]
+        turned = np.cross(space.area[cell, i], conditions.velocity[friction])
+        tail, head = np.array(TET_EDGES).T
+        mean = (space.slope[cell][:, head] - space.slope[cell][:, tail]) / 3.0  # of the form of an edge
+        value = np.einsum("sja,sa->sj", mean, turned) * cells.cell_edge_sign[cell]
+        value[(tail == i[:, None]) | (head == i[:, None])] = 0.0  # no component along the face
+        return bool(friction.any()), slip_edges, sum_by_index(cells.cell_edge[cell], value, cells.counts[1])
+
+    def advance_forced(self, step: Step, state: FluidState, forced: FluidState) -> FluidState:
+        """The step of a state in which forces have acted: their balance with an implicit Euler step."""
+        return self.advance(step, forced)
+
+    def advance(self, step: Step, state: FluidState) -> FluidState:
+        space = self.space
+        change = -step.dt * self.nu * (self.curl @ self._vorticity(state, self._factor(step.dt)))
+        if self.has_friction:
+            return space.accelerated(state, space.velocity(change))
+        return state.replaced(flux=state["flux"] + change)
+
+    def _factor(self, dt: float) -> Dirichlet:
+        if dt not in self._factors:
+            if len(self._factors) >= MAX_FACTORS:
+                self._factors.clear()
+            self._factors[dt] = Dirichlet(self.mass + dt * self.nu * self.stiffness, self.slip_edges)
+        return self._factors[dt]
+
+    def _vorticity(self, state: FluidState, solver: Dirichlet) -> NDArray[np.float64]:
+        """(e,) vorticity along the edges, by a factorisation of their mass or of a step."""
+        circulation = self.space.edge_circulation(self.space.cell_velocity(state)) + self.wall
+        return solver.solve_held_at_zero(circulation, refine=False)
+
+    @cached_property
+    def _mass_factor(self) -> Dirichlet:
+        return Dirichlet(self.mass, self.slip_edges)
+
+    def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:
+        """(k, 3) what it adds to the velocity of the cells a second."""
+        vorticity = self._vorticity(state, self._mass_factor)
+        return self.space.velocity(-self.nu * (self.curl @ vorticity))
