@@ -219,6 +219,12 @@ class Run:
         self._predicted = None if prediction is None else (prediction, size)
         return prediction
 
+    def refine_prediction(self, refine: Callable[[Prediction, InputSize], Prediction]) -> None:
+        """Replace the prediction of a dry run by `refine(prediction, size)`."""
+        if self.common.dry_run and self._predicted is not None:
+            prediction, size = self._predicted
+            self._predicted = refine(prediction, size), size
+
     def begin(self, shown: Collection[str] | None = None, written: Collection[str] | None = None) -> None:
         """End the checks of the call: a dry run prints its prediction and ends here, a run computes next.
 

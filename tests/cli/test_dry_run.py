@@ -1,6 +1,7 @@
 """`--dry-run` of every command: nothing is written, cost is predicted, and what cannot fit is refused."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,13 +11,19 @@ from ddgcli.batch.tasks import Task
 from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.cli.forecast import batch_cost, check_cost, prediction
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
+from ddgcli.cli.forecast.prediction import predict
 from ddgcli.cli.forecast.simulator_kernels import CONTACT_STEPS
+from ddgcli.cli.forecast.use import InputSize, Use
+from ddgcli.cli.simulation import first_steps
+from ddgcli.cli.simulation.simulate import Job
 from ddgcli.errors import ParameterError
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.linalg import backends
 from ddgcli.mesh import shapes
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.model import Model, Observation, Schedule, StepRejected
 
 MIB = 2.0**20
 MEASURED_KERNELS = {name.removesuffix(" curve").removesuffix(" tetrahedra") for name in COEFFICIENTS}
@@ -265,6 +272,50 @@ def test_models_and_contact_of_a_shell_change_what_is_predicted(inputs, tmp_path
     assert times(sphere, "contact = { self_contact = true }") == {"implicit step": 10, "pairs step": 10}
     both = times(mesh, f"contact = {{ {pair} }}")  # 128 faces meet 236
     assert both["pairs step"] == pytest.approx(10 * (128 + 236) / 128)
+
+
+class Clock:
+    """Stands for the CPU clock: a first step takes 0.5 s, later ones 0.01 s."""
+
+    now, calls = 0.0, 0
+
+    def advance(self, state, time, dt):
+        if time > 0.985:
+            raise StepRejected("newton")
+        self.calls += 1
+        self.now += 0.5 if self.calls == 1 else 0.01
+        return state
+
+    def process_time(self):
+        return self.now
+
+
+@pytest.mark.parametrize(
+    ("steps", "times", "expected"),
+    [(100, 100.0, 1.0), (1000, 1000.0, 10.0), (5, 5.0, None), (100, 1e5, None)],
+)
+def test_steps_cost_what_the_first_ones_of_the_run_cost(steps, times, expected, monkeypatch):
+    """The first alone prepares; few steps, and long ones, are left to the table."""
+    clock = Clock()
+    monkeypatch.setattr(first_steps.time, "process_time", clock.process_time)
+    model = Model(0, clock.advance, lambda state: Observation(None), lambda state: {}, lambda arrays: 0)
+    job = Job({"a": model}, [], Schedule(0.98 / steps, steps), Account(), moving=False)
+    range_ = (0.6, 3.0)
+    size = InputSize("surface", 2000)
+    kernels = [Use("shell-sim"), Use("shell-sim implicit step", times, range=range_)]
+    by_table = predict(kernels, size, calibrate=False)
+    trial = first_steps.with_first_steps(by_table, job)
+    if expected is None:
+        assert trial == by_table and clock.calls == 0
+        return
+    assert clock.calls <= max(10, 0.1 * steps)
+    assert trial.kernels[1]["seconds"] == pytest.approx(expected) and trial.kernels[1]["times"] == times
+    others = trial.seconds - expected
+    assert trial.seconds_range == pytest.approx((others + 0.6 * expected, others + 3 * expected))
+    # before contact steps are a free fall
+    assert first_steps.with_first_steps(by_table, job, at_least_table=True) == by_table
+    failing = replace(job, schedule=replace(job.schedule, on_failure="stop", dt=0.99))
+    assert first_steps.with_first_steps(by_table, failing) == by_table
 
 
 @pytest.mark.parametrize(

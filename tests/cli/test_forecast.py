@@ -141,11 +141,12 @@ def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
 
     for known in (
         seconds("geodesic", method="heat", source=[0]),
-        seconds("fluid-sim", 5),
+        seconds("fluid-sim", 5, integrator="conservative"),
     ):
         assert len(set(known[0])) == 1 and "times_range" not in known[1]
     for unknown in (
         seconds("shell-sim", 1, integrator="static"),
+        seconds("fluid-sim", 5, integrator="circulation"),
         seconds("willmore-flow"),
         seconds("willmore-flow", 5),
         seconds("willmore-flow", 5, step=1e-6),

@@ -69,8 +69,9 @@ def command(
         flow_options["length_penalty"] = length_penalty
     run = Run("curve-flow", common, **overrides, **flow_options)
     source = run.read(mesh_path, accept=("curve",))
+    from ddgcli.cli.simulation.first_steps import begin_flow
     from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
-    from ddgcli.cli.simulation.simulate import Job, check_job, simulate
+    from ddgcli.cli.simulation.simulate import Job, simulate
     from ddgcli.mesh.curve import CurveSet
     from ddgcli.models.curve import report, setup
     from ddgcli.simulation.account import Account
@@ -88,8 +89,7 @@ def command(
         texts={"scene_source": "", "scene_resolved": resolved},
         failure_reason=lambda outcome: "a fold" if report.folds_back(outcome.series) else "",
     )  # fmt: skip
-    check_job(run, job)
-    run.begin()
+    begin_flow(run, job)
     outcome = simulate(run, job)
     results, accuracy = report.summary(
         curve_flow, outcome.times, outcome.series, schedule.steps, outcome.stopped, outcome.failure

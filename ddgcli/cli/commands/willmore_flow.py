@@ -109,8 +109,9 @@ def command(
     )
     run = Run("willmore-flow", common, **overrides, **stated_options)
     source = run.read(mesh_path, flat_faces=True, subdivide=subdivide)
+    from ddgcli.cli.simulation.first_steps import begin_flow
     from ddgcli.cli.simulation.plot import Picture, draw_run
-    from ddgcli.cli.simulation.simulate import Job, check_job, simulate
+    from ddgcli.cli.simulation.simulate import Job, simulate
     from ddgcli.models.willmore import flow_options as choices_of_flow
     from ddgcli.models.willmore import report, setup
     from ddgcli.simulation.account import Account
@@ -140,8 +141,7 @@ def command(
         changing_vertices=flow.remesh is not None,
         failure_reason=lambda outcome: report.failure_reason(outcome.stopped, mesh, energy),
     )  # fmt: skip
-    check_job(run, job)
-    run.begin()
+    begin_flow(run, job)
     outcome = simulate(run, job)
     results, accuracy = report.summary(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure

@@ -22,7 +22,9 @@ __all__ = [
     "predict",
     "probe",
     "refuse_without_memory",
+    "seconds_of_steps",
     "with_divided_steps",
+    "with_measured_steps",
 ]
 
 UNCERTAINTY = 0.5  # relative, of a prediction
@@ -37,6 +39,7 @@ FILLED, FILL_SHARE, FILL_ELEMENTS = (
     0.53,
     1e5,
 )
+STEP_KERNELS = (" step", " remeshing", " search")  # ends of their names
 N_PROBES = 10
 MIB = 2.0**20
 
@@ -116,17 +119,43 @@ def parts_of_step(dt: float, limit: float, *, adaptive: bool = False) -> float:
 
 def with_divided_steps(prediction: Prediction, count: float) -> Prediction:
     """The prediction where each step takes `count` of those that the kernels have measured."""
-    kernels, added = [], 0.0
+    return _with_scaled_steps(prediction, count, count)
+
+
+def seconds_of_steps(prediction: Prediction) -> float:
+    """Seconds of all steps of a simulation."""
+    return sum(row["seconds"] or 0.0 for row in prediction.kernels if _is_step(row))
+
+
+def with_measured_steps(prediction: Prediction, seconds: float) -> Prediction:
+    """The prediction where all steps together take these seconds."""
+    by_table = seconds_of_steps(prediction)
+    return _with_scaled_steps(prediction, 1.0, seconds / by_table) if by_table else prediction
+
+
+def _is_step(row: Mapping[str, Any]) -> bool:
+    return row["kernel"].endswith(STEP_KERNELS)
+
+
+def _with_scaled_steps(prediction: Prediction, count: float, factor: float) -> Prediction:
+    """The prediction with `count` times as many steps, which take `factor` times the seconds in all."""
+    kernels, added = [], [0.0, 0.0, 0.0]
     for row in prediction.kernels:
-        if row["kernel"].endswith(" step"):
-            added += (count - 1.0) * (row["seconds"] or 0.0)
-            row = {**row, "times": count * row["times"], "seconds": row["seconds"] and count * row["seconds"]}
+        if _is_step(row):
+            more = (factor - 1.0) * (row["seconds"] or 0.0)
+            ends = [times / row["times"] for times in row.get("times_range", 2 * (row["times"],))]
+            added = [sum_ + end * more for sum_, end in zip(added, (1.0, *ends))]
+            row = {
+                **row,
+                "times": count * row["times"],
+                "seconds": row["seconds"] and factor * row["seconds"],
+            }
         kernels.append(row)
-    low, high = prediction.seconds_range
+    (low, high), (more, more_low, more_high) = prediction.seconds_range, added
     return replace(
         prediction,
-        seconds=prediction.seconds + added,
-        seconds_range=(low + added, high + added),
+        seconds=prediction.seconds + more,
+        seconds_range=(low + more_low, high + more_high),
         kernels=kernels,
     )
 

@@ -154,7 +154,12 @@ def run_scene(
             prediction = predict_run(run, size, facts | {"solver": solver}, prediction)
             refuse_run(run, size, prediction)
         prediction = with_divided_steps(prediction, simulator.parts_of_step(schedule))
-        print_dry_run(run, scene, simulator.assembled(schedule), as_results(prediction, size))
+        assembled = simulator.assembled(schedule)
+        if scene.time.integrator != "static":  # whose steps are equilibria
+            from ddgcli.cli.simulation.first_steps import with_first_steps
+
+            prediction = with_first_steps(prediction, job, at_least_table=bool(facts.get("contact")))
+        print_dry_run(run, scene, assembled, as_results(prediction, size))
         return
     _report(run, scene, simulator, account, simulate(run, job), job.obstacles_at)
 

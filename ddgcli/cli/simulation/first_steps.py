@@ -1,0 +1,95 @@
+"""Cost of a simulation by its first steps, which a dry run takes where they are short."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from ddgcli.cli.forecast.prediction import MIB, fits, seconds_of_steps, with_measured_steps
+from ddgcli.cli.forecast.simulator_kernels import DEFAULT_FLOW_STEPS
+from ddgcli.cli.run import Run
+from ddgcli.cli.simulation.simulate import Job, check_job
+from ddgcli.errors import SolveError
+from ddgcli.memory import resident_memory
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.time_loop import evolve
+
+if TYPE_CHECKING:
+    from ddgcli.cli.forecast.prediction import Prediction
+
+__all__ = ["begin_flow", "with_first_steps"]
+
+TRIAL_SECONDS, TRIAL_SHARE, MIN_TRIAL_STEPS = 0.4, 0.1, 3.0  # of a run, whichever is less
+MAX_STEP_SECONDS = 0.15  # of a step by the table, for a trial
+
+
+class _Enough(Exception):
+    """Ends a trial."""
+
+
+def begin_flow(run: Run, job: Job) -> None:
+    """Check a flow, and end its dry run with what its first steps cost."""
+    check_job(run, job)
+    run.refine_prediction(
+        lambda prediction, size: with_first_steps(prediction, job, steps=size.steps or DEFAULT_FLOW_STEPS)
+    )
+    run.begin()
+
+
+def with_first_steps(
+    prediction: Prediction, job: Job, *, steps: int | None = None, at_least_table: bool = False
+) -> Prediction:
+    """A prediction whose steps cost what the first steps of the run cost.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        By the table. It is returned as it is where its steps are long, or a step fails.
+    job : Job
+    steps : int, optional
+        Expected number; default that of the schedule.
+    at_least_table : bool
+        The first steps may cost less than later ones: before contact they are a free fall.
+
+    Returns
+    -------
+    Prediction
+    """
+    steps = steps or job.schedule.steps
+    by_table = seconds_of_steps(prediction)
+    if steps <= 2 * MIN_TRIAL_STEPS or not 0.0 < by_table < MAX_STEP_SECONDS * steps or not fits(prediction):
+        return prediction
+    per_step = _seconds_per_step(job)
+    if per_step is None or (at_least_table and per_step * steps < by_table):
+        return prediction
+    peak = max(prediction.peak_mib, resident_memory()[1] / MIB)
+    return replace(with_measured_steps(prediction, per_step * steps), peak_mib=peak)
+
+
+def _seconds_per_step(job: Job) -> float | None:
+    """CPU seconds of a step of the schedule, without what the first one prepares; None where it fails."""
+    samples: list[tuple[float, float]] = []
+    began = time.process_time()
+    enough = max(MIN_TRIAL_STEPS, TRIAL_SHARE * job.schedule.steps)
+
+    def progress(done: float, total: float) -> None:
+        elapsed = time.process_time() - began
+        samples.append((done, elapsed))
+        if done >= enough or (elapsed > TRIAL_SECONDS and done > MIN_TRIAL_STEPS - 1):
+            raise _Enough
+
+    log = logging.getLogger("ddgcli")
+    disabled, log.disabled = log.disabled, True  # the run itself warns
+    try:
+        for _ in evolve(job.models, job.schedule, Account(), progress=progress):
+            pass
+    except (_Enough, SolveError):
+        pass
+    finally:
+        log.disabled = disabled
+    if len(samples) < 2 or not samples[-1][0] > samples[0][0]:
+        return None
+    (first, start), (last, end) = samples[0], samples[-1]
+    return (end - start) / (last - first)
