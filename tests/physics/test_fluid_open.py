@@ -196,3 +196,37 @@ def test_other_obstacles_are_cut_too(shape):
 def test_an_obstacle_beside_the_fluid_is_refused():
     with pytest.raises(SceneError, match="'post' cuts no cell of 'f'; move it"):
         channel(INFLOW + OUTFLOW, objects=CYLINDER.replace("[1, 0.5, ", "[7, 0.5, "))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_dye_leaves_through_an_outflow_and_enters_with_the_fluid(dimension):
+    """Two blobs in a uniform stream: one fills the inflow and enters with the fluid, the other leaves."""
+    size, cells = ([2, 1], [20, 10]) if dimension == 2 else ([2, 1, 1], [8, 4, 4])
+    shape = f"grid = {{ size = {size}, cells = {cells} }}"
+    if dimension == 3:
+        shape = f"box = {{ size = {size}, cells = {cells} }}"
+    stream = INFLOW.replace('"4*y*(1-y)"', "1") + OUTFLOW + '[[effects.boundary]]\nkind = "free-slip"\n'
+    time = '[time]\nduration = 2.5\nstep = 0.05\nframe_every = 0.5\nintegrator = "energy"\n'
+    start = f'{time}[[object]]\nname = "f"\nrole = "fluid"\n'
+    dye = 'dye = { amount = "exp(-16*(x-1)^2)" }\n'
+    warm = 'buoyancy = { temperature = "x < 0.01", gravity = [0, 0, 0], diffusivity = 1e-9 }\n'
+    _, observed = run(f"{start}{shape}\n[effects]\nviscosity = {{ nu = 0.01 }}\n{dye}{warm}{stream}")
+    total = [o.scalar["total_dye"] for o in observed]
+    assert total[1] == pytest.approx(total[0], rel=0.02) and total[5] < 1e-3 * total[0]
+    entered = np.array([o.scalar["total_temperature"] for o in observed])
+    assert np.diff(entered[:3]) == pytest.approx(0.5, rel=0.02)
+    assert observed[5].vertex["temperature"].min() > 0.9 and entered[5] == pytest.approx(2, rel=0.02)
+
+
+def test_energy_takes_long_steps_of_a_stream_without_vorticity():
+    """Its vorticity is rounding, to which changes are not relative: each step was divided into 64."""
+    text = (
+        '[time]\nduration = 0.5\nstep = 0.05\nintegrator = "energy"\n[[object]]\nname = "f"\nrole = "fluid"\n'
+    )
+    text += "grid = { size = [2, 1], cells = [40, 20] }\n[effects]\nviscosity = { nu = 0.01 }\n"
+    stream = INFLOW.replace('"4*y*(1-y)"', "1") + OUTFLOW + '[[effects.boundary]]\nkind = "free-slip"\n'
+    scene = resolve(parse_scene(text + stream), KIND, {})
+    fluids = {name: context for name, (context, _) in contexts(scene, None, None).items()}
+    models = build(scene, fluids, Account())
+    snapshots = list(evolve({n: m.model() for n, m in models.items()}, scene.schedule(), Account()))
+    assert snapshots[-1].steps == 10

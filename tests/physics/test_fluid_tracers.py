@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 
 from ddgcli.mesh import shapes
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.tracer import SurfaceTracer
-from ddgcli.models.fluid.transport import Transport
+from ddgcli.models.fluid.transport import Transport, corner_of
 
 SHAPES = {
     "smooth": lambda x, y, z: 1 + 0.5 * x + 0.2 * x * y,
@@ -79,3 +80,36 @@ def test_a_peak_survives_a_revolution_of_5k_faces():
     """Linear interpolation leaves a half of it."""
     _, start, end = revolved(shapes.icosphere(4), "peak", 100)
     assert start.max() == 1 and end.max() > 0.85
+
+
+def disk(rings):
+    """Rings of 6 k vertices around the origin, to the unit circle."""
+    angle = [2 * np.pi * np.arange(6 * k) / (6 * k) for k in range(1, rings + 1)]
+    ring = [np.column_stack([np.cos(a), np.sin(a)]) * (k + 1) / rings for k, a in enumerate(angle)]
+    points = np.concatenate([np.zeros((1, 2)), *ring])
+    faces = Delaunay(points).simplices
+    corner = points[faces]
+    (ax, ay), (bx, by) = (corner[:, 1] - corner[:, 0]).T, (corner[:, 2] - corner[:, 0]).T
+    turned = ax * by - ay * bx
+    faces = np.where(turned[:, None] > 0, faces, faces[:, ::-1])[np.abs(turned) > 1e-9]
+    return TriangleMesh(np.column_stack([points, np.zeros(len(points))]), Topology(faces, len(points)))
+
+
+def test_dye_and_points_at_a_round_wall_move_along_it():
+    """Lines from vertices of a wall leave the polygon at once: they stayed where they were."""
+    mesh = disk(10)
+    space = SurfaceSpace(mesh, np.zeros((0, mesh.topology.n_edges)))
+    flux = space.side_flux(space.stream_function(2 * space.mass), np.zeros(0))
+    transport = Transport(space)
+    tracer, (x, y, _) = SurfaceTracer(space, transport), mesh.points.T
+    values = x
+    for _ in range(10):
+        values = tracer.advance(values, flux, 0.1)
+    assert np.abs(values - (x * np.cos(1) + y * np.sin(1))).max() < 0.06
+    rim = np.flatnonzero(mesh.topology.boundary_vertex)
+    face, corner = corner_of(space, rim)
+    moved = transport.backwards(transport.corners(flux), face, np.eye(3)[corner], -1.0)
+    place = np.einsum("ij,ija->ia", moved.barycentric, mesh.points[mesh.faces[moved.face]])
+    turn = (place[:, 0] + 1j * place[:, 1]) / (x[rim] + 1j * y[rim])
+    assert np.abs(np.abs(turn) - 1).max() < 0.01
+    assert np.abs(np.angle(turn) - 1).max() < 0.2  # in one long step

@@ -52,8 +52,8 @@ class TemperaturePhase(TracerPhase):
             stiffness = (
                 vertex_stiffness(setting.volume) if setting.context.is_volume else setting.space.stiffness
             )
-            unused = np.flatnonzero(self.mass == 0)
-            self.diffusion = ImplicitDiffusion(self.mass, parameters.diffusivity * stiffness, unused)
+            fixed = np.union1d(np.flatnonzero(self.mass == 0), tracer.entering)
+            self.diffusion = ImplicitDiffusion(self.mass, parameters.diffusivity * stiffness, fixed)
 
     def start(self) -> dict[str, NDArray]:
         return {ARRAY: self.amount}
@@ -61,8 +61,8 @@ class TemperaturePhase(TracerPhase):
     def advance(self, step: Step, state: FluidState) -> FluidState:
         values = self.carried(step, state, state[ARRAY])
         if self.diffusion is not None:
-            wall_values = np.zeros((len(self.diffusion.fixed), 1))
-            values = self.diffusion.step(values[:, None], wall_values, step.dt)[:, 0]
+            fixed_values = self.amount[self.diffusion.fixed, None]
+            values = self.diffusion.step(values[:, None], fixed_values, step.dt)[:, 0]
         return state.with_passive(**{ARRAY: values})
 
     def observed(self, state: FluidState) -> Observation:

@@ -25,6 +25,7 @@ from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.simulation.model import Observation, StepRejected
 
 RK4_LIMIT = 2.8  # on the imaginary axis
+STREAM_SHARE = 1e-3  # of the fluxes of a stream, below which its circulations count as small
 BALANCE_LIMIT = 2.0  # the same of a step whose rate of change at the start is a source of the viscosity
 
 
@@ -203,7 +204,7 @@ def midpoint(
         rates = rate(space, middle[:n], middle[n:], evolve_harmonic, coriolis)
         return np.concatenate(_without(rates, balance)[:2])
 
-    after, change = implicit_midpoint(slope, start, dt)
+    after, change = implicit_midpoint(slope, start, dt, STREAM_SHARE * space.largest_stream_flux)
     return after[:n], after[n:], change
 
 

@@ -15,6 +15,8 @@ from ddgcli.simulation.effects import Effect
 class DyeSection(Section):
     """Dye, followed backwards along the flow: its amount is kept, and it never leaves its bounds.
 
+    Through an inflow comes the amount that is there at the start; an outflow takes what reaches it.
+
     Either `amount`, `source` or both.
     """
 

@@ -14,7 +14,7 @@ ANDERSON_DEPTH = 4
 
 
 def implicit_midpoint(
-    slope: Callable[[NDArray], NDArray[np.float64]], start: NDArray, dt: float
+    slope: Callable[[NDArray], NDArray[np.float64]], start: NDArray, dt: float, least_scale: float = 0.0
 ) -> tuple[NDArray[np.float64], float]:
     """State after dt, and the relative change left by the iteration; infinite where it diverges.
 
@@ -24,6 +24,8 @@ def implicit_midpoint(
         Rate of change of a state.
     start : (k,) ndarray
     dt : float
+    least_scale : float
+        What changes are relative to where the state is smaller, as that of a stream without vorticity is.
 
     Returns
     -------
@@ -37,7 +39,7 @@ def implicit_midpoint(
     middle = start
     images: list[NDArray] = []
     residuals: list[NDArray] = []
-    scale = float(np.abs(start).max(initial=0.0)) or 1.0
+    scale = max(float(np.abs(start).max(initial=0.0)), least_scale) or 1.0
     change, best, stalled = np.inf, np.inf, 0
     for _ in range(MAX_PICARD_ITERATIONS):
         image = start + 0.5 * dt * slope(middle)

@@ -36,6 +36,8 @@ from ddgcli.simulation.model import Observation
 
 FLAT_FACE_TOLERANCE = 1e-12  # area over the longest side squared, below which a face counts as flat
 
+FLUX_ROUNDING = 1e-12  # flux through a boundary side over the largest, up to which nothing crosses it
+
 
 @dataclass(frozen=True, eq=False)
 class SurfaceFlow:
@@ -111,6 +113,45 @@ class SurfaceSpace:
             return None
         on_boundary = self.mesh.topology.boundary_vertex
         return solver.solve(np.where(on_boundary, self.boundary_values, 0.0)[solver.fixed])
+
+    @cached_property
+    def _crossed_sides(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """(s,) boundary sides through which a prescribed flux enters, and where fluid leaves."""
+        face, k, ends = self.boundary_sides
+        if self.lift is None:
+            return np.zeros(len(face), dtype=bool), np.zeros(len(face), dtype=bool)
+        flux = self.side_flux(self.lift, np.zeros(0))[face, k]
+        natural = np.zeros((0, 2), dtype=np.int64) if self.open_sides is None else self.open_sides
+        is_natural = np.isin(ends @ [self.n, 1], natural @ [self.n, 1])
+        least = FLUX_ROUNDING * np.abs(flux).max(initial=0.0)
+        return ~is_natural & (flux < -least), is_natural | (flux > least)
+
+    @cached_property
+    def entering_vertices(self) -> NDArray[np.int64]:
+        """Ends of the boundary sides through which a prescribed flux enters."""
+        return np.unique(self.boundary_sides[2][self._crossed_sides[0]])
+
+    @cached_property
+    def entering_faces(self) -> NDArray[np.bool_]:
+        """(m,) faces at boundary sides through which a prescribed flux enters."""
+        return self._at_sides(self._crossed_sides[0])
+
+    @cached_property
+    def leaving_faces(self) -> NDArray[np.bool_]:
+        """(m,) faces at boundary sides through which fluid leaves."""
+        return self._at_sides(self._crossed_sides[1])
+
+    def _at_sides(self, selection: NDArray) -> NDArray[np.bool_]:
+        marked = np.zeros(len(self.faces), dtype=bool)
+        marked[self.boundary_sides[0][selection]] = True
+        return marked
+
+    @cached_property
+    def largest_stream_flux(self) -> float:
+        """Largest flux through a side of the flow without vorticity that the boundary prescribes [m^2/s]."""
+        if self.lift is None:
+            return 0.0
+        return float(np.abs(self.side_flux(self.lift, np.zeros(0))).max(initial=0.0))
 
     def _orthogonal_to_open_flows(self, harmonic: NDArray) -> NDArray[np.float64]:
         """(b, e) harmonic flows that also fulfil the condition of natural outflows, orthonormal again."""

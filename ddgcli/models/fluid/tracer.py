@@ -3,7 +3,8 @@
 Every vertex is traced back to where the flow brings it from and takes the value there of a cubic interpolant
 whose slopes are recovered at the vertices (`recovery`). The value is limited to those of the corners of the
 face met. What limiting and interpolation change in the amount is returned to the vertices that have room
-between their bounds, in proportion to it.
+between their bounds, in proportion to it. Through an open boundary the flow takes the amount that is there:
+the trapezoidal rule over the step. Where fluid enters, the scalar is that at the start.
 
 R. Bermejo and A. Staniforth, "The conversion of semi-Lagrangian advection schemes to quasi-monotone schemes",
 Monthly Weather Review, 1992; R. Bermejo and J. Conde, "A conservative quasi-monotone semi-Lagrangian scheme",
@@ -35,20 +36,32 @@ class SurfaceTracer:
         self.vertices = np.flatnonzero(space.mesh.topology.referenced_vertex)
         self.face, corner = corner_of(space, self.vertices)
         self.at_corner = np.eye(3)[corner]
+        self.entering = space.entering_vertices
 
     def advance(self, values: NDArray, side_flux: NDArray, dt: float) -> NDArray[np.float64]:
         """(n,) values after a time dt in the flow with side fluxes (m, 3)."""
         transport, vertices = self.transport, self.vertices
         moved = transport.backwards(transport.corners(side_flux), self.face, self.at_corner, dt)
         corners = values[self.space.faces[moved.face]]
-        low, high = corners.min(axis=1), corners.max(axis=1)
+        bounds = Bounds(corners.min(axis=1), corners.max(axis=1))
         after = np.array(values)
-        after[vertices] = np.clip(self._interpolated(values, moved), low, high)
-        label = self.space.mesh.topology.vertex_component[vertices]
+        after[vertices] = np.clip(self._interpolated(values, moved), *bounds)
+        label = self.space.mesh.topology.vertex_component
+        leaving = self._leaving(0.5 * (values + after), side_flux, dt, label)
         after[vertices] = conserved(
-            values[vertices], after[vertices], Bounds(low, high), self.space.mass[vertices], label
+            values[vertices], after[vertices], bounds, self.space.mass[vertices], label[vertices], leaving
         )
+        after[self.entering] = values[self.entering]
         return after
+
+    def _leaving(self, values: NDArray, side_flux: NDArray, dt: float, label: NDArray) -> NDArray | None:
+        """Amount of each component that crosses the boundary in a time dt; None between walls."""
+        space = self.space
+        if space.boundary_values is None:
+            return None
+        face, k, ends = space.boundary_sides
+        crossing = dt * side_flux[face, k] * values[ends].mean(axis=1)
+        return sum_by_index(label[ends[:, 0]], crossing, space.mesh.topology.n_components)
 
     def _interpolated(self, values: NDArray, moved: BackwardPaths) -> NDArray[np.float64]:
         """Cubic along every side, with the recovered slopes at its ends; exact for quadratic functions."""
@@ -81,9 +94,16 @@ class Bounds(NamedTuple):
 
 
 def conserved(
-    before: NDArray, after: NDArray, bounds: Bounds, mass: NDArray, label: NDArray
+    before: NDArray,
+    after: NDArray,
+    bounds: Bounds,
+    mass: NDArray,
+    label: NDArray,
+    leaving: NDArray | None = None,
 ) -> NDArray[np.float64]:
     """Restore the amount of a scalar on every component: within its own bounds, then within all.
+
+    Where some of it leaves, its own bounds alone: its amount there is an estimate.
 
     Parameters
     ----------
@@ -91,11 +111,13 @@ def conserved(
     bounds : Bounds
     label : (k,) ndarray of int64
         Component of each entry.
+    leaving : (components,) ndarray of float64, optional
+        Amount that leaves.
 
     Returns
     -------
     (k,) ndarray of float64
-        `after` with the amounts of `before`.
+        `after` with the amounts of `before`, less what leaves.
     """
     count = int(label.max(initial=-1)) + 1
     lowest, highest = np.full(count, np.inf), np.full(count, -np.inf)
@@ -103,8 +125,10 @@ def conserved(
     np.maximum.at(highest, label, before)
     lowest, highest = lowest[label], highest[label]
     after = np.array(after)
-    for lower, upper in (bounds, (lowest, highest)):
+    for lower, upper in (bounds, (lowest, highest))[: 2 if leaving is None else 1]:
         missing = sum_by_index(label, mass * (before - after), count)
+        if leaving is not None:
+            missing -= leaving[:count]
         margin = np.where(missing[label] > 0, upper - after, after - lower)
         whole = sum_by_index(label, mass * margin, count)
         share = np.divide(missing, whole, out=np.zeros(count), where=whole > 0)
@@ -154,6 +178,7 @@ class TracerPhase:
         if self.source is None:
             return self.tracer.carried(step.before, state, values, step.dt)
         half = 0.5 * step.dt * self.source.rate(step.time + 0.5 * step.dt)
+        half[self.tracer.entering] = 0.0
         return self.tracer.carried(step.before, state, values + half, step.dt) + half
 
     def observed(self, state: FluidState) -> Observation:

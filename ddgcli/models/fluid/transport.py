@@ -7,11 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.tracing.lines import LineStart
+from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, LineStart
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.recovery import recovery
 from ddgcli.models.fluid.surface_space import SurfaceSpace
+
+MAX_LEGS = 100  # of a line along walls, about one for each boundary side
+LEAST_REST = 1e-12  # of a line, in cells, down to which it continues
+WALL_DISTANCE = 1e-7  # from the wall, in cells or in lengths of the rest, at which it does
+VERTEX_DISTANCE = 1e-9  # in cells, within which a line ends at a vertex
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +40,15 @@ class BackwardPaths:
 
 
 class Transport:
-    """A surface prepared for tracing points by velocities that are linear in every face."""
+    """A surface prepared for tracing points by velocities that are linear in every face.
+
+    At walls the rest of a line runs along them; where fluid crosses the boundary the line ends.
+    """
 
     def __init__(self, space: SurfaceSpace) -> None:
         self.space = space
         self.tracer = Tracer(space.mesh)
+        self.size = space.mesh.side_length.max(axis=1)
         fit = recovery(space)
         self.matrix, self.to_face = fit.matrix, np.conj(fit.to_vertex)
         self.slope = 1j * space.side[:, NEXT] / (2.0 * space.area[:, None])  # of the barycentric coordinates
@@ -58,10 +67,44 @@ class Transport:
         away = -np.copysign(1.0, dt) * velocity
         direction = np.where(speed > 0, away / np.where(speed > 0, speed, 1.0), 1.0 + 0.0j)
         planar = direction.view(np.float64).reshape(-1, 2)
-        ended = self.tracer.trace_checked(LineStart(face, barycentric, planar, speed * abs(dt)))
-        end_direction = ended.direction[:, 0] + 1j * ended.direction[:, 1]
+        paths, rest, at_end = self._line(LineStart(face, barycentric, planar, speed * abs(dt)))
+        crossed = self.space.entering_faces if dt > 0 else self.space.leaving_faces
+        for _ in range(MAX_LEGS):
+            # lines with a rest, as where the boundary ended them
+            active = np.flatnonzero((rest > LEAST_REST * self.size[paths.face]) & ~crossed[paths.face])
+            if not len(active):
+                break
+            leg, rest[active], at_end[active] = self._line(
+                self._along_wall(paths.face[active], paths.barycentric[active], at_end[active], rest[active])
+            )
+            paths.face[active], paths.barycentric[active] = leg.face, leg.barycentric
+            paths.shift[active] += paths.turn[active] * leg.shift
+            paths.turn[active] *= leg.turn
+        return paths
+
+    def _line(self, start: LineStart) -> tuple[BackwardPaths, NDArray[np.float64], NDArray[np.complex128]]:
+        """Straight lines, what the boundary leaves of their lengths, and the directions at their ends."""
+        ended = self.tracer.trace_checked(start)
+        direction, at_end = (d[:, 0] + 1j * d[:, 1] for d in (start.direction, ended.direction))
+        turn = direction * np.conj(at_end)
         shift = (ended.length * direction).astype(np.complex128)
-        return BackwardPaths(ended.face, ended.barycentric, shift, direction * np.conj(end_direction))
+        paths = BackwardPaths(ended.face, ended.barycentric, shift, turn)
+        return paths, np.where(ended.status == BOUNDARY_STATUS, start.length - ended.length, 0.0), at_end
+
+    def _along_wall(
+        self, face: NDArray, barycentric: NDArray, direction: NDArray, rest: NDArray
+    ) -> LineStart:
+        """Lines that continue along the sides at which they ended, or at vertices as before, beside the wall."""
+        space, side = self.space, np.array(NEXT)[np.argmin(barycentric, axis=1)]  # opposite the corner
+        along = space.side[face, side] / np.abs(space.side[face, side])
+        cosine = (direction * np.conj(along)).real
+        slides = np.partition(barycentric, 1, axis=1)[:, 1] > VERTEX_DISTANCE
+        slides &= space.mesh.topology.side_twin[face, side] < 0
+        direction = np.where(slides, np.copysign(1.0, cosine) * along, direction)
+        length = np.where(slides, np.abs(cosine), 1.0) * rest
+        distance = (WALL_DISTANCE * np.minimum(1.0, rest / self.size[face]))[:, None]
+        inside = barycentric + distance * (1.0 / 3.0 - barycentric)
+        return LineStart(face, inside, np.stack([direction.real, direction.imag], axis=1), length)
 
     def end_velocity(self, corner: NDArray, carried: BackwardPaths) -> NDArray[np.complex128]:
         """(k,) velocity at the ends, in the frames of the starts' faces."""

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from ddgcli.linalg.constrain import Dirichlet
+from ddgcli.mesh.tet_mesh import TET_FACES
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import Initial
 from ddgcli.models.fluid.flows import VOLUME_FLOWS
 from ddgcli.models.fluid.phases import FluidSetting
 from ddgcli.models.fluid.state import FluidState
+from ddgcli.models.fluid.surface_space import FLUX_ROUNDING
 from ddgcli.models.fluid.tracer import Bounds, conserved
 from ddgcli.models.fluid.volume_space import VolumeSpace
 from ddgcli.operators.stars import hodge_star
@@ -98,6 +100,12 @@ class VolumeTracer:
         self.vertices = np.flatnonzero(space.mass > 0)
         self.cell = np.zeros(space.n, dtype=np.int64)
         self.cell[space.cells.ravel()] = np.repeat(np.arange(len(space.cells)), 4)
+        self.is_open, self.entering = setting.is_open, np.zeros(0, dtype=np.int64)
+        if self.is_open and space.conditions is not None:
+            cell, i = space.boundary
+            flux = space.conditions.flux[space.cell_face[cell, i]]
+            enters = flux < -FLUX_ROUNDING * np.abs(flux).max(initial=0.0)
+            self.entering = np.unique(space.cells[cell[:, None], TET_FACES[i]][enters])
 
     def carried(
         self, before: FluidState, after: FluidState, values: NDArray, dt: float
@@ -114,8 +122,22 @@ class VolumeTracer:
         corners = values[space.cells[back[0]]]
         bounds = Bounds(corners.min(axis=1), corners.max(axis=1))
         result = np.array(values)
+        result[vertices] = np.clip(moved, *bounds)
+        leaving = None
+        if self.is_open:
+            flux = 0.5 * dt * (before["flux"] + after["flux"])
+            leaving = self._leaving(0.5 * (values + result), flux)
         label = np.zeros(len(vertices), dtype=np.int64)
         result[vertices] = conserved(
-            values[vertices], np.clip(moved, *bounds), bounds, space.mass[vertices], label
+            values[vertices], result[vertices], bounds, space.mass[vertices], label, leaving
         )
+        result[self.entering] = values[self.entering]
         return result
+
+    def _leaving(self, values: NDArray, flux: NDArray) -> NDArray[np.float64]:
+        """(1,) amount that crosses the boundary with fluxes (F,)."""
+        space = self.space
+        cell, i = space.boundary
+        outward = flux[space.cell_face[cell, i]] * space.sign[cell, i]
+        rim = space.cells[cell[:, None], TET_FACES[i]]
+        return np.array([outward @ values[rim].mean(axis=1)])
