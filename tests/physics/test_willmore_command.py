@@ -36,9 +36,10 @@ def follow_cures(run, path, words, folder):
     [
         (shapes.torus(40, 5, pattern="alternating"), []),
         (shapes.torus(60, 3, pattern="alternating"), []),
+        (shapes.torus(40, 30, minor=0.9), []),
         (shapes.torus(20, 8, pattern="alternating"), ["--tolerance", 1e-3, "--duration", 0.1]),
     ],
-    ids=["uneven", "three vertices around", "crumpling"],
+    ids=["uneven", "three vertices around", "narrow hole", "crumpling"],
 )
 def test_every_cure_that_is_printed_works(run, tmp_path, mesh, words):
     path = tmp_path / "ring.ply"

@@ -87,8 +87,8 @@ def cures(message, words):
     if choice := re.search(r"(\w+) '\w+' is not available.*choose (?:one of )?(.*)$", message):
         for value in re.split(r", | or ", choice[2]):
             commands.append((None, with_option(words, f"--{choice[1]}", value)))
-    if span := re.search(r"--remesh: must be from \S+ to (\S+) on", message):
-        commands.append((None, with_option(words, "--remesh", span[1])))  # the least: five million faces
+    if span := re.search(r"(--[a-z-]+): must be from \S+ to (\S+) (?:on|here)", message):
+        commands.append((None, with_option(words, *span.groups())))  # remesh, the least: five million faces
     if number := re.search(r"vertex (\d+) is\)", message):
         commands.append((None, with_option(words, "--fill", number[1])))
     if written := re.search(r"(--[a-z-]+).*(?:write|name) (.*)$", message):
@@ -121,6 +121,7 @@ REFUSALS = [
     ("ball", ("--region", "all.npy"), 1),
     ("ball", ("--spontaneous-curvature", "1"), 2),
     ("ball", ("--spontaneous-curvature", "1", "--fix-area", *MEAN), 1),
+    ("ball", ("--spontaneous-curvature", "1e300", "--fix-area"), 1),
     ("ball", ("--energy", "quadratic"), 3),
     ("ball", ("--energy", "hinge", "--flow", "circle-angle"), 1),
     ("ball", ("--flow", "newton", "--dt", "1e-3"), 2),

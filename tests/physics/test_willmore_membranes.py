@@ -14,8 +14,10 @@ from ddgcli.models.willmore import setup
 from ddgcli.models.willmore.constraints import area
 from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.helfrich_energy import HelfrichEnergy
+from ddgcli.models.willmore.least_energies import least_energy_of_vesicle
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.models.willmore.state import CONSTRAINED_NEWTON_STOP, DEFAULT_STOP
+from ddgcli.models.willmore.step_rules import HELFRICH_ERROR_FRACTION, LOWER_BOUND_REASON
 from tests.physics.axisymmetric_vesicles import vesicle
 from tests.physics.willmore_runs import assert_falls, energies, run_flow
 
@@ -131,6 +133,34 @@ def test_subdivision_brings_a_coarse_vesicle_to_its_energy(run, tmp_path):
     assert fine["reduced_volume"] == pytest.approx(coarse["reduced_volume"], rel=1e-9)
     off = [abs(results["energy"][-1] / truth - 1) for results in (coarse, fine)]
     assert off[1] < 0.01 and off[1] < 0.4 * off[0]
+
+
+def test_no_vesicle_ends_below_the_least_energy_of_its_reduced_volume(run, tmp_path):
+    assert least_energy_of_vesicle(spheroid(0.8, True, 4)) == pytest.approx(vesicle(0.8, True)[0], rel=2e-3)
+    ball, path = shapes.icosphere(2), tmp_path / "flat.ply"
+    write_mesh(str(path), AnnotatedMesh(ball.moved(ball.points * [1.0, 0.8, 0.3])))
+    words = ("--fix-area", "--fix-volume", "--json")
+    crumpled = run("willmore-flow", path, *words, "--flow", "newton")
+    assert crumpled.exit_code == 1 and "use --flow quadratic" in crumpled.stderr
+    relaxed = run("willmore-flow", path, *words, "--flow", "quadratic")
+    assert relaxed.exit_code == 0
+    assert (
+        json.loads(relaxed.stdout)["results"]["energy"][-1]
+        > json.loads(crumpled.stdout)["results"]["energy"][-1]
+    )
+
+
+@pytest.mark.parametrize("fix_volume", [False, True])
+def test_flows_end_where_the_square_of_the_curvature_would_become_negative(fix_volume):
+    ball, curvature = shapes.icosphere(2), 5.0
+    options = FlowOptions(
+        fix_area=True, fix_volume=fix_volume, spontaneous_curvature=curvature, stop=DEFAULT_STOP
+    )
+    observations, _, snapshots = run_flow(ball.moved(ball.points * [1.0, 1.0, 0.4]), options)
+    allowed = HELFRICH_ERROR_FRACTION * curvature**2 * observations[0].scalar["area"]
+    assert_falls(observations)
+    assert energies(observations)[-1] >= -allowed
+    assert snapshots[-1].stopped == LOWER_BOUND_REASON
 
 
 @pytest.mark.parametrize(

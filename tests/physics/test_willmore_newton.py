@@ -15,6 +15,7 @@ from ddgcli.models.willmore.descent import energy_gradient, preconditioner_at, s
 from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.flow_options import with_stop
 from ddgcli.models.willmore.gauss_map_energy import GaussMapEnergy
+from ddgcli.models.willmore.helfrich_energy import with_curvature
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.models.willmore.state import DEFAULT_STOP, NEWTON_STOP
 from ddgcli.models.willmore.step_rules import ROUNDING_REASON
@@ -117,7 +118,7 @@ def test_other_choices_with_these_flows_are_refused(run, tmp_path, words, messag
 def test_a_lagrangians_hessian_products_match_second_differences(curvature):
     mesh = rough_ball()
     constraints = Constraints(area(mesh), enclosed_volume(mesh))
-    energy = setup._with_curvature(GaussMapEnergy, curvature)(mesh.topology)
+    energy = with_curvature(GaussMapEnergy, curvature)(mesh.topology)
     lagrangian = Lagrangian(mesh.topology, energy, constraints, np.array([3.0, -2.0]))
     u = np.random.default_rng(1).normal(size=(mesh.n_vertices, 3))
     hu = trust_region.hessian_product(lagrangian, mesh.points, np.arange(mesh.n_vertices), u)

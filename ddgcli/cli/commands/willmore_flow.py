@@ -139,7 +139,7 @@ def command(
         **_stored_texts(described, source.sha256, resume, time_unit),
         changing_faces=flow.keeps_triangles,
         changing_vertices=flow.remesh is not None,
-        failure_reason=lambda outcome: report.failure_reason(outcome.stopped, mesh, energy),
+        failure_reason=lambda outcome: report.failure_reason(outcome.stopped, mesh, flow_options),
     )  # fmt: skip
     begin_flow(run, job)
     outcome = simulate(run, job)

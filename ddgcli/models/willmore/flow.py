@@ -83,11 +83,13 @@ class Flow(FlowTerms):
         return stepped
 
     def reason(self, state: FlowState) -> str:
-        """Why the flow ends at a state, or ""; no rest is far above spheres within reach."""
+        """Why the flow ends at a state, or ""; no rest is far above the sphere or torus within reach."""
         why = self._rest_reason(state)
-        above = self.to_spheres and state.energy > rules.FALSE_REST_FRACTION * self.least
-        if above and why in rules.REST_REASONS:
+        above = state.energy > rules.FALSE_REST_FRACTION * self.least
+        if self.to_spheres and above and why in rules.REST_REASONS:
             return rules.FALSE_REST_REASON
+        if self.to_torus and above and why == rules.MESH_ERROR_REASON and state.energy < rules.KNOT_ENERGY:
+            return rules.FALSE_TORUS_REST_REASON
         return why
 
     def _rest_reason(self, state: FlowState) -> str:
@@ -219,7 +221,10 @@ class Flow(FlowTerms):
         """The largest share of a motion that lowers the energy enough; None where none does."""
         predicted = -float(np.sum(at.gradient * motion))
         for share in rules.MOTION_FRACTIONS:
-            moved = moved_along(preconditioner, motion, share, self.constraints)
+            try:
+                moved = moved_along(preconditioner, motion, share, self.constraints)
+            except SolveError:  # too far to return to the constraints
+                continue
             energy = self.energy_of(moved)
             fall = rules.least_share(predicted, at.energy, self.of_area) * share * predicted
             if energy <= at.energy - fall:

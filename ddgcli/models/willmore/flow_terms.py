@@ -82,6 +82,10 @@ class FlowTerms:
         Steps of the descent to rest are quasi-Newton motions by secant pairs (else with momentum).
     to_spheres : bool
         Every surface at rest is one of round spheres, of the energy `least`.
+    to_torus : bool
+        The surface is one torus, free to become that of Clifford, of the energy `least`.
+    lowest : float
+        Energy below which only the mesh's error takes the surface.
     """
 
     topology: Topology
@@ -108,6 +112,8 @@ class FlowTerms:
     remesh: RemeshTarget | None = None
     by_pairs: bool = False
     to_spheres: bool = False
+    to_torus: bool = False
+    lowest: float = -math.inf
     _last_terms: TopologyTerms | None = None
     _last_gradient: EnergyGradient | None = None
     _last_preconditioner: tuple[Preconditioner, float] | None = None
@@ -145,7 +151,7 @@ class FlowTerms:
         return math.inf if second is None else second.value(state.points)
 
     def _below_lower_bound(self, energy: float) -> bool:
-        return self.least > 0.0 and energy < rules.LOWER_BOUND_FRACTION * self.least
+        return energy < self.lowest
 
     def _gradient(self, state: FlowState) -> EnergyGradient:
         """Gradient at the state; the last one is kept, since a rejected step starts there again."""

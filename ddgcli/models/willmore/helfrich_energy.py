@@ -8,11 +8,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
-from ddgcli.models.willmore.energies import Energy
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore.energies import Energy, EnergyBuilder
+from ddgcli.models.willmore.flow_options import FlowOptions
 from ddgcli.models.willmore.hinges import BentHinges, Hinges
 from ddgcli.models.willmore.vertex_energies import FaceSides, area_gradient
+
+MAX_CURVATURE_OF_EDGES = 2.0  # largest spontaneous curvature times the mean edge: spheres of half an edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,3 +73,62 @@ class HelfrichEnergy:
         gradient = gradient + sum_by_index(corners, by_area, self.topology.n_vertices)
         gradient += hinges.gradient(-self.curvature * length, -0.5 * self.curvature * hinges.angle / length)
         return value + addition, gradient
+
+
+def unit_curvature(unit: TriangleMesh, options: FlowOptions, scale: float) -> float:
+    """Spontaneous curvature at unit size, for the orientation of the faces.
+
+    Parameters
+    ----------
+    unit : TriangleMesh
+        The surface at unit size.
+    options : FlowOptions
+    scale : float
+        Length of a unit.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ParameterError
+        When nothing is kept: the energy is then that of no membrane, and shrinks to spheres of radius 1 / H0.
+        When those spheres are far smaller than the edges: the constant H0^2 A then hides the bending.
+    """
+    if not options.spontaneous_curvature:
+        return 0.0
+    if options.flow == "mean-curvature":
+        raise ParameterError(
+            "`spontaneous_curvature` has no effect on the area; use `flow=quadratic`",
+        )
+    if not (options.fix_area or options.fix_volume):
+        raise ParameterError("`spontaneous_curvature` needs `fix_area`, `fix_volume` or both")
+    edge = float(unit.side_length.mean()) * scale
+    largest = float(f"{MAX_CURVATURE_OF_EDGES / edge:.2g}")  # the number that is printed is taken
+    if abs(options.spontaneous_curvature) > largest:
+        raise ParameterError(
+            f"must be from {-largest:g} to {largest:g} here: spheres of greater ones are smaller than half "
+            "of the mean edge",
+            parameter="spontaneous_curvature",
+        )
+    inward = unit.topology.is_closed and enclosed_volume(unit) < 0.0
+    return options.spontaneous_curvature * scale * (-1.0 if inward else 1.0)
+
+
+def with_curvature(kind: EnergyBuilder, curvature: float) -> EnergyBuilder:
+    """The Helfrich energy of an energy; itself without spontaneous curvature.
+
+    Parameters
+    ----------
+    kind : callable
+    curvature : float
+        At unit size.
+
+    Returns
+    -------
+    callable
+    """
+    if not curvature:
+        return kind
+    return lambda topology: HelfrichEnergy(topology, kind(topology), curvature)

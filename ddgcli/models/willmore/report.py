@@ -14,10 +14,12 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY, ENERGIES, SECOND_ENERGY
 from ddgcli.models.willmore.films import PINCH_REASON, THIN_STAR_REASON
+from ddgcli.models.willmore.flow_options import FlowOptions, chosen_energy
 from ddgcli.models.willmore.step_rules import (
     CONFORMAL_REASON,
     CRUMPLING_REASON,
     FALSE_REST_REASON,
+    FALSE_TORUS_REST_REASON,
     LOWER_BOUND_REASON,
     SLOW_NEWTON_REASON,
 )
@@ -29,6 +31,7 @@ RESOLUTION_REASONS = (
     THIN_STAR_REASON,
     CONFORMAL_REASON,
     FALSE_REST_REASON,
+    FALSE_TORUS_REST_REASON,
     SLOW_NEWTON_REASON,
 )  # ends that are neither at rest nor on the flow
 FLAT_ENERGY = 1e-9  # smaller energies, which have no unit, are the rounding of flat surfaces
@@ -126,7 +129,7 @@ def every_energy(series: Mapping[str, NDArray]) -> dict[str, dict[str, Any]]:
     }
 
 
-def failure_reason(stopped: str, start: TriangleMesh, energy: str) -> str:
+def failure_reason(stopped: str, start: TriangleMesh, options: FlowOptions) -> str:
     """Why the end is neither at rest nor on the flow, with a cure; or "".
 
     Parameters
@@ -134,8 +137,7 @@ def failure_reason(stopped: str, start: TriangleMesh, energy: str) -> str:
     stopped : str
         Why the flow ended.
     start : TriangleMesh
-    energy : str
-        Name of the energy.
+    options : FlowOptions
 
     Returns
     -------
@@ -156,11 +158,15 @@ def failure_reason(stopped: str, start: TriangleMesh, energy: str) -> str:
         cure = "use `flow=quadratic` with `subdivide=1`"
     elif stopped == FALSE_REST_REASON:
         cure = "begin with `subdivide=1`"
+    elif options.spontaneous_curvature:
+        cure = "use a smaller `spontaneous_curvature`, or `subdivide=1`"
+    elif options.flow == "newton" and (options.fix_area or options.fix_volume):
+        cure = "use `flow=quadratic`, whose vertices slide into better triangles"
     elif np.degrees(corner_angle(start.side_length).min()) < REFINEMENT_ANGLE:
         cure = (
             f"begin with the mesh that `ddgcli delaunay MESH --refine {REFINEMENT_ANGLE} -o finer.npz` writes"
         )
-    elif energy != DEFAULT_OPEN_ENERGY:
+    elif chosen_energy(start.topology, options) != DEFAULT_OPEN_ENERGY:
         cure = f"use `energy={DEFAULT_OPEN_ENERGY}`, or begin with a finer mesh"
     message = f"{stopped}; {cure}"
     logging.getLogger("ddgcli").warning(message)

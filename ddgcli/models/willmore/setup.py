@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from ddgcli.choices import WILLMORE_BOUNDARIES, WILLMORE_ENERGIES, WILLMORE_FLOWS
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore import step_rules as rules
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.energies import (
     DEFAULT_ENERGY,
@@ -27,7 +27,8 @@ from ddgcli.models.willmore.energies import (
 from ddgcli.models.willmore.films import FILM_CONVENTIONS, film_constraints, film_energy
 from ddgcli.models.willmore.flow import Flow
 from ddgcli.models.willmore.flow_options import SCHEMES, FlowOptions, chosen_boundary, chosen_energy, is_film
-from ddgcli.models.willmore.helfrich_energy import HelfrichEnergy
+from ddgcli.models.willmore.helfrich_energy import unit_curvature, with_curvature
+from ddgcli.models.willmore.least_energies import is_spheres, is_torus, least_energy
 from ddgcli.models.willmore.observation import relative_distance
 from ddgcli.models.willmore.remesh_step import RemeshTarget
 from ddgcli.models.willmore.scaled import centred_at_unit_size
@@ -152,34 +153,13 @@ def chosen_scheme(options: FlowOptions) -> str:
     return options.integrator
 
 
-def least_energy(topology: Topology) -> float:
-    """Least int H^2 that a surface in space of this topology has: 4 pi a sphere, 2 pi^2 any other closed one.
-
-    Notes
-    -----
-    T. J. Willmore, 1965; F. Marques, A. Neves, "Min-max theory and the Willmore conjecture", 2014.
-    """
-    n, component = topology.n_components, topology.vertex_component
-    opened = np.bincount(component[topology.boundary_vertex], minlength=n) > 0
-    vertices = np.bincount(component[topology.referenced_vertex], minlength=n)
-    faces = np.bincount(topology.face_component, minlength=n)
-    # a closed part has three sides per face, each shared by two
-    least = np.where(2 * vertices - faces == 4, 4.0 * np.pi, 2.0 * np.pi**2)
-    return float(least[~opened & (faces > 0)].sum())
-
-
-def _is_spheres(topology: Topology) -> bool:
-    """Whether every part of the surface is closed and of genus 0."""
-    return topology.is_closed and topology.euler_characteristic == 2 * topology.n_components
-
-
 def second_energy(name: str, mesh: TriangleMesh, constraints: Constraints) -> EnergyBuilder | None:
     """A second energy to look at where `gauss-map` may fall by crumpling.
 
     Where nothing is kept on closed parts of genus 0 it cannot: there it is never below 4 pi, and at 4 pi only
     on round spheres.
     """
-    round_only = _is_spheres(mesh.topology) and not constraints.active
+    round_only = is_spheres(mesh.topology) and not constraints.active
     if name != DEFAULT_ENERGY or round_only or not mesh.topology.is_closed:
         return None
     return ENERGIES[SECOND_ENERGY].builder(mesh)
@@ -211,33 +191,6 @@ def _require_conformal(mesh: TriangleMesh, options: FlowOptions, region: NDArray
         raise ParameterError(
             f"`flow=conformal` moves the whole surface to rest: leave `region`, {TIME_OPTIONS} out"
         )
-
-
-def _unit_curvature(unit: TriangleMesh, options: FlowOptions, scale: float) -> float:
-    """Spontaneous curvature at unit size, for the orientation of the faces.
-
-    Raises
-    ------
-    ParameterError
-        When nothing is kept: the energy is then that of no membrane, and shrinks to spheres of radius 1 / H0.
-    """
-    if not options.spontaneous_curvature:
-        return 0.0
-    if options.flow == "mean-curvature":
-        raise ParameterError(
-            "`spontaneous_curvature` has no effect on the area; use `flow=quadratic`",
-        )
-    if not (options.fix_area or options.fix_volume):
-        raise ParameterError("`spontaneous_curvature` needs `fix_area`, `fix_volume` or both")
-    inward = unit.topology.is_closed and enclosed_volume(unit) < 0.0
-    return options.spontaneous_curvature * scale * (-1.0 if inward else 1.0)
-
-
-def _with_curvature(kind: EnergyBuilder, curvature: float) -> EnergyBuilder:
-    """The Helfrich energy of an energy; itself without spontaneous curvature."""
-    if not curvature:
-        return kind
-    return lambda topology: HelfrichEnergy(topology, kind(topology), curvature)
 
 
 def _remesh_target(
@@ -299,35 +252,41 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     free = free_vertices(topology, boundary, region)
     film = is_film(options, topology)
     constraints = film_constraints(unit, options, film)
-    curvature = _unit_curvature(unit, options, scale)
+    curvature = unit_curvature(unit, options, scale)
     definition = ENERGIES[energy_name]
-    energy_kind = film_energy(unit, options) if film else _with_curvature(definition.builder(unit), curvature)
+    energy_kind = film_energy(unit, options) if film else with_curvature(definition.builder(unit), curvature)
     started = energy_kind(topology).value(unit.points)
     if not math.isfinite(started):
         raise MeshError(
             f"the {energy_name} energy is not finite here: at some vertex the faces' normals cancel; "
             "unfold it or use `energy=cotan`"
         )
-    unbounded = energy_name in ("hinge", "quadratic", "circle-angle") or curvature != 0.0 or film
+    unbounded = energy_name in ("hinge", "quadratic", "circle-angle") or film
+    least = 0.0 if unbounded or curvature else least_energy(unit, options.fix_area and options.fix_volume)
+    lowest = rules.LOWER_BOUND_FRACTION * least if least else -math.inf
+    if curvature and not unbounded:
+        lowest = -rules.HELFRICH_ERROR_FRACTION * curvature**2 * area(unit)
     unwatched = options.flow in ("conformal", "mean-curvature")
     second = None if unwatched else second_energy(energy_name, unit, constraints)
     reported = ENERGIES.items() if options.report_energies else ()
     to_rest = kind == "descent" and not (options.timed or film)
+    whole = kind != "conformal" and not (options.timed or film)
+    whole = whole and len(free) == np.count_nonzero(topology.referenced_vertex)
     cannot_crumple = second is None and topology.is_closed and energy_name == DEFAULT_ENERGY
     flow = Flow(
         topology, energy_kind, _convention(definition, options, film, curvature), free, constraints,
         options.flow == "mean-curvature" and not film, scheme,
         options.timed, options.stop, centre, scale, area(unit), mesh.points,
-        0.0 if unbounded else least_energy(topology),
+        least, lowest=lowest,
         keeps_triangles=not options.timed and kind != "conformal" and (film or definition.keeps_triangles),
         of_area=film, kind=kind, of_surface=definition.of_surface,
         remesh=_remesh_target(unit, options, scale, kind, energy_name),
         by_pairs=to_rest and cannot_crumple and not options.remesh,
-        to_spheres=kind != "conformal" and not (options.timed or film) and cannot_crumple
-        and len(free) == np.count_nonzero(topology.referenced_vertex),
+        to_spheres=whole and cannot_crumple,
+        to_torus=whole and least > 0.0 and not constraints.active and is_torus(topology),
         energy_power=(3 if options.fix_area else 2) if film else 0,
         reported={name: kind.builder(unit) for name, kind in reported},
-        second_kind=None if second is None else _with_curvature(second, curvature),
+        second_kind=None if second is None else with_curvature(second, curvature),
     )  # fmt: skip
     return flow, _model(flow, unit, started, options)
 

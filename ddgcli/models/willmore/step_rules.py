@@ -1,5 +1,7 @@
 """Numbers that rule the steps of a flow: lengths, acceptance, rest."""
 
+import numpy as np
+
 # steps of the descent, for a surface with the area of the unit sphere
 MAX_DESCENT_STEP, MIN_DESCENT_STEP = 0.05, 1e-14
 MAX_AREA_STEP, FIRST_AREA_STEP_SHARE = 10.0, 1e-3  # of the descent of an area, likewise
@@ -13,6 +15,8 @@ SUFFICIENT_DECREASE = 0.01  # of the predicted fall, for a step of the descent t
 NEAR_REST_STEP_FRACTION, NEAR_REST_ENERGY_FRACTION = 0.01, 0.1
 # of the least energy of its topology, below which only the mesh's error takes a surface
 LOWER_BOUND_FRACTION = 0.9
+# of H0^2 A, the size of the terms of a Helfrich energy: below minus that only the mesh's error takes it
+HELFRICH_ERROR_FRACTION = 0.1
 # relative rise of a second energy over its lowest value, at which the flow ends if the first has since fallen
 # by less than that
 SECOND_ENERGY_RISE = 0.01
@@ -22,6 +26,7 @@ MIN_CONFORMAL_SHARE = 1.0 / 64.0  # of the curvature's way to a constant, for a 
 CONFORMAL_REST_SHARE = 0.005
 # of the least energy, above which a surface that could become round is not at rest
 FALSE_REST_FRACTION = 1.05
+KNOT_ENERGY = 8.0 * np.pi  # tori of less are embedded and unknotted (Li, Yau 1982)
 ZERO_ENERGY = 1e-12  # energy at which nothing is left to release
 # relative predicted fall of the energy below which rounding decides: the surface is kept
 PREDICTED_FALL_TOLERANCE = 1e-13
@@ -42,6 +47,9 @@ MESH_ERROR_REASON = "what is left of the gradient is the mesh's own error"
 FALSE_REST_REASON = (
     "what is left of the gradient is the mesh's own error, but the energy is above that of spheres: the mesh "
     "is too coarse somewhere"
+)
+FALSE_TORUS_REST_REASON = (
+    "what is left of the gradient is the mesh's own error, but the energy is above that of the Clifford torus"
 )
 UNEVEN_FILM_REASON = "curvature equal but for the mesh's own error: it has no film of equal curvature nearby"
 ROUNDING_REASON = "rounding hides what the energy could still fall by"

@@ -1,0 +1,91 @@
+"""Least bending energies that surfaces of a topology, area and volume can have."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ddgcli.geometry.extrinsic import enclosed_volume
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore.constraints import area
+
+# least int H^2 / (4 pi) of spheres of a reduced volume: oblate up to 0.65, prolate above, to 1e-3
+# (U. Seifert, K. Berndl, R. Lipowsky, "Shape transformations of vesicles", 1991)
+REDUCED_VOLUMES = np.array([0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0])
+LEAST_OF_VESICLES = np.array([1.956, 1.826, 1.643, 1.502, 1.387, 1.286, 1.190, 1.096, 1.0])
+POLYHEDRON_DEFICIT = 4.0  # number of faces times the share of a ball that they cut off; equilateral ones 1.9
+
+
+def is_spheres(topology: Topology) -> bool:
+    """Whether every part of the surface is closed and of genus 0.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    bool
+    """
+    return topology.is_closed and topology.euler_characteristic == 2 * topology.n_components
+
+
+def is_torus(topology: Topology) -> bool:
+    """Whether the surface is one closed part of genus 1.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    bool
+    """
+    return topology.is_closed and topology.n_components == 1 and topology.euler_characteristic == 0
+
+
+def least_energy(mesh: TriangleMesh, keeps_volume: bool) -> float:
+    """Least int H^2 of surfaces in space: 4 pi a sphere, 2 pi^2 any other closed one, more of vesicles.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    keeps_volume : bool
+        The surface keeps its area and its volume.
+
+    Returns
+    -------
+    float
+
+    Notes
+    -----
+    T. J. Willmore, 1965; F. Marques, A. Neves, "Min-max theory and the Willmore conjecture", 2014. A sphere
+    that keeps area and volume has at least the energy of the axisymmetric one of its reduced volume.
+    """
+    topology = mesh.topology
+    if keeps_volume and is_spheres(topology) and topology.n_components == 1:
+        return least_energy_of_vesicle(mesh)
+    n, component = topology.n_components, topology.vertex_component
+    opened = np.bincount(component[topology.boundary_vertex], minlength=n) > 0
+    vertices = np.bincount(component[topology.referenced_vertex], minlength=n)
+    faces = np.bincount(topology.face_component, minlength=n)
+    # a closed part has three sides per face, each shared by two
+    least = np.where(2 * vertices - faces == 4, 4.0 * np.pi, 2.0 * np.pi**2)
+    return float(least[~opened & (faces > 0)].sum())
+
+
+def least_energy_of_vesicle(mesh: TriangleMesh) -> float:
+    """Least int H^2 of a sphere with the area and the volume of a mesh.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Closed, of genus 0.
+
+    Returns
+    -------
+    float
+    """
+    reduced = 6.0 * np.sqrt(np.pi) * abs(enclosed_volume(mesh)) / area(mesh) ** 1.5
+    smooth = reduced + POLYHEDRON_DEFICIT / mesh.n_faces
+    return 4.0 * np.pi * float(np.interp(smooth, REDUCED_VOLUMES, LEAST_OF_VESICLES))
