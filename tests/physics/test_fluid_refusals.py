@@ -8,6 +8,7 @@ from ddgcli.errors import SceneError
 from ddgcli.mesh import shapes
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.fluid.flow_mesh import harmonic_count
 
 SQUARE = "grid = { size = [1, 1], cells = [4, 4] }"
 BOX = "box = { size = [1, 1, 1], cells = [2, 2, 2] }"
@@ -146,3 +147,15 @@ def test_effects_of_surfaces_are_refused_in_volumes(effect, message):
 
 def test_a_flow_of_volumes_is_refused_on_a_surface():
     assert "vortex-ring" in refusal('initial = { flow = "vortex-ring" }', SQUARE)
+
+
+def test_harmonic_flows_are_counted_component_by_component():
+    """Two squares have none (a warning advised the effect), a sphere beside a ring has one."""
+    square, ball, ring = shapes.grid(2, 2), shapes.icosphere(1), shapes.cylinder(8, 2)
+
+    def beside(a, b):
+        faces = np.concatenate([a.faces, b.faces + a.n_vertices])
+        return TriangleMesh.from_arrays(np.concatenate([a.points, b.points + 5.0]), faces)
+
+    meshes = (ring, beside(square, square), beside(ball, ring), beside(ring, ring))
+    assert [harmonic_count(mesh) for mesh in meshes] == [1, 0, 1, 2]

@@ -12,8 +12,8 @@ from pydantic import Field, model_validator
 from ddgcli.errors import MeshError
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart
+from ddgcli.models.fluid.flow_mesh import harmonic_count
 from ddgcli.models.fluid.phases import FluidSetting, PhaseRequest
-from ddgcli.models.fluid.surface_space import harmonic_count
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect

@@ -14,8 +14,9 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import Initial
+from ddgcli.models.fluid.flow_mesh import harmonic_count
 from ddgcli.models.fluid.flows import FLOWS, KEYS, VOLUME_FLOWS, NamedFlow, VolumeFlow
-from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count
+from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect

@@ -14,12 +14,13 @@ from ddgcli.errors import MeshError
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart, Harmonic, Initial
+from ddgcli.models.fluid.flow_mesh import harmonic_count, require_flow
 from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest, Step, TransportPhase
 from ddgcli.models.fluid.scene import DEFAULT_VOLUME_INTEGRATOR, OPEN_TRANSPORTS, TRANSPORTS
 from ddgcli.models.fluid.sources import SourceSequence
 from ddgcli.models.fluid.space import FlowSpace
 from ddgcli.models.fluid.state import FluidState
-from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count, require_flow
+from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.triangulation import with_triangulation
 from ddgcli.scenes.scene import Scene
 from ddgcli.scenes.sections import Key

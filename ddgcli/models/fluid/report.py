@@ -14,6 +14,7 @@ from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.models.fluid.flow_mesh import harmonic_count
 from ddgcli.models.fluid.model import FluidModel
 from ddgcli.models.fluid.state import CORRECTIONS
 from ddgcli.scenes.scene import Scene
@@ -223,9 +224,7 @@ def generator_circulations(last: TrajectoryFrame | None, models: Mapping[str, Fl
         space = model.space
         vorticity = last.vertex["vorticity"][start : start + space.n] * space.mass
         start += space.n
-        topology = space.mesh.topology
-        count = 2 * (topology.genus or 0) + max(0, topology.boundary_loops - topology.n_components)
-        if count == 0:
+        if harmonic_count(space.mesh) == 0:
             continue
         circulations += _loops(model, vorticity, last)
     return circulations

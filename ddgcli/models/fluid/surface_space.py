@@ -21,7 +21,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.unfolding import corner_position, unfold
 from ddgcli.linalg.constrain import Dirichlet
@@ -30,13 +29,10 @@ from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.models.fluid.cells import cell_area
+from ddgcli.models.fluid.flow_mesh import require_flow
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.operators.laplacian import stiffness
 from ddgcli.simulation.model import Observation
-
-FLAT_FACE_TOLERANCE = 1e-12  # area over the longest side squared, below which a face counts as flat
-
-FLUX_ROUNDING = 1e-12  # flux through a boundary side over the largest, up to which nothing crosses it
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,38 +109,6 @@ class SurfaceSpace:
             return None
         on_boundary = self.mesh.topology.boundary_vertex
         return solver.solve(np.where(on_boundary, self.boundary_values, 0.0)[solver.fixed])
-
-    @cached_property
-    def _crossed_sides(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """(s,) boundary sides through which a prescribed flux enters, and where fluid leaves."""
-        face, k, ends = self.boundary_sides
-        if self.lift is None:
-            return np.zeros(len(face), dtype=bool), np.zeros(len(face), dtype=bool)
-        flux = self.side_flux(self.lift, np.zeros(0))[face, k]
-        natural = np.zeros((0, 2), dtype=np.int64) if self.open_sides is None else self.open_sides
-        is_natural = np.isin(ends @ [self.n, 1], natural @ [self.n, 1])
-        least = FLUX_ROUNDING * np.abs(flux).max(initial=0.0)
-        return ~is_natural & (flux < -least), is_natural | (flux > least)
-
-    @cached_property
-    def entering_vertices(self) -> NDArray[np.int64]:
-        """Ends of the boundary sides through which a prescribed flux enters."""
-        return np.unique(self.boundary_sides[2][self._crossed_sides[0]])
-
-    @cached_property
-    def entering_faces(self) -> NDArray[np.bool_]:
-        """(m,) faces at boundary sides through which a prescribed flux enters."""
-        return self._at_sides(self._crossed_sides[0])
-
-    @cached_property
-    def leaving_faces(self) -> NDArray[np.bool_]:
-        """(m,) faces at boundary sides through which fluid leaves."""
-        return self._at_sides(self._crossed_sides[1])
-
-    def _at_sides(self, selection: NDArray) -> NDArray[np.bool_]:
-        marked = np.zeros(len(self.faces), dtype=bool)
-        marked[self.boundary_sides[0][selection]] = True
-        return marked
 
     @cached_property
     def largest_stream_flux(self) -> float:
@@ -426,43 +390,3 @@ class SurfaceSpace:
         in_component = label >= 0
         count = self.mesh.topology.n_components
         return sum_by_index(label[in_component], vorticity[in_component], count)
-
-
-def harmonic_count(mesh: SurfaceMesh) -> int:
-    """Number of harmonic flows of a surface: 2 genus, plus one for each boundary loop beyond the first.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh or IntrinsicMesh
-        Connected, oriented.
-
-    Returns
-    -------
-    int
-    """
-    topology = mesh.topology
-    return 2 * (topology.genus or 0) + max(0, topology.boundary_loops - 1)
-
-
-def require_flow(mesh: SurfaceMesh) -> None:
-    """Raise an error for a mesh that carries no flow: not an oriented manifold, flat faces, extreme sizes.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh or IntrinsicMesh
-
-    Raises
-    ------
-    MeshError
-    """
-    from ddgcli.mesh.require import refuse_flat_faces, require
-
-    require(mesh, "fluid-sim", manifold=True, oriented=True)  # type: ignore[arg-type]
-    longest = mesh.side_length.max(axis=1)
-    with np.errstate(all="ignore"):
-        thin = face_area(mesh.side_length / longest[:, None])
-    bad = np.flatnonzero(~(thin > FLAT_FACE_TOLERANCE))
-    refuse_flat_faces(bad, mesh.topology, manifold=True, oriented=True)
-    size = float(longest.max())
-    if not 1e-60 < size < 1e60:
-        raise MeshError(f"the longest side measures {size:.3g}; fluid-sim takes 1e-60 to 1e60: rescale")

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
+from ddgcli.models.fluid.crossings import entering_vertices
 from ddgcli.models.fluid.phases import Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
@@ -36,7 +37,7 @@ class SurfaceTracer:
         self.vertices = np.flatnonzero(space.mesh.topology.referenced_vertex)
         self.face, corner = corner_of(space, self.vertices)
         self.at_corner = np.eye(3)[corner]
-        self.entering = space.entering_vertices
+        self.entering = entering_vertices(space)
 
     def advance(self, values: NDArray, side_flux: NDArray, dt: float) -> NDArray[np.float64]:
         """(n,) values after a time dt in the flow with side fluxes (m, 3)."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, LineStart
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.mesh.topology import NEXT
+from ddgcli.models.fluid.crossings import crossed_faces
 from ddgcli.models.fluid.recovery import recovery
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 
@@ -49,6 +50,7 @@ class Transport:
         self.space = space
         self.tracer = Tracer(space.mesh)
         self.size = space.mesh.side_length.max(axis=1)
+        self.crossed = crossed_faces(space)
         fit = recovery(space)
         self.matrix, self.to_face = fit.matrix, np.conj(fit.to_vertex)
         self.slope = 1j * space.side[:, NEXT] / (2.0 * space.area[:, None])  # of the barycentric coordinates
@@ -68,7 +70,7 @@ class Transport:
         direction = np.where(speed > 0, away / np.where(speed > 0, speed, 1.0), 1.0 + 0.0j)
         planar = direction.view(np.float64).reshape(-1, 2)
         paths, rest, at_end = self._line(LineStart(face, barycentric, planar, speed * abs(dt)))
-        crossed = self.space.entering_faces if dt > 0 else self.space.leaving_faces
+        crossed = self.crossed[0 if dt > 0 else 1]
         for _ in range(MAX_LEGS):
             # lines with a rest, as where the boundary ended them
             active = np.flatnonzero((rest > LEAST_REST * self.size[paths.face]) & ~crossed[paths.face])
@@ -94,7 +96,7 @@ class Transport:
     def _along_wall(
         self, face: NDArray, barycentric: NDArray, direction: NDArray, rest: NDArray
     ) -> LineStart:
-        """Lines that continue along the sides at which they ended, or at vertices as before, beside the wall."""
+        """Lines that continue along the sides at which they ended; from vertices as before."""
         space, side = self.space, np.array(NEXT)[np.argmin(barycentric, axis=1)]  # opposite the corner
         along = space.side[face, side] / np.abs(space.side[face, side])
         cosine = (direction * np.conj(along)).real

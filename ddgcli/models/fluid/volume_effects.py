@@ -11,11 +11,11 @@ from scipy.sparse import csr_array, diags_array
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.tet_mesh import TET_FACES
 from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.crossings import FLUX_ROUNDING
 from ddgcli.models.fluid.effect_parts import Initial
 from ddgcli.models.fluid.flows import VOLUME_FLOWS
 from ddgcli.models.fluid.phases import FluidSetting
 from ddgcli.models.fluid.state import FluidState
-from ddgcli.models.fluid.surface_space import FLUX_ROUNDING
 from ddgcli.models.fluid.tracer import Bounds, conserved
 from ddgcli.models.fluid.volume_space import VolumeSpace
 from ddgcli.operators.stars import hodge_star
