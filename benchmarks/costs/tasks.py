@@ -32,7 +32,9 @@ SURFACE = [
     Task("write npz", "info {mesh} -o {out}.npz"),
     Task("write ply", "info {mesh} -o {out}.ply"),
     Task("write text", "info {mesh} -o {out}.obj"),
-    Task("picture", "info {mesh} --plot {out}.png"),
+    Task("picture", "info {mesh} --plot {out}.png --size 200x200"),
+    Task("picture pixels", "info {mesh} --plot {out}.png", (10_000,)),
+    Task("picture of triangulations", "delaunay {mesh} --plot {out}.png", (2_000, 20_000)),
     Task("repair", "repair {mesh} --for curvature"),
     *(
         Task(f"curvature {scheme}", f"curvature {{mesh}} --scheme {scheme}", LARGE_SIZES, short=True)

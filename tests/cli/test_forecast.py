@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ddgcli import memory
+from ddgcli.algorithms.curvature import noise_estimate, offset_body, surface_curvature
 from ddgcli.algorithms.curvature.face_balls import FaceBalls
 from ddgcli.algorithms.geodesics.surface_curves import trace_curves
 from ddgcli.algorithms.hodge.homology import betti_numbers
@@ -15,7 +16,7 @@ from ddgcli.algorithms.laplacian.spectrum import signature_pairs
 from ddgcli.cli.forecast import prediction
 from ddgcli.cli.forecast.check_cost import size_of
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
-from ddgcli.cli.forecast.kernels import kernels_of
+from ddgcli.cli.forecast.kernels import COPIES_FACTOR, kernels_of
 from ddgcli.cli.forecast.mesh_facts import (
     CLIPS_PER_TEST,
     SEARCH_OF_BALL,
@@ -116,7 +117,8 @@ def test_the_search_for_noise_is_counted_where_the_first_fits_of_the_run_show_so
 
     def kernels(mesh, **options):
         options = {"scheme": "quadric", **options}
-        size = replace(size_of(mesh, options), noise=noise_of_vertices(mesh))
+        noise, pairs = noise_of_vertices(mesh, "quadric")
+        size = replace(size_of(mesh, options), noise=noise, fitted_pairs=pairs)
         return {use.kernel for use in kernels_of("curvature", options, size)} & {*search, in_balls}
 
     assert not kernels(smooth) and not kernels(shapes.icosphere(1)) and not kernels(smooth, radius="auto")
@@ -128,8 +130,81 @@ def test_the_search_for_noise_is_counted_where_the_first_fits_of_the_run_show_so
     assert not kernels(rough, radius=0.1, scheme="corrected")
     turned = rough.faces.copy()
     turned[::3] = turned[::3, ::-1]
-    assert noise_of_vertices(TriangleMesh.from_arrays(rough.points, turned)) == "noise"
-    assert noise_of_vertices(shapes.grid(3, 3)) == ""
+    assert noise_of_vertices(TriangleMesh.from_arrays(rough.points, turned), "cotan")[0] == "noise"
+    assert noise_of_vertices(shapes.grid(3, 3), "cotan") == ("", ())
+
+
+def test_the_search_for_noise_is_counted_by_the_vertices_of_its_balls(monkeypatch):
+    """Vertices crowd on mechanical parts, whose balls hold many times those of a scan."""
+    sphere = shapes.random_sphere(1500, 0)
+    noise = 1 + 0.004 * np.random.default_rng(0).standard_normal(len(sphere.points))
+    crowded = sphere.moved(sphere.points * noise[:, None] * [1.0, 1.0, 0.2])
+    counted: list[float] = []
+    fits = noise_estimate.fits_in_balls
+
+    def counting(points, grid, normal, few, radius):
+        counted.append(len(grid.balls(few, radius).member) / len(few))
+        return fits(points, grid, normal, few, radius)
+
+    monkeypatch.setattr(noise_estimate, "fits_in_balls", counting)
+    for mesh in (sphere.moved(sphere.points * noise[:, None]), crowded):
+        counted.clear()
+        surface_curvature.measure_curvature(mesh, "cotan")
+        pairs = noise_of_vertices(mesh, "cotan")[1]
+        assert 2 < len(counted) <= len(pairs)
+        expected = np.array(counted) * noise_estimate.BENDING_SAMPLE_SIZE
+        assert np.allclose(pairs[: len(counted)], expected, rtol=0.4)
+
+
+def test_offset_bodies_are_counted_by_the_steps_of_their_arcs():
+    box = shapes.icosphere(0)
+    for angle in (3.0, 30.0):
+        arcs = offset_body.check_offset(box, 0.1, angle)
+        points, faces, _ = offset_body._assemble(box, arcs, 0.1)
+        size = size_of(box, {"offset": 0.1, "offset_angle": angle})
+        assert size.offset_faces == len(faces)
+        options = {"scheme": "cotan", "offset": 0.1}
+        assert kernels_of("curvature", options, size)[0].elements == len(faces)
+    assert size_of(shapes.grid(2, 2), {"offset": 0.1}).offset_faces is None  # the run refuses it
+
+
+def test_pictures_are_counted_by_their_pixels():
+    size = InputSize("surface", 1000, frame_count=3)
+    pixels = kernels_of("info", {}, size, plot=True, pixels=600 * 400)[-1]
+    assert pixels == Use("picture pixels", elements=240_000)
+    uses = kernels_of("frames", {"pictures": True}, size)
+    assert [use.times for use in uses] == [3, 3] and not kernels_of("frames", {"pictures": False}, size)
+
+
+def test_rounds_of_fast_marching_are_counted_by_the_longest_path():
+    """A wavefront on a long strip has few vertices a round, and each round its cost."""
+
+    def runs(mesh, **options):
+        options = {"method": "fast-marching", "source": [0], **options}
+        of_all, of_one = edge_paths(mesh, options)
+        size = InputSize("surface", mesh.n_faces, paths=of_all, paths_of_one=of_one)
+        uses = {use.kernel: use.times for use in kernels_of("geodesic", options, size)}
+        return uses.get("geodesic fast-marching solve", 0.0)
+
+    sphere, strip = shapes.random_sphere(2000, 0), shapes.grid(400, 5, 400.0, 5.0)
+    assert runs(sphere) < 0.3 and 3 < runs(strip) < 20  # in runs on a sphere of as many faces
+    assert runs(strip, each_source=True, source=[0, 1]) == pytest.approx(3 * runs(strip) + 2, rel=0.01)
+
+
+def test_constants_of_components_are_no_eigenpairs_to_compute():
+    one = shapes.icosphere(1)
+
+    def uses(n, k, scale=1.0):
+        points = [scale**i * one.points + [5.0 * i, 0, 0] for i in range(n)]
+        faces = [one.faces + i * one.n_vertices for i in range(n)]
+        mesh = TriangleMesh.from_arrays(np.concatenate(points), np.concatenate(faces))
+        return kernels_of("laplacian", {"eigen": k}, size_of(mesh, {"eigen": k}))[1:]
+
+    assert uses(9, 9) == [Use("laplacian eigen")]
+    assert uses(9, 8) == [Use("laplacian eigen", elements=0)]
+    copies, others = uses(9, 30)[1], uses(9, 30, 1.1)[1]
+    assert others == Use("laplacian eigenpair", 30 - 8 - 8, added=22)
+    assert copies.times == COPIES_FACTOR * others.times and copies.assumes
 
 
 def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():

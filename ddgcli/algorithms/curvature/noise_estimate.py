@@ -36,6 +36,7 @@ from ddgcli.algorithms.curvature.scales import (
     fits_at,
     fits_in_balls,
     measure_scales,
+    scale_radii,
 )
 from ddgcli.algorithms.curvature.voxel_lattice import repeats_with_voxels
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -97,6 +98,27 @@ def estimate_noise(
     return replace(noise, groups=tuple(group for group in groups if group is not None))
 
 
+def radii_of_search(mesh: TriangleMesh, faces: Faces, deviation: Deviation, scheme: str) -> list[float]:
+    """Radii of the balls that a search for noise may fit, from the smallest to the widest.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
+    deviation : Deviation
+    scheme : str
+
+    Returns
+    -------
+    list of float
+    """
+    balls = _Balls(mesh, faces, deviation.normal, scheme)
+    extent = balls.extent()
+    radii = scale_radii(extent.first_radius(deviation.regions), balls.largest_radius(extent), MAX_SCALES)
+    return list(radii)
+
+
 def _settled_scales(balls: _Balls, kind: str, deviation: Deviation) -> Scales | None:
     """Curvature in balls around a part of the sample; None where the kind is none by it."""
 
@@ -124,6 +146,10 @@ class _Extent:
     vertex_area: float
     area: float
     share: float
+
+    def first_radius(self, regions: Regions) -> float:
+        """Radius of a disk as large as a typical one of some regions."""
+        return float(np.sqrt(self.vertex_area * np.median(regions.count) / np.pi))
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +192,7 @@ class _Balls:
             lambda radius: fits_in_balls(points, grid, normal, few, radius),
             few,
             default,
-            float(np.sqrt(extent.vertex_area * np.median(regions.count) / np.pi)),
+            extent.first_radius(regions),
             self.largest_radius(extent),
             QUADRATIC_BIAS_GROWTH,
             max_radii=max_radii,

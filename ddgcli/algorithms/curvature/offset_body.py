@@ -47,6 +47,7 @@ class OffsetArcs:
     """Directions of an offset body: a side of each edge, normals of faces and vertices, steps of arcs.
 
     `arc` has the steps of each edge's arc, `rings` those from the normal of each vertex to its faces'.
+    `n_faces` is the number of faces before points are merged.
     """
 
     side: NDArray[np.int64]
@@ -54,6 +55,7 @@ class OffsetArcs:
     centre: NDArray[np.float64]
     arc: NDArray[np.int64]
     rings: NDArray[np.int64]
+    n_faces: int
 
 
 def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> OffsetArcs:
@@ -114,12 +116,12 @@ def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> Offs
     np.maximum.at(widest, mesh.faces.ravel(), normal_angle)
     arc, rings = _steps(fold, resolution), _steps(widest, resolution)
     of_ends = rings[topology.side_tail[side]] + rings[topology.side_head[side]]
-    count = mesh.n_faces + 2 * int((arc * of_ends).sum())
+    count = mesh.n_faces + 2 * int((arc * (1 + of_ends)).sum())
     if count > MAX_OFFSET_FACES:
         raise ParameterError(
             f"the offset mesh would have {count:,} faces; give a larger angle", parameter="offset_angle"
         )
-    return OffsetArcs(side, normal, centre, arc, rings)
+    return OffsetArcs(side, normal, centre, arc, rings, count)
 
 
 def _steps(angle: NDArray, resolution: float) -> NDArray[np.int64]:

@@ -11,7 +11,7 @@ with that of fits in small balls.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -150,10 +150,7 @@ def measure_scales(
     radii: list[float] = []
     fits: list[PrincipalCurvatures] = []
     growth: list[float] = []  # mean change from each radius to the next
-    while len(radii) < max_radii:
-        radius = first * RADIUS_RATIO ** (len(radii) + 1)
-        if radius > largest and len(radii) > 1:
-            break
+    for radius in scale_radii(first, largest, max_radii):
         fit = fits_at_radius(radius)
         if fit is None:
             break
@@ -193,6 +190,26 @@ def measure_scales(
         median_share=float(np.median(difference)) / measured if measured > 0 else 1.0,
         kurtosis=_kurtosis(difference),
     )
+
+
+def scale_radii(first: float, largest: float, max_radii: int) -> Iterator[float]:
+    """Radii that grow by the square root of two: two at least, then up to the largest.
+
+    Parameters
+    ----------
+    first, largest : float
+        Radius before the first one, and the largest.
+    max_radii : int
+
+    Returns
+    -------
+    iterator of float
+    """
+    for k in range(max_radii):
+        radius = first * RADIUS_RATIO ** (k + 1)
+        if radius > largest and k > 1:
+            return
+        yield radius
 
 
 def error_of_radii(

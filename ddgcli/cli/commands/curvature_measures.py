@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ddgcli.choices import DEFAULT_OFFSET_ANGLE
 from ddgcli.cli.options import POSITIVE_NUMBER, Numbers, grouped_options
 from ddgcli.errors import ParameterError
 
@@ -29,7 +30,7 @@ class MeasureOptions:
     vertex_vectors: bool = False
     offset: float | None = None
     offset_output: str | None = None
-    offset_angle: float = 6.0
+    offset_angle: float = DEFAULT_OFFSET_ANGLE
 
     def changed(self) -> dict[str, Any]:
         """Options that differ from their defaults, for the summary."""
@@ -66,8 +67,8 @@ _OPTIONS = (
     click.option("--offset", type=POSITIVE_NUMBER, metavar="R",
                  help="Offset body at distance R of a closed surface: its volume by Steiner's formula."),
     click.option("--offset-output", metavar="PATH", help="Write the offset body as a mesh."),
-    click.option("--offset-angle", type=POSITIVE_NUMBER, default=6.0, show_default=True, metavar="DEGREES",
-                 help="Largest step of the arcs of the offset body."),
+    click.option("--offset-angle", type=POSITIVE_NUMBER, default=DEFAULT_OFFSET_ANGLE, show_default=True,
+                 metavar="DEGREES", help="Largest step of the arcs of the offset body."),
 )  # fmt: skip
 
 measure_options = grouped_options("measures", MeasureOptions, _OPTIONS)

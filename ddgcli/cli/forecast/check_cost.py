@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -36,12 +37,15 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     """Size of a mesh and of the steps that the options name."""
     from ddgcli.cli.forecast.mesh_facts import (
         angle_deficit,
+        component_counts,
         crossings_per_length,
         harmonic_fields,
+        offset_faces,
         signature_pairs,
     )
     from ddgcli.mesh.curve import CurveSet
     from ddgcli.mesh.tet_mesh import TetMesh
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
     steps = options.get("steps")
     step = options.get("step") or options.get("time_step")
@@ -60,11 +64,18 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     edge_length = float(mesh.side_length.mean()) if options.get("radius") and len(mesh.faces) else None
     refine = options.get("refine")
     deficit = angle_deficit(mesh, float(refine)) if refine else None
+    n_offset = None
+    if isinstance(mesh, TriangleMesh) and options.get("offset"):
+        n_offset = offset_faces(mesh, options)
+    of_spectrum = options.get("hks") or options.get("eigen")
+    n_components, equal_components = component_counts(mesh) if of_spectrum else (1, 1)
     return InputSize(
         "surface", len(mesh.faces), edge_length, steps, angle_deficit=deficit, adaptive=adaptive,
         signature_pairs=signature_pairs(mesh, options["hks"]) if options.get("hks") else 0,
         crossings_per_length=crossings_per_length(mesh) if options.get("trace") else 0.0,
         betti_number=harmonic_fields(mesh) if options.get("basis") else 0,
+        n_components=n_components, equal_components=equal_components,
+        offset_faces=n_offset,
     )  # fmt: skip
 
 
@@ -92,7 +103,7 @@ def predict_run(
     def prediction_of(solver: str | None) -> Prediction:
         uses = kernels_of(
             run.command, all_options | {"solver": solver}, size, common.outputs, common.plot is not None,
-            common.exceeds_short_summary,
+            common.exceeds_short_summary, *([math.prod(common.size)] if common.size else []),
         )  # fmt: skip
         return predict(uses, size, calibrate=common.dry_run, earlier=earlier)
 
@@ -117,7 +128,7 @@ def refined_prediction(
     from ddgcli.cli.forecast.mesh_facts import ball_work, edge_paths, noise_of_vertices
 
     options = run.options
-    if run.command == "geodesic" and options.get("method") == "exact":
+    if run.command == "geodesic" and options.get("method") in ("exact", "fast-marching"):
         of_all, of_one = edge_paths(mesh, options)
         size = replace(size, paths=of_all, paths_of_one=of_one)
     elif run.command == "curvature":
@@ -125,7 +136,8 @@ def refined_prediction(
         if stated := radius not in (None, "auto"):
             size = replace(size, ball_work=ball_work(mesh, float(radius), scheme))
         if scheme == "quadric" or not stated:
-            size = replace(size, noise=noise_of_vertices(mesh))
+            noise, pairs = noise_of_vertices(mesh, scheme)
+            size = replace(size, noise=noise, fitted_pairs=pairs)
     else:
         return prediction, size
     return predict_run(run, size, earlier=prediction), size

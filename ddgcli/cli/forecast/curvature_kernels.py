@@ -17,6 +17,10 @@ PAIRS_OF_MEASURED_FACE = 34.0  # in balls of three edges on a sphere
 # kinds of noise over which normals are averaged; the balls of fits grow until they err more than smaller ones
 AVERAGED_NOISE = ("voxels", "rounded", "grid", "spikes", "noise")
 WIDE_FITS_RANGE: Range = (0.3, 1.6)
+UNEVEN_RANGE: Range = (0.3, 5.0)  # what a hundred balls show of smoothed stairs, four hundred confirm
+EVEN_RANGE: Range = (0.02, 1.6)  # two balls show most details
+MEASURED_PAIRS_OF_WIDEST = 2.0  # in all balls over those in the widest, where each has twice as many
+LEAST_OFFSET_SHARE = 7.0  # faces of an offset body: each, and four of each edge at least
 NOISY_RANGE: Range = (0.1, 3.0)
 AUTO_RINGS = 4.0  # of the radius that balances noise and bias
 
@@ -28,7 +32,7 @@ def curvature_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[U
         return
     scheme, radius = options["scheme"], options.get("radius")
     if options.get("offset"):
-        yield Use("curvature offset")
+        yield Use("curvature offset", elements=size.offset_faces or LEAST_OFFSET_SHARE * size.elements)
     stated = radius not in (None, "auto")
     yield Use(f"curvature {scheme} auto" if radius == "auto" else f"curvature {scheme}")
     noisy = size.noise in AVERAGED_NOISE
@@ -47,14 +51,17 @@ def curvature_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[U
 def _noise_search(scheme: str, radius: Any, size: InputSize, *, averages: bool) -> Iterator[Use]:
     """Fits in balls around some vertices, and where they show noise averages of normals; in pairs of both."""
     from ddgcli.algorithms.curvature import noise_estimate
-    from ddgcli.algorithms.curvature.regions import MAX_BALL_PAIRS
-    from ddgcli.algorithms.curvature.scales import MAX_SURFACE_SHARE
 
-    n = 0.5 * size.elements
-    widest = min(MAX_SURFACE_SHARE * n, MAX_BALL_PAIRS[scheme] / max(size.elements, 1))
-    fits = noise_estimate.BENDING_SAMPLE_SIZE * widest
+    n, pairs = 0.5 * size.elements, size.fitted_pairs
     added = 0.0 if averages else 1.0  # the memory of fits is free when normals are averaged
-    yield Use("curvature wide fits", 1.0, added, fits, WIDE_FITS_RANGE, "balls that grow to the widest")
+    assumes, seconds_range = "balls that grow to the widest", WIDE_FITS_RANGE
+    if size.noise == "even":
+        assumes, seconds_range = "errors alike everywhere", EVEN_RANGE
+    elif size.noise == "uneven":
+        assumes, seconds_range = "no confirmation by more balls", UNEVEN_RANGE
+    if pairs:
+        times = sum(pairs) / (MEASURED_PAIRS_OF_WIDEST * max(pairs))
+        yield Use("curvature wide fits", times, added, max(pairs), seconds_range, assumes, once=True)
     if averages:
         voxels = size.noise == "voxels" and radius == "auto" and scheme == "normal-voting"
         most = noise_estimate.MAX_VOXEL_PAIRS if voxels else noise_estimate.MAX_VOTING_PAIRS

@@ -21,19 +21,25 @@ from ddgcli.cli.forecast.use import KNOWN, EdgePaths, InputSize, Range, Use
 __all__ = ["kernels_of"]
 
 MEASURED_EIGENPAIRS = 8  # of the kernel `laplacian eigen`
+# components that are copies of one another have multiple eigenvalues, which Lanczos finds in several passes
+MAX_FAST_COPIES, COPIES_FACTOR = 4, 3.0
+COPIES: dict[str, Any] = {"range": (0.5, 1.6), "assumes": "multiple eigenvalues of equal components"}
 HARMONIC_FIELD_MEMORY = 4.0  # edge values and vectors on faces, over the memory of an eigenpair
 MEASURED_SMOOTHING_STEPS = 10
 MEASURED_REFINEMENT_DEGREES = 25.0
 MEASURED_EVOLUTION_STEPS = 100
 MEASURED_RAYS, MEASURED_ISOLINES = 100, 20
 CERTIFICATE_RUNS = 4
+PAGE_PIXELS = 1400 * 1050  # of a picture without --size
 PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
 MAX_COMPARED_FACES, TRADEOFF_RANGE = 14_000, (0.2, 5.0)  # on larger meshes the budget bounds the rows
 FIELD_SEEDS, FIELD_RANGE = 16, (0.3, 30.0)  # the default; steps adapt to the field
 FIXED_STEP_RANGE = (0.3, 60.0)  # up to 10,000 steps, whatever the mesh
 # Windows of exact distances: a face has 0.2 (flat strips) to 0.7 (smooth surfaces) times the edges between it
 # and the source; a round of the wavefront costs as much as 1,800 of them, and an edge takes 2 to 5 rounds
-WINDOWS_PER_EDGE_AND_VERTEX, WINDOWS_PER_EDGE_OF_LONGEST = 0.9, 3 * 1800.0
+# of a face, of an edge of each path, and of one of the longest: windows; vertices that fast marching updates,
+# whose rounds (1.0 to 2.7 of an edge of the longest path) cost as much as those of a hundred faces
+PROPAGATION_WORK = {"exact": (0.0, 0.9, 3 * 1800.0), "fast-marching": (1.0, 0.0, 130.0)}
 WINDOW_RANGE: Range = (0.5, 2.0)
 SPHERE_MEAN_PATH, SPHERE_LONGEST_PATH = 0.237, 0.456  # edges over the root of the faces: the measured kernel
 SOURCE_OPTIONS = ("source", "source_point", "source_face", "source_edges", "source_boundary")
@@ -52,6 +58,7 @@ def kernels_of(
     outputs: tuple[str, ...] = (),
     plot: bool = False,
     full: bool = True,
+    pixels: int = PAGE_PIXELS,
 ) -> list[Use]:
     """Kernels of a command.
 
@@ -67,28 +74,37 @@ def kernels_of(
         Whether a picture is drawn.
     full : bool
         Whether the run computes more than the short summary of `curvature`.
+    pixels : int
+        Of a picture.
     """
-    uses = list(_KERNELS[command](options, size))
+    if command == "frames":
+        uses = _picture(pixels, size.frame_count) if options.get("pictures") else []
+    else:
+        uses = list(_KERNELS[command](options, size))
     if command == "curvature" and full and size.kind != "curve":
         uses.append(Use("curvature further results"))
     if command not in ("view", "dec", "tradeoff"):
         meshes = [path for path in outputs if Path(path).suffix.lower() not in PICTURES]
         uses += [Use(f"write {_written_as(path)}", size.frame_count) for path in meshes]
     if plot:
-        uses += _plot(command)
+        uses += _plot(command, pixels)
     return uses
 
 
-def _plot(command: str) -> Iterator[Use]:
+def _plot(command: str, pixels: int) -> list[Use]:
     """The picture of --plot: of a surface, or a page of small ones and charts."""
     if command == "delaunay":
-        yield Use("delaunay overlay")
+        return [Use("delaunay overlay"), Use("picture of triangulations")]
     if command == "tradeoff":
-        yield Use("picture curve")
-    elif command in ("frames", "shell-sim", "fluid-sim", "willmore-flow", "curve-flow"):
-        yield Use("picture of a run")
-    else:
-        yield Use("picture")
+        return [Use("picture curve")]
+    if command in ("frames", "shell-sim", "fluid-sim", "willmore-flow", "curve-flow"):
+        return [Use("picture of a run")]
+    return _picture(pixels, 1)
+
+
+def _picture(pixels: int, count: int) -> list[Use]:
+    """Pictures of a surface: what their faces take, and what their pixels take."""
+    return [Use("picture", count), Use("picture pixels", count, elements=pixels)]
 
 
 def _written_as(path: str) -> str:
@@ -155,9 +171,12 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         yield Use(f"laplacian poisson{way}")
     pairs = max(options.get("eigen") or 0, size.signature_pairs)
     if pairs:
-        yield Use("laplacian eigen")
-        if (further := pairs - MEASURED_EIGENPAIRS) > 0:
-            yield Use("laplacian eigenpair", further, added=further)
+        computed = pairs - size.n_components + 1  # the constants of the components are known
+        yield Use("laplacian eigen", elements=None if computed > 0 else 0)
+        if (further := computed - MEASURED_EIGENPAIRS) > 0:
+            use = Use("laplacian eigenpair", further, added=pairs - MEASURED_EIGENPAIRS)
+            copies = size.equal_components > MAX_FAST_COPIES
+            yield replace(use, times=COPIES_FACTOR * further, **COPIES) if copies else use
     if options.get("smooth"):
         steps = (options.get("smooth_steps") or MEASURED_SMOOTHING_STEPS) / MEASURED_SMOOTHING_STEPS
         yield Use("laplacian smooth", steps, once=True)
@@ -187,24 +206,25 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     sources = max(1, len(options.get("source") or ()))
     exact = method == "exact"
     windows, assumes = (WINDOW_RANGE, "windows as on scans") if exact else (KNOWN, "")
+    further = 0.0
     if any(options.get(name) for name in SOURCE_OPTIONS):
-        times = _wavefront_share(size.paths, size.elements) if exact else 1.0
+        share = _wavefront_share(method, size.paths, size.elements)
+        times, further = (share, 0.0) if exact else (1.0, max(0.0, share - 1.0))
         yield Use(f"geodesic {method}", times, range=windows, assumes=assumes, once=exact)
         reach_all = size.paths is None or size.paths.reach_all
         if exact and (not reach_all or any(options.get(name) for name in SOURCE_OPTIONS[1:])):
             yield Use("geodesic dijkstra", added=1.0)  # the certificate compares with distances along edges
-    further = sources if options.get("each_source") else 0
+    runs = sources if options.get("each_source") else 0
     if targets := _count(options.get("target")):  # symmetric distances start from the smaller set
-        further += min(sources, targets) if method in SYMMETRIC_METHODS else sources
-    if (jobs := min(options.get("jobs", 1), further)) > 1:
+        runs += min(sources, targets) if method in SYMMETRIC_METHODS else sources
+    if (jobs := min(options.get("jobs", 1), runs)) > 1:
         yield Use("geodesic job", jobs)
         if method == "heat":  # each process factorises
             yield Use("geodesic heat", jobs)
     if options.get("certify"):
-        further += CERTIFICATE_RUNS
-    if further:
-        times = further * _wavefront_share(size.paths_of_one, size.elements) if exact else further
-        yield Use(f"geodesic {method} solve", times, range=windows, assumes=assumes)
+        runs += CERTIFICATE_RUNS
+    if further := further + runs * _wavefront_share(method, size.paths_of_one, size.elements):
+        yield Use(f"geodesic {method} solve", further, range=windows, assumes=assumes)
     for other in options.get("compare") or ():
         yield Use(f"geodesic {other}")
     if options.get("source_point") or options.get("target_point"):
@@ -239,22 +259,17 @@ def _count(vertices: Any) -> int:
     return sum(len(group) if isinstance(group, (list, tuple)) else 1 for group in vertices or ())
 
 
-def _wavefront_share(paths: EdgePaths | None, n_faces: int) -> float:
-    """Work of an exact propagation over that on a sphere of as many faces, where the kernel is measured."""
-    if paths is None:
+def _wavefront_share(method: str, paths: EdgePaths | None, n_faces: int) -> float:
+    """Work of a propagation over that on a sphere of as many faces, where the kernels are measured."""
+    if paths is None or method not in PROPAGATION_WORK:
         return 1.0
+    of_face, of_total, of_longest = PROPAGATION_WORK[method]
     root = math.sqrt(n_faces)
     sphere = EdgePaths(0.5 * n_faces * SPHERE_MEAN_PATH * root, SPHERE_LONGEST_PATH * root)
     own, measured = (
-        WINDOWS_PER_EDGE_AND_VERTEX * run.total + WINDOWS_PER_EDGE_OF_LONGEST * run.longest
-        for run in (paths, sphere)
+        of_face * n_faces + of_total * run.total + of_longest * run.longest for run in (paths, sphere)
     )
     return own / measured
-
-
-def _frame_export(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
-    if options.get("pictures"):
-        yield Use("picture", size.frame_count)
 
 
 def _view(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
@@ -295,7 +310,6 @@ _KERNELS: dict[str, Callable[[Mapping[str, Any], InputSize], Iterator[Use]]] = {
     "curve-flow": curve_flow_kernels,
     "shell-sim": shell_kernels,
     "fluid-sim": fluid_kernels,
-    "frames": _frame_export,
     "view": _view,
     "tradeoff": _tradeoff,
 }

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ddgcli.choices import DEFAULT_OFFSET_ANGLE
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -16,27 +18,35 @@ if TYPE_CHECKING:
 __all__ = [
     "angle_deficit",
     "ball_work",
+    "component_counts",
     "crossings_per_length",
     "edge_paths",
     "harmonic_fields",
     "noise_of_vertices",
+    "offset_faces",
     "signature_pairs",
 ]
 
 SAMPLED_BALLS, SAMPLED_POINTS = 200, 50_000  # of a mesh, for the number of vertices in balls
+COUNTED_BALLS = 24  # of each radius that the search for noise may fit
 SAMPLED_BLOCKS, BALLS_PER_BLOCK = 6, 120  # of consecutive vertices: their balls grow together
 SAMPLED_PAIRS = 1e6  # of balls and vertices
 CLIPPING_SCHEMES = ("corrected", "normal-cycle")
 SEARCH_OF_BALL = 30.0  # vertices in a ball that cost as much as the search for it
+SAME_AREA_DECIMALS = 6  # of the logarithm
 CLIPS_PER_TEST = 0.35  # clipped faces that cost as much as the test of a vertex
 
 
-def noise_of_vertices(mesh: TriangleMesh) -> str:
-    """Kind of the noise that fits at some vertices show, '' of none: the first step of the run's search."""
+def noise_of_vertices(mesh: TriangleMesh, scheme: str) -> tuple[str, tuple[float, ...]]:
+    """Kind of the noise that fits at some vertices show, '' of none, and vertices in the balls of its search.
+
+    The first step of the run's own search, and for each radius of the balls that it may fit their vertices.
+    """
     import numpy as np
 
     from ddgcli.algorithms.curvature.deviation import vertex_deviation
     from ddgcli.algorithms.curvature.faces import Faces
+    from ddgcli.algorithms.curvature.noise_estimate import BENDING_SAMPLE_SIZE, radii_of_search
     from ddgcli.algorithms.curvature.noise_kind import noise_kind
     from ddgcli.algorithms.curvature.totals import filled_normals
     from ddgcli.geometry.extrinsic import dihedral_angle_and_length
@@ -45,14 +55,20 @@ def noise_of_vertices(mesh: TriangleMesh) -> str:
     topology = mesh.topology
     extent = float(np.ptp(mesh.points / 2, axis=0).max()) if mesh.n_faces else 0.0
     if not (extent > 0.0 and (topology.is_oriented or topology.is_orientable)):
-        return ""
+        return "", ()
     unit = mesh.moved((mesh.points - mesh.points[mesh.faces[0, 0]]) / extent)
     if not topology.is_oriented:
         unit = reverse_faces(unit, topology.faces_to_turn)
     faces = Faces.of(unit)
     dihedral, _ = dihedral_angle_and_length(unit, filled_normals(faces, unit.topology).T)
     deviation = None if faces.flat.all() else vertex_deviation(unit, faces, dihedral)
-    return "" if deviation is None else noise_kind(unit, faces, dihedral, deviation)[0]
+    if deviation is None:
+        return "", ()
+    kind, deviation = noise_kind(unit, faces, dihedral, deviation)
+    if not kind:
+        return "", ()
+    radii = radii_of_search(unit, faces, deviation, scheme)
+    return kind, tuple(BENDING_SAMPLE_SIZE * count for count in _ball_counts(unit, radii, COUNTED_BALLS))
 
 
 def angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
@@ -77,14 +93,20 @@ def ball_work(mesh: TriangleMesh, radius: float, scheme: str) -> float:
 
 def _ball_vertices(mesh: TriangleMesh, radius: float) -> float:
     """Mean number of vertices within a radius of a vertex, from a sample, and the work of the search."""
+    return SEARCH_OF_BALL + 1.0 + _ball_counts(mesh, [radius], SAMPLED_BALLS)[0]
+
+
+def _ball_counts(mesh: TriangleMesh, radii: Sequence[float], n_balls: int) -> list[float]:
+    """Mean number of vertices within each radius of a vertex and beside it, from a sample."""
     import numpy as np
 
     points = mesh.points.T
     every = max(1, mesh.n_vertices // SAMPLED_POINTS)
     sample = np.ascontiguousarray(points[:, ::every])
-    centres = points[:, :: max(1, mesh.n_vertices // SAMPLED_BALLS)].T
-    inside = [np.count_nonzero(((sample - p[:, None]) ** 2).sum(axis=0) <= radius**2) for p in centres]
-    return SEARCH_OF_BALL + 1.0 + every * max(0.0, float(np.mean(inside)) - 1.0 / every)
+    centres = points[:, :: max(1, mesh.n_vertices // n_balls)].T
+    square = np.sort([((sample - p[:, None]) ** 2).sum(axis=0) for p in centres], axis=1)
+    inside = [np.searchsorted(row, np.square(radii), side="right") for row in square]
+    return [every * max(0.0, count - 1.0 / every) for count in np.mean(inside, axis=0).tolist()]
 
 
 def _clipped_faces(mesh: TriangleMesh, radius: float) -> float:
@@ -171,3 +193,33 @@ def harmonic_fields(mesh: TriangleMesh | IntrinsicMesh) -> int:
     topology = mesh.topology
     closed = topology.n_components if not topology.boundary_vertex.any() else 0
     return max(0, topology.n_components + closed - topology.euler_characteristic)
+
+
+def component_counts(mesh: TriangleMesh | IntrinsicMesh) -> tuple[int, int]:
+    """Number of components with faces, and the most of them that have as many faces of the same area."""
+    import numpy as np
+
+    from ddgcli.geometry.intrinsic import face_area
+
+    if not len(mesh.faces):
+        return 1, 1
+    label = mesh.topology.vertex_component.take(mesh.faces[:, 0])
+    count = np.bincount(label)
+    unit = float(mesh.side_length.max()) or 1.0  # no square over- or underflows
+    area = np.bincount(label, face_area(mesh.side_length / unit))[count > 0]
+    count = count[count > 0]
+    with np.errstate(divide="ignore"):
+        alike = np.stack([count, np.round(np.log(area), SAME_AREA_DECIMALS)], axis=1)
+    return len(count), int(np.unique(alike, axis=0, return_counts=True)[1].max())
+
+
+def offset_faces(mesh: TriangleMesh, options: Mapping[str, Any]) -> int | None:
+    """Faces of the offset body before points are merged; None where the run refuses it."""
+    from ddgcli.algorithms.curvature.offset_body import check_offset
+    from ddgcli.errors import InputError
+
+    try:
+        angle = options.get("offset_angle") or DEFAULT_OFFSET_ANGLE
+        return check_offset(mesh, options["offset"], angle).n_faces
+    except InputError:
+        return None

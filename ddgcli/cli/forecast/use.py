@@ -49,6 +49,8 @@ class InputSize:
         Sum over the faces of 1 - (smallest angle / angle of --refine), where that is positive.
     noise : str
         Kind of the noise of the vertices that curvature searches, '' of none.
+    fitted_pairs : tuple of float
+        Vertices in the balls of a radius that the search for noise fits, for each radius.
     adaptive : bool
         `steps` counts frames, between which the steps adapt.
     paths, paths_of_one : EdgePaths, optional
@@ -59,6 +61,10 @@ class InputSize:
         Eigenpairs of heat kernel signatures.
     crossings_per_length : float
         Edges that a straight line of unit length crosses.
+    n_components, equal_components : int
+        Connected components, and the most that are alike.
+    offset_faces : int, optional
+        Of an offset body.
     n_curves : int
     betti_number : int
         Of the harmonic fields.
@@ -72,11 +78,15 @@ class InputSize:
     component_elements: int | None = None
     angle_deficit: float | None = None
     noise: str = ""
+    fitted_pairs: tuple[float, ...] = ()
     adaptive: bool = False
     paths: EdgePaths | None = None
     paths_of_one: EdgePaths | None = None
     ball_work: float | None = None
     signature_pairs: int = 0
+    n_components: int = 1
+    equal_components: int = 1
+    offset_faces: int | None = None
     n_curves: int = 1
     crossings_per_length: float = 0.0
     betti_number: int = 0
