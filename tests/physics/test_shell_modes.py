@@ -9,12 +9,19 @@ from ddgcli.mechanics.modes import buckling_modes, natural_modes
 from ddgcli.mechanics.rigid_motions import unheld_motions
 from ddgcli.mesh.shapes import grid, icosphere
 from ddgcli.models.shell.face_arrays import face_arrays
+from ddgcli.models.shell.plate_check import (
+    deflection_factor,
+    frequency_factor,
+    load_factor,
+    warn_of_hinges,
+)
 from ddgcli.models.shell.report import _instability
-from tests.physics.test_shell_midedge import CLAMP, RIGIDITY, border, built, run, square
+from tests.physics.test_shell_midedge import CLAMP, RIGIDITY, SCENE, border, built, run, square
 
 STRIP = grid(20, 2, 1, 0.1, "alternating")
 X = np.asarray(STRIP.points)
 ROOT, TIP = np.flatnonzero(X[:, 0] < 1e-9).tolist(), np.flatnonzero(X[:, 0] > 1 - 1e-9).tolist()
+HINGED = SCENE.replace('"midedge"', '"hinge"')
 EULER = np.pi**2 * RIGIDITY / 4  # N/m, of the strip clamped at one end
 
 
@@ -257,3 +264,47 @@ def test_a_plate_whose_every_direction_is_clamped_stretches_in_its_plane(tmp_pat
     scene.write_text(text[: text.index("pin = ")] + flat + "\n" + text[text.index("load = ") :])
     energies = summary("shell-sim", scene, "--modes", 2)["results"]["energies"]
     assert energies["bending"]["end"] == 0 < energies["stretching"]["end"]
+
+
+def hinged(mesh, effects, poisson=0.0):
+    """(contexts, system) of a shell with bending by hinges."""
+    _, context, system = built(mesh, effects, poisson=poisson, text=HINGED)
+    return {"s": context}, system
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.3])
+def test_hinges_that_do_not_bend_as_the_plate_are_reported(caplog, poisson):
+    mesh = square(8, "alternating")
+    contexts, system = hinged(mesh, f"pin = {{ vertices = {border(mesh)} }}", poisson)
+    points = np.asarray(mesh.points)
+    modes = natural_modes(system, points, 4)
+    truth = np.array([2, 5, 5, 8]) * np.pi / 2 * np.sqrt(RIGIDITY / (1 - poisson**2))
+    factor = frequency_factor(contexts, points, modes.shapes, modes.values)
+    assert 1.1 < factor < 1.25 * (modes.values / truth).max()
+    warn_of_hinges(factor, "some frequencies")
+    assert 'bending = { model = "midedge" }' in caplog.text
+    # a strip that bends in one direction is what hinges are made for
+    contexts, system = hinged(STRIP, CLAMP.format(ROOT))
+    modes = natural_modes(system, X, 4)
+    assert frequency_factor(contexts, X, modes.shapes, modes.values) < 1.05
+    contexts, system = hinged(STRIP, CLAMP.format(ROOT) + "\n" + push(EULER))
+    modes = buckling_modes(system, X, 2)
+    assert modes.values[0] == pytest.approx(1, abs=0.06)
+    assert load_factor(contexts, X, modes.shapes) < 1.05
+
+
+@pytest.mark.parametrize("poisson, too_small", [(0.0, 12 / 5), (0.3, 24 / 7)])
+def test_the_twist_of_a_square_by_a_force_at_its_corner_is_reported_as_too_small(poisson, too_small):
+    """w = F x y / (2 (1 - nu) D)."""
+    n = 4
+    mesh = grid(n, n, 1, 1, "alternating")
+    effects = (
+        f"load = {{ vertices = [{mesh.n_vertices - 1}], force = [0, 0, 1e-3] }}\n"
+        "[[effects.pin]]\nvertices = [0]\n"
+        f'[[effects.pin]]\nvertices = [{n}]\naxes = "xz"\n'
+        f'[[effects.pin]]\nvertices = [{n * (n + 1)}]\naxes = "z"'
+    )
+    x = run(mesh, effects, poisson=poisson, text=HINGED)[-1].observations["s"].points
+    assert 1e-3 * (1 + poisson) / (2 * RIGIDITY) / x[-1, 2] == pytest.approx(too_small, rel=1e-3)
+    contexts, _ = hinged(mesh, effects, poisson)
+    assert deflection_factor(contexts, x) == pytest.approx(too_small, rel=1e-3)

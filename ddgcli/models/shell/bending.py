@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import logging
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
+
+if TYPE_CHECKING:
+    from ddgcli.models.shell.midedge import MidedgeBending
 
 # Hinge constant K = D / PLATE_RATIO. The plate of a hinge mesh depends on it (docs/shell-sim.md): a strip
 # that is free to relax has B = 4.8 to 5 K on right and alternating grids, 5.4 K on equilateral and 5.6 K on
@@ -175,7 +178,7 @@ def _require_height(context: ShellContext) -> None:
 
 def build(parameters: Bending, context: ShellContext) -> list[Potential]:
     shell, mesh = context.shell, context.mesh
-    rigidity = parameters.stiffness or plate_rigidity(shell.young, shell.thickness, shell.poisson)
+    rigidity = rigidity_of(parameters, context)
     stencil = hinges(mesh.topology)
     without = mesh.topology.n_edges - len(mesh.topology.boundary_edges) - len(stencil)
     if without:
@@ -184,12 +187,7 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
             counted(without, "edge has", "edges have"), shell.name,
         )  # fmt: skip
     if parameters.model == "midedge":
-        from ddgcli.models.shell.clamps import clamped_sides
-        from ddgcli.models.shell.midedge import MidedgeBending
-
-        _require_height(context)
-        flat, poisson = parameters.rest == "flat", float(shell.poisson or 0)
-        return [MidedgeBending(mesh, rigidity, poisson, flat, clamped_sides(context))]
+        return [plate_bending(parameters, context)]
     scaled, plain = hinge_measure(mesh, stencil, context.face_area)
     if parameters.model == "hinge":
         flat = parameters.rest == "flat"
@@ -210,6 +208,48 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
     return [
         QuadraticBending(stencil, 2 * rigidity / PLATE_RATIO * plain, hinge_cotans(mesh), mesh.n_vertices)
     ]
+
+
+def plate_bending(parameters: Bending, context: ShellContext) -> MidedgeBending:
+    """Mid-edge bending of a shell, whatever the model of its parameters.
+
+    Parameters
+    ----------
+    parameters : Bending
+    context : ShellContext
+
+    Returns
+    -------
+    MidedgeBending
+
+    Raises
+    ------
+    ValueError
+        On needles, and where an edge cannot be clamped.
+    """
+    from ddgcli.models.shell.clamps import clamped_sides
+    from ddgcli.models.shell.midedge import MidedgeBending
+
+    _require_height(context)
+    flat, poisson = parameters.rest == "flat", float(context.shell.poisson or 0)
+    rigidity = rigidity_of(parameters, context)
+    return MidedgeBending(context.mesh, rigidity, poisson, flat, clamped_sides(context))
+
+
+def rigidity_of(parameters: Bending, context: ShellContext) -> float:
+    """Flexural rigidity D in N m, of the parameters or of the material.
+
+    Parameters
+    ----------
+    parameters : Bending
+    context : ShellContext
+
+    Returns
+    -------
+    float
+    """
+    shell = context.shell
+    return parameters.stiffness or plate_rigidity(shell.young, shell.thickness, shell.poisson)
 
 
 def plate_rigidity(young: float | None, thickness: float | None, poisson: float | None) -> float:

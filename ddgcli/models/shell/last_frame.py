@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
 from ddgcli.mechanics.system import System
+from ddgcli.models.shell import plate_check
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.groups import Order, points_at_end
 from ddgcli.simulation.outcome import Outcome
@@ -63,6 +64,9 @@ def final(
     end, time = points_at_end(outcome, systems, order), outcome.end.time
     systems = {name: system.at(time).with_own_account() for name, system in systems.items()}
     yields = _yields(systems)
+    points = np.asarray(outcome.end.points)
+    if not yields and next(iter(contexts.values())).scene.time.integrator == "static":
+        plate_check.warn_of_hinges(plate_check.deflection_factor(contexts, points), "deflections", "small")
     vertex: dict[str, NDArray] = {}
     results: dict[str, Any] = {}
     if n_modes or n_buckling:
@@ -71,9 +75,14 @@ def final(
         if n_modes:
             values, shapes = analysis.vibrations(systems, end, order, n_modes)
             results, vertex = {**results, **values}, {**vertex, **shapes}
+            frequencies = np.array(values["frequencies"])
+            factor = plate_check.frequency_factor(contexts, points, list(shapes.values()), frequencies)
+            plate_check.warn_of_hinges(factor, "some frequencies")
         if n_buckling:
             values, shapes = analysis.buckling(systems, order, n_buckling)
             results, vertex = {**results, **values}, {**vertex, **shapes}
+            factor = plate_check.load_factor(contexts, points, list(shapes.values()))
+            plate_check.warn_of_hinges(factor, "some load factors")
     # what has yielded is not known here
     face = {} if yields else _faces(contexts, systems, end, order)
     return vertex, face, results
