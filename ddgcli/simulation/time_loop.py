@@ -335,7 +335,7 @@ def _advance_adaptively(
             if schedule.on_failure == "stop" or dt < shortest:
                 raise SolveError(
                     f"t = {time:.6g} {active.model.time_unit}, {detail}; "
-                    f"{step_advice(active, rejected, schedule.dt, dt / 4)}"
+                    f"{step_advice(active, rejected, schedule.dt, largest_solvable(active, time, dt))}"
                 ) from rejected
             active.next_dt = dt / 4
             continue

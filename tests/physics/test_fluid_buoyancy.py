@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.fluids.runs import run_fluid
 from tests.physics.test_fluid_forces import last_frame
 from tests.physics.test_fluid_volumes import run, series
 
@@ -35,7 +36,7 @@ def test_the_first_acceleration_is_expansion_times_temperature_times_gravity():
 
 
 def test_sources_heat_at_their_rate_and_diffusion_keeps_the_heat():
-    _, observed, _ = run('buoyancy = { source = "1+x", diffusivity = 0.1, expansion = 0 }', 3, 0.2, 0.1)
+    _, observed, _ = run('buoyancy = { source = "1+x", diffusivity = 1, expansion = 0 }', 3, 0.2, 0.1)
     whole = np.pi**3 * (1 + np.pi / 2)
     assert series(observed, "total_temperature")[-1] == pytest.approx(0.2 * whole, rel=1e-9)
     warm = observed[-1].vertex["temperature"]
@@ -61,3 +62,18 @@ def test_the_haurwitz_wave_has_its_speed_and_stays():
 def test_flows_with_a_name_have_their_strength(flow, shape):
     *_, first, _ = last_frame(shape, f'initial = {{ flow = "{flow}", strength = 2 }}', 0.01, 0.01)
     assert np.linalg.norm(first.vertex["velocity"], axis=1).max() == pytest.approx(2.0, rel=0.12)
+
+
+@pytest.mark.parametrize("wave, cells", [("cos(x)*cos(2*y)", [32, 32]), ("cos(x)*cos(y)*cos(z)", [6, 6, 6])])
+def test_heat_conduction_is_of_second_order_in_time(wave, cells):
+    """Decay of a wave between insulated walls, in steps of 0.2 s; what the mesh errs by is that of 0.05 s."""
+    shape = "grid" if len(cells) == 2 else "box"
+    shape = f"{shape} = {{ size = {[np.pi] * len(cells)}, cells = {cells} }}"
+    heat = f'buoyancy = {{ temperature = "{wave}", gravity = [0, 0, 0], diffusivity = 0.2 }}'
+    rates = []
+    for step in (0.2, 0.05):
+        time = f'integrator = "energy"\nduration = 1.0\nstep = {step}'
+        observed = run_fluid(heat, time, shape).observations
+        start, end = (observed[k].vertex["temperature"] for k in (0, -1))
+        rates.append(-np.log((end @ start) / (start @ start)))
+    assert rates[0] == pytest.approx(rates[1], rel=2e-3)

@@ -313,6 +313,26 @@ def test_a_run_whose_steps_need_many_parts_ends_early_and_names_a_step_that_work
     assert end.checkpoint["m/s"] == pytest.approx(2000 * step) and not end.events
 
 
+def test_a_failed_adaptive_step_names_a_step_that_works():
+    """A quarter of the step, which had not been tried, was advised."""
+    from ddgcli.simulation.model import Model, Observation, Schedule, StepRejected
+
+    def advance(state, time, dt):
+        if dt > 3e-3:
+            raise StepRejected("too long")
+        return state + dt
+
+    shown = Observation(None)
+    model = Model(
+        np.zeros(1), advance, lambda state: shown, lambda s: {"s": s}, lambda a: a["s"],
+        distance=lambda a, b: float(np.abs(a - b).max()), order=1,
+    )  # fmt: skip
+    with pytest.raises(SolveError, match="step of 1 s rejected") as refusal:
+        list(evolve({"m": model}, Schedule(1.0, 2, tolerance=0.1, on_failure="stop"), Account()))
+    step = float(re.search(r"make the step (\S+) s", str(refusal.value))[1])
+    assert 6e-4 < step <= 3e-3
+
+
 def test_a_step_whose_error_does_not_fall_with_its_length_ends_the_run():
     """A jump at t > 0 of a size that no step changes: no tolerance below it can be met."""
     from ddgcli.simulation.model import Model, Observation, Schedule

@@ -39,7 +39,7 @@ class BuoyancySection(Section):
 
 
 class TemperaturePhase(TracerPhase):
-    """The temperature: heated for half of the step, carried, heated and cooled by diffusion."""
+    """The temperature: it diffuses and is heated for half of the step, before it is carried and after."""
 
     def __init__(self, setting: FluidSetting, parameters: BuoyancySection, tracer: Any) -> None:
         source = None if parameters.source is None else Source(setting.context.points, parameters.source)
@@ -59,11 +59,12 @@ class TemperaturePhase(TracerPhase):
         return {ARRAY: self.amount}
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        values = self.carried(step, state, state[ARRAY])
-        if self.diffusion is not None:
-            fixed_values = self.amount[self.diffusion.fixed, None]
-            values = self.diffusion.step(values[:, None], fixed_values, step.dt)[:, 0]
-        return state.with_passive(**{ARRAY: values})
+        if self.diffusion is None:
+            return state.with_passive(**{ARRAY: self.carried(step, state, state[ARRAY])})
+        fixed_values = self.amount[self.diffusion.fixed]
+        values = self.diffusion.step(state[ARRAY], fixed_values, 0.5 * step.dt)
+        values = self.carried(step, state, values)
+        return state.with_passive(**{ARRAY: self.diffusion.step(values, fixed_values, 0.5 * step.dt)})
 
     def observed(self, state: FluidState) -> Observation:
         return Observation(
