@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from benchmarks.fluids.runs import run_fluid
 from ddgcli.cli.main import main
 from ddgcli.errors import SceneError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.io.trajectories.paths import particle_paths
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.models.fluid.model import build, contexts
+from ddgcli.models.fluid.particles import placed_seeds
 from ddgcli.models.fluid.scene import KIND
 from ddgcli.scenes.scene import resolve
 from ddgcli.simulation.account import Account
@@ -136,3 +138,19 @@ def test_frames_writes_the_paths_of_particles(tmp_path):
         main, ["frames", str(tmp_path / "b.vtkhdf"), "--paths", "-o", str(tmp_path / "q.vtp")]
     )
     assert result.exit_code == 2 and "particles" in result.output
+
+
+def test_points_in_a_volume_end_where_they_leave_it_and_slide_along_walls():
+    """They crept over the outflow."""
+    shape = "box = { size = [1, 1, 1], cells = [3, 3, 3] }"
+    boundary = "viscosity = { nu = 0.1 }\n"
+    for kind, rest in (
+        ("inflow", 'velocity = [1, 0, 0]\nwhere = "x < 0.01"'),
+        ("outflow", 'where = "x > 0.99"'),
+    ):
+        boundary += f'[[effects.boundary]]\nkind = "{kind}"\n{rest}\n'
+    model = run_fluid(boundary, 'integrator = "energy"\nduration = 0.1\nstep = 0.1', shape).fluid
+    paths, start = model.setting.volume_paths, np.array([[0.41, 0.2, 0.5], [0.41, 0.83, 0.5]])
+    cell, _ = placed_seeds(model.context, start)
+    _, ends = paths.moved(cell, start, np.array([[1.18, 0.59, 0.0], [0.5, 0.4, 0.0]]))
+    assert ends == pytest.approx(np.array([[1.0, 0.495, 0.5], [0.91, 1.0, 0.5]]), abs=1e-9)

@@ -1,4 +1,7 @@
-"""Points carried by a flow through tetrahedra, along straight lines that slide on walls."""
+"""Points carried by a flow through tetrahedra, along straight lines that slide on walls.
+
+Where fluid crosses the boundary they end.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +27,10 @@ class VolumePaths:
         beyond = np.full(space.cell_face.size, -1, dtype=np.int64)
         beyond[a], beyond[b] = b // 4, a // 4
         self.neighbour = beyond.reshape(-1, 4)
+        crossed = np.zeros(space.n_faces, dtype=bool)
+        if space.conditions is not None:
+            crossed = space.conditions.natural | (space.conditions.flux != 0)
+        self.crossed = crossed[space.cell_face]
 
     def barycentric(self, cell: NDArray, points: NDArray) -> NDArray[np.float64]:
         """(p, 4) coordinates of points in cells."""
@@ -35,7 +42,7 @@ class VolumePaths:
         return np.einsum("pi,pi...->p...", self.barycentric(cell, points), values[self.space.cells[cell]])
 
     def moved(self, cell: NDArray, points: NDArray, shift: NDArray) -> tuple[NDArray[np.int64], NDArray]:
-        """Cells and positions after straight shifts (p, 3); at walls the rest of a shift runs along them."""
+        """Cells and positions after straight shifts (p, 3); the rest of one runs along the wall it meets."""
         cell, points, shift = np.array(cell), np.array(points), np.array(shift)
         active = np.arange(len(cell))
         least = STALL_SHARE * np.linalg.norm(shift, axis=1)
@@ -58,6 +65,7 @@ class VolumePaths:
                 normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
                 out = np.maximum(np.einsum("pa,pa->p", rest[wall], normal), 0.0)
                 rest[wall] -= out[:, None] * normal
+                rest[wall & self.crossed[here, exit_]] = 0.0
             shift[active] = rest
             progress = share * np.sqrt(np.einsum("pa,pa->p", step, step))
             stalls[active] = np.where(progress > least[active], 0, stalls[active] + 1)
