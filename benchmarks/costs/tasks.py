@@ -33,7 +33,7 @@ SURFACE = [
     Task("write ply", "info {mesh} -o {out}.ply"),
     Task("write text", "info {mesh} -o {out}.obj"),
     Task("picture", "info {mesh} --plot {out}.png --size 200x200"),
-    Task("picture pixels", "info {mesh} --plot {out}.png", (10_000,)),
+    Task("picture pixels", "info {mesh} --plot {out}.png", (10_000,), mesh="torus"),
     Task("picture of triangulations", "delaunay {mesh} --plot {out}.png", (2_000, 20_000)),
     Task("repair", "repair {mesh} --for curvature"),
     *(
@@ -73,7 +73,7 @@ SURFACE = [
         words="laplacian {mesh} --poisson f --solver multigrid",
     ),
     Task("laplacian eigen", exponent=1.1, words="laplacian {mesh} --eigen 8"),
-    Task("laplacian eigenpair", exponent=1.1, words="laplacian {mesh} --eigen 40"),
+    Task("laplacian eigenpair", exponent=1.1, words="laplacian {mesh} --eigen 150"),
     Task("laplacian smooth", exponent=1.15, words="laplacian {mesh} --smooth 1e-4"),
     Task("laplacian discrete-conformal", "laplacian {mesh} --parameterize discrete-conformal", mesh="disk"),
     Task(
@@ -117,6 +117,11 @@ SURFACE = [
     Task("geodesic isolines", "geodesic {mesh} --source 0 --isolines 20 --method fast-marching"),
     Task("geodesic voronoi", "geodesic {mesh} --source 0,9 --voronoi"),
     Task("willmore-flow", "willmore-flow {mesh} --steps 1 --dt 1e-9", SMALL_SIZES),
+    Task(
+        "willmore-flow mean-curvature",
+        "willmore-flow {mesh} --flow mean-curvature --steps 1 --dt 1e-9",
+        (2_000, 80_000),
+    ),
     *(
         Task(
             f"willmore-flow {flow} step",

@@ -13,6 +13,7 @@ __all__ = ["curvature_kernels"]
 
 MAX_RINGS = 1e9  # of a ball, in edge lengths; its square is a number
 BALL_SEARCH, VERTICES_PER_SQUARED_RING = 30.0, 4.15  # of a ball on a sphere
+CLIPPING_SEARCH, MEASURED_RINGS = 100.0, 3.0  # of balls that clip faces
 PAIRS_OF_MEASURED_FACE = 34.0  # in balls of three edges on a sphere
 # kinds of noise over which normals are averaged; the balls of fits grow until they err more than smaller ones
 AVERAGED_NOISE = ("voxels", "rounded", "grid", "spikes", "noise")
@@ -40,10 +41,10 @@ def curvature_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[U
         length = AUTO_RINGS * (size.edge_length or 1.0) if radius == "auto" else float(radius or 0.0)
         seconds_range, assumes = (KNOWN, "") if stated else (NOISY_RANGE, "balls of four edges")
         use = Use(f"curvature {scheme} radius", range=seconds_range, assumes=assumes)
-        work = _ball_work(length, size)
-        # spheres clip faces in blocks, whose memory does not grow with them
-        share = work / (PAIRS_OF_MEASURED_FACE * max(size.elements, 1))
-        yield replace(use, times=share) if scheme in CLIPPING_SCHEMES else replace(use, elements=work)
+        if scheme in CLIPPING_SCHEMES:  # in blocks, whose memory does not grow with them
+            yield replace(use, times=_clipping_share(length, size))
+        else:
+            yield replace(use, elements=_ball_work(length, size))
     if size.noise and (not stated or scheme == "quadric"):
         yield from _noise_search(scheme, radius, size, averages=noisy and not stated)
 
@@ -69,9 +70,21 @@ def _noise_search(scheme: str, radius: Any, size: InputSize, *, averages: bool) 
 
 
 def _ball_work(radius: float, size: InputSize) -> float:
-    """Pairs of a ball and a vertex or face in it; unless counted, those of a sphere with edges alike."""
+    """Pairs of a ball and a vertex in it; unless counted, those of a sphere with edges alike."""
     if size.ball_work is not None:
         return size.ball_work
+    return 0.5 * size.elements * (BALL_SEARCH + _in_ball(radius, size))
+
+
+def _clipping_share(radius: float, size: InputSize) -> float:
+    """Work of clipping faces by balls over that of balls of three edges on a sphere."""
+    if size.ball_work is not None:
+        return size.ball_work / (PAIRS_OF_MEASURED_FACE * max(size.elements, 1))
+    measured = CLIPPING_SEARCH + VERTICES_PER_SQUARED_RING * MEASURED_RINGS**2
+    return (CLIPPING_SEARCH + _in_ball(radius, size)) / measured
+
+
+def _in_ball(radius: float, size: InputSize) -> float:
+    """Vertices in a ball on a surface with edges alike, no more than it has."""
     rings = min(radius / (size.edge_length or 1.0), MAX_RINGS)
-    in_ball = min(VERTICES_PER_SQUARED_RING * rings**2, size.elements)  # no more than the surface has
-    return 0.5 * size.elements * (BALL_SEARCH + in_ball)
+    return min(VERTICES_PER_SQUARED_RING * rings**2, size.elements)

@@ -22,8 +22,8 @@ __all__ = ["kernels_of"]
 
 MEASURED_EIGENPAIRS = 8  # of the kernel `laplacian eigen`
 # components that are copies of one another have multiple eigenvalues, which Lanczos finds in several passes
-MAX_FAST_COPIES, COPIES_FACTOR = 4, 3.0
-COPIES: dict[str, Any] = {"range": (0.5, 1.6), "assumes": "multiple eigenvalues of equal components"}
+MAX_FAST_COPIES, COPIES_FACTOR = 4, 4.0
+COPIES: dict[str, Any] = {"range": (0.4, 1.6), "assumes": "multiple eigenvalues of equal components"}
 HARMONIC_FIELD_MEMORY = 4.0  # edge values and vectors on faces, over the memory of an eigenpair
 MEASURED_SMOOTHING_STEPS = 10
 MEASURED_REFINEMENT_DEGREES = 25.0
@@ -32,7 +32,7 @@ MEASURED_RAYS, MEASURED_ISOLINES = 100, 20
 CERTIFICATE_RUNS = 4
 PAGE_PIXELS = 1400 * 1050  # of a picture without --size
 PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
-MAX_COMPARED_FACES, TRADEOFF_RANGE = 14_000, (0.2, 5.0)  # on larger meshes the budget bounds the rows
+MAX_COMPARED_FACES, TRADEOFF_RANGE = 14_000, (0.1, 5.0)  # on larger meshes the budget bounds the rows
 FIELD_SEEDS, FIELD_RANGE = 16, (0.3, 30.0)  # the default; steps adapt to the field
 FIXED_STEP_RANGE = (0.3, 60.0)  # up to 10,000 steps, whatever the mesh
 # Windows of exact distances: a face has 0.2 (flat strips) to 0.7 (smooth surfaces) times the edges between it
@@ -40,7 +40,7 @@ FIXED_STEP_RANGE = (0.3, 60.0)  # up to 10,000 steps, whatever the mesh
 # of a face, of an edge of each path, and of one of the longest: windows; vertices that fast marching updates,
 # whose rounds (1.0 to 2.7 of an edge of the longest path) cost as much as those of a hundred faces
 PROPAGATION_WORK = {"exact": (0.0, 0.9, 3 * 1800.0), "fast-marching": (1.0, 0.0, 130.0)}
-WINDOW_RANGE: Range = (0.5, 2.0)
+WINDOW_RANGE: Range = (0.35, 2.0)
 SPHERE_MEAN_PATH, SPHERE_LONGEST_PATH = 0.237, 0.456  # edges over the root of the faces: the measured kernel
 SOURCE_OPTIONS = ("source", "source_point", "source_face", "source_edges", "source_boundary")
 # Steiner points over the angle deficit of `InputSize`, at 25 degrees: 2 on scans, on slivers of mechanical
@@ -162,6 +162,8 @@ def _refinement(degrees: float, size: InputSize) -> Use:
 
 def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("laplacian")
+    if options.get("operator") == "intrinsic-delaunay":
+        yield Use("delaunay")
     if options.get("matrix"):
         yield Use("laplacian matrix")
     if options.get("mass_matrix"):
@@ -219,8 +221,8 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         runs += min(sources, targets) if method in SYMMETRIC_METHODS else sources
     if (jobs := min(options.get("jobs", 1), runs)) > 1:
         yield Use("geodesic job", jobs)
-        if method == "heat":  # each process factorises
-            yield Use("geodesic heat", jobs)
+        if method in ("heat", "fast-marching"):  # each process factorises, or makes the stencils
+            yield Use(f"geodesic {method}", jobs)
     if options.get("certify"):
         runs += CERTIFICATE_RUNS
     if further := further + runs * _wavefront_share(method, size.paths_of_one, size.elements):

@@ -54,8 +54,8 @@ def _product(first: Range, second: Range) -> Range:
 
 
 def willmore_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
-    yield Use("willmore-flow")
     flow = options.get("flow")
+    yield Use("willmore-flow mean-curvature" if flow == "mean-curvature" else "willmore-flow")
     if flow == "conformal":  # solves for one equilibrium
         yield Use("willmore-flow conformal", range=CONFORMAL_RANGE, assumes="few iterations to rest")
         return
