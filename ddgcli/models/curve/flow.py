@@ -21,6 +21,7 @@ from ddgcli.mesh.vectors import ratio, row_dot, vector_length
 from ddgcli.models.curve import polygon
 from ddgcli.models.curve.crossings import self_crossings
 from ddgcli.models.curve.polygon import Geometry, Polygons
+from ddgcli.models.curve.spacing import even_points, uneven_curves
 from ddgcli.simulation.model import Observation, StepRejected
 
 COLLAPSED_LENGTH = 1e-2  # of the first length: a shorter curve has shrunk to a point
@@ -28,7 +29,6 @@ REST_SPEED = 1e-6  # normal speed times radius (elastic: radius^3) at which a cu
 STEP_LIMIT = 0.1  # squared radii of the circle of the shortest curve's length: beyond it points move freely
 SLIDING_RATE = 10.0  # diffusivity of the spacing, over that of the flow
 MAX_SLIDE = 0.3  # of the shorter segment at a point, in one step
-LEAST_SPACING = 1e-4  # of the mean segment: below it a curve gets points at even distances
 SLIDE_FRACTIONS = (1.0, 0.5, 0.25, 0.0)  # of the slide, until the objective does not rise
 ROUNDING_RISE = 1e-12  # relative rise of the objective that rounding explains
 MAX_ENERGY_RISE = 1e-3  # relative rise of the elastic energy at which a step is rejected
@@ -119,32 +119,23 @@ class CurveFlow:
             raise StepRejected("not finite")
         if self.kind == "elastic" and worst > MAX_ENERGY_RISE:
             raise StepRejected("energy", value=worst)
-        respaced = self._respaced(points, state.active)
-        if respaced is not points:
-            points = step.constrained(respaced)
+        points = self._respaced(points, state.active, before, step)
         return self._after(state, points, time, dt, bool(risen.any()))
 
-    def _respaced(self, points: NDArray, active: NDArray) -> NDArray[np.float64]:
-        """Points at even distances on curves with a segment of almost no length.
-
-        The points of a loop that has shrunk away lie at one place; tangents between them are rounding, and
-        would hold the curve there.
-        """
+    def _respaced(
+        self, points: NDArray, active: NDArray, before: NDArray, step: NormalStep
+    ) -> NDArray[np.float64]:
+        """Points at even distances on curves of uneven segments, where the objective stays below `before`."""
         if not self.redistribute:
             return points
-        mesh = self.mesh
-        length = vector_length(points[mesh.head] - points[mesh.tail])
-        shortest = np.full(mesh.n_curves, np.inf)
-        np.minimum.at(shortest, mesh.curve[mesh.tail], length)
-        mean = mesh.by_curve(mesh.tail, length) / np.bincount(mesh.curve[mesh.tail], minlength=mesh.n_curves)
-        for k in np.flatnonzero(active & (shortest < LEAST_SPACING * mean)):
-            own = np.flatnonzero(mesh.curve == k)
-            ring = np.append(own, own[0]) if mesh.closed[k] else own
-            along = np.append(0.0, np.cumsum(vector_length(np.diff(points[ring], axis=0))))
-            even = along[-1] * np.arange(len(own)) / (len(ring) - 1)
-            moved = np.stack([np.interp(even, along, x) for x in points[ring].T], axis=1)
-            points = points.copy()
-            points[own] = moved
+        uneven, shrunk = uneven_curves(self.mesh, points)
+        for k in np.flatnonzero(active & uneven).tolist():
+            even = even_points(self.mesh, points, k, smooth=not shrunk[k])
+            if even is None:
+                continue
+            moved = step.constrained(even)
+            if shrunk[k] or self.objective(moved)[k] <= before[k]:
+                points = moved
         return points
 
     def _after(self, state: CurveState, points: NDArray, time: float, dt: float, risen: bool) -> CurveState:
