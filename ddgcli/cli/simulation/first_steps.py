@@ -25,7 +25,7 @@ TRIAL_SECONDS, TRIAL_SHARE, MIN_TRIAL_STEPS = 0.4, 0.1, 3.0  # of a run, whichev
 MAX_STEP_SECONDS = 0.15  # of a step by the table, for a trial
 
 
-class _Enough(Exception):
+class _TrialEnd(Exception):
     """Ends a trial."""
 
 
@@ -78,14 +78,14 @@ def _seconds_per_step(job: Job) -> float | None:
         elapsed = time.process_time() - began
         samples.append((done, elapsed))
         if done >= enough or (elapsed > TRIAL_SECONDS and done > MIN_TRIAL_STEPS - 1):
-            raise _Enough
+            raise _TrialEnd
 
     log = logging.getLogger("ddgcli")
     disabled, log.disabled = log.disabled, True  # the run itself warns
     try:
         for _ in evolve(job.models, job.schedule, Account(), progress=progress):
             pass
-    except (_Enough, SolveError):
+    except (_TrialEnd, SolveError):
         pass
     finally:
         log.disabled = disabled
