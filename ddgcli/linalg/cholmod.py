@@ -30,11 +30,21 @@ def cholmod_available() -> bool:
     Returns
     -------
     bool
+        False, with a warning, where cvxopt is installed and its import fails: a library of it is missing.
     """
-    available = importlib.util.find_spec("cvxopt") is not None
-    if available:
-        log.info("CHOLMOD (cvxopt, GPL-3) is installed and used for large systems")
-    return available
+    if importlib.util.find_spec("cvxopt") is None:
+        return False
+    try:
+        import cvxopt.cholmod  # noqa: F401
+    except ImportError as error:
+        log.warning(
+            "cvxopt is installed, but its import fails (%s): other solvers take its place; "
+            "pip install --force-reinstall cvxopt",
+            error,
+        )
+        return False
+    log.info("CHOLMOD (cvxopt, GPL-3) is installed and used for large systems")
+    return True
 
 
 class Cholmod:

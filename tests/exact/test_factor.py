@@ -1,5 +1,7 @@
 """The solver layer: right answers from every backend, constraints, null spaces, refusals."""
 
+import sys
+
 import numpy as np
 import pytest
 from scipy.sparse import (
@@ -400,3 +402,19 @@ def test_a_matrix_of_new_pattern_that_is_not_definite_leaves_no_old_analysis(sol
         factor.refactor(A - 3 * diags_array(A.diagonal().max() * np.linspace(0, 1, A.shape[0])))
     x = np.random.default_rng(0).normal(size=A.shape[0])
     assert np.abs(factor.refactor(A).solve(A @ x, refine=False) - x).max() < 1e-10
+
+
+def test_an_extra_whose_import_fails_is_not_used(monkeypatch, tmp_path, caplog):
+    package = tmp_path / "cvxopt"
+    package.mkdir()
+    (package / "__init__.py").write_text("raise ImportError('libopenblas.so: cannot open')", encoding="utf-8")
+    for name in [name for name in sys.modules if name.split(".")[0] == "cvxopt"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    importable = backends.cholmod_available
+    importable.cache_clear()
+    try:
+        assert not importable()
+        assert "libopenblas.so: cannot open" in caplog.text and "--force-reinstall" in caplog.text
+    finally:
+        importable.cache_clear()
