@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import logging
 from functools import cache
@@ -35,7 +36,7 @@ def cholmod_available() -> bool:
     if importlib.util.find_spec("cvxopt") is None:
         return False
     try:
-        import cvxopt.cholmod  # noqa: F401
+        importlib.import_module("cvxopt.cholmod")
     except ImportError as error:
         log.warning(
             "cvxopt is installed, but its import fails (%s): other solvers take its place; "

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +12,9 @@ from ddgcli.mesh.cures import cure, with_repair
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import FLAT_AREA_TOLERANCE, TriangleMesh
-from ddgcli.mesh.vectors import bounding_box
+
+if TYPE_CHECKING:
+    from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 
 SAMPLE_SIZE = 1000  # faces
 LENGTH_RANGE = (1e-140, 1e140)  # lengths whose squares, and sums of them, do not overflow
@@ -18,7 +22,7 @@ PLANE_TOLERANCE = 1e-9  # height of a component over its extent
 
 
 def require(
-    mesh: TriangleMesh,
+    mesh: SurfaceMesh,
     verb: str,
     *,
     faces: bool = True,
@@ -34,7 +38,7 @@ def require(
 
     Parameters
     ----------
-    mesh : TriangleMesh
+    mesh : TriangleMesh or IntrinsicMesh
     verb : str
         Subject of the message, such as the name of a command.
     faces : bool
@@ -84,12 +88,12 @@ def require(
         )
 
 
-def how_to_close(mesh: TriangleMesh) -> str:
+def how_to_close(mesh: SurfaceMesh) -> str:
     """How to close a surface with a boundary, for error messages; no repair closes some.
 
     Parameters
     ----------
-    mesh : TriangleMesh
+    mesh : TriangleMesh or IntrinsicMesh
 
     Returns
     -------
@@ -98,6 +102,8 @@ def how_to_close(mesh: TriangleMesh) -> str:
     topology = mesh.topology
     if topology.one_sided_face.any():
         return "no repair closes this one, which is one-sided"
+    if mesh.points is None:
+        return cure("boundary", topology)
     component = topology.face_component
     is_open = np.zeros(topology.n_components, dtype=bool)
     is_open[topology.vertex_component[topology.edges[topology.boundary_edges, 0]]] = True
@@ -112,7 +118,7 @@ def how_to_close(mesh: TriangleMesh) -> str:
     return cure("boundary", topology)
 
 
-def _orientation_cure(mesh: TriangleMesh, one_sided: bool = False) -> str:
+def _orientation_cure(mesh: SurfaceMesh, one_sided: bool = False) -> str:
     """Part of the message: how to orient the faces."""
     turn = mesh.topology.faces_to_turn
     if not one_sided and mesh.topology.one_sided_face.any():
@@ -121,8 +127,10 @@ def _orientation_cure(mesh: TriangleMesh, one_sided: bool = False) -> str:
     return f"reverse {int(turn.sum())} of them (first: face {first}) {with_repair('orientation')}"
 
 
-def _surely_sized(mesh: TriangleMesh) -> bool:
+def _surely_sized(mesh: SurfaceMesh) -> bool:
     """Whether the first faces and the extent show, at little cost, that `check_size` accepts the size."""
+    if not isinstance(mesh, TriangleMesh):  # its sides are all that is certain
+        return False
     ends = mesh.points[mesh.faces[:SAMPLE_SIZE, :2]]
     least = np.abs(ends[:, 0] - ends[:, 1]).max()
     return bool(LENGTH_RANGE[0] < least and _extent(mesh) < 0.5 * LENGTH_RANGE[1])
@@ -130,8 +138,7 @@ def _surely_sized(mesh: TriangleMesh) -> bool:
 
 def _extent(mesh: TriangleMesh) -> float:
     """Largest side of the bounding box."""
-    is_extrinsic = isinstance(mesh, TriangleMesh)  # whose box other checks read too
-    low, high = mesh.bounding_box if is_extrinsic else bounding_box(mesh.points)
+    low, high = mesh.bounding_box
     return float((high - low).max())
 
 

@@ -223,7 +223,7 @@ def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str, *, one_sided:
         )
     try:
         need = {"sized": False, "manifold_edges": True, "oriented": True, "one_sided": one_sided}
-        require(mesh, verb, **need)  # type: ignore[arg-type]
+        require(mesh, verb, **need)
     except MeshError as error:
         raise MeshError(f"{error}; the operator 'tufted' of laplacian supports such meshes") from None
 

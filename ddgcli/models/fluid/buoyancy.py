@@ -8,11 +8,12 @@ The excess temperature T is carried like dye, diffuses and has sources; the flui
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
+from scipy.sparse import diags_array
 
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.force import GAUSS_SHARES, BoundarySides, accelerated
@@ -23,6 +24,9 @@ from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
 from ddgcli.simulation.model import Observation
+
+if TYPE_CHECKING:
+    from ddgcli.models.fluid.diffusion import Decay
 
 ARRAY = "temperature"
 
@@ -45,26 +49,35 @@ class TemperaturePhase(TracerPhase):
         source = None if parameters.source is None else Source(setting.context.points, parameters.source)
         super().__init__("buoyancy", setting.context.scalar(parameters.temperature, ARRAY), tracer, source)
         self.mass = setting.space.mass
-        self.diffusion = None
-        if parameters.diffusivity > 0:
-            from ddgcli.models.fluid.volume_effects import ImplicitDiffusion, vertex_stiffness
-
-            stiffness = (
-                vertex_stiffness(setting.volume) if setting.context.is_volume else setting.space.stiffness
-            )
-            fixed = np.union1d(np.flatnonzero(self.mass == 0), tracer.entering)
-            self.diffusion = ImplicitDiffusion(self.mass, parameters.diffusivity * stiffness, fixed)
+        self.free = np.setdiff1d(np.flatnonzero(self.mass > 0), tracer.entering)
+        self.conduction: Decay | None = None
+        if parameters.diffusivity > 0 and len(self.free):
+            self.conduction = self._conduction(setting, parameters.diffusivity)
 
     def start(self) -> dict[str, NDArray]:
         return {ARRAY: self.amount}
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        if self.diffusion is None:
-            return state.with_passive(**{ARRAY: self.carried(step, state, state[ARRAY])})
-        fixed_values = self.amount[self.diffusion.fixed]
-        values = self.diffusion.step(state[ARRAY], fixed_values, 0.5 * step.dt)
+        values = self._conducted(state[ARRAY], 0.5 * step.dt)
         values = self.carried(step, state, values)
-        return state.with_passive(**{ARRAY: self.diffusion.step(values, fixed_values, 0.5 * step.dt)})
+        return state.with_passive(**{ARRAY: self._conducted(values, 0.5 * step.dt)})
+
+    def _conduction(self, setting: FluidSetting, diffusivity: float) -> Decay:
+        """Diffusion at the vertices at which no fluid enters; the others have the values of the start."""
+        from ddgcli.models.fluid.diffusion import Decay
+        from ddgcli.models.fluid.volume_effects import vertex_stiffness
+
+        stiffness = vertex_stiffness(setting.volume) if setting.context.is_volume else setting.space.stiffness
+        rows, entering = (diffusivity * stiffness).tocsr()[self.free], np.array(self.amount)
+        entering[self.free] = 0.0
+        return Decay(diags_array(self.mass[self.free]).tocsr(), rows[:, self.free], rows @ entering)
+
+    def _conducted(self, values: NDArray, dt: float) -> NDArray[np.float64]:
+        if self.conduction is None:
+            return values
+        after = np.array(values)
+        after[self.free] = self.conduction.step(values[self.free], dt)
+        return after
 
     def observed(self, state: FluidState) -> Observation:
         return Observation(

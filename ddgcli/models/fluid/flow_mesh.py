@@ -41,7 +41,7 @@ def require_flow(mesh: SurfaceMesh) -> None:
     """
     from ddgcli.mesh.require import refuse_flat_faces, require
 
-    require(mesh, "fluid-sim", manifold=True, oriented=True)  # type: ignore[arg-type]
+    require(mesh, "fluid-sim", manifold=True, oriented=True)
     longest = mesh.side_length.max(axis=1)
     with np.errstate(all="ignore"):
         thin = face_area(mesh.side_length / longest[:, None])

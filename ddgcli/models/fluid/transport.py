@@ -49,7 +49,7 @@ class Transport:
     def __init__(self, space: SurfaceSpace) -> None:
         self.space = space
         self.tracer = Tracer(space.mesh)
-        self.size = space.mesh.side_length.max(axis=1)
+        self.longest_side = space.mesh.side_length.max(axis=1)
         self.crossed = crossed_faces(space)
         fit = recovery(space)
         self.matrix, self.to_face = fit.matrix, np.conj(fit.to_vertex)
@@ -70,10 +70,11 @@ class Transport:
         direction = np.where(speed > 0, away / np.where(speed > 0, speed, 1.0), 1.0 + 0.0j)
         planar = direction.view(np.float64).reshape(-1, 2)
         paths, rest, at_end = self._line(LineStart(face, barycentric, planar, speed * abs(dt)))
-        crossed = self.crossed[0 if dt > 0 else 1]
+        crossed = self.crossed[0 if dt > 0 else 1]  # lines run against the flow, to where it entered
         for _ in range(MAX_LEGS):
             # lines with a rest, as where the boundary ended them
-            active = np.flatnonzero((rest > LEAST_REST * self.size[paths.face]) & ~crossed[paths.face])
+            has_rest = rest > LEAST_REST * self.longest_side[paths.face]
+            active = np.flatnonzero(has_rest & ~crossed[paths.face])
             if not len(active):
                 break
             leg, rest[active], at_end[active] = self._line(
@@ -104,7 +105,7 @@ class Transport:
         slides &= space.mesh.topology.side_twin[face, side] < 0
         direction = np.where(slides, np.copysign(1.0, cosine) * along, direction)
         length = np.where(slides, np.abs(cosine), 1.0) * rest
-        distance = (WALL_DISTANCE * np.minimum(1.0, rest / self.size[face]))[:, None]
+        distance = (WALL_DISTANCE * np.minimum(1.0, rest / self.longest_side[face]))[:, None]
         inside = barycentric + distance * (1.0 / 3.0 - barycentric)
         return LineStart(face, inside, np.stack([direction.real, direction.imag], axis=1), length)
 

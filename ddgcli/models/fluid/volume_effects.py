@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array
 
-from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.tet_mesh import TET_FACES
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.crossings import FLUX_ROUNDING
-from ddgcli.models.fluid.diffusion import GAMMA
 from ddgcli.models.fluid.effect_parts import Initial
 from ddgcli.models.fluid.flows import VOLUME_FLOWS
 from ddgcli.models.fluid.phases import FluidSetting
@@ -50,34 +48,6 @@ def initial(parameters: Any, context: FluidContext) -> Initial:
         names = ", ".join(VOLUME_FLOWS)
         raise ValueError(f"flow {parameters.flow!r} is one of surfaces; volumes have {names}")
     return Initial(lambda space: {"flux": space.projected(vectors, inflow=False)})
-
-
-class ImplicitDiffusion:
-    """Steps of values some of which are fixed, by the two-stage diagonally implicit method as in `diffusion`.
-
-    Parameters
-    ----------
-    mass : (k,) ndarray
-    stiffness : (k, k) sparse array
-        Times the coefficient of diffusion.
-    fixed : (f,) ndarray of int64, sorted
-    """
-
-    def __init__(self, mass: NDArray, stiffness: csr_array, fixed: NDArray) -> None:
-        self.mass, self.stiffness, self.fixed = mass, stiffness, fixed
-        self._solvers: dict[float, Dirichlet] = {}
-
-    def step(self, values: NDArray, fixed_values: NDArray, dt: float) -> NDArray[np.float64]:
-        """(k,) values after dt, with `fixed_values` (f,); one factorisation per step length."""
-        first = self._implicit_step(values, fixed_values, GAMMA * dt)
-        return self._implicit_step(values + (1.0 / GAMMA - 1.0) * (first - values), fixed_values, GAMMA * dt)
-
-    def _implicit_step(self, values: NDArray, fixed_values: NDArray, dt: float) -> NDArray[np.float64]:
-        if dt not in self._solvers:
-            if len(self._solvers) > 3:
-                self._solvers.clear()
-            self._solvers[dt] = Dirichlet(diags_array(self.mass) + dt * self.stiffness, self.fixed)
-        return self._solvers[dt].solve(fixed_values, self.mass * values, refine=False)
 
 
 def vertex_stiffness(space: VolumeSpace) -> csr_array:

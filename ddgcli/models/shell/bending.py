@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 # Hinge constant K = D / PLATE_RATIO. The plate of a hinge mesh depends on it (docs/shell-sim.md): a strip
 # that is free to relax has B = 4.8 to 5 K on right and alternating grids, 5.4 K on equilateral and 5.6 K on
 # irregular triangles, 6.2 to 7 K on crossed ones; bent to a cylinder unrelaxed, 6 K along a grid's axes.
-MIN_MIDEDGE_HEIGHT = 2e-8  # of a face, by its longest side: the square root of the rounding
 PLATE_RATIO = 5.0
+MIN_MIDEDGE_HEIGHT = 2e-8  # of a face, by its longest side: the square root of the rounding
 FLAT_ANGLE_TOLERANCE = 1e-6  # radians: a mesh whose hinges are flatter counts as flat
 
 

@@ -133,8 +133,8 @@ class MidedgeBending:
                 np.broadcast_to(rows[:, :, None], values.shape),
                 np.broadcast_to(columns[:, None, :], values.shape),
             )
-            there = values != 0  # where a side has no angle or no rotation, its number has no meaning
-            matrix = coo_array((values[there], (i[there], j[there])), shape=shape).tocsr()
+            nonzero = values != 0  # where a side has no angle or no rotation, its number has no meaning
+            matrix = coo_array((values[nonzero], (i[nonzero], j[nonzero])), shape=shape).tocsr()
             matrix.eliminate_zeros()
             return matrix
 

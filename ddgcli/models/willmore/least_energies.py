@@ -44,14 +44,14 @@ def is_torus(topology: Topology) -> bool:
     return topology.is_closed and topology.n_components == 1 and topology.euler_characteristic == 0
 
 
-def least_energy(mesh: TriangleMesh, keeps_volume: bool) -> float:
+def least_energy(mesh: TriangleMesh, keeps_area_and_volume: bool) -> float:
     """Least int H^2 of surfaces in space: 4 pi a sphere, 2 pi^2 any other closed one, more of vesicles.
 
     Parameters
     ----------
     mesh : TriangleMesh
-    keeps_volume : bool
-        The surface keeps its area and its volume.
+    keeps_area_and_volume : bool
+        The flow does.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def least_energy(mesh: TriangleMesh, keeps_volume: bool) -> float:
     that keeps area and volume has at least the energy of the axisymmetric one of its reduced volume.
     """
     topology = mesh.topology
-    if keeps_volume and is_spheres(topology) and topology.n_components == 1:
+    if keeps_area_and_volume and is_spheres(topology) and topology.n_components == 1:
         return least_energy_of_vesicle(mesh)
     n, component = topology.n_components, topology.vertex_component
     opened = np.bincount(component[topology.boundary_vertex], minlength=n) > 0
