@@ -23,7 +23,8 @@ from benchmarks.common.rectangle_meshes import flat_mesh
 from benchmarks.common.shell_problems import SCENE, at, numbers, open_hemisphere
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.linalg.factor import Factor
-from ddgcli.mechanics.newton import Increment, newton_of
+from ddgcli.mechanics.increment import Increment
+from ddgcli.mechanics.objective import Objective
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell import model
@@ -159,12 +160,12 @@ def deflection(
     source = SimpleNamespace(mesh=mesh, vertex={}, face={}, sha256="", notes=[])
     context, _ = model.contexts(scene, lambda path: source)["s"]
     system = model.make_system(scene, context, Account())
-    x, newton = np.asarray(mesh.points), newton_of(system)
-    matrix = newton.matrix(Increment(0.0, x), x, "exact")
+    x, objective = np.asarray(mesh.points), Objective(system)
+    matrix = objective.hessian(Increment(0.0, x), x, "exact")
     forces = -system.gradient(x)
     if problem.pressure is not None:
         forces += _pressed(mesh, problem.pressure)
-    move = newton.spread(Factor(matrix).solve(newton.entries(forces)))
+    move = objective.spread(Factor(matrix).solve(objective.entries(forces)))
     vertex = int(np.argmin(np.sum((q - np.array(problem.place)) ** 2, axis=1)))
     return mesh.n_faces, float(move[vertex] @ np.array(problem.direction)) / problem.reference
 

@@ -20,7 +20,8 @@ from benchmarks.common.measure import machine, print_commands, print_table
 from benchmarks.common.rectangle_meshes import irregular_rectangle
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.linalg.factor import Factor
-from ddgcli.mechanics.newton import Increment, newton_of
+from ddgcli.mechanics.increment import Increment
+from ddgcli.mechanics.objective import Objective
 from ddgcli.mesh.shapes import grid
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell import model
@@ -72,9 +73,9 @@ def own_deflection(mesh: TriangleMesh, clamped: bool) -> NDArray[np.float64]:
     source = SimpleNamespace(mesh=mesh, vertex={}, face={}, sha256="", notes=[])
     context, _ = model.contexts(scene, lambda path: source)["s"]
     system = model.make_system(scene, context, Account())
-    x, newton = np.asarray(mesh.points), newton_of(system)
-    matrix = newton.matrix(Increment(0.0, x), x, "exact")
-    return newton.spread(Factor(matrix).solve(newton.entries(-system.gradient(x))))[:, 2]
+    x, objective = np.asarray(mesh.points), Objective(system)
+    matrix = objective.hessian(Increment(0.0, x), x, "exact")
+    return objective.spread(Factor(matrix).solve(objective.entries(-system.gradient(x))))[:, 2]
 
 
 def peer_deflection(mesh: TriangleMesh, clamped: bool) -> NDArray[np.float64]:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.factor import Factor
-from ddgcli.mechanics.newton import MOVE_TOLERANCE, Increment, newton_of, worst
+from ddgcli.mechanics.increment import Increment, worst
+from ddgcli.mechanics.objective import MOVE_TOLERANCE, Objective
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.simulation.model import StepRejected
 
@@ -64,7 +65,7 @@ class _Path:
     """Equations of one step from an equilibrium `x`."""
 
     def __init__(self, system: System, x: NDArray, duration: float, length: float) -> None:
-        self.system, self.x, self.duration, self.newton = system, x, duration, newton_of(system)
+        self.system, self.x, self.duration = system, x, duration
         self.weight = system.only_free(np.repeat(system.mass[:, None], 3, axis=1)) / system.mass.sum()
         self.length = length
 
@@ -73,9 +74,9 @@ class _Path:
         here = self.system.at(time)
         gradient = here.gradient(y)
         rate = (self.system.at(time + self.duration).gradient(y) - gradient) / self.duration
-        newton = newton_of(here)
-        matrix = newton.matrix(Increment(0.0, y), y, "exact")
-        rhs = np.stack([newton.entries(-gradient), newton.entries(-rate)], axis=1)
+        objective = Objective(here)
+        matrix = objective.hessian(Increment(0.0, y), y, "exact")
+        rhs = np.stack([objective.entries(-gradient), objective.entries(-rate)], axis=1)
         if not rhs[:, 1].any():
             raise ParameterError("arc_length needs a load: no load of the scene acts on a free vertex")
         with self.system.account.within("solver"):
@@ -83,7 +84,7 @@ class _Path:
                 moves = Factor(matrix).solve(rhs)
             except SolveError as error:
                 raise StepRejected("singular", worst(gradient)) from error
-        return newton.spread(moves[:, 0]), newton.spread(moves[:, 1]), gradient
+        return objective.spread(moves[:, 0]), objective.spread(moves[:, 1]), gradient
 
     def _product(self, a: NDArray, b: NDArray) -> float:
         return float(np.sum(self.weight * a * b))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.newton import MOVE_TOLERANCE
+from ddgcli.mechanics.objective import MOVE_TOLERANCE
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import is_dead

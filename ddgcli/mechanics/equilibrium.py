@@ -8,7 +8,9 @@ from scipy.sparse import block_array, csc_array, eye_array
 
 from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import negative_eigenvalues
-from ddgcli.mechanics.newton import MOVE_TOLERANCE, Increment, Newton, newton_of, worst
+from ddgcli.mechanics.admissible import longest_fraction
+from ddgcli.mechanics.increment import Increment, worst
+from ddgcli.mechanics.objective import MOVE_TOLERANCE, Objective
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode
 from ddgcli.mechanics.turning import turned
@@ -30,8 +32,8 @@ INERTIA_ROUNDING = 16 * float(np.finfo(float).eps)  # of the Hessian's norm
 class Equilibrium:
     """Levenberg's iteration: the Hessian plus a multiple of the masses, less of it as the steps succeed."""
 
-    def __init__(self, newton: Newton) -> None:
-        self.newton, self.system = newton, newton.system
+    def __init__(self, system: System) -> None:
+        self.system, self.objective = system, Objective(system)
 
     def find(self, start: NDArray) -> tuple[NDArray, int]:
         """The equilibrium downhill from `start`, and the iterations.
@@ -41,17 +43,18 @@ class Equilibrium:
         StepRejected
             No convergence, with the vertex of the largest residual; or no bound of the energy within reach.
         """
-        newton, increment, enough = self.newton, Increment(0.0, start), MOVE_TOLERANCE * self.system.size
-        point, before = newton.at(increment, start), np.inf
+        objective, increment = self.objective, Increment(0.0, start)
+        enough = MOVE_TOLERANCE * self.system.size
+        point, before = objective.at(increment, start), np.inf
         unit = self._unit(increment, start)
         shift, exact_allowed, near, imbalance, moves = unit, False, 0, np.inf, 0
         for iteration in range(1, MAX_EQUILIBRIUM_ITERATIONS + 1):
             if iteration in TURNS_AT:
-                end, count = turned(newton, point, TURN_SHIFT * unit)
+                end, count = turned(objective, point, TURN_SHIFT * unit)
                 moves += count
                 if end is not None and unstable_directions(self.system, end.y) == 0:
                     point, shift, exact_allowed, before = end, NO_SHIFT * unit, True, np.inf
-            g = newton.slope(increment, point.y)
+            g = objective.gradient(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
                 raise StepRejected("not finite", worst(g))
             self._check_travel(point.y - start)
@@ -69,9 +72,9 @@ class Equilibrium:
                 raise
             size = float(np.abs(move).max())
             before_search = point
-            t, point = newton.search(increment, point, move, float(np.vdot(g, move)))
+            t, point = objective.search(increment, point, move, float(np.vdot(g, move)))
             if t < 1.0 and exact_used and self._contracts(increment, before_search.y, move):
-                t, point = 1.0, newton.at(increment, before_search.y + move)
+                t, point = 1.0, objective.at(increment, before_search.y + move)
             if t == 0.0 and size > enough:
                 if shift >= MAX_SHIFT * unit:
                     raise StepRejected("line search", worst(g), float(np.abs(g).max()))
@@ -81,7 +84,7 @@ class Equilibrium:
             exact_allowed = shift < 1e-3 * unit and t == 1.0
             quick = exact_used and t == 1.0 and size < before < np.inf
             following = size * size / before if quick else size
-            following = max(following, newton.solver(increment).error * size)
+            following = max(following, objective.solver(increment).error * size)
             before = size if t == 1.0 else np.inf
             if following <= enough:
                 missing, imbalance = imbalance, self._imbalance(increment, point.y)
@@ -96,7 +99,7 @@ class Equilibrium:
         """The largest force on a free vertex, over the largest of a single term on any vertex."""
         terms = self.system.potentials
         largest = max((float(np.abs(term.gradient(y)).max(initial=0.0)) for term in terms), default=0.0)
-        left = float(np.abs(self.newton.slope(increment, y)).max(initial=0.0))
+        left = float(np.abs(self.objective.gradient(increment, y)).max(initial=0.0))
         return left / largest if left > 0 else 0.0
 
     def _check_travel(self, moved: NDArray) -> None:
@@ -110,22 +113,22 @@ class Equilibrium:
         Near an equilibrium the energies of two points differ by rounding, and cannot judge a move: the
         natural monotonicity test [P. Deuflhard, "Newton methods for nonlinear problems", 2004].
         """
-        newton = self.newton
-        if newton.reach(y, move) < 1.0:
+        objective = self.objective
+        if longest_fraction(self.system, y, move) < 1.0:
             return False
-        g = newton.slope(increment, y + move)
+        g = objective.gradient(increment, y + move)
         if not np.isfinite(g).all():
             return False
         with self.system.account.within("solver"):
             try:
-                left = newton.spread(newton.solver(increment).solve(newton.entries(-g)))
+                left = objective.spread(objective.solver(increment).solve(objective.entries(-g)))
             except SolveError:
                 return False
         return float(np.abs(left).max()) <= MAX_CONTRACTION * float(np.abs(move).max())
 
     def _unit(self, increment: Increment, y: NDArray) -> float:
         """First shift, per mass: a fraction of the system's own stiffness."""
-        matrix = self.newton.matrix(increment, y, "projected")
+        matrix = self.objective.hessian(increment, y, "projected")
         return 1e-6 * float(matrix.diagonal().sum()) / (3 * float(self.system.mass.sum()))
 
     def _direction(
@@ -133,13 +136,13 @@ class Equilibrium:
     ) -> tuple[NDArray, bool]:
         """Descent direction: with the exact Hessian where that descends, else with the projected one."""
         modes: tuple[Mode, ...] = ("exact", "projected") if exact_allowed else ("projected",)
-        solver = self.newton.solver(increment)
+        solver = self.objective.solver(increment)
         for mode in modes:
-            matrix = self.newton.matrix(increment, y, mode, shift)
+            matrix = self.objective.hessian(increment, y, mode, shift)
             with self.system.account.within("solver"):
                 try:
-                    solver.factorise(self.system, matrix, y, self.newton.columns(y))
-                    move = self.newton.spread(solver.solve(self.newton.entries(-g)))
+                    solver.factorise(self.system, matrix, y, self.objective.columns(y))
+                    move = self.objective.spread(solver.solve(self.objective.entries(-g)))
                 except SolveError:
                     if mode == "exact":
                         continue
@@ -168,13 +171,14 @@ def unstable_directions(system: System, x: NDArray) -> int | None:
     int or None
         None where the factorisation fails or does not fit into memory.
     """
-    if newton_of(system).solver(Increment(0.0, x)).by_blocks:
+    objective, increment = Objective(system), Increment(0.0, x)
+    if objective.solver(increment).by_blocks:
         return None  # its factors do not fit
-    matrix = newton_of(system).matrix(Increment(0.0, x), x, "exact")
+    matrix = objective.hessian(increment, x, "exact")
     edges = np.sqrt(len(x)) * float(np.abs(x).max()) / system.size
     norm = float(abs(matrix).sum(axis=0).max(initial=0.0))
     below = INERTIA_ROUNDING * norm * (1 + edges)
-    columns = newton_of(system).columns(x)
+    columns = objective.columns(x)
     if columns is None:
         return negative_eigenvalues(matrix, below)
     # the bordered matrix [[A, U], [U^T, -I]] has the inertia of A + U U^T and of -I

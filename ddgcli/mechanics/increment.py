@@ -71,3 +71,20 @@ def shorter_fraction(t: float, change: float, downhill: float) -> float:
     above = change - t * downhill  # of the value over the tangent
     least = -0.5 * downhill * t * t / above if np.isfinite(above) and above > 0 else 0.5 * t
     return min(max(least, MIN_CUT * t), MAX_CUT * t)
+
+
+def worst(vectors: NDArray) -> str:
+    """Name of the vertex with the largest residual, for messages.
+
+    Parameters
+    ----------
+    vectors : (n, 3) ndarray of float64
+        Residual forces, or moves.
+
+    Returns
+    -------
+    str
+    """
+    with np.errstate(invalid="ignore"):
+        size = np.abs(np.nan_to_num(vectors, nan=np.inf)).max(axis=1)
+    return f"vertex {int(np.argmax(size))}"

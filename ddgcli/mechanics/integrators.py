@@ -129,26 +129,29 @@ def _undamped_guess(system: System, increment: Increment, motion: Motion) -> Poi
     Motions slower than the step keep their acceleration, those faster change its sign from step to step; the
     function itself decides which of the two is nearer.
     """
-    from ddgcli.mechanics.newton import newton_of
+    from ddgcli.mechanics.newton import first_guess
+    from ddgcli.mechanics.objective import Objective
 
-    newton, change = newton_of(system), motion.a * (1 / increment.a)
+    change = motion.a * (1 / increment.a)
     guesses = [increment.target + change]
-    if not newton.is_linear(increment):
+    if not Objective(system).is_linear(increment):
         guesses.append(increment.target - change)
-    return newton.start(increment, motion.x, guesses, motion.time)
+    return first_guess(system, increment, motion.x, guesses, motion.time)
 
 
 def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     from ddgcli.mechanics.energy_balance import StoredEnergy, without_gain
-    from ddgcli.mechanics.newton import Increment, newton_of
+    from ddgcli.mechanics.increment import Increment
+    from ddgcli.mechanics.newton import first_guess, minimise
 
     system = system.at(motion.time + dt)
     # first: it shares what the last step computed at its end
     start = None if system.linear else StoredEnergy.at(_at_start(system, motion), motion.x)
     target = motion.x + dt * motion.v
     increment = Increment(1 / dt**2, target, 1 / dt, motion.x, system.frozen(motion.x, dt, motion.time))
-    guess = newton_of(system).start(increment, motion.x, (target + dt**2 * motion.a, target), motion.time)
-    y, count = newton_of(system).minimise(increment, guess)
+    guesses = (target + dt**2 * motion.a, target)
+    guess = first_guess(system, increment, motion.x, guesses, motion.time)
+    y, count = minimise(system, increment, guess)
     v = (y - motion.x) / dt
     after = _after(system, y, v, system.only_free((v - motion.v) / dt), motion.newton + count)
     checked(system, after)
@@ -161,20 +164,21 @@ def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) 
 def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     """The unknown is the middle position; the end is its mirror image of the start."""
     from ddgcli.mechanics.energy_balance import StoredEnergy, balanced
-    from ddgcli.mechanics.newton import Increment, newton_of
+    from ddgcli.mechanics.increment import Increment
+    from ddgcli.mechanics.newton import minimise
+    from ddgcli.mechanics.objective import Objective
 
     system, end = system.at(motion.time + 0.5 * dt), system.at(motion.time + dt)
     # first: it shares what the last step computed at its end
     start = None if system.linear else StoredEnergy.at(_at_start(system, motion), motion.x)
     target = motion.x + 0.5 * dt * motion.v
     increment = Increment(4 / dt**2, target, 2 / dt, motion.x, system.frozen(motion.x, dt, motion.time))
-    newton = newton_of(system)
-    middle, count = newton.minimise(increment, _undamped_guess(system, increment, motion))
+    middle, count = minimise(system, increment, _undamped_guess(system, increment, motion))
     if increment.frozen and system.barriers:
         # barriers push at the middle, so friction takes their forces there: at the ends, about which stiff
         # contact vibrates farther, they are 6 % larger
         increment = replace(increment, frozen=system.frozen(middle, dt))
-        middle, more = newton.minimise(increment, newton.at(increment, middle))
+        middle, more = minimise(system, increment, Objective(system).at(increment, middle))
         count += more
     x = end.prescribed_state(2 * middle - motion.x, middle, middle)[0]
     v = 2 * (x - motion.x) / dt - motion.v
@@ -215,7 +219,8 @@ def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Moti
 
 
 def _implicit_newmark(system: System, motion: Motion, dt: float, beta: float, gamma: float) -> Motion:
-    from ddgcli.mechanics.newton import Increment, newton_of
+    from ddgcli.mechanics.increment import Increment
+    from ddgcli.mechanics.newton import minimise
 
     x, v, a = motion.x, motion.v, motion.a
     target = (dt**2 * (0.5 - beta)) * a
@@ -226,7 +231,7 @@ def _implicit_newmark(system: System, motion: Motion, dt: float, beta: float, ga
     c = gamma / (beta * dt)
     frozen = system.frozen(x, dt, motion.time)
     increment = Increment(1 / (beta * dt**2), target, c, target - speed / c if frozen else None, frozen)
-    y, count = newton_of(system).minimise(increment, _undamped_guess(system, increment, motion))
+    y, count = minimise(system, increment, _undamped_guess(system, increment, motion))
     new = system.only_free(y - target)
     new *= increment.a
     speed += (dt * gamma) * new
@@ -242,7 +247,8 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     energy.
     """
     from ddgcli.mechanics.energy_balance import MAX_ENERGY_FALL, StoredEnergy, balanced, kinetic
-    from ddgcli.mechanics.newton import Increment, newton_of
+    from ddgcli.mechanics.increment import Increment
+    from ddgcli.mechanics.newton import minimise
 
     x, v = motion.x, motion.v
     begin = Motion(x, v, system.at(motion.time).acceleration(x, v, dt), motion.newton, time=motion.time)
@@ -254,7 +260,7 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     increment = Increment(
         9 / dt**2, target, 3 / dt, (4 * middle.x - x) / 3, system.frozen(middle.x, 0.5 * dt, half.time)
     )
-    y, count = newton_of(system).minimise(increment, _undamped_guess(system, increment, middle))
+    y, count = minimise(system, increment, _undamped_guess(system, increment, middle))
     speed = (x - 4 * middle.x + 3 * y) / dt
     a = np.where(system.free, (v - 4 * middle.v + 3 * speed) / dt, 0.0)
     after = checked(system, _after(system, y, speed, a, middle.newton + count))
@@ -290,7 +296,8 @@ def _bdf2(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
 
 def _backward_difference(system: System, motion: Motion, dt: float) -> Motion:
     """A step of `bdf2`, not judged."""
-    from ddgcli.mechanics.newton import Increment, newton_of
+    from ddgcli.mechanics.increment import Increment
+    from ddgcli.mechanics.newton import minimise
 
     x, v = motion.x, motion.v
     if not motion.past or not motion.past[2][0] > 0:
@@ -301,7 +308,7 @@ def _backward_difference(system: System, motion: Motion, dt: float) -> Motion:
     origin, speed = -(now * x + old * past_x) / new, -(now * v + old * past_v) / new
     c = new / dt
     increment = Increment(c * c, origin + speed / c, c, origin, system.frozen(x, dt, motion.time))
-    y, count = newton_of(system).minimise(increment, _undamped_guess(system, increment, motion))
+    y, count = minimise(system, increment, _undamped_guess(system, increment, motion))
     after = c * (y - origin)
     a = system.only_free(c * (after - speed))
     return checked(system, _after(system, y, after, a, motion.newton + count))
@@ -309,13 +316,13 @@ def _backward_difference(system: System, motion: Motion, dt: float) -> Motion:
 
 def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     """One equilibrium: a stationary point of the potentials, reached downhill."""
+    from ddgcli.mechanics.admissible import admissible_start
     from ddgcli.mechanics.equilibrium import Equilibrium
-    from ddgcli.mechanics.newton import newton_of
 
     system = system.at(motion.time + dt)
     try:
-        carried = newton_of(system).carried(motion.x, motion.time)
-        y, count = Equilibrium(newton_of(system)).find(newton_of(system).with_prescribed(carried))
+        start = admissible_start(system, motion.x, motion.time)
+        y, count = Equilibrium(system).find(start)
     except StepRejected as rejected:
         if getattr(parameters, "load_steps", 1) > 1:
             raise  # the loop halves the load step

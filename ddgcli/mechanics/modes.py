@@ -12,7 +12,8 @@ from scipy.sparse import csc_array
 from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import Factor
 from ddgcli.linalg.modes import largest_ratios, lowest_eigenpairs
-from ddgcli.mechanics.newton import Increment, newton_of
+from ddgcli.mechanics.increment import Increment
+from ddgcli.mechanics.objective import Objective
 from ddgcli.mechanics.system import System
 
 DIFFERENCE_STEP = 1e-4  # of the size of the object: largest move of the difference of Hessians
@@ -51,14 +52,14 @@ def natural_modes(system: System, x: NDArray, k: int) -> Modes:
     Modes
         Frequencies in Hz; negative for the square root of a negative eigenvalue (an unstable direction).
     """
-    matrix, newton = _hessian(system, x), newton_of(system)
-    mass = newton.entries(np.repeat(system.mass[:, None], 3, axis=1))
+    matrix, objective = _hessian(system, x), Objective(system)
+    mass = objective.entries(np.repeat(system.mass[:, None], 3, axis=1))
     k = min(k, int(np.count_nonzero(mass)))
     if k == 0:
         return Modes(np.zeros(0), np.zeros((0, *x.shape)))
     values, vectors = lowest_eigenpairs(matrix, mass, k)
     frequency = np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
-    return Modes(frequency, np.stack([_shape(newton.spread(column)) for column in vectors.T]))
+    return Modes(frequency, np.stack([_shape(objective.spread(column)) for column in vectors.T]))
 
 
 def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
@@ -87,13 +88,13 @@ def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
     The stress grows in proportion to the load, and the shape stays that at rest: K0 + s K1 is singular, K1
     the derivative of the stress part of the Hessian along the small displacement that the loads cause.
     """
-    unloaded, newton = _with_loads(system, 0.0), newton_of(system)
+    unloaded, objective = _with_loads(system, 0.0), Objective(system)
     stiffness = _hessian(unloaded, x)
-    force = -newton.entries(system.gradient(x) - unloaded.gradient(x))
+    force = -objective.entries(system.gradient(x) - unloaded.gradient(x))
     if not np.abs(force).max(initial=0.0) > 0:
         raise SolveError("no load acts on a free vertex, so nothing buckles; add a load, gravity or pressure")
     try:
-        move = newton.spread(Factor(stiffness, pivot=False).solve(force))
+        move = objective.spread(Factor(stiffness, pivot=False).solve(force))
     except SolveError as error:
         from ddgcli.mechanics.rigid_motions import unheld_motions
 
@@ -107,7 +108,8 @@ def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
     if not significant.any():
         raise SolveError("no multiple of the loads makes the shell buckle: they only stiffen it")
     return Modes(
-        1 / ratio[significant], np.stack([_shape(newton.spread(column)) for column in vectors.T[significant]])
+        1 / ratio[significant],
+        np.stack([_shape(objective.spread(column)) for column in vectors.T[significant]]),
     )
 
 
@@ -115,12 +117,12 @@ def _hessian(system: System, x: NDArray) -> csc_array:
     """Exact Hessian over the unknowns; dense parts of low rank are refused."""
     if system.low_rank(x) is not None:
         raise SolveError("modes of a shell with a gas are not implemented; use pressure without gas")
-    return csc_array(newton_of(system).matrix(Increment(0.0, x), x, "exact"))
+    return csc_array(Objective(system).hessian(Increment(0.0, x), x, "exact"))
 
 
 def _stress_part(system: System, x: NDArray) -> csc_array:
     """The exact Hessian less its material part."""
-    return csc_array(_hessian(system, x) - newton_of(system).matrix(Increment(0.0, x), x, "material"))
+    return csc_array(_hessian(system, x) - Objective(system).hessian(Increment(0.0, x), x, "material"))
 
 
 def _with_loads(system: System, factor: float) -> System:

@@ -193,15 +193,15 @@ class System:
         return x, v, a
 
     def only_free(self, vectors: NDArray) -> NDArray[np.float64]:
-        """(n, 3) vectors with zeros where held."""
+        """(n, 3) vectors with zeros at fixed coordinates."""
         if self.all_free:
             return vectors
         vectors = np.array(vectors, dtype=np.float64, order="C")
         vectors.ravel()[self._fixed] = 0.0  # a few: a mask would read all
         return vectors
 
-    def held_as(self, x: NDArray, y: NDArray) -> NDArray[np.float64]:
-        """(n, 3) positions y, those of x where held."""
+    def fixed_as(self, x: NDArray, y: NDArray) -> NDArray[np.float64]:
+        """(n, 3) positions y with the fixed coordinates of x."""
         if self.all_free:
             return y
         y = np.array(y, dtype=np.float64, order="C")
@@ -222,7 +222,7 @@ class System:
         return by_effect
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        """(n, 3) gradient of the potential energy, zero where held."""
+        """(n, 3) gradient of the potential energy, zero at fixed coordinates."""
         return self.only_free(self.full_gradient(x))
 
     def low_rank(self, x: NDArray) -> NDArray[np.float64] | None:
@@ -231,7 +231,7 @@ class System:
         return np.stack([p.low_rank(x) for p in dense], axis=-1) if dense else None
 
     def full_gradient(self, x: NDArray) -> NDArray[np.float64]:
-        """(n, 3) gradient of the potential energy, also where held: there it is the reaction force."""
+        """(n, 3) gradient of the potential energy; at fixed coordinates, the reaction force."""
         total = np.zeros_like(x)
         for potential in self.potentials:
             with self.account.within(potential.name):
@@ -239,11 +239,11 @@ class System:
         return total
 
     def drag(self, x: NDArray, v: NDArray, dt: float) -> NDArray[np.float64]:
-        """(n, 3) gradient of the dissipation in the velocities at (x, v), zero where held."""
+        """(n, 3) gradient of the dissipation in the velocities at (x, v), zero at fixed coordinates."""
         return self.only_free(self.full_drag(x, v, dt))
 
     def full_drag(self, x: NDArray, v: NDArray, dt: float) -> NDArray[np.float64]:
-        """(n, 3) gradient of the dissipation in the velocities at (x, v), also where held."""
+        """(n, 3) gradient of the dissipation in the velocities at (x, v), also at fixed coordinates."""
         total = np.zeros_like(x)
         for dissipation in self.dissipations:
             with self.account.within(dissipation.name):
@@ -281,7 +281,7 @@ class System:
         return tuple(potentials)
 
     def acceleration(self, x: NDArray, v: NDArray, dt: float) -> NDArray[np.float64]:
-        """(n, 3) acceleration, zero where held."""
+        """(n, 3) acceleration, zero at fixed coordinates."""
         force = -self.gradient(x)
         if self.has_drag(v):
             force -= self.drag(x, v, dt)

@@ -16,7 +16,7 @@ from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import negative_eigenvalues
 from ddgcli.mechanics.hessian import total_hessian
 from ddgcli.mechanics.increment import Increment, Point
-from ddgcli.mechanics.newton import Newton
+from ddgcli.mechanics.objective import Objective
 from ddgcli.mechanics.terms import Mode
 
 MAX_TURNING_MOVES = 40
@@ -25,12 +25,12 @@ END_OF_TURN = 1e-5  # of the object's size: a move after which Newton's iteratio
 SHIFT_RATIO = 0.1
 
 
-def turned(newton: Newton, start: Point, shift: float) -> tuple[Point | None, int]:
+def turned(objective: Objective, start: Point, shift: float) -> tuple[Point | None, int]:
     """A place of less energy, near an equilibrium that long moves lead to.
 
     Parameters
     ----------
-    newton : Newton
+    objective : Objective
     start : Point
     shift : float
         Multiple of the masses that is added to the Hessian of the first move; less of it to each later one.
@@ -42,10 +42,10 @@ def turned(newton: Newton, start: Point, shift: float) -> tuple[Point | None, in
     int
         Moves.
     """
-    system, increment = newton.system, Increment(0.0, start.y)
-    solver = newton.solver(increment)
+    system, increment = objective.system, Increment(0.0, start.y)
+    solver = objective.solver(increment)
     linearisable = any(hasattr(p, "linearised") for p in system.potentials)
-    if not linearisable or system.barriers or solver.by_blocks or newton.columns(start.y) is not None:
+    if not linearisable or system.barriers or solver.by_blocks or objective.columns(start.y) is not None:
         return None, 0
     y, assumed = start.y, copy.copy(system)
     mode: Mode = "projected"  # the stress at the start is that of its own short moves
@@ -59,7 +59,7 @@ def turned(newton: Newton, start: Point, shift: float) -> tuple[Point | None, in
         with system.account.within("solver"):
             try:
                 solver.factorise(system, matrix, y, None)
-                move = newton.spread(solver.solve(newton.entries(-newton.slope(increment, y))))
+                move = objective.spread(solver.solve(objective.entries(-objective.gradient(increment, y))))
             except SolveError:
                 return None, count
         size = float(np.abs(move).max())
@@ -71,6 +71,6 @@ def turned(newton: Newton, start: Point, shift: float) -> tuple[Point | None, in
         ]
         y, shift = y + move, SHIFT_RATIO * shift
         if size <= END_OF_TURN * system.size:
-            end = newton.at(increment, y)
+            end = objective.at(increment, y)
             return (end if end.value < start.value else None), count
     return None, MAX_TURNING_MOVES

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.newton import worst
+from ddgcli.mechanics.increment import worst
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import Arrays, PlasticMemory
 from ddgcli.simulation.model import StepRejected

@@ -100,6 +100,7 @@ def test_absent_effects_are_not_imported(tmp_path):
         "models.fluid",
         "models.willmore",
         "mechanics.newton",
+        "mechanics.objective",
         "mechanics.constraints",
         "linalg",
         "plots",

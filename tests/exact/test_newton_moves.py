@@ -11,10 +11,11 @@ from ddgcli.linalg.backends import NotPositiveDefinite
 from ddgcli.linalg.conjugate import truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.assembly import Assembly
+from ddgcli.mechanics.directions import Directions
 from ddgcli.mechanics.hessian import assembly_of
 from ddgcli.mechanics.increment import Increment, shorter_fraction
 from ddgcli.mechanics.integrators import INTEGRATORS
-from ddgcli.mechanics.newton import Newton
+from ddgcli.mechanics.objective import Objective
 from ddgcli.mechanics.pair_blocks import PairBlocks, have_distinct_vertices, whole_blocks
 from ddgcli.mechanics.secant import Secants
 from ddgcli.mechanics.system import Motion
@@ -189,15 +190,17 @@ LINEAR_CLOTH = CLOTH.replace("stretching = {{}}\n", "").replace(
 def test_a_step_of_the_hanging_cloth_costs_few_iterations_and_one_factorisation(integrator, monkeypatch):
     """Undamped waves faster than the step cost nine iterations a step with a guess that overshoots them."""
     count = [0]
-    factorise = Newton._factorise
+    factorise = Directions._factorise
 
     def counted(*arguments):
         count[0] += 1
         factorise(*arguments)
 
-    monkeypatch.setattr(Newton, "_factorise", counted)
-    hessians, hessian = [], Newton.matrix
-    monkeypatch.setattr(Newton, "matrix", lambda *values: hessians.append(1) or hessian(*values))
+    monkeypatch.setattr(Directions, "_factorise", counted)
+    hessians, hessian = [], Objective.hessian
+    monkeypatch.setattr(
+        Objective, "hessian", lambda *values, **options: hessians.append(1) or hessian(*values, **options)
+    )
     run, _, _ = shell_run(CLOTH.format(integrator=integrator))
     iterations = np.diff(scalar(run, "newton_iterations"))
     assert iterations.mean() <= 5
@@ -207,13 +210,13 @@ def test_a_step_of_the_hanging_cloth_costs_few_iterations_and_one_factorisation(
 
 def test_steps_without_contact_begin_with_the_projected_hessian(monkeypatch):
     """It always factorises, and costs half of the exact one, which later moves need seldom."""
-    modes, matrix = [], Newton.matrix
+    modes, matrix = [], Objective.hessian
 
-    def recorded(self, increment, y, mode, shift=0.0):
+    def recorded(self, increment, y, mode, shift=0.0, **options):
         modes.append(mode)
-        return matrix(self, increment, y, mode, shift)
+        return matrix(self, increment, y, mode, shift, **options)
 
-    monkeypatch.setattr(Newton, "matrix", recorded)
+    monkeypatch.setattr(Objective, "hessian", recorded)
     run, _, _ = shell_run(CLOTH.format(integrator="newmark"))
     moves = scalar(run, "newton_iterations")[-1]
     assert modes[0] == "projected" and modes.count("projected") >= 30
@@ -222,8 +225,8 @@ def test_steps_without_contact_begin_with_the_projected_hessian(monkeypatch):
 
 def test_steps_of_a_linear_shell_evaluate_no_energy(monkeypatch):
     """One solve with the constant matrix is the step from any guess."""
-    values, value = [], Newton.at
-    monkeypatch.setattr(Newton, "at", lambda *arguments: values.append(1) or value(*arguments))
+    values, value = [], Objective.at
+    monkeypatch.setattr(Objective, "at", lambda *arguments: values.append(1) or value(*arguments))
     run, _, _ = shell_run(LINEAR_CLOTH.format(integrator="newmark"))
     assert not values and np.ptp(scalar(run, "energy_gravity")) > 0
 
@@ -312,13 +315,13 @@ def test_shorter_fraction_is_the_least_point_of_a_parabola_within_bounds():
 
 def test_a_cloth_that_strikes_a_ball_needs_under_two_values_a_newton_iteration(monkeypatch):
     """Friction sticks and slips and the barrier is steep, so whole moves climb there again and again."""
-    values, value = [], Newton.at
+    values, value = [], Objective.at
 
     def counted(self, *arguments):
         values.append(1)
         return value(self, *arguments)
 
-    monkeypatch.setattr(Newton, "at", counted)
+    monkeypatch.setattr(Objective, "at", counted)
     snapshots, _, _ = shell_run(
         FALLING_CLOTH.format(integrator="implicit-euler")
         .replace("[5, 5]", "[10, 10]")

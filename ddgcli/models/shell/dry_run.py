@@ -61,11 +61,12 @@ def step_solver(scene: Scene, systems: dict[str, System]) -> str | None:
     str or None
         None of explicit steps.
     """
-    from ddgcli.mechanics.newton import Increment, newton_of
+    from ddgcli.mechanics.increment import Increment
+    from ddgcli.mechanics.objective import Objective
 
     if scene.time.integrator in EXPLICIT_INTEGRATORS:
         return None
-    solvers = [newton_of(system).solver(Increment(1.0, system.start)) for system in systems.values()]
+    solvers = [Objective(system).solver(Increment(1.0, system.start)) for system in systems.values()]
     return next((solver.iterative for solver in solvers if solver.iterative), "direct")
 
 
