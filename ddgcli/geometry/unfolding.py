@@ -21,6 +21,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_side_blocks
 from ddgcli.mesh.vectors import cross, dot, vector_length
 
 APEX, TURN, TWIN = 0, 1, 3  # columns of Unfolding.side
+ANGLE_TOLERANCE = 1e-14  # radians by which directions along a boundary may lie beyond it
 _CACHE_LINE = 64  # bytes; a row of Unfolding.side fills one
 
 # meshes are immutable, so that cached layouts stay valid
@@ -200,6 +201,19 @@ class Fans:
     total_angle: NDArray[np.float64]
     is_open: NDArray[np.bool_]
     vertex: NDArray[np.int64]
+
+    def angle_of(self, corner: NDArray, angle: NDArray) -> NDArray[np.float64]:
+        """Angle from the fan's first side, of directions at `angle` from the sides of corners.
+
+        Directions are those of the plane of the corner's face, unfolded by at most half a turn; a whole turn
+        more or less where that alone lies in an open fan.
+        """
+        fan, middle = self.fan[corner], 0.5 * self.corner_angle[corner]
+        turned = middle + (angle - middle + np.pi) % (2 * np.pi) - np.pi + self.angle_before[corner]
+        other = turned - np.copysign(2 * np.pi, turned)
+        last = self.total_angle[fan]
+        outside = (turned < -ANGLE_TOLERANCE) | (turned > last + ANGLE_TOLERANCE)
+        return np.where(self.is_open[fan] & outside & (other >= 0.0) & (other <= last), other, turned)
 
     def locate(self, fan: NDArray, angle: NDArray) -> NDArray[np.int64]:
         """Corner of `fan` whose interval of angles holds `angle` (clipped to the fan's range)."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.common.submesh import submesh
 from ddgcli.algorithms.tracing.trace import BOUNDARY_STATUS, END_STATUS, FAILURE_STATUS, Tracer, trace
 from ddgcli.errors import InputError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame, to_space
@@ -10,6 +11,7 @@ from ddgcli.geometry.unfolding import corner_position
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.scenes.shapes import Grid, grid_mesh
 
 
 def random_starts(mesh, k, seed=0):
@@ -85,6 +87,22 @@ def test_lines_through_a_vertex_halve_its_angle(total, share):
     out = fans.angle_before[3 * end.face[0]] + np.arctan2(position[1], position[0])
     turn = (out - into) % total
     assert turn == pytest.approx(total / 2, abs=1e-10)
+
+
+@pytest.mark.parametrize("pattern", ["right", "left", "alternating"])
+def test_lines_from_a_reentrant_corner_start_in_the_plane_of_any_of_its_faces(pattern):
+    """Directions more than half a turn from the face that states them ended at once."""
+    square = grid_mesh(Grid(size=[2, 2], cells=[4, 4], pattern=pattern))
+    centre = square.points[square.faces].mean(axis=1)
+    mesh = submesh(square, square.faces[(centre[:, 0] < 1) | (centre[:, 1] < 1)])
+    at = np.flatnonzero((np.abs(mesh.points - [1, 1, 0]) < 1e-9).all(axis=1))[0]
+    face, corner = np.nonzero(mesh.faces == at)
+    for angle in np.radians([95, 135, 200, 250, 300, 355]):
+        direction = np.array([np.cos(angle), np.sin(angle), 0.0])
+        planar = to_face_frame(mesh, face, np.tile(direction, (len(face), 1)))
+        lines = Tracer(mesh).trace(face, np.eye(3)[corner], planar, np.full(len(face), 0.3))
+        place = surface_position(mesh, lines.face, lines.barycentric)
+        assert np.abs(place - mesh.points[at] - 0.3 * direction).max() < 1e-12
 
 
 def test_cube_corner_turns_equally_on_both_sides():

@@ -1,15 +1,19 @@
 """Dye in a solid-body rotation: its amount, its bounds, its peak, its order."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
+from benchmarks.common.submesh import submesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.tracer import SurfaceTracer
 from ddgcli.models.fluid.transport import Transport, corner_of
+from ddgcli.scenes.shapes import Grid, grid_mesh
 
 SHAPES = {
     "smooth": lambda x, y, z: 1 + 0.5 * x + 0.2 * x * y,
@@ -95,6 +99,27 @@ def disk(rings):
     return TriangleMesh(np.column_stack([points, np.zeros(len(points))]), Topology(faces, len(points)))
 
 
+def test_points_at_a_reentrant_corner_move_along_the_nearer_wall():
+    square = grid_mesh(Grid(size=[2, 2], cells=[4, 4], pattern="left"))
+    centre = square.points[square.faces].mean(axis=1)
+    mesh = submesh(square, square.faces[(centre[:, 0] < 1) | (centre[:, 1] < 1)])
+    transport = Transport(SurfaceSpace(mesh, np.zeros((0, mesh.topology.n_edges))))
+    at = np.flatnonzero((np.abs(mesh.points - [1, 1, 0]) < 1e-9).all(axis=1))
+    face, corner = np.nonzero(mesh.faces == at)
+    first = mesh.points[mesh.faces[:, 1]] - mesh.points[mesh.faces[:, 0]]
+    axis = (first[:, 0] + 1j * first[:, 1]) / np.linalg.norm(first, axis=1)
+    for angle, speed in product(np.radians([10, 40, 50, 80, 100, 170, 260, 350]), (0.3, 1e-5)):
+        flow = speed * np.exp(1j * angle)
+        velocity = np.repeat(flow / axis[:, None], 3, axis=1)
+        moved = transport.backwards(velocity, face, np.eye(3)[corner], -1.0)
+        place = np.einsum("ij,ija->ia", moved.barycentric, mesh.points[mesh.faces[moved.face]])
+        along = flow
+        if flow.real > 0 and flow.imag > 0:  # into the corner that is not there
+            along = flow.real if flow.real > flow.imag else 1j * flow.imag
+        assert np.abs(place[:, 0] + 1j * place[:, 1] - (1 + 1j) - along).max() < 1e-6 * speed
+        assert np.abs(moved.shift * axis[face] - along).max() < 1e-6 * speed
+
+
 def test_dye_and_points_at_a_round_wall_move_along_it():
     """Lines from vertices of a wall leave the polygon at once: they stayed where they were."""
     mesh = disk(10)
@@ -108,8 +133,10 @@ def test_dye_and_points_at_a_round_wall_move_along_it():
     assert np.abs(values - (x * np.cos(1) + y * np.sin(1))).max() < 0.06
     rim = np.flatnonzero(mesh.topology.boundary_vertex)
     face, corner = corner_of(space, rim)
-    moved = transport.backwards(transport.corners(flux), face, np.eye(3)[corner], -1.0)
-    place = np.einsum("ij,ija->ia", moved.barycentric, mesh.points[mesh.faces[moved.face]])
-    turn = (place[:, 0] + 1j * place[:, 1]) / (x[rim] + 1j * y[rim])
-    assert np.abs(np.abs(turn) - 1).max() < 0.01
-    assert np.abs(np.angle(turn) - 1).max() < 0.2  # in one long step
+    for slowness in (1.0, 1e-6):  # slow ones stayed: their lines started within a tolerance of the vertex
+        corners = transport.corners(slowness * flux)
+        moved = transport.backwards(corners, face, np.eye(3)[corner], -1.0)
+        place = np.einsum("ij,ija->ia", moved.barycentric, mesh.points[mesh.faces[moved.face]])
+        turn = (place[:, 0] + 1j * place[:, 1]) / (x[rim] + 1j * y[rim])
+        assert np.abs(np.abs(turn) - 1).max() < 0.01
+        assert np.abs(np.angle(turn) / slowness - 1).max() < 0.2  # 1: in one long step

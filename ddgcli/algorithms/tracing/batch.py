@@ -18,12 +18,11 @@ from ddgcli.algorithms.tracing.crossing import (
 )
 from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, END_STATUS, FAILURE_STATUS, LineStart, Traces
 from ddgcli.algorithms.tracing.trace_points import PointRecorder
-from ddgcli.geometry.unfolding import APEX, TURN, TWIN, Fans, Unfolding
+from ddgcli.geometry.unfolding import ANGLE_TOLERANCE, APEX, TURN, TWIN, Fans, Unfolding
 from ddgcli.mesh.sides import next_side, previous_side
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 MAX_ENDED_FRACTION = 1 / 8  # of the lines in the arrays; above it, ended lines are removed
-ANGLE_TOLERANCE = 1e-14  # radians
 MAX_SCALAR_LINES = 8  # up to this many lines, scalar arithmetic is faster than arrays
 
 
@@ -132,9 +131,8 @@ class TraceBatch:
         if not len(line):
             return
         side = 3 * face + corner
-        angle = np.angle(d * self.along[side].conj())
-        middle = 0.5 * self.make_fans().corner_angle[side]
-        angle = middle + (angle - middle + np.pi) % (2 * np.pi) - np.pi
+        fans = self.make_fans()
+        angle = fans.angle_of(side, np.angle(d * self.along[side].conj())) - fans.angle_before[side]
         self._start_from_corner(line, side, angle, self.left_over[line])
 
     def _start_from_corner(self, line: NDArray, corner: NDArray, angle: NDArray, rest: NDArray) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.tracing.crossing import VERTEX_TOLERANCE
 from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, LineStart
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.mesh.topology import NEXT
@@ -16,8 +17,6 @@ from ddgcli.models.fluid.surface_space import SurfaceSpace
 
 MAX_LEGS = 100  # of a line along walls, about one for each boundary side
 LEAST_REST = 1e-12  # of a line, in cells, down to which it continues
-WALL_DISTANCE = 1e-7  # from the wall, in cells or in lengths of the rest, at which it does
-VERTEX_DISTANCE = 1e-9  # in cells, within which a line ends at a vertex
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +61,9 @@ class Transport:
     def backwards(self, corner: NDArray, face: NDArray, barycentric: NDArray, dt: float) -> BackwardPaths:
         """Points carried by -dt along straight lines, by the velocity half-way that the local slope gives."""
         at = corner[face]
-        start = np.einsum("ij,ij->i", barycentric, at)
-        along = (start[:, None] * np.conj(self.slope[face])).real
-        velocity = start - 0.5 * dt * np.einsum("ij,ij->i", along, at)
+        here = np.einsum("ij,ij->i", barycentric, at)
+        along = (here[:, None] * np.conj(self.slope[face])).real
+        velocity = here - 0.5 * dt * np.einsum("ij,ij->i", along, at)
         speed = np.abs(velocity)
         away = -np.copysign(1.0, dt) * velocity
         direction = np.where(speed > 0, away / np.where(speed > 0, speed, 1.0), 1.0 + 0.0j)
@@ -77,10 +76,12 @@ class Transport:
             active = np.flatnonzero(has_rest & ~crossed[paths.face])
             if not len(active):
                 break
-            leg, rest[active], at_end[active] = self._line(
-                self._along_wall(paths.face[active], paths.barycentric[active], at_end[active], rest[active])
+            start, turn = self._along_wall(
+                paths.face[active], paths.barycentric[active], at_end[active], rest[active]
             )
+            leg, rest[active], at_end[active] = self._line(start)
             paths.face[active], paths.barycentric[active] = leg.face, leg.barycentric
+            paths.turn[active] *= turn
             paths.shift[active] += paths.turn[active] * leg.shift
             paths.turn[active] *= leg.turn
         return paths
@@ -96,18 +97,46 @@ class Transport:
 
     def _along_wall(
         self, face: NDArray, barycentric: NDArray, direction: NDArray, rest: NDArray
-    ) -> LineStart:
-        """Lines that continue along the sides at which they ended; from vertices as before."""
+    ) -> tuple[LineStart, NDArray[np.complex128]]:
+        """Lines that continue along the sides at which they ended, from vertices along the nearer side.
+
+        With what turns vectors of the frames in which they start into those of the faces where they ended.
+        """
         space, side = self.space, np.array(NEXT)[np.argmin(barycentric, axis=1)]  # opposite the corner
         along = space.side[face, side] / np.abs(space.side[face, side])
         cosine = (direction * np.conj(along)).real
-        slides = np.partition(barycentric, 1, axis=1)[:, 1] > VERTEX_DISTANCE
-        slides &= space.mesh.topology.side_twin[face, side] < 0
+        at_vertex = np.partition(barycentric, 1, axis=1)[:, 1] <= VERTEX_TOLERANCE
+        slides = ~at_vertex & (space.mesh.topology.side_twin[face, side] < 0)
         direction = np.where(slides, np.copysign(1.0, cosine) * along, direction)
         length = np.where(slides, np.abs(cosine), 1.0) * rest
-        distance = (WALL_DISTANCE * np.minimum(1.0, rest / self.longest_side[face]))[:, None]
-        inside = barycentric + distance * (1.0 / 3.0 - barycentric)
-        return LineStart(face, inside, np.stack([direction.real, direction.imag], axis=1), length)
+        turn = np.ones(len(face), dtype=np.complex128)
+        vertex = np.flatnonzero(at_vertex)
+        corner = 3 * face[vertex] + np.argmax(barycentric[vertex], axis=1)
+        corner, direction[vertex], share, turn[vertex] = self._from_vertices(corner, direction[vertex])
+        face, barycentric = np.array(face), np.array(barycentric)
+        face[vertex], barycentric[vertex] = corner // 3, np.eye(3)[corner % 3]
+        length[vertex] *= share
+        start = LineStart(face, barycentric, np.stack([direction.real, direction.imag], axis=1), length)
+        return start, turn
+
+    def _from_vertices(self, corner: NDArray, direction: NDArray) -> tuple[NDArray, ...]:
+        """Directions at vertices, those that leave the surface along the nearer boundary side.
+
+        Returns corners of these vertices, directions in their faces, the cosine of the angle between old and
+        new (0 where both sides lead back), and what turns vectors in these faces into those before.
+        """
+        fans = self.tracer.fans
+        fan = fans.fan[corner]
+        unit = self.space.side.ravel() / np.abs(self.space.side.ravel())
+        here = fans.angle_of(corner, np.angle(direction * np.conj(unit[corner])))
+        total = fans.total_angle[fan]
+        outside = fans.is_open[fan] & ((here < 0.0) | (here > total))
+        nearer = np.where(np.cos(here - total) > np.cos(here), total, 0.0)
+        target = np.where(outside, nearer, here)
+        corner = np.where(outside, fans.locate(fan, target), corner)
+        along = unit[corner] * np.exp(-1j * fans.angle_before[corner])
+        share = np.where(outside, np.maximum(np.cos(here - target), 0.0), 1.0)
+        return corner, along * np.exp(1j * target), share, direction * np.conj(along * np.exp(1j * here))
 
     def end_velocity(self, corner: NDArray, carried: BackwardPaths) -> NDArray[np.complex128]:
         """(k,) velocity at the ends, in the frames of the starts' faces."""
