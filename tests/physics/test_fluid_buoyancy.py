@@ -77,3 +77,37 @@ def test_heat_conduction_is_of_second_order_in_time(wave, cells):
         start, end = (observed[k].vertex["temperature"] for k in (0, -1))
         rates.append(-np.log((end @ start) / (start @ start)))
     assert rates[0] == pytest.approx(rates[1], rel=2e-3)
+
+
+def test_heating_in_balance_with_conduction_does_not_depend_on_the_step():
+    """Heat flows from one wall to the other: the profile is linear, whatever the step."""
+    heat = 'source = "16 * (where(x < 1e-6, 1, 0) - where(x > 1 - 1e-6, 1, 0))"'
+    effects = f'buoyancy = {{ temperature = "0.5-x", gravity = [0, 0, 0], diffusivity = 1, {heat} }}'
+    grid = 'grid = { size = [1, 1], cells = [8, 8], pattern = "right", periodic = "y" }'
+    ended = run_fluid(effects, "duration = 0.4\nstep = 0.2", grid)
+    start, end = (ended.observations[k].vertex["temperature"] for k in (0, -1))
+    assert np.abs(end - start).max() < 1e-12
+
+
+def test_a_layer_heated_from_below_turns_over_above_the_critical_rayleigh_number():
+    """Walls of constant temperature without slip, waves of number 3.117: 1707.76 (Chandrasekhar 1961)."""
+    wave, rates = 3.117, []
+    for rayleigh in (1500.0, 1900.0):
+        temperature = f'temperature = "0.5 - y + 1e-4*cos({wave}*x)*sin(pi*y)"'
+        drive = (
+            f"fixed = 'abs(y - 0.5) > 0.499', expansion = {rayleigh}, gravity = [0, -1, 0], diffusivity = 1"
+        )
+        effects = 'viscosity = { nu = 1 }\nharmonic = {}\nboundary = { kind = "no-slip" }\n'
+        effects += f"buoyancy = {{ {temperature}, {drive} }}"
+        grid = f'size = [{2 * np.pi / wave}, 1], cells = [24, 12], pattern = "right", periodic = "x"'
+        ended = run_fluid(effects, "duration = 0.4\nstep = 0.02\nframe_every = 0.1", f"grid = {{ {grid} }}")
+        energy = ended.series("kinetic_energy")
+        rates.append(np.log(energy[-1] / energy[-2]) / 0.2)
+    critical = 1500.0 - rates[0] * 400.0 / (rates[1] - rates[0])
+    assert rates[0] < 0 < rates[1]
+    assert critical == pytest.approx(1707.76, rel=0.02)
+
+
+def test_a_fixed_temperature_nowhere_is_an_error():
+    with pytest.raises(ValueError, match="no vertex lies where 'y > 2' holds; check `fixed`"):
+        run_fluid('buoyancy = { fixed = "y > 2" }', "step = 0.1", "grid = { size = [1, 1], cells = [4, 4] }")

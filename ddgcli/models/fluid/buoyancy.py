@@ -20,6 +20,7 @@ from ddgcli.models.fluid.force import GAUSS_SHARES, BoundarySides, accelerated
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.tracer import Source, TracerPhase
+from ddgcli.scenes.expressions import evaluate
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
@@ -39,17 +40,28 @@ class BuoyancySection(Section):
     gravity: vector("m/s^2", "acceleration of gravity") = (0.0, 0.0, -9.81)
     diffusivity: quantity("m^2/s", "of the temperature", ge=0) = 0.0
     source: str | None = Field(None, description="heating: expression in x, y, z, t [K/s]")
+    fixed: str | None = Field(
+        None, description="expression in x, y, z: where it is not 0 the temperature is that of the start"
+    )
     object: str | None = Field(None, description="fluid; by default all")
 
 
 class TemperaturePhase(TracerPhase):
-    """The temperature: it diffuses and is heated for half of the step, before it is carried and after."""
+    """The temperature: it diffuses and is heated for half of the step, before it is carried and after.
+
+    Both are one implicit step, so that where they are in balance the temperature does not depend on the step.
+    """
 
     def __init__(self, setting: FluidSetting, parameters: BuoyancySection, tracer: Any) -> None:
         source = None if parameters.source is None else Source(setting.context.points, parameters.source)
         super().__init__("buoyancy", setting.context.scalar(parameters.temperature, ARRAY), tracer, source)
         self.mass = setting.space.mass
-        self.free = np.setdiff1d(np.flatnonzero(self.mass > 0), tracer.entering)
+        fixed = np.zeros(len(self.mass), dtype=bool)
+        fixed[tracer.entering] = True
+        if parameters.fixed is not None:
+            fixed |= _fixed_vertices(setting.context, parameters.fixed)
+        self.fixed = np.flatnonzero(fixed)
+        self.free = np.flatnonzero((self.mass > 0) & ~fixed)
         self.conduction: Decay | None = None
         if parameters.diffusivity > 0 and len(self.free):
             self.conduction = self._conduction(setting, parameters.diffusivity)
@@ -58,25 +70,31 @@ class TemperaturePhase(TracerPhase):
         return {ARRAY: self.amount}
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        values = self._conducted(state[ARRAY], 0.5 * step.dt)
-        values = self.carried(step, state, values)
-        return state.with_passive(**{ARRAY: self._conducted(values, 0.5 * step.dt)})
+        half = 0.5 * step.dt
+        if self.conduction is None:
+            values = self.carried(step, state, state[ARRAY])
+        else:
+            values = self._conducted(self.conduction, state[ARRAY], step.time, half)
+            values = self.tracer.carried(step.before, state, values, step.dt)
+            values = self._conducted(self.conduction, values, step.time + half, half)
+        values[self.fixed] = self.amount[self.fixed]
+        return state.with_passive(**{ARRAY: values})
 
     def _conduction(self, setting: FluidSetting, diffusivity: float) -> Decay:
-        """Diffusion at the vertices at which no fluid enters; the others have the values of the start."""
+        """Diffusion at the free vertices; the others have the values of the start."""
         from ddgcli.models.fluid.diffusion import Decay
         from ddgcli.models.fluid.volume_effects import vertex_stiffness
 
         stiffness = vertex_stiffness(setting.volume) if setting.context.is_volume else setting.space.stiffness
-        rows, entering = (diffusivity * stiffness).tocsr()[self.free], np.array(self.amount)
-        entering[self.free] = 0.0
-        return Decay(diags_array(self.mass[self.free]).tocsr(), rows[:, self.free], rows @ entering)
+        rows = (diffusivity * stiffness).tocsr()[self.free]
+        constant = rows[:, self.fixed] @ self.amount[self.fixed]
+        return Decay(diags_array(self.mass[self.free]).tocsr(), rows[:, self.free], constant)
 
-    def _conducted(self, values: NDArray, dt: float) -> NDArray[np.float64]:
-        if self.conduction is None:
-            return values
+    def _conducted(self, conduction: Decay, values: NDArray, time: float, dt: float) -> NDArray[np.float64]:
+        """(n,) values after dt of conduction and heating."""
+        heat = 0.0 if self.source is None else (self.mass * self.source.rate(time + 0.5 * dt))[self.free]
         after = np.array(values)
-        after[self.free] = self.conduction.step(values[self.free], dt)
+        after[self.free] = conduction.step(values[self.free], dt, heat)
         return after
 
     def observed(self, state: FluidState) -> Observation:
@@ -106,6 +124,14 @@ class BuoyancyPhase(FlowPhase):
         """(m, 3) what it adds to the velocity of the cells a second."""
         warmth = state[ARRAY][self.setting.context.cells].mean(axis=1)
         return warmth[:, None] * self.push
+
+
+def _fixed_vertices(context: FluidContext, expression: str) -> NDArray[np.bool_]:
+    """(n,) vertices at which an expression is not 0."""
+    fixed = evaluate(expression, dict(zip("xyz", context.points.T))) != 0
+    if not fixed.any():
+        raise ValueError(f"no vertex lies where {expression!r} holds; check `fixed`")
+    return fixed
 
 
 def build(parameters: BuoyancySection, context: FluidContext) -> list[PhaseRequest]:
