@@ -27,7 +27,8 @@ _NAMES: dict[str, tuple[str, ...]] = {
         "eigenpairs", "harmonic_interpolation", "heat_kernel_signature", "mean_curvature_flow",
         "parameterize", "poisson",
     ),
-    "evolution": ("curve_flow", "heat_equation", "wave_equation"),
+    "evolution": ("heat_equation", "wave_equation"),
+    "flows": ("curve_flow", "willmore_flow"),
     "distances": (
         "DistanceSolver", "HeatSolver", "distance_gradient", "geodesic_distance", "measure_distance",
     ),
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     from ddgcli.library.evolution import *  # noqa: F403
     from ddgcli.library.fields import *  # noqa: F403
     from ddgcli.library.files import *  # noqa: F403
+    from ddgcli.library.flows import *  # noqa: F403
     from ddgcli.library.meshes import *  # noqa: F403
     from ddgcli.library.operators import *  # noqa: F403
     from ddgcli.library.simulations import *  # noqa: F403

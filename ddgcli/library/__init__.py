@@ -15,6 +15,7 @@ __all__ = [
     "evolution",
     "fields",
     "files",
+    "flows",
     "mesh_arguments",
     "meshes",
     "operators",

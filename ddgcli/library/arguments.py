@@ -57,6 +57,11 @@ def text(value: Any, name: str) -> str:
     raise ParameterError(f"must be a name in quotes, not {excerpt(value, 40)}", parameter=name)
 
 
+def number_or_name(value: Any, name: str) -> float | str:
+    """A text as it is, else a float; ParameterError for anything else."""
+    return value if isinstance(value, str) else real_number(value, name)
+
+
 def real_array(value: Any, name: str) -> NDArray:
     """An array of real numbers or booleans; ParameterError for ragged lists, text, complex numbers, ..."""
     if np.ma.is_masked(value):
@@ -109,6 +114,7 @@ CONVERSIONS: dict[str, Callable[[Any, str], Any]] = {
     "int": whole_number,
     "bool": truth,
     "str": text,
+    "float | str": number_or_name,
     "ArrayLike": real_array,
     "Sequence[float]": real_array,
     "int | Sequence[int] | NDArray": real_array,

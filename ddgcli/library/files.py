@@ -174,8 +174,8 @@ def write_trajectory(
         `.vtkhdf` or `.h5`. While frames come the file is called PATH.part.
     trajectory_frames : iterable of Frame
         Such as `simulate(...)`. All frames have the arrays of the first.
-    mesh : mesh or (points, faces) pair, optional
-        Surface of the frames; by default `frames.mesh`, which simulations have.
+    mesh : mesh or (points, cells) pair, optional
+        Mesh of the frames; by default `frames.mesh`, which simulations have.
 
     Returns
     -------
@@ -202,7 +202,8 @@ def write_trajectory(
     any_mesh: Any = getattr(trajectory_frames, "mesh", None) if mesh is None else mesh
     if any_mesh is None:
         raise MeshError("the frames carry no mesh; pass it as mesh=...")
-    surface = mesh_of_kind(any_mesh, ("surface",), "a trajectory")
+    start = mesh_of_kind(any_mesh, ("surface", "tetrahedra", "curve"), "a trajectory")
+    changing_vertices = bool(getattr(trajectory_frames, "changing_vertices", False))
     writer, count, status = None, 0, "failed"
     try:
         for trajectory_frame in trajectory_frames:
@@ -210,9 +211,10 @@ def write_trajectory(
                 writer = TrajectoryWriter(
                     target,
                     Header(
-                        surface,
+                        start,
                         trajectory_frame.points is not None,
                         changing_faces=trajectory_frame.faces is not None,
+                        changing_vertices=changing_vertices,
                     ),
                     64,
                 )

@@ -23,8 +23,8 @@ from ddgcli.models.shell.scene import KIND as SHELL
 from ddgcli.scenes.scene import Scene, resolve
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.frames import joined_frame, joined_mesh
-from ddgcli.simulation.model import Model, Schedule
-from ddgcli.simulation.time_loop import evolve
+from ddgcli.simulation.model import Model
+from ddgcli.simulation.time_loop import Snapshot, evolve
 
 __all__ = ["Simulation", "simulate"]
 
@@ -35,13 +35,18 @@ class Simulation:
 
     Parameters
     ----------
-    mesh : TriangleMesh or TetMesh
-        All objects that move or carry a flow as one surface, at the start.
+    mesh : TriangleMesh, TetMesh or CurveSet
+        All objects that move or carry a flow as one mesh, at the start.
     scene : dict
-        The scene with every default filled in.
+        The scene with every default filled in, or the options of a flow.
     n_frames : int
         Frames of a run that comes to its end, the first at the start.
-    trajectory_frames : iterator of Frame
+    snapshots : iterator of Snapshot
+        Of the time loop.
+    changing_vertices : bool
+        Whether frames have different numbers of vertices.
+    stopped : str
+        Why the run ended before its time, once it has; else "".
 
     Examples
     --------
@@ -56,13 +61,17 @@ class Simulation:
     mesh: TriangleMesh | TetMesh | CurveSet
     scene: dict[str, Any]
     n_frames: int
-    trajectory_frames: Iterator[TrajectoryFrame]
+    snapshots: Iterator[Snapshot]
+    changing_vertices: bool = False
+    stopped: str = ""
 
     def __iter__(self) -> Iterator[TrajectoryFrame]:
         return self
 
     def __next__(self) -> TrajectoryFrame:
-        return next(self.trajectory_frames)
+        snapshot = next(self.snapshots)
+        self.stopped = snapshot.stopped
+        return joined_frame(snapshot)
 
 
 @checked_arguments
@@ -131,20 +140,8 @@ def simulate(
     account = Account()
     checked, models, meshes = (_fluids if checked.kind is FLUID else _shells)(checked, account)
     schedule = checked.schedule()
-    return Simulation(
-        joined_mesh(meshes)[0],
-        checked.resolved(),
-        schedule.n_frames,
-        trajectory_frames(models, schedule, account),
-    )
-
-
-def trajectory_frames(
-    models: dict[str, Model], schedule: Schedule, account: Account
-) -> Iterator[TrajectoryFrame]:
-    """Frames of models that the time loop advances, while it does."""
-    for snapshot in evolve(models, schedule, account):
-        yield joined_frame(snapshot)
+    mesh = joined_mesh(meshes)[0]
+    return Simulation(mesh, checked.resolved(), schedule.n_frames, evolve(models, schedule, account))
 
 
 def _is_fluid(document: SceneDocument) -> bool:

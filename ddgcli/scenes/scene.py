@@ -20,10 +20,9 @@ from ddgcli.errors import ParameterError, SceneError
 from ddgcli.scenes.sections import Document, Key, Section, checked, located
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect, EffectTable, nearest
-from ddgcli.simulation.model import Schedule
+from ddgcli.simulation.model import MAX_STEP_COUNT, Schedule
 
 FORMAT = "ddgcli-scene/1"
-MAX_STEPS = 1e9
 # effects that have models -> the key that names one
 MODEL_KEYS = {"bending": "model", "stretching": "model", "viscosity": "kind"}
 TIME_RANGE = (1e-150, 1e150)  # seconds, whose squares stay within the range of numbers
@@ -236,7 +235,7 @@ def _check_clock(scene: Scene, *, is_step_overridden: bool) -> None:
     time = scene.time
     each = (time.frame_every or time.duration / 50) if time.tolerance is not None else time.step
     count = time.duration / each
-    if not count <= MAX_STEPS:
+    if not count <= MAX_STEP_COUNT:
         what = "step" if time.tolerance is None else "frame_every"
         scene.refuse(("time", what), f"{what} = {each:g} s makes {count:.3g} of them; lengthen it")
     for what in ("step", "frame_every", "duration"):

@@ -15,6 +15,7 @@ State = TypeVar("State")
 Arrays = dict[str, NDArray]
 
 
+MAX_STEP_COUNT = 1e9  # of a run
 MAX_HALVINGS = 12  # a step is halved at most so often: dt / 4096
 
 
@@ -220,14 +221,11 @@ def flow_schedule(options: Mapping[str, Any], own_step: float, *, max_steps: int
     Raises
     ------
     ParameterError
-        A step longer than the duration.
+        A time that is not positive, a step longer than the duration, or more than MAX_STEP_COUNT steps.
     """
+    _check_times(options)
     steps, duration, dt = options.get("steps"), options.get("duration"), options.get("step")
     every, tolerance = options.get("frame_every"), options.get("tolerance")
-    if dt is not None and duration is not None and dt > duration * (1 + 1e-9):
-        raise ParameterError(
-            f"{dt:g} is longer than the duration of {duration:g}; give {duration:g} or less", parameter="dt"
-        )
     if dt is None:
         dt = own_step if duration is None else max(duration / max_steps, min(duration / n_frames, own_step))
     if tolerance is not None and duration is not None:
@@ -238,3 +236,28 @@ def flow_schedule(options: Mapping[str, Any], own_step: float, *, max_steps: int
     count = max(1, math.ceil(duration / dt - 1e-9)) if duration is not None else steps or max_steps
     dt = duration / count if duration is not None else dt
     return Schedule(dt, count, max(1, round(every / dt) if every else math.ceil(count / n_frames)))
+
+
+def _check_times(options: Mapping[str, Any]) -> None:
+    """Raise ParameterError for times of a flow that are not positive or do not divide the duration."""
+    for name in ("duration", "step", "frame_every", "tolerance"):
+        if (value := options.get(name)) is not None and not 0 < value < math.inf:
+            raise ParameterError(f"must be a positive number, not {value:g}", parameter=name)
+    if (options.get("steps") or 0) > MAX_STEP_COUNT:
+        raise ParameterError(f"must be {MAX_STEP_COUNT:g} or less", parameter="steps")
+    duration, step = options.get("duration"), options.get("step")
+    if duration is None:
+        return
+    if step is not None and step > duration * (1 + 1e-9):
+        raise ParameterError(
+            f"{step:g} is longer than the duration of {duration:g}; give {duration:g} or less",
+            parameter="step",
+        )
+    name = "step" if options.get("tolerance") is None else "frame_every"
+    each = options.get(name)
+    if each is not None and not duration / each <= MAX_STEP_COUNT:
+        raise ParameterError(
+            f"{each:g} is too short for a duration of {duration:g}; give {duration / MAX_STEP_COUNT:.3g} "
+            "or more",
+            parameter=name,
+        )

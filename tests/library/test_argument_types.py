@@ -20,6 +20,7 @@ WRONG = {
     "Sequence[Sequence[int]]": (1, "ab", None, {0: 1}, ["ab"]),
     "Mapping[int, float]": (1, None, [0.0], {"a": 1.0}, {0.5: 1.0}, {0: "x"}, {0: [1, 2]}, {0: np.nan}),
 }
+WRONG["float | str"] = tuple(value for value in WRONG["float"] if not isinstance(value, str))
 WRONG |= dict.fromkeys(set(CONVERSIONS) - set(WRONG), WRONG["ArrayLike"])
 
 

@@ -37,6 +37,7 @@ CALLS = {
     "curve_flow": lambda m: (
         next(iter(ddg.curve_flow(RING if m is SQUARE else (RING.points, RING.lines)))).points
     ),
+    "willmore_flow": lambda m: [s.points for s in ddg.willmore_flow(m, "mean-curvature", steps=2)][-1],
     "curvature": lambda m: ddg.curvature(m).vertex["mean_curvature"],
     "d0": lambda m: ddg.d0(m).toarray(),
     "d1": lambda m: ddg.d1(m).toarray(),
@@ -153,6 +154,12 @@ def test_the_cure_for_tetrahedra_works():
         (lambda: ddg.heat_equation(SQUARE, [1.0], 0.1), "each of 16 vertices"),
         (lambda: ddg.conformal_map(SPHERE), "sum to 720"),
         (lambda: ddg.curve_flow(RING, tolerance=0.1), "needs `duration`"),
+        (lambda: ddg.willmore_flow(SPHERE, "area"), "choose one of quadratic, newton"),
+        (lambda: ddg.willmore_flow(SPHERE, tolerance=0.1), "needs `duration`"),
+        (lambda: ddg.willmore_flow(SPHERE, steps=0), "steps: must be 1 or more, not 0"),
+        (lambda: ddg.willmore_flow(SPHERE, remesh="short"), "remesh: 'short' is not a length"),
+        (lambda: ddg.willmore_flow(SPHERE, region=[42]), "region: .* vertex numbers from 0 to 41"),
+        (lambda: ddg.willmore_flow(SPHERE, energy="cotan", integrator="rosenbrock"), "needs `step` or"),
         (lambda: ddg.parameterize(SQUARE, "area"), "unknown method 'area'"),
         (lambda: ddg.mean_curvature_flow(SQUARE, -1.0), "must be positive"),
         (lambda: ddg.poisson(SPHERE, [1.0]), "one entry for each vertex"),
@@ -342,6 +349,42 @@ def test_trajectory_gives_back_the_frames(tmp_path):
         for trajectory_frame, state in zip(trajectory_frames, trajectory, strict=True):
             np.testing.assert_array_equal(state.points, trajectory_frame.points)
             assert state.time == trajectory_frame.time
+
+
+@pytest.mark.parametrize(
+    "simulation",
+    [
+        lambda: ddg.curve_flow(RING, steps=2),
+        lambda: ddg.willmore_flow(ddg.torus(32, 16), remesh="mean", steps=2),
+        lambda: ddg.willmore_flow(ddg.torus(12, 6), "mean-curvature", steps=2),
+    ],
+)
+def test_trajectories_hold_flows_of_curves_and_of_surfaces_whose_vertices_change(simulation, tmp_path):
+    states = list(simulation())
+    assert ddg.write_trajectory(tmp_path / "flow.vtkhdf", simulation()) == len(states) == 3
+    with ddg.read_trajectory(tmp_path / "flow.vtkhdf") as trajectory:
+        for state, stored in zip(states, trajectory, strict=True):
+            np.testing.assert_array_equal(stored.points, state.points)
+            assert state.faces is None or np.array_equal(stored.faces, state.faces)
+
+
+def test_willmore_flow_is_that_of_the_command_and_judges_its_end_alike(run, tmp_path):
+    path = str(ROOT / "sample_meshes" / "torus.ply")
+    done = run("willmore-flow", path, "--steps", 3, "-o", tmp_path / "end.npz", "--json")
+    flow = ddg.willmore_flow(ddg.read_mesh(path), steps=3)
+    *_, last = flow
+    np.testing.assert_array_equal(last.points, np.load(tmp_path / "end.npz")["points"])
+    assert json.loads(done.stdout)["results"]["energy"][-1] == last.scalar["energy"]
+    ball = ddg.icosphere(1)
+    flow = ddg.willmore_flow(ball.moved(ball.points * [1, 1, 2]))
+    assert len(list(flow)) > 2 and flow.stopped.startswith("energy fell by less")
+    coarse = tmp_path / "coarse.off"
+    ddg.write_mesh(coarse, ddg.torus(16, 8))
+    command = run("willmore-flow", coarse, "--remesh", "mean", "--steps", 5)
+    states, reason = ddg.willmore_flow(ddg.read_mesh(coarse), remesh="mean", steps=5), "too coarse or uneven"
+    with pytest.raises(ddg.errors.SolveError, match=reason):
+        list(states)
+    assert command.exit_code == 1 and reason in command.stderr
 
 
 def test_a_run_that_breaks_off_leaves_a_part(tmp_path):

@@ -147,9 +147,13 @@ def test_mean_curvature_flow_of_the_sphere():
 
 
 @pytest.mark.parametrize("words", [("willmore-flow", "ellipsoid.ply"), ("curve-flow", "ellipse.csv")])
-def test_a_step_of_a_flow_longer_than_the_run_is_refused(words, run):
+def test_a_step_of_a_flow_that_does_not_divide_the_run_is_refused(words, run):
     words = (words[0], ROOT / "sample_meshes" / words[1], "--duration", 1e-3, "--dt")
     refused = run(*words, 5)
     assert refused.exit_code == 2
     assert "--dt: 5 is longer than the duration of 0.001; give 0.001 or less" in refused.stderr
+    for step in (1e-310, 1e-20):  # an internal error, and a run of 1e17 steps
+        refused = run(*words, step)
+        assert refused.exit_code == 2
+        assert f"--dt: {step:g} is too short for a duration of 0.001; give 1e-12 or more" in refused.stderr
     assert run(*words, 0.001).exit_code == 0

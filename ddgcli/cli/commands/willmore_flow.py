@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
@@ -139,7 +140,7 @@ def command(
         **_stored_texts(described, source.sha256, resume, time_unit),
         changing_faces=flow.keeps_triangles,
         changing_vertices=flow.remesh is not None,
-        failure_reason=lambda outcome: report.failure_reason(outcome.stopped, mesh, flow_options),
+        failure_reason=lambda outcome: _warned(report.failure_reason(outcome.stopped, mesh, flow_options)),
     )  # fmt: skip
     begin_flow(run, job)
     outcome = simulate(run, job)
@@ -155,6 +156,13 @@ def command(
     picture = Picture(edges=True, energy="energy", time_unit=time_unit)
     run.plot(lambda path: draw_run(path, outcome, picture, common))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
+
+
+def _warned(reason: str) -> str:
+    """The reason of a failure, after a warning of it."""
+    if reason:
+        logging.getLogger("ddgcli").warning(reason)
+    return reason
 
 
 def _warn(first: TriangleMesh, last: TriangleMesh, energy: str, start_value: float | None) -> None:
@@ -211,20 +219,8 @@ def _region(source: Any, name: str | None) -> Any:
     return region_mask(values, source.surface.topology)
 
 
-def _length(text: str | None) -> str | float | None:
-    """What `--remesh` names."""
-    if text in (None, "mean"):
-        return text
-    try:
-        return float(str(text))
-    except ValueError:
-        raise ParameterError(
-            f"{text!r} is not a length; write a number, or mean", parameter="remesh"
-        ) from None
-
-
 def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
-    from ddgcli.models.willmore.flow_options import FlowOptions
+    from ddgcli.models.willmore.flow_options import FlowOptions, remesh_length
     from ddgcli.models.willmore.state import Stop
 
     if parameters["report_energy"] not in (None, "all"):
@@ -233,7 +229,7 @@ def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
         **{name: parameters[name] for name in ("energy", "flow", "boundary", "fix_area", "fix_volume")},
         spontaneous_curvature=parameters["spontaneous_curvature"] or 0.0,
         timed=any(overrides.get(name) for name in ("step", "duration")),
-        remesh=_length(parameters["remesh"]),
+        remesh=remesh_length(parameters["remesh"]),
         remesh_adaptive=parameters["remesh_adaptive"],
         report_energies=parameters["report_energy"] is not None,
         integrator=overrides.get("integrator"),

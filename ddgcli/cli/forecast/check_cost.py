@@ -33,6 +33,13 @@ CURES = {
 DEFAULT_CURE = "use a coarser mesh, or a machine with more memory"
 
 
+def _step_count(duration: float, each: float) -> int:
+    """Number of steps; at most one more than a run may have, which the run itself refuses."""
+    from ddgcli.simulation.model import MAX_STEP_COUNT
+
+    return max(1, round(min(duration / each, MAX_STEP_COUNT + 1)))
+
+
 def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     """Size of a mesh and of the steps that the options name."""
     from ddgcli.cli.forecast.mesh_facts import (
@@ -50,11 +57,11 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     steps = options.get("steps")
     step = options.get("step") or options.get("time_step")
     if steps is None and options.get("duration") and step:
-        steps = max(1, round(options["duration"] / step))
+        steps = _step_count(options["duration"], step)
     adaptive = bool(options.get("tolerance") and options.get("duration"))
     if adaptive:
         every = options.get("frame_every")
-        steps = max(1, round(options["duration"] / every)) if every else DEFAULT_FRAME_COUNT
+        steps = _step_count(options["duration"], every) if every else DEFAULT_FRAME_COUNT
     if isinstance(mesh, CurveSet):
         n_curves = _n_curves(mesh) if options.get("flow") else 1
         return InputSize("curve", mesh.n_vertices, steps=steps, adaptive=adaptive, n_curves=n_curves)

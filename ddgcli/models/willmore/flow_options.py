@@ -69,6 +69,33 @@ class FlowOptions:
     stop: Stop = Stop()
 
 
+def remesh_length(length: str | float | None) -> str | float | None:
+    """Convert the length of edges that remeshing keeps to a number.
+
+    Parameters
+    ----------
+    length : str, float or None
+
+    Returns
+    -------
+    'mean', float or None
+        'mean' and None as they are.
+
+    Raises
+    ------
+    ParameterError
+        For another text than a number.
+    """
+    if length is None or length == "mean":
+        return length
+    try:
+        return float(length)
+    except ValueError:
+        raise ParameterError(
+            f"{length!r} is not a length; write a number, or mean", parameter="remesh"
+        ) from None
+
+
 def options_as_dict(options: FlowOptions) -> dict[str, Any]:
     """The options of a flow as plain data.
 

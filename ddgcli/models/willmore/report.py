@@ -168,9 +168,7 @@ def failure_reason(stopped: str, start: TriangleMesh, options: FlowOptions) -> s
         )
     elif chosen_energy(start.topology, options) != DEFAULT_OPEN_ENERGY:
         cure = f"use `energy={DEFAULT_OPEN_ENERGY}`, or begin with a finer mesh"
-    message = f"{stopped}; {cure}"
-    logging.getLogger("ddgcli").warning(message)
-    return message
+    return f"{stopped}; {cure}"
 
 
 def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, energy: str) -> None:

@@ -43,7 +43,7 @@ DEFAULT_FRAME_COUNT = 50
 DEFAULT_STEP, DEFAULT_CURVATURE_FLOW_STEP = 5e-3, 2e-3
 
 # options of flows in time, which those to rest do not take
-TIME_OPTIONS = "`dt`, `duration`, `tolerance`, `frame_every` and `integrator`"
+TIME_OPTIONS = "`step`, `duration`, `tolerance`, `frame_every` and `integrator`"
 
 
 def free_vertices(topology: Topology, boundary: str, region: NDArray | None = None) -> NDArray[np.int64]:
@@ -149,7 +149,7 @@ def chosen_scheme(options: FlowOptions) -> str:
             f"{' or '.join(schemes)}"
         )
     if not options.timed:
-        raise ParameterError("`integrator` needs `dt` or `duration`; steps to rest have no time scheme")
+        raise ParameterError("`integrator` needs `step` or `duration`; steps to rest have no time scheme")
     return options.integrator
 
 
@@ -171,7 +171,7 @@ def _require_rest(topology: Topology, name: str, options: FlowOptions) -> None:
     if name == "quadratic" and options.flow != "mean-curvature" and topology.is_closed and not conserved:
         raise ParameterError(
             "energy 'quadratic' grows with the square of the size: a closed surface would shrink to a point; "
-            "use `fix_area`, `dt` or another `energy`"
+            "use `fix_area`, `step` or another `energy`"
         )
 
 
@@ -358,7 +358,9 @@ def schedule(flow: Flow, time_options: Mapping[str, Any]) -> Schedule:
         raise ParameterError("`tolerance` needs `duration`, the time over which it chooses the steps")
     if not flow.timed:
         if time_options.get("frame_every") is not None:
-            raise ParameterError("`frame_every` needs `dt` or `duration`: without them every step is a frame")
+            raise ParameterError(
+                "`frame_every` needs `step` or `duration`: without them every step is a frame"
+            )
         return Schedule(1.0, time_options.get("steps") or MAX_STEPS)
     radius = math.sqrt(flow.area / (4.0 * math.pi)) * flow.scale
     own_step = DEFAULT_CURVATURE_FLOW_STEP * radius**2 if flow.mean_curvature else DEFAULT_STEP * radius**4
