@@ -47,6 +47,17 @@ def test_curved_shell_is_at_rest_as_drawn_also_against_stretch():
     assert np.abs(bending.gradient(1.1 * x)).max() > 1e-4 * weight.max()
 
 
+def test_small_displacements_keep_their_digits():
+    """Energy and forces are of second and first order: sums of whole positions cancelled to 1e-8 of them."""
+    mesh, stencil, (weight, _) = sphere()
+    bending, x = CubicBending(mesh.points, stencil, weight), np.asarray(mesh.points)
+    d = 1e-3 * np.random.default_rng(2).normal(size=x.shape)
+    energies = [bending.energy(x + size * d) / size**2 for size in (1e-5, 1e-6)]
+    forces = [bending.gradient(x + size * d) / size for size in (1e-5, 1e-6)]
+    assert energies[1] == pytest.approx(energies[0], rel=1e-6)
+    assert np.abs(forces[1] - forces[0]).max() <= 1e-6 * np.abs(forces[0]).max()
+
+
 def test_hessian_is_linear_in_the_positions():
     mesh, stencil, (weight, _) = sphere()
     bending, x = CubicBending(mesh.points, stencil, weight), np.asarray(mesh.points)

@@ -226,7 +226,8 @@ class Shells:
         from ddgcli.models.shell import report
 
         _, systems, order = self._at_end(outcome)
-        return report.failure_reason(outcome, report.rounding(outcome, systems, order))
+        least = report.rounding(outcome, systems, order)
+        return report.failure_reason(outcome, least, static=self.scene.time.integrator == "static")
 
     def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
         from ddgcli.models.shell import report

@@ -18,6 +18,7 @@ from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.shell import hinge
 
 SIDES = ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3))  # of a hinge
+ROTATIONS = ((1, 2, 3), (2, 3, 1), (3, 1, 2))  # of the vertices whose vectors span a hinge's volume
 
 
 class CubicBending:
@@ -45,12 +46,12 @@ class CubicBending:
         )
         self.form = (2 * weight * np.cos(rest))[:, None, None] * a[:, :, None] * a[:, None, :]
         self.cubic = 2 * weight * np.sin(rest) / (f.length * f.h * f.ht)
+        self._rest = np.zeros((len(stencil), 4, 3))
         if not flat:
             self.form -= _length_terms(x[stencil], self._local_gradient(x))
+            self._rest = self._vectors(x)
         values, vectors = np.linalg.eigh(self.form)
         self._positive = np.einsum("hik,hk,hjk->hij", vectors, np.maximum(values, 0.0), vectors)
-        self.constant = 0.0
-        self.constant = 0.0 if flat else -self.energy(x)
 
     def _vectors(self, x: NDArray) -> NDArray[np.float64]:
         """(h, 4, 3) positions relative to the first vertex of each hinge."""
@@ -58,16 +59,20 @@ class CubicBending:
         return corner - corner[:, :1]
 
     def energy(self, x: NDArray) -> float:
-        p = self._vectors(x)
-        quadratic = 0.5 * np.einsum("hij,hia,hja->h", self.form, p, p, optimize=True)
-        volume = row_dot(p[:, 1], np.cross(p[:, 2], p[:, 3]))
-        return float(np.sum(quadratic + self.cubic * volume)) + self.constant
+        # in the displacement, where the rest shape is stationary: the polynomial cancels to many digits
+        d = self._vectors(x) - self._rest
+        quadratic = 0.5 * np.einsum("hij,hia,hja->h", self.form, d, d, optimize=True)
+        mean = self._rest + d / 3
+        volume = sum(row_dot(mean[:, i], np.cross(d[:, j], d[:, k])) for i, j, k in ROTATIONS)
+        return float(np.sum(quadratic + self.cubic * volume))
 
     def _local_gradient(self, x: NDArray) -> NDArray[np.float64]:
         p = self._vectors(x)
-        gradient = np.matmul(self.form, p)
-        for i, j, k in ((1, 2, 3), (2, 3, 1), (3, 1, 2)):
-            slope = self.cubic[:, None] * np.cross(p[:, j], p[:, k])
+        d = p - self._rest
+        gradient = np.matmul(self.form, d)
+        for i, j, k in ROTATIONS:
+            change = np.cross(d[:, j], p[:, k]) + np.cross(self._rest[:, j], d[:, k])
+            slope = self.cubic[:, None] * change
             gradient[:, i] += slope
             gradient[:, 0] -= slope
         return gradient
@@ -85,7 +90,7 @@ class CubicBending:
         blocks = np.einsum("hij,ab->hiajb", form, np.eye(3))
         if mode == "exact":
             p = self._vectors(x)
-            for i, j, k in ((1, 2, 3), (2, 3, 1), (3, 1, 2)):
+            for i, j, k in ROTATIONS:
                 # derivative of p_j x p_k in p_j
                 turn = -self.cubic[:, None, None] * _cross_matrix(p[:, k])
                 for row, sign in ((i, 1.0), (0, -1.0)):

@@ -185,7 +185,7 @@ def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | N
     return total
 
 
-def failure_reason(outcome: Outcome, least: RunRounding) -> str:
+def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str:
     """Reason why the result is unreliable: the energy more than doubled, or cannot be represented.
 
     A smaller rise is a warning. Energy that rises above the start and the work of handles, of loads that
@@ -197,6 +197,8 @@ def failure_reason(outcome: Outcome, least: RunRounding) -> str:
     outcome : Outcome
     least : RunRounding
         Rises within it are not significant.
+    static : bool
+        Equilibria: each is downhill of the one before, so a rise is not a matter of the step.
 
     Returns
     -------
@@ -208,6 +210,8 @@ def failure_reason(outcome: Outcome, least: RunRounding) -> str:
         message = "the energy is beyond the range of numbers; use smaller velocities, forces or accelerations"
         log.warning(message)
         return message
+    if static:
+        return ""
     work = np.zeros_like(total) + _work(outcome.series)
     energy = total - work
     growth, at_hand = float(np.max(energy) - energy[0]), float(total[0] - np.min(total - kinetic))
