@@ -266,7 +266,18 @@ class EmbeddedPlasticMemory(EmbeddedMemory):
 
 
 def embedded(own_term: Any, rows: Rows) -> Any:
-    """A term of one object as a term of a system of several."""
+    """A term of one object as a term of a system of several.
+
+    Parameters
+    ----------
+    own_term : object
+    rows : Rows
+        The vertices of the object.
+
+    Returns
+    -------
+    object
+    """
     if isinstance(own_term, FixedCoordinates | PrescribedMotion):
         return replace(own_term, mask=rows.padded(own_term.mask))
     return _kind(tuple(name for name in CAPABILITIES if hasattr(own_term, name)))(own_term, rows)

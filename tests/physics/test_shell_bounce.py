@@ -59,6 +59,8 @@ def test_growth_is_measured_by_the_energy_of_the_start():
     gravity = np.array([1.0, 0.0, 4.0])
     series = {"energy_kinetic": kinetic, "energy_gravity": gravity, "energy": kinetic + gravity}
     grown = Outcome(series=series)
-    assert "grew by 3 of the available energy" in failure_reason(grown, RunRounding(1e-12, 0.0, 0.0), static=False)
+    assert "grew by 3 of the available energy" in failure_reason(
+        grown, RunRounding(1e-12, 0.0, 0.0), static=False
+    )
     assert failure_reason(grown, RunRounding(10.0, 0.0, 0.0), static=False) == ""
     assert failure_reason(grown, RunRounding(1e-12, 0.0, 0.0), static=True) == ""

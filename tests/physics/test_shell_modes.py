@@ -13,9 +13,11 @@ from ddgcli.models.shell.plate_check import (
     deflection_factor,
     frequency_factor,
     load_factor,
+    plate_twin,
     warn_of_hinges,
 )
 from ddgcli.models.shell.report import _instability
+from tests.converge.test_laplacian_rates import disk
 from tests.physics.test_shell_midedge import CLAMP, RIGIDITY, SCENE, border, built, run, square
 
 STRIP = grid(20, 2, 1, 0.1, "alternating")
@@ -267,30 +269,31 @@ def test_a_plate_whose_every_direction_is_clamped_stretches_in_its_plane(tmp_pat
 
 
 def hinged(mesh, effects, poisson=0.0):
-    """(contexts, system) of a shell with bending by hinges."""
+    """Plates in place of the hinges of a shell."""
     _, context, system = built(mesh, effects, poisson=poisson, text=HINGED)
-    return {"s": context}, system
+    return plate_twin(system, {"s": context})
 
 
 @pytest.mark.parametrize("poisson", [0.0, 0.3])
 def test_hinges_that_do_not_bend_as_the_plate_are_reported(caplog, poisson):
     mesh = square(8, "alternating")
-    contexts, system = hinged(mesh, f"pin = {{ vertices = {border(mesh)} }}", poisson)
-    points = np.asarray(mesh.points)
-    modes = natural_modes(system, points, 4)
-    truth = np.array([2, 5, 5, 8]) * np.pi / 2 * np.sqrt(RIGIDITY / (1 - poisson**2))
-    factor = frequency_factor(contexts, points, modes.shapes, modes.values)
-    assert 1.1 < factor < 1.25 * (modes.values / truth).max()
+    pins = f"pin = {{ vertices = {border(mesh)} }}"
+    twin, points = hinged(mesh, pins, poisson), np.asarray(mesh.points)
+    modes = natural_modes(twin.hinges, points, 4)
+    _, _, plate = built(mesh, pins, poisson=poisson)
+    factor = frequency_factor(twin, points, modes.shapes, modes.values)
+    assert factor == pytest.approx((modes.values / natural_modes(plate, points, 4).values).max(), rel=0.03)
     warn_of_hinges(factor, "some frequencies")
+    assert "times too high" in caplog.text
     assert 'bending = { model = "midedge" }' in caplog.text
     # a strip that bends in one direction is what hinges are made for
-    contexts, system = hinged(STRIP, CLAMP.format(ROOT))
-    modes = natural_modes(system, X, 4)
-    assert frequency_factor(contexts, X, modes.shapes, modes.values) < 1.05
-    contexts, system = hinged(STRIP, CLAMP.format(ROOT) + "\n" + push(EULER))
-    modes = buckling_modes(system, X, 2)
+    twin = hinged(STRIP, CLAMP.format(ROOT))
+    modes = natural_modes(twin.hinges, X, 4)
+    assert frequency_factor(twin, X, modes.shapes, modes.values) == pytest.approx(1, abs=0.05)
+    twin = hinged(STRIP, CLAMP.format(ROOT) + "\n" + push(EULER))
+    modes = buckling_modes(twin.hinges, X, 2)
     assert modes.values[0] == pytest.approx(1, abs=0.06)
-    assert load_factor(contexts, X, modes.shapes) < 1.05
+    assert load_factor(twin, modes.shapes) == pytest.approx(1, abs=0.05)
 
 
 @pytest.mark.parametrize("poisson, too_small", [(0.0, 12 / 5), (0.3, 24 / 7)])
@@ -306,5 +309,25 @@ def test_the_twist_of_a_square_by_a_force_at_its_corner_is_reported_as_too_small
     )
     x = run(mesh, effects, poisson=poisson, text=HINGED)[-1].observations["s"].points
     assert 1e-3 * (1 + poisson) / (2 * RIGIDITY) / x[-1, 2] == pytest.approx(too_small, rel=1e-3)
-    contexts, _ = hinged(mesh, effects, poisson)
-    assert deflection_factor(contexts, x) == pytest.approx(too_small, rel=1e-3)
+    assert deflection_factor(hinged(mesh, effects, poisson), x) == pytest.approx(too_small, rel=1e-3)
+
+
+def test_a_round_plate_with_a_free_rim_by_hinges_is_reported_as_too_soft(caplog):
+    """Supported at the rim: (5 + nu) q a^4 / (64 (1 + nu) D) in the middle; hinges give 1.4 times that."""
+    mesh = disk(8)
+    rim = np.flatnonzero(mesh.topology.boundary_vertex).tolist()
+    effects = f"load = {{ traction = [0, 0, -1e-5] }}\npin = {{ vertices = {rim} }}"
+    truth = 5.3 / 1.3 * 1e-5 / 64 / (RIGIDITY / 0.91)
+    drops = {}
+    for text in (SCENE, HINGED):
+        x = run(mesh, effects, poisson=0.3, text=text)[-1].observations["s"].points
+        drops[text] = -x[:, 2].min()
+    assert drops[SCENE] == pytest.approx(truth, rel=0.02)
+    twin = hinged(mesh, effects, 0.3)
+    factor = deflection_factor(twin, x)
+    assert factor == pytest.approx(drops[SCENE] / drops[HINGED], rel=0.03)
+    assert factor < 0.8
+    warn_of_hinges(factor, "deflections", "small", "large")
+    assert "1.40 times too large" in caplog.text
+    modes = natural_modes(twin.hinges, np.asarray(mesh.points), 1)
+    assert frequency_factor(twin, np.asarray(mesh.points), modes.shapes, modes.values) < 0.9

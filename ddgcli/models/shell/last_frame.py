@@ -64,9 +64,13 @@ def final(
     end, time = points_at_end(outcome, systems, order), outcome.end.time
     systems = {name: system.at(time).with_own_account() for name, system in systems.items()}
     yields = _yields(systems)
-    points = np.asarray(outcome.end.points)
-    if not yields and next(iter(contexts.values())).scene.time.integrator == "static":
-        plate_check.warn_of_hinges(plate_check.deflection_factor(contexts, points), "deflections", "small")
+    static = next(iter(contexts.values())).scene.time.integrator == "static"
+    twins = _plate_twins(contexts, systems, order) if not yields and (static or n_modes or n_buckling) else {}
+    if static:
+        factors = [plate_check.deflection_factor(twin, end[name]) for name, twin in twins.items()]
+        plate_check.warn_of_hinges(plate_check.farthest_from_one(factors), "deflections", "small", "large")
+        factors = [plate_check.force_factor(twin, end[name]) for name, twin in twins.items()]
+        plate_check.warn_of_hinges(plate_check.farthest_from_one(factors), "forces", "large", "small")
     vertex: dict[str, NDArray] = {}
     results: dict[str, Any] = {}
     if n_modes or n_buckling:
@@ -76,16 +80,45 @@ def final(
             values, shapes = analysis.vibrations(systems, end, order, n_modes)
             results, vertex = {**results, **values}, {**vertex, **shapes}
             frequencies = np.array(values["frequencies"])
-            factor = plate_check.frequency_factor(contexts, points, list(shapes.values()), frequencies)
-            plate_check.warn_of_hinges(factor, "some frequencies")
+            factors = [
+                plate_check.frequency_factor(twin, end[name], *_own(name, order, shapes, frequencies))
+                for name, twin in twins.items()
+            ]
+            plate_check.warn_of_hinges(plate_check.farthest_from_one(factors), "some frequencies")
         if n_buckling:
             values, shapes = analysis.buckling(systems, order, n_buckling)
             results, vertex = {**results, **values}, {**vertex, **shapes}
-            factor = plate_check.load_factor(contexts, points, list(shapes.values()))
-            plate_check.warn_of_hinges(factor, "some load factors")
+            load_factors = np.array(values["load_factors"])
+            factors = [
+                plate_check.load_factor(twin, _own(name, order, shapes, load_factors)[0])
+                for name, twin in twins.items()
+            ]
+            plate_check.warn_of_hinges(plate_check.farthest_from_one(factors), "some load factors")
     # what has yielded is not known here
     face = {} if yields else _faces(contexts, systems, end, order)
     return vertex, face, results
+
+
+def _plate_twins(
+    contexts: dict[str, ShellContext], systems: dict[str, System], order: Order
+) -> dict[str, plate_check.PlateTwin]:
+    """Plates in place of hinges, of the systems that have any."""
+    owners = [owner for owner, _ in order]
+    shells = {
+        name: {c: context for (c, context), owner in zip(contexts.items(), owners) if owner == name}
+        for name in systems
+    }
+    twins = {name: plate_check.plate_twin(system, shells[name]) for name, system in systems.items()}
+    return {name: twin for name, twin in twins.items() if twin is not None}
+
+
+def _own(
+    name: str, order: Order, shapes: dict[str, NDArray], values: NDArray
+) -> tuple[list[NDArray], NDArray[np.float64]]:
+    """Shapes of one system on its vertices, and their values."""
+    owners = np.concatenate([np.full(count, owner == name) for owner, count in order])
+    own = np.array([bool(shape[owners].any()) for shape in shapes.values()], dtype=bool)
+    return [shape[owners] for shape, mine in zip(shapes.values(), own) if mine], values[own]
 
 
 def _yields(systems: dict[str, System]) -> bool:

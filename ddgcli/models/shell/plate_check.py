@@ -1,160 +1,277 @@
-"""How far bending by hinges is off that of the material's plate, in given shapes of shells."""
+"""How far bending by hinges is off that of the plate of the material, by a solve with its stiffness."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
-from ddgcli.mechanics.terms import LinearOperator
+from ddgcli.mechanics.embedding import embedded
+from ddgcli.mechanics.newton import Increment, newton_of
+from ddgcli.mechanics.system import System
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.simulation.account import Account
 
 if TYPE_CHECKING:
     from ddgcli.models.shell.midedge import MidedgeBending
 
-WARNING_FACTOR = 1.1  # of the stiffness by hinges over that of the plate in a shape
+WARNING_FACTOR = 1.1  # of deflections, frequencies and loads by hinges over those of the plate, or inverse
 BENT_START = 1e-6  # of the bending energy, that a shell may have at the start
-LEAST_BENDING = 1e-6  # of D / size^2: less is the rounding of a rigid motion
+LEAST_BENDING = 1e-6  # of D / size^2: a shape of less stiffness is a rigid motion
+LEAST_SHIFT = 1e-9  # of the mean stiffness by mass, for motions that pins leave free
 
 
-def frequency_factor(
-    contexts: Mapping[str, ShellContext], points: NDArray, shapes: Sequence[NDArray], values: NDArray
-) -> float:
-    """Largest factor by which hinges make frequencies too high, by the plate's stiffness in their shapes.
+@dataclass(frozen=True, eq=False)
+class PlateTwin:
+    """Shells with hinges, and the same shells with the plate of the material in their place.
 
     Parameters
     ----------
+    hinges, plate : System
+        At the same time.
+    contexts : sequence of (ShellContext, slice)
+        The shells and their vertices.
+    rigidity : float
+        Least bending stiffness D of the shells in N m.
+    """
+
+    hinges: System
+    plate: System
+    contexts: Sequence[tuple[ShellContext, slice]]
+    rigidity: float
+
+    def bent_at_start(self, points: NDArray) -> bool:
+        """Whether the hinges had moments at the start, in proportion to their energy at (n, 3) points."""
+        bendings = [(_bending(context), context, rows) for context, rows in self.contexts]
+        start = sum(term.energy(np.asarray(context.mesh.points)) for term, context, _ in bendings)
+        end = sum(term.energy(points[rows]) for term, _, rows in bendings)
+        return start > BENT_START * end
+
+    def displacements(self, x: NDArray, forces: Sequence[NDArray], shift: float = 0.0) -> list[NDArray]:
+        """(n, 3) displacements of the plate at x by forces (n, 3).
+
+        `shift` times the masses (1/s^2) is added to the stiffness.
+
+        Raises
+        ------
+        SolveError
+            The plate is unstable there.
+        """
+        increment, newton = Increment(0.0, x), newton_of(self.plate)
+        stiffness = float(newton.matrix(increment, x, "exact").diagonal().sum())
+        shift = max(shift, LEAST_SHIFT * stiffness / (3 * float(self.plate.mass.sum())))
+        matrix = newton.matrix(increment, x, "exact", shift)
+        solver = newton.solver(increment)
+        solver.factorise(self.plate, matrix, x, newton.columns(x))
+        return [newton.spread(solver.solve(newton.entries(force))) for force in forces]
+
+
+def plate_twin(system: System, contexts: Mapping[str, ShellContext]) -> PlateTwin | None:
+    """The shells of a system with plates in place of hinges.
+
+    Parameters
+    ----------
+    system : System
     contexts : mapping of str to ShellContext
-        In the order of their vertices.
+        Its shells, in the order of their vertices.
+
+    Returns
+    -------
+    PlateTwin or None
+        None where there are no hinges, where no mesh has a plate (needles), or factors do not fit.
+    """
+    ends = np.cumsum([0, *(context.mesh.n_vertices for context in contexts.values())]).tolist()
+    plates: dict[int, MidedgeBending] = {}
+    shells = []
+    for context, *pair in zip(contexts.values(), ends, ends[1:]):
+        shells.append((context, slice(*pair)))
+        if (plate := _plate(context)) is not None:
+            plates[id(_bending(context))] = plate
+
+    def with_plate(term: Any) -> Any:
+        plate = plates.get(id(getattr(term, "own_term", term)))
+        if plate is None:
+            return term
+        return embedded(plate, term.rows) if hasattr(term, "own_term") else plate
+
+    if not plates:
+        return None
+    system.cache.pop("newton", None)  # factors of the hinges beside those of the plate are memory
+    terms = [with_plate(term) for term in system.all_terms]
+    twin = System(system.mass, terms, Account(), system.start, system.size).at(system.time)
+    if newton_of(twin).solver(Increment(0.0, system.start)).by_blocks:
+        return None
+    return PlateTwin(system, twin, shells, min(plate.rigidity for plate in plates.values()))
+
+
+def deflection_factor(twin: PlateTwin, points: NDArray) -> float:
+    """Factor of the plate's deflections on those of hinges in equilibrium, as the work of their forces.
+
+    The move of the plate from there to its own equilibrium is computed in linear theory.
+
+    Parameters
+    ----------
+    twin : PlateTwin
     points : (n, 3) ndarray of float64
-        Positions in m of the vertices of all shells.
+        Positions in m at the equilibrium of the hinges.
+
+    Returns
+    -------
+    float
+        1 where a shell was bent at the start, and where the plate is unstable.
+    """
+    if twin.bent_at_start(points):
+        return 1.0
+    force = np.zeros_like(points)
+    for context, rows in twin.contexts:
+        force[rows] = np.sum([term.gradient(points[rows]) for term in context.elastic], axis=0)
+    force = twin.hinges.only_free(force)
+    work = float(np.vdot(force, points - twin.hinges.start))
+    move = _to_equilibrium(twin, points)
+    if move is None or work <= twin.hinges.rounding.energy():
+        return 1.0
+    return max(1.0 + float(np.vdot(force, move)) / work, 0.0)
+
+
+def force_factor(twin: PlateTwin, points: NDArray) -> float:
+    """Factor of the forces of handles on hinges over those on the plate, as their elastic energies.
+
+    Parameters
+    ----------
+    twin : PlateTwin
+    points : (n, 3) ndarray of float64
+        Positions in m at the equilibrium of the hinges.
+
+    Returns
+    -------
+    float
+        1 without handles, where a shell was bent at the start, and where the plate is unstable.
+    """
+    if not twin.hinges.prescribed or twin.bent_at_start(points):
+        return 1.0
+    elastic = sum(term.energy(points[rows]) for context, rows in twin.contexts for term in context.elastic)
+    move = _to_equilibrium(twin, points)
+    if move is None or elastic <= twin.hinges.rounding.energy():
+        return 1.0
+    more = sum(twin.plate.energies(points).values()) - sum(twin.hinges.energies(points).values())
+    of_plate = elastic + more + 0.5 * float(np.vdot(twin.plate.gradient(points), move))
+    return elastic / of_plate if of_plate > 0.0 else 1.0
+
+
+def _to_equilibrium(twin: PlateTwin, points: NDArray) -> NDArray[np.float64] | None:
+    """The move of the plate to its equilibrium in linear theory; None where it is unstable."""
+    try:
+        return twin.displacements(points, [-twin.plate.gradient(points)])[0]
+    except SolveError:
+        return None
+
+
+def frequency_factor(twin: PlateTwin, points: NDArray, shapes: Sequence[NDArray], values: NDArray) -> float:
+    """Factor of frequencies of hinges over those of the plate, by a step of inverse iteration: the worst.
+
+    Parameters
+    ----------
+    twin : PlateTwin
+    points : (n, 3) ndarray of float64
+        Positions in m.
     shapes : sequence of (n, 3) ndarray
+        Of the vibrations with hinges.
     values : (k,) ndarray
-        Frequencies in Hz of the shapes.
+        Their frequencies in Hz.
 
     Returns
     -------
     float
-        1 where no shell has hinges.
+        1 where no shape bends, and where the plate is unstable.
     """
-    mass = np.concatenate([context.mass for context in contexts.values()])
-    inertia = np.array([float(mass @ (shape**2).sum(axis=1)) for shape in shapes])
-    stiffness = np.sign(values) * (2 * np.pi * values) ** 2 * inertia
-    return float(np.sqrt(_stiffness_factor(contexts, points, shapes, stiffness)))
+    mass = twin.hinges.mass[:, None]
+    forces = [(2 * np.pi * value) ** 2 * mass * shape for value, shape in zip(values, shapes)]
+    stable = [(shape, force) for value, shape, force in zip(values, shapes, forces) if value > 0.0]
+    return float(np.sqrt(_stiffness_factor(twin, points, stable)))
 
 
-def load_factor(contexts: Mapping[str, ShellContext], points: NDArray, shapes: Sequence[NDArray]) -> float:
-    """Largest factor by which hinges make buckling loads too high, by the plate in their shapes.
+def load_factor(twin: PlateTwin, shapes: Sequence[NDArray]) -> float:
+    """Factor of buckling loads of hinges over those of the plate, by a step of inverse iteration: the worst.
 
     Parameters
     ----------
-    contexts : mapping of str to ShellContext
-    points : (n, 3) ndarray of float64
+    twin : PlateTwin
     shapes : sequence of (n, 3) ndarray
+        Of buckling with hinges.
 
     Returns
     -------
     float
-        1 where no shell has hinges.
+        1 where no shape bends.
     """
-    stiffness = np.zeros(len(shapes))
-    for context, rows in _rows(contexts):
+    start = twin.hinges.start
+    forces = [np.zeros_like(start) for _ in shapes]
+    for context, rows in twin.contexts:
         for term in context.elastic:
-            stiffness += _quotients(term.material_operator(points[rows]), shapes, rows)
-    return _stiffness_factor(contexts, points, shapes, stiffness)
+            operator = term.material_operator(start[rows])
+            for force, shape in zip(forces, shapes):
+                force[rows] += operator(shape[rows])
+    return _stiffness_factor(twin, start, list(zip(shapes, map(twin.hinges.only_free, forces))))
 
 
-def deflection_factor(contexts: Mapping[str, ShellContext], points: NDArray) -> float:
-    """Factor by which hinges make deflections at equilibrium too small, by the energy of the plate there.
+def _stiffness_factor(twin: PlateTwin, x: NDArray, shapes: Sequence[tuple[NDArray, NDArray]]) -> float:
+    """The factor on the plate's stiffness that is farthest from 1, in shapes with their elastic forces."""
+    size = float(np.ptp(x, axis=0).max())
+    least = LEAST_BENDING * twin.rigidity / size**2
+    bent = [(shape, force) for shape, force in shapes if np.vdot(shape, force) > least]
+    if not bent:
+        return 1.0
+    slowest = min(np.vdot(u, f) / np.vdot(twin.hinges.mass[:, None] * u, u) for u, f in bent)
+    try:
+        moves = twin.displacements(x, [force for _, force in bent], 1e-4 * float(slowest))
+    except SolveError:
+        return 1.0
+    factors = [float(np.vdot(f, move) / np.vdot(f, u)) for (u, f), move in zip(bent, moves)]
+    return farthest_from_one(factors)
+
+
+def farthest_from_one(factors: Sequence[float]) -> float:
+    """The positive factor that is farthest from 1 in proportion.
 
     Parameters
     ----------
-    contexts : mapping of str to ShellContext
-    points : (n, 3) ndarray of float64
-        Positions in m at equilibrium.
+    factors : sequence of float
 
     Returns
     -------
     float
-        1 where no shell has hinges, and where a shell was bent at the start.
-
-    Notes
-    -----
-    Of a linear shell this is a lower bound for the work of dead loads, which is twice the energy: by the
-    principle of minimum potential energy the plate's is at least that of this shape, scaled at best.
+        1 without factors.
     """
-    elastic, hinges, plate = 0.0, 0.0, 0.0
-    for context, rows in _rows(contexts):
-        x, rest = points[rows], np.asarray(context.mesh.points)
-        elastic += sum(term.energy(x) for term in context.elastic)
-        if (potential := _plate(context)) is not None:
-            own = context.terms["bending"][0]
-            if own.energy(rest) > BENT_START * own.energy(x):
-                return 1.0
-            hinges, plate = hinges + own.energy(x), plate + potential.energy(x)
-    least = elastic - hinges + plate
-    return max(1.0, elastic / least) if hinges > 0.0 and least > 0.0 else 1.0
+    return max((f for f in factors if f > 0.0), key=lambda f: max(f, 1 / f), default=1.0)
 
 
-def warn_of_hinges(factor: float, what: str, error: str = "high") -> None:
+def warn_of_hinges(factor: float, what: str, more: str = "high", less: str = "low") -> None:
     """Warn where hinges do not bend as the plate of the material.
 
     Parameters
     ----------
     factor : float
-        Of the numbers by hinges over those of the plate.
+        Of the plate's numbers, above 1 where they are `more`.
     what : str
         What the numbers are.
-    error : {'high', 'small'}
-        What they are in place of the plate's.
+    more, less : str
+        What they are in place of the plate's where the factor is above and below 1.
     """
-    if factor > WARNING_FACTOR:
+    if max(factor, 1 / factor if factor > 0.0 else 0.0) > WARNING_FACTOR:
         logging.getLogger("ddgcli").warning(
             "hinges do not bend as the plate of the material on this mesh: %s are about %.2f times too %s; "
-            'write bending = { model = "midedge" }', what, factor, error,
+            'write bending = { model = "midedge" }',
+            what, max(factor, 1 / factor), more if factor > 1.0 else less,
         )  # fmt: skip
 
 
-def _rows(contexts: Mapping[str, ShellContext]) -> list[tuple[ShellContext, slice]]:
-    """Each shell and its vertices."""
-    ends = np.cumsum([0, *(context.mesh.n_vertices for context in contexts.values())]).tolist()
-    return [(context, slice(*pair)) for context, *pair in zip(contexts.values(), ends, ends[1:])]
-
-
-def _quotients(operator: LinearOperator, shapes: Sequence[NDArray], rows: slice) -> NDArray[np.float64]:
-    return np.array([float(np.sum(shape[rows] * operator(shape[rows]))) for shape in shapes])
-
-
-def _stiffness_factor(
-    contexts: Mapping[str, ShellContext], points: NDArray, shapes: Sequence[NDArray], stiffness: NDArray
-) -> float:
-    """Largest factor of stiffnesses (k,) over those with the plate in place of the hinges, at least 1.
-
-    By Rayleigh's principle the plate is no stiffer in its own shapes than in these.
-    """
-    hinges, plate, least = np.zeros(len(shapes)), np.zeros(len(shapes)), np.inf
-    for context, rows in _rows(contexts):
-        if (pair := _operators(context, points[rows])) is not None:
-            hinges += _quotients(pair[0], shapes, rows)
-            plate += _quotients(pair[1], shapes, rows)
-            least = min(least, LEAST_BENDING * pair[2] / float(np.ptp(points[rows], axis=0).max()) ** 2)
-    bent = np.minimum(hinges, stiffness) > least
-    if not bent.any():
-        return 1.0
-    of_plate = (stiffness - hinges + plate)[bent]
-    return float((stiffness[bent] / of_plate)[of_plate > 0.0].max(initial=1.0))
-
-
-def _operators(context: ShellContext, x: NDArray) -> tuple[LinearOperator, LinearOperator, float] | None:
-    """Bending stiffness by hinges and of the plate, and D; None where there are no hinges or no plate."""
-    plate = _plate(context)
-    if plate is None:
-        return None
-    return context.terms["bending"][0].material_operator(x), plate.material_operator(x), plate.rigidity
+def _bending(context: ShellContext) -> Any:
+    return context.terms["bending"][0]
 
 
 def _plate(context: ShellContext) -> MidedgeBending | None:
