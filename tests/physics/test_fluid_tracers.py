@@ -99,6 +99,20 @@ def disk(rings):
     return TriangleMesh(np.column_stack([points, np.zeros(len(points))]), Topology(faces, len(points)))
 
 
+def test_velocities_at_vertices_are_those_of_quadratic_stream_functions_at_walls_too():
+    mesh = grid_mesh(Grid(size=[2, 1], cells=[8, 6], pattern="alternating"))
+    x, y, _ = mesh.points.T
+    inside = ~mesh.topology.boundary_vertex
+    moved = np.random.default_rng(1).uniform(-0.03, 0.03, (2, len(x))) * inside
+    mesh = TriangleMesh.from_arrays(np.column_stack([x + moved[0], y + moved[1], 0 * x]), mesh.faces)
+    space, (x, y, _) = SurfaceSpace(mesh, np.zeros((0, mesh.topology.n_edges))), mesh.points.T
+    flux = space.side_flux(x * x - x * y + 0.5 * y * y + x - y, np.zeros(0))
+    first = mesh.points[mesh.faces[:, 1]] - mesh.points[mesh.faces[:, 0]]
+    axis = (first[:, 0] + 1j * first[:, 1]) / np.linalg.norm(first, axis=1)
+    error = Transport(space).corners(flux) * axis[:, None] - (y - x - 1 - 1j * (2 * x - y + 1))[mesh.faces]
+    assert np.abs(error).max() < 1e-12
+
+
 def test_points_at_a_reentrant_corner_move_along_the_nearer_wall():
     square = grid_mesh(Grid(size=[2, 2], cells=[4, 4], pattern="left"))
     centre = square.points[square.faces].mean(axis=1)
@@ -130,7 +144,7 @@ def test_dye_and_points_at_a_round_wall_move_along_it():
     values = x
     for _ in range(10):
         values = tracer.advance(values, flux, 0.1)
-    assert np.abs(values - (x * np.cos(1) + y * np.sin(1))).max() < 0.06
+    assert np.abs(values - (x * np.cos(1) + y * np.sin(1))).max() < 0.01
     rim = np.flatnonzero(mesh.topology.boundary_vertex)
     face, corner = corner_of(space, rim)
     for slowness in (1.0, 1e-6):  # slow ones stayed: their lines started within a tolerance of the vertex
@@ -139,4 +153,5 @@ def test_dye_and_points_at_a_round_wall_move_along_it():
         place = np.einsum("ij,ija->ia", moved.barycentric, mesh.points[mesh.faces[moved.face]])
         turn = (place[:, 0] + 1j * place[:, 1]) / (x[rim] + 1j * y[rim])
         assert np.abs(np.abs(turn) - 1).max() < 0.01
-        assert np.abs(np.angle(turn) / slowness - 1).max() < 0.2  # 1: in one long step
+        # the sides of the polygon that one long step meets add up to more than the arc
+        assert np.abs(np.angle(turn) / slowness - 1).max() < (0.2 if slowness == 1.0 else 0.005)
