@@ -11,6 +11,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 # odd numbers without pattern in their bits, one a coordinate: those of the generator splitmix64
 HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)
+MIN_SIGNED_SHARE = 1e-9  # of a sum over that of the sizes of its terms: below, its sign is rounding
 
 
 def merged_points(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -105,12 +106,47 @@ def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:
     MeshError
         The surface is not orientable.
     """
-    turn = mesh.topology.face_turn
-    if turn is None:
+    if not mesh.topology.is_orientable:
         raise MeshError(
             f"the surface is not orientable (it contains a Moebius band); {cure('one side', mesh.topology)}"
         )
+    turn = faces_to_turn(mesh)
     return reverse_faces(mesh, turn), turn
+
+
+def faces_to_turn(mesh: TriangleMesh) -> NDArray[np.bool_]:
+    """Faces to reverse so that every orientable piece is oriented: in each piece the fewer.
+
+    Where they are as many as the others, the sides are those of positive volume, or, of flat pieces, those
+    whose area vector has a positive component along z (else y, else x): they do not depend on numbers.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    (m,) ndarray of bool
+    """
+    turn, piece = mesh.topology.faces_to_turn, mesh.topology.undecided_piece
+    rows = np.flatnonzero(piece >= 0)
+    if not len(rows):
+        return turn
+    _, label = np.unique(piece[rows], return_inverse=True)
+    size = float(np.abs(mesh.points).max())
+    a, b, c = (mesh.points[mesh.faces[rows, k]] / (size or 1.0) for k in range(3))
+    vector = np.cross(b - a, c - a) * np.where(turn[rows], -1.0, 1.0)[:, None]
+    centre, count = a + b + c, np.bincount(label)
+    middle = np.stack([np.bincount(label, weights=column) for column in centre.T], axis=1) / count[:, None]
+    volume = np.einsum("ij,ij->i", vector, centre - middle[label])
+    largest = np.linalg.norm(vector, axis=1) * np.linalg.norm(centre - middle[label], axis=1)
+    reverse = np.zeros(len(count))
+    for value, size in ((volume, largest), *((vector[:, k], np.abs(vector).sum(axis=1)) for k in (2, 1, 0))):
+        total, most = np.bincount(label, weights=value), np.bincount(label, weights=size)
+        reverse = np.where((reverse == 0) & (np.abs(total) > MIN_SIGNED_SHARE * most), total, reverse)
+    turn = turn.copy()
+    turn[rows] ^= (reverse < 0)[label]
+    return turn
 
 
 def reverse_faces(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:

@@ -355,11 +355,22 @@ class Topology:
 
         In each piece the fewer faces are turned; none in one-sided pieces.
         """
+        turned, piece, share = self._turned_share
+        return frozen((turned ^ (share > 0.5)[piece]) & ~self.one_sided_face)
+
+    @property
+    def undecided_piece(self) -> NDArray[np.int64]:
+        """(m,) number of the piece of each face where half the faces would be turned, elsewhere -1."""
+        _, piece, share = self._turned_share
+        return np.where((share == 0.5)[piece] & ~self.one_sided_face, piece, -1)
+
+    @cached_property
+    def _turned_share(self) -> tuple[NDArray[np.bool_], NDArray[np.int64], NDArray[np.float64]]:
+        """(m,) faces turned against the first of their piece, (m,) pieces, and the turned share of each."""
         copies = self._cover_component
         turned = copies[:, 0] > copies[:, 1]
         _, piece = np.unique(copies.min(axis=1), return_inverse=True)
-        share = np.bincount(piece, weights=turned) / np.maximum(np.bincount(piece), 1)
-        return frozen((turned ^ (share > 0.5)[piece]) & ~self.one_sided_face)
+        return turned, piece, np.bincount(piece, weights=turned) / np.maximum(np.bincount(piece), 1)
 
     @property
     def face_turn(self) -> NDArray[np.bool_] | None:

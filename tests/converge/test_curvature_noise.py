@@ -86,15 +86,23 @@ def test_radii_behind_which_the_curvature_changes_little_do_not_hide_its_bias():
 
 
 @pytest.mark.parametrize(
-    "name", ["rounded to 1e-3 of extent 0.2: bumpy sphere", "outliers 1 % of 2.0: bumpy sphere"]
+    "name",
+    [
+        "rounded to 1e-3 of extent 0.2: bumpy sphere",
+        "outliers 1 % of 2.0: bumpy sphere",
+        "normal noise 0.15: bumpy sphere",  # its first balls hold whole bumps
+    ],
 )
 def test_averaged_normals_that_flatten_small_features_are_not_proposed(name, caplog):
-    """Their balls hold whole bumps: they are 38 and 48 % off, and would state 8 %."""
+    """Their balls hold whole bumps: they are 38 to 50 % off, and would state 8 to 10 %."""
     known = dict(further_surfaces.noise_cases())[name]()
     measure_curvature(known.mesh, full=False)
     _, scheme, radius = proposal(caplog.text)
-    mean = measure_curvature(known.mesh, scheme, radius, full=False).vertex["mean_curvature"]
-    assert mean_error(known, mean) < 0.3
+    result = measure_curvature(known.mesh, scheme, radius, full=False)
+    assert mean_error(known, result.vertex["mean_curvature"]) < 0.3
+    voting = measure_curvature(known.mesh, "normal-voting", "auto", full=False)
+    error = mean_error(known, voting.vertex["mean_curvature"])
+    assert error / 2.5 < voting.results["expected_error"] < 2.5 * error
 
 
 FLAT_VOXELS = (1.0, 1.0, 3.0)
@@ -166,7 +174,8 @@ def test_components_of_different_sizes_have_radii_of_their_own(scheme, worst, ca
         assert errors[component == k].mean() < worst
     size = np.array([0.1, 1 / 3, 1.0])[component]
     true = (errors * size).mean() / size.mean()
-    assert true / 2 < result.results["expected_error"] < max(2 * true, 0.015)  # at least 1 % is stated
+    # at least 1 %, and the difference to fits (5 %) at 33 vertices is uncertain by a tenth
+    assert true / 2 < result.results["expected_error"] < max(2 * true, 0.02)
     assert [r["vertices"] for r in result.results["radii"]] == [162, 642, 2562]
 
 

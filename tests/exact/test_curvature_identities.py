@@ -260,6 +260,41 @@ def test_curvature_of_few_or_symmetric_neighbours_does_not_depend_on_numbers_and
             assert np.abs(after[key] - before[key][order]).max() < 1e-11 * size
 
 
+def undecided():
+    ball = shapes.icosphere(1)
+    half = ball.faces.copy()
+    half[::2] = half[::2, ::-1]  # as many faces on one side as on the other
+    grid = shapes.grid(4, 4)
+    flat = grid.faces.copy()
+    flat[::2] = flat[::2, ::-1]
+    x, y, _ = grid.points.T
+    tip = ball.points - ball.points[0]
+    other = np.where(np.arange(ball.n_vertices) > 0, np.arange(ball.n_vertices) + ball.n_vertices - 1, 0)
+    cones = TriangleMesh.from_arrays(
+        np.vstack([tip, -tip[1:]]), np.vstack([ball.faces, other[ball.faces[:, ::-1]]])
+    )
+    return {
+        "half of the faces reversed": TriangleMesh.from_arrays(ball.points, half),
+        "half of a graph reversed": TriangleMesh.from_arrays(
+            np.stack([x, y, x * x + 0.3 * x * y], axis=1), flat
+        ),
+        "normals that cancel in a common tip": cones,
+    }
+
+
+@pytest.mark.parametrize("scheme", CURVATURE_SCHEMES)
+@pytest.mark.parametrize("name, mesh", undecided().items())
+def test_undecided_orientations_and_normals_do_not_depend_on_numbers(name, mesh, scheme):
+    rng = np.random.default_rng(1)
+    before = measure_curvature(mesh, scheme, full=False).vertex["mean_curvature"]
+    for _ in range(4):
+        order = rng.permutation(mesh.n_vertices)
+        faces = np.roll(np.argsort(order)[rng.permutation(mesh.faces)], 1, axis=1)
+        moved = TriangleMesh.from_arrays(mesh.points[order], faces)
+        after = measure_curvature(moved, scheme, full=False).vertex["mean_curvature"]
+        assert np.abs(after - before[order]).max() < 1e-9 * np.abs(before).max()
+
+
 def test_willmore_energies_of_spheres_tori_and_round_polyhedra():
     sphere = measure_curvature(shapes.icosphere(4)).results
     assert sphere["willmore_energy"] == pytest.approx(4 * np.pi, rel=2e-3)

@@ -11,6 +11,7 @@ from ddgcli.algorithms.curvature.regions import Regions, chunks
 from ddgcli.mesh.vectors import dot, ratio
 
 MEMBERS_PER_BLOCK = 4_000_000
+MIN_TOTAL_SHARE = 1e-12  # of the total area vector over the area: below, its direction is rounding
 
 
 def averaged_normals(faces: Faces, normal: NDArray, regions: Regions) -> NDArray[np.float64]:
@@ -20,7 +21,7 @@ def averaged_normals(faces: Faces, normal: NDArray, regions: Regions) -> NDArray
     ----------
     faces : Faces
     normal : (3, k) ndarray of float64
-        Unit normals to return where the total is zero.
+        Unit normals to return where the total is zero, as that of a closed surface.
     regions : Regions
         k regions of vertices.
 
@@ -29,9 +30,10 @@ def averaged_normals(faces: Faces, normal: NDArray, regions: Regions) -> NDArray
     (3, k) ndarray of float64
         Unit vectors.
     """
-    total = region_sums(regions, faces.stars(faces.doubled))
+    sums = region_sums(regions, faces.stars(np.vstack([faces.doubled, faces.doubled_area])))
+    total, size = sums[:3], sums[3]
     length = np.sqrt(dot(total, total))
-    return np.where(length > 0, ratio(total, length), normal)
+    return np.where(length > MIN_TOTAL_SHARE * size, ratio(total, length), normal)
 
 
 def region_sums(regions: Regions, columns: NDArray) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +64,7 @@ class Noise:
     @property
     def dominates_curvature(self) -> bool:
         """Whether fits over the default region are unreliable and the proposed radius is clearly better."""
-        best = self.scales_of(self.best_scheme)
+        best = self.scales_of(self._settled_scheme)
         if not self.kind or best is None:
             return False
         return self._is_unreliable(best.default_rms, best.default_error, best.error)
@@ -73,17 +74,19 @@ class Noise:
 
         It is the difference to the curvature in balls of the best radius.
         """
-        samples = self._samples(self.best_scheme)
+        samples = self._samples(self._settled_scheme)
         if not self.kind or not samples:
             return None
         size = sum(share * best.size for share, best in samples)
+        stated_size = sum(share * best.stated_size for share, best in samples)
         error = square = remaining = 0.0
         for share, best in samples:
             difference = np.abs(mean[best.vertices] - best.mean)
             error += share * float(np.hypot(difference.mean(), best.error * best.size)) / size
             square += share * float(np.mean(difference**2))
             remaining += share * best.error * best.size / size
-        return error if self._is_unreliable(square**0.5 / size, error, remaining) else None
+        unreliable = self._is_unreliable(square**0.5 / size, error, remaining)
+        return error * size / stated_size if unreliable else None
 
     def _samples(self, scheme: str) -> list[tuple[float, Scales]]:
         """Curvature in balls of all components or of those of each size, with their share of the vertices."""
@@ -102,10 +105,22 @@ class Noise:
     @property
     def best_scheme(self) -> str:
         """Scheme with the least error in balls."""
+        return self._scheme_of_least(lambda scales: max(scales.error, scales.apart))
+
+    @property
+    def _settled_scheme(self) -> str:
+        """Scheme whose curvature changes least with the radius, though it may flatten small features."""
+        return self._scheme_of_least(lambda scales: scales.error)
+
+    def _scheme_of_least(self, error_of: Callable[[Scales], float]) -> str:
+        def error(scheme: str) -> float:
+            samples = self._samples(scheme)
+            total = sum(share * error_of(scales) * scales.size for share, scales in samples)
+            return total / sum(share * scales.size for share, scales in samples)
+
         if self.scales is None or self.voting is None:
             return "quadric"
-        votes = self.voting.error < MAX_VOTING_SHARE * self.scales.error
-        return "normal-voting" if votes else "quadric"
+        return "normal-voting" if error("normal-voting") < MAX_VOTING_SHARE * error("quadric") else "quadric"
 
     def scales_of(self, scheme: str) -> Scales | None:
         """Curvature in balls by a scheme, or by the one that is most like it."""
@@ -121,8 +136,8 @@ class Noise:
         samples = self._samples(scheme if fitted else self.best_scheme)
         if not samples:
             return None
-        size = sum(share * scales.size for share, scales in samples)
-        error = sum(share * scales.expected_error * scales.size for share, scales in samples) / size
+        size = sum(share * scales.stated_size for share, scales in samples)
+        error = sum(share * scales.expected_error * scales.stated_size for share, scales in samples) / size
         if fitted or mean is None:
             return error
         distances = [share * np.abs(mean[best.vertices] - best.mean).mean() for share, best in samples]
@@ -155,6 +170,9 @@ KINDS = {
     "noise": "has noise of {:.2g} of an edge",
 }
 
+SMOOTHED_KINDS = ("uneven", "lattice")
+UNKNOWN_ERROR = " of what the mesh has (what smoothing steps took from the body cannot be known)"
+
 
 def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> float | None:
     """Report the error at the default region, and the radius to use, where that region is unreliable.
@@ -185,12 +203,13 @@ def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> flo
         radius = f"`radius=auto` ({min(radii):.3g} to {max(radii):.3g} by the sizes of the components)"
     logging.getLogger("ddgcli").warning(
         "the surface %s: at the default region the error of the mean curvature is about %.0f %%; "
-        "%s %s, where it is about %.0f %%",
+        "%s %s, where it is about %.0f %%%s",
         KINDS[noise.kind].format(noise.relative),
         100 * error,
         cure,
         radius,
         100 * (noise.expected_error(best) or 0.0),
+        UNKNOWN_ERROR if noise.kind in SMOOTHED_KINDS else "",
     )
     return error
 

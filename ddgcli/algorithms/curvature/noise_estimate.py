@@ -26,6 +26,7 @@ from ddgcli.algorithms.curvature.noise_kind import (
 )
 from ddgcli.algorithms.curvature.point_grid import PointGrid
 from ddgcli.algorithms.curvature.regions import Regions, largest_radius, listed, size_groups
+from ddgcli.algorithms.curvature.sampled_fits import fits_at, fits_in_balls
 from ddgcli.algorithms.curvature.scales import (
     MAX_SCALES,
     MAX_SURFACE_SHARE,
@@ -33,8 +34,7 @@ from ddgcli.algorithms.curvature.scales import (
     RADIUS_RATIO,
     VOTING_BIAS_GROWTH,
     Scales,
-    fits_at,
-    fits_in_balls,
+    apart_from,
     measure_scales,
     scale_radii,
 )
@@ -207,7 +207,7 @@ class _Balls:
         tree = cKDTree(self.mesh.points, balanced_tree=False, compact_nodes=False)
         step = max(1, len(scales.vertices) // VOTING_SAMPLE_SIZE)
         some, default = scales.vertices[::step], scales.default[::step]
-        return measure_scales(
+        voting = measure_scales(
             lambda radius: normal_voting_at(self.faces, self.normal, some, tree, radius, pairs),
             some,
             default,
@@ -216,6 +216,7 @@ class _Balls:
             VOTING_BIAS_GROWTH,
             reference=scales.first_mean[::step],
         )
+        return None if voting is None else apart_from(voting, scales, step)
 
     def of_group(self, vertices: NDArray, n_components: int, pairs: float) -> SizeGroup | None:
         """Curvature in balls around some vertices of components of like size."""

@@ -12,22 +12,12 @@ with that of fits in small balls.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
-from ddgcli.algorithms.curvature.point_grid import PointGrid
-from ddgcli.algorithms.curvature.polynomial_fits import (
-    QUADRATIC,
-    QUARTIC,
-    Basis,
-    fit_forms,
-    principal_of_forms,
-)
-from ddgcli.algorithms.curvature.regions import Regions
-from ddgcli.mesh.vectors import unit_vectors as unit_rows
 
 RADIUS_RATIO = 2**0.5
 MAX_SCALES = 12
@@ -44,7 +34,11 @@ MIN_SIGNIFICANCE = 3.0  # of a squared difference, over that which noise leaves 
 # multiply it by 1.3 (rounded boxes) to 1.7 (tori)
 QUADRATIC_BIAS_GROWTH, VOTING_BIAS_GROWTH = 2.0, 1.6
 MIN_MEAN_SHARE = 0.25  # of the larger principal curvature: what counts as size of the mean curvature
-MAX_CHANGE = 3.0  # of a vertex over the median one, in the stated error: normal noise has more at 4 % of them
+MAX_CHANGE = 5.0  # of a vertex over the median one, in the stated error
+MAX_TAIL = (
+    3.0  # times the median size: more is at rims and spikes; normal noise has more at 4 % of the vertices
+)
+ERROR_MARGIN = 1.25  # of the error of other fits: a difference beyond that is surely not theirs
 MAX_SURFACE_SHARE = 0.17  # of the surface's area that a ball may hold
 MIN_TURNING = 1e-9  # radians over a ball: curvature below is rounding, as where balls hold the whole surface
 MIN_ERROR = 0.01  # relative; all balls share some errors, as of the place of a staircase
@@ -77,9 +71,14 @@ class Scales:
         Mean curvature over the default region, in the first balls and in those of the best radius.
     size : float
         What the errors are relative to.
+    stated_size : float
+        The same without the rims of a body: what `expected_error` and errors in messages are relative to.
     median_share, kurtosis : float
         Of the difference between the default region and the balls of the best radius: the median of its size
         over the mean, and the mean fourth power over the squared mean square.
+    apart : float
+        Difference from the curvature of other fits surely beyond the error of these (`apart_from`), over
+        `size`.
     """
 
     vertices: NDArray[np.int64]
@@ -96,8 +95,10 @@ class Scales:
     first_mean: NDArray[np.float64]
     mean: NDArray[np.float64]
     size: float
+    stated_size: float
     median_share: float
     kurtosis: float
+    apart: float = 0.0
 
     @property
     def fall(self) -> float:
@@ -165,8 +166,11 @@ def measure_scales(
     mean = np.stack([fit.mean for fit in fits])
     error = error_of_radii(mean, default, reference)
     best = int(np.argmin(error))
+    whole_error = _whole_error(mean, default, reference, best, bias_growth)
     larger = np.maximum(np.abs(fits[best].low), np.abs(fits[best].high))
-    size = max(float(np.mean(np.abs(mean[best]))), MIN_MEAN_SHARE * float(np.median(larger)))
+    least_size = MIN_MEAN_SHARE * float(np.median(larger))
+    size = max(float(np.mean(np.abs(mean[best]))), least_size)
+    stated_size = max(_mean_size(mean[best], MAX_TAIL), least_size)
     if not size * radii[best] > MIN_TURNING:
         return None
     relative = max(float(error[best]) / size, MIN_ERROR)
@@ -181,14 +185,41 @@ def measure_scales(
         best_radius=_least_between(np.array(radii), error, best),
         error=relative,
         bending_error=relative * size / max(float(np.median(larger)), size),
-        expected_error=max(_whole_error(mean, default, reference, best, bias_growth) / size, MIN_ERROR),
+        expected_error=max(whole_error / stated_size, MIN_ERROR),
         default_error=float(np.hypot(measured / size, relative)),
         default_rms=float(np.sqrt(np.mean(difference**2))) / size,
         mean=mean[best],
         first_mean=mean[0],
         size=size,
+        stated_size=stated_size,
         median_share=float(np.median(difference)) / measured if measured > 0 else 1.0,
         kurtosis=_kurtosis(difference),
+    )
+
+
+def apart_from(scales: Scales, other: Scales, step: int) -> Scales:
+    """The same scales with the error by which they differ from those of other fits.
+
+    Parameters
+    ----------
+    scales : Scales
+    other : Scales
+        Of other fits of independent errors. What their own error does not explain of the difference is the
+        error of `scales`, such as features that averaged normals flatten at any radius.
+    step : int
+        From one vertex of `scales` to the next among those of `other`.
+
+    Returns
+    -------
+    Scales
+    """
+    difference = _mean_size(scales.mean - other.mean[::step], MAX_CHANGE)
+    of_other = ERROR_MARGIN * other.expected_error * other.stated_size
+    own = float(np.sqrt(max(0.0, difference**2 - of_other**2)))
+    return replace(
+        scales,
+        apart=own / scales.size,
+        expected_error=max(scales.expected_error, own / scales.stated_size),
     )
 
 
@@ -262,7 +293,7 @@ def flattening(reference: NDArray, mean: NDArray) -> float:
 
 def _without_tails(values: NDArray) -> NDArray[np.float64]:
     """Values clipped at a few times their median size."""
-    most = MAX_CHANGE * float(np.median(np.abs(values)))
+    most = MAX_TAIL * float(np.median(np.abs(values)))
     return np.clip(values, -most, most)
 
 
@@ -323,73 +354,3 @@ def typical_size(difference: NDArray) -> float:
     """
     size = np.sort(np.abs(difference))
     return float(size[: max(1, int(TYPICAL_SHARE * len(size)))].mean())
-
-
-def fits_in_balls(
-    points: NDArray, grid: PointGrid, normal: NDArray, few: NDArray, radius: float
-) -> PrincipalCurvatures:
-    """Principal curvatures of quadratic fits in the balls around a few vertices.
-
-    Parameters
-    ----------
-    points : (3, n) ndarray of float64
-    grid : PointGrid
-        Of all points.
-    normal : (3, n) ndarray of float64
-        Unit normals.
-    few : (k,) ndarray of int64
-        Centres.
-    radius : float
-
-    Returns
-    -------
-    PrincipalCurvatures
-        Of the k vertices.
-    """
-    regions = grid.balls(few, radius)
-    start, member = regions.start, regions.member
-    # the mean normal of the ball: single normals of noise and of voxels are far off
-    around = np.take(normal, member, axis=1)
-    same = np.einsum("ij,ij->j", around, np.repeat(normal[:, few], np.diff(start), axis=1)) > 0
-    mean = unit_rows(np.add.reduceat(np.where(same, around, 0.0), start[:-1], axis=1).T).T
-    return fits_at(points, normal, few, mean, regions, basis=QUADRATIC)
-
-
-def fits_at(
-    points: NDArray,
-    normal: NDArray,
-    few: NDArray,
-    centre_normal: NDArray,
-    regions: Regions,
-    penalty: float = 0.0,
-    *,
-    basis: Basis = QUARTIC,
-) -> PrincipalCurvatures:
-    """Principal curvatures of fits around a few vertices.
-
-    Parameters
-    ----------
-    points, normal : (3, n) ndarray of float64
-        Positions and unit normals.
-    few : (k,) ndarray of int64
-        Centres.
-    centre_normal : (3, k) ndarray of float64
-        Unit normals of the planes over which the heights are fitted.
-    regions : Regions
-        One for each centre.
-    penalty : float
-        Of the terms of degree three and four.
-    basis : Basis
-        Terms of the polynomials.
-
-    Returns
-    -------
-    PrincipalCurvatures
-        Of the k vertices.
-    """
-    columns = np.concatenate([points[:, few], np.take(points, regions.member, axis=1)], axis=1)
-    normals = np.concatenate([centre_normal, np.take(normal, regions.member, axis=1)], axis=1)
-    own = Regions(regions.start, len(few) + np.arange(len(regions.member)))
-    gradient, hessian = fit_forms(columns, normals, own, penalty, basis=basis)
-    k = slice(0, len(few))
-    return principal_of_forms(gradient[:, k], hessian[:, k], normals[:, k])

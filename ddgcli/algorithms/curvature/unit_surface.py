@@ -17,7 +17,7 @@ from ddgcli.algorithms.curvature.one_sided import double_covered
 from ddgcli.errors import MeshError, counted
 from ddgcli.geometry.extrinsic import edge_blocks, folded_edges, single_edge_length
 from ddgcli.mesh.cures import cure
-from ddgcli.mesh.repair import reverse_faces
+from ddgcli.mesh.repair import faces_to_turn, reverse_faces
 from ddgcli.mesh.require import check_size
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -115,7 +115,7 @@ def prepare_surface(mesh: TriangleMesh, scheme: str) -> UnitSurface:
     unit = mesh.moved(points)
     orientable = mesh.topology.is_oriented or mesh.topology.is_orientable
     if not mesh.topology.is_oriented:
-        unit = _oriented(unit, mesh.topology.faces_to_turn)
+        unit = _oriented(unit, faces_to_turn(unit))
     faces = Faces.of(unit)
     measures = _measures(faces, unit.topology)  # first: it stores normals and areas of the faces
     volume = exact.volume_of(faces) if unit.topology.is_closed and orientable else None

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.repair import merged_points, reverse_faces
+from ddgcli.mesh.repair import faces_to_turn, merged_points, reverse_faces
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -162,7 +162,7 @@ def orient(repaired: RepairedMesh) -> RepairedMesh:
     -------
     RepairedMesh
     """
-    turn = repaired.mesh.topology.faces_to_turn
+    turn = faces_to_turn(repaired.mesh)
     mesh = reverse_faces(repaired.mesh, turn)
     return RepairedMesh(mesh, repaired.input_vertex, repaired.input_face, int(turn.sum()))
 

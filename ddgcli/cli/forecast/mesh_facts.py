@@ -50,7 +50,7 @@ def noise_of_vertices(mesh: TriangleMesh, scheme: str) -> tuple[str, tuple[float
     from ddgcli.algorithms.curvature.noise_kind import noise_kind
     from ddgcli.algorithms.curvature.totals import filled_normals
     from ddgcli.geometry.extrinsic import dihedral_angle_and_length
-    from ddgcli.mesh.repair import reverse_faces
+    from ddgcli.mesh.repair import faces_to_turn, reverse_faces
 
     topology = mesh.topology
     extent = float(np.ptp(mesh.points / 2, axis=0).max()) if mesh.n_faces else 0.0
@@ -58,7 +58,7 @@ def noise_of_vertices(mesh: TriangleMesh, scheme: str) -> tuple[str, tuple[float
         return "", ()
     unit = mesh.moved((mesh.points - mesh.points[mesh.faces[0, 0]]) / extent)
     if not topology.is_oriented:
-        unit = reverse_faces(unit, topology.faces_to_turn)
+        unit = reverse_faces(unit, faces_to_turn(unit))
     faces = Faces.of(unit)
     dihedral, _ = dihedral_angle_and_length(unit, filled_normals(faces, unit.topology).T)
     deviation = None if faces.flat.all() else vertex_deviation(unit, faces, dihedral)

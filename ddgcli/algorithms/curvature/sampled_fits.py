@@ -1,0 +1,88 @@
+"""Polynomial fits around a few vertices of a surface: in given regions, and in balls."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
+from ddgcli.algorithms.curvature.point_grid import PointGrid
+from ddgcli.algorithms.curvature.polynomial_fits import (
+    QUADRATIC,
+    QUARTIC,
+    Basis,
+    fit_forms,
+    principal_of_forms,
+)
+from ddgcli.algorithms.curvature.regions import Regions
+from ddgcli.mesh.vectors import unit_vectors as unit_rows
+
+
+def fits_in_balls(
+    points: NDArray, grid: PointGrid, normal: NDArray, few: NDArray, radius: float
+) -> PrincipalCurvatures:
+    """Principal curvatures of quadratic fits in the balls around a few vertices.
+
+    Parameters
+    ----------
+    points : (3, n) ndarray of float64
+    grid : PointGrid
+        Of all points.
+    normal : (3, n) ndarray of float64
+        Unit normals.
+    few : (k,) ndarray of int64
+        Centres.
+    radius : float
+
+    Returns
+    -------
+    PrincipalCurvatures
+        Of the k vertices.
+    """
+    regions = grid.balls(few, radius)
+    start, member = regions.start, regions.member
+    # the mean normal of the ball: single normals of noise and of voxels are far off
+    around = np.take(normal, member, axis=1)
+    same = np.einsum("ij,ij->j", around, np.repeat(normal[:, few], np.diff(start), axis=1)) > 0
+    mean = unit_rows(np.add.reduceat(np.where(same, around, 0.0), start[:-1], axis=1).T).T
+    return fits_at(points, normal, few, mean, regions, basis=QUADRATIC)
+
+
+def fits_at(
+    points: NDArray,
+    normal: NDArray,
+    few: NDArray,
+    centre_normal: NDArray,
+    regions: Regions,
+    penalty: float = 0.0,
+    *,
+    basis: Basis = QUARTIC,
+) -> PrincipalCurvatures:
+    """Principal curvatures of fits around a few vertices.
+
+    Parameters
+    ----------
+    points, normal : (3, n) ndarray of float64
+        Positions and unit normals.
+    few : (k,) ndarray of int64
+        Centres.
+    centre_normal : (3, k) ndarray of float64
+        Unit normals of the planes over which the heights are fitted.
+    regions : Regions
+        One for each centre.
+    penalty : float
+        Of the terms of degree three and four.
+    basis : Basis
+        Terms of the polynomials.
+
+    Returns
+    -------
+    PrincipalCurvatures
+        Of the k vertices.
+    """
+    columns = np.concatenate([points[:, few], np.take(points, regions.member, axis=1)], axis=1)
+    normals = np.concatenate([centre_normal, np.take(normal, regions.member, axis=1)], axis=1)
+    own = Regions(regions.start, len(few) + np.arange(len(regions.member)))
+    gradient, hessian = fit_forms(columns, normals, own, penalty, basis=basis)
+    k = slice(0, len(few))
+    return principal_of_forms(gradient[:, k], hessian[:, k], normals[:, k])
