@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import logging
 from dataclasses import asdict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ddgcli.errors import MeshError, ParameterError, SolveError
+from ddgcli.errors import MeshError, ParameterError
 from ddgcli.library.mesh_arguments import accepts_arrays
-from ddgcli.library.simulations import Simulation
+from ddgcli.library.simulations import End, Simulation
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.requirements import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.curve import report as curve_report
 from ddgcli.models.curve import setup as curves
 from ddgcli.models.willmore import flow_options, report
 from ddgcli.models.willmore import setup as surfaces
 from ddgcli.models.willmore.state import Stop
 from ddgcli.simulation.account import Account
-from ddgcli.simulation.frames import joined_frame, mesh_of_frame
-from ddgcli.simulation.time_loop import Snapshot, evolve
+from ddgcli.simulation.frames import mesh_of_frame
+from ddgcli.simulation.outcome import Outcome
+from ddgcli.simulation.time_loop import evolve
 
 __all__ = ["curve_flow", "willmore_flow"]
 
@@ -87,23 +89,21 @@ def willmore_flow(
     -------
     Simulation
         Iterator of frames: `points` (n, 3), `scalar` (`energy`, `area`, `volume`, `steps`, ...), `faces`
-        (m, 3) where they change. Its `stopped` is the reason for the end.
+        (m, 3) where they change. `finish` runs to the end and returns the last surface with the results.
 
     Raises
     ------
     MeshError, ParameterError
     SolveError
-        While frames are taken: a step failed for good, or the end is neither at rest nor on the flow. The
-        frames before it are valid.
+        While frames are taken: a step failed for good. The frames before it are valid.
 
     Examples
     --------
     >>> import ddgcli as ddg
     >>> ball = ddg.icosphere(2)
-    >>> flow = ddg.willmore_flow(ball.moved(ball.points * [1, 1, 1.5]))
-    >>> *_, last = flow
-    >>> round(float(last.scalar["energy"]) / (4 * 3.141593), 2)  # a round sphere: 4 pi
-    1.0
+    >>> end = ddg.willmore_flow(ball.moved(ball.points * [1, 1, 1.5])).finish()
+    >>> round(end.results["energy"][-1] / (4 * 3.141593), 2), end.converged  # a round sphere: 4 pi
+    (1.0, True)
     """
     if message := unmet_need(mesh, "willmore-flow"):
         raise MeshError(message)
@@ -122,27 +122,22 @@ def willmore_flow(
     mask = None if region is None else surfaces.region_mask(np.asarray(region, np.float64), mesh.topology)
     surface_flow, model = surfaces.build(mesh, options, mask)
     schedule = surfaces.schedule(surface_flow, times)
-    snapshots = evolve({"surface": model}, schedule, Account())
+
+    def end_of(outcome: Outcome) -> End:
+        results, accuracy = report.summary(
+            outcome.series, surface_flow.convention, schedule.steps, outcome.stopped, outcome.failure
+        )
+        reason, last = report.failure_reason(outcome.stopped, mesh, options), mesh_of_frame(mesh, outcome.end)
+        if reason:
+            logging.getLogger("ddgcli").warning(reason)
+        report.warn_of_folds(mesh, last)
+        report.warn_of_disagreement(mesh, last, flow_options.chosen_energy(mesh.topology, options))
+        return End(results, accuracy, reason)
+
     return Simulation(
-        mesh, flow_options.options_as_dict(options), schedule.n_frames, _judged(snapshots, mesh, options),
-        changing_vertices=remesh is not None,
+        mesh, flow_options.options_as_dict(options), schedule.n_frames,
+        evolve({"surface": model}, schedule, Account()), end_of, changing_vertices=remesh is not None,
     )  # fmt: skip
-
-
-def _judged(
-    snapshots: Iterator[Snapshot], mesh: TriangleMesh, options: flow_options.FlowOptions
-) -> Iterator[Snapshot]:
-    """The snapshots; behind the last one the error and the warnings that the command has for its end."""
-    last = None
-    for last in snapshots:
-        yield last
-    if last is None:
-        return
-    if reason := report.failure_reason(last.stopped, mesh, options):
-        raise SolveError(reason)
-    end = mesh_of_frame(mesh, joined_frame(last))
-    report.warn_of_folds(mesh, end)
-    report.warn_of_disagreement(mesh, end, flow_options.chosen_energy(mesh.topology, options))
 
 
 @accepts_arrays("curve")
@@ -200,9 +195,15 @@ def curve_flow(
     polylines = curves.without_repeated_points(mesh)
     curve, model = curves.build(polylines, options)
     schedule = curves.schedule(curve, times)
-    return Simulation(
-        polylines, asdict(options), schedule.n_frames, evolve({"curve": model}, schedule, Account())
-    )
+
+    def end_of(outcome: Outcome) -> End:
+        results, accuracy = curve_report.summary(
+            curve, outcome.times, outcome.series, schedule.steps, outcome.stopped, outcome.failure
+        )
+        return End(results, accuracy, "a fold" if curve_report.folds_back(outcome.series) else "")
+
+    snapshots = evolve({"curve": model}, schedule, Account())
+    return Simulation(polylines, asdict(options), schedule.n_frames, snapshots, end_of)
 
 
 def _times(

@@ -1,32 +1,58 @@
-"""Simulations as iterators of frames."""
+"""Simulations as iterators of frames, with results at their end."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
+from ddgcli.errors import ParameterError, SolveError
 from ddgcli.io.arrays import read_array
-from ddgcli.io.mesh_file import read_mesh
+from ddgcli.io.mesh_file import MeshInput, read_mesh
 from ddgcli.io.scene_file import SceneDocument, read_scene
 from ddgcli.library.arguments import checked_arguments
+from ddgcli.library.result import Measurement
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.fluid import model as fluid_model
+from ddgcli.models.fluid.fluid_scene import FluidScene
 from ddgcli.models.fluid.scene import KIND as FLUID
-from ddgcli.models.shell import model as shell_model
 from ddgcli.models.shell.scene import KIND as SHELL
-from ddgcli.scenes.scene import Scene, resolve
+from ddgcli.models.shell.shell_scene import ShellScene
+from ddgcli.scenes.scene import resolve
+from ddgcli.scenes.scene_model import SceneModel
 from ddgcli.simulation.account import Account
-from ddgcli.simulation.frames import joined_frame, joined_mesh
-from ddgcli.simulation.model import Model
+from ddgcli.simulation.frames import joined_frame, joined_mesh, mesh_of_frame
+from ddgcli.simulation.outcome import Outcome
+from ddgcli.simulation.recording import Recorder
 from ddgcli.simulation.time_loop import Snapshot, evolve
 
 __all__ = ["Simulation", "simulate"]
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """What is computed behind the last frame.
+
+    Parameters
+    ----------
+    results, accuracy : dict
+    failure_reason : str
+        Why the result is unreliable, or "".
+    vertex, face : dict of str to ndarray
+        Further arrays of the last frame.
+    """
+
+    results: dict[str, Any]
+    accuracy: dict[str, Any]
+    failure_reason: str = ""
+    vertex: dict[str, NDArray] = field(default_factory=dict)
+    face: dict[str, NDArray] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
@@ -43,10 +69,10 @@ class Simulation:
         Frames of a run that comes to its end, the first at the start.
     snapshots : iterator of Snapshot
         Of the time loop.
+    end_of : callable Outcome -> End
+        Judges the run behind its last frame.
     changing_vertices : bool
         Whether frames have different numbers of vertices.
-    stopped : str
-        Why the run ended before its time, once it has; else "".
 
     Examples
     --------
@@ -62,16 +88,71 @@ class Simulation:
     scene: dict[str, Any]
     n_frames: int
     snapshots: Iterator[Snapshot]
+    end_of: Callable[[Outcome], End]
     changing_vertices: bool = False
-    stopped: str = ""
+    _measurement: Measurement | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        self._recorder = Recorder(Outcome(mesh=self.mesh), picture=False)
 
     def __iter__(self) -> Iterator[TrajectoryFrame]:
         return self
 
     def __next__(self) -> TrajectoryFrame:
-        snapshot = next(self.snapshots)
-        self.stopped = snapshot.stopped
-        return joined_frame(snapshot)
+        try:
+            snapshot = next(self.snapshots)
+        except StopIteration:
+            self._judged()
+            raise
+        except BaseException as error:
+            self._recorder.outcome.failure = str(error) or type(error).__name__
+            raise
+        trajectory_frame = joined_frame(snapshot)
+        self._recorder.add(trajectory_frame, snapshot)
+        return trajectory_frame
+
+    def finish(self) -> Measurement:
+        """Run to the end, from where the frames were taken last.
+
+        Returns
+        -------
+        Measurement
+            `mesh`, `vertex` and `face` of the last frame, with what the command line adds to it (strains,
+            stresses); `results` and `accuracy` (drifts, residuals) of the run as its summary has them.
+            `converged` is False, with a warning of the reason, where the command line ends with exit 1.
+
+        Raises
+        ------
+        SolveError
+            A step failed for good.
+
+        Examples
+        --------
+        >>> import ddgcli as ddg
+        >>> shell = {"role": "shell", "grid": {"size": [1, 1], "cells": [2, 2]}, "material": "paper"}
+        >>> run = ddg.simulate({"object": [shell], "effects": {"gravity": {}}}, duration=0.1)
+        >>> end = run.finish()
+        >>> end.converged, end.accuracy["energy_drift"] < 1e-9
+        (True, True)
+        """
+        for _ in self:
+            pass
+        return self._judged()
+
+    def _judged(self) -> Measurement:
+        """The last frame with the results, which are computed once."""
+        if self._measurement is None:
+            outcome = self._recorder.outcome
+            if outcome.failure:
+                raise SolveError(outcome.failure)
+            self._recorder.finish()
+            outcome.status = "complete"
+            end, last = self.end_of(outcome), outcome.end
+            self._measurement = Measurement(
+                mesh_of_frame(self.mesh, last), {**last.vertex, **end.vertex}, {**last.face, **end.face},
+                results=end.results, accuracy=end.accuracy, converged=not end.failure_reason,
+            )  # fmt: skip
+        return self._measurement
 
 
 @checked_arguments
@@ -84,6 +165,8 @@ def simulate(
     frame_every: float | None = None,
     integrator: str | None = None,
     tolerance: float | None = None,
+    modes: int | None = None,
+    buckling: int | None = None,
 ) -> Simulation:
     """Run the scene of a shell or a fluid, frame by frame.
 
@@ -99,12 +182,16 @@ def simulate(
         Time scheme.
     tolerance : float, optional
         Adaptive steps: largest error of a step.
+    modes, buckling : int, optional
+        Number of vibration modes about the start (of `static`: the equilibrium), and of buckling modes, that
+        `finish` returns (`mode_000`, ..., `frequencies`, `load_factors`); without time steps.
 
     Returns
     -------
     Simulation
         Iterator of frames: `time` in seconds, `points` (n, 3) (None where the surface does not move),
         `vertex` (arrays such as `velocity`, `strain`, `vorticity`) and `scalar` (energies, momenta).
+        `finish` runs to the end and returns the last frame with the results and accuracy of the run.
 
     Raises
     ------
@@ -132,16 +219,45 @@ def simulate(
         "integrator": integrator,
         "tolerance": tolerance,
     }
-    checked = resolve(
-        document,
-        FLUID if _is_fluid(document) else SHELL,
-        {name: value for name, value in overrides.items() if value is not None},
-    )
     account = Account()
-    checked, models, meshes = (_fluids if checked.kind is FLUID else _shells)(checked, account)
-    schedule = checked.schedule()
-    mesh = joined_mesh(meshes)[0]
-    return Simulation(mesh, checked.resolved(), schedule.n_frames, evolve(models, schedule, account))
+    model = _scene_model(
+        document,
+        {name: value for name, value in overrides.items() if value is not None},
+        {name: k for name, k in (("modes", modes), ("buckling", buckling)) if k is not None},
+        account,
+    )
+
+    def end_of(outcome: Outcome) -> End:
+        reason = model.failure_reason(outcome)
+        vertex, face = model.final(outcome)
+        return End(*model.summary(outcome), reason, vertex, {**face, **model.face()})
+
+    mesh, schedule = joined_mesh(list(model.meshes.values()))[0], model.schedule()
+    snapshots = evolve(model.models(), schedule, account)
+    return Simulation(mesh, model.scene.resolved(), schedule.n_frames, snapshots, end_of, model.splits)
+
+
+def _scene_model(
+    document: SceneDocument, overrides: Mapping[str, Any], counts: Mapping[str, int], account: Account
+) -> SceneModel:
+    """The shells of a document, with the numbers of modes to compute, or its fluids."""
+    folder, is_fluid = Path(document.folder), _is_fluid(document)
+    for name, count in counts.items():
+        if is_fluid:
+            raise ParameterError("is for shells; leave it out", parameter=name)
+        if count < 1:
+            raise ParameterError(f"must be 1 or more, not {count}", parameter=name)
+
+    def read(name: str) -> MeshInput:
+        return read_mesh(str(folder / name))
+
+    def read_values(name: str) -> NDArray:
+        return read_array(str(folder / name))
+
+    scene = resolve(document, FLUID if is_fluid else SHELL, overrides)
+    if is_fluid:
+        return FluidScene(scene, account, read, read_values)
+    return ShellScene(scene, account, read, read_values, **counts)
 
 
 def _is_fluid(document: SceneDocument) -> bool:
@@ -150,23 +266,3 @@ def _is_fluid(document: SceneDocument) -> bool:
     objects = written if isinstance(written, list) else []
     roles = set(FLUID.roles) - set(SHELL.roles)
     return any(isinstance(table, dict) and table.get("role") in roles for table in objects)
-
-
-def _shells(scene: Scene, account: Account) -> tuple[Scene, dict[str, Model], list[Any]]:
-    """The scene, models and meshes of its shells."""
-    folder = Path(scene.document.folder)
-    contexts = shell_model.contexts(scene, lambda name: read_mesh(str(folder / name)))
-    shells = {name: context for name, (context, _) in contexts.items()}
-    return scene, shell_model.build(scene, shells, account), [context.mesh for context in shells.values()]
-
-
-def _fluids(scene: Scene, account: Account) -> tuple[Scene, dict[str, Model], list[Any]]:
-    """The scene with the integrator of its meshes, models and meshes of its fluids."""
-    folder = Path(scene.document.folder)
-    contexts = fluid_model.contexts(
-        scene, lambda name: read_mesh(str(folder / name)), lambda name: read_array(str(folder / name))
-    )
-    fluids = {name: context for name, (context, _) in contexts.items()}
-    scene = fluid_model.with_default_integrator(scene, fluids.values())
-    models = fluid_model.build(scene, fluids, account)
-    return scene, {name: one.model() for name, one in models.items()}, [c.mesh for c in fluids.values()]

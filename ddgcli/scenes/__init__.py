@@ -10,6 +10,7 @@ __all__ = [
     "materials",
     "obstacle_meshes",
     "scene",
+    "scene_model",
     "schema",
     "sections",
     "shapes",

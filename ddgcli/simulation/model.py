@@ -202,6 +202,25 @@ class Schedule:
         return min(frame_number * self.every, self.steps)
 
 
+def parts_of_step(dt: float, limit: float, *, adaptive: bool = False) -> float:
+    """Number of parts of a step above a limit of stability.
+
+    Fixed steps are halved again and again, adaptive ones cut into equal parts.
+
+    Parameters
+    ----------
+    dt, limit : float
+    adaptive : bool
+
+    Returns
+    -------
+    float
+    """
+    if not dt > limit > 0.0:
+        return 1.0
+    return float(math.ceil(dt / limit)) if adaptive else 2.0 ** math.ceil(math.log2(dt / limit))
+
+
 def flow_schedule(options: Mapping[str, Any], own_step: float, *, max_steps: int, n_frames: int) -> Schedule:
     """Schedule of a flow from its options `steps`, `duration`, `step`, `frame_every` and `tolerance`.
 

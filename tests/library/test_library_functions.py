@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -368,23 +369,65 @@ def test_trajectories_hold_flows_of_curves_and_of_surfaces_whose_vertices_change
             assert state.faces is None or np.array_equal(stored.faces, state.faces)
 
 
-def test_willmore_flow_is_that_of_the_command_and_judges_its_end_alike(run, tmp_path):
+def test_willmore_flow_is_that_of_the_command_and_judges_its_end_alike(run, tmp_path, caplog, monkeypatch):
     path = str(ROOT / "sample_meshes" / "torus.ply")
     done = run("willmore-flow", path, "--steps", 3, "-o", tmp_path / "end.npz", "--json")
     flow = ddg.willmore_flow(ddg.read_mesh(path), steps=3)
-    *_, last = flow
-    np.testing.assert_array_equal(last.points, np.load(tmp_path / "end.npz")["points"])
-    assert json.loads(done.stdout)["results"]["energy"][-1] == last.scalar["energy"]
-    ball = ddg.icosphere(1)
-    flow = ddg.willmore_flow(ball.moved(ball.points * [1, 1, 2]))
-    assert len(list(flow)) > 2 and flow.stopped.startswith("energy fell by less")
+    states, end = list(flow), flow.finish()
+    np.testing.assert_array_equal(states[-1].points, np.load(tmp_path / "end.npz")["points"])
+    summary = json.loads(done.stdout)
+    assert summary["results"] == json.loads(json.dumps(end.results))
+    assert summary["accuracy"] == json.loads(json.dumps(end.accuracy))
     coarse = tmp_path / "coarse.off"
     ddg.write_mesh(coarse, ddg.torus(16, 8))
     command = run("willmore-flow", coarse, "--remesh", "mean", "--steps", 5)
-    states, reason = ddg.willmore_flow(ddg.read_mesh(coarse), remesh="mean", steps=5), "too coarse or uneven"
-    with pytest.raises(ddg.errors.SolveError, match=reason):
-        list(states)
-    assert command.exit_code == 1 and reason in command.stderr
+    monkeypatch.setattr(logging.getLogger("ddgcli"), "propagate", True)  # the command has changed it
+    end = ddg.willmore_flow(ddg.read_mesh(coarse), remesh="mean", steps=5).finish()
+    reason = end.results["stopped_because"]
+    assert command.exit_code == 1 and not end.converged
+    assert "too coarse or uneven" in reason and reason in command.stderr and reason in caplog.text
+
+
+@pytest.mark.parametrize("name", ["leaf", "taylor_vortices"])
+def test_a_simulation_has_the_results_of_the_command(name, run, tmp_path):
+    scene = ROOT / "sample_scenes" / f"{name}.toml"
+    command = "shell-sim" if name == "leaf" else "fluid-sim"
+    done = run(command, scene, "--steps", 3, "-o", tmp_path / "end.npz", "--json")
+    end, stored = ddg.simulate(scene, steps=3).finish(), np.load(tmp_path / "end.npz")
+    summary = json.loads(done.stdout)
+    assert summary["accuracy"] == json.loads(json.dumps(end.accuracy))
+    shared = set(summary["results"]) - {"effects", "seconds_by_part"}
+    assert shared <= set(end.results) and end.converged
+    assert all(summary["results"][k] == json.loads(json.dumps(end.results[k], default=list)) for k in shared)
+    for array, values in {**end.vertex, **end.face}.items():
+        np.testing.assert_array_equal(values, stored[array])
+
+
+def test_finish_goes_on_from_the_last_frame_and_computes_once():
+    simulation = falling(steps=3)
+    assert [next(simulation).step for _ in range(2)] == [0, 1]
+    end = simulation.finish()
+    assert end is simulation.finish() and end.results["frames"] == 4 and list(simulation) == []
+
+
+def test_a_failed_simulation_has_no_results():
+    effects = {"stretching": {}, "gravity": {}}
+    simulation = ddg.simulate({"object": [SHELL], "effects": effects}, integrator="static")
+    for _ in range(2):
+        with pytest.raises(ddg.errors.SolveError, match="no equilibrium"):
+            simulation.finish()
+
+
+def test_modes_of_a_shell():
+    strip = {"role": "shell", "grid": {"size": [1, 0.1], "cells": [10, 1]}, "material": "steel"}
+    pin = {"vertices": [0, 1, 11, 12]}
+    scene = {"object": [strip], "effects": {"stretching": {}, "bending": {"model": "midedge"}, "pin": pin}}
+    end = ddg.simulate(scene, modes=2).finish()
+    assert len(end.results["frequencies"]) == 2 and end.vertex["mode_001"].shape == (22, 3)
+    with pytest.raises(ddg.errors.ParameterError, match="modes: must be 1 or more, not 0"):
+        ddg.simulate(scene, modes=0)
+    with pytest.raises(ddg.errors.ParameterError, match="modes: is for shells"):
+        ddg.simulate(ROOT / "sample_scenes" / "taylor_vortices.toml", modes=2)
 
 
 def test_a_run_that_breaks_off_leaves_a_part(tmp_path):

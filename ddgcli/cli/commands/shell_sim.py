@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ddgcli.choices import SHELL_FACE_ARRAYS
 from ddgcli.cli.simulation.options import SceneCall, scene_options
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
     from ddgcli.cli.simulation.plot import Picture
-    from ddgcli.cli.simulation.scene_run import ReadArray, ReadMesh
-    from ddgcli.mechanics.system import System
-    from ddgcli.models.shell.context import ShellContext
-    from ddgcli.scenes.scene import Scene
-    from ddgcli.simulation.account import Account
-    from ddgcli.simulation.model import Model, Schedule
+    from ddgcli.models.shell.shell_scene import ShellScene
     from ddgcli.simulation.outcome import Outcome
-
-# of an evaluation of all elements, what a shortest step of `avi` costs besides those of its elements
-SHORTEST_STEP_SHARE = 0.3
 
 
 @click.command(
@@ -68,11 +57,12 @@ def command(call: SceneCall, modes: int | None, buckling: int | None, **quick: A
     """
     from ddgcli.cli.simulation.scene_run import run_scene
     from ddgcli.models.shell.scene import KIND
+    from ddgcli.models.shell.shell_scene import ShellScene
 
     lines, extra = quick_lines({"effect_lines": call.effect_lines, **quick})
     if call.resume and (modes or buckling):
         raise ParameterError("modes are computed from a scene; leave --resume out", parameter="resume")
-    run_scene(call, KIND, partial(Shells, modes=modes, buckling=buckling), lines, extra)
+    run_scene(call, KIND, partial(ShellScene, modes=modes, buckling=buckling), _picture, lines, extra)
 
 
 def quick_lines(options: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, Any]]:
@@ -85,154 +75,7 @@ def quick_lines(options: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, 
     return lines, {**named, **toml_settings(options.get("settings", ()))}
 
 
-class Shells:
-    """The shells of a scene, as `cli.scene_run.Physics`."""
+def _picture(shells: ShellScene, outcome: Outcome) -> Picture:
+    from ddgcli.cli.simulation.plot import Picture
 
-    moving = True
-
-    def __init__(
-        self,
-        scene: Scene,
-        account: Account,
-        read_mesh: ReadMesh,
-        read_array: ReadArray,
-        modes: int | None = None,
-        buckling: int | None = None,
-    ) -> None:
-        from ddgcli.models.shell import model
-
-        self.n_modes, self.n_buckling = modes, buckling
-        self.analysis: dict[str, Any] = {}
-        contexts = model.contexts(scene, read_mesh)
-        self.scene, self.account = scene, account
-        self.splits = any(effect.name == "fracture" for effect, _, _ in scene.effects)
-        self.contexts = {name: context for name, (context, _) in contexts.items()}
-        self.meshes = {name: context.mesh for name, context in self.contexts.items()}
-        self.sha256 = {name: sha for name, (_, sha) in contexts.items()}
-        for context in self.contexts.values():
-            self.sha256 |= {name: placed.sha256 for name, placed in context.obstacles.items()}
-
-    @cached_property
-    def systems(self) -> dict[str, System]:
-        """Masses and terms by shell."""
-        from ddgcli.models.shell import model
-
-        return model.systems(self.scene, self.contexts, self.account)
-
-    @property
-    def final_names(self) -> tuple[str, ...]:
-        """Names that arrays of `final` may have."""
-        counts = {"mode": self.n_modes, "buckling": self.n_buckling}
-        shapes = [f"{name}_{k:03d}" for name, count in counts.items() for k in range(count or 0)]
-        return (*SHELL_FACE_ARRAYS, *shapes)
-
-    @cached_property
-    def order(self) -> list[tuple[str, int]]:
-        """System and number of vertices of each shell."""
-        from ddgcli.models.shell.groups import groups
-
-        owner = {name: g.name for g in groups(self.scene, self.contexts) for name in g.shells}
-        return [(owner[name], context.mesh.n_vertices) for name, context in self.contexts.items()]
-
-    def assembled(self, schedule: Schedule) -> dict[str, Any]:
-        from ddgcli.models.shell.dry_run import assembled
-
-        return assembled(self.scene, self.contexts, self.systems, schedule)
-
-    def cost_facts(self) -> dict[str, Any]:
-        from ddgcli.models.shell.dry_run import cost_facts
-
-        counts = {"modes": self.n_modes, "buckling": self.n_buckling}
-        return cost_facts(self.scene, self.contexts) | counts
-
-    def linear_solver(self) -> str | None:
-        from ddgcli.models.shell.dry_run import step_solver
-
-        return step_solver(self.scene, self.systems)
-
-    def parts_of_step(self, schedule: Schedule) -> float:
-        """Asynchronous steps: of the evaluations of all elements, and of their shortest steps a share."""
-        from ddgcli.cli.forecast.prediction import parts_of_step
-
-        if self.scene.time.integrator == "avi":
-            from ddgcli.mechanics.asynchronous import evaluations
-
-            counts = [evaluations(system, schedule.dt) for system in self.systems.values()]
-            return max(own + SHORTEST_STEP_SHARE * shortest for own, shortest in counts)
-        limit = min((model.largest_step for model in self.models().values()), default=math.inf)
-        return parts_of_step(schedule.dt, limit, adaptive=schedule.tolerance is not None)
-
-    def models(self) -> dict[str, Model]:
-        from ddgcli.models.shell import last_frame, model
-
-        if self.n_modes or self.n_buckling:
-            last_frame.check_analysis(self.systems)
-        return model.models(self.scene, self.contexts, self.systems)
-
-    def _at_end(
-        self, outcome: Outcome
-    ) -> tuple[dict[str, ShellContext], dict[str, System], list[tuple[str, int]]]:
-        """Contexts, systems and order of the last frame: those of the start, unless something broke."""
-        if not self.splits or outcome.last is None:
-            return self.contexts, self.systems, self.order
-        from ddgcli.models.shell import model
-        from ddgcli.models.shell.epochs import contexts_of_frame
-
-        contexts = contexts_of_frame(self.contexts, outcome.last)
-        order = [(owner, c.mesh.n_vertices) for (owner, _), c in zip(self.order, contexts.values())]
-        return contexts, model.systems(self.scene, contexts, self.account), order
-
-    def face(self) -> dict[str, Any]:
-        return {}
-
-    def schedule(self) -> Schedule:
-        """That of the scene; modes and buckling loads take no step, except to an equilibrium."""
-        schedule = self.scene.schedule()
-        analysed = self.n_modes or self.n_buckling
-        if not analysed or self.scene.time.integrator == "static":
-            return schedule
-        return replace(schedule, steps=0, tolerance=None)
-
-    def final(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
-        """(vertex, face) arrays of the last frame: modes, strains, stresses and moments."""
-        from ddgcli.models.shell.last_frame import final
-
-        contexts, systems, order = self._at_end(outcome)
-        vertex, face, self.analysis = final(outcome, contexts, systems, order, self.n_modes, self.n_buckling)
-        return vertex, face
-
-    def obstacle_poses(self, time: float) -> dict[str, Any]:
-        from ddgcli.models.shell.obstacle_motion import displacement_row
-
-        moving = [o for o in self.scene.objects if o.role == "obstacle" and o.moving]
-        return {o.name: displacement_row(o, self.obstacle_middle(o), time) for o in moving}
-
-    def obstacle_middle(self, obstacle: Any) -> Any:
-        """Middle of an obstacle in the coordinates in which it is written."""
-        from ddgcli.models.shell.obstacle_motion import middle_of
-
-        if obstacle.mesh is None:
-            return middle_of(obstacle)
-        points = next(c.obstacles[obstacle.name].mesh.points for c in self.contexts.values())
-        points = points * (obstacle.scale or 1.0)
-        return 0.5 * (points.min(axis=0) + points.max(axis=0))
-
-    def picture(self) -> Picture:
-        from ddgcli.cli.simulation.plot import Picture
-
-        return Picture("strain", "strain")
-
-    def failure_reason(self, outcome: Outcome) -> str:
-        from ddgcli.models.shell import report
-
-        _, systems, order = self._at_end(outcome)
-        least = report.rounding(outcome, systems, order)
-        return report.failure_reason(outcome, least, static=self.scene.time.integrator == "static")
-
-    def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
-        from ddgcli.models.shell import report
-
-        static = self.scene.time.integrator == "static"
-        _, systems, order = self._at_end(outcome)
-        results, accuracy = report.summary(outcome, systems, order, static=static)
-        return {**results, **self.analysis}, accuracy
+    return Picture("strain", "strain")

@@ -18,7 +18,6 @@ __all__ = [
     "as_results",
     "as_text",
     "fits",
-    "parts_of_step",
     "predict",
     "probe",
     "refuse_without_memory",
@@ -105,16 +104,6 @@ def predict(
         for k in (0, 1)
     )
     return Prediction(max(peak, now + shared + added), total, (low, high), kernels, now, seconds_so_far, peak)
-
-
-def parts_of_step(dt: float, limit: float, *, adaptive: bool = False) -> float:
-    """Number of parts of a step dt above a limit of stability.
-
-    Fixed steps are halved again and again, adaptive ones cut into equal parts.
-    """
-    if not dt > limit > 0.0:
-        return 1.0
-    return float(math.ceil(dt / limit)) if adaptive else 2.0 ** math.ceil(math.log2(dt / limit))
 
 
 def with_divided_steps(prediction: Prediction, count: float) -> Prediction:

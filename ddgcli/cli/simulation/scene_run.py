@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from ddgcli.cli.forecast.check_cost import predict_run, refuse_run
 from ddgcli.cli.forecast.prediction import as_results, with_divided_steps
@@ -27,72 +27,14 @@ from ddgcli.cli.simulation.scene_input import (
 from ddgcli.cli.simulation.simulate import Job, check_job, formats, simulate
 from ddgcli.scenes.obstacle_meshes import obstacle_meshes
 from ddgcli.scenes.scene import Scene, SceneKind, resolve
+from ddgcli.scenes.scene_model import ReadArray, ReadMesh, SceneModel
 from ddgcli.scenes.sections import Document
 from ddgcli.simulation.account import Account, time_shares
-from ddgcli.simulation.model import Model, Schedule
+from ddgcli.simulation.model import Schedule
 from ddgcli.simulation.outcome import Outcome
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from ddgcli.io.mesh_file import MeshInput
-
-ReadMesh = Callable[[str], "MeshInput"]
-ReadArray = Callable[[str], "NDArray"]
-
-
-class Physics(Protocol):
-    """One simulator, built from a scene, the account and the readers of meshes and arrays."""
-
-    scene: Scene  # with the defaults that depend on the meshes
-    meshes: dict[str, Any]
-    sha256: dict[str, str]
-    moving: bool
-    splits: bool  # vertices, so that the frames have meshes of their own
-
-    def assembled(self, schedule: Schedule) -> dict[str, Any]:
-        """Facts that a dry run prints."""
-        ...
-
-    def cost_facts(self) -> dict[str, Any]:
-        """Facts of the scene by which `forecast.simulator_kernels` chooses its kernels."""
-        ...
-
-    def linear_solver(self) -> str | None:
-        """Solver of the linear systems of the steps, as the run chooses it; None where they have none."""
-        ...
-
-    def parts_of_step(self, schedule: Schedule) -> float:
-        """Measured steps that a step of the schedule is worth, by what is stable at the start."""
-        ...
-
-    def models(self) -> dict[str, Model]: ...
-    def face(self) -> dict[str, Any]:
-        """Constant arrays on faces."""
-        ...
-
-    def schedule(self) -> Schedule: ...
-    def final(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
-        """(vertex, face) arrays of the last frame, for meshes."""
-        ...
-
-    @property
-    def final_names(self) -> tuple[str, ...]:
-        """Names that arrays of `final` may have."""
-        ...
-
-    def obstacle_poses(self, time: float) -> dict[str, NDArray]:
-        """(12,) rotation by rows and translation of each moving obstacle from its start."""
-        ...
-
-    def picture(self) -> Picture: ...
-    def failure_reason(self, outcome: Outcome) -> str:
-        """Reason why the result is unreliable, or ""."""
-        ...
-
-    def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
-        """(`results`, `accuracy`)."""
-        ...
 
 
 log = logging.getLogger("ddgcli")
@@ -101,7 +43,8 @@ log = logging.getLogger("ddgcli")
 def run_scene(
     call: SceneCall,
     kind: SceneKind,
-    physics: Callable[[Scene, Account, ReadMesh, ReadArray], Physics],
+    build: Callable[[Scene, Account, ReadMesh, ReadArray], SceneModel],
+    picture: Callable[[Any, Outcome], Picture],
     lines: tuple[str, ...],
     extra: dict[str, Any],
 ) -> None:
@@ -111,7 +54,8 @@ def run_scene(
     ----------
     call : SceneCall
     kind : SceneKind
-    physics : callable (scene, account, read_mesh, read_array) -> Physics
+    build : callable (scene, account, read_mesh, read_array) -> SceneModel
+    picture : callable (scene model, outcome) -> Picture
     lines, extra : tuple of str, dict
         Effects and keys of the object in the quick form.
     """
@@ -130,7 +74,7 @@ def run_scene(
     if not scene.effects:
         log.warning("the scene has no effects, so nothing acts on its objects; --effects lists the effects")
     read = mesh_reader(run, document)
-    simulator = physics(scene, account, read, array_reader(document))
+    simulator = build(scene, account, read, array_reader(document))
     scene = simulator.scene
     meshes, schedule = list(simulator.meshes.values()), simulator.schedule()
     resolved, digest = fingerprint(scene.resolved(), simulator.sha256)
@@ -161,7 +105,12 @@ def run_scene(
             prediction = with_first_steps(prediction, job, at_least_table=bool(facts.get("contact")))
         print_dry_run(run, scene, assembled, as_results(prediction, size))
         return
-    _report(run, scene, simulator, account, simulate(run, job), job.obstacles_at)
+    outcome = simulate(run, job)
+    results, accuracy = simulator.summary(outcome)
+    names = list(dict.fromkeys(effect.name for effect, _, _ in scene.effects))
+    results["effects"], results["seconds_by_part"] = time_shares(account, names, outcome.seconds)
+    run.plot(lambda path: draw_run(path, outcome, picture(simulator, outcome), run.common, job.obstacles_at))
+    run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
 
 
 def scene_size(meshes: list[Any], schedule: Schedule) -> InputSize:
@@ -183,17 +132,6 @@ def _largest_component(mesh: Any) -> int:
     import numpy as np
 
     return int(np.bincount(mesh.topology.vertex_component.take(mesh.faces[:, 0])).max())
-
-
-def _report(
-    run: Run, scene: Scene, simulator: Physics, account: Account, outcome: Outcome, obstacles: Callable
-) -> None:
-    """Draw the picture and print the summary."""
-    results, accuracy = simulator.summary(outcome)
-    names = list(dict.fromkeys(effect.name for effect, _, _ in scene.effects))
-    results["effects"], results["seconds_by_part"] = time_shares(account, names, outcome.seconds)
-    run.plot(lambda path: draw_run(path, outcome, simulator.picture(), run.common, obstacles))
-    run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
 
 
 def array_reader(document: Document) -> ReadArray:

@@ -1,7 +1,7 @@
 """Incompressible flow on surfaces: vorticity, harmonic part, transport, viscosity.
 
-`scene` declares what a scene may hold, `model` builds a flow from it, `report` measures a run; the other
-modules are transport schemes and effects.
+`scene` declares what a scene may hold, `fluid_scene` goes from a scene to models and from their frames to
+results, `model` builds a flow, `report` measures a run; the other modules are transport schemes and effects.
 """
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "diffusion",
     "dye",
     "flows",
+    "fluid_scene",
     "forces",
     "harmonic",
     "initial",

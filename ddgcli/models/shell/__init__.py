@@ -1,7 +1,7 @@
 """Thin elastic shells: stretching, bending, gravity, loads, pins, damping, contact.
 
-`scene` declares what a scene may hold, `model` builds the systems from it, `report` measures a run; each
-effect is one module.
+`scene` declares what a scene may hold, `shell_scene` goes from a scene to models and from their frames to
+results, `model` builds the systems, `report` measures a run; each effect is one module.
 """
 
 __all__ = [
@@ -22,5 +22,6 @@ __all__ = [
     "pin",
     "report",
     "scene",
+    "shell_scene",
     "stretching",
 ]
