@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.mechanics.embedding import embedded
-from ddgcli.mechanics.newton import Increment, newton_of
+from ddgcli.mechanics.increment import Increment
 from ddgcli.mechanics.system import System
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.simulation.account import Account
@@ -62,13 +62,15 @@ class PlateTwin:
         SolveError
             The plate is unstable there.
         """
-        increment, newton = Increment(0.0, x), newton_of(self.plate)
-        stiffness = float(newton.matrix(increment, x, "exact").diagonal().sum())
+        from ddgcli.mechanics.objective import Objective
+
+        increment, objective = Increment(0.0, x), Objective(self.plate)
+        stiffness = float(objective.hessian(increment, x, "exact").diagonal().sum())
         shift = max(shift, LEAST_SHIFT * stiffness / (3 * float(self.plate.mass.sum())))
-        matrix = newton.matrix(increment, x, "exact", shift)
-        solver = newton.solver(increment)
-        solver.factorise(self.plate, matrix, x, newton.columns(x))
-        return [newton.spread(solver.solve(newton.entries(force))) for force in forces]
+        matrix = objective.hessian(increment, x, "exact", shift)
+        solver = objective.solver(increment)
+        solver.factorise(self.plate, matrix, x, objective.columns(x))
+        return [objective.spread(solver.solve(objective.entries(force))) for force in forces]
 
 
 def plate_twin(system: System, contexts: Mapping[str, ShellContext]) -> PlateTwin | None:
@@ -101,10 +103,12 @@ def plate_twin(system: System, contexts: Mapping[str, ShellContext]) -> PlateTwi
 
     if not plates:
         return None
-    system.cache.pop("newton", None)  # factors of the hinges beside those of the plate are memory
+    from ddgcli.mechanics.objective import HESSIAN_SOLVER, Objective  # few runs need it
+
+    system.cache.pop(HESSIAN_SOLVER, None)  # factors of the hinges beside those of the plate are memory
     terms = [with_plate(term) for term in system.all_terms]
     twin = System(system.mass, terms, Account(), system.start, system.size).at(system.time)
-    if newton_of(twin).solver(Increment(0.0, system.start)).by_blocks:
+    if Objective(twin).solver(Increment(0.0, system.start)).by_blocks:
         return None
     return PlateTwin(system, twin, shells, min(plate.rigidity for plate in plates.values()))
 
