@@ -75,8 +75,8 @@ def recovery(space: SurfaceSpace) -> Recovery:
     return Recovery(csr_array(matrix), to_vertex)
 
 
-def _rows(chosen: NDArray[np.bool_]) -> dia_array:
-    return diags_array(chosen.astype(float))
+def _rows(mask: NDArray[np.bool_]) -> dia_array:
+    return diags_array(mask.astype(float))
 
 
 def _moderate(space: SurfaceSpace, matrix: csr_array, most: float) -> NDArray[np.bool_]:
