@@ -39,8 +39,12 @@ FIXED_STEP_RANGE = (0.3, 60.0)  # up to 10,000 steps, whatever the mesh
 # and the source; a round of the wavefront costs as much as 1,800 of them, and an edge takes 2 to 5 rounds
 # of a face, of an edge of each path, and of one of the longest: windows; vertices that fast marching updates,
 # whose rounds (1.0 to 2.7 of an edge of the longest path) cost as much as those of a hundred faces
-PROPAGATION_WORK = {"exact": (0.0, 0.9, 3 * 1800.0), "fast-marching": (1.0, 0.0, 130.0)}
+ROUND_COST, ROUNDS_PER_PATH_EDGE = 1800.0, 2.5
+PROPAGATION_WORK = {"exact": (0.0, 0.9, 3 * ROUND_COST), "fast-marching": (1.0, 0.0, 130.0)}
 WINDOW_RANGE: Range = (0.35, 2.0)
+# windows of the measured kernel, as predicted from the vertices near its source, and their growth
+WINDOWS_OF_1E5_FACES, WINDOW_EXPONENT = 3.65e6, 1.12
+COUNTED_WINDOW_RANGE: Range = (0.6, 1.6)
 SPHERE_MEAN_PATH, SPHERE_LONGEST_PATH = 0.237, 0.456  # edges over the root of the faces: the measured kernel
 SOURCE_OPTIONS = ("source", "source_point", "source_face", "source_edges", "source_boundary")
 # Steiner points over the angle deficit of `InputSize`, at 25 degrees: 2 on scans, on slivers of mechanical
@@ -208,6 +212,8 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     sources = max(1, len(options.get("source") or ()))
     exact = method == "exact"
     windows, assumes = (WINDOW_RANGE, "windows as on scans") if exact else (KNOWN, "")
+    if exact and size.paths is not None and size.paths.windows is not None:
+        windows, assumes = COUNTED_WINDOW_RANGE, "windows as near the sources"
     further = 0.0
     if any(options.get(name) for name in SOURCE_OPTIONS):
         share = _wavefront_share(method, size.paths, size.elements)
@@ -265,8 +271,12 @@ def _wavefront_share(method: str, paths: EdgePaths | None, n_faces: int) -> floa
     """Work of a propagation over that on a sphere of as many faces, where the kernels are measured."""
     if paths is None or method not in PROPAGATION_WORK:
         return 1.0
-    of_face, of_total, of_longest = PROPAGATION_WORK[method]
     root = math.sqrt(n_faces)
+    if paths.windows is not None:
+        of_sphere = WINDOWS_OF_1E5_FACES * (n_faces / 1e5) ** WINDOW_EXPONENT
+        rounds = [ROUNDS_PER_PATH_EDGE * longest for longest in (paths.longest, SPHERE_LONGEST_PATH * root)]
+        return (paths.windows + ROUND_COST * rounds[0]) / (of_sphere + ROUND_COST * rounds[1])
+    of_face, of_total, of_longest = PROPAGATION_WORK[method]
     sphere = EdgePaths(0.5 * n_faces * SPHERE_MEAN_PATH * root, SPHERE_LONGEST_PATH * root)
     own, measured = (
         of_face * n_faces + of_total * run.total + of_longest * run.longest for run in (paths, sphere)

@@ -33,6 +33,7 @@ SAMPLED_BLOCKS, BALLS_PER_BLOCK = 6, 120  # of consecutive vertices: their balls
 SAMPLED_PAIRS = 1e6  # of balls and vertices
 CLIPPING_SCHEMES = ("corrected", "normal-cycle")
 SEARCH_OF_BALL = 30.0  # vertices in a ball that cost as much as the search for it
+CURVE_SOURCES = ("source_edges", "source_boundary")  # from which strips start, not windows alone
 SAME_AREA_DECIMALS = 6  # of the logarithm
 CLIPS_PER_TEST = 0.35  # clipped faces that cost as much as the test of a vertex
 
@@ -129,6 +130,8 @@ def edge_paths(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[EdgePath
     from scipy.sparse.csgraph import dijkstra
 
     from ddgcli.algorithms.geodesics.edge_distance import edge_graph
+    from ddgcli.algorithms.geodesics.exact.work import predicted_windows
+    from ddgcli.algorithms.geodesics.sources import check_sources
     from ddgcli.cli.forecast.use import EdgePaths
 
     sources = _source_vertices(mesh, options)
@@ -142,7 +145,10 @@ def edge_paths(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[EdgePath
         reached = np.isfinite(count)
         # small faces between large ones count by their length, stretched faces by their number
         edges = np.maximum(count[reached], length[reached] / mean_length)
-        return EdgePaths(float(edges.sum()), float(edges.max(initial=0.0)), bool(reached.all()))
+        windows = None
+        if options.get("method", "exact") == "exact" and not any(map(options.get, CURVE_SOURCES)):
+            windows = predicted_windows(mesh, check_sources(mesh, vertices), int(reached.sum()))
+        return EdgePaths(float(edges.sum()), float(edges.max(initial=0.0)), bool(reached.all()), windows)
 
     of_all = paths_from(sources)
     return of_all, of_all if len(sources) == 1 else paths_from(sources[:1])

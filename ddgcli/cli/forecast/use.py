@@ -21,11 +21,14 @@ class EdgePaths:
         Edges of all paths and of the longest; a path counts at least as many as it is mean lengths long.
     reach_all : bool
         Whether there is one from each vertex.
+    windows : float, optional
+        Of exact distances, by those of the vertices nearest to the sources.
     """
 
     total: float
     longest: float
     reach_all: bool = True
+    windows: float | None = None
 
 
 @dataclass(frozen=True)

@@ -55,9 +55,11 @@ class NearestVertices:
     rounds: int
 
     @classmethod
-    def measure(cls, wavefront: Wavefront, most_windows: float) -> NearestVertices:
+    def measure(
+        cls, wavefront: Wavefront, most_windows: float, most_vertices: float = np.inf
+    ) -> NearestVertices:
         """Run a wavefront until a tenth of the vertices are final; another run continues it."""
-        enough = max(NEAR_FRACTION * wavefront.tables.n_vertices, MIN_NEAR_VERTICES)
+        enough = max(min(NEAR_FRACTION * wavefront.tables.n_vertices, most_vertices), MIN_NEAR_VERTICES)
         final, work = [0], [0.0]
         for fraction in (0.25, 1.0):
             wavefront.run(most_windows=most_windows, enough=fraction * enough)
@@ -82,13 +84,20 @@ class NearestVertices:
             / (self.radius or 1.0)
         )
 
+    def further_work(self, reachable: int) -> float:
+        """Windows beyond the nearest vertices, launches included, by the growth of their density."""
+        n, near = float(reachable), float(self.final)
+        if not 0 < near < n:
+            return 0.0
+        middle, power = 0.625 * near, self.growth + 1.0
+        return float(self.density * middle / power * ((n / middle) ** power - (near / middle) ** power))
+
     def slack_pays(self, slack: float, reachable: int) -> bool:
         """True if a new run with slack is cheaper than continuing the exact run to `reachable` vertices."""
         n, near = float(reachable), float(self.final)
         if not 0 < near < n:
             return False
-        middle, power = 0.625 * near, self.growth + 1.0
-        rest = self.density * middle / power * ((n / middle) ** power - (near / middle) ** power)
+        rest = self.further_work(reachable)
         rest = min(rest, BUNDLE_COST * (n - near) + BUNDLE_ROOT_COST * np.sqrt(rest * (n - near)))
         rounds = self.rounds * np.sqrt(n / near)
         exact_cost = rest + ROUND_COST * (rounds - self.rounds)
