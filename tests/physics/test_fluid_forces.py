@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.fluids.runs import run_fluid
 from ddgcli.errors import SceneError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.models.fluid.model import build, contexts
@@ -67,6 +68,23 @@ def test_a_gradient_moves_nothing_and_a_mean_force_the_harmonic_flow():
     assert np.abs(last.vertex["vorticity"]).max() < 1e-12
     *_, last = last_frame(TORUS, "force = { acceleration = [0.5, 0, 0] }\nharmonic = {}")
     assert np.allclose(last.vertex["velocity"], [0.2, 0, 0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "effects, is_lost",
+    [
+        ('force = { acceleration = ["cos(t)", 0, 0] }', True),
+        ('buoyancy = { temperature = "1", gravity = [1, 0, 0] }', True),
+        ("force = { acceleration = [1, 0, 0] }\nharmonic = {}", False),
+        ('force = { acceleration = [0, "y", 0] }', False),  # a gradient
+        ('force = { acceleration = ["sin(6.2831853*y)", 0, 0] }', False),  # drives vorticity alone
+    ],
+)
+def test_forces_that_drive_harmonic_flows_which_the_scene_leaves_out_warn(effects, is_lost, caplog):
+    """Along a channel of free slip a force moved nothing, without a word."""
+    grid = 'grid = { size = [1, 1], cells = [8, 8], periodic = "x" }'
+    run_fluid(effects, "step = 0.1\nduration = 0.2", grid)
+    assert ("harmonic flows of f" in caplog.text) == is_lost
 
 
 def test_a_force_with_an_unknown_name_is_refused():

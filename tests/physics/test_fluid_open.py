@@ -194,7 +194,7 @@ def test_other_obstacles_are_cut_too(shape):
 
 
 def test_an_obstacle_beside_the_fluid_is_refused():
-    with pytest.raises(SceneError, match="'post' cuts no cell of 'f'; move it"):
+    with pytest.raises(SceneError, match="object 'f': obstacle 'post' cuts no cell of 'f'; move it"):
         channel(INFLOW + OUTFLOW, objects=CYLINDER.replace("[1, 0.5, ", "[7, 0.5, "))
 
 

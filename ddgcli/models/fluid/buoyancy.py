@@ -17,6 +17,7 @@ from scipy.sparse import diags_array
 
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.force import GAUSS_SHARES, BoundarySides, accelerated
+from ddgcli.models.fluid.lost_forces import LostForceWarning
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.tracer import Source, TracerPhase
@@ -113,11 +114,13 @@ class BuoyancyPhase(FlowPhase):
         self.setting = setting
         self.push = -parameters.expansion * np.array(parameters.gravity)
         self.boundary = BoundarySides(setting)
+        self.lost = LostForceWarning(setting, self.effect)
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
         warmth = state[ARRAY][self.boundary.ends] @ GAUSS_SHARES.T
         along = self.boundary.integrals(warmth[:, :, None] * self.push)
         change = self.cell_acceleration(state, step.time)
+        self.lost.check(change)
         return accelerated(self.setting, state, step.dt * change, step.dt * along)
 
     def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:

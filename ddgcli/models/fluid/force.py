@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.lost_forces import LostForceWarning
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.scenes.expressions import evaluate
@@ -66,6 +67,7 @@ class ForcePhase(FlowPhase):
         self.setting, self.acceleration = setting, acceleration
         self.place = setting.context.face_points()
         self.boundary = BoundarySides(setting)
+        self.lost = LostForceWarning(setting, self.effect)
         self.vectors(self.place, 0.0)  # refuses what cannot be evaluated
 
     def vectors(self, place: NDArray, time: float) -> NDArray[np.float64]:
@@ -77,6 +79,7 @@ class ForcePhase(FlowPhase):
         time, points = step.time + 0.5 * step.dt, self.boundary.points
         along = self.boundary.integrals(self.vectors(points.reshape(-1, 3), time).reshape(points.shape))
         change = self.vectors(self.place, time)
+        self.lost.check(change)
         return accelerated(self.setting, state, step.dt * change, step.dt * along)
 
     def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:

@@ -134,8 +134,8 @@ def _cut(scene: Scene, number: int, context: FluidContext, read: Callable[[str],
                 from ddgcli.models.fluid.obstacle_refinement import refined
 
                 context = refined(context, obstacles[-1][1], section.refine)
-        cut = without_obstacles(context, obstacles)
         place = ("object", number)
+        cut = without_obstacles(context, obstacles)
         _require_mesh(cut.mesh)
     except ValueError as error:
         scene.refuse(place, f"object {scene.objects[int(place[1])].name!r}: {error}")
