@@ -35,6 +35,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "curves": ("isolines", "shortest_paths", "straighten_paths", "trace"),
     "fields": ("integral_curves", "logarithmic_map", "parallel_transport"),
     "wavefronts": ("distance_matrix", "geodesic_fan", "geodesic_voronoi", "signed_distance"),
+    "repairs": ("inspect_mesh", "repair_mesh"),
     "simulations": ("Simulation", "simulate"),
     "costs": ("tradeoff_table",),
 }  # fmt: skip
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from ddgcli.library.flows import *  # noqa: F403
     from ddgcli.library.meshes import *  # noqa: F403
     from ddgcli.library.operators import *  # noqa: F403
+    from ddgcli.library.repairs import *  # noqa: F403
     from ddgcli.library.simulations import *  # noqa: F403
     from ddgcli.library.triangulations import *  # noqa: F403
     from ddgcli.library.wavefronts import *  # noqa: F403

@@ -14,8 +14,8 @@ from pathlib import Path
 import click
 
 from ddgcli.errors import ParameterError
+from ddgcli.mesh.cures import QUOTED_REPAIR
 
-QUOTED_REPAIR = re.compile(r"`repair(_cells)?=([^`]*)`")
 QUOTED_PARAMETER = re.compile(r"`([a-z]\w*)(?:=([^`]*))?`")
 
 

@@ -19,6 +19,7 @@ __all__ = [
     "mesh_arguments",
     "meshes",
     "operators",
+    "repairs",
     "result",
     "simulations",
     "triangulations",

@@ -7,16 +7,29 @@ import inspect
 import math
 import numbers
 import operator
+import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import ParameterError, excerpt
+from ddgcli.errors import MeshError, ParameterError, excerpt
+from ddgcli.mesh.cures import QUOTED_REPAIR
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+
+def with_repair_call(message: str) -> str:
+    """The message with steps of a repair, `` `repair=orient fill_holes=9` ``, as a call of the library."""
+
+    def call(match: re.Match[str]) -> str:
+        steps = (step.partition("=") for step in match.group(2).split())
+        values = (f"{name}={value or ('0' if name == 'weld' else 'True')}" for name, _, value in steps)
+        return f"`ddg.repair_mesh(mesh, {', '.join(values)})`"
+
+    return QUOTED_REPAIR.sub(call, message)
 
 
 def _scalar(value: Any) -> Any:
@@ -160,6 +173,10 @@ def checked_arguments(function: Callable[P, R]) -> Callable[P, R]:
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         names = positional + [""] * (len(args) - len(positional))  # too many: Python's own error
         own = [converted(name, value) for name, value in zip(names, args)]
-        return function(*own, **{name: converted(name, value) for name, value in kwargs.items()})
+        try:
+            return function(*own, **{name: converted(name, value) for name, value in kwargs.items()})
+        except MeshError as error:
+            error.args = (with_repair_call(str(error)),)
+            raise
 
     return call

@@ -1,11 +1,13 @@
 """Cures of defects of meshes, for the messages that refuse them.
 
 A cure names the steps of `repair_mesh` in back quotes, such as `` `repair=split_fans orient` ``; the command
-line writes them as a call of `ddgcli repair`. `` `repair_cells=orient` `` is a repair of tetrahedra.
+line writes them as a call of `ddgcli repair`, the library as one of `ddg.repair_mesh`.
+`` `repair_cells=orient` `` is a repair of tetrahedra.
 """
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +15,7 @@ import numpy as np
 if TYPE_CHECKING:
     from ddgcli.mesh.topology import Topology
 
+QUOTED_REPAIR = re.compile(r"`repair(_cells)?=([^`]*)`")  # in a message
 # defect -> what to do, and the steps of the repair that do it
 CURES = {
     "edge of three faces": ("split the surface there", "split_fans"),

@@ -104,6 +104,12 @@ def how_to_close(mesh: SurfaceMesh) -> str:
         return "no repair closes this one, which is one-sided"
     if mesh.points is None:
         return cure("boundary", topology)
+    seam = _is_seam(topology, mesh.points)
+    if seam.all():
+        return cure("equal positions")
+    if seam.any():
+        n_edges = int((~seam).sum())
+        return f"join vertices at equal positions and fill the holes with `repair=weld fill_holes={n_edges}`"
     component = topology.face_component
     is_open = np.zeros(topology.n_components, dtype=bool)
     is_open[topology.vertex_component[topology.edges[topology.boundary_edges, 0]]] = True
@@ -116,6 +122,16 @@ def how_to_close(mesh: SurfaceMesh) -> str:
                 f"the component of face {np.argmax(rows)} is a flat sheet, which encloses nothing; extrude it"
             )
     return cure("boundary", topology)
+
+
+def _is_seam(topology: Topology, points: NDArray) -> NDArray[np.bool_]:
+    """(b,) whether each boundary edge has the positions of another one."""
+    ends = topology.edges[topology.boundary_edges]
+    vertices, number = np.unique(ends, return_inverse=True)
+    _, place = np.unique(points[vertices], axis=0, return_inverse=True)
+    pairs = np.sort(place.ravel()[number.reshape(-1, 2)], axis=1)
+    _, edge, count = np.unique(pairs, axis=0, return_inverse=True, return_counts=True)
+    return count[edge.ravel()] > 1
 
 
 def _orientation_cure(mesh: SurfaceMesh, one_sided: bool = False) -> str:

@@ -71,6 +71,19 @@ def holes():
     return with_faces(sphere, sphere.faces[2:])
 
 
+def unwelded():
+    """A sphere whose faces share no vertex."""
+    sphere = shapes.icosphere(1)
+    points = sphere.points[sphere.faces].reshape(-1, 3)
+    return TriangleMesh.from_arrays(points, np.arange(len(points)).reshape(-1, 3))
+
+
+def unwelded_holes():
+    """Those of its faces without two."""
+    sphere = unwelded()
+    return with_faces(sphere, sphere.faces[2:])
+
+
 def flat_faces():
     """A grid with one vertex moved onto an edge."""
     grid = shapes.grid(4, 4)
@@ -124,6 +137,8 @@ REFUSALS = [
     (moebius, ("geodesic", "--source", "0", "--signed-distance", "edges.npy"), "one-sided"),
     (turned, ("geodesic", "--source", "0", "--signed-distance", "edges.npy"), "opposite orientation"),
     (holes, ("willmore-flow", "--fix-volume", "--steps", "1"), "needs a closed surface"),
+    (unwelded, ("willmore-flow", "--fix-volume", "--steps", "1"), "needs a closed surface"),
+    (unwelded_holes, ("willmore-flow", "--fix-volume", "--steps", "1"), "needs a closed surface"),
     (flat_faces, ("willmore-flow", "--steps", "1"), "no area"),
     (flat_faces, ("dec",), "no area"),
     (repeated_vertex, ("delaunay",), "names a vertex twice"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import logging
+import re
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,8 @@ CALLS = {
     "curve_flow": lambda m: (
         next(iter(ddg.curve_flow(RING if m is SQUARE else (RING.points, RING.lines)))).points
     ),
+    "inspect_mesh": lambda m: ddg.inspect_mesh(m).face["min_angle_degrees"],
+    "repair_mesh": lambda m: ddg.repair_mesh(m, weld=0.0).vertex["input_vertex"],
     "willmore_flow": lambda m: [s.points for s in ddg.willmore_flow(m, "mean-curvature", steps=2)][-1],
     "curvature": lambda m: ddg.curvature(m).vertex["mean_curvature"],
     "d0": lambda m: ddg.d0(m).toarray(),
@@ -132,6 +135,54 @@ def test_wrong_meshes_and_arrays_are_refused(call, message, tmp_path, monkeypatc
     assert list(tmp_path.iterdir()) == []
 
 
+CALL = re.compile(r"`(ddg\.repair_mesh\(mesh, [^`]*\))`")
+
+
+@pytest.mark.parametrize(
+    "points, faces, call",
+    [
+        (SPHERE.points, [SPHERE.faces[0][::-1], *SPHERE.faces[1:]], ddg.willmore_flow),
+        (SPHERE.points, [*SPHERE.faces, SPHERE.faces[0]], ddg.harmonic_basis),
+        (SPHERE.points, SPHERE.faces[1:], lambda m: ddg.willmore_flow(m, "conformal")),
+        (np.vstack([SPHERE.points, SPHERE.points[0]]), [[42, *SPHERE.faces[0][1:]], *SPHERE.faces[1:]],
+         lambda m: ddg.willmore_flow(m, "conformal")),
+    ],
+)  # fmt: skip
+def test_the_call_that_an_error_about_a_mesh_names_repairs_it(points, faces, call):
+    mesh = ddg.TriangleMesh.from_arrays(points, faces)
+    for _ in range(3):  # each error names the repair of one defect
+        try:
+            call(mesh)
+            break
+        except ddg.errors.MeshError as error:
+            mesh = eval(CALL.search(str(error)).group(1), {"ddg": ddg, "mesh": mesh}).mesh
+    assert call(mesh) is not None
+
+
+def test_inspection_and_repair_are_those_of_the_commands(run, tmp_path):
+    path = str(ROOT / "sample_meshes" / "saddle.obj")
+    mesh = ddg.read_mesh(path)
+    info = json.loads(run("info", path, "--json", "-o", tmp_path / "info.npz").stdout)["results"]
+    inspected = ddg.inspect_mesh(mesh)
+    own = json.loads(json.dumps(inspected.results, default=lambda array: array.tolist()))
+    assert {k: v for k, v in own.items() if k != "accepts"} == {k: info[k] for k in own if k != "accepts"}
+    assert own["accepts"]["geodesic"] == info["accepts"]["geodesic"] == "yes"
+    np.testing.assert_array_equal(
+        inspected.face["min_angle_degrees"], np.load(tmp_path / "info.npz")["min_angle_degrees"]
+    )
+    words = ("repair", path, "--fill-holes", 999, "--cut-to-disk", "--json", "-o", tmp_path / "disk.npz")
+    done = run(*words)
+    repaired = ddg.repair_mesh(mesh, fill_holes=999, cut_to_disk=True)
+    results = json.loads(done.stdout)["results"]
+    assert results["changes"] == repaired.results["changes"]
+    assert results["refused_by"].keys() == repaired.results["refused_by"].keys()
+    stored = np.load(tmp_path / "disk.npz")
+    np.testing.assert_array_equal(repaired.mesh.points, stored["points"])
+    np.testing.assert_array_equal(repaired.vertex["input_vertex"], stored["input_vertex"])
+    np.testing.assert_array_equal(repaired.face["input_face"], stored["input_face"])
+    assert ddg.repair_mesh(TET, orient=True).face["input_cell"].tolist() == [0]
+
+
 def test_the_cure_for_tetrahedra_works():
     with pytest.raises(ddg.errors.MeshError, match=r"pass their boundary, mesh\.boundary"):
         ddg.stiffness(TET)
@@ -161,6 +212,11 @@ def test_the_cure_for_tetrahedra_works():
         (lambda: ddg.willmore_flow(SPHERE, remesh="short"), "remesh: 'short' is not a length"),
         (lambda: ddg.willmore_flow(SPHERE, region=[42]), "region: .* vertex numbers from 0 to 41"),
         (lambda: ddg.willmore_flow(SPHERE, energy="cotan", integrator="rosenbrock"), "needs `step` or"),
+        (lambda: ddg.repair_mesh(SPHERE), "no repair is chosen"),
+        (lambda: ddg.repair_mesh(SPHERE, weld=-1.0), "weld: must be 0 or more, not -1"),
+        (lambda: ddg.repair_mesh(SPHERE, fill_holes=2), "fill_holes: must be 3 or more, not 2"),
+        (lambda: ddg.repair_mesh(SPHERE, orient=True, for_command="hodge"), "selects the steps"),
+        (lambda: ddg.repair_mesh(TET, fill_holes=9), "is a step of surfaces"),
         (lambda: ddg.parameterize(SQUARE, "area"), "unknown method 'area'"),
         (lambda: ddg.mean_curvature_flow(SQUARE, -1.0), "must be positive"),
         (lambda: ddg.poisson(SPHERE, [1.0]), "one entry for each vertex"),

@@ -1,0 +1,146 @@
+"""Inspection and repair of meshes."""
+
+from __future__ import annotations
+
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.inspection import inspect_mesh as inspection
+from ddgcli.algorithms.repair import pipeline, solid
+from ddgcli.errors import ParameterError
+from ddgcli.library.arguments import with_repair_call
+from ddgcli.library.mesh_arguments import accepts_arrays
+from ddgcli.library.result import Measurement
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+__all__ = ["inspect_mesh", "repair_mesh"]
+
+
+@accepts_arrays("surface", "tetrahedra", "curve")
+def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet) -> Measurement:
+    """Contents and quality of a mesh, and which commands accept it.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, TetMesh, CurveSet or (points, cells) pair
+
+    Returns
+    -------
+    Measurement
+        `results` as those of `ddgcli info`: defects with the numbers of the first few, `quality`, `size`,
+        `accepts` (by command: yes, or the reason and a repair). `vertex` (`component`, `boundary`,
+        `non_manifold`) and `face` (`min_angle_degrees`) locate the defects.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> square = ddg.inspect_mesh(ddg.grid(2, 2))
+    >>> square.results["orientation"], square.results["accepts"]["curvature"]
+    ('consistent', 'yes')
+    """
+    inspected = inspection.inspect_mesh(mesh)
+    accepts = {name: with_repair_call(text) for name, text in inspected.results["accepts"].items()}
+    return Measurement(
+        mesh, inspected.vertex, inspected.face, results={**inspected.results, "accepts": accepts}
+    )
+
+
+@accepts_arrays("surface", "tetrahedra")
+def repair_mesh(
+    mesh: TriangleMesh | TetMesh,
+    *,
+    weld: float | None = None,
+    drop_degenerate: bool = False,
+    drop_duplicates: bool = False,
+    largest: bool = False,
+    split_fans: bool = False,
+    orient: bool = False,
+    split_folds: bool = False,
+    fill_holes: int | None = None,
+    cut_to_disk: bool = False,
+    drop_unused: bool = False,
+    for_command: str | None = None,
+) -> Measurement:
+    """Repair a mesh by steps that run in the order of the parameters; nothing else is changed.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, TetMesh or (points, cells) pair
+    weld : float, optional
+        Merge vertices whose distance is at most this (length units; 0: equal positions).
+    drop_degenerate, drop_duplicates : bool
+        Remove faces (cells) without area (volume); faces that occur twice.
+    largest : bool
+        Keep the component with the largest area.
+    split_fans : bool
+        A vertex for each fan of faces; splits edges of three or more faces.
+    orient : bool
+        Reverse faces so that neighbours have the same orientation; exchange corners of inverted cells.
+    split_folds : bool
+        Separate the faces at edges folded by 180 degrees.
+    fill_holes : int, optional
+        Fill boundary loops of at most so many edges.
+    cut_to_disk : bool
+        Cut every component open to a disk.
+    drop_unused : bool
+        Remove vertices that belong to no cell.
+    for_command : str, optional
+        In place of steps: those that a command of the command line needs, such as "willmore-flow".
+
+    Returns
+    -------
+    Measurement
+        The repaired `mesh`; `vertex["input_vertex"]` and `face["input_face"]` (tetrahedra: `input_cell`) name
+        where its elements come from, -1 for new ones; `results` has `changes` (by step) and `refused_by` (by
+        command: why it still refuses the mesh). `converged` is False if `for_command` still does.
+
+    Raises
+    ------
+    ParameterError
+        No step, or one that the mesh does not have.
+    MeshError
+        A step needs what the mesh does not have.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> ball = ddg.icosphere(1)
+    >>> F = ball.faces.copy()
+    >>> F[3] = F[3][::-1]
+    >>> repaired = ddg.repair_mesh((ball.points, F), orient=True)
+    >>> repaired.results["changes"], bool((repaired.mesh.faces == ball.faces).all())
+    ({'orient': 1}, True)
+    """
+    steps = pipeline.RepairSteps(
+        weld, drop_degenerate, drop_duplicates, largest, split_fans, orient, split_folds, fill_holes,
+        cut_to_disk, drop_unused,
+    )  # fmt: skip
+    if weld is not None and not weld >= 0:
+        raise ParameterError(f"must be 0 or more, not {weld:g}", parameter="weld")
+    if fill_holes is not None and fill_holes < 3:
+        raise ParameterError(f"must be 3 or more, not {fill_holes}", parameter="fill_holes")
+    if for_command is not None and steps != pipeline.RepairSteps():
+        raise ParameterError("selects the steps; leave the others out", parameter="for_command")
+    if isinstance(mesh, TetMesh):
+        cells = solid.repair_solid(mesh, solid.solid_steps_for(for_command) if for_command else steps)
+        origin = {"input_cell": cells.input_cell}
+        return _judged(cells.mesh, cells.changes, for_command, cells.input_vertex, origin)
+    steps = pipeline.steps_for(for_command) if for_command else steps
+    faces, changes = pipeline.repair_mesh(mesh, steps)
+    return _judged(faces.mesh, changes, for_command, faces.input_vertex, {"input_face": faces.input_face})
+
+
+def _judged(
+    mesh: TriangleMesh | TetMesh,
+    changes: dict[str, int],
+    for_command: str | None,
+    input_vertex: NDArray,
+    origin: dict[str, NDArray],
+) -> Measurement:
+    """A repaired mesh with its maps, and which commands still refuse it."""
+    refused_by = {name: with_repair_call(text) for name, text in pipeline.refusals(mesh).items()}
+    return Measurement(
+        mesh, {"input_vertex": input_vertex}, origin,
+        results={"changes": changes, "refused_by": refused_by}, converged=for_command not in refused_by,
+    )  # fmt: skip
