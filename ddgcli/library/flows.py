@@ -131,7 +131,7 @@ def willmore_flow(
         if reason:
             logging.getLogger("ddgcli").warning(reason)
         report.warn_of_folds(mesh, last)
-        report.warn_of_disagreement(mesh, last, flow_options.chosen_energy(mesh.topology, options))
+        report.warn_of_disagreement(mesh, last, options)
         return End(results, accuracy, reason)
 
     return Simulation(

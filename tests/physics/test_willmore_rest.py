@@ -140,13 +140,13 @@ def test_a_grown_second_energy_is_reported(caplog):
     mesh = shapes.torus(20, 8, pattern="alternating")
     sign = (-1.0) ** np.add(*np.divmod(np.arange(mesh.n_vertices), 8))
     end = mesh.moved(mesh.points + 0.1 * sign[:, None] * descent.vertex_normals(mesh))
-    report.warn_of_disagreement(mesh, mesh, "gauss-map")
+    report.warn_of_disagreement(mesh, mesh, FlowOptions())
     assert caplog.text == ""
-    report.warn_of_disagreement(mesh, end, "gauss-map")
-    assert "cotan gives the last surface" in caplog.text
+    report.warn_of_disagreement(mesh, end, FlowOptions())
+    assert "cotan gives the last surface" in caplog.text and "use `remesh=mean`" in caplog.text
     caplog.clear()
     flat = shapes.grid(2, 2)  # neither energy is more than rounding
-    report.warn_of_disagreement(flat, flat, "gauss-map")
+    report.warn_of_disagreement(flat, flat, FlowOptions(energy="gauss-map"))
     assert caplog.text == ""
 
 

@@ -125,7 +125,6 @@ def command(
     flow_options = choices_of_flow.with_stop(stated_flow, mesh.topology, bounded)
     region = _region(source, parameters["region"]) if region is None else region
     flow, model = setup.build(mesh, flow_options, region)
-    energy = choices_of_flow.chosen_energy(mesh.topology, flow_options)
     schedule = setup.schedule(flow, overrides)
     described = {
         "options": choices_of_flow.options_as_dict(flow_options),
@@ -148,7 +147,7 @@ def command(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure
     )
     last = mesh if outcome.last is None else mesh_of_frame(mesh, outcome.last)
-    _warn(mesh, last, energy, None if parameters["flow"] == "mean-curvature" else results["energy"][0])
+    _warn(mesh, last, flow_options, None if parameters["flow"] == "mean-curvature" else results["energy"][0])
     if parameters["fill"] is not None:
         results["patch"] = {"vertices": int(region.sum()), "faces": mesh.n_faces - source.surface.n_faces}
     if parameters["report_energy"]:
@@ -165,7 +164,7 @@ def _warned(reason: str) -> str:
     return reason
 
 
-def _warn(first: TriangleMesh, last: TriangleMesh, energy: str, start_value: float | None) -> None:
+def _warn(first: TriangleMesh, last: TriangleMesh, options: Any, start_value: float | None) -> None:
     """Warn of noise at the start (of the flows of bending energies, with its value), folds and thin faces."""
     from ddgcli.models.willmore import report
 
@@ -174,7 +173,7 @@ def _warn(first: TriangleMesh, last: TriangleMesh, energy: str, start_value: flo
 
         warn_of_noise(first, start_value)
     report.warn_of_folds(first, last)
-    report.warn_of_disagreement(first, last, energy)
+    report.warn_of_disagreement(first, last, options)
 
 
 def _stored_texts(

@@ -158,6 +158,8 @@ def failure_reason(stopped: str, start: TriangleMesh, options: FlowOptions) -> s
         cure = "use `flow=quadratic` with `subdivide=1`"
     elif stopped == FALSE_REST_REASON:
         cure = "begin with `subdivide=1`"
+        if not options.remesh and options.flow == "quadratic":
+            cure = "use `remesh=mean`, or begin with `subdivide=1`"
     elif options.spontaneous_curvature:
         cure = "use a smaller `spontaneous_curvature`, or `subdivide=1`"
     elif options.flow == "newton" and (options.fix_area or options.fix_volume):
@@ -171,25 +173,26 @@ def failure_reason(stopped: str, start: TriangleMesh, options: FlowOptions) -> s
     return f"{stopped}; {cure}"
 
 
-def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, energy: str) -> None:
+def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, options: FlowOptions) -> None:
     """Warn where a second energy has grown over the first: the mesh does not resolve its surface.
 
     Parameters
     ----------
     first, last : TriangleMesh
         At the start and at the end.
-    energy : str
-        Name of the energy of the flow.
+    options : FlowOptions
     """
-    if energy != DEFAULT_ENERGY:
+    if chosen_energy(first.topology, options) != DEFAULT_ENERGY:
         return
     kinds = [ENERGIES[name].of for name in (DEFAULT_ENERGY, SECOND_ENERGY)]
     values = [[kind(mesh).value(mesh.points) for kind in kinds] for mesh in (first, last)]
     before, after = (max(second, FLAT_ENERGY) / max(value, FLAT_ENERGY) for value, second in values)
+    can_remesh = options.flow == "quadratic" and not (options.timed or options.remesh)
     if after > ENERGY_RATIO_WARNING * max(1.0, before):
         logging.getLogger("ddgcli").warning(
             "%s gives the last surface %.3g times the energy of %s (%.3g times at the start): its faces "
-            "are too slender to decide", SECOND_ENERGY, after, DEFAULT_ENERGY, before,
+            "are too slender to decide%s", SECOND_ENERGY, after, DEFAULT_ENERGY, before,
+            "; use `remesh=mean`" if can_remesh else "",
         )  # fmt: skip
 
 

@@ -24,8 +24,8 @@ AGREEMENT_RATIO = 1.05  # ratio of the two energies up to which the surface is t
 MIN_CONFORMAL_SHARE = 1.0 / 64.0  # of the curvature's way to a constant, for a conformal step
 # of the energy, that constant curvature would release where conformal steps end, up to which that is rest
 CONFORMAL_REST_SHARE = 0.005
-# of the least energy, above which a surface that could become round is not at rest
-FALSE_REST_FRACTION = 1.05
+# of the least energy, above which a surface that could become round, or a torus of Clifford, is not at rest
+SPHERE_REST_FRACTION, FALSE_REST_FRACTION = 1.02, 1.05
 KNOT_ENERGY = 8.0 * np.pi  # tori of less are embedded and unknotted (Li, Yau 1982)
 ZERO_ENERGY = 1e-12  # energy at which nothing is left to release
 # relative predicted fall of the energy below which rounding decides: the surface is kept
