@@ -187,11 +187,10 @@ class Run:
             self._input_vertex = source.input_vertex
         for note in source.notes:
             log.warning(note)
-        if {"face_edge_lengths", "neighbors"} <= set(source.face) and not flat_faces:
-            log.warning(
-                "the input is an intrinsic triangulation, but its faces are treated as flat in space, which "
-                "gives another surface; use the mesh that it was made from"
-            )
+        if not flat_faces:
+            from ddgcli.cli.input_warnings import warn_of_flat_faces
+
+            warn_of_flat_faces(source.face)
         if subdivide:
             from ddgcli.cli.subdivided_input import subdivided_input
 

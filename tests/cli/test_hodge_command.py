@@ -51,6 +51,21 @@ def test_a_field_of_the_input_is_chosen_by_name(tmp_path, summary):
     assert report["results"]["field_on"] == "vertex"
 
 
+@pytest.mark.parametrize(
+    "command", ["hodge {}", "fluid-sim {} --vorticity x --steps 1", "laplacian {} --poisson x"]
+)
+def test_faces_that_close_a_periodic_grid_are_a_warning(command, tmp_path, summary):
+    """Drawn flat they span the grid: the mean flow of a periodic channel had no harmonic part, in silence."""
+    mesh, path = shapes.torus(12, 8), tmp_path / "grid.vtu"
+    for marked in (0, 1):
+        wraps = np.zeros(mesh.n_faces, dtype=np.int8)
+        wraps[:5] = marked
+        arrays = {"x": mesh.points[:, 0] - mesh.points[:, 0].mean()}
+        write_mesh(str(path), AnnotatedMesh(mesh, vertex=arrays, face={"wraps": wraps}))
+        warnings = summary(*command.format(path).split())["warnings"]
+        assert any("5 faces close a periodic grid" in text for text in warnings) == bool(marked)
+
+
 def test_edges_of_the_input_may_be_turned(tmp_path, summary):
     """Values on reversed edges change sign: the norms stay."""
     mesh = shapes.torus(12, 8)

@@ -159,18 +159,24 @@ def mesh_reader(run: Run, document: Document) -> Callable[[str], MeshInput]:
     from_options = not document.path
 
     @cache  # standard input has one reading
+    def checked(source: MeshInput) -> MeshInput:
+        from ddgcli.cli.input_warnings import warn_of_flat_faces
+
+        warn_of_flat_faces(source.face)
+        return source
+
     def read(name: str) -> MeshInput:
         from ddgcli.io.mesh_file import read_mesh
         from ddgcli.io.output_file import check_place
 
         if from_options and name == STANDARD_INPUT:
             with run.clock.timed("read"):
-                return read_mesh(name, run.common.input_format)
+                return checked(read_mesh(name, run.common.input_format))
         path = str(Path(document.folder) / name)
         for output in run.common.outputs:
             check_place(output, inputs=(path,))
         with run.clock.timed("read"):
-            return read_mesh(path, run.common.input_format if from_options else None)
+            return checked(read_mesh(path, run.common.input_format if from_options else None))
 
     return read
 
