@@ -98,3 +98,19 @@ def test_zero_pressure_changes_no_bit():
     assert len(runs[0]) > 1 and not np.array_equal(*(runs[0][k].observations["s"].points for k in (0, -1)))
     for a, b in zip(*runs, strict=True):
         assert np.array_equal(a.observations["s"].points, b.observations["s"].points)
+
+
+def test_a_ball_that_pressure_turns_inside_out_fails_and_the_cures_work(run, tmp_path):
+    """It was an everted balloon 84 times as large, at exit 0."""
+    path = tmp_path / "ball.toml"
+
+    def crushed(pressure):
+        effects = f"pressure = {{ {pressure} }}"
+        text = BALL.format(effects=effects, integrator="static", step=1, duration=1, level=1)
+        path.write_text('format = "ddgcli-scene/1"\n' + text)
+        return run("shell-sim", path, "--json")
+
+    failed = crushed("value = -1e6")
+    assert failed.exit_code == 1
+    assert "s passes through itself and turns inside out under its pressure: lessen" in failed.stderr
+    assert crushed("value = -10").exit_code == crushed("value = -1e4, gas = true").exit_code == 0

@@ -18,6 +18,7 @@ log = logging.getLogger("ddgcli")
 # scalars of the frames, by support and by obstacle
 FORCE, MOMENT = "reaction_force_", "reaction_moment_"
 CONTACT_FORCE, CONTACT_MOMENT = "contact_force_", "contact_moment_"
+VOLUME = "volume_"  # of a closed shell with pressure
 # of the available energy: more is description; more makes the result unreliable, exit 1
 ENERGY_GROWTH_WARNING, ENERGY_GROWTH_FAILURE = 0.1, 1.0
 
@@ -186,11 +187,12 @@ def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | N
 
 
 def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str:
-    """Reason why the result is unreliable: the energy more than doubled, or cannot be represented.
+    """Reason why the result is unreliable: energies, or a closed shell that has turned inside out.
 
-    A smaller rise is a warning. Energy that rises above the start and the work of handles, of loads that
-    change in time and of wind comes from the scheme. The scale is the available energy: that of the start
-    above the lowest potential energy of the run, and the largest work from outside.
+    The energy more than doubled, or cannot be represented. A smaller rise is a warning. Energy that rises
+    above the start and the work of handles, of loads that change in time and of wind comes from the scheme.
+    The scale is the available energy: that of the start above the lowest potential energy of the run, and the
+    largest work from outside.
 
     Parameters
     ----------
@@ -210,6 +212,9 @@ def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str
         message = "the energy is beyond the range of numbers; use smaller velocities, forces or accelerations"
         log.warning(message)
         return message
+    if message := _inverted(outcome.series):
+        log.warning(message)
+        return message
     if static:
         return ""
     work = np.zeros_like(total) + _work(outcome.series)
@@ -224,6 +229,17 @@ def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str
     )
     log.warning(message)
     return message if growth > ENERGY_GROWTH_FAILURE * scale + least.energy else ""
+
+
+def _inverted(series: dict[str, NDArray]) -> str:
+    """Error of a closed shell whose volume has changed its sign, or ""."""
+    for name, volume in series.items():
+        if name.startswith(VOLUME) and (volume * volume[0] < 0.0).any():
+            return (
+                f"{name.removeprefix(VOLUME)} passes through itself and turns inside out under its pressure: "
+                "lessen the pressure, use a gas, or write contact = { self_contact = true }"
+            )
+    return ""
 
 
 def _work(series: dict[str, NDArray]) -> Any:
