@@ -9,6 +9,7 @@ LARGE_SIZES = (10_000, 80_000, 500_000)  # where caches and fill give an exponen
 PIECE_SIZES = (10_000, 100_000, 600_000)  # of shells, whose elements are summed in pieces beyond 350,000
 SHELL = "--material felt --set thickness=1e-3 --effect stretching --effect gravity"
 STIFF = "--material felt --set thickness=5e-3 --set young=1e9 --effect stretching --effect gravity"
+MANY = ",".join(map(str, range(17)))  # vertices
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ SURFACE = [
     Task("curvature quadric auto", "curvature {mesh} --radius auto", short=True),
     Task("curvature further results", "curvature {mesh} --scheme corrected", LARGE_SIZES),
     Task("curvature wide fits", "curvature {mesh}", mesh="detailed"),
-    Task("curvature noise", "curvature {mesh}", (10_000,), mesh="noisy"),
+    Task("curvature noise", "curvature {mesh}", (800, 10_000), mesh="noisy"),
     Task("curvature normal-voting", "curvature {mesh} --scheme normal-voting", short=True),
     Task(
         "curvature normal-voting radius",
@@ -105,6 +106,10 @@ SURFACE = [
         "geodesic job",
         "geodesic {mesh} --source 0,9,99,999 --each-source --jobs 2",
         (10_000,),
+    ),
+    Task(
+        "geodesic many sources",
+        f"geodesic {{mesh}} --source {','.join(map(str, range(17)))} --method dijkstra",
     ),
     Task("geodesic point", "geodesic {mesh} --source-point 0,0,1"),
     Task("geodesic field", "geodesic {mesh} --field wind"),

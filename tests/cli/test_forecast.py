@@ -9,6 +9,7 @@ import pytest
 from ddgcli import memory
 from ddgcli.algorithms.curvature import noise_estimate, offset_body, surface_curvature
 from ddgcli.algorithms.curvature.face_balls import FaceBalls
+from ddgcli.algorithms.geodesics import certificate
 from ddgcli.algorithms.geodesics.surface_curves import trace_curves
 from ddgcli.algorithms.hodge.homology import betti_numbers
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
@@ -166,9 +167,11 @@ def test_offset_bodies_are_counted_by_the_steps_of_their_arcs():
         arcs = offset_body.check_offset(box, 0.1, angle)
         points, faces, _ = offset_body._assemble(box, arcs, 0.1)
         size = size_of(box, {"offset": 0.1, "offset_angle": angle})
-        assert size.offset_faces == len(faces)
+        assert (arcs.n_points, arcs.n_faces) == (len(points), len(faces))
+        of_smooth = round(len(points) / 2.1)  # faces of a smooth surface's offset with as many points
+        assert size.offset_faces == of_smooth
         options = {"scheme": "cotan", "offset": 0.1}
-        assert kernels_of("curvature", options, size)[0].elements == len(faces)
+        assert kernels_of("curvature", options, size)[0].elements == of_smooth
     assert size_of(shapes.grid(2, 2), {"offset": 0.1}).offset_faces is None  # the run refuses it
 
 
@@ -178,6 +181,16 @@ def test_pictures_are_counted_by_their_pixels():
     assert pixels == Use("picture pixels", elements=240_000)
     uses = kernels_of("frames", {"pictures": True}, size)
     assert [use.times for use in uses] == [3, 3] and not kernels_of("frames", {"pictures": False}, size)
+
+
+def test_trees_of_many_sources_are_counted():
+    def uses(options):
+        kernels = kernels_of("geodesic", {"method": "heat", **options}, InputSize("surface", 1000))
+        return [use.kernel for use in kernels].count("geodesic many sources")
+
+    assert uses({"source": list(range(17))}) == uses({"source_boundary": True}) == 1
+    assert uses({"source": list(range(16))}) == 0
+    assert certificate.MAX_BRUTE_FORCE_STARTS == 16
 
 
 def test_rounds_of_fast_marching_are_counted_by_the_longest_path():

@@ -47,7 +47,7 @@ class OffsetArcs:
     """Directions of an offset body: a side of each edge, normals of faces and vertices, steps of arcs.
 
     `arc` has the steps of each edge's arc, `rings` those from the normal of each vertex to its faces'.
-    `n_faces` is the number of faces before points are merged.
+    `n_faces` and `n_points` are the numbers of faces and points before points are merged.
     """
 
     side: NDArray[np.int64]
@@ -56,6 +56,7 @@ class OffsetArcs:
     arc: NDArray[np.int64]
     rings: NDArray[np.int64]
     n_faces: int
+    n_points: int
 
 
 def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> OffsetArcs:
@@ -121,7 +122,8 @@ def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> Offs
         raise ParameterError(
             f"the offset mesh would have {count:,} faces; give a larger angle", parameter="offset_angle"
         )
-    return OffsetArcs(side, normal, centre, arc, rings, count)
+    n_points = 3 * mesh.n_faces + int(((arc + 1) * (4 + of_ends)).sum())
+    return OffsetArcs(side, normal, centre, arc, rings, count, n_points)
 
 
 def _steps(angle: NDArray, resolution: float) -> NDArray[np.int64]:

@@ -98,7 +98,7 @@ COEFFICIENTS: dict[str, Cost] = {
     "shell-sim iterative implicit step": Cost(0.1258, 3.315, 1.35, 62, 279.3),
     "shell-sim iterative midedge step": Cost(0.5004, 7.297, 1.15, 25.68, 1818),
     "curve-flow search curve": Cost(0.00046, 0.0017, 1.05, 33.8, 319),
-    "curvature noise": Cost(0.0002334, 0.008301, 1.05, 0.1062, 3.187),
+    "curvature noise": Cost(0.1328, 0.003194, 1.05, 4.674, 3.036),
     "curvature normal-voting": Cost(0.131, 0.4126, 1.05, 17.17, 93.41),
     "curvature normal-voting radius": Cost(0.2143, 0.02091, 1.05, 30.1, 3.717),
     "curvature offset": Cost(0.3443, 0.1575, 1.05, 26.96, 41.56),
@@ -138,4 +138,5 @@ COEFFICIENTS: dict[str, Cost] = {
     "picture pixels": Cost(0.005794, 0.09742, 1.05, 2.472, 36.34),
     "picture of triangulations": Cost(2.386, 13.11, 1.05, 330.5, 258.9),
     "willmore-flow mean-curvature": Cost(0.3517, 1.061, 1.05, 24.61, 133.1),
+    "geodesic many sources": Cost(0.1105, 0.2964, 1.05, 34.24, 10.33),
 }

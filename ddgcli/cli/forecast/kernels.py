@@ -10,6 +10,7 @@ from typing import Any
 
 from ddgcli.choices import ITERATIVE_SOLVERS, MAX_REFINEMENT_DEGREES, SYMMETRIC_METHODS
 from ddgcli.cli.forecast.curvature_kernels import curvature_kernels
+from ddgcli.cli.forecast.mesh_facts import CURVE_SOURCES
 from ddgcli.cli.forecast.simulator_kernels import (
     curve_flow_kernels,
     fluid_kernels,
@@ -31,6 +32,9 @@ MEASURED_EVOLUTION_STEPS = 100
 MEASURED_RAYS, MEASURED_ISOLINES = 100, 20
 CERTIFICATE_RUNS = 4
 PAGE_PIXELS = 1400 * 1050  # of a picture without --size
+# frames on the page of a run, which shows the first one too; those of the measured page, and the part of each
+MAX_PICTURE_FRAMES, MEASURED_PICTURE_FRAMES, PAGE_SHARE_OF_FRAME = 4, 2, 1 / 6
+PAGE_PIXELS_OF_RUN = 1800 * 2160
 PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
 MAX_COMPARED_FACES, TRADEOFF_RANGE = 14_000, (0.1, 5.0)  # on larger meshes the budget bounds the rows
 FIELD_SEEDS, FIELD_RANGE = 16, (0.3, 30.0)  # the default; steps adapt to the field
@@ -46,7 +50,8 @@ WINDOW_RANGE: Range = (0.35, 2.0)
 WINDOWS_OF_1E5_FACES, WINDOW_EXPONENT = 3.65e6, 1.12
 COUNTED_WINDOW_RANGE: Range = (0.6, 1.6)
 SPHERE_MEAN_PATH, SPHERE_LONGEST_PATH = 0.237, 0.456  # edges over the root of the faces: the measured kernel
-SOURCE_OPTIONS = ("source", "source_point", "source_face", "source_edges", "source_boundary")
+SOURCE_OPTIONS = ("source", "source_point", "source_face", *CURVE_SOURCES)
+MAX_BRUTE_FORCE_STARTS = 16  # that of `ddgcli.algorithms.geodesics.certificate`, which would load its imports
 # Steiner points over the angle deficit of `InputSize`, at 25 degrees: 2 on scans, on slivers of mechanical
 # parts and on stretched surfaces, whose faces share what they lack, 6 on random points, on which the kernel
 # is measured; they grow as exp(degrees / 12)
@@ -91,18 +96,20 @@ def kernels_of(
         meshes = [path for path in outputs if Path(path).suffix.lower() not in PICTURES]
         uses += [Use(f"write {_written_as(path)}", size.frame_count) for path in meshes]
     if plot:
-        uses += _plot(command, pixels)
+        uses += _plot(command, pixels, size.frame_count)
     return uses
 
 
-def _plot(command: str, pixels: int) -> list[Use]:
+def _plot(command: str, pixels: int, frame_count: int) -> list[Use]:
     """The picture of --plot: of a surface, or a page of small ones and charts."""
     if command == "delaunay":
         return [Use("delaunay overlay"), Use("picture of triangulations")]
     if command == "tradeoff":
         return [Use("picture curve")]
     if command in ("frames", "shell-sim", "fluid-sim", "willmore-flow", "curve-flow"):
-        return [Use("picture of a run")]
+        further = min(frame_count + 1, MAX_PICTURE_FRAMES) - MEASURED_PICTURE_FRAMES
+        small = Use("picture pixels", further, elements=PAGE_SHARE_OF_FRAME * PAGE_PIXELS_OF_RUN)
+        return [Use("picture of a run"), *([small] if further > 0 else [])]
     return _picture(pixels, 1)
 
 
@@ -231,6 +238,9 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
             yield Use(f"geodesic {method}", jobs)
     if options.get("certify"):
         runs += CERTIFICATE_RUNS
+    starts = sum(len(options.get(name) or ()) for name in ("source", "source_point", "source_face"))
+    if starts > MAX_BRUTE_FORCE_STARTS or any(options.get(name) for name in CURVE_SOURCES):
+        yield Use("geodesic many sources")  # the certificate searches the nearest one in a tree
     if further := further + runs * _wavefront_share(method, size.paths_of_one, size.elements):
         yield Use(f"geodesic {method} solve", further, range=windows, assumes=assumes)
     for other in options.get("compare") or ():

@@ -33,7 +33,8 @@ SAMPLED_BLOCKS, BALLS_PER_BLOCK = 6, 120  # of consecutive vertices: their balls
 SAMPLED_PAIRS = 1e6  # of balls and vertices
 CLIPPING_SCHEMES = ("corrected", "normal-cycle")
 SEARCH_OF_BALL = 30.0  # vertices in a ball that cost as much as the search for it
-CURVE_SOURCES = ("source_edges", "source_boundary")  # from which strips start, not windows alone
+CURVE_SOURCES = ("source_edges", "source_boundary")
+POINTS_OF_MEASURED_FACE = 2.1  # of offset bodies of spheres: each arc has one step
 SAME_AREA_DECIMALS = 6  # of the logarithm
 CLIPS_PER_TEST = 0.35  # clipped faces that cost as much as the test of a vertex
 
@@ -145,7 +146,7 @@ def edge_paths(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[EdgePath
         reached = np.isfinite(count)
         # small faces between large ones count by their length, stretched faces by their number
         edges = np.maximum(count[reached], length[reached] / mean_length)
-        windows = None
+        windows = None  # not of curves, from which strips start
         if options.get("method", "exact") == "exact" and not any(map(options.get, CURVE_SOURCES)):
             windows = predicted_windows(mesh, check_sources(mesh, vertices), int(reached.sum()))
         return EdgePaths(float(edges.sum()), float(edges.max(initial=0.0)), bool(reached.all()), windows)
@@ -220,12 +221,15 @@ def component_counts(mesh: TriangleMesh | IntrinsicMesh) -> tuple[int, int]:
 
 
 def offset_faces(mesh: TriangleMesh, options: Mapping[str, Any]) -> int | None:
-    """Faces of the offset body before points are merged; None where the run refuses it."""
+    """Faces of the offset body of a smooth surface with as many points; None where the run refuses it.
+
+    Points are counted before they are merged: short arcs have two for each face, long ones fewer.
+    """
     from ddgcli.algorithms.curvature.offset_body import check_offset
     from ddgcli.errors import InputError
 
     try:
         angle = options.get("offset_angle") or DEFAULT_OFFSET_ANGLE
-        return check_offset(mesh, options["offset"], angle).n_faces
+        return round(check_offset(mesh, options["offset"], angle).n_points / POINTS_OF_MEASURED_FACE)
     except InputError:
         return None
