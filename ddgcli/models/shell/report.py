@@ -18,6 +18,7 @@ log = logging.getLogger("ddgcli")
 # scalars of the frames, by support and by obstacle
 FORCE, MOMENT = "reaction_force_", "reaction_moment_"
 CONTACT_FORCE, CONTACT_MOMENT = "contact_force_", "contact_moment_"
+N_RIGID_MOTIONS = 6
 VOLUME = "volume_"  # of a closed shell with pressure
 # of the available energy: more is description; more makes the result unreliable, exit 1
 ENERGY_GROWTH_WARNING, ENERGY_GROWTH_FAILURE = 0.1, 1.0
@@ -176,7 +177,8 @@ def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | N
         if count is None:
             log.warning("object %s: no factorisation shows whether the equilibrium is stable", name)
         elif count:
-            unheld = unheld_motions(system)
+            # more directions than those of rigid motions buckle, whatever holds the shell
+            unheld = unheld_motions(system) if count <= N_RIGID_MOTIONS else ""
             log.warning(
                 "object %s: the equilibrium is unstable, its Hessian has %d negative eigenvalue%s; %s",
                 name, count, "s" * (count > 1),
