@@ -104,7 +104,13 @@ class Noise:
 
     @property
     def best_scheme(self) -> str:
-        """Scheme with the least error in balls."""
+        """Scheme with the least error in balls.
+
+        Where deviations extend over several edges, fits err by more than their changes show: what averaged
+        normals differ from them by may be the error of the fits.
+        """
+        if self.kind in CORRELATED_KINDS:
+            return self._settled_scheme
         return self._scheme_of_least(lambda scales: max(scales.error, scales.apart))
 
     @property
@@ -171,6 +177,7 @@ KINDS = {
 }
 
 SMOOTHED_KINDS = ("uneven", "lattice")
+CORRELATED_KINDS = (*SMOOTHED_KINDS, "grid")
 UNKNOWN_ERROR = " of what the mesh has (what smoothing steps took from the body cannot be known)"
 
 
