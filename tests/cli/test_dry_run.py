@@ -1,6 +1,7 @@
 """`--dry-run` of every command: nothing is written, cost is predicted, and what cannot fit is refused."""
 
 import json
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -316,6 +317,22 @@ def test_steps_cost_what_the_first_ones_of_the_run_cost(steps, times, expected, 
     assert first_steps.with_first_steps(by_table, job, at_least_table=True) == by_table
     failing = replace(job, schedule=replace(job.schedule, on_failure="stop", dt=0.99))
     assert first_steps.with_first_steps(by_table, failing) == by_table
+
+
+def test_the_trial_ends_within_steps_of_very_many_parts_and_warns(monkeypatch, caplog):
+    """Adaptive steps of a flow that relaxes in 1e-8 s: the dry run took as long as the run."""
+    clock = Clock()
+    monkeypatch.setattr(first_steps.time, "process_time", clock.process_time)
+    monkeypatch.setattr(logging.getLogger("ddgcli"), "propagate", True)
+    model = Model(
+        0, clock.advance, lambda state: Observation(None), lambda state: {}, lambda arrays: 0,
+        distance=lambda a, b: 0.81e-3, order=1,
+    )  # fmt: skip
+    schedule = Schedule(0.01, 90, 1, 1e-3, first_dt=1e-6)
+    job = Job({"a": model}, [], schedule, Account(), moving=False)
+    by_table = predict([Use("shell-sim implicit step", 90)], InputSize("surface", 2000), calibrate=False)
+    assert first_steps.with_first_steps(by_table, job) == by_table
+    assert clock.now < 1.2 * first_steps.MAX_TRIAL_SECONDS and "may take far longer" in caplog.text
 
 
 @pytest.mark.parametrize(

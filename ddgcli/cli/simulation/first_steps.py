@@ -22,11 +22,16 @@ if TYPE_CHECKING:
 __all__ = ["begin_flow", "with_first_steps"]
 
 TRIAL_SECONDS, TRIAL_SHARE, MIN_TRIAL_STEPS = 0.4, 0.1, 3.0  # of a run, whichever is less
+MAX_TRIAL_SECONDS = 2.0  # of steps that are divided into many parts
 MAX_STEP_SECONDS = 0.15  # of a step by the table, for a trial
 
 
 class _TrialEnd(Exception):
     """Ends a trial."""
+
+
+class _ManyParts(Exception):
+    """Ends a trial within its first steps."""
 
 
 def begin_flow(run: Run, job: Job) -> None:
@@ -46,7 +51,8 @@ def with_first_steps(
     Parameters
     ----------
     prediction : Prediction
-        By the table. It is returned as it is where its steps are long, or a step fails.
+        By the table. It is returned as it is where its steps are long, or a step fails; with a warning where
+        the first steps are divided into so many parts that the trial ends within them.
     job : Job
     steps : int, optional
         Expected number; default that of the schedule.
@@ -71,6 +77,7 @@ def with_first_steps(
 def _seconds_per_step(job: Job) -> float | None:
     """CPU seconds of a step of the schedule, without what the first one prepares; None where it fails."""
     samples: list[tuple[float, float]] = []
+    many_parts = False
     began = time.process_time()
     enough = max(MIN_TRIAL_STEPS, TRIAL_SHARE * job.schedule.steps)
 
@@ -79,6 +86,8 @@ def _seconds_per_step(job: Job) -> float | None:
         samples.append((done, elapsed))
         if done >= enough or (elapsed > TRIAL_SECONDS and done > MIN_TRIAL_STEPS - 1):
             raise _TrialEnd
+        if elapsed > MAX_TRIAL_SECONDS and done < MIN_TRIAL_STEPS - 1:
+            raise _ManyParts
 
     log = logging.getLogger("ddgcli")
     disabled, log.disabled = log.disabled, True  # the run itself warns
@@ -87,8 +96,15 @@ def _seconds_per_step(job: Job) -> float | None:
             pass
     except (_TrialEnd, SolveError):
         pass
+    except _ManyParts:
+        many_parts, samples = True, []
     finally:
         log.disabled = disabled
+    if many_parts:
+        log.warning(
+            "the first steps are divided into many parts: the run takes at least the predicted seconds, and "
+            "may take far longer"
+        )
     if len(samples) < 2 or not samples[-1][0] > samples[0][0]:
         return None
     (first, start), (last, end) = samples[0], samples[-1]
