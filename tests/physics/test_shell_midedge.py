@@ -180,6 +180,22 @@ def test_quarter_plate_with_symmetry_planes_is_the_whole_plate():
     assert quarter_points[:, 2].max() == pytest.approx(points[:, 2].max(), rel=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("bending", "axes", "free"),
+    [("hinge", "x", True), ("hinge", "z", False), ("hinge", "xyz", False), ("midedge", "x", False)],
+)
+def test_clamp_of_hinges_that_leaves_the_direction_free_is_a_warning(bending, axes, free, caplog):
+    """The row of faces on a plane of symmetry may turn: no axis across the normal holds it."""
+    mesh = grid(4, 4, 1, 1, "alternating")
+    side = np.flatnonzero(np.asarray(mesh.points)[:, 0] > 1 - 1e-9).tolist()
+    pin = f'pin = {{ vertices = {side}, axes = "{axes}", clamp = true }}'
+    _, _, system = built(mesh, pin, text=SCENE.replace("midedge", bending))
+    assert ("leaves the direction of hinges free" in caplog.text) == free
+    move = np.zeros_like(np.asarray(mesh.points))
+    move[~np.isin(np.arange(mesh.n_vertices), side), 2] = 1e-6  # turns the row about the plane
+    assert (system.free | (move == 0)).all() == (free or bending == "midedge")
+
+
 def test_clamp_carries_force_and_moment_of_the_load():
     mesh = irregular_rectangle(1, 0.2, 10, 4)
     x = np.asarray(mesh.points)

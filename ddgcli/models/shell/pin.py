@@ -4,14 +4,20 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.mechanics.terms import FixedCoordinates
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import vector
 from ddgcli.simulation.effects import Effect
+
+HELD_NORMAL = 0.5  # mean square of the held part of the normals, below which a clamp does not hold them
 
 
 class Pin(Section):
@@ -43,12 +49,25 @@ def build(parameters: Pin, context: ShellContext) -> list[FixedCoordinates]:
     # mid-edge bending has found the edges between the vertices and holds their directions
     directions = any(hasattr(term, "couples") for term in context.terms.get("bending", []))
     if parameters.clamp and not directions:
-        incident = np.isin(context.mesh.faces, vertices).any(axis=1)
+        incident = np.flatnonzero(np.isin(context.mesh.faces, vertices).any(axis=1))
         vertices = np.unique(np.concatenate([vertices, context.mesh.faces[incident].ravel()]))
+        _warn_of_free_direction(parameters, context, incident)
     mask = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
     for axis in parameters.axes:
         mask[vertices, "xyz".index(axis)] = True
     return [FixedCoordinates(mask)]
+
+
+def _warn_of_free_direction(parameters: Pin, context: ShellContext, incident: NDArray) -> None:
+    """Faces turn as they like where their vertices may move along the normals: on a plane of symmetry."""
+    normal = face_normal(context.mesh)[incident][:, ["xyz".index(axis) for axis in parameters.axes]]
+    if context.terms.get("bending") and np.sum(normal**2) < HELD_NORMAL * len(incident):
+        logging.getLogger("ddgcli").warning(
+            "%s: clamp with axes = %r leaves the direction of hinges free where the surface moves along its "
+            'normal; write bending = { model = "midedge" }, which holds it',
+            parameters.name or "pin",
+            parameters.axes,
+        )
 
 
 EFFECT = Effect("pin", Pin, build, "none: held coordinates leave the system", ("shell",), repeatable=True)
