@@ -7,6 +7,7 @@ computation with valid input (exit 1). Messages state what is wrong, where, and 
 import re
 
 MAX_EXCERPT_LENGTH = 100  # characters of a file, or of another program's message, in a message
+QUOTED_REPAIR = re.compile(r"`repair(_cells)?=([^`]*)`")  # in a message, steps that repair the mesh
 LONG_NUMBER = re.compile(r"(\d{20})\d{40,}")  # its first digits and the others
 
 

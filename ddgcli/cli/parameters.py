@@ -13,8 +13,7 @@ from pathlib import Path
 
 import click
 
-from ddgcli.errors import ParameterError
-from ddgcli.mesh.cures import QUOTED_REPAIR
+from ddgcli.errors import QUOTED_REPAIR, ParameterError
 
 QUOTED_PARAMETER = re.compile(r"`([a-z]\w*)(?:=([^`]*))?`")
 

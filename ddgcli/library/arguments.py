@@ -14,8 +14,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshError, ParameterError, excerpt
-from ddgcli.mesh.cures import QUOTED_REPAIR
+from ddgcli.errors import QUOTED_REPAIR, MeshError, ParameterError, excerpt
 
 P = ParamSpec("P")
 R = TypeVar("R")

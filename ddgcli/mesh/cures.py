@@ -7,7 +7,6 @@ line writes them as a call of `ddgcli repair`, the library as one of `ddg.repair
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +14,6 @@ import numpy as np
 if TYPE_CHECKING:
     from ddgcli.mesh.topology import Topology
 
-QUOTED_REPAIR = re.compile(r"`repair(_cells)?=([^`]*)`")  # in a message
 # defect -> what to do, and the steps of the repair that do it
 CURES = {
     "edge of three faces": ("split the surface there", "split_fans"),

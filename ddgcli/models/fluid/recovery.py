@@ -25,6 +25,7 @@ from ddgcli.models.fluid.surface_space import SurfaceSpace
 MIN_FIT_EDGES = 5  # edges that determine a quadratic function but for its constant
 MAX_FIT_GAIN = 3.0  # of a fitted velocity over the velocities along the edges
 MAX_BOUNDARY_GAIN = 8.0  # of a velocity at the boundary
+MAX_SHARED_EDGES = 64  # of a fit that vertices at the boundary share: each has a row of its edges
 NEIGHBOUR_PASSES = 2  # from vertices with a fit to their neighbours without one, and to those behind these
 
 
@@ -134,7 +135,8 @@ def _at_boundary(
         space.faces.ravel(),
         space.faces[:, NEXT].ravel(),
     )
-    side = np.flatnonzero((twin >= 0) & fits[tail] & space.mesh.topology.boundary_vertex[head])
+    shared = fits & (np.bincount(tail, minlength=space.n) <= MAX_SHARED_EDGES)
+    side = np.flatnonzero((twin >= 0) & shared[tail] & space.mesh.topology.boundary_vertex[head])
     angle, length = fans.angle_before * stretch, space.mesh.side_length.ravel()[side]
     total = sum_by_index(head[side], 1.0 / length, space.n)
     turn = np.exp(1j * (angle[twin[side]] + np.pi - angle[side])) / (length * total[head[side]])
