@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import asdict
 
 import numpy as np
@@ -128,10 +127,7 @@ def willmore_flow(
             outcome.series, surface_flow.convention, schedule.steps, outcome.stopped, outcome.failure
         )
         reason, last = report.failure_reason(outcome.stopped, mesh, options), mesh_of_frame(mesh, outcome.end)
-        if reason:
-            logging.getLogger("ddgcli").warning(reason)
-        report.warn_of_folds(mesh, last)
-        report.warn_of_disagreement(mesh, last, options)
+        report.warn_of_surfaces(mesh, last, options, results["energy"][0])
         return End(results, accuracy, reason)
 
     return Simulation(

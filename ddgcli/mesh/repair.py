@@ -141,8 +141,8 @@ def faces_to_turn(mesh: TriangleMesh) -> NDArray[np.bool_]:
     volume = np.einsum("ij,ij->i", vector, centre - middle[label])
     largest = np.linalg.norm(vector, axis=1) * np.linalg.norm(centre - middle[label], axis=1)
     reverse = np.zeros(len(count))
-    for value, size in ((volume, largest), *((vector[:, k], np.abs(vector).sum(axis=1)) for k in (2, 1, 0))):
-        total, most = np.bincount(label, weights=value), np.bincount(label, weights=size)
+    for value, terms in ((volume, largest), *((vector[:, k], np.abs(vector).sum(axis=1)) for k in (2, 1, 0))):
+        total, most = np.bincount(label, weights=value), np.bincount(label, weights=terms)
         reverse = np.where((reverse == 0) & (np.abs(total) > MIN_SIGNED_SHARE * most), total, reverse)
     turn = turn.copy()
     turn[rows] ^= (reverse < 0)[label]

@@ -35,9 +35,8 @@ MIN_SIGNIFICANCE = 3.0  # of a squared difference, over that which noise leaves 
 QUADRATIC_BIAS_GROWTH, VOTING_BIAS_GROWTH = 2.0, 1.6
 MIN_MEAN_SHARE = 0.25  # of the larger principal curvature: what counts as size of the mean curvature
 MAX_CHANGE = 5.0  # of a vertex over the median one, in the stated error
-MAX_TAIL = (
-    3.0  # times the median size: more is at rims and spikes; normal noise has more at 4 % of the vertices
-)
+# times the median size: more is at rims and spikes; normal noise has more at 4 % of the vertices
+MAX_TAIL = 3.0
 ERROR_MARGIN = 1.25  # of the error of other fits: a difference beyond that is surely not theirs
 MAX_SURFACE_SHARE = 0.17  # of the surface's area that a ball may hold
 MIN_TURNING = 1e-9  # radians over a ball: curvature below is rounding, as where balls hold the whole surface

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -14,9 +13,6 @@ from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.options import flow_time_options
 from ddgcli.errors import ParameterError
-
-if TYPE_CHECKING:
-    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 def _names(names: tuple[str, ...]) -> str:
@@ -139,7 +135,7 @@ def command(
         **_stored_texts(described, source.sha256, resume, time_unit),
         changing_faces=flow.keeps_triangles,
         changing_vertices=flow.remesh is not None,
-        failure_reason=lambda outcome: _warned(report.failure_reason(outcome.stopped, mesh, flow_options)),
+        failure_reason=lambda outcome: report.failure_reason(outcome.stopped, mesh, flow_options),
     )  # fmt: skip
     begin_flow(run, job)
     outcome = simulate(run, job)
@@ -147,7 +143,7 @@ def command(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure
     )
     last = mesh if outcome.last is None else mesh_of_frame(mesh, outcome.last)
-    _warn(mesh, last, flow_options, None if parameters["flow"] == "mean-curvature" else results["energy"][0])
+    report.warn_of_surfaces(mesh, last, flow_options, results["energy"][0])
     if parameters["fill"] is not None:
         results["patch"] = {"vertices": int(region.sum()), "faces": mesh.n_faces - source.surface.n_faces}
     if parameters["report_energy"]:
@@ -155,25 +151,6 @@ def command(
     picture = Picture(edges=True, energy="energy", time_unit=time_unit)
     run.plot(lambda path: draw_run(path, outcome, picture, common))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
-
-
-def _warned(reason: str) -> str:
-    """The reason of a failure, after a warning of it."""
-    if reason:
-        logging.getLogger("ddgcli").warning(reason)
-    return reason
-
-
-def _warn(first: TriangleMesh, last: TriangleMesh, options: Any, start_value: float | None) -> None:
-    """Warn of noise at the start (of the flows of bending energies, with its value), folds and thin faces."""
-    from ddgcli.models.willmore import report
-
-    if start_value is not None:
-        from ddgcli.models.willmore.vertex_noise import warn_of_noise
-
-        warn_of_noise(first, start_value)
-    report.warn_of_folds(first, last)
-    report.warn_of_disagreement(first, last, options)
 
 
 def _stored_texts(

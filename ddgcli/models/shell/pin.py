@@ -17,7 +17,8 @@ from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import vector
 from ddgcli.simulation.effects import Effect
 
-HELD_NORMAL = 0.5  # mean square of the held part of the normals, below which a clamp does not hold them
+# mean square of the fixed components of the normals, below which a clamp does not hold them
+MIN_FIXED_NORMAL = 0.5
 
 
 class Pin(Section):
@@ -61,7 +62,7 @@ def build(parameters: Pin, context: ShellContext) -> list[FixedCoordinates]:
 def _warn_of_free_direction(parameters: Pin, context: ShellContext, incident: NDArray) -> None:
     """Faces turn as they like where their vertices may move along the normals: on a plane of symmetry."""
     normal = face_normal(context.mesh)[incident][:, ["xyz".index(axis) for axis in parameters.axes]]
-    if context.terms.get("bending") and np.sum(normal**2) < HELD_NORMAL * len(incident):
+    if context.terms.get("bending") and np.sum(normal**2) < MIN_FIXED_NORMAL * len(incident):
         logging.getLogger("ddgcli").warning(
             "%s: clamp with axes = %r leaves the direction of hinges free where the surface moves along its "
             'normal; write bending = { model = "midedge" }, which holds it',

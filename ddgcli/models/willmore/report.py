@@ -170,7 +170,30 @@ def failure_reason(stopped: str, start: TriangleMesh, options: FlowOptions) -> s
         )
     elif chosen_energy(start.topology, options) != DEFAULT_OPEN_ENERGY:
         cure = f"use `energy={DEFAULT_OPEN_ENERGY}`, or begin with a finer mesh"
-    return f"{stopped}; {cure}"
+    message = f"{stopped}; {cure}"
+    logging.getLogger("ddgcli").warning(message)
+    return message
+
+
+def warn_of_surfaces(
+    first: TriangleMesh, last: TriangleMesh, options: FlowOptions, start_energy: float
+) -> None:
+    """Warn of noise at the start of the flow of a bending energy, of folds, and of slender faces.
+
+    Parameters
+    ----------
+    first, last : TriangleMesh
+        At the start and at the end.
+    options : FlowOptions
+    start_energy : float
+        Of the first surface.
+    """
+    if options.flow != "mean-curvature":
+        from ddgcli.models.willmore.vertex_noise import warn_of_noise
+
+        warn_of_noise(first, start_energy)
+    warn_of_folds(first, last)
+    warn_of_disagreement(first, last, options)
 
 
 def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, options: FlowOptions) -> None:
