@@ -19,20 +19,25 @@ SHORT_FIELDS: dict[str, dict[str, str]] = {
     "curvature": {
         "results": "scheme region radius noise_estimate expected_error closed planar length area volume "
         "total_gaussian_curvature total_mean_curvature willmore_energy turning_number "
-        "total_signed_curvature total_curvature gaussian_curvature mean_curvature curvature",
-        "accuracy": "gauss_bonnet_residual force_balance_residual turning_number_residual",
+        "total_signed_curvature total_curvature total_torsion gaussian_curvature mean_curvature curvature "
+        "offset regions.region regions.ball regions.area regions.phi_k regions.phi_h bishop_holonomy",
+        "accuracy": "gauss_bonnet_residual force_balance_residual turning_number_residual "
+        "offset_volume_error region_residual",
     },
     "delaunay": {
         "results": "flips steiner_points before.non_delaunay_edges before.min_angle_degrees "
         "before.max_angle_degrees before.laplacian_condition after.non_delaunay_edges "
-        "after.min_angle_degrees after.max_angle_degrees after.laplacian_condition",
+        "after.min_angle_degrees after.max_angle_degrees after.laplacian_condition "
+        "refinement.unreached_faces",
         "accuracy": "area_residual angle_defect_residual",
     },
     "laplacian": {
         "results": "operator mass unknowns eigenvalues poisson harmonic parameterization flipped_triangles "
         "seam_edges log_scale_factor conformal_distortion smooth_flow smooth_time smooth_area "
-        "smooth_sensible_time hks_times",
-        "accuracy": "negative_weights eigen_complete hks_truncation poisson_residual harmonic_residual "
+        "smooth_sensible_time smooth_collapsed_vertices hks_times form_eigenvalues harmonic_forms "
+        "equation steps dt",
+        "accuracy": "negative_weights eigen_complete form_eigen_complete total_drift energy_drift "
+        "energy_increases hks_truncation poisson_residual harmonic_residual "
         "parameterize_residual angle_sum_residual smooth_residual",
     },
     "dec": {
@@ -45,19 +50,20 @@ SHORT_FIELDS: dict[str, dict[str, str]] = {
     },
     "geodesic": {
         "results": "method max_distance mean_distance unreachable sources paths.kind paths.source "
-        "paths.target paths.length log_map_axis",
+        "paths.target paths.length log_map_axis targets.position targets.distance regions vertex_types "
+        "fan.rays fan.stopped_at_boundary fan.rays_with_caustic fan.least_caustic_length",
         "accuracy": "error_estimate certificate_excess gradient_deviation.median gradient_deviation.max "
-        "compare path_length_residual log_map_miss",
+        "compare path_length_residual log_map_miss log_map_skew symmetry_residual triangle_residual",
     },
     "shell-sim": {
         "results": "frames time steps rejected_steps newton_iterations energies.total reaction_forces pieces "
-        "frequencies load_factors effects",
+        "frequencies load_factors contact_forces cracks plastic_work effects",
         "accuracy": "energy_drift momentum_drift angular_momentum_drift max_strain",
     },
     "fluid-sim": {
         "results": "integrator frames steps rejected_steps kinetic_energy_start kinetic_energy "
-        "enstrophy_start enstrophy total_vorticity total_dye effects",
-        "accuracy": "energy_drift enstrophy_drift circulation_drift divergence_max",
+        "enstrophy_start enstrophy total_vorticity total_dye forces effects",
+        "accuracy": "energy_drift enstrophy_drift circulation_drift dye_drift divergence_max",
     },
     "willmore-flow": {
         "results": "energy energy_convention energies area volume steps stopped_because",

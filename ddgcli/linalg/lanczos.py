@@ -18,7 +18,9 @@ MAX_BLOCK_WIDTH = 32  # vectors a step, of many pairs: fewer passes over the bas
 MIN_FREE_VECTORS = 32  # of a basis, beyond the eigenvectors that it keeps
 MIN_BASIS_SIZE = 200  # vectors
 RESIDUAL_TOLERANCE = 1e-10  # relative, before the last step; eigenvalues are accurate to its square
+SAME_VALUES = 1e-8  # change of their sum, relative to the last one
 MAX_RESTARTS = 60
+MAX_FRUITLESS = 8  # full bases after a count of missing eigenvalues, none of which has one of them
 COLUMNS_PER_PRODUCT = 2048  # up to three times as fast as products of all columns at once
 
 
@@ -73,27 +75,37 @@ class BlockLanczos:
         self.projected = np.zeros((limit + self.width, limit + self.width))
         self.n_basis = self.n_restart = 0
         complete = False
+        incomplete: NDArray | None = None  # Ritz values below which pairs were missing
+        fruitless = 0
         block = self._random_block()
         for _ in range(MAX_RESTARTS):
-            theta, S, coupling, block = self._expand(block, k, limit)
+            theta, S, coupling, block = self._expand(block, k, limit, incomplete)
             error = np.linalg.norm(coupling @ S[-len(coupling) :], axis=0) / np.abs(theta)
             done = bool((error[:k] < RESIDUAL_TOLERANCE).all())
-            if done and none_missing(theta[:k]):
-                complete = True
-                break
-            keep = k if done else min(len(theta) - self.width, k + (limit - k) // 3)
-            self._restart(theta[:keep], S[:, :keep])
-            if done:
+            if done and _differ(theta[:k], incomplete):
+                if none_missing(theta[:k]):
+                    complete = True
+                    break
                 log.info(
                     "eigenvalues are missing below the last one: the search continues from random vectors"
                 )
+                incomplete, fruitless = theta[:k], 0
+                self._restart(theta[:k], S[:, :k])
                 block = self._random_block()
+            else:
+                fruitless += done
+                if fruitless == MAX_FRUITLESS:
+                    break
+                keep = min(len(theta) - self.width, k + (limit - k) // 3)
+                self._restart(theta[:keep], S[:, :keep])
         # the product with the next block is already known: one step of power iteration at no cost
         added = (coupling @ S[-len(coupling) :, :k]) / theta[:k]
         return theta[:k], S[:, :k].T @ self.basis[: len(S)] + added.T @ block, complete
 
-    def _expand(self, block: NDArray, k: int, limit: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-        """Grow the basis until k pairs have converged or it is full.
+    def _expand(
+        self, block: NDArray, k: int, limit: int, incomplete: NDArray | None
+    ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+        """Grow the basis until k pairs have converged, not all of them the incomplete ones, or it is full.
 
         Returns Ritz values (in order) and vectors, the coupling of the last block to the next, the next.
         """
@@ -121,7 +133,7 @@ class BlockLanczos:
                         self.n_converged, int(converged.sum())
                     )  # later copies of an eigenvalue can lower the count
                     self.progress(self.n_converged, k)
-                if full or converged.all():
+                if full or (converged.all() and _differ(theta[:k], incomplete)):
                     return theta, S, coupling, block
 
     def _restart(self, theta: NDArray, S: NDArray) -> None:
@@ -165,6 +177,13 @@ class BlockLanczos:
             block = ((V / np.sqrt(w)).T / scale) @ block
             R = (np.sqrt(w)[:, None] * V.T) @ (scale[:, None] * R)
         return block, R
+
+
+def _differ(theta: NDArray, incomplete: NDArray | None) -> bool:
+    """Whether a missing eigenvalue has come in and moved the last of the incomplete ones out."""
+    if incomplete is None:
+        return True
+    return bool(abs((theta - incomplete).sum()) > SAME_VALUES * np.abs(incomplete[-1]))
 
 
 def _products(a: NDArray, b: NDArray) -> NDArray[np.float64]:

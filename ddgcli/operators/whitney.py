@@ -39,49 +39,43 @@ def barycentric_gradients(mesh: SpaceMesh) -> NDArray[np.float64]:
     return np.concatenate([-rest.sum(axis=1, keepdims=True), rest], axis=1)
 
 
-def whitney_vectors(
-    mesh: SpaceMesh, form: NDArray, barycentric: NDArray | None = None
-) -> NDArray[np.float64]:
-    """Vector proxy of a 1-form by Whitney interpolation at one point of each cell.
-
-    Parameters
-    ----------
-    form : (e,) ndarray
-        Integrals along the edges of the complex.
-    barycentric : (m, c) ndarray, optional
-        Where in each cell; default the barycentre, where the value is the mean over the cell.
-
-    Returns
-    -------
-    (m, 3) ndarray
-        Constant fields are reproduced from their edge integrals exactly.
-    """
-    complex_ = complex_of(mesh)
-    local = local_edges(complex_)
-    gradient = barycentric_gradients(mesh)
-    value = complex_.cell_edge_sign * np.asarray(form)[complex_.cell_edge]
-    if barycentric is None:
-        barycentric = np.full(complex_.corners.shape, 1.0 / complex_.corners.shape[1])
-    tail, head = local.T
-    w = barycentric[:, tail, None] * gradient[:, head] - barycentric[:, head, None] * gradient[:, tail]
-    return np.einsum("mj,mjd->md", value, w)
-
-
-def sharp(mesh: SpaceMesh, form: NDArray) -> NDArray[np.float64]:
-    """Vectors on cells from a 1-form: the mean of its Whitney interpolation over each cell.
+def whitney_fields(mesh: SpaceMesh) -> NDArray[np.float64]:
+    """Whitney form of each edge of each cell, as a vector at the barycentre: its mean over the cell.
 
     Parameters
     ----------
     mesh : TriangleMesh or TetMesh
-    form : (e,) ndarray of float64
+
+    Returns
+    -------
+    (m, s, 3) ndarray of float64
+        In 1/length, for the edges of `Complex.cell_edge` in their own direction. A constant field is the sum
+        of its edge integrals times these.
+    """
+    complex_ = complex_of(mesh)
+    tail, head = local_edges(complex_).T
+    gradient = barycentric_gradients(mesh)
+    mean = (gradient[:, head] - gradient[:, tail]) / complex_.corners.shape[1]
+    return mean * complex_.cell_edge_sign[:, :, None]
+
+
+def sharp(mesh: SpaceMesh, form: NDArray) -> NDArray[np.float64]:
+    """Vectors on cells from 1-forms: the mean of their Whitney interpolation over each cell.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    form : (e,) or (k, e) ndarray of float64
         Integral along each edge.
 
     Returns
     -------
-    (m, 3) ndarray of float64
+    (m, 3) or (k, m, 3) ndarray of float64
         In the unit of the form divided by length.
     """
-    return whitney_vectors(mesh, form)
+    fields, cell_edge = whitney_fields(mesh), complex_of(mesh).cell_edge
+    vectors = [np.einsum("mj,mjd->md", values[cell_edge], fields) for values in np.atleast_2d(form)]
+    return np.stack(vectors) if np.ndim(form) == 2 else vectors[0]
 
 
 def flat(mesh: SpaceMesh, vectors: NDArray) -> NDArray[np.float64]:
@@ -129,11 +123,8 @@ def whitney_load(mesh: SpaceMesh, vectors: NDArray) -> NDArray:
         length^2 (volumes).
     """
     complex_ = complex_of(mesh)
-    tail, head = local_edges(complex_).T
-    gradient = barycentric_gradients(mesh)
-    mean = (gradient[:, head] - gradient[:, tail]) / complex_.corners.shape[1]
-    value = np.einsum("mjd,md->mj", mean, vectors) * complex_.metric.measure[:, None]
-    return sum_by_index(complex_.cell_edge, value * complex_.cell_edge_sign, complex_.counts[1])
+    value = np.einsum("mjd,md->mj", whitney_fields(mesh), vectors) * complex_.metric.measure[:, None]
+    return sum_by_index(complex_.cell_edge, value, complex_.counts[1])
 
 
 def local_edges(complex_: Complex) -> NDArray:

@@ -148,6 +148,27 @@ def test_the_short_summary_is_short_and_the_full_one_has_every_field(outputs, ca
     assert len(full.splitlines()) >= len(short.splitlines())
 
 
+@pytest.mark.parametrize(
+    "call, fields",
+    [
+        ("geodesic s.ply --source 0 --target-point 0,0,1", ["targets", "distance"]),
+        ("geodesic s.ply --source 0 --fan 5 --fan-length 0.5", ["fan", "rays_with_caustic"]),
+        ("geodesic s.ply --source 0 --source 7 --voronoi --vertex-types", ["regions", "vertex_types"]),
+        ("geodesic s.ply --source 0 --certify", ["symmetry_residual", "triangle_residual"]),
+        ("curvature s.ply --offset 0.1", ["offset", "volume", "offset_volume_error"]),
+        ("curvature s.ply --region 0,0,1:0.9", ["regions", "phi_h"]),
+        ("curvature c.csv --frames", ["total_curvature", "bishop_holonomy"]),
+        ("laplacian s.ply --form-eigen 3", ["form_eigenvalues", "harmonic_forms", "form_eigen_complete"]),
+        ("laplacian s.ply --wave 0 --duration 0.1", ["equation", "energy_drift"]),
+    ],
+)
+def test_the_short_summary_shows_the_answer_to_an_option(folder, monkeypatch, call, fields):
+    monkeypatch.chdir(folder)
+    result = CliRunner().invoke(main, call.split())
+    assert result.exit_code == 0, result.stderr
+    assert [name for name in fields if not re.search(rf"^ +(.*, )?{name}\b", result.stdout, re.M)] == []
+
+
 def test_a_long_list_is_cut_in_the_short_summary_and_wrapped_in_the_full_one(outputs):
     summary, short, full = outputs["laplacian s.ply --eigen 30 --hks 0.1"]
     values = summary["results"]["eigenvalues"]

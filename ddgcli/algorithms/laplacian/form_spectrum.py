@@ -32,7 +32,7 @@ class FormSpectrum:
         `vectors` (e, k): integrals along the edges; those of the kernel have the value 0 exactly.
     edges : (e, 2) ndarray of int64
         Tail and head of each edge.
-    fields : tuple of (m, 3) ndarray
+    fields : (k, m, 3) ndarray of float64
         The forms as vectors on cells (means of their Whitney interpolation).
     kernel : int
         Number of eigenvalues zero among the k: the first Betti number of the mesh, if k is larger.
@@ -40,7 +40,7 @@ class FormSpectrum:
 
     pairs: Eigenpairs
     edges: NDArray[np.int64]
-    fields: tuple[NDArray[np.float64], ...]
+    fields: NDArray[np.float64]
     kernel: int
 
 
@@ -110,5 +110,4 @@ def form_spectrum(
     values = shifted.values - shift
     zero = np.abs(values) < ZERO_EIGENVALUE * shift
     pairs = replace(shifted, values=np.where(zero, 0.0, values))
-    fields = tuple(sharp(mesh, form) for form in pairs.vectors.T)
-    return FormSpectrum(pairs, complex_.edges, fields, int(zero.sum()))
+    return FormSpectrum(pairs, complex_.edges, sharp(mesh, pairs.vectors.T), int(zero.sum()))
