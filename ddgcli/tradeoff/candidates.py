@@ -169,6 +169,9 @@ class Problem:
         Part of the error that rows are compared by; "" where the error has no parts.
     mesh_limits : sequence of (work, callable)
         As `references`: limits of fine meshes.
+    smooth : (work, callable), optional
+        Estimate of the answer on a smooth surface through the vertices, where the rows' errors are those on
+        the polyhedron.
     """
 
     candidates: Sequence[Candidate]
@@ -180,6 +183,7 @@ class Problem:
     left_out: tuple[tuple[str, str], ...] = ()
     error_part: str = ""
     mesh_limits: Sequence[tuple[float, Callable[[], MeshLimit]]] = ()
+    smooth: tuple[float, Callable[[], NDArray]] | None = None
 
 
 def label_of(one: Candidate | Row) -> str:
@@ -204,6 +208,7 @@ class Row:
     """Cost and error of one candidate, as measured.
 
     The errors of a row whose answer is the reference (`is_reference`) are the reference's uncertainty.
+    `limit_distance` is that of the answer itself from the limit of fine meshes; None where there is none.
     """
 
     method: str
@@ -222,6 +227,8 @@ class Row:
     verdict: str = ""
     time_error: ErrorNorms | None = None
     mesh_error: ErrorNorms | None = None
+    limit_distance: ErrorNorms | None = None
+    limit_distance_at: int | None = None
     uncertainty: ErrorNorms = ErrorNorms(0.0, 0.0)
     is_reference: bool = False
 
@@ -245,6 +252,8 @@ class Table:
     """Rows of a problem, its references, and the configurations left out.
 
     `mesh_failure` is the reason why there is no limit of fine meshes, `undecided` why there is no verdict.
+    `polyhedron_error` is the distance of the reference from the answer on a smooth surface; None where it is
+    not known or part of the errors.
     """
 
     rows: list[Row] = field(default_factory=list)
@@ -253,6 +262,7 @@ class Table:
     interrupted: bool = False
     mesh_limit: MeshLimit | None = None
     mesh_failure: str = ""
+    polyhedron_error: ErrorNorms | None = None
     undecided: str = ""
 
     def uncertainty(self, norm: str = "max") -> float:

@@ -15,13 +15,28 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ddgcli.errors import DdgError, SolveError
 from ddgcli.memory import release_freed_memory
 from ddgcli.progress import ProgressCallback
-from ddgcli.tradeoff.candidates import Candidate, MeshLimit, Problem, Reference, Row, Table, label_of
+from ddgcli.tradeoff.candidates import (
+    Candidate,
+    ErrorNorms,
+    MeshLimit,
+    Problem,
+    Reference,
+    Row,
+    Table,
+    label_of,
+)
 from ddgcli.tradeoff.time_budget import REFERENCE_SHARE, BudgetExceeded, Clock, TimeBudget
-from ddgcli.tradeoff.whole_error import find_mesh_limit, whole_error
+from ddgcli.tradeoff.whole_error import (
+    find_mesh_limit,
+    find_polyhedron_error,
+    use_limit_distances,
+    whole_error,
+)
 
 log = logging.getLogger("ddgcli")
 
@@ -74,6 +89,8 @@ def run_problem(
         table.reference = reference = _reference(problem, time_budget, table)
         find_mesh_limit(problem, time_budget, table)
         _run_candidates(problem, table, reference, time_budget, repeat, clock, report_progress)
+        use_limit_distances(table)
+        find_polyhedron_error(problem, reference, time_budget, table)
     except KeyboardInterrupt:
         table.interrupted = True
     return table
@@ -216,6 +233,9 @@ def measure_candidate(
         if 1e-4 < cold_setup < 0.1 * time_budget.seconds_left():  # the first also included imports
             setups = [_timed(candidate.setup, clock)[1] for _ in range(min(3, repeats))]
     whole = whole_error(problem, errors, reference, mesh_limit)
+    direct: NDArray[np.float64] | None = None
+    if problem.error_part == "both" and mesh_limit is not None:
+        direct = np.asarray(problem.error(np.asarray(answer), mesh_limit.values), dtype=np.float64)
     return Row(
         method=candidate.method,
         parameters=dict(candidate.parameters),
@@ -229,6 +249,8 @@ def measure_candidate(
         mean_error=whole.error.mean,
         time_error=whole.time_error,
         mesh_error=whole.mesh_error,
+        limit_distance=None if direct is None else ErrorNorms.of(direct),
+        limit_distance_at=None if direct is None else int(direct.argmax()),
         uncertainty=whole.uncertainty,
         is_reference=whole.is_reference,
         arguments=candidate.arguments,

@@ -16,53 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.darboux import sphere_normals
 from ddgcli.errors import SolveError
-from ddgcli.geometry.extrinsic import dihedral_angle
 from ddgcli.mesh.shapes import box_tetrahedra, mesh_on_sphere, midpoint_subdivided
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_dot
 from ddgcli.scenes.scene import SceneKind, resolve
 from ddgcli.scenes.sections import Document
 from ddgcli.scenes.shapes import on_cylinder, periodic_grid, shape_mesh
+from ddgcli.tradeoff.smooth_surface import smoothly_subdivided
 
-CREASE_ANGLE = np.pi / 4  # dihedral angle above which an edge stays a crease
 PREFIX = "refined:"  # of the names of refined meshes
 SAME_POINT = 1e-6  # distance over the size of the mesh
-
-
-def smoothly_subdivided(mesh: TriangleMesh) -> TriangleMesh:
-    """Every face split in four, edge midpoints moved onto a smooth surface; original vertices stay.
-
-    On a sphere the midpoints are at a distance of fourth order in the edge length from it.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-
-    Returns
-    -------
-    TriangleMesh
-
-    References
-    ----------
-    A. Vlachos et al., "Curved PN triangles", 2001: each edge is a cubic with its ends' tangent planes.
-    """
-    topology = mesh.topology
-    crease = np.abs(dihedral_angle(mesh)) > CREASE_ANGLE
-    creased = np.zeros(mesh.n_vertices, dtype=bool)
-    creased[topology.edges[crease]] = True
-    tail, head = topology.edges.T
-    normal = sphere_normals(mesh)
-    vector = mesh.points[head] - mesh.points[tail]
-    lift = np.zeros_like(vector)
-    for end, sign in ((tail, 1.0), (head, -1.0)):
-        height = np.where(creased[end], 0.0, sign * row_dot(vector, normal[end]))
-        lift -= height[:, None] * normal[end] / 8.0
-    finer = midpoint_subdivided(mesh)
-    points = np.array(finer.points)
-    points[mesh.n_vertices :] += lift
-    return finer.moved(points)
 
 
 @dataclasses.dataclass(frozen=True)

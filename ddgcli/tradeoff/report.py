@@ -10,16 +10,15 @@ from collections.abc import Callable
 from typing import Any
 
 from ddgcli.choices import NO_VERDICT
-from ddgcli.tradeoff.candidates import Problem, Row, Table
+from ddgcli.tradeoff.candidates import ROUNDING, Problem, Row, Table
 from ddgcli.tradeoff.pareto import break_even
+from ddgcli.tradeoff.whole_error import mesh_bound_methods
 
 COLUMNS = (
     "method", "parameters", "setup_seconds", "seconds", "seconds_low", "seconds_high", "repeats", "peak_mib",
     "max_error", "max_error_at", "mean_error", "time_error", "mesh_error", "uncertainty",
     "is_reference", "on_front", "verdict", "command",
 )  # fmt: skip
-MIN_STEP_RATIO = 4.0  # of the steps of a method from which its time error is expected to fall
-MAX_STEADY_RATIO = 0.7  # of its time errors above which it does not; 1/4 with a method of first order
 
 
 def results_of(
@@ -59,6 +58,7 @@ def results_of(
         "mesh_reference": limit.name if limit else None,
         "mesh_uncertainty": limit.uncertainty.at(norm) if limit else None,
         "mesh_failure": table.mesh_failure or None,
+        "polyhedron_error": table.polyhedron_error.at(norm) if table.polyhedron_error else None,
         "undecided": table.undecided or None,
         "error_scale": problem.error_scale,
         "error_place": problem.place,
@@ -81,21 +81,6 @@ def _finite(value: float) -> float | None:
 def _time_uncertainty(table: Table, problem: Problem, norm: str) -> float | None:
     """Uncertainty of the error in time; None where the error has no parts."""
     return table.reference.error_bound(norm) if table.reference and problem.error_part else None
-
-
-def mesh_bound_methods(table: Table, norm: str) -> list[str]:
-    """Methods whose time error does not fall with their step: it is their own error on this mesh."""
-    uncertainty = table.reference.error_bound(norm) if table.reference else 0.0
-    lines: dict[str, list[tuple[float, float]]] = {}
-    for row in table.rows:
-        if row.time_error is not None and "dt" in row.parameters:
-            lines.setdefault(row.method, []).append((row.parameters["dt"], row.time_error.at(norm)))
-    names = []
-    for method, line in lines.items():
-        (shortest, least), (longest, most) = min(line), max(line)
-        if shortest <= longest / MIN_STEP_RATIO and least > max(MAX_STEADY_RATIO * most, uncertainty):
-            names.append(method)
-    return names
 
 
 def row_of(row: Row, command_of: Callable[[Row], str], norm: str = "max") -> dict[str, Any]:
@@ -210,6 +195,11 @@ def _remarks(results: dict[str, Any]) -> list[str]:
         lines.append(
             f"mesh error: from {results['mesh_reference']}, uncertainty {results['mesh_uncertainty']:.1e}; "
             f"of both {_number(results['reference_uncertainty'])}"
+        )
+    if (results["polyhedron_error"] or 0.0) > ROUNDING:
+        lines.append(
+            "errors are those on the polyhedron; a smooth surface through its vertices differs from it by "
+            f"about {results['polyhedron_error']:.1e}"
         )
     if results["mesh_bound_methods"]:
         names = ", ".join(results["mesh_bound_methods"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from ddgcli.errors import DdgError, SolveError
 from ddgcli.tradeoff.candidates import ROUNDING, UNKNOWN, ErrorNorms, MeshLimit, Problem, Reference, Table
 from ddgcli.tradeoff.time_budget import REFERENCE_SHARE, BudgetExceeded, TimeBudget
+
+MIN_STEP_RATIO = 4.0  # of the steps of a method from which its time error is expected to fall
+MAX_STEADY_RATIO = 0.7  # of its time errors above which it does not; 1/4 with a method of first order
 
 
 @dataclass(frozen=True)
@@ -109,3 +113,74 @@ def find_mesh_limit(problem: Problem, time_budget: TimeBudget, table: Table) -> 
             table.mesh_failure = str(error)
     if problem.error_part == "mesh":
         raise SolveError(f"the mesh error is not known: {table.mesh_failure}; use `error=time`")
+
+
+def find_polyhedron_error(
+    problem: Problem, reference: Reference, time_budget: TimeBudget, table: Table
+) -> None:
+    """Set the distance of a polyhedron's answer from that of a smooth surface, if the budget allows it.
+
+    Parameters
+    ----------
+    problem : Problem
+    reference : Reference
+    time_budget : TimeBudget
+    table : Table
+        Its `polyhedron_error` is set.
+    """
+    if problem.smooth is None or reference.is_truth:
+        return
+    work, compute = problem.smooth
+    left = time_budget.seconds_left()
+    if problem.candidates and time_budget.estimate_like(problem.candidates[-1], work) > left:
+        return
+    with contextlib.suppress(BudgetExceeded, DdgError), time_budget.limit_time(left):
+        distance = np.asarray(problem.error(compute(), reference.values), dtype=np.float64)
+        if np.isfinite(distance).all():
+            table.polyhedron_error = ErrorNorms.of(distance)
+
+
+def mesh_bound_methods(table: Table, norm: str) -> list[str]:
+    """Methods whose time error does not fall with their step: it is their own error on this mesh.
+
+    Parameters
+    ----------
+    table : Table
+    norm : {'max', 'mean'}
+
+    Returns
+    -------
+    list of str
+    """
+    uncertainty = table.reference.error_bound(norm) if table.reference else 0.0
+    lines: dict[str, list[tuple[float, float]]] = {}
+    for row in table.rows:
+        if row.time_error is not None and "dt" in row.parameters:
+            lines.setdefault(row.method, []).append((row.parameters["dt"], row.time_error.at(norm)))
+    names = []
+    for method, line in lines.items():
+        (shortest, least), (longest, most) = min(line), max(line)
+        if shortest <= longest / MIN_STEP_RATIO and least > max(MAX_STEADY_RATIO * most, uncertainty):
+            names.append(method)
+    return names
+
+
+def use_limit_distances(table: Table) -> None:
+    """Set the errors of methods with an own error on the mesh to their distances from the limit.
+
+    The sum of a time error that is an error of the mesh and of the mesh error of the reference's method would
+    count the mesh twice.
+
+    Parameters
+    ----------
+    table : Table
+    """
+    for norm in ("max", "mean"):
+        methods = mesh_bound_methods(table, norm)
+        for row in table.rows:
+            if row.limit_distance is None or row.method not in methods:
+                continue
+            if norm == "max":
+                row.max_error, row.max_error_at = row.limit_distance.max, row.limit_distance_at
+            else:
+                row.mean_error = row.limit_distance.mean

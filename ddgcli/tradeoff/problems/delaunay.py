@@ -23,6 +23,7 @@ from ddgcli.tradeoff.candidates import (
     relative_to_largest,
 )
 from ddgcli.tradeoff.richardson import richardson_limit
+from ddgcli.tradeoff.smooth_surface import is_plain_surface, smooth_answer
 from ddgcli.tradeoff.truths import Truth
 
 ANGLES = (15.0, 25.0, 30.0)
@@ -54,6 +55,9 @@ def problem(
         error=relative_to_largest,
         error_scale="the largest value of the reference solution",
         query="Poisson solve",
+        smooth=(10 * work, lambda: smooth_answer(mesh, lambda finer: _delaunay_solution(finer, mesh)))
+        if is_plain_surface(mesh)
+        else None,
     )  # fmt: skip
 
 
@@ -109,6 +113,10 @@ def solution(triangulation, mesh: TriangleMesh) -> NDArray[np.float64]:
     return values - values[mesh.topology.referenced_vertex].mean()
 
 
+def _delaunay_solution(finer: TriangleMesh, mesh: TriangleMesh) -> NDArray[np.float64]:
+    return solution(flip_to_delaunay(finer).mesh, mesh)
+
+
 def _analytic_reference(mesh: TriangleMesh, truth: Truth) -> Reference:
     """Analytic solution: the load is an eigenfunction, so the solution is the load over the eigenvalue."""
     if truth.linear_eigenvalue is None:
@@ -119,9 +127,7 @@ def _analytic_reference(mesh: TriangleMesh, truth: Truth) -> Reference:
 
 
 def _reference(mesh: TriangleMesh, levels: int) -> Reference:
-    solutions = [
-        solution(flip_to_delaunay(midpoint_subdivided(mesh, level)).mesh, mesh) for level in range(levels + 1)
-    ]
+    solutions = [_delaunay_solution(midpoint_subdivided(mesh, level), mesh) for level in range(levels + 1)]
     scale = np.abs(solutions[-1]).max() or 1.0
     if levels == 1:
         return Reference.from_agreement(

@@ -23,9 +23,11 @@ from ddgcli.tradeoff.candidates import (
     Reference,
     relative_to_largest,
 )
+from ddgcli.tradeoff.smooth_surface import is_plain_surface, smooth_answer
 from ddgcli.tradeoff.truths import Truth
 
 TOLERANCES = (0.3, 0.1, 0.03, 0.01)
+MAX_SMOOTH_VERTICES = 100_000  # the smooth surface has four times as many; exact windows of them take 2 GB
 METHOD_PARAMETERS = ("tolerance", "operator", "heat_time", "heat_refine")
 
 
@@ -66,6 +68,7 @@ def problem(
         error=relative_to_largest,
         error_scale="the largest distance of the reference",
         query="set of sources",
+        smooth=_smooth(mesh, sources),
     )
 
 
@@ -90,6 +93,18 @@ def _method_parameters(options: CommandOptions) -> list[tuple[str, dict[str, Any
         finer = [("heat", heat | {"subdivide": 1}), ("fast-marching", {"subdivide": 1})]
         methods = methods[:-1] + finer + methods[-1:]
     return [(m, parameters) for m, parameters in methods if options.get("method", m) == m]
+
+
+def _smooth(mesh: TriangleMesh, sources: Sources) -> tuple[float, Callable[[], NDArray]] | None:
+    """Distance on a smooth surface through the vertices, from sources at vertices."""
+    few = mesh.n_vertices <= MAX_SMOOTH_VERTICES
+    if not few or len(sources.vertex) < len(sources) or not is_plain_surface(mesh):
+        return None
+
+    def distance(finer: TriangleMesh) -> NDArray:
+        return exact_distance(finer, sources).distance[: mesh.n_vertices]
+
+    return 6 * _work(mesh, "exact", 0.0), lambda: smooth_answer(mesh, distance)
 
 
 def _exact_reference(mesh: TriangleMesh, sources: Sources) -> Reference:

@@ -19,6 +19,7 @@ from ddgcli.tradeoff.candidates import (
     relative_to_each,
 )
 from ddgcli.tradeoff.richardson import richardson_limit
+from ddgcli.tradeoff.smooth_surface import is_plain_surface, smooth_answer
 from ddgcli.tradeoff.truths import Truth
 
 OPERATORS = ("cotan", "intrinsic-delaunay")
@@ -48,7 +49,7 @@ def problem(
         [options["operator"]]
         if "operator" in options
         else OPERATORS
-        if _is_valid(mesh)
+        if is_plain_surface(mesh)
         else OPERATORS_OF_ANY_SURFACE
     )
     if options.get("operator") == "uniform":
@@ -68,6 +69,9 @@ def problem(
         place="eigenvalue",
         query=f"set of {k}",
         left_out=(("uniform", NO_LENGTHS),),
+        smooth=(8 * _work(mesh, k), lambda: smooth_answer(mesh, lambda finer: _spectrum(finer, k)))
+        if is_plain_surface(mesh)
+        else None,
     )
 
 
@@ -97,11 +101,7 @@ def eigenvalues(laplacian: LaplaceOperator, k: int) -> NDArray[np.float64]:
 
 def _refined_reference(mesh: TriangleMesh, k: int, levels: int) -> Reference:
     """Limit over midpoint subdivisions (the same surface) on their intrinsic Delaunay triangulations."""
-    operator = "intrinsic-delaunay" if _is_valid(mesh) else "tufted"
-    spectra = [
-        eigenvalues(laplace_operator(midpoint_subdivided(mesh, level), operator, "galerkin"), k)
-        for level in range(levels + 1)
-    ]
+    spectra = [_spectrum(midpoint_subdivided(mesh, level), k) for level in range(levels + 1)]
     if levels == 1:
         gap = relative_to_each(spectra[0], spectra[1])
         return Reference.from_agreement("one midpoint subdivision", spectra[1], gap)
@@ -110,5 +110,6 @@ def _refined_reference(mesh: TriangleMesh, k: int, levels: int) -> Reference:
     return Reference.from_agreement("Richardson limit of two midpoint subdivisions", limit, gap)
 
 
-def _is_valid(mesh: TriangleMesh) -> bool:
-    return mesh.topology.is_oriented and not len(mesh.topology.nonmanifold_edges)
+def _spectrum(mesh: TriangleMesh, k: int) -> NDArray[np.float64]:
+    operator = "intrinsic-delaunay" if is_plain_surface(mesh) else "tufted"
+    return eigenvalues(laplace_operator(mesh, operator, "galerkin"), k)

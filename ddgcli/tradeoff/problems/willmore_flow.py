@@ -25,8 +25,8 @@ from ddgcli.tradeoff.candidates import (
     Reference,
     relative_to_each,
 )
-from ddgcli.tradeoff.refinement import smoothly_subdivided
 from ddgcli.tradeoff.richardson import mesh_limit, remaining_error
+from ddgcli.tradeoff.smooth_surface import smoothly_subdivided
 
 FLOW_OPTIONS = ("flow", "energy", "boundary", "fix_area", "fix_volume")
 STEPS = (2, 4, 8, 16)
