@@ -192,8 +192,30 @@ def rasterise(camera: Camera, points: NDArray, faces: NDArray) -> PixelFaces:
     face = nearest[pixel] & 0xFFFFFFFF
     weights = _barycentric(corners, face, pixel, camera.width)
     depth_image = np.full(camera.width * camera.height, np.inf)
-    depth_image[pixel] = np.einsum("ij,ij->i", weights, corners[face, :, 2])
+    depth_image[pixel] = interpolated(weights, face, corners[..., 2])
     return PixelFaces(pixel, face, weights, depth_image.reshape(camera.height, camera.width))
+
+
+def interpolated(barycentric: NDArray, face: NDArray, corner_values: NDArray) -> NDArray[np.float64]:
+    """Values at pixels, linear on each face.
+
+    Parameters
+    ----------
+    barycentric : (k, 3) ndarray
+    face : (k,) ndarray of int64
+        As in `PixelFaces`.
+    corner_values : (m, 3) ndarray
+        Values at the corners of the faces.
+
+    Returns
+    -------
+    (k,) ndarray of float64
+    """
+    first, second, third = corner_values.T
+    total = barycentric[:, 0] * first[face]
+    total += barycentric[:, 1] * second[face]
+    total += barycentric[:, 2] * third[face]
+    return total
 
 
 def _expanded(first: NDArray, stop: NDArray) -> tuple[NDArray, NDArray]:
@@ -237,19 +259,22 @@ def _plane_depth(corners: NDArray, face: NDArray, x: NDArray, y: NDArray) -> NDA
     in_y = (a[:, 0] * b[:, 2] - a[:, 2] * b[:, 0]) * inverse
     base = corners[:, 0, 2] - in_x * corners[:, 0, 0] - in_y * corners[:, 0, 1]
     depth = base[face] + in_x[face] * x + in_y[face] * y
-    return np.clip(depth, corners[..., 2].min(axis=1)[face], corners[..., 2].max(axis=1)[face])
+    near, far = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
+    return np.clip(depth, near[face], far[face])
 
 
 def _barycentric(corners: NDArray, face: NDArray, pixel: NDArray, width: int) -> NDArray[np.float64]:
-    a, b = corners[:, 1, :2] - corners[:, 0, :2], corners[:, 2, :2] - corners[:, 0, :2]
-    determinant = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    """(k, 3) weights, whose columns are contiguous."""
+    (x0, y0), (x1, y1), (x2, y2) = corners[..., :2].transpose(1, 2, 0)
+    ax, ay, bx, by = x1 - x0, y1 - y0, x2 - x0, y2 - y0
+    determinant = ax * by - ay * bx
     inverse = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=np.abs(determinant) > 1e-9)
-    x = pixel % width + 0.5 - corners[face, 0, 0]
-    y = pixel // width + 0.5 - corners[face, 0, 1]
-    second = (x * b[face, 1] - y * b[face, 0]) * inverse[face]
-    third = (y * a[face, 0] - x * a[face, 1]) * inverse[face]
-    weights = np.clip(np.stack([1 - second - third, second, third], axis=1), 0.0, 1.0)
-    return weights / np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)
+    row, column = np.divmod(pixel, width)
+    x, y = column + 0.5 - x0[face], row + 0.5 - y0[face]
+    second = x * (by * inverse)[face] - y * (bx * inverse)[face]
+    third = y * (ax * inverse)[face] - x * (ay * inverse)[face]
+    weights = np.clip(np.stack([1 - second - third, second, third]), 0.0, 1.0)
+    return (weights / np.maximum(weights[0] + weights[1] + weights[2], 1e-300)).T
 
 
 def altitude(camera: Camera, points: NDArray, faces: NDArray) -> NDArray[np.float64]:

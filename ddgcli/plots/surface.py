@@ -26,6 +26,7 @@ from ddgcli.plots.raster import (
     View,
     altitude,
     fitted_camera,
+    interpolated,
     rasterise,
     unit_box,
     view_axes,
@@ -294,7 +295,7 @@ def _colours(
     values = np.asarray(values, dtype=np.float64)
     low, high = limits
     if len(values) == mesh.n_vertices:
-        shown = np.einsum("ij,ij->i", values[mesh.faces[visible.face]], visible.barycentric)
+        shown = interpolated(visible.barycentric, visible.face, values[mesh.faces])
     else:
         shown = values[visible.face]
     mappable: Any = ScalarMappable(Normalize(low, high), colours(bool(signed)))
@@ -335,23 +336,31 @@ def _picture(
     camera: Camera, mesh: TriangleMesh, visible: PixelFaces, colour: NDArray, edges: bool
 ) -> NDArray:
     """(h, w, 3) shaded picture, averaged over the samples of each pixel, as bytes."""
-    normal = np.einsum("ij,ijk->ik", visible.barycentric, _corner_normals(mesh)[visible.face]) @ camera.axes.T
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    behind = normal[:, 2] < 0
-    normal[behind] *= -1
-    shade = 0.60 + 0.45 * np.maximum(normal @ _LIGHT, 0.0)
+    corner_normals = _corner_normals(mesh) @ camera.axes.T
+    x, y, z = (
+        interpolated(visible.barycentric, visible.face, corner_normals[..., axis]) for axis in range(3)
+    )
+    length = np.sqrt(x * x + y * y + z * z)
+    behind = z < 0
+    towards_light = (_LIGHT[0] * x + _LIGHT[1] * y + _LIGHT[2] * z) / np.maximum(length, 1e-300)
+    shade = 0.60 + 0.45 * np.maximum(np.where(behind, -towards_light, towards_light), 0.0)
     if not mesh.topology.is_closed:
         shade[behind] *= 0.8
     if edges:
-        reach = (visible.barycentric * altitude(camera, mesh.points, mesh.faces)[visible.face]).min(axis=1)
+        height = altitude(camera, mesh.points, mesh.faces)
+        a, b, c = (visible.barycentric[:, k] * height[:, k][visible.face] for k in range(3))
+        reach = np.minimum(np.minimum(a, b), c)
         shade *= 0.45 + 0.55 * np.clip(reach / (0.6 * _SAMPLES), 0, 1)
-    flat_image = np.ones((camera.height * camera.width, 3))
+    flat_image = np.ones((camera.height * camera.width, 3), dtype=np.float32)
     flat_image[visible.pixel] = np.clip(colour * shade[:, None], 0, 1)
     image = flat_image.reshape(camera.height, camera.width, 3)
-    image[_outline(visible.depth)] *= 0.35
+    image[_outline(visible.depth)] *= np.float32(0.35)
     h, w = camera.height // _SAMPLES, camera.width // _SAMPLES
-    blocks = image[: h * _SAMPLES, : w * _SAMPLES].reshape(h, _SAMPLES, w, _SAMPLES, 3)
-    return np.rint(255 * blocks.mean(axis=(1, 3))).astype(np.uint8)
+    total = np.zeros((h, w, 3), dtype=np.float32)
+    for row in range(_SAMPLES):
+        for column in range(_SAMPLES):
+            total += image[row : h * _SAMPLES : _SAMPLES, column : w * _SAMPLES : _SAMPLES]
+    return np.rint(total * (255 / _SAMPLES**2)).astype(np.uint8)
 
 
 def _outline(depth: NDArray) -> NDArray[np.bool_]:
