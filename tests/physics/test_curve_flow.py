@@ -11,9 +11,9 @@ from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
-from ddgcli.models.curve import polygon
+from ddgcli.models.curve import polygon, setup
 from ddgcli.models.curve.crossings import self_crossings
-from ddgcli.models.curve.setup import CurveFlowOptions, build, without_repeated_points
+from ddgcli.models.curve.setup import CurveFlowOptions, build, schedule, without_repeated_points
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.model import Schedule
 from ddgcli.simulation.time_loop import evolve
@@ -427,3 +427,38 @@ def test_an_arc_between_hinges_rests_as_the_buckled_column(tmp_path, summary):
     m = brentq(lambda m: 2 * ellipe(m) / ellipk(m) - 1 - chord / length, 1e-6, 0.9)
     energy = 16 * ellipk(m) * (ellipe(m) - (1 - m) * ellipk(m)) / length
     assert results["elastic_energy"][-1] == pytest.approx(energy, rel=1e-3)
+
+
+def test_default_steps_resolve_the_time_in_which_a_thin_ellipse_vanishes():
+    # of the length alone they were 40 times longer here, and the ellipse vanished at five times its time
+    thin = ellipse(48, 1.0, 0.03)
+    for kind, share in (("curvature", 5e-4), ("area-preserving", 4e-3)):
+        dt = schedule(build(thin, CurveFlowOptions(flow=kind))[0], {}).dt
+        assert dt == pytest.approx(share * 0.03, rel=0.01)  # of the squared radius of the circle of its area
+
+
+def test_a_wrong_loss_of_area_is_a_warning(tmp_path, summary):
+    thin = write_obj(tmp_path / "thin.obj", (ellipse(60, 1.0, 0.2).points, True))
+    for dt, steps, wrong in ((2e-2, 2, True), (1e-3, 30, False)):
+        result = summary("curve-flow", thin, "--dt", dt, "--steps", steps)
+        assert (result["accuracy"]["area_rate_error"] > 0.1) == wrong
+        assert any("area does not fall by 2 pi" in text for text in result["warnings"]) == wrong
+    # where a loop vanishes the rate changes: frames up to then count
+    loop = write_obj(tmp_path / "limacon.obj", (limacon().points, True))
+    result = summary("curve-flow", loop, "--dt", 4e-3, "--duration", 0.24)
+    assert result["accuracy"]["turning_number_changes"] == 1
+    assert result["accuracy"]["area_rate_error"] < 0.1  # all frames: 0.3
+
+
+def test_a_flow_to_rest_that_ends_before_names_a_step_that_leads_there(tmp_path, summary, monkeypatch):
+    circles = write_obj(
+        tmp_path / "two.obj", (ellipse(16, 1, 1).points, True), (ellipse(16, 0.3, 0.3).points, True)
+    )
+    monkeypatch.setattr(setup, "MAX_STEPS", 100)  # both shorter: the same ratio to the default step
+    monkeypatch.setitem(setup.DEFAULT_STEP, "curvature", 1e-2)
+    first = summary("curve-flow", circles)
+    (warning,) = [text for text in first["warnings"] if "curves still move" in text]
+    assert first["results"]["collapse_times"][0] is None
+    cure = summary("curve-flow", circles, "--dt", warning.rsplit("--dt ", 1)[1])
+    assert cure["results"]["stopped_because"] == "every curve has shrunk to a point"
+    assert not any("still move" in text for text in cure["warnings"])

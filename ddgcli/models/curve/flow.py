@@ -20,7 +20,7 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.vectors import ratio, row_dot, vector_length
 from ddgcli.models.curve import polygon
 from ddgcli.models.curve.crossings import self_crossings
-from ddgcli.models.curve.polygon import Geometry, Polygons
+from ddgcli.models.curve.polygon import Polygons
 from ddgcli.models.curve.spacing import even_points, uneven_curves
 from ddgcli.simulation.model import Observation, StepRejected
 
@@ -74,6 +74,9 @@ class CurveFlow:
         Elastic flow: weight of the length in the energy; None keeps the length instead.
     stop_at_rest : bool
     first_length, first_area : (c,) ndarray
+    first_radius : (c,) ndarray
+        Of the circle of the same length; where simple closed plane curves vanish or keep their area, of the
+        same area: they vanish when it does, however long they are.
     centre : (3,) ndarray
     scale : float
         Input points are `centre + scale * points`; a power of two.
@@ -86,13 +89,19 @@ class CurveFlow:
     stop_at_rest: bool
     first_length: NDArray[np.float64]
     first_area: NDArray[np.float64]
+    first_radius: NDArray[np.float64]
     centre: NDArray[np.float64]
     scale: float
 
     @property
+    def time_power(self) -> int:
+        """Power of the length that a time is."""
+        return 4 if self.kind == "elastic" else 2
+
+    @property
     def time_unit(self) -> float:
         """Time of the input's units for one unit of the scaled curve."""
-        return self.scale ** (4 if self.kind == "elastic" else 2)
+        return self.scale**self.time_power
 
     def objective(self, points: NDArray) -> NDArray[np.float64]:
         """(c,) quantity that the flow decreases: the length, or the elastic energy with its penalty."""
@@ -147,8 +156,7 @@ class CurveFlow:
         moved = points - state.points
         normal = moved - row_dot(moved, tangent)[:, None] * tangent
         radius = np.maximum(lengths[0], 1e-300) / (2 * np.pi)
-        power = 3 if self.kind == "elastic" else 1
-        speed = vector_length(normal) / dt * radius[self.mesh.curve] ** power
+        speed = vector_length(normal) / dt * radius[self.mesh.curve] ** (self.time_power - 1)
         return CurveState(
             points,
             state.active & ~collapsed,
@@ -197,7 +205,7 @@ class CurveFlow:
             "length": mesh.by_curve(mesh.tail, shape.length) * self.scale,
             "area": polygon.enclosed_area(mesh, state.points) * self.scale**2,
             "elastic_energy": polygon.elastic_energy(mesh, shape) / self.scale,
-            "turning_number": turning_numbers(mesh, shape),
+            "turning_number": polygon.turning_numbers(mesh, shape),
             "self_crossings": self_crossings(mesh, state.points),
         }
         scalar: dict[str, Any] = {name: float(values.sum()) for name, values in by_curve.items()}
@@ -240,14 +248,6 @@ class CurveFlow:
     def distance(self, a: CurveState, b: CurveState) -> float:
         """Largest distance between points of two states, over the size of the curves at the start."""
         return float(vector_length(a.points - b.points).max())
-
-
-def turning_numbers(mesh: Polygons, shape: Geometry) -> NDArray[np.float64]:
-    """(c,) turning numbers of closed plane curves, 0 for other curves."""
-    t, u = shape.tangent[mesh.before], shape.tangent[mesh.after]
-    sine = row_dot(np.cross(t, u), mesh.normal[mesh.curve[mesh.joint]])
-    total = mesh.by_curve(mesh.joint, np.arctan2(sine, row_dot(t, u)))
-    return np.where(mesh.bounds_area, np.round(total / (2 * np.pi)), 0.0)
 
 
 class NormalStep:

@@ -207,6 +207,25 @@ def area_gradient(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
     return np.cross(chord, mesh.normal[mesh.curve]) / 2
 
 
+def turning_numbers(mesh: Polygons, shape: Geometry) -> NDArray[np.float64]:
+    """Turning numbers of closed plane curves.
+
+    Parameters
+    ----------
+    mesh : Polygons
+    shape : Geometry
+
+    Returns
+    -------
+    (c,) ndarray of float64
+        0 for other curves.
+    """
+    t, u = shape.tangent[mesh.before], shape.tangent[mesh.after]
+    sine = row_dot(np.cross(t, u), mesh.normal[mesh.curve[mesh.joint]])
+    total = mesh.by_curve(mesh.joint, np.arctan2(sine, row_dot(t, u)))
+    return np.where(mesh.bounds_area, np.round(total / (2 * np.pi)), 0.0)
+
+
 def elastic_energy(mesh: Polygons, shape: Geometry) -> NDArray[np.float64]:
     """Elastic energies of polylines: sum of turning^2 / dual length, which is int kappa^2.
 

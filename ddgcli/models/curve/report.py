@@ -13,6 +13,7 @@ from ddgcli.errors import counted
 from ddgcli.mesh.vectors import row_matrix
 from ddgcli.models.curve.flow import CurveFlow
 
+MAX_AREA_RATE_ERROR = 0.1
 MAX_RESOLVED_TURNING = np.pi / 3  # radians at a point; a hexagon's
 AREA_ROUNDING = 1e-9  # of the circle of the same length: areas below it are the rounding of loops that cancel
 FOLD_TURNING = np.radians(170)  # at a point where a polygon runs back on itself
@@ -81,7 +82,19 @@ def summary(
         "largest_turning_degrees": float(np.degrees(series["largest_turning"].max())),
     }
     _warn(accuracy, series)
+    if flow.stop_at_rest and not (stopped or failure):
+        _warn_of_motion(flow, limit, float(times[-1]) / limit)
     return results, {name: value for name, value in accuracy.items() if value is not None}
+
+
+def _warn_of_motion(flow: CurveFlow, limit: int, dt: float) -> None:
+    """Warn that a flow to rest ended before, with a step that leads further."""
+    radius = flow.first_radius
+    longer = dt * max(5.0, float((radius.max() / radius.min()) ** flow.time_power))
+    log.warning(
+        "curves still move after %d steps, the most without `steps` or `duration`; a longer step leads "
+        "further: `step=%.3g`", limit, longer,
+    )  # fmt: skip
 
 
 def _is_plane(flow: CurveFlow) -> bool:
@@ -114,12 +127,12 @@ def _area_drift(series: Mapping[str, NDArray]) -> float:
 def _area_rate_error(flow: CurveFlow, times: NDArray, series: Mapping[str, NDArray]) -> float | None:
     """Relative error of the loss of area, exactly 2 pi times the turning number a unit of time.
 
-    Frames count until the first curve has shrunk to a point; None where the rate is zero.
+    Frames count until the first curve or loop has shrunk to a point; None where the rate is zero.
     """
-    whole = np.flatnonzero(series["collapsed"] == 0)
     turns = float(series["turning_number"][0])
-    last = int(whole[-1]) if len(whole) else 0
-    if flow.kind != "curvature" or last == 0 or turns == 0:
+    changed = np.flatnonzero((series["collapsed"] > 0) | (series["turning_number"] != turns))
+    last = int(changed[0] if len(changed) else len(times)) - 1
+    if flow.kind != "curvature" or last <= 0 or turns == 0:
         return None
     loss = float(series["area"][0] - series["area"][last])
     return abs(loss / (2 * np.pi * turns * float(times[last] - times[0])) - 1.0)
@@ -149,6 +162,11 @@ def _warn(accuracy: Mapping[str, Any], series: Mapping[str, NDArray]) -> None:
         log.warning(
             "the number of self-crossings changes at %s: %d at the start, %d at the end, at most %d",
             counted(changes, "frame", "frames"), crossings[0], crossings[-1], max(crossings),
+        )  # fmt: skip
+    if (error := accuracy["area_rate_error"] or 0.0) > MAX_AREA_RATE_ERROR:
+        log.warning(
+            "the area does not fall by 2 pi a unit of time (%.2g %% off, and times with it): use shorter "
+            "steps (`step`) or a curve with more points", 100 * error,
         )  # fmt: skip
     if folds_back(series):
         log.warning(

@@ -16,12 +16,17 @@ from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.vectors import vector_length
 from ddgcli.models.curve import polygon
+from ddgcli.models.curve.crossings import self_crossings
 from ddgcli.models.curve.flow import CurveFlow, start_state
 from ddgcli.simulation.model import Model, Schedule, flow_schedule
 
 MAX_STEPS = 2000
 DEFAULT_FRAME_COUNT = 50
-DEFAULT_STEP = 5e-4  # in radius^2 (elastic: radius^4) of the circle of the shortest curve's length
+DEFAULT_STEP = {  # in squared radii (elastic: fourth powers) of the smallest curve: MAX_STEPS are enough for
+    "curvature": 5e-4,  # twice the time in which a circle vanishes
+    "area-preserving": 4e-3,  # 24 decay times of an ellipse of small eccentricity
+    "elastic": 5e-4,  # more than 15 decay times of such an ellipse
+}
 DEFAULT_OPEN_STEP = (
     1e-2  # of the half circle, where all are open: MAX_STEPS are 20 decay times of sin(pi s / L)
 )
@@ -138,9 +143,14 @@ def build(curves: CurveSet, options: CurveFlowOptions) -> tuple[CurveFlow, Model
         if options.length_penalty is None:
             _require_slack(mesh, points, length)
     penalty = None if options.length_penalty is None else options.length_penalty * scale**2
+    radius = length / (2 * np.pi)
+    if options.flow != "elastic":
+        simple = mesh.bounds_area & (area != 0.0) & (self_crossings(mesh, points) == 0.0)
+        radius = np.where(simple, np.sqrt(np.abs(area) / np.pi), radius)
     flow = CurveFlow(
-        mesh, options.flow, options.redistribute, penalty, options.stop_at_rest, length, area, centre, scale
-    )
+        mesh, options.flow, options.redistribute, penalty, options.stop_at_rest, length, area, radius, centre,
+        scale,
+    )  # fmt: skip
     model = Model(
         start_state(flow, points), flow.advance, flow.observe, flow.pack, flow.unpack,
         distance=flow.distance, order=1, stop=flow.reason,
@@ -202,8 +212,8 @@ def schedule(flow: CurveFlow, options: Mapping[str, Any]) -> Schedule:
     """
     if options.get("tolerance") is not None and not options.get("duration"):
         raise ParameterError("needs `duration`; it chooses the steps up to that time", parameter="tolerance")
-    is_open = not flow.mesh.closed.any()
-    radius = float(flow.first_length.min()) / (math.pi if is_open else 2 * math.pi)
-    step = DEFAULT_OPEN_STEP if is_open else DEFAULT_STEP
-    own_step = step * radius ** (4 if flow.kind == "elastic" else 2) * flow.time_unit
+    radius, step = float(flow.first_radius.min()), DEFAULT_STEP[flow.kind]
+    if not flow.mesh.closed.any():
+        radius, step = float(flow.first_length.min()) / math.pi, DEFAULT_OPEN_STEP
+    own_step = step * radius**flow.time_power * flow.time_unit
     return flow_schedule(options, own_step, max_steps=MAX_STEPS, n_frames=DEFAULT_FRAME_COUNT)
