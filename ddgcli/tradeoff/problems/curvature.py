@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +29,10 @@ RADII: dict[str, tuple[float | None, ...]] = {
     "corrected": (None, 2.0, 4.0),
     "quadric": (None, 3.0),
 }
+
+# of a fit in two rings: deviation of the mean curvature times the edge, over that of the vertices in edges
+NOISE_GAIN = 0.45
+MAX_NOISE_DEVIATIONS = 4.0  # of the largest error among some thousand vertices
 
 
 def problem(
@@ -107,24 +113,39 @@ def _work(mesh: TriangleMesh, radius: float | None) -> float:
 
 
 def _compared(mesh: TriangleMesh, inside: NDArray, edge: float, radii: tuple[float, ...]) -> Reference:
-    """Reference by quadric fits; its uncertainty is the difference from corrected measures in balls.
+    """Reference by quadric fits; its uncertainty is the difference from corrected measures, and the noise.
 
     A polyhedron has no pointwise curvature. The error of corrected measures is of second order in the radius,
     so two radii give their limit; the distance of the limit from the smaller ball, pointwise or on average,
-    bounds its own error.
+    bounds its own error. Measures of one ring err less where the curvature varies within two edges, and more
+    on irregular triangles: the smaller difference counts. Both follow noise, which is added.
     """
-    fitted = np.where(inside, mean_curvature(mesh, "quadric", None), np.nan)
+    fit = measure_curvature(mesh, "quadric", None, full=False)
+    fitted = np.where(inside, fit.vertex["mean_curvature"], np.nan)
+    scale = float(np.sqrt(np.nanmean(fitted**2))) if inside.any() else 0.0
+    scale = scale or 1.0
     balls = [mean_curvature(mesh, "corrected", radius * edge) for radius in radii]
     if len(balls) == 1:
-        name, gap = f"balls of {radii[0]:g} edges", relative_to_rms(balls[0], fitted)
-        gap[inside] += gap[inside].mean() if inside.any() else 0.0
+        name, limit = f"balls of {radii[0]:g} edges", balls[0]
+        moved = relative_to_rms(limit, fitted)[inside]
     else:
         limit = balls[0] + (balls[0] - balls[1]) / ((radii[1] / radii[0]) ** 2 - 1)
         name = f"balls of {radii[0]:g} and {radii[1]:g} edges, extrapolated to radius 0"
-        scale = float(np.sqrt(np.nanmean(fitted**2))) or 1.0
         moved = np.abs(limit - balls[0])[inside] / scale
-        gap = relative_to_rms(limit, fitted)
-        gap[inside] += np.maximum(moved, moved.mean() if len(moved) else 0.0)
-    return Reference.from_agreement(
-        f"quadric fits (uncertainty from corrected measures in {name})", fitted, gap
+    gap = relative_to_rms(limit, fitted)
+    if len(moved):
+        gap[inside] += np.maximum(moved, moved.mean()) if len(balls) > 1 else moved.mean()
+    noise = fit.results["noise_estimate"]
+    if noise is not None:
+        gap = np.minimum(gap, relative_to_rms(mean_curvature(mesh, "corrected", None), fitted))
+    reference = Reference.from_agreement(
+        f"quadric fits (uncertainty from corrected measures in one ring and {name}, and from noise)",
+        fitted,
+        gap,
+    )
+    by_noise = NOISE_GAIN * (noise or 0.0) / (edge * scale)
+    return replace(
+        reference,
+        uncertainty=reference.uncertainty + MAX_NOISE_DEVIATIONS * by_noise,
+        mean_uncertainty=reference.error_bound("mean") + by_noise,
     )
