@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.fluids.cavity import SCENE, TRUTH, errors
+from benchmarks.fluids.runs import run_fluid
 from benchmarks.fluids.steady import SteadyFlow, model_of
 from ddgcli.models.fluid.cells import cell_area
 from ddgcli.scenes.shapes import Grid, grid_mesh
@@ -61,6 +62,26 @@ def test_cavity_on_a_graded_grid_is_closer_than_on_equal_cells():
 )
 def test_extrema_of_the_cavity_at_128_cells(reynolds, pattern, grading, most):
     assert np.abs(errors(128, reynolds, pattern, grading)[0]).max() < most
+
+
+@pytest.mark.parametrize("pattern", ["right", "alternating"])
+def test_shear_at_a_wall_that_starts_to_move_is_that_of_friction_alone(pattern):
+    """Nothing carries a parallel flow: every integrator has that of `conservative`, few steps are divided."""
+    walls = '[[effects.boundary]]\nkind = "wall"\nvelocity = [1, 0, 0]\nwhere = "y > 0.99"\n'
+    walls += '[[effects.boundary]]\nkind = "no-slip"'
+    grid = f'grid = {{ size = [1, 1], cells = [8, 8], periodic = "x", pattern = "{pattern}" }}'
+
+    def run(integrator, step):
+        time = f'integrator = "{integrator}"\nstep = {step}\nduration = 0.5\nframe_every = 0.5'
+        return run_fluid(f"viscosity = {{ nu = 0.01 }}\nharmonic = {{}}\n{walls}", time, grid)
+
+    exact = run("conservative", 0.0125).observations[-1].vertex["vorticity"]
+    for integrator in ("circulation", "covector"):
+        for step, most in ((0.1, 1e-3), (0.0125, 1e-4)):
+            moved = run(integrator, step)
+            apart = moved.observations[-1].vertex["vorticity"] - exact
+            assert np.abs(apart).max() < most * np.abs(exact).max()
+            assert moved.steps <= 1.2 * 0.5 / step
 
 
 def test_cells_on_a_wall_are_halves_on_every_pattern_and_fill_the_surface():

@@ -117,7 +117,7 @@ class CirculationAdvection:
         def smooth() -> Flow:
             return self._advected(back, start, flux, evolve_harmonic, smooth=True)
 
-        after, rise, acted = self.limits.limited(start, advected, smooth, folded)
+        after, rise, acted = self.limits.limited(start, advected, smooth)
         return *after, folded, rise, acted
 
     def _flux(self, flow: Flow) -> NDArray[np.float64]:
@@ -146,19 +146,18 @@ class CirculationAdvection:
         space, left, right = self.space, self.left, self.right
         corner = self.transport.corners(flux)
         at_ends = self.transport.end_velocity(corner, paths.centre)
-        along = at_ends[left] * paths.near + at_ends[right] * paths.far
-        if not smooth:
-            own = space.face_velocity(flux) - corner.mean(axis=1)
-            along += own[left] * self.near_part + own[right] * self.far_part
+        own = space.face_velocity(flux) - corner.mean(axis=1)
+        carried = (at_ends[left] * paths.near + at_ends[right] * paths.far).real
+        face_own = (own[left] * self.near_part + own[right] * self.far_part).real
         circulation = np.zeros(space.mesh.topology.n_edges)
-        circulation[self.edge] = along.real
+        circulation[self.edge] = carried if smooth else carried + face_own
         after = np.where(
             space.inside, space.circulation_around(circulation), along_walls(space, paths.rim, flow[0])
         )
         keep_total(space, after, flow[0])
         coefficients = flow[1]
         if evolve and len(coefficients):
-            coefficients = flow[1] + space.harmonic @ circulation
+            coefficients = flow[1] + space.harmonic[:, self.edge] @ (carried + face_own)
         return after, coefficients
 
 

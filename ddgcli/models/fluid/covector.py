@@ -60,10 +60,17 @@ class FlowMap:
 
 
 class CovectorAdvection:
-    """A surface prepared for pulling velocities back."""
+    """A surface prepared for pulling velocities back.
 
-    def __init__(self, space: SurfaceSpace, transport: Transport | None = None) -> None:
-        self.space = space
+    With `keeps_own`, what a face's own velocity has beyond that of its corners stays with the face: of no
+    length a step is then the identity. At a wall that starts to move, where the layer is thinner than a cell,
+    interpolation would spread it by some cells in a few steps, and add momentum.
+    """
+
+    def __init__(
+        self, space: SurfaceSpace, transport: Transport | None = None, keeps_own: bool = False
+    ) -> None:
+        self.space, self.keeps_own = space, keeps_own
         self.transport = transport or Transport(space)
         self.limits = FlowLimits(space)
         face, corner = corner_of(space, np.arange(space.n))
@@ -94,20 +101,29 @@ class CovectorAdvection:
         """
         space = self.space
         flux = space.side_flux(space.stream_function_change(flow[0]), np.zeros(0))
-        end_velocity = self.transport.end_velocity(self.transport.corners(flux), paths)
-        velocity = end_velocity[space.faces] * self.turn
+        corner = self.transport.corners(flux)
+        velocity = self.transport.end_velocity(corner, paths)[space.faces] * self.turn
         shift = paths.shift[space.faces] * self.turn
-        side = space.side + shift[:, NEXT] - shift
-        along = 0.5 * ((velocity + velocity[:, NEXT]) * np.conj(side)).real
-        after, coefficients = space.of_face_velocity((along * self.of_side).sum(axis=1))
+        carried = self._covector(velocity, space.side + shift[:, NEXT] - shift)
+        still = self._covector(corner, space.side)
+        own = space.face_velocity(flux) - still if self.keeps_own else 0.0
+        after, _ = space.of_face_velocity(carried + own)
+        coefficients = space.harmonic_part(carried - still)  # of interpolation alone there is no gain
         if len(self.rim):
             rim = BackwardPaths(*(array[self.rim] for array in vars(paths).values()))
             after = np.where(space.inside, after, along_walls(space, rim, flow[0]))
             keep_total(space, after, flow[0])
         return after, flow[1] + coefficients if evolve else flow[1]
 
+    def _covector(self, velocity: NDArray, side: NDArray) -> NDArray[np.complex128]:
+        """(m,) face velocities with the line integrals of corner velocities (m, 3) along sides (m, 3)."""
+        along = 0.5 * ((velocity + velocity[:, NEXT]) * np.conj(side)).real
+        return (along * self.of_side).sum(axis=1)
+
     def sharpened(self, flow: Flow, evolve: bool) -> Flow:
         """The flow and what a pull-back by no map would take from it."""
+        if self.keeps_own:
+            return flow
         there = self.pulled_back(self.vertex_paths([], []), flow, evolve)
         return 2.0 * flow[0] - there[0], 2.0 * flow[1] - there[1]
 
@@ -132,8 +148,7 @@ class CovectorAdvection:
         again = self.pulled_back(forth, self.sharpened(there, evolve), evolve)
         corrected = 1.5 * start[0] - 0.5 * again[0], 1.5 * start[1] - 0.5 * again[1]
         after = self.pulled_back(back, self.sharpened(corrected, evolve), evolve)
-        deformation = sum(self.limits.deformation(v, s) for v, s in zip(velocity, dt))
-        return self.limits.limited(before, after, lambda: self.pulled_back(back, start, evolve), deformation)
+        return self.limits.limited(before, after, lambda: self.pulled_back(back, start, evolve))
 
 
 class CovectorTransport(FlowPhase):
@@ -143,7 +158,7 @@ class CovectorTransport(FlowPhase):
 
     def __init__(self, setting: FluidSetting) -> None:
         self.evolve = setting.evolve_harmonic
-        self.advection = CovectorAdvection(setting.space, setting.tracing)
+        self.advection = CovectorAdvection(setting.space, setting.tracing, keeps_own=setting.no_slip)
 
     def start(self) -> dict[str, NDArray]:
         space = self.advection.space

@@ -14,7 +14,7 @@ from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.transport import BackwardPaths
 
 MAX_DEFORMATION = 1.0  # change of the velocity along a side times dt over its length, beyond which loops fold
-ENERGY_RISE_TOLERANCE = 1e-6  # relative rise of the kinetic energy at which a step is shortened
+ENERGY_RISE_TOLERANCE = 1e-4  # relative rise of the kinetic energy at which a step is shortened
 ENERGY_ROUNDING = 1e-12  # relative rise of the energy that counts as none
 SMALL_DEFORMATION = 0.02  # deformation below which a step is taken as it is: a shorter one would be no better
 Flow = tuple[NDArray[np.float64], NDArray[np.float64]]  # vorticity (n,), harmonic coefficients (b,)
@@ -38,9 +38,9 @@ class FlowLimits:
         return dt * float((change / self.size).max(initial=0.0))
 
     def limited(
-        self, before: Flow, advected: Flow, smooth: Callable[[], Flow], folded: float
+        self, before: Flow, advected: Flow, smooth: Callable[[], Flow]
     ) -> tuple[Flow, float, NDArray[np.float64]]:
-        """The flow without rise of energy and enstrophy, the rise left, and the `CORRECTIONS`.
+        """The flow without rise of energy and enstrophy, the rise that scaling took, and the `CORRECTIONS`.
 
         Parameters
         ----------
@@ -48,8 +48,6 @@ class FlowLimits:
             At the start and the end of the step.
         smooth : callable
             Makes the flow after a step of the same order that loses energy.
-        folded : float
-            Deformation of the step; a rise that a shorter step would not have is left in long ones.
         """
         space = self.space
         energy, enstrophy = self.energy(before), space.enstrophy(before[0])
@@ -59,7 +57,7 @@ class FlowLimits:
         filtered = space.enstrophy(after[0]) > (1.0 + ENERGY_ROUNDING) * enstrophy
         after = self._without_enstrophy_rise(after, enstrophy)
         energy_after, removed = self.energy(after), 0.0
-        if energy_after > energy and (folded <= SMALL_DEFORMATION or rise <= ENERGY_ROUNDING):
+        if energy_after > energy:
             removed = energy_after - energy if energy_after > (1.0 + ENERGY_ROUNDING) * energy else 0.0
             after = self._at_energy(after, energy_after, energy)
         return after, rise, np.array([mixed, filtered, removed > 0, removed])
@@ -82,6 +80,9 @@ class FlowLimits:
         slope = float(phi @ (space.stiffness @ phi_change) + after[1] @ turn)
         curvature = space.kinetic_energy(phi_change, change, turn)
         share = first_root(energy_after - energy, slope, curvature)
+        if energy_after + share * (slope + share * curvature) > (1.0 + ENERGY_ROUNDING) * energy:
+            # at walls the smooth step can have more energy itself
+            share = min(max(-0.5 * slope / curvature, 0.0), 1.0) if curvature > 0 else 0.0
         mixed = after[0] + share * change, after[1] + share * turn
         return mixed, energy_after + share * (slope + share * curvature)
 
