@@ -27,6 +27,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
         "eigenpairs", "harmonic_interpolation", "heat_kernel_signature", "mean_curvature_flow",
         "parameterize", "poisson",
     ),
+    "forms": ("eigenforms", "flat", "interior_product", "lie_derivative", "sharp", "wedge"),
     "evolution": ("heat_equation", "wave_equation"),
     "flows": ("curve_flow", "willmore_flow"),
     "distances": (
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
     from ddgcli.library.fields import *  # noqa: F403
     from ddgcli.library.files import *  # noqa: F403
     from ddgcli.library.flows import *  # noqa: F403
+    from ddgcli.library.forms import *  # noqa: F403
     from ddgcli.library.meshes import *  # noqa: F403
     from ddgcli.library.operators import *  # noqa: F403
     from ddgcli.library.repairs import *  # noqa: F403
@@ -77,4 +79,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)  # what completion offers in a notebook

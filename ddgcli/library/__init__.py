@@ -16,6 +16,7 @@ __all__ = [
     "fields",
     "files",
     "flows",
+    "forms",
     "mesh_arguments",
     "meshes",
     "operators",

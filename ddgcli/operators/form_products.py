@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import ParameterError
 from ddgcli.operators.dec import Complex, complex_of
@@ -80,7 +80,7 @@ def form_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray] |
         if pair is None:
             continue
         try:
-            first, form = _operands(complex_, name, pair)
+            first, form = operands(complex_, name, *pair)
             degree = degree_of(complex_, form)
             if name == "wedge":
                 p = degree_of(complex_, first)
@@ -124,34 +124,67 @@ def check_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray]]
     complex_ = complex_of(mesh)
     for name, pair in pairs.items():
         try:
-            _operands(complex_, name, pair)
+            operands(complex_, name, *pair)
         except ParameterError as error:
             raise ParameterError(str(error), parameter=name) from error
 
 
-def _operands(
-    complex_: Complex, name: str, pair: tuple[NDArray, NDArray]
+def operands(
+    complex_: Complex, name: str, first: ArrayLike, form: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Two forms, or the vectors of a field on the cells and a form; ParameterError for other arrays."""
-    form = _form(complex_, pair[1])
-    degree = degree_of(complex_, form)
+    """Arguments of a product: two forms, or the vectors of a field on the cells and a form.
+
+    Parameters
+    ----------
+    complex_ : Complex
+    name : {'wedge', 'interior_product', 'lie_derivative'}
+    first, form : array_like
+        As in `form_products`.
+
+    Returns
+    -------
+    (form or (m, 3) ndarray, form)
+
+    Raises
+    ------
+    ParameterError
+        For arrays that are no forms or fields, or products that are zero by their degrees.
+    """
+    second = form_values(complex_, form)
+    degree = degree_of(complex_, second)
     if name == "wedge":
-        first = _form(complex_, pair[0])
-        check_degrees(complex_, degree_of(complex_, first), degree)
-        return first, form
-    vectors = _cell_vectors(complex_, pair[0])
+        one = form_values(complex_, first)
+        check_degrees(complex_, degree_of(complex_, one), degree)
+        return one, second
+    vectors = cell_vectors(complex_, first)
     if name == "interior_product" and degree == 0:
         raise ParameterError(
             f"a 0-form has no interior product; name values on {_listed(ELEMENTS[complex_.dimension][1:])}"
         )
-    return vectors, form
+    return vectors, second
 
 
 def _listed(names: Sequence[str]) -> str:
     return " or ".join((", ".join(names[:-1]), names[-1]))
 
 
-def _form(complex_: Complex, array: NDArray) -> NDArray[np.float64]:
+def form_values(complex_: Complex, array: ArrayLike) -> NDArray[np.float64]:
+    """Numbers of a form.
+
+    Parameters
+    ----------
+    complex_ : Complex
+    array : array_like
+
+    Returns
+    -------
+    (k,) ndarray of float64
+
+    Raises
+    ------
+    ParameterError
+        For an array of more dimensions, or numbers that are not finite.
+    """
     values = np.asarray(array, dtype=np.float64)
     if values.ndim != 1:
         raise ParameterError(
@@ -165,8 +198,23 @@ def _form(complex_: Complex, array: NDArray) -> NDArray[np.float64]:
     return values
 
 
-def _cell_vectors(complex_: Complex, array: NDArray) -> NDArray[np.float64]:
-    """(m, 3) vectors on cells; those on vertices are averaged over the corners."""
+def cell_vectors(complex_: Complex, array: ArrayLike) -> NDArray[np.float64]:
+    """Vectors of a field on cells; those on vertices are averaged over the corners.
+
+    Parameters
+    ----------
+    complex_ : Complex
+    array : (n, 3) or (m, 3) array_like
+
+    Returns
+    -------
+    (m, 3) ndarray of float64
+
+    Raises
+    ------
+    ParameterError
+        For an array of another shape.
+    """
     vectors = np.asarray(array, dtype=np.float64)
     if vectors.shape == (len(complex_.corners), 3):
         return vectors

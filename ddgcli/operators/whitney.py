@@ -281,7 +281,19 @@ def flux_vectors(mesh: TetMesh, form: NDArray) -> NDArray[np.float64]:
 
 
 def flat_of_cells(complex_: Complex, mesh: SpaceMesh, vectors: NDArray) -> NDArray[np.float64]:
-    """(e,) 1-form from cell vectors, also where cells and vertices have the same number; see `flat`."""
+    """1-form of a field on cells, also where cells and vertices have the same number.
+
+    Parameters
+    ----------
+    complex_ : Complex
+    mesh : TriangleMesh or TetMesh
+    vectors : (m, 3) ndarray
+        An edge takes the mean over its cells.
+
+    Returns
+    -------
+    (e,) ndarray of float64
+    """
     along = mesh.points[complex_.edges[:, 1]] - mesh.points[complex_.edges[:, 0]]
     return row_dot(_mean_over_cells(complex_.cell_edge, vectors, complex_.counts[1]), along)
 

@@ -75,6 +75,11 @@ def test_every_parameter_of_a_number_or_an_array_has_a_check():
         lambda: ddg.hodge_decomposition(SQUARE, 1.0),
         lambda: ddg.integral_curves(SQUARE, 1.0, [5]),
         lambda: ddg.straighten_paths(SQUARE, np.array(3)),
+        lambda: ddg.sharp(SQUARE, X),
+        lambda: ddg.flat(SQUARE, X),
+        lambda: ddg.wedge(SQUARE, X[:3], X),
+        lambda: ddg.interior_product(SQUARE, [[1, 0, 0]] * 18, X),
+        lambda: ddg.eigenforms(SQUARE, 1000),
         lambda: ddg.delaunay_refinement(SQUARE, 25.0, max_points=-1),
     ],
 )
