@@ -1,9 +1,9 @@
 """Transport of the velocity in a volume as a covector field, pulled back by the map of points backwards.
 
-As on surfaces (`covector`): the vertices are carried backwards, the line integrals along the carried edges of
-a cell make one covector, and the discrete flow nearest to all of them is the new flow; what a step of no
-length would lose is added before; the step is repeated backwards and half its error subtracted. Energy never
-rises.
+As between walls of surfaces (`covector`): the vertices are carried backwards, the line integrals along the
+carried edges of a cell make one covector, and the discrete flow nearest to all covectors is the new flow. What
+a cell's own velocity has beyond the vertices' stays with the cell, so that a step of no length is the
+identity; the step is repeated backwards and half its error subtracted. Energy never rises.
 """
 
 from __future__ import annotations
@@ -37,35 +37,35 @@ class VolumeCovectorTransport(FlowPhase):
     def start(self) -> dict[str, NDArray]:
         return {"loss": np.zeros(2)}
 
-    def _pulled_back(self, ends: tuple, velocity: NDArray) -> NDArray[np.float64]:
+    def _carried(self, velocity: NDArray, ends: tuple, smooth: bool = False) -> NDArray[np.float64]:
         """(F,) fluxes of the discrete flow nearest to the pull-back of cell velocities."""
-        space = self.space
-        end_velocity = self.paths.interpolated(space.vertex_means(velocity), *ends)[space.cells]
-        place = ends[1][space.cells]
+        at_vertices = self.space.vertex_means(velocity)
+        covector = self._covector(at_vertices, ends)
+        if not smooth:
+            covector += velocity - self._covector(at_vertices, self.here)
+        return self.space.projected(covector, inflow=False)
+
+    def _covector(self, at_vertices: NDArray, ends: tuple) -> NDArray[np.float64]:
+        """(k, 3) cell velocities with the line integrals along the carried edges."""
+        end_velocity = self.paths.interpolated(at_vertices, *ends)[self.space.cells]
+        place = ends[1][self.space.cells]
         along = 0.5 * np.einsum(
             "kea,kea->ke", end_velocity[:, TAIL] + end_velocity[:, HEAD], place[:, HEAD] - place[:, TAIL]
         )
-        return space.projected(np.einsum("ke,kea->ka", along, self.of_edge), inflow=False)
-
-    def _sharpened(self, velocity: NDArray) -> NDArray[np.float64]:
-        """Cell velocities and what a pull-back by no map would take from them."""
-        return 2.0 * velocity - self.space.velocity(self._pulled_back(self.here, velocity))
-
-    def _carried(self, ends: tuple, velocity: NDArray) -> NDArray[np.float64]:
-        return self.space.velocity(self._pulled_back(ends, self._sharpened(velocity)))
+        return np.einsum("ke,kea->ka", along, self.of_edge)
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
         space, dt = self.space, step.dt
         velocity = space.cell_velocity(state)
         carrier = space.vertex_means(space.velocity(state["flux"] + 0.5 * dt * rate(space, state["flux"])))
         back, forth = (self.paths.carried(carrier, *self.here, span) for span in (dt, -dt))
-        again = self._carried(forth, self._carried(back, velocity))
-        flux = self._pulled_back(back, self._sharpened(1.5 * velocity - 0.5 * again))
+        again = space.velocity(self._carried(space.velocity(self._carried(velocity, back)), forth))
+        flux = self._carried(1.5 * velocity - 0.5 * again, back)
         energy, energy_after = space.kinetic_energy(velocity), space.kinetic_energy(space.velocity(flux))
         if not np.isfinite(energy_after):
             raise StepRejected("not finite")
         if energy_after > energy:
-            flux = without_rise(space, flux, self._pulled_back(back, velocity), energy)
+            flux = without_rise(space, flux, self._carried(velocity, back, smooth=True), energy)
         after = state.replaced(flux=flux)
         loss = np.array([energy - space.energy(after), 0.0])
         return after.with_passive(loss=state["loss"] + loss)
