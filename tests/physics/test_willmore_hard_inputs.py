@@ -108,18 +108,19 @@ def test_a_spike_that_the_mesh_does_not_resolve_is_no_rest_and_the_cure_works(ru
     assert cured.exit_code == 0 and energy[-1] == pytest.approx(4 * np.pi, rel=1e-6) and len(energy) < 60
 
 
-def test_a_noisy_sphere_at_false_rest_by_cotan_fails_and_the_cure_works(run, tmp_path):
-    """Noise of 0.4 edges: it ended at 1.07 to 1.3 times 4 pi with exit 0, and so did --remesh mean."""
+@pytest.mark.parametrize(("energy", "size", "seed"), [("cotan", 0.4, 2), ("sullivan", 0.6, 1)])
+def test_a_noisy_sphere_at_false_rest_fails_and_the_cure_works(run, tmp_path, energy, size, seed):
+    """It ended at 1.07 to 1.3 (sullivan: 1.86) times 4 pi with exit 0, by cotan with --remesh mean too."""
     path, ball = tmp_path / "noisy.ply", shapes.icosphere(2)
-    noise = np.random.default_rng(2).normal(size=ball.points.shape)
-    write_mesh(str(path), AnnotatedMesh(ball.moved(ball.points + 0.4 * ball.side_length.mean() * noise)))
-    call = ("willmore-flow", path, "--energy", "cotan", "--json")
+    noise = np.random.default_rng(seed).normal(size=ball.points.shape)
+    write_mesh(str(path), AnnotatedMesh(ball.moved(ball.points + size * ball.side_length.mean() * noise)))
+    call = ("willmore-flow", path, "--energy", energy, "--json")
     result = run(*call)
-    assert json.loads(result.stdout)["results"]["energy"][-1] > 1.02 * 4 * np.pi
+    assert json.loads(result.stdout)["results"]["energy"][-1] > 1.05 * 4 * np.pi
     assert result.exit_code == 1 and "use --remesh mean" in result.stderr
     cured = run(*call, "--remesh", "mean")
-    energy = json.loads(cured.stdout)["results"]["energy"]
-    assert cured.exit_code == 0 and energy[-1] == pytest.approx(4 * np.pi, rel=0.03)
+    energies = json.loads(cured.stdout)["results"]["energy"]
+    assert cured.exit_code == 0 and energies[-1] == pytest.approx(4 * np.pi, rel=0.04)
 
 
 def test_newton_steps_on_a_spike_come_to_an_end(run, tmp_path):

@@ -85,15 +85,12 @@ class Flow(FlowTerms):
     def reason(self, state: FlowState) -> str:
         """Why the flow ends at a state, or ""; no rest is far above the sphere or torus within reach."""
         why = self._rest_reason(state)
-        if self.to_spheres and why in rules.REST_REASONS and self._is_unround(state.energy):
+        if why in rules.REST_REASONS and state.energy > self.round_energy:
             return rules.FALSE_REST_REASON
         above = state.energy > rules.FALSE_REST_FRACTION * self.least
         if self.to_torus and above and why == rules.MESH_ERROR_REASON and state.energy < rules.KNOT_ENERGY:
             return rules.FALSE_TORUS_REST_REASON
         return why
-
-    def _is_unround(self, energy: float) -> bool:
-        return energy > rules.SPHERE_REST_FRACTION * self.least
 
     def _rest_reason(self, state: FlowState) -> str:
         if state.stopped or self.mean_curvature:
@@ -111,7 +108,7 @@ class Flow(FlowTerms):
         dt = self.longest if newton else state.dt
         near_rest = dt >= rules.NEAR_REST_STEP_FRACTION * self.longest
         # remeshing keeps the triangles good, so that going on is worth while
-        may_rest = not (self.remesh and self.to_spheres and self._is_unround(at.energy))
+        may_rest = not (self.remesh and at.energy > self.round_energy)
         if (
             self.stop.mesh_error
             and may_rest
@@ -213,8 +210,10 @@ class Flow(FlowTerms):
         if self._below_lower_bound(step.energy):
             return replace(state, stopped=rules.LOWER_BOUND_REASON)
         stepped = replace(self._accepted(state, at, step.mesh, step.energy, 0.0), dt=step.next_length)
-        above = self.to_spheres and self._is_unround(step.energy)
-        if above and at.energy - step.energy < rules.LEAST_NEWTON_FALL * step.energy:
+        if (
+            step.energy > self.round_energy
+            and at.energy - step.energy < rules.LEAST_NEWTON_FALL * step.energy
+        ):
             return replace(stepped, stopped=rules.SLOW_NEWTON_REASON)
         return self._conformal_end(stepped)
 

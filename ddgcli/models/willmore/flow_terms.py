@@ -80,8 +80,8 @@ class FlowTerms:
         Edges are split, collapse and flip before steps.
     by_pairs : bool
         Steps of the descent to rest are quasi-Newton motions by secant pairs (else with momentum).
-    to_spheres : bool
-        Every surface at rest is one of round spheres, of the energy `least`.
+    round_energy : float
+        Energy above which a surface is not at rest, since it must become one of round spheres.
     to_torus : bool
         The surface is one torus, free to become that of Clifford, of the energy `least`.
     lowest : float
@@ -111,7 +111,7 @@ class FlowTerms:
     of_surface: bool = True
     remesh: RemeshTarget | None = None
     by_pairs: bool = False
-    to_spheres: bool = False
+    round_energy: float = math.inf
     to_torus: bool = False
     lowest: float = -math.inf
     _last_terms: TopologyTerms | None = None

@@ -273,7 +273,8 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     whole = kind != "conformal" and not (options.timed or film)
     whole = whole and len(free) == np.count_nonzero(topology.referenced_vertex)
     cannot_crumple = second is None and topology.is_closed and energy_name == DEFAULT_ENERGY
-    becomes_round = is_spheres(topology) and not constraints.active
+    becomes_round = whole and is_spheres(topology) and not constraints.active
+    n_vertices = 1 if options.remesh else mesh.n_vertices  # how many a remeshed surface has is open
     flow = Flow(
         topology, energy_kind, _convention(definition, options, film, curvature), free, constraints,
         options.flow == "mean-curvature" and not film, scheme,
@@ -283,7 +284,7 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         of_area=film, kind=kind, of_surface=definition.of_surface,
         remesh=_remesh_target(unit, options, scale, kind, energy_name),
         by_pairs=to_rest and cannot_crumple and not options.remesh,
-        to_spheres=whole and becomes_round and energy_name in (DEFAULT_ENERGY, SECOND_ENERGY),
+        round_energy=rules.round_energy(energy_name, least, n_vertices) if becomes_round else math.inf,
         to_torus=whole and least > 0.0 and not constraints.active and is_torus(topology),
         energy_power=(3 if options.fix_area else 2) if film else 0,
         reported={name: kind.builder(unit) for name, kind in reported},

@@ -1,5 +1,7 @@
 """Numbers that rule the steps of a flow: lengths, acceptance, rest."""
 
+import math
+
 import numpy as np
 
 # steps of the descent, for a surface with the area of the unit sphere
@@ -26,6 +28,9 @@ MIN_CONFORMAL_SHARE = 1.0 / 64.0  # of the curvature's way to a constant, for a 
 CONFORMAL_REST_SHARE = 0.005
 # of the least energy, above which a surface that could become round, or a torus of Clifford, is not at rest
 SPHERE_REST_FRACTION, FALSE_REST_FRACTION = 1.02, 1.05
+# share of 4 pi, times the number of vertices, by which an energy of spheres' meshes may exceed it at rest
+# (sullivan: 2 on good triangles, 3.6 on random ones)
+SPHERE_EXCESS = {"gauss-map": 0.0, "cotan": 0.0, "sullivan": 3.5}
 KNOT_ENERGY = 8.0 * np.pi  # tori of less are embedded and unknotted (Li, Yau 1982)
 ZERO_ENERGY = 1e-12  # energy at which nothing is left to release
 # relative predicted fall of the energy below which rounding decides: the surface is kept
@@ -68,6 +73,27 @@ REST_REASONS = (
 )
 CONFORMAL_REASON = "no conformal step lowers the energy, but the curvature is not yet constant"
 CRUMPLING_REASON = "a second energy rises faster than this one falls: the faces crumple"
+
+
+def round_energy(energy: str, least: float, n_vertices: int) -> float:
+    """Energy above which surfaces that must become round spheres are not at rest.
+
+    Parameters
+    ----------
+    energy : str
+        Of ENERGIES.
+    least : float
+        Of the round spheres.
+    n_vertices : int
+
+    Returns
+    -------
+    float
+        Infinite for energies that are not near `least` on spheres.
+    """
+    if energy not in SPHERE_EXCESS:
+        return math.inf
+    return least * (SPHERE_REST_FRACTION + SPHERE_EXCESS[energy] / n_vertices)
 
 
 def least_share(promised: float, energy: float, of_area: bool) -> float:
