@@ -1,8 +1,8 @@
 """Transport of the velocity in a volume as a covector field, pulled back by the map of points backwards.
 
 As between walls of surfaces (`covector`): the vertices are carried backwards, the line integrals along the
-carried edges of a cell make one covector, and the discrete flow nearest to all covectors is the new flow. What
-a cell's own velocity has beyond the vertices' stays with the cell, so that a step of no length is the
+carried edges of a cell make one covector, and the discrete flow nearest to all covectors is the new flow.
+What a cell's own velocity has beyond the vertices' stays with the cell, so that a step of no length is the
 identity; the step is repeated backwards and half its error subtracted. Energy never rises.
 """
 
