@@ -113,7 +113,7 @@ def test_the_error_of_covector_in_a_volume_does_not_grow_with_the_number_of_step
     errors = []
     for step in (0.1, 0.025):
         _, observed, _ = run(CELL, 6, 1.0, step, "covector")
-        before, after = (frame.vertex["velocity"] for frame in (observed[0], observed[-1]))
+        before, after = (observation.vertex["velocity"] for observation in (observed[0], observed[-1]))
         errors.append(np.linalg.norm(after - before) / np.linalg.norm(before))
         energy = series(observed, "kinetic_energy")
         assert 0 <= 1 - energy[-1] / energy[0] < 2e-3
