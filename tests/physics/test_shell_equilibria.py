@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
 from tests.simulate import scalar, shell_run
 
 CANTILEVER = """
@@ -23,6 +26,25 @@ stretching = {{}}
 bending = {{ model = "{bending}" }}
 pin = {{ box = [[-1, -1, -1], [1e-6, 1, 1]], clamp = true }}
 load = {{ box = [[0.999, -1, -1], [2, 1, 1]], force = [0, 0, -1e-3] }}
+"""
+
+PLATE_OF_FILE = """
+format = "ddgcli-scene/1"
+[time]
+integrator = "static"
+[[object]]
+name = "s"
+role = "shell"
+mesh = "{mesh}"
+young = 1e9
+poisson = 0.3
+density = 1
+thickness = 0.01
+[effects]
+stretching = {{}}
+bending = {{ model = "midedge" }}
+gravity = {{ acceleration = [0, 0, -0.1] }}
+pin = {{ box = [[-1, -1, -1], [1e-3, 2, 1]], clamp = true }}
 """
 
 
@@ -108,3 +130,20 @@ def test_a_free_strip_turns_into_the_direction_of_balanced_forces():
     assert np.ptp(points[:, 2]) == pytest.approx(1 + 1e-6, rel=1e-7)
     assert energy == pytest.approx(-0.01 * (1 + 0.5e-6), rel=1e-8)
     assert iterations < 60
+
+
+def test_needles_that_round_off_the_load_are_named_and_the_repair_helps(run, tmp_path):
+    """It was advised pins, which it has, and smaller loads, which need smaller forces still."""
+    plate = shapes.grid(8, 8, pattern="alternating")
+    x = plate.points.copy()
+    x[36:45, 0] = x[27, 0] + 1e-7
+    path, scene, fixed = (tmp_path / name for name in ("plate.npz", "s.toml", "fixed.npz"))
+    write_mesh(str(path), AnnotatedMesh(plate.moved(x)))
+    text = PLATE_OF_FILE.format(mesh=path)
+    scene.write_text(text)
+    failed = run("shell-sim", scene)
+    assert failed.exit_code == 1 and "16 faces (first: face 48)" in failed.stderr
+    words = failed.stderr.split("ddgcli repair MESH ")[1].split(" -o ")[0].split()
+    assert run("repair", path, *words, "-o", fixed).exit_code == 0
+    scene.write_text(PLATE_OF_FILE.format(mesh=fixed))
+    assert run("shell-sim", scene).exit_code == 0

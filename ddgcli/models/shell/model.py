@@ -28,6 +28,7 @@ from ddgcli.mesh.requirements import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.checkpoint import packed, unpacked
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.equilibrium_advice import load_advice, needle_advice
 from ddgcli.models.shell.groups import Group, groups, terms_between
 from ddgcli.models.shell.observations import observed
 from ddgcli.scenes.scene import Scene
@@ -307,7 +308,7 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
     if getattr(parameters, "arc_length", None):
         integrator = ARC_LENGTH
     x = np.array(system.start)
-    shells = group.shells.values()
+    shells, meshes = group.shells.values(), [context.mesh for context in group.shells.values()]
     v = np.where(system.free, np.concatenate([_initial_velocity(context) for context in shells]), 0.0)
     x, v, _ = system.prescribed_state(x, v, v)
     if integrator.order == 0:
@@ -349,7 +350,10 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         return replace(after, time=end, work=motion.work + work, memory=memory, past=past)
 
     def advance(motion: Motion, time: float, dt: float) -> Motion:
-        return advanced(integrator.step, motion, time, dt)
+        try:
+            return advanced(integrator.step, motion, time, dt)
+        except SolveError as error:
+            raise SolveError("; ".join(filter(None, [str(error), needle_advice(meshes)]))) from error
 
     def rescue(motion: Motion, time: float, dt: float) -> Motion:
         return advanced(integrator.rescue or integrator.step, motion, time, dt)
@@ -362,7 +366,7 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         rescue=rescue if integrator.rescue is not None and np.isinf(reach) else None,
         stop=partial(_load_reached, parameters.duration) if integrator.own_time else None,
         clock=(lambda motion: motion.time) if integrator.own_time else None,
-        advice=partial(_load_advice, system, parameters) if integrator.order == 0 else None,
+        advice=partial(load_advice, system, parameters, meshes) if integrator.order == 0 else None,
     )  # fmt: skip
 
 
@@ -384,17 +388,6 @@ def _constrained(scene: Scene, system: System, motion: Motion) -> Motion:
     except SolveError as error:
         scene.refuse(("effects", "rigid"), f"rigid: {error}")
     return replace(motion, v=v, multipliers=np.zeros(len(edges.length)))
-
-
-def _load_advice(system: System, parameters: Any) -> str:
-    """What may let equilibria be found where a step fails: its length is no time."""
-    from ddgcli.mechanics.rigid_motions import unheld_motions
-
-    unheld = unheld_motions(system)
-    if unheld:
-        return f"{unheld}: hold it by pins or lessen the loads"
-    smaller = "shorten `arc_length`" if parameters.arc_length else "raise `load_steps`"
-    return f"lessen the loads or {smaller}"
 
 
 def _load_reached(duration: float, motion: Motion) -> str:

@@ -1,0 +1,61 @@
+"""What may let equilibria be found where a step fails: its length is no time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ddgcli.mechanics.system import System
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+NEEDLE_SIDE = 1e-6  # of the longest side of a face
+
+
+def load_advice(system: System, parameters: Any, meshes: Sequence[TriangleMesh]) -> str:
+    """What may help where a load step fails.
+
+    Parameters
+    ----------
+    system : System
+    parameters
+        Of `static`.
+    meshes : sequence of TriangleMesh
+
+    Returns
+    -------
+    str
+    """
+    from ddgcli.mechanics.rigid_motions import unheld_motions
+
+    unheld = unheld_motions(system)
+    if unheld:
+        return f"{unheld}: hold it by pins or lessen the loads"
+    smaller = "shorten `arc_length`" if parameters.arc_length else "raise `load_steps`"
+    return "; ".join(filter(None, [f"lessen the loads or {smaller}", needle_advice(meshes)]))
+
+
+def needle_advice(meshes: Sequence[TriangleMesh]) -> str:
+    """Where meshes have needles, and the repair that removes them.
+
+    Parameters
+    ----------
+    meshes : sequence of TriangleMesh
+
+    Returns
+    -------
+    str
+        "" where they have none.
+    """
+    for mesh in meshes:
+        shortest, longest = mesh.side_length.min(axis=1), mesh.side_length.max(axis=1)
+        needles = np.flatnonzero(shortest < NEEDLE_SIDE * longest)
+        if len(needles):
+            distance = 2.0 * float(shortest[needles].max())
+            return (
+                f"{len(needles)} faces (first: face {needles[0]}) have sides below {NEEDLE_SIDE:g} of their "
+                "longest, where forces are rounding: merge their vertices by "
+                f"`repair=weld={distance:.1g} drop_degenerate`"
+            )
+    return ""
