@@ -119,16 +119,17 @@ def test_a_steady_cell_stays_with_the_order_of_the_mesh(integrator):
 
 
 def test_viscosity_decays_a_cell_at_its_rate():
-    """The velocity decays at 2 nu (free slip), its energy at 4 nu: 3-D decay of a small amplitude."""
-    rate = []
-    for cells in (4, 8):
-        _, observed, _ = run(CELL.replace('"sin', '"1e-6*sin').replace('"-cos', '"-1e-6*cos') +
-                             "viscosity = { nu = 0.1 }", cells, 0.5, 0.05)  # fmt: skip
-        energy = series(observed, "kinetic_energy")
-        rate.append(-np.log(energy[-1] / energy[0]) / 0.5)
-    implicit = 2 * np.log(1 + 2 * 0.1 * 0.025) / 0.025  # of Euler steps half as long as those of the run
-    assert rate[1] == pytest.approx(implicit, rel=2e-3)
-    assert abs(rate[0] - implicit) > 2.5 * abs(rate[1] - implicit)
+    """The velocity decays at 2 nu (free slip), its energy at 4 nu; of second order in mesh and step."""
+    small = CELL.replace('"sin', '"1e-6*sin').replace('"-cos', '"-1e-6*cos') + "viscosity = { nu = 0.1 }"
+
+    def rate(cells, step):
+        energy = series(run(small, cells, 0.8, step)[1], "kinetic_energy")
+        return -np.log(energy[-1] / energy[0]) / 0.8
+
+    coarse, fine = rate(4, 0.05), rate(8, 0.05)
+    assert fine == pytest.approx(0.4, rel=2e-3) and abs(coarse - 0.4) > 2.5 * abs(fine - 0.4)
+    rates = [rate(4, step) for step in (0.8, 0.4, 0.2)]
+    assert (rates[0] - rates[1]) / (rates[1] - rates[2]) > 3
 
 
 @pytest.mark.parametrize("boundary", ["stream", "closed"])
