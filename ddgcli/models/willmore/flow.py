@@ -107,8 +107,8 @@ class Flow(FlowTerms):
         newton = self.kind == "newton" and self.second_kind is not None
         dt = self.longest if newton else state.dt
         near_rest = dt >= rules.NEAR_REST_STEP_FRACTION * self.longest
-        # remeshing keeps the triangles good, so that going on is worth while
-        may_rest = not (self.remesh and at.energy > self.round_energy)
+        # remeshing, where it succeeds, keeps the triangles good, so that going on is worth while
+        may_rest = not (self.remesh and state.remeshing.count and at.energy > self.round_energy)
         if (
             self.stop.mesh_error
             and may_rest
