@@ -329,10 +329,10 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
         from ddgcli.mechanics.rigid_motions import unheld_motions
 
         unheld = unheld_motions(system)
-        cause = f"{rejected}; {unheld}" if unheld else str(rejected)
-        raise SolveError(
-            f"no equilibrium was found ({cause}): hold the shell by pins or lessen the load"
-        ) from rejected
+        cause, cure = f"{rejected}; {unheld}" if unheld else str(rejected), "hold the shell by pins"
+        if rejected.cause == "not finite":  # the first move leads too far
+            cure = "apply the load in steps (`load_steps=10`)"
+        raise SolveError(f"no equilibrium was found ({cause}): {cure} or lessen the load") from rejected
     still = np.zeros_like(y)
     return checked(system, Motion(y, still, still, motion.newton + count))
 

@@ -125,3 +125,17 @@ def test_the_advice_for_a_free_ball_that_buckles_is_a_small_load(run, tmp_path):
     path.write_text('format = "ddgcli-scene/1"\n' + text)
     warned = run("shell-sim", path, "--json").stderr
     assert "negative eigenvalues; give it a small load" in warned
+
+
+def test_a_gas_near_vacuum_is_advised_load_steps_and_they_help(run, tmp_path):
+    """The advice was pins, with which it failed in the same way."""
+    path = tmp_path / "vacuum.toml"
+    text = 'format = "ddgcli-scene/1"\n' + BALL.format(
+        effects="pressure = { gas = true, value = -95000 }", integrator="static", step=1, duration=1, level=1
+    )
+    path.write_text(text)
+    failed = run("shell-sim", path)
+    assert failed.exit_code == 1 and "(`load_steps=10`)" in failed.stderr and "pins" not in failed.stderr
+    path.write_text(text.replace('"static"', '"static"\nload_steps = 10'))
+    cured = run("shell-sim", path)
+    assert cured.exit_code == 0, cured.stderr

@@ -105,7 +105,7 @@ def test_a_spike_that_the_mesh_does_not_resolve_is_no_rest_and_the_cure_works(ru
     assert result.exit_code == 1 and "use --remesh mean, or begin with --subdivide 1" in result.stderr
     remeshed = run(
         "willmore-flow", path, "--remesh", "mean", "--json"
-    )  # in vain here: it went on for 1000 steps
+    )  # no remeshing succeeds: it took 1000 steps
     assert remeshed.exit_code == 1 and "; begin with --subdivide 1" in remeshed.stderr
     assert len(json.loads(remeshed.stdout)["results"]["energy"]) < 60
     cured = run("willmore-flow", path, "--subdivide", 1, "--json")
