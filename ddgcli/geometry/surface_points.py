@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -62,9 +63,29 @@ class SurfacePoints:
         weights = np.maximum(points.barycentric, 0.0)
         return cls(points.face, weights / weights.sum(axis=1, keepdims=True))
 
+    def followed_by(self, other: SurfacePoints) -> SurfacePoints:
+        """These points, then those of `other`."""
+        return SurfacePoints(
+            np.concatenate([self.face, other.face]), np.concatenate([self.barycentric, other.barycentric])
+        )
+
     def positions(self, mesh: TriangleMesh) -> NDArray[np.float64]:
         """(k, 3) positions in space."""
         return np.einsum("kc,kcd->kd", self.barycentric, mesh.points[mesh.faces[self.face]])
+
+
+def face_centroids(mesh: SurfaceMesh) -> SurfacePoints:
+    """Centroid of each face.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    SurfacePoints
+    """
+    return SurfacePoints(np.arange(mesh.n_faces), np.full((mesh.n_faces, 3), 1 / 3))
 
 
 def nearest_on_triangle(point: NDArray, corners: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

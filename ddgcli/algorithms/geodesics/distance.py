@@ -16,7 +16,7 @@ from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_
 from ddgcli.choices import DEFAULT_HEAT_TIME, DISTANCE_METHODS, HEAT_OPERATORS
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.cures import cure_of_bad_shapes, weld_advice
-from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.geometry.surface_points import SurfacePoints, face_centroids
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -74,6 +74,8 @@ class DistanceResult(VertexDistances):
         Result of fast marching, with its stencils.
     converged : bool
         False if the certificate or a residual exceeds its bound.
+    region : (m,) ndarray of int64, optional
+        Source nearest to the centroid of each face, -1 where none reaches.
     """
 
     results: dict[str, Any] = field(default_factory=dict)
@@ -81,6 +83,7 @@ class DistanceResult(VertexDistances):
     exact: ExactDistance | None = None
     fast_marching: FastMarchingDistance | None = None
     converged: bool = True
+    region: NDArray[np.int64] | None = None
 
     @property
     def arrays(self) -> dict[str, NDArray]:
@@ -97,6 +100,7 @@ def prepare_solver(
     options: DistanceOptions = DistanceOptions(),
     *,
     targets: SurfacePoints | None = None,
+    regions: bool = False,
     progress: Callable[[float, float], None] | None = None,
 ) -> Solver:
     """Prepare a solver for one mesh and method, with everything that does not depend on the sources.
@@ -108,6 +112,8 @@ def prepare_solver(
     options : DistanceOptions
     targets : SurfacePoints, optional
         exact: points on faces whose distances go into `results["targets"]`.
+    regions : bool
+        exact: also find the source nearest to the centroid of each face.
     progress : callable, optional
         exact: called with the number of final vertices and of all vertices.
 
@@ -130,7 +136,7 @@ def prepare_solver(
         raise MeshError("no triangles; a distance along the surface needs a surface")
     targets = SurfacePoints.none() if targets is None else targets
     if method == "exact":
-        return _exact(mesh, options, targets, progress)
+        return _exact(mesh, options, targets, progress, regions=regions)
     if len(targets):
         raise ParameterError(f"targets inside faces need `method=exact`, not {method}")
     return _from_curve_vertices(mesh, makers[method](mesh, options))
@@ -155,24 +161,28 @@ def _exact(
     options: DistanceOptions,
     targets: SurfacePoints,
     progress: Callable[[float, float], None] | None,
+    *,
+    regions: bool,
 ) -> Solver:
     from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
     from ddgcli.algorithms.geodesics.exact.tables import window_tables
 
-    tables = window_tables(mesh)
+    tables, n_targets = window_tables(mesh), len(targets)
+    points = targets.followed_by(face_centroids(mesh)) if regions else targets
 
     def solve(sources: Sources) -> DistanceResult:
         exact = exact_distance(
-            mesh, sources, tolerance=options.tolerance, targets=targets, tables=tables,
+            mesh, sources, tolerance=options.tolerance, targets=points, tables=tables,
             directions=options.directions, progress=progress,
         )  # fmt: skip
         accuracy: dict[str, Any] = {}
         if options.tolerance > 0:
             accuracy["tolerance_error_estimate"] = exact.tolerance_error
         results: dict[str, Any] = {"windows": exact.windows}
-        if len(targets):
+        if n_targets:
             results["targets"] = describe_targets(mesh, targets, exact)
-        return DistanceResult(exact.distance, exact.nearest_source, results, accuracy, exact)
+        region = exact.target_source[n_targets:] if regions else None
+        return DistanceResult(exact.distance, exact.nearest_source, results, accuracy, exact, region=region)
 
     return solve
 
@@ -180,7 +190,7 @@ def _exact(
 def describe_targets(mesh: SurfaceMesh, targets: SurfacePoints, exact: ExactDistance) -> list[dict[str, Any]]:
     """Summary entries of the targets: position, distance (None if no source reaches it), nearest source."""
     entries = Sources.at([], targets).describe(mesh)
-    for entry, distance, source in zip(entries, exact.target_distance, exact.target_source, strict=True):
+    for entry, distance, source in zip(entries, exact.target_distance, exact.target_source):
         entry["distance"] = float(distance) if np.isfinite(distance) else None
         entry["nearest_source"] = int(source)
     return entries

@@ -112,9 +112,7 @@ def surface_points(
     face = np.array([f for f, _ in on_faces], dtype=np.int64)
     weights = np.array([w for _, w in on_faces], dtype=float).reshape(-1, 3)
     points = SurfacePoints.checked(face, weights, mesh.n_faces)
-    return SurfacePoints(
-        np.concatenate([near.face, points.face]), np.concatenate([near.barycentric, points.barycentric])
-    )
+    return near.followed_by(points)
 
 
 def _warn_of_far_points(mesh: TriangleMesh, in_space: Sequence[list[float]], away: NDArray) -> None:
@@ -135,6 +133,7 @@ def query_distance(
     sources: Sources,
     *,
     directions: bool = False,
+    regions: bool = False,
     seed: int = 0,
     jobs: int = 1,
     stage_progress: StageProgress = no_stage_progress,
@@ -149,6 +148,8 @@ def query_distance(
         `query_sources(mesh, query)`.
     directions : bool
         Also compute the directions in which paths leave the source, for a logarithmic map.
+    regions : bool
+        Also find the source nearest to each face, where the same propagation can (`distance.region`).
     seed : int
         Of the vertices that `query.certify` samples.
     jobs : int
@@ -166,6 +167,7 @@ def query_distance(
         query.method,
         options,
         targets=surface_points(mesh, query.target_point, query.target_face),
+        regions=regions and not (query.tolerance or query.each_source or query.certify),
         progress=stage_progress("exact distance") if query.method == "exact" else None,
     )
     result = solvers.measure_distance(mesh, sources, query.method, solver=solver)

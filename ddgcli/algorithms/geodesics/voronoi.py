@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.geometry.intrinsic import corner_angle, face_area
-from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.geometry.surface_points import face_centroids
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.progress import ProgressCallback
@@ -41,8 +41,7 @@ def voronoi_regions(
     (m,) ndarray of int64
         Number of the source; -1 where none reaches.
     """
-    centroids = SurfacePoints(np.arange(mesh.n_faces), np.full((mesh.n_faces, 3), 1 / 3))
-    return exact_distance(mesh, sources, targets=centroids, progress=progress).target_source
+    return exact_distance(mesh, sources, targets=face_centroids(mesh), progress=progress).target_source
 
 
 def describe_regions(mesh: SurfaceMesh, region: NDArray, n_sources: int) -> list[dict[str, Any]]:

@@ -123,15 +123,16 @@ def solve_geodesic_task(
     if sources is not None:
         measured = query_distance(
             mesh, distance_query, sources,
-            directions=curve_query.log_map, seed=task.seed, jobs=wave_query.jobs,
-            stage_progress=stage_progress,
+            directions=curve_query.log_map, regions=wave_query.voronoi, seed=task.seed,
+            jobs=wave_query.jobs, stage_progress=stage_progress,
         )  # fmt: skip
         distance, isolines = measured.distance, measured.isolines
         vertex, face, converged = measured.vertex, measured.face, distance.converged
         results, accuracy = distance.results, distance.accuracy
     waves = query_waves(
         mesh, wave_query, sources, distance_query.method, query_options(mesh, distance_query),
-        signed_curves=task.signed_curves, stage_progress=stage_progress,
+        signed_curves=task.signed_curves, region=None if distance is None else distance.region,
+        stage_progress=stage_progress,
     )  # fmt: skip
     vertex, face = vertex | waves.vertex, face | waves.face
     results, accuracy = results | waves.results, accuracy | waves.accuracy

@@ -88,6 +88,7 @@ def query_waves(
     options: DistanceOptions,
     *,
     signed_curves: EdgeSet | None = None,
+    region: NDArray[np.int64] | None = None,
     stage_progress: StageProgress = no_stage_progress,
 ) -> WaveResult:
     """Compute the results of a wave query.
@@ -101,6 +102,8 @@ def query_waves(
         Of the distance matrix; 'heat' also selects the signed heat method.
     signed_curves : EdgeSet, optional
         Of `query.signed_distance`.
+    region : (m,) ndarray of int64, optional
+        Source nearest to each face, where the distance has it.
     stage_progress : callable
         Called with the name of a computation; returns its progress callback or None.
 
@@ -114,7 +117,8 @@ def query_waves(
     if query.voronoi and sources is not None:
         from ddgcli.algorithms.geodesics.voronoi import describe_regions, voronoi_regions
 
-        region = voronoi_regions(mesh, sources, progress=stage_progress("Voronoi regions"))
+        if region is None:
+            region = voronoi_regions(mesh, sources, progress=stage_progress("Voronoi regions"))
         result.face["region"] = region
         result.results["regions"] = describe_regions(mesh, region, len(sources))
     if signed_curves is not None:
