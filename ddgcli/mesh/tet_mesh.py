@@ -137,18 +137,28 @@ class TetMesh:
     @cached_property
     def boundary(self) -> TriangleMesh:
         """The boundary surface over the same points, oriented outward; unused vertices stay unreferenced."""
-        flipped = self.signed_volume < 0
-        tets = np.where(flipped[:, None], self.tetrahedra[:, [0, 2, 1, 3]], self.tetrahedra)
-        faces = tets[:, TET_FACES].reshape(-1, 3)
-        _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-        return TriangleMesh.from_arrays(self.points, faces[np.sort(first[count == 1])])
+        turned = np.where((self.signed_volume < 0)[:, None], [0, 2, 1, 3], [0, 1, 2, 3])
+        tets = np.take_along_axis(self.tetrahedra, turned, axis=1)
+        triangle = np.take_along_axis(self.cell_triangle, turned, axis=1)
+        return TriangleMesh.from_arrays(
+            self.points, tets[:, TET_FACES][np.bincount(triangle.ravel())[triangle] == 1]
+        )
+
+
+MAX_KEY = 2**63 - 1  # of the vertices of a simplex as one number
 
 
 def _numbered(corners: NDArray) -> tuple[NDArray, NDArray]:
     """Distinct simplices, sorted, of the (k, s, c) simplices of the cells, and the (k, s) number of each."""
     k, s, c = corners.shape
-    rows, number = np.unique(np.sort(corners.reshape(-1, c), axis=1), axis=0, return_inverse=True)
-    return frozen(rows), frozen(number.reshape(k, s))
+    rows = np.sort(corners.reshape(-1, c), axis=1)
+    base = int(rows.max(initial=0)) + 1
+    if base**c > MAX_KEY:
+        rows, number = np.unique(rows, axis=0, return_inverse=True)
+        return frozen(rows), frozen(number.reshape(k, s))
+    place = base ** np.arange(c - 1, -1, -1, dtype=np.int64)
+    key, number = np.unique(rows @ place, return_inverse=True)  # sorting numbers is faster than sorting rows
+    return frozen(key[:, None] // place % base), frozen(number.reshape(k, s))
 
 
 def parity(corners: NDArray) -> NDArray[np.int64]:

@@ -355,12 +355,16 @@ class Topology:
 
         In each piece the fewer faces are turned; none in one-sided pieces.
         """
+        if self.is_oriented:
+            return frozen(np.zeros(self.n_faces, dtype=bool))
         turned, piece, share = self._turned_share
         return frozen((turned ^ (share > 0.5)[piece]) & ~self.one_sided_face)
 
     @property
     def undecided_piece(self) -> NDArray[np.int64]:
         """(m,) number of the piece of each face where half the faces would be turned, elsewhere -1."""
+        if self.is_oriented:
+            return np.full(self.n_faces, -1)
         _, piece, share = self._turned_share
         return np.where((share == 0.5)[piece] & ~self.one_sided_face, piece, -1)
 

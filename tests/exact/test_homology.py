@@ -11,7 +11,7 @@ from ddgcli.algorithms.hodge.homology import (
 )
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
 from ddgcli.io.mesh_file import read_mesh
-from ddgcli.mesh import shapes
+from ddgcli.mesh import shapes, tet_mesh
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import complex_of
@@ -105,6 +105,22 @@ def test_betti_numbers_are_the_ranks(name):
     betti = betti_numbers(mesh)
     assert betti.absolute == expected == ranks(mesh, relative=False)
     assert betti.relative == ranks(mesh, relative=True)
+
+
+def test_the_simplices_of_a_solid_are_sorted_once_as_rows_are(monkeypatch):
+    """Betti numbers sorted all of them in each of five calls: 2.5 s of `hodge --basis` for 0.9."""
+    rng = np.random.default_rng(0)
+    cells = rng.integers(0, 50, (300, 6, 3))
+    rows, number = np.unique(np.sort(cells.reshape(-1, 3), axis=1), axis=0, return_inverse=True)
+    far = cells * 10**6 + 7  # three of these do not fit into one number
+    for corners, expected in ((cells, rows), (far, rows * 10**6 + 7)):
+        distinct, number_of = tet_mesh._numbered(corners)
+        assert np.array_equal(distinct, expected) and np.array_equal(number_of.ravel(), number.ravel())
+    ball = jittered_tets()
+    expected = betti_numbers(ball)
+    monkeypatch.setattr(tet_mesh, "_numbered", None)
+    monkeypatch.setattr(np, "sort", None)
+    assert betti_numbers(ball) == expected
 
 
 @pytest.mark.parametrize("boundary", ["tangential", "normal"])

@@ -79,18 +79,9 @@ def _solid_betti(mesh: TetMesh) -> BettiNumbers:
     count = len(np.unique(label[tets[:, 0]]))
     surface = mesh.boundary.topology
     cavities = surface.n_components - count
-    euler = _solid_euler(tets)
+    euler = len(np.unique(tets)) - len(mesh.edges) + len(mesh.triangles) - len(tets)
     absolute = (count, count + cavities - euler, cavities, 0)
     return BettiNumbers(absolute, absolute[::-1])
-
-
-def _solid_euler(tets: NDArray) -> int:
-    def distinct(corners: list[list[int]]) -> int:
-        return len(np.unique(np.sort(tets[:, corners].reshape(-1, len(corners[0])), axis=1), axis=0))
-
-    edges = distinct([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
-    faces = distinct([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
-    return len(np.unique(tets)) - edges + faces - len(tets)
 
 
 @dataclass(frozen=True, eq=False)
