@@ -196,7 +196,7 @@ def _remarks(results: dict[str, Any]) -> list[str]:
             f"mesh error: from {results['mesh_reference']}, uncertainty {results['mesh_uncertainty']:.1e}; "
             f"of both {_number(results['reference_uncertainty'])}"
         )
-    if (results["polyhedron_error"] or 0.0) > ROUNDING:
+    if (results["polyhedron_error"] or 0.0) > max(results["reference_uncertainty"] or 0.0, ROUNDING):
         lines.append(
             "errors are those on the polyhedron; a smooth surface through its vertices differs from it by "
             f"about {results['polyhedron_error']:.1e}"

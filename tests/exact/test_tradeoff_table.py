@@ -11,7 +11,7 @@ import pytest
 
 from ddgcli.cli.commands.tradeoff import row_command
 from ddgcli.cli.commands.tradeoff_options import CommandCall
-from ddgcli.errors import ParameterError, SolveError
+from ddgcli.errors import MeshError, ParameterError, SolveError
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.tradeoff.candidates import (
@@ -111,6 +111,16 @@ def test_quadric_fits_have_no_error_of_zero_where_they_are_the_reference():
     beaten = [row for row in table.rows if row.verdict.startswith("beaten by quadric radius=own")]
     assert all(row.mean_error >= 2 * doubt for row in beaten)
     assert any(doubt < row.mean_error < 2 * doubt for row in table.rows)
+
+
+@pytest.mark.parametrize(
+    "size, reason", [(1.0, "every vertex is on the boundary"), (0.0, "no triangle of any")]
+)
+def test_meshes_without_a_mean_curvature_are_not_compared(size, reason):
+    """All rows had no error and one was on the front; a point was an internal error."""
+    square = shapes.grid(3, 1)
+    with pytest.raises(MeshError, match=reason):
+        curvature.problem(square.moved(size * square.points))
 
 
 @pytest.mark.parametrize("within", [1e-5, 2e-4, 0.05, 1.0])

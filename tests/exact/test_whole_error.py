@@ -9,6 +9,7 @@ import pytest
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.scene import KIND as FLUID
 from ddgcli.models.shell import model
 from ddgcli.models.shell.scene import KIND as SHELL
@@ -329,3 +330,10 @@ def test_the_distance_of_a_polyhedron_from_the_smooth_surface_is_that_of_the_tru
     reference = problem.references[0][1]()
     find_polyhedron_error(problem, reference, TimeBudget(None), table)
     assert table.polyhedron_error.max <= reference.uncertainty + 1e-12
+    if command == "geodesic":  # a component without a source
+        both = TriangleMesh.from_arrays(
+            np.vstack([sphere.points, sphere.points + 3]), np.vstack([sphere.faces, sphere.faces + 300])
+        )
+        problem = mesh_problem(command, both)
+        find_polyhedron_error(problem, problem.references[0][1](), TimeBudget(None), table)
+        assert table.polyhedron_error.max == pytest.approx(expected.max(), rel=0.1)

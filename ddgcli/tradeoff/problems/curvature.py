@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.regions import piece_extents
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
-from ddgcli.errors import ParameterError
+from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.tradeoff.candidates import (
     NO_OPTIONS,
@@ -42,7 +42,10 @@ def problem(
     if truth is not None and truth.mean_curvature is None:
         raise ParameterError(f"no mean curvature is known of the {truth.name}; leave `truth` out")
     inside = mesh.topology.referenced_vertex & ~mesh.topology.boundary_vertex
-    edge = float(mesh.side_length.mean())
+    edge = float(mesh.side_length.mean()) if mesh.n_faces else 0.0
+    if not inside.any() or edge == 0.0:
+        why = "every vertex is on the boundary" if edge else "there is no triangle of any size"
+        raise MeshError(f"{why}: no mean curvature to compare")
     most = float(piece_extents(mesh).max()) / 2 / edge  # mean edges: larger balls hold every component whole
     radius_option = options.get("radius")
     if isinstance(radius_option, str):
@@ -122,8 +125,7 @@ def _compared(mesh: TriangleMesh, inside: NDArray, edge: float, radii: tuple[flo
     """
     fit = measure_curvature(mesh, "quadric", None, full=False)
     fitted = np.where(inside, fit.vertex["mean_curvature"], np.nan)
-    scale = float(np.sqrt(np.nanmean(fitted**2))) if inside.any() else 0.0
-    scale = scale or 1.0
+    scale = float(np.sqrt(np.nanmean(fitted**2))) or 1.0
     balls = [mean_curvature(mesh, "corrected", radius * edge) for radius in radii]
     if len(balls) == 1:
         name, limit = f"balls of {radii[0]:g} edges", balls[0]
@@ -133,8 +135,7 @@ def _compared(mesh: TriangleMesh, inside: NDArray, edge: float, radii: tuple[flo
         name = f"balls of {radii[0]:g} and {radii[1]:g} edges, extrapolated to radius 0"
         moved = np.abs(limit - balls[0])[inside] / scale
     gap = relative_to_rms(limit, fitted)
-    if len(moved):
-        gap[inside] += np.maximum(moved, moved.mean()) if len(balls) > 1 else moved.mean()
+    gap[inside] += np.maximum(moved, moved.mean()) if len(balls) > 1 else moved.mean()
     noise = fit.results["noise_estimate"]
     if noise is not None:
         gap = np.minimum(gap, relative_to_rms(mean_curvature(mesh, "corrected", None), fitted))
