@@ -29,6 +29,7 @@ log = logging.getLogger("ddgcli")
 MAX_DENSE_SIZE = 400  # unknowns; larger problems are dense only for more than a third of the spectrum
 VECTORS_PER_PAIR = 4  # in memory
 SHIFTED_WIDTH = 8  # vectors of a block: the multifrontal solver takes as long for eight as for four
+MIN_MULTIFRONTAL_COUNT = 50_000  # entries of a matrix, from which the multifrontal factor counts cheaper
 SMALL = 1e-2  # eigenvalue relative to the shift, below which two and more of its digits are lost
 MAX_SCALE_RATIO = 1e6  # of the mean eigenvalues of components that are solved together
 ROUNDING = 1e-9  # of a zero eigenvalue, relative to the shift
@@ -252,11 +253,17 @@ def _shifted(L: csr_array, M: csr_array, k: int, solver: str | None = None) -> _
 def _pinned(L: csr_array, M: csr_array, weight: NDArray, options: dict[str, Any]) -> _Inverse:
     """Inverse of L in the complement of its null space, with the solver of `Factor`."""
     problem = Poisson(L, weight, **options)
+    counter: list[ShiftInvert] = []  # its analysis serves all counts
 
     def count(value: float) -> int | None:
         order = problem.order
         if order is None and not direct_fits(csc_array(L)):
             return None
+        if L.nnz >= MIN_MULTIFRONTAL_COUNT:
+            counter.extend([ShiftInvert(L, M)] if not counter else [])
+            below = counter[0].count_below(value)
+            if below is not None:
+                return below
         return count_below(L, M, value, order)
 
     return _Inverse(problem.pinned_solve, count, problem.factor.solver)

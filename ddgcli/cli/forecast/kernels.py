@@ -21,6 +21,8 @@ from ddgcli.cli.forecast.use import KNOWN, EdgePaths, InputSize, Range, Use
 
 __all__ = ["kernels_of"]
 
+MEASURED_EIGENFORMS = 4
+PAIRS_PER_FACTOR = 40  # eigenforms that take as long as the first four
 MEASURED_EIGENPAIRS = 8  # of the kernel `laplacian eigen`
 # components that are copies of one another have multiple eigenvalues, which Lanczos finds in several passes
 MAX_FAST_COPIES, COPIES_FACTOR = 4, 4.0
@@ -196,7 +198,9 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if options.get("parameterize"):
         yield Use(f"laplacian {options['parameterize']}")
     if options.get("form_eigen"):
-        yield Use("laplacian form-eigen", options["form_eigen"] / 4)
+        # the factor and the count of what is missing are most of the cost
+        further = options["form_eigen"] - MEASURED_EIGENFORMS
+        yield Use("laplacian form-eigen", 1.0 + further / PAIRS_PER_FACTOR)
     if options.get("heat") or options.get("wave"):
         steps = (size.steps or MEASURED_EVOLUTION_STEPS) / MEASURED_EVOLUTION_STEPS
         yield Use("laplacian evolution", steps, once=True)
