@@ -27,6 +27,7 @@ from ddgcli.errors import DdgError, MeshFileError
 SECONDS_FOR_ONE = 20.0  # of processor time, for inputs of some kilobytes
 SECONDS_FOR_A_RUN = 60.0  # of some ten steps, each with adaptive halves
 MAX_STEPS = 100  # of a scene in a trial
+DEFAULT_STEP = 0.01  # of a scene without `step`
 LONGEST_EXCERPT = 500  # characters of a refusal of an expression
 
 
@@ -152,7 +153,7 @@ def _is_long_run(path: str) -> bool:
     try:
         with open(path, "rb") as file:
             time = tomllib.load(file)["time"]
-        return float(time["duration"]) > MAX_STEPS * float(time["step"])
+        return float(time["duration"]) > MAX_STEPS * float(time.get("step", DEFAULT_STEP))
     except (ValueError, TypeError, KeyError, RecursionError, OverflowError):
         return False  # the command reports it
 
