@@ -336,3 +336,16 @@ def test_energies_beyond_the_range_of_numbers_end_with_exit_1(tmp_path, run):
     result = run("shell-sim", path)
     assert result.exit_code == 1
     assert "the energy is beyond the range of numbers; use smaller velocities" in result.stderr
+
+
+@pytest.mark.parametrize("effects, warned", [("", True), ("stretching = {}\n", False)])
+def test_edges_that_no_effect_resists_are_warned_of(tmp_path, run, effects, warned):
+    path = tmp_path / "fall.toml"
+    path.write_text(
+        '[time]\nduration = 0.5\n[[object]]\nname = "sheet"\nrole = "shell"\nmaterial = "cotton"\n'
+        "grid = { size = [1, 1], cells = [2, 2] }\n[effects]\npin = { vertices = [0, 1] }\n"
+        f"gravity = {{ acceleration = [0, 0, -9.81] }}\n{effects}"
+    )
+    result = run("shell-sim", path)
+    assert result.exit_code == 0
+    assert ("no effect that resists it; add `stretching`" in result.stderr) is warned

@@ -60,6 +60,7 @@ def rounding(outcome: Outcome, systems: dict[str, System], order: Order) -> RunR
     return RunRounding(energy, momentum, angular)
 
 
+UNRESISTED_STRAIN = 0.5  # of an edge, which without the effect `stretching` is hardly meant
 DRIFTS = ("energy_drift", "energy_gain", "momentum_drift", "angular_momentum_drift")
 
 
@@ -217,6 +218,12 @@ def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str
     if message := _inverted(outcome.series):
         log.warning(message)
         return message
+    strain = outcome.largest.get("strain", 0.0)
+    if strain > UNRESISTED_STRAIN and not {"energy_stretching", "rigid_error"} & set(outcome.series):
+        log.warning(
+            "edges become %.3g times as long, and the scene has no effect that resists it; add `stretching`",
+            1.0 + strain,
+        )
     if static:
         return ""
     work = np.zeros_like(total) + _work(outcome.series)
