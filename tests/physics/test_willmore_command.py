@@ -161,3 +161,16 @@ def test_sphere_json_is_strict(run, tmp_path):
     result = run("willmore-flow", path, "--json", "--dt", "1e-3", "--steps", "3")
     summary = json.loads(result.stdout, parse_constant=lambda c: pytest.fail(c))
     assert result.exit_code == 0 and len(summary["results"]["energy"]) == 4
+
+
+def test_a_flow_that_ends_before_rest_says_so_and_more_steps_lead_to_rest(run, ellipsoid_file, monkeypatch):
+    from ddgcli.models.willmore import report, setup
+
+    for module in (report, setup):
+        monkeypatch.setattr(module, "MAX_STEPS", 4)
+    early = run("willmore-flow", ellipsoid_file)
+    assert early.exit_code == 0 and "not at rest after 4 steps" in early.stderr
+    assert "--steps 20 leads further" in early.stderr
+    later = run("willmore-flow", ellipsoid_file, "--steps", 20)
+    assert later.exit_code == 0 and "not at rest" not in later.stderr
+    assert "steps were taken" not in later.stdout

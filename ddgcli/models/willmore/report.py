@@ -14,7 +14,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY, ENERGIES, SECOND_ENERGY
 from ddgcli.models.willmore.films import PINCH_REASON, THIN_STAR_REASON
-from ddgcli.models.willmore.flow_options import FlowOptions, chosen_energy
+from ddgcli.models.willmore.flow_options import MAX_STEPS, FlowOptions, chosen_energy
 from ddgcli.models.willmore.step_rules import (
     CONFORMAL_REASON,
     CRUMPLING_REASON,
@@ -58,6 +58,11 @@ def summary(
     -------
     results, accuracy : dict
     """
+    if limit == MAX_STEPS and not (stopped or failure):
+        logging.getLogger("ddgcli").warning(
+            "the surface is not at rest after %d steps, the most without `steps` or `duration`; "
+            "`steps=%d` leads further", limit, 5 * limit,
+        )  # fmt: skip
     last = {name: float(values[-1]) for name, values in series.items()}
     results = {
         "energy": series["energy"].tolist(),
