@@ -117,15 +117,17 @@ def willmore_flow(
         stop=Stop(stop_gradient, stop_energy),
     )  # fmt: skip
     surfaces.chosen_scheme(stated)
-    options = flow_options.with_stop(stated, mesh.topology, steps is not None or duration is not None)
+    bounded = steps is not None or duration is not None
+    options = flow_options.with_stop(stated, mesh.topology, bounded)
     mask = None if region is None else surfaces.region_mask(np.asarray(region, np.float64), mesh.topology)
     surface_flow, model = surfaces.build(mesh, options, mask)
     schedule = surfaces.schedule(surface_flow, times)
 
     def end_of(outcome: Outcome) -> End:
         results, accuracy = report.summary(
-            outcome.series, surface_flow.convention, schedule.steps, outcome.stopped, outcome.failure
-        )
+            outcome.series, surface_flow.convention, schedule.steps, outcome.stopped, outcome.failure,
+            bounded=bounded,
+        )  # fmt: skip
         reason, last = report.failure_reason(outcome.stopped, mesh, options), mesh_of_frame(mesh, outcome.end)
         report.warn_of_surfaces(mesh, last, options, results["energy"][0])
         return End(results, accuracy, reason)

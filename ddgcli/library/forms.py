@@ -13,7 +13,7 @@ from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators import whitney
 from ddgcli.operators.dec import complex_of
-from ddgcli.operators.form_products import cell_vectors, form_values, operands
+from ddgcli.operators.form_products import form_values, operands
 
 __all__ = ["eigenforms", "flat", "interior_product", "lie_derivative", "sharp", "wedge"]
 
@@ -66,8 +66,8 @@ def flat(mesh: SpaceMesh, vectors: ArrayLike) -> NDArray[np.float64]:
     ----------
     mesh : TriangleMesh, TetMesh or (points, cells) pair
     vectors : (n, 3) or (m, 3) array_like of float
-        On vertices (averaged over the corners of each cell) or on cells; an edge takes the mean over its
-        cells.
+        On vertices (linear along the edges) or on cells (an edge takes the mean over its cells); on vertices
+        where there are as many of both.
 
     Returns
     -------
@@ -94,8 +94,10 @@ def flat(mesh: SpaceMesh, vectors: ArrayLike) -> NDArray[np.float64]:
     True
     """
     _require_forms(mesh, "flat")
-    complex_ = complex_of(mesh)
-    return whitney.flat_of_cells(complex_, mesh, cell_vectors(complex_, vectors))
+    values = np.asarray(vectors, dtype=np.float64)
+    if values.ndim != 2 or values.shape[1] != 3:
+        raise ParameterError(f"an array of shape {values.shape} is not a field; give (n, 3) vectors")
+    return whitney.flat(mesh, values)
 
 
 @accepts_arrays("surface", "tetrahedra")

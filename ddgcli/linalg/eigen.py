@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
 from collections.abc import Callable
@@ -253,15 +254,17 @@ def _shifted(L: csr_array, M: csr_array, k: int, solver: str | None = None) -> _
 def _pinned(L: csr_array, M: csr_array, weight: NDArray, options: dict[str, Any]) -> _Inverse:
     """Inverse of L in the complement of its null space, with the solver of `Factor`."""
     problem = Poisson(L, weight, **options)
-    counter: list[ShiftInvert] = []  # its analysis serves all counts
+
+    @functools.cache
+    def counter() -> ShiftInvert:  # its analysis serves all counts
+        return ShiftInvert(L, M)
 
     def count(value: float) -> int | None:
         order = problem.order
         if order is None and not direct_fits(csc_array(L)):
             return None
         if L.nnz >= MIN_MULTIFRONTAL_COUNT:
-            counter.extend([ShiftInvert(L, M)] if not counter else [])
-            below = counter[0].count_below(value)
+            below = counter().count_below(value)
             if below is not None:
                 return below
         return count_below(L, M, value, order)

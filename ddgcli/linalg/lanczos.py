@@ -18,9 +18,9 @@ MAX_BLOCK_WIDTH = 32  # vectors a step, of many pairs: fewer passes over the bas
 MIN_FREE_VECTORS = 32  # of a basis, beyond the eigenvectors that it keeps
 MIN_BASIS_SIZE = 200  # vectors
 RESIDUAL_TOLERANCE = 1e-10  # relative, before the last step; eigenvalues are accurate to its square
-SAME_VALUES = 1e-8  # change of their sum, relative to the last one
+SAME_VALUES = 1e-8  # of the sum of Ritz values, relative to the last one: a smaller change is rounding
 MAX_RESTARTS = 60
-MAX_FRUITLESS = 8  # full bases after a count of missing eigenvalues, none of which has one of them
+MAX_UNCHANGED = 8  # full bases in a row into which no missing eigenvalue comes
 COLUMNS_PER_PRODUCT = 2048  # up to three times as fast as products of all columns at once
 
 
@@ -76,9 +76,9 @@ class BlockLanczos:
         self.n_basis = self.n_restart = 0
         complete = False
         incomplete: NDArray | None = None  # Ritz values below which pairs were missing
-        fruitless = 0
+        unchanged = 0
         block = self._random_block()
-        for _ in range(MAX_RESTARTS):
+        for restart in range(MAX_RESTARTS):
             theta, S, coupling, block = self._expand(block, k, limit, incomplete)
             error = np.linalg.norm(coupling @ S[-len(coupling) :], axis=0) / np.abs(theta)
             done = bool((error[:k] < RESIDUAL_TOLERANCE).all())
@@ -86,15 +86,17 @@ class BlockLanczos:
                 if none_missing(theta[:k]):
                     complete = True
                     break
+                if restart == MAX_RESTARTS - 1:
+                    break
                 log.info(
                     "eigenvalues are missing below the last one: the search continues from random vectors"
                 )
-                incomplete, fruitless = theta[:k], 0
+                incomplete, unchanged = theta[:k], 0
                 self._restart(theta[:k], S[:, :k])
                 block = self._random_block()
             else:
-                fruitless += done
-                if fruitless == MAX_FRUITLESS:
+                unchanged += done
+                if unchanged == MAX_UNCHANGED or restart == MAX_RESTARTS - 1:
                     break
                 keep = min(len(theta) - self.width, k + (limit - k) // 3)
                 self._restart(theta[:keep], S[:, :keep])

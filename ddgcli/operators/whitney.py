@@ -79,12 +79,23 @@ def sharp(mesh: SpaceMesh, form: NDArray) -> NDArray[np.float64]:
 
 
 def flat(mesh: SpaceMesh, vectors: NDArray) -> NDArray[np.float64]:
-    """(e,) 1-form from vectors: the integral along each edge.
+    """1-form of a vector field: its integral along each edge.
 
     Parameters
     ----------
+    mesh : TriangleMesh or TetMesh
     vectors : (n, 3) or (m, 3) ndarray
         On vertices (linear along edges) or on cells (an edge takes the mean over its cells).
+
+    Returns
+    -------
+    (e,) ndarray of float64
+        In the unit of the vectors times length, for edges from tail to head.
+
+    Raises
+    ------
+    ParameterError
+        For another number of vectors.
     """
     complex_ = complex_of(mesh)
     vectors = np.asarray(vectors, dtype=np.float64)

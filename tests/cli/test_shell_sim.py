@@ -348,4 +348,4 @@ def test_edges_that_no_effect_resists_are_warned_of(tmp_path, run, effects, warn
     )
     result = run("shell-sim", path)
     assert result.exit_code == 0
-    assert ("no effect that resists it; add `stretching`" in result.stderr) is warned
+    assert ("no effect of the scene resists it; add `stretching`" in result.stderr) is warned

@@ -9,7 +9,7 @@ from scipy.sparse import block_diag, csc_array, csr_array, diags_array, eye_arra
 from scipy.sparse.linalg import eigsh
 
 from ddgcli.errors import ParameterError
-from ddgcli.linalg import eigen
+from ddgcli.linalg import eigen, lanczos
 from ddgcli.linalg.backends import cholmod_available
 from ddgcli.linalg.eigen import count_below, smallest_eigenpairs
 from ddgcli.linalg.shift_invert import ShiftInvert
@@ -61,6 +61,14 @@ def test_a_missing_copy_is_searched_until_it_comes_in_and_not_counted_before(mon
     pairs = smallest_eigenpairs(csr_array(L + star), star, 13)
     assert pairs.complete and np.ptp(pairs.values[6:11]) < 1e-9
     assert len(counts) <= 3
+
+
+def test_pairs_of_a_search_that_ends_early_are_eigenpairs(monkeypatch):
+    monkeypatch.setattr(lanczos, "MAX_RESTARTS", 1)
+    monkeypatch.setattr(eigen, "_none_missing", lambda *_: False)
+    mesh = shapes.random_sphere(500, seed=4)
+    pairs = smallest_eigenpairs(stiffness(mesh), lumped_mass(mesh), 6)
+    assert not pairs.complete and pairs.residuals.max() < 1e-8
 
 
 def test_progress_grows_to_the_whole():

@@ -340,3 +340,9 @@ def test_summary_block_of_betti_numbers_agrees(summary):
         "absolute": list(numbers.absolute),
         "relative": list(numbers.relative),
     }
+
+
+def test_flat_of_a_linear_field_on_vertices_is_the_derivative_of_its_quadratic_potential():
+    x, y, _ = SQUARE.points.T
+    field = np.column_stack([2 * x + y, x, 0 * x])
+    assert np.abs(ddg.flat(SQUARE, field) - ddg.d0(SQUARE) @ (x * x + x * y)).max() < 1e-14

@@ -140,7 +140,7 @@ def command(
     begin_flow(run, job)
     outcome = simulate(run, job)
     results, accuracy = report.summary(
-        outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure
+        outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure, bounded=bounded
     )
     last = mesh if outcome.last is None else mesh_of_frame(mesh, outcome.last)
     report.warn_of_surfaces(mesh, last, flow_options, results["energy"][0])

@@ -221,8 +221,9 @@ def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str
     strain = outcome.largest.get("strain", 0.0)
     if strain > UNRESISTED_STRAIN and not {"energy_stretching", "rigid_error"} & set(outcome.series):
         log.warning(
-            "edges become %.3g times as long, and the scene has no effect that resists it; add `stretching`",
-            1.0 + strain,
+            "an edge changes its length by %.3g times that at rest, and no effect of the scene resists it; "
+            "add `stretching`",
+            strain,
         )
     if static:
         return ""

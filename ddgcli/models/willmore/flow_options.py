@@ -17,7 +17,6 @@ from ddgcli.models.willmore.state import (
     Stop,
 )
 
-MAX_STEPS = 1000  # of a flow without steps or duration of its own
 # time schemes of each flow, the default first; `semi-implicit` is of first order
 SCHEMES = {
     "quadratic": ("rosenbrock", "semi-implicit"),

@@ -14,7 +14,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY, ENERGIES, SECOND_ENERGY
 from ddgcli.models.willmore.films import PINCH_REASON, THIN_STAR_REASON
-from ddgcli.models.willmore.flow_options import MAX_STEPS, FlowOptions, chosen_energy
+from ddgcli.models.willmore.flow_options import FlowOptions, chosen_energy
 from ddgcli.models.willmore.step_rules import (
     CONFORMAL_REASON,
     CRUMPLING_REASON,
@@ -40,7 +40,13 @@ REFINEMENT_ANGLE = 25  # smallest angle that the advice names for `delaunay --re
 
 
 def summary(
-    series: Mapping[str, NDArray], convention: str, limit: int, stopped: str, failure: str
+    series: Mapping[str, NDArray],
+    convention: str,
+    limit: int,
+    stopped: str,
+    failure: str,
+    *,
+    bounded: bool,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Results and accuracy of a flow.
 
@@ -53,12 +59,14 @@ def summary(
         Steps allowed.
     stopped, failure : str
         Why it ended before, or "".
+    bounded : bool
+        The caller chose the steps or the duration; else an end before rest is a warning.
 
     Returns
     -------
     results, accuracy : dict
     """
-    if limit == MAX_STEPS and not (stopped or failure):
+    if not (bounded or stopped or failure):
         logging.getLogger("ddgcli").warning(
             "the surface is not at rest after %d steps, the most without `steps` or `duration`; "
             "`steps=%d` leads further", limit, 5 * limit,

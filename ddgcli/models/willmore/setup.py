@@ -26,14 +26,7 @@ from ddgcli.models.willmore.energies import (
 )
 from ddgcli.models.willmore.films import FILM_CONVENTIONS, film_constraints, film_energy
 from ddgcli.models.willmore.flow import Flow
-from ddgcli.models.willmore.flow_options import (
-    MAX_STEPS,
-    SCHEMES,
-    FlowOptions,
-    chosen_boundary,
-    chosen_energy,
-    is_film,
-)
+from ddgcli.models.willmore.flow_options import SCHEMES, FlowOptions, chosen_boundary, chosen_energy, is_film
 from ddgcli.models.willmore.helfrich_energy import unit_curvature, with_curvature
 from ddgcli.models.willmore.least_energies import is_spheres, is_torus, least_energy
 from ddgcli.models.willmore.observation import relative_distance
@@ -43,6 +36,7 @@ from ddgcli.models.willmore.state import FlowState, Remeshing
 from ddgcli.models.willmore.step_lengths import first_step
 from ddgcli.simulation.model import Model, Schedule, flow_schedule
 
+MAX_STEPS = 1000  # of a flow without steps or duration
 MAX_REMESHED_FACES, MIN_REMESHED_FACES = 5e6, 40  # about twice as many result
 DEFAULT_FRAME_COUNT = 50
 # default length of timed steps, in radius^4 (mean curvature flow: radius^2) of the sphere of the same area
