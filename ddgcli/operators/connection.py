@@ -170,11 +170,14 @@ def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.flo
     first[fans.vertex] = side[fans.corner[fans.start[:-1]]]
     x = unit_vectors(first - row_dot(first, normal)[:, None] * normal)
     y = np.cross(normal, x)
-    tail = mesh.topology.side_tail
-    projected = row_dot(side, x[tail]) + 1j * row_dot(side, y[tail])
+    last = mesh.topology.side_twin.ravel() < 0  # sides that end an open fan leave their head only
+    at_tail, at_head = side_angles(mesh)
+    vertex = np.concatenate([mesh.topology.side_tail, mesh.topology.side_head[last]])
+    side, angle = np.concatenate([side, -side[last]]), np.concatenate([at_tail, at_head[last]])
+    projected = row_dot(side, x[vertex]) + 1j * row_dot(side, y[vertex])
     size = np.abs(projected)
-    turn = projected * np.exp(-1j * side_angles(mesh)[0]) / np.where(size > 0, size, 1.0)
-    mean = sum_by_index(tail, turn, mesh.n_vertices)
+    turn = projected * np.exp(-1j * angle) / np.where(size > 0, size, 1.0)
+    mean = sum_by_index(vertex, turn, mesh.n_vertices)
     mean /= np.where(np.abs(mean) > 0, np.abs(mean), 1.0)
     x, y = mean.real[:, None] * x + mean.imag[:, None] * y, mean.real[:, None] * y - mean.imag[:, None] * x
     return x, y

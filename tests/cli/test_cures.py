@@ -133,6 +133,7 @@ REFUSALS = [
     (turned, ("willmore-flow", "--steps", "1"), "opposite orientation"),
     (moebius, ("delaunay", "--refine", "20"), "one-sided"),
     (moebius, ("curvature", "--scheme", "corrected"), "one-sided"),
+    (moebius, ("curvature", "--region", "1,0,0:0.5", "--scheme", "quadric"), "one-sided"),
     (moebius, FLATTEN, "one-sided"),
     (moebius, ("geodesic", "--source", "0", "--signed-distance", "edges.npy"), "one-sided"),
     (turned, ("geodesic", "--source", "0", "--signed-distance", "edges.npy"), "opposite orientation"),

@@ -8,8 +8,9 @@ import scipy.sparse
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator, negative_weights
 from ddgcli.choices import LAPLACE_OPERATORS
 from ddgcli.cli.commands.laplacian import MATRIX_FORMATS
+from ddgcli.cli.subdivided_input import subdivided_input
 from ddgcli.io import matrix_file
-from ddgcli.io.mesh_file import write_mesh
+from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 
@@ -78,6 +79,25 @@ def test_poisson_of_an_array_of_the_mesh_and_of_a_file(mesh_file, summary, tmp_p
     assert np.abs(np.load(result)["poisson"] - z).max() < 0.02
     out = summary("laplacian", path, "--poisson", "source", "--fix", "0=5", "-o", result)
     assert np.load(result)["poisson"][0] == 5
+
+
+def test_arrays_follow_the_subdivision(tmp_path, summary):
+    mesh, finer = shapes.icosphere(2), shapes.midpoint_subdivided(shapes.icosphere(2), 2)
+    arrays = {"f": mesh.points[:, 2] + 0.5, "label": np.arange(mesh.n_vertices)}
+    centre = mesh.points[mesh.faces].mean(axis=1)
+    path, fine, result = (tmp_path / name for name in ("mesh.npz", "fine.npz", "r.npz"))
+    write_mesh(str(path), AnnotatedMesh(mesh, vertex=arrays, face={"centre": centre}))
+    write_mesh(str(fine), AnnotatedMesh(finer, vertex={"f": finer.points[:, 2] + 0.5}))
+    out = summary("laplacian", path, "--poisson", "f", "--subdivide", 2, "-o", result)
+    assert [text for text in out["warnings"] if "drops" in text] == ["--subdivide drops the arrays label"]
+    solution = np.load(result)["poisson"]
+    summary("laplacian", fine, "--poisson", "f", "-o", result)
+    np.testing.assert_allclose(solution, np.load(result)["poisson"], atol=1e-12)
+    follows = subdivided_input(read_mesh(str(path)), 2).face["centre"]
+    piece = finer.points[finer.faces].mean(axis=1) - follows
+    normal = np.cross(*(mesh.points[mesh.faces[:, j]] - mesh.points[mesh.faces[:, 0]] for j in (1, 2)))
+    assert np.abs((piece * np.tile(normal, (16, 1))).sum(axis=1)).max() < 1e-15  # in the plane of its face
+    assert np.linalg.norm(piece, axis=1).max() < mesh.side_length.max() / 2
 
 
 @pytest.mark.parametrize("words", [["--fix", "0=1", "--fix", "8=3"], ["--fix", "0=1", "8=3"]])

@@ -179,6 +179,18 @@ def test_components_of_different_sizes_have_radii_of_their_own(scheme, worst, ca
     assert [r["vertices"] for r in result.results["radii"]] == [162, 642, 2562]
 
 
+def test_half_precision_away_from_the_origin_is_reported_from_a_few_per_cent_on(caplog):
+    sphere = shapes.icosphere(3)
+    rounded = sphere.moved((sphere.points + 12).astype(np.float16).astype(np.float64))
+    result = measure_curvature(rounded, full=False)
+    default = np.abs(result.vertex["mean_curvature"] - 1).mean()
+    assert (
+        "rounded coordinates" in caplog.text and default / 2 < result.results["expected_error"] < 2 * default
+    )
+    mean = measure_curvature(rounded, "normal-voting", "auto", full=False).vertex["mean_curvature"]
+    assert np.abs(mean - 1).mean() < 0.1 * default
+
+
 def test_the_text_states_that_no_radius_is_used(run):
     lines = run("curvature", str(ROOT / "sample_meshes" / "sphere.ply"), "--full").stdout.splitlines()
     assert [line.split()[1] for line in lines if line.split()[:1] == ["radius"]] == ["none"]

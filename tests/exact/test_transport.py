@@ -163,6 +163,17 @@ def test_transported_vectors_have_the_length_of_the_nearest_source():
     assert np.abs(transported[x > 7] - vectors[sources[1]]).max() < 1e-3
 
 
+def test_transported_vectors_do_not_depend_on_the_orientation_of_a_surface_with_boundary():
+    grid = shapes.grid(5, 4)
+    points = grid.points + 0.1 * np.random.default_rng(0).normal(size=grid.points.shape)
+    spread = []
+    for faces in (grid.faces, grid.faces[:, ::-1]):
+        mesh = TriangleMesh.from_arrays(points, faces)
+        start = to_vertex_frames(mesh, np.tile([1.0, 0.4, 0.2], (mesh.n_vertices, 1)))[[7]]
+        spread.append(from_vertex_frames(mesh, VectorHeat(mesh).transport(np.array([7]), start).vector))
+    assert np.allclose(*spread, atol=1e-9)
+
+
 def test_intrinsic_delaunay_vector_heat_is_accurate_on_needles():
     mesh = squeezed_sphere(10_000)
     vector = np.cross(mesh.points[0], [0.3, 0.5, 0.8])

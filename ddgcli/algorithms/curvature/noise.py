@@ -13,7 +13,9 @@ from ddgcli.algorithms.curvature.scales import Scales
 
 FITTED_SCHEMES = ("quadric", "normal-voting")  # those of which `Scales` are measured
 
-MAX_ERROR = 0.08  # of curvature, root mean square, by noise, above which the default region is unreliable
+# of curvature, root mean square, by noise, above which the default region is unreliable: other kinds than
+# rounded coordinates, which are certain, may be details up to the first
+MAX_ERROR, MAX_ROUNDED_ERROR = 0.08, 0.04
 MAX_REMAINING_ERROR_SHARE = 0.75  # largest share of that error at the proposed radius
 # at the best radius of voxels and rounded coordinates: parts of blocks, pleats and layers have more
 MAX_LATTICE_ERROR = 0.5
@@ -100,7 +102,12 @@ class Noise:
         """Whether errors are large, and those at the best radius clearly less."""
         on_lattice = self.kind in ("voxels", "rounded")
         most = min(MAX_REMAINING_ERROR_SHARE * mean, MAX_LATTICE_ERROR if on_lattice else np.inf)
-        return root_mean_square > MAX_ERROR and remaining < most
+        return root_mean_square > self.max_error and remaining < most
+
+    @property
+    def max_error(self) -> float:
+        """Error of the curvature, root mean square, above which the default region is unreliable."""
+        return MAX_ROUNDED_ERROR if self.kind == "rounded" else MAX_ERROR
 
     @property
     def best_scheme(self) -> str:

@@ -17,7 +17,7 @@ from ddgcli.algorithms.curvature.deviation import MIN_NEIGHBOURS, Deviation, ver
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.fit_penalty import cross_validated_penalty
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
-from ddgcli.algorithms.curvature.noise import MAX_ERROR, Noise, SizeGroup
+from ddgcli.algorithms.curvature.noise import Noise, SizeGroup
 from ddgcli.algorithms.curvature.noise_kind import (
     MIN_UNEVEN_MEDIAN_SHARE,
     may_err_evenly,
@@ -88,7 +88,7 @@ def estimate_noise(
     if kind in ("ruled", "even") or (kind == "partial" and deviation.doubtful and everywhere):
         kind = "uneven"  # smoothed stairs have large residuals in places, and errors everywhere
     noise = Noise(deviation.relative, kind, scales)
-    if scales.default_rms < MAX_ERROR or effort == "fits":
+    if scales.default_rms < noise.max_error or effort == "fits":
         return noise
     pairs = MAX_VOXEL_PAIRS if kind == "voxels" and effort == "auto" else MAX_VOTING_PAIRS
     noise = replace(noise, voting=balls.voting_scales(scales, pairs, balls.extent()))

@@ -19,8 +19,8 @@ from ddgcli.algorithms.curvature.surface_curvature import (
     check_curvature,
     measure_curvature,
 )
-from ddgcli.errors import MeshError, ParameterError
-from ddgcli.mesh.cures import cure
+from ddgcli.errors import ParameterError
+from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio, row_dot, vector_length
 
@@ -153,10 +153,7 @@ def require_regions(mesh: TriangleMesh) -> None:
     ------
     MeshError
     """
-    if not mesh.topology.is_oriented:
-        raise MeshError(
-            f"neighbouring faces have opposite orientation; regions need one: {cure('orientation')}"
-        )
+    require(mesh, "a region", faces=False, sized=False, oriented=True)
 
 
 def labelled_measures(

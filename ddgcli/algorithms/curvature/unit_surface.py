@@ -139,9 +139,9 @@ def _warn_of_folds(surface: UnitSurface) -> None:
     folded = folded_edges(surface.dihedral)
     if len(folded):
         _log.warning(
-            "%d edges are folded by 180 degrees (first: vertices %d-%d): whether such a fold is convex is "
+            "%s folded by 180 degrees (first: vertices %d-%d): whether such a fold is convex is "
             "rounding, and so are the signs of its curvature and its part of the total mean curvature",
-            len(folded),
+            counted(len(folded), "edge is", "edges are"),
             *surface.mesh.topology.edges[folded[0]],
         )
 
