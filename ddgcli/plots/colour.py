@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 ROUNDING_SHARE = 1e-10  # values below this share of the largest are rounding
 MIN_RANGE_SHARE = 0.05  # of the size of the values: a narrower range would magnify noise
+BAR_PLACE = (0.865, 0.14, 0.022, 0.7)  # left, bottom, width, height
 # quantities with a sign: their colours diverge about zero
 SIGNED_ARRAYS = (
     "angle_defect", "gaussian_curvature", "geodesic_curvature", "mean_curvature", "principal_curvature_min",
@@ -150,7 +151,51 @@ def baked_colours(values: NDArray, low: float, high: float, signed: bool) -> tup
     return table, colour_map.name
 
 
-def colour_bar(figure: Any, mappable: Any, label: str, beyond: str = "neither") -> None:
+def colour_scale(low: float, high: float, signed: bool) -> Any:
+    """Colour of each value between two ends.
+
+    Parameters
+    ----------
+    low, high : float
+    signed : bool
+        Of `colours`.
+
+    Returns
+    -------
+    matplotlib.cm.ScalarMappable
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    return ScalarMappable(Normalize(low, high), colours(signed))
+
+
+def beyond(values: NDArray, low: float, high: float) -> str:
+    """Ends of a colour bar that values exceed.
+
+    Parameters
+    ----------
+    values : ndarray of float
+        Values that are not finite are ignored.
+    low, high : float
+        Ends of the bar.
+
+    Returns
+    -------
+    {'neither', 'min', 'max', 'both'}
+    """
+    finite, slack = values[np.isfinite(values)], 1e-9 * (high - low)
+    ends = 2 * bool((finite < low - slack).any()) + bool((finite > high + slack).any())
+    return ("neither", "max", "min", "both")[ends]
+
+
+def colour_bar(
+    figure: Any,
+    mappable: Any,
+    label: str,
+    ends: str = "neither",
+    place: tuple[float, float, float, float] = BAR_PLACE,
+) -> None:
     """Draw a colour bar at the right of the page, with arrow heads if values lie beyond its ends.
 
     Parameters
@@ -158,11 +203,12 @@ def colour_bar(figure: Any, mappable: Any, label: str, beyond: str = "neither") 
     figure : matplotlib.figure.Figure
     mappable : matplotlib.cm.ScalarMappable
     label : str
-    beyond : {'neither', 'min', 'max', 'both'}
+    ends : {'neither', 'min', 'max', 'both'}
         Ends with arrow heads.
+    place : (float, float, float, float)
+        Left, bottom, width and height, as shares of the page.
     """
-    place = figure.add_axes((0.865, 0.14, 0.022, 0.7))
-    bar = figure.colorbar(mappable, cax=place, extend=beyond, label=label)
+    bar = figure.colorbar(mappable, cax=figure.add_axes(place), extend=ends, label=label)
     bar.ax.tick_params(labelsize=8)
     bar.formatter.set_useOffset(False)  # an offset such as 0.9999 + 1e-5 x is hard to read
     bar.formatter.set_powerlimits((-3, 4))

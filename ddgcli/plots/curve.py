@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.plots.colour import colour_bar, colours, extremes, robust_limits
+from ddgcli.plots.colour import colour_bar, colour_scale, extremes, robust_limits
 from ddgcli.plots.page import draw_texts, page, picture_axes
 from ddgcli.plots.raster import Camera, View, fitted_camera, unit_box, view_axes
 
@@ -27,6 +27,7 @@ def draw_curves(
     title: str = "",
     signed: bool | None = None,
     limits: Sequence[float] | None = None,
+    bar: bool = True,
     fit: NDArray | None = None,
     vectors: Sequence[tuple[NDArray, NDArray, str]] = (),
     view: View = None,
@@ -45,7 +46,7 @@ def draw_curves(
     values : sequence of (k,) ndarray, optional
         One array of vertex values a curve.
     closed : bool, or one for each curve
-    label, title, signed, limits, fit, view, up
+    label, title, signed, limits, bar, fit, view, up
         As for `draw_surface`.
     vectors : sequence of (points (k, 3), vectors (k, 3), colour)
         Thin lines from points, longest 5 % of the size of the curves.
@@ -61,7 +62,7 @@ def draw_curves(
     start, stop, fit = placed(start), placed(stop), placed(fit)
     axes3 = view_axes(fit, view, up or "z")
     with page(path, width, height, dpi) as figure:
-        axes = picture_axes(figure, coloured=values is not None)
+        axes = picture_axes(figure, coloured=bar and values is not None)
         box = axes.get_position()
         camera = fitted_camera(
             fit,
@@ -82,21 +83,18 @@ def draw_curves(
             axes.add_collection(_vector_lines(camera, placed(points), directions, colour))
         axes.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal")
         axes.set_axis_off()
-        if values is not None:
+        if bar and values is not None:
             colour_bar(figure, mappable, label)
         caption = "" if values is None else extremes(label, np.concatenate(values))
-        draw_texts(figure, title, caption)
+        draw_texts(axes, title, caption)
 
 
 def _colour_scale(shade: NDArray, signed: bool | None, limits: Sequence[float] | None) -> Any:
     """Colour scale of values, diverging about zero if they are signed."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     low, high, diverging = robust_limits(shade, signed)
     if limits is not None:
         low, high, diverging = limits[0], limits[1], bool(signed)
-    return ScalarMappable(Normalize(low, high), colours(diverging))
+    return colour_scale(low, high, diverging)
 
 
 def _vector_lines(camera: Camera, foot: NDArray, directions: NDArray, colour: str) -> Any:

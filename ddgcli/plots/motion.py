@@ -7,7 +7,7 @@ import os
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,11 +18,11 @@ from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import frames_of_equal_change
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.chart import draw_chart
-from ddgcli.plots.colour import robust_limits
+from ddgcli.plots.colour import beyond, colour_bar, colour_scale, robust_limits
 from ddgcli.plots.curve import draw_curves
 from ddgcli.plots.glyphs import Glyphs
 from ddgcli.plots.page import page
-from ddgcli.plots.raster import flat_view
+from ddgcli.plots.raster import flat_view, view_axes
 from ddgcli.plots.surface import draw_surface
 
 MAX_PICTURE_FRAMES = 4
@@ -31,6 +31,9 @@ MIN_RATE, MAX_RATE, MAX_GIF_RATE = (
     1000.0,
     50.0,
 )  # frames per second; viewers slow shorter GIF frames down
+CHART_HEIGHT = 0.3  # of the page of a motion
+FRAMES_WIDTH = 0.9  # beside the colour bar
+BAR_PLACE = (0.91, 0.42, 0.016, 0.46)
 NEAR_SHARE = 0.15  # of the diagonal of all frames: how far beyond them obstacles are shown
 
 
@@ -78,6 +81,10 @@ class SequenceStyle:
     view : dict
         `view` and `up` of `draw_surface`.
     time_unit : str
+    ends : {'neither', 'min', 'max', 'both'}
+        Ends of the colour bar that values exceed.
+    bar : bool
+        Draw a colour bar beside every frame.
     """
 
     fit: NDArray
@@ -87,6 +94,8 @@ class SequenceStyle:
     edges: bool = False
     view: Mapping[str, Any] | None = None
     time_unit: str = "s"
+    ends: str = "neither"
+    bar: bool = True
 
 
 def sequence_style(
@@ -124,26 +133,38 @@ def sequence_style(
     -------
     SequenceStyle
     """
-    corners, values, obstacles = [], [], []
+    view = dict(view or {})
+    axes = np.concatenate([np.eye(3), view_axes(np.eye(3), view.get("view") or "iso", view.get("up") or "z")])
+    ends, values, obstacles = [], [], []
     for plot_frame in plot_frames:
         obstacles += [mesh.points for mesh in plot_frame.obstacles]
-        corners.append(np.stack([plot_frame.mesh.points.min(axis=0), plot_frame.mesh.points.max(axis=0)]))
+        ends.append(_extreme_points(plot_frame.mesh.points, axes))
         if plot_frame.values is not None:
             values.append(plot_frame.values)
-    low, high = np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))
-    view = dict(view or {})
+    fit = np.concatenate(ends)
+    low, high = fit.min(axis=0), fit.max(axis=0)
     view["view"] = view.get("view") or flat_view(high - low, view.get("up") or "z")
     if obstacles:
-        around, reach = np.concatenate(obstacles), NEAR_SHARE * float(np.linalg.norm(high - low))
-        low = np.minimum(low, np.maximum(around.min(axis=0), low - reach))
-        high = np.maximum(high, np.minimum(around.max(axis=0), high + reach))
-    fit = np.stack(np.meshgrid(*zip(low, high)), axis=-1).reshape(-1, 3)
+        reach = NEAR_SHARE * float(np.linalg.norm(high - low))
+        near = np.clip(np.concatenate(obstacles), low - reach, high + reach)
+        fit = np.concatenate([fit, _extreme_points(near, axes)])
+    style = SequenceStyle(fit, view=view, edges=edges, time_unit=time_unit)
     if not values:
-        return SequenceStyle(fit, view=view, edges=edges, time_unit=time_unit)
-    if limits is not None:
-        return SequenceStyle(fit, label, limits, limits[0] < 0 < limits[1], edges, view, time_unit)
-    bottom, top, diverging = robust_limits(np.concatenate(values), signed)
-    return SequenceStyle(fit, label, (bottom, top), diverging, edges, view, time_unit)
+        return style
+    shown = np.concatenate(values)
+    if limits is None:
+        bottom, top, diverging = robust_limits(shown, signed)
+    else:
+        (bottom, top), diverging = limits, limits[0] < 0 < limits[1]
+    return replace(
+        style, label=label, limits=(bottom, top), signed=diverging, ends=beyond(shown, bottom, top)
+    )
+
+
+def _extreme_points(points: NDArray, axes: NDArray) -> NDArray[np.float64]:
+    """The points that lie farthest along axes (k, 3), both ways."""
+    along = points @ axes.T
+    return np.asarray(points[np.concatenate([along.argmin(axis=0), along.argmax(axis=0)])])
 
 
 def draw_frame(
@@ -154,14 +175,15 @@ def draw_frame(
     height: float = 5.25,
     dpi: float = 200,
 ) -> None:
-    """Draw one frame."""
+    """Draw one frame; the label of its colour bar is in the title."""
     mesh, values = plot_frame.mesh, plot_frame.values
     title = f"t = {plot_frame.time:.4g} {style.time_unit}" + (
-        f", {style.label}" if values is not None else ""
+        f", {style.label}" if style.bar and values is not None else ""
     )
     look = {
-        "title": title, "fit": style.fit, "signed": style.signed if values is not None else None,
-        "limits": style.limits, "width": width, "height": height, "dpi": dpi, **dict(style.view or {}),
+        "title": title, "bar": style.bar, "fit": style.fit, "limits": style.limits,
+        "signed": style.signed if values is not None else None,
+        "width": width, "height": height, "dpi": dpi, **dict(style.view or {}),
     }  # fmt: skip
     if isinstance(mesh, CurveSet):
         paths = mesh.paths()
@@ -259,25 +281,45 @@ def draw_motion(
         [plot_frame.values for plot_frame in plot_frames],
         MAX_PICTURE_FRAMES,
     )
-    picture_frames = [plot_frames[k] for k in numbers]
+    boxes = _cells(len(numbers), style, 1.0 if style.limits is None else FRAMES_WIDTH, width / height)
+    look = replace(style, bar=False)
     with tempfile.TemporaryDirectory() as folder:
         pictures = []
-        for k, plot_frame in enumerate(picture_frames):
-            draw_frame(f"{folder}/{k}.png", plot_frame, style, 0.5 * width, height / 3, dpi)
-            pictures.append(imread(f"{folder}/{k}.png"))
+        for k, (_, _, across, down) in zip(numbers, boxes):
+            name = f"{folder}/{k}.png"
+            draw_frame(name, plot_frames[k], look, across * width, down * height, dpi)
+            pictures.append(imread(name))
         xlabel = f"time [{style.time_unit}]"
         draw_chart(
             f"{folder}/chart.png", series, xlabel=xlabel, ylabel=ylabel,
-            width=width, height=height / 3, dpi=dpi,
+            width=width, height=CHART_HEIGHT * height, dpi=dpi,
         )  # fmt: skip
         pictures.append(imread(f"{folder}/chart.png"))
     with page(path, width, height, dpi) as figure:
-        places = [(0.0, 0.667), (0.5, 0.667), (0.0, 0.333), (0.5, 0.333)][: len(picture_frames)]
-        boxes = [(x, y, 0.5, 0.333) for x, y in places] + [(0.0, 0.0, 1.0, 0.333)]
-        for picture, box in zip(pictures, boxes):
+        for picture, box in zip(pictures, [*boxes, (0.0, 0.0, 1.0, CHART_HEIGHT)]):
             axes = figure.add_axes(box)
             axes.imshow(picture, interpolation="lanczos")
             axes.set_axis_off()
+        if style.limits is not None:
+            colour_bar(figure, colour_scale(*style.limits, style.signed), style.label, style.ends, BAR_PLACE)
+
+
+def _cells(
+    count: int, style: SequenceStyle, share: float, page_ratio: float
+) -> list[tuple[float, float, float, float]]:
+    """Left, bottom, width and height of the cells of frames, as shares of the page.
+
+    Of the numbers of columns the one that shows the shapes largest.
+    """
+    view = style.view or {}
+    seen = np.ptp(style.fit @ view_axes(style.fit, view.get("view"), view.get("up") or "z").T, axis=0)
+    best = (-1.0, -1)
+    for columns in range(1, count + 1):
+        cell = np.array([page_ratio * share / columns, (1 - CHART_HEIGHT) / -(-count // columns)])
+        best = max(best, (float((cell / np.maximum(seen[:2], 1e-9 * seen.max() or 1.0)).min()), -columns))
+    columns = -best[1]
+    across, down = share / columns, (1 - CHART_HEIGHT) / -(-count // columns)
+    return [((k % columns) * across, 1 - (k // columns + 1) * down, across, down) for k in range(count)]
 
 
 def draw_animation(

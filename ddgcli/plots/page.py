@@ -82,15 +82,15 @@ def picture_axes(figure: Any, coloured: bool, x_range: tuple[float, float] = (0.
     return figure.add_axes((left + 0.01, 0.05, width * (0.84 if coloured else 0.98), 0.87))
 
 
-def draw_texts(figure: Any, title: str, caption: str, x_range: tuple[float, float] = (0.0, 1.0)) -> None:
-    """Draw the title above the picture and the caption below it.
+def draw_texts(axes: Any, title: str, caption: str) -> None:
+    """Draw the title above the middle of a picture and the caption below it.
 
     Parameters
     ----------
-    figure : matplotlib.figure.Figure
+    axes : matplotlib.axes.Axes
+        Of `picture_axes`.
     title, caption : str
-    x_range : (float, float)
-        As for `picture_axes`.
     """
-    figure.text(x_range[0] + 0.44 * x_range[1], 0.955, title, ha="center", va="center", fontsize=10)
-    figure.text(x_range[0] + 0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")
+    box, figure = axes.get_position(), axes.figure
+    figure.text((box.x0 + box.x1) / 2, 0.955, title, ha="center", va="center", fontsize=10)
+    figure.text(box.x0 + 0.01, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")

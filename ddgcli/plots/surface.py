@@ -15,7 +15,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.sides import next_side
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.plots.colour import colour_bar, colours, extremes, robust_limits
+from ddgcli.plots.colour import beyond, colour_bar, colour_scale, extremes, robust_limits
 from ddgcli.plots.glyphs import ARROW_LENGTH, Arrows, Glyphs, draw_arrows, draw_glyphs
 from ddgcli.plots.page import draw_texts, page, picture_axes
 from ddgcli.plots.raster import (
@@ -77,6 +77,8 @@ def draw_surface(
         True: diverging colours about zero. None decides by the values.
     limits : (float, float), optional
         Ends of the colour bar; default `robust_limits`.
+    bar : bool
+        Draw the colour bar.
     value_size : float
         `size` of `robust_limits`.
     curves : sequence of (k, 3) ndarray
@@ -148,6 +150,7 @@ def _paint(
     caption: str = "",
     signed: bool | None = None,
     limits: Sequence[float] | None = None,
+    bar: bool = True,
     value_size: float = 0.0,
     curves: Sequence[NDArray] = (),
     level_lines: Sequence[NDArray] = (),
@@ -165,7 +168,7 @@ def _paint(
 ) -> None:
     """Paint a surface on a part of the page (its left end and its width, as shares of the page)."""
     mesh, fit_points, placed = _in_unit_box(mesh, fit)
-    axes = picture_axes(figure, values is not None and values.ndim == 1, x_range)
+    axes = picture_axes(figure, bar and values is not None and values.ndim == 1, x_range)
     squares = values is not None and values.ndim == 2
     plot_values = None if values is None or squares else _relevant(mesh, values)
     if plot_values is not None and limits is None:
@@ -190,9 +193,10 @@ def _paint(
     draw_arrows(axes, camera, visible, [replace(one, places=placed(one.places)) for one in arrows])
     axes.set(xlim=(0, size[0]), ylim=(size[1], 0))
     if plot_values is not None and limits is not None:
-        colour_bar(figure, mappable, label, _beyond(plot_values, *limits))
+        if bar:
+            colour_bar(figure, mappable, label, beyond(plot_values, *limits))
         caption = "; ".join(filter(None, [caption, extremes(label, plot_values)]))
-    draw_texts(figure, title, caption, x_range)
+    draw_texts(axes, title, caption)
 
 
 def _sampled_size(figure: Any, axes: Any) -> list[int]:
@@ -289,29 +293,18 @@ def _colours(
     """(k, 3) colour of each visible pixel, and the mappable of the colour bar."""
     if values is None or limits is None:
         return np.broadcast_to(_PLAIN_COLOUR, (len(visible.pixel), 3)), None
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     values = np.asarray(values, dtype=np.float64)
     low, high = limits
     if len(values) == mesh.n_vertices:
         shown = interpolated(visible.barycentric, visible.face, values[mesh.faces])
     else:
         shown = values[visible.face]
-    mappable: Any = ScalarMappable(Normalize(low, high), colours(bool(signed)))
+    mappable = colour_scale(low, high, bool(signed))
     finite = np.isfinite(shown)
     table = mappable.cmap(np.linspace(0, 1, 1024))[:, :3]
     with np.errstate(over="ignore"):
         place = np.clip((np.where(finite, shown, low) - low) / (high - low), 0, 1)
     return np.where(finite[:, None], table[(place * 1023).astype(np.int64)], _UNKNOWN_COLOUR), mappable
-
-
-def _beyond(plot_values: NDArray, low: float, high: float) -> str:
-    """Ends of the colour bar that values exceed."""
-    plot_values = plot_values[np.isfinite(plot_values)]
-    slack = 1e-9 * (high - low)
-    beyond = 2 * bool((plot_values < low - slack).any()) + bool((plot_values > high + slack).any())
-    return ("neither", "max", "min", "both")[beyond]
 
 
 def _corner_normals(mesh: TriangleMesh) -> NDArray[np.float64]:

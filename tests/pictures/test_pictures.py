@@ -246,19 +246,49 @@ def test_arrows_of_frames_are_inside_the_picture(tmp_path, monkeypatch):
     assert (tip >= 0).all() and (tip <= [camera.width, camera.height]).all()
 
 
-def test_frames_of_a_motion_fill_their_cells_of_the_page(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("size", "rows"), [((4.0, 1.0, 0.0), [1.0, 1.0]), ((1.0, 4.0, 0.0), [0.5]), ((1.0, 1.0, 0.0), [0.5])]
+)
+def test_frames_of_a_motion_stand_in_the_columns_that_show_them_largest(tmp_path, monkeypatch, size, rows):
+    """Two frames stand side by side, where they are not much wider than high."""
     from ddgcli.plots import motion
 
     sizes = []
     draw_frame = motion.draw_frame
-    monkeypatch.setattr(motion, "draw_frame", lambda *a: (sizes.append(a[3:5]), draw_frame(*a)))
+    monkeypatch.setattr(motion, "draw_frame", lambda *a, **k: (sizes.append(a[3:5]), draw_frame(*a, **k)))
     mesh = shapes.grid(2, 2)
-    plot_frames = [PlotFrame(0.0, mesh), PlotFrame(1.0, mesh.moved(mesh.points + 1))]
+    mesh = mesh.moved(mesh.points * (*size[:2], 1.0))
+    plot_frames = [PlotFrame(0.0, mesh), PlotFrame(1.0, mesh.moved(mesh.points * (1.0, 0.9, 1.0)))]
     series = {"energy": ([0, 1], [1, 2])}
     motion.draw_motion(
-        str(tmp_path / "a.png"), plot_frames, series, sequence_style(plot_frames), "energy", 9.0, 6.0, dpi=30
+        str(tmp_path / "a.png"), plot_frames, series, sequence_style(plot_frames), "energy", 6.0, 6.0, dpi=30
     )
-    assert sizes == [(4.5, 2.0)] * 2
+    assert sizes == [(6.0 * share, 0.7 * 6.0 / len(rows)) for share in (rows * 2)[:2]]
+
+
+def test_a_motion_of_spheres_fills_its_pictures():
+    """The corners of the bounding box of a sphere would leave a third of a picture empty."""
+    sphere = shapes.icosphere(3)
+    style = sequence_style([PlotFrame(0.0, sphere), PlotFrame(1.0, sphere.moved(0.9 * sphere.points))])
+    axes = view_axes(style.fit)
+    assert np.ptp(style.fit @ axes.T, axis=0)[:2] == pytest.approx(
+        np.ptp(sphere.points @ axes.T, axis=0)[:2], rel=1e-12
+    )
+
+
+def test_frames_of_a_motion_share_one_colour_bar(tmp_path, monkeypatch):
+    from ddgcli.plots import motion, surface
+
+    bars = []
+    monkeypatch.setattr(motion, "colour_bar", lambda figure, mappable, *rest: bars.append((mappable, *rest)))
+    monkeypatch.setattr(surface, "colour_bar", lambda *a: bars.append("of a frame"))
+    mesh = shapes.grid(8, 8)
+    plot_frames = [PlotFrame(t, mesh, (1.0 + t) * mesh.points[:, 0]) for t in (0.0, 1.0)]
+    style = sequence_style(plot_frames, "strain", limits=(0.0, 1.5))
+    series = {"energy": ([0, 1], [1, 2])}
+    motion.draw_motion(str(tmp_path / "a.png"), plot_frames, series, style, "energy", 6.0, 6.0, dpi=30)
+    [(mappable, label, ends, _)] = bars
+    assert (mappable.get_clim(), label, ends) == ((0.0, 1.5), "strain", "max")
 
 
 @pytest.mark.parametrize(("up", "axes"), [("z", [0, 1, 2]), ("y", [1, 2, 0]), ("x", [2, 0, 1])])
