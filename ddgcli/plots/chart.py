@@ -50,7 +50,8 @@ def draw_chart(
     path : str
         .png, .svg or .pdf.
     series : mapping of name to (x, y)
-        Points that are not finite (or not positive on a logarithmic axis) are omitted.
+        Points that are not finite (or not positive on a logarithmic axis) are omitted; the line is
+        interrupted where both are NaN.
     xlabel, ylabel : str
         Beside the axes.
     log : str
@@ -83,7 +84,8 @@ def draw_chart(
             _draw_pareto_front(axes, *_drawable(*pareto_front, log))
         texts: list[tuple[str, float, float]] = []
         for k, (name, (x, y, shown)) in enumerate(drawable.items()):
-            _draw_series(axes, k if styles is None else styles[name], name, x[shown], y[shown])
+            drawn = shown | np.isnan(x) & np.isnan(y)
+            _draw_series(axes, k if styles is None else styles[name], name, x[drawn], y[drawn])
             if labels and name in labels:
                 texts += [(labels[name][int(i)], float(x[i]), float(y[i])) for i in np.flatnonzero(shown)]
             _draw_rings(axes, x, y, [i for i in (ringed or {}).get(name, ()) if shown[i]])

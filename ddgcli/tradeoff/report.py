@@ -235,6 +235,8 @@ def _left_out(left_out: list[dict[str, str]]) -> list[str]:
 def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> dict[str, Any]:
     """Series of the plot of a comparison: one for each method, its parameters as labels.
 
+    A line joins rows that differ in numbers alone.
+
     Errors below `floor`, the uncertainty of the reference, are drawn there.
 
     Parameters
@@ -250,15 +252,21 @@ def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> 
     dict
         Arguments of `draw_chart`.
     """
-    lines: dict[str, list[Row]] = {}
-    for row in rows:
-        lines.setdefault(row.method, []).append(row)
+    lines: dict[str, list[Row | None]] = {row.method: [] for row in rows}
+    for row in sorted(rows, key=_words_of):
+        line = lines[row.method]
+        if line and _words_of(line[-1]) != _words_of(row):
+            line.append(None)
+        line.append(row)
     series = {
-        name: ([r.total_seconds for r in line], [max(r.error(norm), floor) for r in line])
+        name: (
+            [r.total_seconds if r else math.nan for r in line],
+            [max(r.error(norm), floor) if r else math.nan for r in line],
+        )
         for name, line in lines.items()
     }
-    labels = {name: [_parameter_values(row) for row in line] for name, line in lines.items()}
-    ringed = {name: [k for k, row in enumerate(line) if row.on_front] for name, line in lines.items()}
+    labels = {name: [_parameter_values(row) if row else "" for row in line] for name, line in lines.items()}
+    ringed = {name: [k for k, row in enumerate(line) if row and row.on_front] for name, line in lines.items()}
     best = sorted((r.total_seconds, max(r.error(norm), floor)) for r in rows if r.on_front)
     pareto_front = ([x for x, _ in best], [y for _, y in best]) if best else None
     threshold = None if within is None else (f"within {within:g}", within)
@@ -269,6 +277,11 @@ def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> 
         "pareto_front": pareto_front,
         "threshold": threshold,
     }
+
+
+def _words_of(row: Row | None) -> list[str]:
+    """Parameters of a row that are no numbers."""
+    return [] if row is None else [v for v in row.parameters.values() if isinstance(v, str)]
 
 
 def _parameter_values(row: Row) -> str:

@@ -27,7 +27,7 @@ from ddgcli.tradeoff.candidates import (
 from ddgcli.tradeoff.measure import run_problem
 from ddgcli.tradeoff.pareto import assign_verdicts, break_even, cheapest_within
 from ddgcli.tradeoff.problems import curvature
-from ddgcli.tradeoff.report import csv_of, results_of
+from ddgcli.tradeoff.report import chart_of, csv_of, results_of
 from ddgcli.tradeoff.richardson import richardson_limit
 from ddgcli.tradeoff.truths import SHAPES, ellipsoid, parse_truth
 
@@ -370,3 +370,24 @@ def test_a_warning_about_the_input_is_not_repeated_for_each_row():
         "newmark dt=0.1: steps are long",
         "verlet dt=0.1: steps are long",
     ]
+
+
+def test_a_line_of_the_plot_joins_rows_that_differ_in_numbers_alone():
+    """Two operators at two refinements are two lines of one colour, not a zigzag."""
+    planted = [(1.0, "cotan", 0, 4.0), (2.0, "tufted", 0, 2.0), (3.0, "cotan", 1, 1.0)]
+    rows = [
+        replace(
+            row("conformal", 0.0, seconds, error),
+            parameters={"operator": name, "subdivide": n},
+            on_front=n > 0,
+        )
+        for seconds, name, n, error in planted
+    ]
+    rows.insert(1, row("harmonic", 0.0, 1.5, 3.0))
+    chart = chart_of(rows, "max", None, 0.0)
+    assert list(chart["series"]) == ["conformal", "harmonic"]
+    x, y = chart["series"]["conformal"]
+    np.testing.assert_array_equal(y, [4.0, 1.0, np.nan, 2.0])
+    np.testing.assert_array_equal(x, [1.0, 3.0, np.nan, 2.0])
+    assert chart["labels"]["conformal"] == ["cotan 0", "cotan 1", "", "tufted 0"]
+    assert chart["ringed"]["conformal"] == [1]
