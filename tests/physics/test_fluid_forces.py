@@ -1,11 +1,18 @@
 """Forces on a fluid: Coriolis waves, accelerations in space and time."""
 
+import json
+
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+import ddgcli as ddg
 from benchmarks.fluids.runs import run_fluid
+from ddgcli.cli.main import main
 from ddgcli.errors import SceneError
 from ddgcli.io.scene_file import parse_scene
+from ddgcli.mesh.shapes import torus
+from ddgcli.models.fluid.lost_forces import gain_share
 from ddgcli.models.fluid.model import build, contexts
 from ddgcli.models.fluid.scene import KIND
 from ddgcli.scenes.scene import resolve
@@ -85,6 +92,36 @@ def test_forces_that_drive_harmonic_flows_which_the_scene_leaves_out_warn(effect
     grid = 'grid = { size = [1, 1], cells = [8, 8], periodic = "x" }'
     run_fluid(effects, "step = 0.1\nduration = 0.2", grid)
     assert ("harmonic flows of f" in caplog.text) == is_lost
+
+
+@pytest.mark.parametrize(
+    "effects, is_lost",
+    [
+        ('vorticity = "x*z + exp(x + y + z)"', True),
+        ('vorticity = "x*z"', False),  # symmetric
+        ('vorticity = "x*z + exp(x + y + z)" }\nharmonic = {', False),
+    ],
+)
+def test_vorticity_that_drives_harmonic_flows_which_the_scene_leaves_out_warns(effects, is_lost, tmp_path):
+    """A pair of vortices on a torus went astray by a quarter of its way, without a word."""
+    ddg.write_mesh(tmp_path / "torus.ply", torus(24, 12))
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        f'[time]\nduration = 0.5\nstep = 0.05\n[[object]]\nname = "f"\nrole = "fluid"\nmesh = "torus.ply"\n'
+        f"[effects]\ninitial = {{ {effects} }}\n"
+    )
+    end = CliRunner().invoke(main, ["fluid-sim", str(scene), "--json"])
+    assert end.exit_code == 0
+    assert any("drives harmonic flows" in text for text in json.loads(end.stdout)["warnings"]) == is_lost
+
+
+def test_the_rate_at_which_vorticity_drives_harmonic_flows_is_that_of_the_integrator():
+    flow = 'initial = { vorticity = "x*z + exp(x + y + z)" }\n'
+    out = run_fluid(flow + "harmonic = {}", "duration = 1e-3\nstep = 1e-3", mesh=torus(24, 12))
+    space, vorticity = out.fluid.space, out.fluid.start["vorticity"]
+    change = np.linalg.norm(np.diff(out.series("harmonic_coefficients_f"), axis=0))
+    speed = np.sqrt(2 * out.series("kinetic_energy")[0])
+    assert gain_share(space, vorticity, 1e-3) == pytest.approx(change / speed, rel=1e-3)
 
 
 def test_a_force_with_an_unknown_name_is_refused():

@@ -67,8 +67,9 @@ class TemperaturePhase(TracerPhase):
         if parameters.diffusivity > 0 and len(self.free):
             self.conduction = self._conduction(setting, parameters.diffusivity)
 
-    def start(self) -> dict[str, NDArray]:
-        return {ARRAY: self.amount}
+    @property
+    def array(self) -> str:
+        return ARRAY
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
         half = 0.5 * step.dt

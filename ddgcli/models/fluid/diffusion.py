@@ -106,6 +106,7 @@ class VelocityDiffusion:
 
     `moving` (n,) is what boundary sides with a prescribed velocity add to the circulation around the cells of
     their vertices; at the vertices `slip` (n,) of free-slip walls the vorticity vanishes.
+    Unless they `evolve`, harmonic coefficients are constant and act on the stream function as a given flux.
     """
 
     def __init__(
@@ -115,8 +116,9 @@ class VelocityDiffusion:
         kind: str,
         moving: NDArray | None = None,
         slip: NDArray | None = None,
+        evolve: bool = True,
     ) -> None:
-        self.space, self.nu = space, nu
+        self.space, self.nu, self.evolve = space, nu, evolve
         self.moving = np.zeros(space.n) if moving is None else moving
         if space.lift is not None:
             self.moving = self.moving + space.stiffness @ space.lift
@@ -134,25 +136,39 @@ class VelocityDiffusion:
         share, neutral = CURVATURE_SHARE[kind], None
         if share:
             A = A - share * (basis.T @ diags_array(curvature_star(space)) @ basis)
+        drag = self.curl.T @ (weight * self.moving)
+        n_free, A = len(space.free), A.tocsr()
+        self.coupling = nu * A[:n_free, n_free:]
+        if not evolve:
+            A, gram, drag = A[:n_free, :n_free], gram.tocsr()[:n_free, :n_free], drag[:n_free]
         if kind == "deformation":
             curvature = face_curvature(space)
             if float((curvature * space.area).max()) > ANGLE_ROUNDING:  # of a flat surface A is not negative
-                neutral = growing_flows(A.tocsr(), gram.tocsr(), share * float(curvature.max()))
-        drag = self.curl.T @ (weight * self.moving)
-        self.decay = Decay(gram.tocsr(), (nu * A).tocsr(), nu * drag, neutral)
+                neutral = growing_flows(A, gram.tocsr(), share * float(curvature.max()))
+        self.decay = Decay(gram.tocsr(), nu * A, nu * drag, neutral)
 
     def free_stream_function(self, vorticity: NDArray) -> NDArray[np.float64]:
         """Stream function at the free vertices, without the part that the boundary values bring."""
         return self.space.factor.solve(vorticity[self.space.free], refine=False)
 
+    def rate(self, phi: NDArray, coefficients: NDArray) -> NDArray[np.float64]:
+        """Rates of change of `vorticity` at the free vertices and, where they evolve, of the coefficients."""
+        if self.evolve:
+            return self.decay.rate(np.concatenate([phi, coefficients]))
+        return self.decay.rate(phi, -(self.coupling @ coefficients))
+
     def step(
         self, vorticity: NDArray, coefficients: NDArray, dt: float, forces: Forces | None = None
     ) -> tuple[NDArray, NDArray]:
-        space = self.space
-        phi = self.free_stream_function(vorticity)
-        source = 0.0 if forces is None else np.concatenate([forces[0][space.free], forces[1]])
-        after = self.decay.step(np.concatenate([phi, coefficients]), dt, source)
-        return self.active * (self.curl @ after + self.moving), after[len(space.free) :]
+        phi, free = self.free_stream_function(vorticity), self.space.free
+        push, turn = (np.zeros(len(free)), 0.0) if forces is None else (forces[0][free], forces[1])
+        if self.evolve:
+            source = np.append(push, turn + np.zeros(len(coefficients)))
+            after = self.decay.step(np.concatenate([phi, coefficients]), dt, source)
+        else:
+            after = self.decay.step(phi, dt, push - self.coupling @ coefficients)
+            after = np.concatenate([after, coefficients])
+        return self.active * (self.curl @ after + self.moving), after[len(free) :]
 
 
 def outflow_friction(space: SurfaceSpace, nu: float) -> NDArray[np.float64] | float:

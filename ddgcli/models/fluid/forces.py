@@ -52,10 +52,11 @@ class ObstacleForces:
     def of(self, state: FluidState) -> dict[str, NDArray[np.float64]]:
         """(2,) force along x and y on each obstacle."""
         space, scheme = self.space, self.scheme
-        x = np.concatenate([scheme.free_stream_function(state["vorticity"]), state["coefficients"]])
+        phi = scheme.free_stream_function(state["vorticity"])
+        x = np.concatenate([phi, state["coefficients"]])
         vorticity = scheme.active * (scheme.curl @ x + scheme.moving)
         push, turn, _ = rate(space, vorticity, state["coefficients"], True)
-        friction = scheme.decay.rate(x)
+        friction = scheme.rate(phi, state["coefficients"])
         inside = len(space.free)
         change = np.zeros(space.n)
         change[space.free] = space.factor.solve((push[space.free] + friction[:inside]), refine=False)
@@ -65,8 +66,8 @@ class ObstacleForces:
             slowing += space.circulation_around(space.edge_inner * (turn @ space.harmonic))
         omega = scheme.weight * (scheme.curl @ x + scheme.moving)
         return {
-            name: phi @ (push - slowing) - scheme.nu * (curl @ omega)
-            for name, (phi, curl) in self.tests.items()
+            name: test @ (push - slowing) - scheme.nu * (curl @ omega)
+            for name, (test, curl) in self.tests.items()
         }
 
 

@@ -319,8 +319,14 @@ class FluidModel:
         order = min(phase.order for phase in (self.transport, *self.sources.phases))
         return Model(
             self.start, self.advance, self.observe, self.pack, self.unpack,
-            distance=lambda a, b: self.flows.distance(a, b, self.start), order=order,
+            distance=self.distance, order=order,
         )  # fmt: skip
+
+    def distance(self, a: FluidState, b: FluidState) -> float:
+        """Relative distance of two flows, or of what they carry where that is larger."""
+        duration = self.scene.time.duration
+        carried = (phase.distance(a, b, self.start, duration) for phase in self.tracers)
+        return max(self.flows.distance(a, b, self.start), *carried, 0.0)
 
     # ------------------------------------------------------------------ steps
 

@@ -146,6 +146,13 @@ class ParticlesPhase:
         cell, points = paths.carried(velocity, state[CELL], here, -step.dt)
         return cell, paths.barycentric(cell, points)
 
+    def distance(self, a: FluidState, b: FluidState, start: FluidState, duration: float) -> float:
+        """Largest distance of two positions of a particle, relative to the size of the fluid."""
+        context = self.setting.context
+        first, second = (positions(context, state[CELL], state[WEIGHT]) for state in (a, b))
+        apart = np.linalg.norm(context.unwrapped(first - second), axis=1)
+        return float(apart.max(initial=0.0) / np.ptp(context.points, axis=0).max())
+
     def observed(self, state: FluidState) -> Observation:
         context = self.setting.context
         places = positions(context, state[CELL], state[WEIGHT])

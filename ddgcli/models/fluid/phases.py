@@ -74,6 +74,10 @@ class Phase(Protocol):
         """The state after the span; a pure function. Raises `StepRejected`."""
         ...
 
+    def distance(self, a: FluidState, b: FluidState, start: FluidState, duration: float) -> float:
+        """Relative distance of what it adds to states in a run of `duration`, for adaptive steps."""
+        ...
+
     def observed(self, state: FluidState) -> Observation:
         """What it adds to a frame."""
         ...
@@ -107,6 +111,9 @@ class FlowPhase:
 
     def balance(self, state: FluidState, dt: float) -> FlowRate | None:
         return None
+
+    def distance(self, a: FluidState, b: FluidState, start: FluidState, duration: float) -> float:
+        return 0.0
 
     def observed(self, state: FluidState) -> Observation:
         return Observation(None)

@@ -15,6 +15,7 @@ from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.models.fluid.flow_mesh import harmonic_count
+from ddgcli.models.fluid.lost_forces import warn_of_lost_transport
 from ddgcli.models.fluid.model import FluidModel
 from ddgcli.models.fluid.state import CORRECTIONS
 from ddgcli.scenes.scene import Scene
@@ -101,6 +102,7 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
             step = outcome.smallest_step * (0.5 * MAX_LOSS_SHARE / worst) ** (1.0 / LOSS_ORDER)
             cure = f"steps of {step:.2g} s, or integrator energy"
     _warn_of_losses(losses, integrator, cure)
+    _warn_of_lost_transport(last, models)
     return results, accuracy | _linear_solver_accuracy(models)
 
 
@@ -161,6 +163,17 @@ def _warn_of_losses(losses: Mapping[str, float], integrator: str, cure: str) -> 
                 "integrator %s lost %.2g %% of the %s (warned of above %.0f %%): take %s",
                 integrator, 100.0 * share, name.split("_")[0], 100.0 * MAX_LOSS_SHARE, cure,
             )  # fmt: skip
+
+
+def _warn_of_lost_transport(last: TrajectoryFrame | None, models: Mapping[str, FluidModel]) -> None:
+    start = 0
+    for model in models.values():
+        space, here = model.space, slice(start, start + model.space.n)
+        start += space.n
+        if not model.context.is_volume:
+            at_end = [] if last is None else [last.vertex["vorticity"][here] * space.mass]
+            duration = model.scene.time.duration
+            warn_of_lost_transport(model.setting, [model.start["vorticity"], *at_end], duration)
 
 
 def _corrections(counts: NDArray, energy: float, integrator: str, cure: str) -> dict[str, float]:

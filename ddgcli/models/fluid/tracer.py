@@ -28,6 +28,8 @@ from ddgcli.models.fluid.transport import BackwardPaths, Transport, corner_of
 from ddgcli.scenes.expressions import evaluate
 from ddgcli.simulation.model import Observation
 
+N_SOURCE_TIMES = 17  # at which the size of a source is estimated
+
 
 class SurfaceTracer:
     """Advection of values at the vertices of a surface."""
@@ -168,8 +170,30 @@ class TracerPhase:
     def __init__(self, effect: str, amount: NDArray, tracer: Any, source: Source | None = None) -> None:
         self.effect, self.amount, self.tracer, self.source = effect, amount, tracer, source
 
+    @property
+    def array(self) -> str:
+        """Name of the scalar in states and frames."""
+        return self.effect
+
     def start(self) -> dict[str, NDArray]:
-        return {self.effect: self.amount}
+        return {self.array: self.amount}
+
+    def distance(self, a: FluidState, b: FluidState, start: FluidState, duration: float) -> float:
+        """Difference of the amounts, relative to the largest of `start`, `b` and what sources add in a run.
+
+        Values point by point would shorten steps without end: what interpolation adds in two short steps and
+        in a long one does not vanish with the step.
+        """
+        mass, name = self.tracer.space.mass, self.array
+        size = max(float(mass @ np.abs(state[name])) for state in (start, b)) + self._supply(duration)
+        return abs(float(mass @ (a[name] - b[name]))) / (size or 1.0)
+
+    def _supply(self, duration: float) -> float:
+        """Bound on the amount that the source adds in a run."""
+        if self.source is None:
+            return 0.0
+        rates = (np.abs(self.source.rate(time)) for time in np.linspace(0.0, duration, N_SOURCE_TIMES))
+        return duration * max(float(self.tracer.space.mass @ rate) for rate in rates)
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
         return state.with_passive(**{self.effect: self.carried(step, state, state[self.effect])})

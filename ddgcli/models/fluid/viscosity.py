@@ -46,7 +46,9 @@ def build(parameters: ViscositySection, context: FluidContext) -> list[PhaseRequ
                 f"kind {kind} on a surface with boundary needs boundary no-slip; with free slip there is "
                 "kind hodge"
             )
-        scheme = VelocityDiffusion(space, nu, kind, setting.wall_circulation, setting.slip)
+        scheme = VelocityDiffusion(
+            space, nu, kind, setting.wall_circulation, setting.slip, setting.evolve_harmonic
+        )
         if kind != "hodge" or not context.obstacles:
             return Diffusion(scheme)
         from ddgcli.models.fluid.forces import obstacle_forces
