@@ -10,7 +10,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "ddgcli"
 
-BASE = {"errors", "choices", "memory", "progress"}
+BASE = {"errors", "choices", "memory", "progress", "representation"}
 CORE = BASE | {"mesh", "geometry", "operators", "linalg"}
 SIMULATORS = CORE | {"algorithms", "simulation", "mechanics", "scenes"}
 # package or module of ddgcli -> the others that it may import, inside functions too
@@ -22,6 +22,7 @@ MAY_IMPORT = {
     "choices": set(),
     "memory": {"errors"},
     "progress": set(),
+    "representation": set(),
     "mesh": BASE,
     "io": BASE | {"mesh"},
     "geometry": BASE | {"mesh"},

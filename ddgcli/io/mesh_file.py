@@ -27,6 +27,7 @@ from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.requirements import kind_error, kind_of
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.representation import short_repr
 
 # extension -> (module, function); modules are imported on demand
 READERS = {
@@ -97,6 +98,8 @@ class MeshInput:
     input_vertex: NDArray | None = None
     input_face: NDArray | None = None
     notes: tuple[str, ...] = ()
+
+    __repr__ = short_repr
 
     @property
     def sha256(self) -> str:

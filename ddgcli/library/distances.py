@@ -77,6 +77,9 @@ class DistanceSolver:
         self.method = method
         self._solve = distances.prepare_solver(self.mesh, method, _distance_options(method, options))
 
+    def __repr__(self) -> str:
+        return f"DistanceSolver({self.mesh}, {self.method!r})"
+
     @checked_arguments
     def distance(
         self,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnyMesh
+from ddgcli.representation import short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +46,8 @@ class Measurement:
     results: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
     converged: bool = True
+
+    __repr__ = short_repr
 
     @property
     def polylines(self) -> list[NDArray[np.float64]]:

@@ -24,6 +24,7 @@ from ddgcli.models.fluid.fluid_scene import FluidScene
 from ddgcli.models.fluid.scene import KIND as FLUID
 from ddgcli.models.shell.scene import KIND as SHELL
 from ddgcli.models.shell.shell_scene import ShellScene
+from ddgcli.representation import short_repr
 from ddgcli.scenes.scene import resolve
 from ddgcli.scenes.scene_model import SceneModel
 from ddgcli.simulation.account import Account
@@ -53,6 +54,8 @@ class End:
     failure_reason: str = ""
     vertex: dict[str, NDArray] = field(default_factory=dict)
     face: dict[str, NDArray] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
 
 @dataclass(eq=False)
@@ -91,6 +94,8 @@ class Simulation:
     end_of: Callable[[Outcome], End]
     changing_vertices: bool = False
     _measurement: Measurement | None = field(default=None, init=False)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         self._recorder = Recorder(Outcome(mesh=self.mesh), picture=False)

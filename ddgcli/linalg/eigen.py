@@ -24,6 +24,7 @@ from ddgcli.linalg.ordering import fill_reducing_ordering
 from ddgcli.linalg.shift_invert import ShiftInvert
 from ddgcli.memory import check_memory
 from ddgcli.progress import ProgressCallback
+from ddgcli.representation import short_repr
 
 log = logging.getLogger("ddgcli")
 
@@ -62,6 +63,8 @@ class Eigenpairs:
     residuals: NDArray[np.float64]
     complete: bool
     solver: str = ""
+
+    __repr__ = short_repr
 
 
 def smallest_eigenpairs(

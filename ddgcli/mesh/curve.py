@@ -43,6 +43,9 @@ class CurveSet:
     lines: NDArray[np.int64]
     point_arrays: dict[str, NDArray] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return f"CurveSet({self.n_vertices} vertices, {len(self.lines)} lines)"
+
     @classmethod
     def from_arrays(cls, points: ArrayLike, lines: ArrayLike) -> CurveSet:
         """Curves from arrays.

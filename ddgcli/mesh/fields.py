@@ -13,6 +13,7 @@ from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.representation import short_repr
 
 AnyMesh = TriangleMesh | TetMesh | IntrinsicMesh | CurveSet
 
@@ -38,6 +39,8 @@ class AnnotatedMesh:
     edge: dict[str, NDArray] = field(default_factory=dict)
     whole: dict[str, NDArray] = field(default_factory=dict)
     metadata: dict[str, Any] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +68,8 @@ class TrajectoryFrame:
     scalar: dict[str, float] = field(default_factory=dict)
     faces: NDArray | None = None
     face: dict[str, NDArray] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
 
 def frames_of_equal_change(

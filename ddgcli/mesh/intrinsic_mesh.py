@@ -36,6 +36,9 @@ class IntrinsicMesh:
     side_length: NDArray[np.float64]
     points: NDArray[np.float64] | None = field(default=None)
 
+    def __repr__(self) -> str:
+        return f"IntrinsicMesh({self.n_vertices} vertices, {self.n_faces} faces)"
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "side_length", frozen(np.asarray(self.side_length, dtype=np.float64)))
         if self.points is not None:

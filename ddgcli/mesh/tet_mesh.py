@@ -46,6 +46,9 @@ class TetMesh:
     points: NDArray[np.float64]
     tetrahedra: NDArray[np.int64]
 
+    def __repr__(self) -> str:
+        return f"TetMesh({self.n_vertices} vertices, {len(self.tetrahedra)} tetrahedra)"
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points))
         object.__setattr__(self, "tetrahedra", frozen(self.tetrahedra))

@@ -63,6 +63,9 @@ class Topology:
     gluing: NDArray[np.int64] | None = field(default=None, repr=False)
     twisted: NDArray[np.bool_] | None = field(default=None, repr=False)
 
+    def __repr__(self) -> str:
+        return f"Topology({self.n_vertices} vertices, {len(self.faces)} faces)"
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "faces", frozen(np.asarray(self.faces, dtype=np.int64).reshape(-1, 3)))
         if self.gluing is not None:

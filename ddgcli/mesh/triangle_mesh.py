@@ -96,6 +96,9 @@ class TriangleMesh:
     points: NDArray[np.float64]
     topology: Topology
 
+    def __repr__(self) -> str:
+        return f"TriangleMesh({self.n_vertices} vertices, {self.n_faces} faces)"
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points))
 

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.representation import short_repr
+
 # options of the compared command that its caller set, by parameter name
 CommandOptions = Mapping[str, Any]
 NO_OPTIONS: CommandOptions = MappingProxyType({})
@@ -99,6 +101,8 @@ class Reference:
     is_truth: bool = False
     mean_uncertainty: float | None = None
 
+    __repr__ = short_repr
+
     @classmethod
     def from_truth(cls, name: str, values: NDArray) -> Reference:
         """Analytic answer; its uncertainty is rounding."""
@@ -143,6 +147,8 @@ class MeshLimit:
     name: str
     values: NDArray
     uncertainty: ErrorNorms
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,6 +270,18 @@ class Table:
     mesh_failure: str = ""
     polyhedron_error: ErrorNorms | None = None
     undecided: str = ""
+
+    def __repr__(self) -> str:
+        """A line for each row, cheapest first, and the reference."""
+        rows = sorted(self.rows, key=lambda row: row.total_seconds)
+        width = max((len(row.label) for row in rows), default=0)
+        lines = [
+            f"    {row.label:{width}}  {row.total_seconds:.3g} s  max error {row.max_error:.2e}  "
+            f"mean error {row.mean_error:.2e}  {row.verdict}".rstrip()
+            for row in rows
+        ]
+        name = self.reference.name if self.reference else None
+        return "\n".join([f"Table(reference={name!r}, {len(rows)} rows", *lines, ")"])
 
     def uncertainty(self, norm: str = "max") -> float:
         """Uncertainty of what the errors are measured against: the largest of the rows."""

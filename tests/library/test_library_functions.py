@@ -106,6 +106,30 @@ def test_pair_of_arrays_gives_what_the_mesh_gives(name):
     np.testing.assert_array_equal(CALLS[name](pair), CALLS[name](SQUARE))
 
 
+TRIANGLE = ([[0, 0], [1, 0], [1, 1]], [[0, 1], [1, 2], [2, 0]])
+SHOWN = [
+    ("as_mesh", lambda m: m, "TriangleMesh(10000 vertices, 19602 faces)"),
+    ("intrinsic_delaunay", ddg.intrinsic_delaunay, "IntrinsicMesh(10000 vertices, 19602 faces)"),
+    ("curvature", ddg.curvature, "'mean_curvature_normal': float64[10000,3]"),
+    ("shortest_paths", lambda m: ddg.shortest_paths(m, 0, 9).mesh, "CurveSet(10 vertices, 9 lines)"),
+    ("laplace_operator", ddg.laplace_operator, "mass=csr_array (10000, 10000) with 10000 entries"),
+    ("eigenpairs", lambda m: ddg.eigenpairs(m, 2), "vectors=float64[10000,2]"),
+    ("hodge", lambda m: ddg.betti_numbers(m), "BettiNumbers(absolute=(1, 0, 0)"),
+    ("heat_equation", lambda m: ddg.heat_equation(m, 0, 0.1), "evolution_frames=list of 51 EvolutionFrame"),
+    ("HeatSolver", ddg.HeatSolver, "DistanceSolver(TriangleMesh(10000 vertices"),
+    ("curve_flow", lambda m: ddg.curve_flow(TRIANGLE, steps=1), "n_frames=2"),
+    ("conformal_map", ddg.conformal_map, "metric=ConeMetric(...)"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "text"), [row[1:] for row in SHOWN], ids=[row[0] for row in SHOWN])
+def test_a_result_is_shown_by_the_types_and_shapes_of_its_arrays(call, text):
+    shown = repr(call(ddg.grid(99, 99)))
+    assert text in shown
+    assert len(shown) < 2500 and max(map(len, shown.splitlines())) <= 110
+    assert " at 0x" not in shown and "array([" not in shown
+
+
 def test_what_read_mesh_returns_is_accepted_as_a_mesh(tmp_path):
     ddg.write_mesh(tmp_path / "square.ply", (SQUARE.points, SQUARE.faces))
     read = ddg.read_mesh(tmp_path / "square.ply")
@@ -330,6 +354,10 @@ def test_tradeoff_judges_rows_against_a_known_truth():
     options = {"sources": [5], "method": "dijkstra", "norm": "mean", "repeat": 1}
     mean = ddg.tradeoff_table("geodesic", SPHERE, **options)
     assert [row.method for row in mean.rows] == ["dijkstra"]
+    lines = repr(table).splitlines()
+    assert len(lines) == len(table.rows) + 2 and "known truth" in lines[0]
+    cheapest = min(table.rows, key=lambda row: row.total_seconds)
+    assert cheapest.label in lines[1] and f"{cheapest.max_error:.2e}" in lines[1]
 
 
 def test_summary_block_of_betti_numbers_agrees(summary):

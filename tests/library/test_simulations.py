@@ -98,6 +98,8 @@ def test_trajectory_gives_back_the_frames(tmp_path):
     trajectory_frames = list(falling(steps=3))
     assert ddg.write_trajectory(tmp_path / "fall.vtkhdf", trajectory_frames, mesh_of_shell()) == 4
     with ddg.read_trajectory(tmp_path / "fall.vtkhdf") as trajectory:
+        assert repr(trajectory).endswith("fall.vtkhdf', 4 frames)")
+        assert "points=float64[" in repr(next(iter(trajectory)))
         for trajectory_frame, state in zip(trajectory_frames, trajectory, strict=True):
             np.testing.assert_array_equal(state.points, trajectory_frame.points)
             assert state.time == trajectory_frame.time

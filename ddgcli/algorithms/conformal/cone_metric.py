@@ -24,6 +24,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS
 from ddgcli.operators.laplacian import stiffness
 from ddgcli.progress import ProgressCallback
+from ddgcli.representation import short_repr
 
 log = logging.getLogger("ddgcli")
 
@@ -61,6 +62,8 @@ class ConeMetric:
     residual: float
     iterations: int
     degenerate_faces: int
+
+    __repr__ = short_repr
 
     @property
     def converged(self) -> bool:

@@ -30,6 +30,7 @@ from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.mollify import Mollification
 from ddgcli.progress import ProgressCallback
+from ddgcli.representation import short_repr
 
 OPERATORS = ("intrinsic-delaunay", "cotan")  # triangulations whose conformal class is defined
 
@@ -61,6 +62,8 @@ class ConformalMap:
     layout: Layout
     delaunay: IntrinsicDelaunay
     plain: IntrinsicMesh
+
+    __repr__ = short_repr
 
     @property
     def uv(self) -> NDArray[np.float64] | None:

@@ -17,6 +17,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_dot, unit_vectors
+from ddgcli.representation import short_repr
 
 MAX_FOLD = np.pi - 1e-6  # radians; beyond it the two normals of an edge leave the arc between them open
 MAX_OFFSET_FACES = 20_000_000
@@ -40,6 +41,8 @@ class OffsetBody:
     mesh: TriangleMesh
     part_of_face: NDArray[np.int64]
     volume: float
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, eq=False)

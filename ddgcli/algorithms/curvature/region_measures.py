@@ -24,6 +24,7 @@ from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio, unit_vectors, vector_length
+from ddgcli.representation import short_repr
 
 MAX_REGIONS = 100_000
 
@@ -54,6 +55,8 @@ class RegionMeasures:
     phi_h: NDArray[np.float64]
     anisotropic: NDArray[np.float64]
     normal_cycle: NDArray[np.float64]
+
+    __repr__ = short_repr
 
     def entries(self) -> list[dict[str, Any]]:
         """Summary entries of the regions."""

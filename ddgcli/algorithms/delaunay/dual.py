@@ -23,6 +23,7 @@ from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.require import check_size
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS
+from ddgcli.representation import short_repr
 
 NEGATIVE_LENGTH_TOLERANCE = 1e-9  # of the primal length; a dual edge of a tie has length zero
 
@@ -59,6 +60,8 @@ class CircumcentricDual:
     dual_area: NDArray[np.float64]
     area_residual: float
     length_residual: float
+
+    __repr__ = short_repr
 
     @property
     def negative_edges(self) -> int:

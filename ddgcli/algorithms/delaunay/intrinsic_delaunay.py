@@ -30,6 +30,7 @@ from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.representation import short_repr
 
 if TYPE_CHECKING:
     from ddgcli.algorithms.delaunay.common_subdivision import CommonSubdivision
@@ -85,6 +86,8 @@ class DelaunayResult:
     subdivision: CommonSubdivision | None = None
     dual: CircumcentricDual | None = None
     converged: bool = True
+
+    __repr__ = short_repr
 
     @property
     def dual_arrays(self) -> AnnotatedMesh:

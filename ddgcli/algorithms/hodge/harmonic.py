@@ -25,6 +25,7 @@ from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.operators.dec import SimplicialMesh, complex_of
 from ddgcli.operators.stars import hodge_star
 from ddgcli.operators.whitney import barycentric_gradients
+from ddgcli.representation import short_repr
 
 MAX_REFINEMENTS = 20  # of a potential on thin tetrahedra; those of good shape take one
 ZERO_BOUNDARY_VALUES = np.zeros(())
@@ -253,6 +254,8 @@ class HarmonicBasis:
 
     forms: NDArray[np.float64]
     residual: float
+
+    __repr__ = short_repr
 
 
 def harmonic_basis(mesh: SimplicialMesh, boundary: Boundary = "tangential") -> HarmonicBasis:

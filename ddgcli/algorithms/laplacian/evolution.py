@@ -17,6 +17,7 @@ from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.components import connected_labels
 from ddgcli.progress import ProgressCallback
+from ddgcli.representation import short_repr
 
 HEAT, WAVE = EVOLUTIONS
 GAMMA = 2.0 - math.sqrt(2.0)  # of the two stages of TR-BDF2: both have the same matrix
@@ -51,6 +52,8 @@ class EvolutionFrame:
     values: NDArray[np.float64]
     velocity: NDArray[np.float64] | None
     scalar: dict[str, float]
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True)
@@ -268,6 +271,8 @@ class EvolutionResult:
     evolution_frames: list[EvolutionFrame]
     results: dict[str, Any]
     accuracy: dict[str, Any]
+
+    __repr__ = short_repr
 
     @property
     def arrays(self) -> dict[str, NDArray]:

@@ -17,6 +17,7 @@ from ddgcli.operators.dec import Complex, complex_of
 from ddgcli.operators.dec_matrices import form_laplacian
 from ddgcli.operators.whitney import sharp
 from ddgcli.progress import ProgressCallback
+from ddgcli.representation import short_repr
 
 # of the shift 1 / (length of the mesh)^2: smaller eigenvalues are zero. Rounding leaves about 1e-13.
 ZERO_EIGENVALUE = 1e-9
@@ -42,6 +43,8 @@ class FormSpectrum:
     edges: NDArray[np.int64]
     fields: NDArray[np.float64]
     kernel: int
+
+    __repr__ = short_repr
 
 
 def check_forms(mesh: TriangleMesh | TetMesh, k: int) -> Complex:

@@ -27,6 +27,7 @@ from ddgcli.operators.laplacian import (
 )
 from ddgcli.operators.mollify import Mollification, all_flat, mollify_mesh
 from ddgcli.operators.tufted import tufted_cover
+from ddgcli.representation import short_repr
 
 log = logging.getLogger("ddgcli")
 
@@ -57,6 +58,8 @@ class LaplaceOperator:
     surface: SurfaceMesh
     facts: dict[str, Any] = field(default_factory=dict)
     dimension: int = 2
+
+    __repr__ = short_repr
 
     @property
     def referenced_vertices(self) -> NDArray[np.int64]:

@@ -22,6 +22,7 @@ from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.representation import short_repr
 
 log = logging.getLogger("ddgcli")
 
@@ -62,6 +63,8 @@ class Parameterization:
     residual: float
     distortion: dict[str, NDArray[np.float64]]
     converged: bool = True
+
+    __repr__ = short_repr
 
 
 def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Parameterization:

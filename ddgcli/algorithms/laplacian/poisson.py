@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.constrain import Dirichlet, Poisson, components
+from ddgcli.representation import short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,8 @@ class Solution:
     residual: float
     imbalance: float = 0.0
     solver: str = ""
+
+    __repr__ = short_repr
 
 
 def poisson(operator: LaplaceOperator, source: NDArray, fixed: Mapping[int, float] | None = None) -> Solution:

@@ -17,6 +17,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.mollify import mollify_mesh
 from ddgcli.progress import ProgressCallback
+from ddgcli.representation import short_repr
 
 # Bounds of the system M/dt + L, whose weights have no unit and are about 1. Without them a limb that has
 # shrunk to a line has weights of 1e13 and masses of 1e-40, and the solution has no correct digit.
@@ -59,6 +60,8 @@ class SmoothingResult:
     box_growth: float = 0.0
     collapsed: int = 0
     collapse_time: float | None = None
+
+    __repr__ = short_repr
 
     @property
     def in_box(self) -> bool:

@@ -14,6 +14,7 @@ from ddgcli.algorithms.laplacian.weyl import pairs_for_times
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.eigen import Eigenpairs, smallest_eigenpairs
 from ddgcli.progress import ProgressCallback
+from ddgcli.representation import short_repr
 
 log = logging.getLogger("ddgcli")
 
@@ -87,6 +88,8 @@ class HeatKernelSignature:
 
     values: NDArray[np.float64]
     truncation: NDArray[np.float64]
+
+    __repr__ = short_repr
 
 
 def signature_pairs(operator: LaplaceOperator, times: Sequence[float]) -> int:

@@ -69,6 +69,9 @@ class Trajectory:
         self.moving = self.moving or bool(np.any(self._root["Steps/PointOffsets"][: self.n_frames]))
         self.mesh = _mesh_of_cells(self.points(0), corners, ends, solid)
 
+    def __repr__(self) -> str:
+        return f"Trajectory({self.path!r}, {self.n_frames} frames)"
+
     def __enter__(self) -> Trajectory:
         return self
 
