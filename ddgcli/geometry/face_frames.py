@@ -9,7 +9,7 @@ from ddgcli.errors import ParameterError
 from ddgcli.geometry.unfolding import Unfolding, corner_position
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import unit_vectors
+from ddgcli.mesh.vectors import row_cross, unit_vectors
 
 
 def face_axes(mesh: TriangleMesh, face: NDArray) -> tuple[NDArray, NDArray]:
@@ -28,7 +28,7 @@ def face_axes(mesh: TriangleMesh, face: NDArray) -> tuple[NDArray, NDArray]:
     scale = float(mesh.side_length.max(initial=0.0)) or 1.0
     side, back = mesh.side_vector[face, 0] / scale, mesh.side_vector[face, 2] / -scale
     x = unit_vectors(side)
-    return x, np.cross(unit_vectors(np.cross(x, back)), x)
+    return x, row_cross(unit_vectors(row_cross(x, back)), x)
 
 
 def to_face_frame(mesh: SurfaceMesh, face: NDArray, vector: NDArray) -> NDArray[np.float64]:

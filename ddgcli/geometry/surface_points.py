@@ -11,6 +11,7 @@ from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_cross
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +119,10 @@ def nearest_on_triangle(point: NDArray, corners: NDArray) -> tuple[NDArray[np.fl
     barycentric[row, best] = 1 - t[row, best]
     barycentric[row, (best + 1) % 3] = t[row, best]
     distance = gap[row, best]
-    normal = np.cross(side[:, 0], -side[:, 2])
+    normal = row_cross(side[:, 0], -side[:, 2])
     area2 = np.einsum("md,md->m", normal, normal)
     inner = np.stack(
-        [np.einsum("md,md->m", np.cross(side[:, j], offset[:, j]), normal) for j in (1, 2, 0)], axis=1
+        [np.einsum("md,md->m", row_cross(side[:, j], offset[:, j]), normal) for j in (1, 2, 0)], axis=1
     )
     inside = (inner >= 0).all(axis=1) & (area2 > 0)
     barycentric[inside] = inner[inside] / inner[inside].sum(axis=1, keepdims=True)

@@ -18,7 +18,7 @@ from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_side_blocks
-from ddgcli.mesh.vectors import cross, dot, vector_length
+from ddgcli.mesh.vectors import cross, dot, row_cross, vector_length
 
 APEX, TURN, TWIN = 0, 1, 3  # columns of Unfolding.side
 ANGLE_TOLERANCE = 1e-14  # radians by which directions along a boundary may lie beyond it
@@ -136,7 +136,7 @@ def cache_lines(n: int) -> NDArray[np.float64]:
 def _area(mesh: SurfaceMesh, scale: float) -> NDArray[np.float64]:
     if isinstance(mesh, TriangleMesh):
         vector = mesh.side_vector / scale
-        return 0.5 * vector_length(np.cross(vector[:, 0], vector[:, 1]))
+        return 0.5 * vector_length(row_cross(vector[:, 0], vector[:, 1]))
     return face_area(mesh.side_length / scale)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mechanics.system import Motion, System, is_active
 from ddgcli.mechanics.terms import TimeDependent
+from ddgcli.mesh.vectors import row_cross
 
 
 def driving_work(
@@ -96,7 +97,7 @@ def reactions(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDAr
         fixed |= term.mask
         in_term = np.asarray(term.mask.any(axis=1))[ends].all(axis=1) & ~counted
         couple, counted = couples[in_term], counted | in_term
-        forces[term.name] = own.sum(axis=0), np.cross(motion.x, own).sum(axis=0) + couple.sum(axis=0)
+        forces[term.name] = own.sum(axis=0), row_cross(motion.x, own).sum(axis=0) + couple.sum(axis=0)
     return forces
 
 
@@ -157,5 +158,5 @@ def contact_forces(system: System, motion: Motion, dt: float) -> dict[str, tuple
             else:
                 push = term.gradient(motion.x)
         force, moment = forces.get(name, (np.zeros(3), np.zeros(3)))
-        forces[name] = force + push.sum(axis=0), moment + np.cross(motion.x, push).sum(axis=0)
+        forces[name] = force + push.sum(axis=0), moment + row_cross(motion.x, push).sum(axis=0)
     return forces

@@ -13,6 +13,7 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics import low_rank
 from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mechanics.system import LINEAR_SOLVER, System
+from ddgcli.mesh.vectors import row_cross
 
 
 class HessianSolver:
@@ -91,7 +92,7 @@ class HessianSolver:
         for axis in range(3):
             motion[:] = np.eye(3)[axis]
             modes[:, axis] = self.assembly.vector(motion)
-            modes[:, 3 + axis] = self.assembly.vector(np.cross(np.eye(3)[axis], from_middle))
+            modes[:, 3 + axis] = self.assembly.vector(row_cross(np.eye(3)[axis], from_middle))
         internal = self.assembly.internal
         if internal:
             own = np.zeros((len(modes), 1))

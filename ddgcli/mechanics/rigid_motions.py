@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ddgcli.mechanics.system import System
+from ddgcli.mesh.vectors import row_cross
 
 NULL_TOLERANCE = 1e-9  # of the largest singular value; supports that act on coordinates have none near it
 TEST_ANGLE = 0.1  # rad
@@ -34,7 +35,7 @@ def unheld_motions(system: System) -> str:
     fields = np.zeros((len(x), 3, 6))
     for i, unit in enumerate(np.eye(3)):
         fields[..., i] = unit
-        fields[..., 3 + i] = np.cross(unit, arms)
+        fields[..., 3 + i] = row_cross(unit, arms)
     prevented = fields[~system.free]
     if not len(prevented):
         return "nothing holds the shell"
@@ -49,7 +50,7 @@ def unheld_motions(system: System) -> str:
     rate = float(np.linalg.norm(turn))
     if rate * system.size < NULL_TOLERANCE * np.linalg.norm(shift):
         return f"the supports leave a translation free, along {_triple(shift / np.linalg.norm(shift))}"
-    axis, through = _triple(turn / rate), _triple(center + np.cross(turn, shift) / rate**2)
+    axis, through = _triple(turn / rate), _triple(center + row_cross(turn, shift) / rate**2)
     return f"the supports leave a rotation free, about the axis {axis} through {through}"
 
 

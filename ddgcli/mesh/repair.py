@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_cross
 
 # odd numbers without pattern in their bits, one a coordinate: those of the generator splitmix64
 HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)
@@ -135,7 +136,7 @@ def faces_to_turn(mesh: TriangleMesh) -> NDArray[np.bool_]:
     _, label = np.unique(piece[rows], return_inverse=True)
     size = float(np.abs(mesh.points).max())
     a, b, c = (mesh.points[mesh.faces[rows, k]] / (size or 1.0) for k in range(3))
-    vector = np.cross(b - a, c - a) * np.where(turn[rows], -1.0, 1.0)[:, None]
+    vector = row_cross(b - a, c - a) * np.where(turn[rows], -1.0, 1.0)[:, None]
     centre, count = a + b + c, np.bincount(label)
     middle = np.stack([np.bincount(label, weights=column) for column in centre.T], axis=1) / count[:, None]
     volume = np.einsum("ij,ij->i", vector, centre - middle[label])

@@ -12,6 +12,7 @@ from ddgcli.mesh.cures import cure, with_repair
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import FLAT_AREA_TOLERANCE, TriangleMesh
+from ddgcli.mesh.vectors import row_cross
 
 if TYPE_CHECKING:
     from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -243,7 +244,7 @@ def require_area(mesh: TriangleMesh) -> None:
     if surely_has_area(mesh):
         return
     side = mesh.side_vector / mesh.side_length.max()
-    if (np.abs(np.cross(side[:, 0], side[:, 1])) <= FLAT_AREA_TOLERANCE).all():
+    if (np.abs(row_cross(side[:, 0], side[:, 1])) <= FLAT_AREA_TOLERANCE).all():
         raise no_area_error(mesh.n_faces)
 
 
@@ -262,7 +263,7 @@ def surely_has_area(mesh: TriangleMesh) -> bool:
     corners = mesh.points[mesh.faces[:SAMPLE_SIZE]]
     longest = 2.0 * _extent(mesh) or 1.0  # no side is longer
     side = (corners[:, 1:] - corners[:, :1]) / longest
-    return bool((np.abs(np.cross(side[:, 0], side[:, 1])) > FLAT_AREA_TOLERANCE).any())
+    return bool((np.abs(row_cross(side[:, 0], side[:, 1])) > FLAT_AREA_TOLERANCE).any())
 
 
 def no_area_error(n_faces: int) -> MeshError:

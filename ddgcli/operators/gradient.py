@@ -9,7 +9,7 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import unit_vectors
+from ddgcli.mesh.vectors import row_cross, unit_vectors
 
 
 def gradient(mesh: TriangleMesh) -> csr_array:
@@ -38,11 +38,10 @@ def gradient(mesh: TriangleMesh) -> csr_array:
     unit = np.where(longest > 0, longest, 1.0)[:, None]
     side = mesh.side_vector / unit[..., None]
     area = face_area(mesh.side_length / unit)
-    normal = unit_vectors(np.cross(side[:, 0], -side[:, 2]))
+    normal = unit_vectors(row_cross(side[:, 0], -side[:, 2]))
     scale = np.divide(0.5, area, out=np.zeros_like(area), where=area > 0)
-    values = (np.cross(normal[:, None, :], side[:, NEXT]) * scale[:, None, None] / unit[..., None]).transpose(
-        0, 2, 1
-    )
+    turned = row_cross(normal[:, None, :], side[:, NEXT])
+    values = (turned * scale[:, None, None] / unit[..., None]).transpose(0, 2, 1)
     m = mesh.n_faces
     columns = np.repeat(matrix_indices(mesh.faces, 9 * m, mesh.n_vertices)[:, None, :], 3, axis=1)
     pointers = matrix_indices(np.arange(0, 9 * m + 1, 3), 9 * m, mesh.n_vertices)

@@ -13,7 +13,7 @@ from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_dot, unit_vectors
+from ddgcli.mesh.vectors import row_cross, row_dot, unit_vectors
 
 # the back of a face has corners 0, 2, 1, so side j of the front is its side 2 - j
 BACK_CORNERS = [0, 2, 1]
@@ -91,4 +91,4 @@ def _dihedral_position(mesh: TriangleMesh, side: NDArray) -> NDArray[np.float64]
     arm = unit_vectors(arm - row_dot(arm, axis)[:, None] * axis)
     _, first, group = np.unique(edge, return_index=True, return_inverse=True)
     zero = arm[first][group]
-    return np.arctan2(row_dot(np.cross(zero, arm), axis), row_dot(zero, arm))
+    return np.arctan2(row_dot(row_cross(zero, arm), axis), row_dot(zero, arm))

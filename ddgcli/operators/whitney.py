@@ -14,7 +14,7 @@ from ddgcli.geometry.cells import TET_EDGES, TRIANGLE_EDGES
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import ratio, row_dot
+from ddgcli.mesh.vectors import ratio, row_cross, row_dot
 from ddgcli.operators.dec import Complex, complex_of
 
 SpaceMesh = TriangleMesh | TetMesh
@@ -271,15 +271,15 @@ def interior_product(mesh: SpaceMesh, vectors: NDArray, form: NDArray) -> NDArra
         return ratio(total, weight)
     if isinstance(mesh, TetMesh):
         if degree == 2:
-            return flat_of_cells(complex_, mesh, np.cross(flux_vectors(mesh, form), vectors))
+            return flat_of_cells(complex_, mesh, row_cross(flux_vectors(mesh, form), vectors))
         density = _mean_over_cells(
             complex_.cell_face, vectors * (form / measure)[:, None], complex_.counts[2]
         )
         a, b, c = np.moveaxis(mesh.points[complex_.faces], 1, 0)
-        return row_dot(density, 0.5 * np.cross(b - a, c - a))
-    normal = np.cross(mesh.side_vector[:, 0], mesh.side_vector[:, 1])
+        return row_dot(density, 0.5 * row_cross(b - a, c - a))
+    normal = row_cross(mesh.side_vector[:, 0], mesh.side_vector[:, 1])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    return flat_of_cells(complex_, mesh, np.cross(normal, vectors) * (form / measure)[:, None])
+    return flat_of_cells(complex_, mesh, row_cross(normal, vectors) * (form / measure)[:, None])
 
 
 def flux_vectors(mesh: TetMesh, form: NDArray) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.ragged import ranges
 from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.vectors import row_cross
 
 _MAX_FRAGMENTS = 2_000_000  # pixels of faces in memory at once
 _EMPTY_PIXEL = np.iinfo(np.int64).max
@@ -76,7 +77,7 @@ def view_axes(points: NDArray, view: View = None, up: str = "z") -> NDArray[np.f
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
     )
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    return np.stack([right, np.cross(towards, right), towards]) @ np.eye(3)[TURNED_AXES[up]]
+    return np.stack([right, row_cross(towards, right), towards]) @ np.eye(3)[TURNED_AXES[up]]
 
 
 def flat_view(extent: NDArray, up: str = "z") -> str | None:

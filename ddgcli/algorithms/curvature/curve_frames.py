@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.curve import CurveSet
-from ddgcli.mesh.vectors import ratio, row_dot, unit_vectors, vector_length
+from ddgcli.mesh.vectors import ratio, row_cross, row_dot, unit_vectors, vector_length
 
 MAX_SAMPLES = 10_000_000
 
@@ -109,8 +109,8 @@ def _frenet_and_bishop(
     one = _half_turned(before, tangent, one)
     arrays = {
         "arc_length": np.concatenate([[0.0], np.cumsum(length)])[: len(points)],
-        "frenet_tangent": tangent, "frenet_normal": normal, "frenet_binormal": np.cross(tangent, normal),
-        "bishop_1": one, "bishop_2": np.cross(tangent, one),
+        "frenet_tangent": tangent, "frenet_normal": normal, "frenet_binormal": row_cross(tangent, normal),
+        "bishop_1": one, "bishop_2": row_cross(tangent, one),
         "osculating_radius": radius, "osculating_centre": centre,
     }  # fmt: skip
     return arrays, holonomy
@@ -130,8 +130,8 @@ def _bishop(direction: NDArray, closed: bool) -> tuple[NDArray[np.float64], floa
     """
     # any normals, and by cumulative sums of their connection the angle of the parallel ones against them
     axis = np.eye(3)[np.argmin(np.abs(direction), axis=1)]
-    free = unit_vectors(np.cross(direction, axis))
-    other = np.cross(direction, free)
+    free = unit_vectors(row_cross(direction, axis))
+    other = row_cross(direction, free)
     chain = np.concatenate([direction, direction[:1]]) if closed else direction
     free_chain = np.concatenate([free, free[:1]]) if closed else free
     other_chain = np.concatenate([other, other[:1]]) if closed else other
@@ -150,7 +150,7 @@ def _bishop(direction: NDArray, closed: bool) -> tuple[NDArray[np.float64], floa
 def _osculating(points: NDArray, closed: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Radius and centre of the circle through each point and its neighbours."""
     back, ahead = np.roll(points, 1, axis=0) - points, np.roll(points, -1, axis=0) - points
-    normal = np.cross(back, ahead)
+    normal = row_cross(back, ahead)
     doubled = vector_length(normal)
     a, b = vector_length(back), vector_length(ahead)
     curved = doubled > 1e-14 * a * b
@@ -158,7 +158,7 @@ def _osculating(points: NDArray, closed: bool) -> tuple[NDArray[np.float64], NDA
         curved[[0, -1]] = False
     chord = vector_length(ahead - back)
     radius = np.where(curved, ratio(a * b * chord, 2.0 * doubled), np.inf)
-    offset = np.cross((a**2)[:, None] * ahead - (b**2)[:, None] * back, normal)
+    offset = row_cross((a**2)[:, None] * ahead - (b**2)[:, None] * back, normal)
     offset = offset * ratio(0.5, doubled**2)[:, None]
     return radius, points + np.where(curved[:, None], offset, 0.0)
 

@@ -16,7 +16,7 @@ from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_dot, unit_vectors
+from ddgcli.mesh.vectors import row_cross, row_dot, unit_vectors
 from ddgcli.representation import short_repr
 
 MAX_FOLD = np.pi - 1e-6  # radians; beyond it the two normals of an edge leave the arc between them open
@@ -101,7 +101,7 @@ def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> Offs
     side = topology.interior_sides
     twin = topology.side_twin.ravel()[side]
     n1, n2 = normal[side // 3], normal[twin // 3]
-    fold = np.arctan2(np.linalg.norm(np.cross(n1, n2), axis=1), row_dot(n1, n2))
+    fold = np.arctan2(np.linalg.norm(row_cross(n1, n2), axis=1), row_dot(n1, n2))
     if (fold > MAX_FOLD).any():
         bad = int(np.argmax(fold))
         a, b = topology.side_tail[side[bad]], topology.side_head[side[bad]]
@@ -218,7 +218,7 @@ def _sectors(grid: NDArray, is_tail: bool) -> tuple[NDArray, NDArray, int]:
 
 def _arcs(start: NDArray, end: NDArray, t: NDArray) -> NDArray[np.float64]:
     """(k, len(t), 3) points at shares t of the great arcs between unit vectors."""
-    angle = np.arctan2(np.linalg.norm(np.cross(start, end), axis=-1), row_dot(start, end))[..., None]
+    angle = np.arctan2(np.linalg.norm(row_cross(start, end), axis=-1), row_dot(start, end))[..., None]
     other = unit_vectors(end - row_dot(start, end)[..., None] * start)
     turn = angle * t
     return np.cos(turn)[..., None] * start[..., None, :] + np.sin(turn)[..., None] * other[..., None, :]

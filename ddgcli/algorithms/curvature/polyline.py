@@ -19,7 +19,7 @@ from ddgcli.algorithms.curvature.curve_frames import (
 from ddgcli.errors import MeshError
 from ddgcli.mesh.curve import CurveSet, nearest_axis, plane_normal
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.vectors import ratio, row_dot, vector_length
+from ddgcli.mesh.vectors import ratio, row_cross, row_dot, vector_length
 
 log = logging.getLogger("ddgcli")
 
@@ -239,7 +239,7 @@ def _joints(segments: int, closed: bool) -> tuple[NDArray, NDArray, NDArray]:
 
 def _turning(before: NDArray, after: NDArray, normal: NDArray | None) -> NDArray[np.float64]:
     cosine = row_dot(before, after)
-    binormal = np.cross(before, after)
+    binormal = row_cross(before, after)
     return np.arctan2(vector_length(binormal) if normal is None else binormal @ normal, cosine)
 
 
@@ -250,11 +250,11 @@ def _gauss_map(
     if normal is None:
         arrays["gauss_map"][keep] = leaving
         return
-    arrays["gauss_map"][keep] = left = np.cross(normal, leaving)
+    arrays["gauss_map"][keep] = left = row_cross(normal, leaving)
     # axes of the plane: x and y in a horizontal one, and their cyclic images in the others
     first = np.eye(3)[(nearest_axis(normal) + 1) % 3]
     first = first - (first @ normal) * normal
-    second = np.cross(normal, first)
+    second = row_cross(normal, first)
     turning = arrays["turning_angle"][keep]
     start = np.arctan2(left[0] @ second, left[0] @ first)
     arrays["gauss_angle"][keep] = start + np.concatenate([[0.0], np.cumsum(turning[1:])])
@@ -265,10 +265,10 @@ def _torsion(
 ) -> None:
     before, after, at = _joints(len(tangent), closed)
     binormal = np.zeros((len(keep), 3))
-    binormal[at] = np.cross(tangent[before], tangent[after])
+    binormal[at] = row_cross(tangent[before], tangent[after])
     k = np.arange(len(tangent))
     here, there = binormal[k], binormal[(k + 1) % len(keep)]
-    sine = row_dot(np.cross(here, there), tangent)
+    sine = row_dot(row_cross(here, there), tangent)
     cosine = row_dot(here, there)
     # angle between planes, not binormals: at an inflection the binormal jumps by pi and the plane does not
     angle = np.arctan2(np.where(cosine < 0, -sine, sine), np.abs(cosine))

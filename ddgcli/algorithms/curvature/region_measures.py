@@ -23,7 +23,7 @@ from ddgcli.geometry.extrinsic import dihedral_angle, face_normal
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import ratio, unit_vectors, vector_length
+from ddgcli.mesh.vectors import ratio, row_cross, unit_vectors, vector_length
 from ddgcli.representation import short_repr
 
 MAX_REGIONS = 100_000
@@ -107,7 +107,7 @@ def _edge_tensors(mesh: TriangleMesh) -> _EdgeTensors:
     total, gap = np.zeros((2, topology.n_edges, 3))
     total[edge] = unit_vectors(n1 + n2)
     # across the edge and tangential to the mean of both faces; also where the edge is flat
-    gap[edge] = np.cross(total[edge], unit[edge])
+    gap[edge] = row_cross(total[edge], unit[edge])
     sine = np.sin(angle)
     normal_cycle = 0.5 * (_squares(angle - sine, total) + _squares(angle + sine, gap))
     return _EdgeTensors(angle, _squares(angle, unit), normal_cycle, vector_length(vector))

@@ -14,7 +14,7 @@ from ddgcli.geometry.face_frames import surface_position
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import ratio, row_dot, unit_vectors, vector_length
+from ddgcli.mesh.vectors import ratio, row_cross, row_dot, unit_vectors, vector_length
 
 
 def add_darboux_frames(mesh: TriangleMesh, curves: Curves) -> Curves:
@@ -50,11 +50,11 @@ def add_darboux_frames(mesh: TriangleMesh, curves: Curves) -> Curves:
     tangent = unit_vectors(middle[before] + middle[after])
     own = unit_vectors(normal - row_dot(normal, tangent)[:, None] * tangent)
     change = _along_segments(paths, normal)
-    conormal = unit_vectors(np.cross(_along_segments(paths, normal, mean=True), direction))
+    conormal = unit_vectors(row_cross(_along_segments(paths, normal, mean=True), direction))
     rates = {"normal_curvature": row_dot(change, direction), "geodesic_torsion": -row_dot(change, conormal)}
     weight = np.append(length, 0.0)
     arrays: dict[str, NDArray] = {
-        "darboux_tangent": tangent, "darboux_normal": own, "darboux_conormal": np.cross(own, tangent),
+        "darboux_tangent": tangent, "darboux_normal": own, "darboux_conormal": row_cross(own, tangent),
     }  # fmt: skip
     for name, total in rates.items():
         value = np.append(total, 0.0)  # integrals over segments

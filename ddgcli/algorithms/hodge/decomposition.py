@@ -24,7 +24,7 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_matrix
+from ddgcli.mesh.vectors import row_cross, row_matrix
 from ddgcli.operators.dec import Complex, complex_of
 from ddgcli.operators.whitney import barycentric_gradients, sharp, whitney_load
 
@@ -321,7 +321,7 @@ def _turned_gradient(
     """
     gradient = -2.0 * barycentric_gradients(mesh)[:, [2, 0, 1]]  # of 1 - 2 lambda opposite each side
     gradient *= _copotential_sign(mesh)[..., None]
-    turned = np.cross(face_normal(mesh)[:, None], gradient)
+    turned = row_cross(face_normal(mesh)[:, None], gradient)
     area, n = complex_.metric.measure, complex_.counts[1]
     local = area[:, None, None] * np.einsum("mid,mjd->mij", gradient, gradient)
     index = complex_.cell_edge

@@ -13,7 +13,7 @@ from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import bounding_box, cone_volume, vector_length
+from ddgcli.mesh.vectors import bounding_box, cone_volume, row_cross, vector_length
 
 MAX_LISTED = 5  # elements listed for each defect
 ANGLE_BINS = np.arange(0.0, 181.0, 10.0)
@@ -243,7 +243,7 @@ def dihedral_degrees(mesh: TetMesh) -> NDArray[np.float64]:
     p = np.divide(p - p[:, :1], scale, out=np.zeros_like(p), where=scale > 0)
     normal = []
     for a, b, c in TET_FACES:
-        n = np.cross(p[:, b] - p[:, a], p[:, c] - p[:, a])
+        n = row_cross(p[:, b] - p[:, a], p[:, c] - p[:, a])
         length = np.linalg.norm(n, axis=1, keepdims=True)
         normal.append(np.divide(n, length, out=np.full_like(n, np.nan), where=length > 0))
     pairs = [(i, j) for i in range(4) for j in range(i)]

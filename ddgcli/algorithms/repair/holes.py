@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.repair.steps import RepairedMesh
 from ddgcli.mesh.boundary import boundary_vertex_loops
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_cross
 
 SLIVER_AREA = 1e-9  # of the longest side squared; triangles with less are the last choice
 SHAPE_WEIGHT = 1e-6  # of the squared sides beside twice the area: decides where areas are equal
@@ -69,7 +70,7 @@ def least_area_triangles(
             if gap < k - 1 and (a, b) in edges:
                 continue
             m = np.arange(i + 1, j)
-            area = np.linalg.norm(np.cross(corner[m] - corner[i], corner[j] - corner[i]), axis=1)
+            area = np.linalg.norm(row_cross(corner[m] - corner[i], corner[j] - corner[i]), axis=1)
             longest = np.maximum(np.maximum(squared[i, m], squared[m, j]), squared[i, j])
             area += sliver_cost * (area <= SLIVER_AREA * longest)
             area += SHAPE_WEIGHT * (squared[i, m] + squared[m, j] + squared[i, j])

@@ -16,6 +16,7 @@ from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.repair import faces_to_turn, merged_points, reverse_faces
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_cross
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +147,7 @@ def keep_largest(repaired: RepairedMesh) -> RepairedMesh:
     mesh = repaired.mesh
     if mesh.n_faces == 0:
         return repaired
-    area = np.linalg.norm(np.cross(mesh.side_vector[:, 0], mesh.side_vector[:, 1]), axis=1)
+    area = np.linalg.norm(row_cross(mesh.side_vector[:, 0], mesh.side_vector[:, 1]), axis=1)
     component = mesh.topology.face_component
     return _of_faces(repaired, component == np.bincount(component, weights=area).argmax())
 

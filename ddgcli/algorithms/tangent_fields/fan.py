@@ -19,7 +19,7 @@ from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.geometry.face_frames import surface_position
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_dot, vector_length
+from ddgcli.mesh.vectors import row_cross, row_dot, vector_length
 from ddgcli.progress import ProgressCallback
 
 MIN_LEVELS, MAX_LEVELS, LEVELS_PER_SIDE = 64, 1024, 4.0  # at which the order of neighbouring rays is compared
@@ -189,7 +189,7 @@ def _caustic_lengths(swept: _Rays, length: float, is_open: bool) -> NDArray[np.f
     for level, previous in zip(levels, np.append(0.0, levels[:-1])):
         face, weights, direction = swept.at(ray, np.minimum(level, swept.total))
         position = surface_position(swept.mesh, face, weights)
-        width = row_dot(np.cross(normal[face], direction), position[left] - position[right])
+        width = row_dot(row_cross(normal[face], direction), position[left] - position[right])
         present = swept.total >= level
         valid = present & present[left] & present[right] & np.isinf(order)
         crossed = valid & (width <= 0) & (before > 0)

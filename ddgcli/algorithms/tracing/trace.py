@@ -21,7 +21,7 @@ from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import APEX, Fans, Unfolding, unfold, vertex_fans
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.vectors import vector_length
+from ddgcli.mesh.vectors import row_cross, vector_length
 from ddgcli.progress import ProgressCallback
 
 __all__ = ["BOUNDARY_STATUS", "END_STATUS", "FAILURE_STATUS", "Tracer", "Traces", "check_start", "trace"]
@@ -205,7 +205,7 @@ def _refuse_flat_starts(tracer: Tracer, start: LineStart, direction: NDArray) ->
     else:
         in_space = np.broadcast_to(direction, (len(start.face), 3))[flat]
         along = to_space(tracer.mesh, start.face[flat], start.direction[flat])  # type: ignore[arg-type]
-        leaves = vector_length(np.cross(in_space, along)) > NORMAL_TOLERANCE * vector_length(in_space)
+        leaves = vector_length(row_cross(in_space, along)) > NORMAL_TOLERANCE * vector_length(in_space)
     if leaves.any():
         bad = flat[leaves][0]
         raise ParameterError(

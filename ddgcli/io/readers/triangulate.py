@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError
+from ddgcli.mesh.vectors import row_cross
 
 MAX_TESTED_CORNERS = 3e7  # in all ears of a file: some seconds
 MAX_CONCAVE_CORNERS = 20_000  # of one polygon
@@ -88,14 +89,14 @@ def _normals(loop_points: NDArray) -> NDArray:
     """(p, 3) Newell normals of (p, k, 3) loops, length twice the area."""
     ahead = np.roll(loop_points, -1, axis=1)
     middle = loop_points.mean(axis=1, keepdims=True)
-    return np.cross(loop_points - middle, ahead - middle).sum(axis=1)
+    return row_cross(loop_points - middle, ahead - middle).sum(axis=1)
 
 
 def _reflex(points: NDArray, loops: NDArray) -> NDArray:
     """(p, k) True at corners that turn against the polygon's own orientation."""
     with np.errstate(all="ignore"):
         p = points[loops]
-        turn = np.cross(p - np.roll(p, 1, axis=1), np.roll(p, -1, axis=1) - p)
+        turn = row_cross(p - np.roll(p, 1, axis=1), np.roll(p, -1, axis=1) - p)
         return np.einsum("pki,pi->pk", turn, _normals(p)) < 0
 
 

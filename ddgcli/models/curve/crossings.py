@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.ragged import ranges
-from ddgcli.mesh.vectors import unit_vectors
+from ddgcli.mesh.vectors import row_cross, unit_vectors
 from ddgcli.models.curve.polygon import Polygons
 
 MAX_PAIRS = 1 << 20  # pairs of segments handled at once
@@ -40,8 +40,8 @@ def self_crossings(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
 
 def _plane_axes(normal: NDArray) -> tuple[NDArray, NDArray]:
     axis = np.eye(3)[np.abs(normal).argmin()]
-    across = unit_vectors(np.cross(normal, axis)[None])[0]
-    return across, np.cross(normal, across)
+    across = unit_vectors(row_cross(normal, axis)[None])[0]
+    return across, row_cross(normal, across)
 
 
 def _crossings(start: NDArray, end: NDArray, tail: NDArray, head: NDArray) -> int:

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array, csr_array
 
 from ddgcli.mesh.curve import CurveSet, plane_normal
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.vectors import row_dot, unit_vectors, vector_length
+from ddgcli.mesh.vectors import row_cross, row_dot, unit_vectors, vector_length
 
 MIN_SEGMENT = 1e-12  # of the mean segment: shorter ones count as this long in weights 1 / length
 
@@ -127,7 +127,7 @@ def geometry(mesh: Polygons, points: NDArray) -> Geometry:
     length, tangent = vector_length(edge), unit_vectors(edge)
     half = sum_by_index(np.concatenate([mesh.tail, mesh.head]), np.tile(length / 2, 2), mesh.n)
     t, u = tangent[mesh.before], tangent[mesh.after]
-    turning = np.arctan2(vector_length(np.cross(t, u)), row_dot(t, u))
+    turning = np.arctan2(vector_length(row_cross(t, u)), row_dot(t, u))
     return Geometry(edge, tangent, length, half, turning)
 
 
@@ -185,7 +185,7 @@ def area_form(mesh: Polygons, vectors: NDArray) -> NDArray[np.float64]:
         In the square of the vectors' unit.
     """
     normal = mesh.normal[mesh.curve[mesh.tail]]
-    return mesh.by_curve(mesh.tail, row_dot(normal, np.cross(vectors[mesh.tail], vectors[mesh.head])) / 2)
+    return mesh.by_curve(mesh.tail, row_dot(normal, row_cross(vectors[mesh.tail], vectors[mesh.head])) / 2)
 
 
 def area_gradient(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
@@ -204,7 +204,7 @@ def area_gradient(mesh: Polygons, points: NDArray) -> NDArray[np.float64]:
     edge = points[mesh.head] - points[mesh.tail]
     chord = sum_by_index(np.concatenate([mesh.tail, mesh.head]), np.tile(edge, (2, 1)), mesh.n)
     chord = np.where(mesh.bounds_area[mesh.curve][:, None], chord, 0.0)
-    return np.cross(chord, mesh.normal[mesh.curve]) / 2
+    return row_cross(chord, mesh.normal[mesh.curve]) / 2
 
 
 def turning_numbers(mesh: Polygons, shape: Geometry) -> NDArray[np.float64]:
@@ -221,7 +221,7 @@ def turning_numbers(mesh: Polygons, shape: Geometry) -> NDArray[np.float64]:
         0 for other curves.
     """
     t, u = shape.tangent[mesh.before], shape.tangent[mesh.after]
-    sine = row_dot(np.cross(t, u), mesh.normal[mesh.curve[mesh.joint]])
+    sine = row_dot(row_cross(t, u), mesh.normal[mesh.curve[mesh.joint]])
     total = mesh.by_curve(mesh.joint, np.arctan2(sine, row_dot(t, u)))
     return np.where(mesh.bounds_area, np.round(total / (2 * np.pi)), 0.0)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart
 from ddgcli.models.fluid.flux_balance import flux_imbalance
@@ -187,9 +188,9 @@ def _outward_flux(
         context.unwrapped(corner[:, 1] - corner[:, 0]),
         context.unwrapped(corner[:, 2] - corner[:, 0]),
     )
-    normal = np.cross(first, second)
+    normal = row_cross(first, second)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    outward = np.cross(side, normal)  # of the length of the side
+    outward = row_cross(side, normal)  # of the length of the side
     flux = np.einsum("ijk,ik,j->i", velocity, outward, 0.5 * GAUSS_WEIGHTS)
     flux[~np.isin(kind, ("inflow", "outflow"))] = 0.0
     length = np.linalg.norm(side, axis=1)

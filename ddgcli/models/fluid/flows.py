@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.vectors import tangents
+from ddgcli.mesh.vectors import row_cross, tangents
 from ddgcli.models.fluid.context import FluidContext
 
 
@@ -142,12 +142,12 @@ def vortex_ring(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     first, second = tangents(axis)
     angle = 2.0 * np.pi * (np.arange(RING_SEGMENTS) + 0.5) / RING_SEGMENTS
     out = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
-    piece = 2.0 * np.pi * radius / RING_SEGMENTS * np.cross(axis, out)
+    piece = 2.0 * np.pi * radius / RING_SEGMENTS * row_cross(axis, out)
     x, velocity = context.face_points(), np.zeros((len(context.cells), 3))
     for place, along in zip(centre + radius * out, piece):
         apart = x - place
         square = np.einsum("ia,ia->i", apart, apart) + core**2
-        velocity += np.cross(along, apart) / square[:, None] ** 1.5
+        velocity += row_cross(along, apart) / square[:, None] ** 1.5
     return parameters.strength * radius / (4.0 * np.pi) * velocity
 
 

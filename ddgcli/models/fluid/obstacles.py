@@ -18,6 +18,7 @@ from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.fluid.context import FluidContext
 
 SMOOTHING_PASSES = 12
@@ -86,7 +87,7 @@ def winding_number(triangles: NDArray, points: NDArray) -> NDArray[np.float64]:
     for first in range(0, len(points), rows):
         a, b, c = (triangles[None, :, k] - points[first : first + rows, None] for k in range(3))
         la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
-        volume = np.einsum("ijk,ijk->ij", a, np.cross(b, c))
+        volume = np.einsum("ijk,ijk->ij", a, row_cross(b, c))
         dots = (
             la * lb * lc
             + np.einsum("ijk,ijk->ij", a, b) * lc

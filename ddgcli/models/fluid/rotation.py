@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.fluid.conservative import RK4_LIMIT, Rates, fourth_order_step, rotational_rates
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
@@ -68,7 +69,7 @@ def vertex_normals(context: FluidContext) -> NDArray[np.float64]:
     if context.period.any():
         return np.tile([0.0, 0.0, 1.0], (mesh.n_vertices, 1))
     corner = context.points[mesh.faces]
-    around = np.repeat(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 1]), 3, axis=0)
+    around = np.repeat(row_cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 1]), 3, axis=0)
     summed = sum_by_index(mesh.faces.ravel(), around, mesh.n_vertices)
     length = np.linalg.norm(summed, axis=1, keepdims=True)
     return np.divide(summed, length, out=np.zeros_like(summed), where=length > 0)

@@ -30,6 +30,7 @@ from ddgcli.mesh.cures import cure
 from ddgcli.mesh.require import refuse_flat_cells, require_manifold_cells
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
+from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.volume_conditions import VolumeConditions, walls
 from ddgcli.operators.dec import Complex, complex_of
@@ -94,7 +95,7 @@ class VolumeSpace:
         wall = corner[:, TET_FACES]  # (k, 4, 3, 3)
         self.face_centre = wall.mean(axis=2)  # (k, 4, 3), of the faces of each cell
         # (k, 4, 3) outward area vectors; the slopes of the barycentric coordinates are -1/(3 V) of them
-        self.area = 0.5 * np.cross(wall[:, :, 1] - wall[:, :, 0], wall[:, :, 2] - wall[:, :, 0])
+        self.area = 0.5 * row_cross(wall[:, :, 1] - wall[:, :, 0], wall[:, :, 2] - wall[:, :, 0])
         self.slope = -self.area / (3.0 * self.volume[:, None, None])
         self.mass = sum_by_index(self.cells, np.repeat(0.25 * self.volume[:, None], 4, axis=1), self.n)
         self.inverse_mass = np.divide(1.0, self.mass, out=np.zeros(self.n), where=self.mass > 0)
@@ -213,11 +214,11 @@ class VolumeSpace:
 
     def vorticity(self, velocity: NDArray) -> NDArray[np.float64]:
         """(n, 3) weak curl of cell velocities, lumped; closed by the velocity of walls with friction."""
-        turning = -np.cross(self.slope, velocity[:, None]) * self.volume[:, None, None]
+        turning = -row_cross(self.slope, velocity[:, None]) * self.volume[:, None, None]
         total = np.stack([sum_by_index(self.cells, turning[..., a], self.n) for a in range(3)], axis=1)
         cell, i = self.boundary
         along = np.where(self._conditions.friction[:, None], self._conditions.velocity, velocity[cell])
-        rim = np.cross(self.area[cell, i], along) / 3.0
+        rim = row_cross(self.area[cell, i], along) / 3.0
         vertex = self.cells[cell[:, None], TET_FACES[i]]
         for a in range(3):
             total[:, a] += sum_by_index(vertex, np.repeat(rim[:, a, None], 3, axis=1), self.n)
@@ -233,7 +234,7 @@ class VolumeSpace:
         """(e,) circulation around every edge, through the centroids of its faces."""
         from ddgcli.geometry.cells import TET_EDGES
 
-        turns = np.stack([np.cross(self.slope[:, a], self.slope[:, b]) for a, b in TET_EDGES], axis=1)
+        turns = np.stack([row_cross(self.slope[:, a], self.slope[:, b]) for a, b in TET_EDGES], axis=1)
         local = 2.0 * np.einsum("ka,kja->kj", velocity, turns) * self.volume[:, None]
         local *= self.complex.cell_edge_sign
         return sum_by_index(self.complex.cell_edge, local, self.complex.counts[1])

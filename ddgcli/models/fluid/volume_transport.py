@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.fluid.midpoint import PICARD_TOLERANCE, implicit_midpoint
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.smoothing import first_root
@@ -65,7 +66,7 @@ def rotational_acceleration(space: VolumeSpace, flux: NDArray) -> tuple[NDArray,
         head = np.zeros(space.n_faces)
         head[face] = 0.5 * (np.maximum(flux[face] * space.sign[cell, i], 0.0) / size) ** 2
         head[~space.conditions.natural] = 0.0
-    return -np.cross(omega, velocity), head
+    return -row_cross(omega, velocity), head
 
 
 class EnergyTransport(FlowPhase):

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ddgcli.geometry.cells import TET_EDGES
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.fluid.diffusion import GAMMA
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.state import FluidState
@@ -56,7 +57,7 @@ class VolumeDiffusion(FlowPhase):
         friction = conditions.friction | conditions.natural[space.cell_face[cell, i]]
         slip_edges = np.unique(cells.face_edge[space.cell_face[cell, i][~friction]])
         cell, i = cell[friction], i[friction]
-        turned = np.cross(space.area[cell, i], conditions.velocity[friction])
+        turned = row_cross(space.area[cell, i], conditions.velocity[friction])
         tail, head = np.array(TET_EDGES).T
         mean = (space.slope[cell][:, head] - space.slope[cell][:, tail]) / 3.0  # of the form of an edge
         value = np.einsum("sja,sa->sj", mean, turned) * cells.cell_edge_sign[cell]

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mechanics.terms import LinearOperator, Mode
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.vectors import row_cross
 
 
 class AreaSprings:
@@ -28,7 +29,7 @@ class AreaSprings:
         """Areas (m,), unit normals (m, 3) and opposite edges (m, 3, 3)."""
         corners = x[self.stencil]
         edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-        normal = np.cross(edges[:, 1], edges[:, 2])
+        normal = row_cross(edges[:, 1], edges[:, 2])
         double = np.sqrt(np.einsum("mi,mi->m", normal, normal))
         return 0.5 * double, normal / np.where(double > 0, double, 1.0)[:, None], edges
 
@@ -38,13 +39,13 @@ class AreaSprings:
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         area, normal, edges = self._area(x)
         force = self.stiffness * (area / self.rest - 1)
-        slope = 0.5 * np.cross(normal[:, None], edges)
+        slope = 0.5 * row_cross(normal[:, None], edges)
         return sum_by_index(self.stencil, force[:, None, None] * slope, len(x))
 
     def material_operator(self, x: NDArray) -> LinearOperator:
         """Product of the material Hessian at x with velocities (n, 3)."""
         _, normal, edges = self._area(x)
-        slope = 0.5 * np.cross(normal[:, None], edges)
+        slope = 0.5 * row_cross(normal[:, None], edges)
 
         def multiply(v: NDArray) -> NDArray[np.float64]:
             rate = np.einsum("mij,mij->m", slope, v[self.stencil])
@@ -56,7 +57,7 @@ class AreaSprings:
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         area, normal, edges = self._area(x)
-        slope = 0.5 * np.cross(normal[:, None], edges).reshape(-1, 9)
+        slope = 0.5 * row_cross(normal[:, None], edges).reshape(-1, 9)
         block = (self.stiffness / self.rest)[:, None, None] * slope[:, :, None] * slope[:, None, :]
         if mode == "exact":
             block += (self.stiffness * (area / self.rest - 1))[:, None, None] * area_hessian(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import unit_vectors
+from ddgcli.mesh.vectors import row_cross, unit_vectors
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.midedge import NO_CLAMP, ClampedSides, inward_directions, side_corners
 
@@ -56,7 +56,7 @@ def _directions(mesh: TriangleMesh, side: NDArray, axes: NDArray) -> NDArray[np.
     if axes.all():
         return inward
     if axes.sum() == 2:
-        across = np.cross(u, (~axes).astype(float))
+        across = row_cross(u, (~axes).astype(float))
         along = np.linalg.norm(across, axis=1) < PARALLEL_TOLERANCE
         direction = np.where(along[:, None], inward, unit_vectors(np.where(along[:, None], inward, across)))
     else:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import vector_length
+from ddgcli.mesh.vectors import row_cross, vector_length
 from ddgcli.models.shell.scene import Shell
 from ddgcli.scenes.scene import Scene
 from ddgcli.scenes.sections import Key
@@ -73,7 +73,7 @@ class ShellContext:
     def face_area(self) -> NDArray[np.float64]:
         """(m,) areas at rest."""
         side = self.mesh.side_vector
-        return 0.5 * vector_length(np.cross(side[:, 0], side[:, 1]))
+        return 0.5 * vector_length(row_cross(side[:, 0], side[:, 1]))
 
     @cached_property
     def vertex_area(self) -> NDArray[np.float64]:

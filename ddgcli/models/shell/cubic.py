@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mechanics.terms import LinearOperator, Mode
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.vectors import row_dot
+from ddgcli.mesh.vectors import row_cross, row_dot
 from ddgcli.models.shell import hinge
 
 SIDES = ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3))  # of a hinge
@@ -63,7 +63,7 @@ class CubicBending:
         d = self._vectors(x) - self._rest
         quadratic = 0.5 * np.einsum("hij,hia,hja->h", self.form, d, d, optimize=True)
         mean = self._rest + d / 3
-        volume = sum(row_dot(mean[:, i], np.cross(d[:, j], d[:, k])) for i, j, k in ROTATIONS)
+        volume = sum(row_dot(mean[:, i], row_cross(d[:, j], d[:, k])) for i, j, k in ROTATIONS)
         return float(np.sum(quadratic + self.cubic * volume))
 
     def _local_gradient(self, x: NDArray) -> NDArray[np.float64]:
@@ -71,7 +71,7 @@ class CubicBending:
         d = p - self._rest
         gradient = np.matmul(self.form, d)
         for i, j, k in ROTATIONS:
-            change = np.cross(d[:, j], p[:, k]) + np.cross(self._rest[:, j], d[:, k])
+            change = row_cross(d[:, j], p[:, k]) + row_cross(self._rest[:, j], d[:, k])
             slope = self.cubic[:, None] * change
             gradient[:, i] += slope
             gradient[:, 0] -= slope

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.vectors import row_cross
 from ddgcli.scenes.shapes import Rotation, rotation_matrix
 
 PARALLEL_TOLERANCE = 1e-12  # 1 - cosine of the angle between axes that count as one
@@ -85,7 +86,7 @@ class Pose:
 
     def velocities(self, x: NDArray) -> NDArray[np.float64]:
         """(n, 3) velocities of the body at the places x."""
-        return self.velocity + np.cross(self.spin, x - self.center)
+        return self.velocity + row_cross(self.spin, x - self.center)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +123,9 @@ class RigidKeyFrames:
         rotation = rotation_matrix(turn.axis, s * turn.angle) @ turn.start
         arm = (self.points - self.center) @ rotation.T
         omega, alpha = ds * turn.angle * turn.axis, dds * turn.angle * turn.axis
-        speed = np.cross(omega, arm)
+        speed = row_cross(omega, arm)
         x = self.center + self.displacements[k] + s * step + arm
-        return x, ds * step + speed, dds * step + np.cross(alpha, arm) + np.cross(omega, speed)
+        return x, ds * step + speed, dds * step + row_cross(alpha, arm) + row_cross(omega, speed)
 
     def pose(self, time: float) -> Pose:
         """Placement of the body at a time in s."""

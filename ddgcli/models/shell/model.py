@@ -26,6 +26,7 @@ from ddgcli.mechanics.terms import (
 )
 from ddgcli.mesh.requirements import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.shell.checkpoint import packed, unpacked
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.equilibrium_advice import load_advice, needle_advice
@@ -398,4 +399,4 @@ def _load_reached(duration: float, motion: Motion) -> str:
 def _initial_velocity(context: ShellContext) -> NDArray[np.float64]:
     shell, x = context.shell, context.mesh.points
     centre = (context.mass[:, None] * x).sum(axis=0) / context.mass.sum()
-    return np.array(shell.velocity) + np.cross(np.array(shell.angular_velocity), x - centre)
+    return np.array(shell.velocity) + row_cross(np.array(shell.angular_velocity), x - centre)

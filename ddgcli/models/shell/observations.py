@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mechanics.driving import contact_forces, reactions
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mesh.vectors import vector_length
+from ddgcli.mesh.vectors import row_cross, vector_length
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.groups import Group
 from ddgcli.simulation.model import Observation
@@ -103,7 +103,7 @@ def measures(system: System, motion: Motion) -> dict[str, Any]:
         **energies,
         "energy": kinetic + sum(energies.values()),
         "momentum": momentum.sum(axis=0),
-        "angular_momentum": np.cross(motion.x, momentum).sum(axis=0),
+        "angular_momentum": row_cross(motion.x, momentum).sum(axis=0),
         "newton_iterations": float(motion.newton),
         **({"external_work": motion.work} if system.driven else {}),
     }

@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from ddgcli.mechanics.terms import Mode, Potential, at_last_point
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.shell.area_springs import cross_matrix
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.ramp import RampSection
@@ -73,12 +74,12 @@ class ConstantPressure:
     def volume(self, x: NDArray) -> float:
         """Enclosed volume in m^3."""
         a, b, c = np.moveaxis(self._corners(x), 1, 0)
-        return self.sign * float(np.einsum("mi,mi->", np.cross(a, b), c)) / 6
+        return self.sign * float(np.einsum("mi,mi->", row_cross(a, b), c)) / 6
 
     def volume_gradient(self, x: NDArray) -> NDArray[np.float64]:
         """(n, 3) gradient of the volume."""
         a, b, c = np.moveaxis(self._corners(x), 1, 0)
-        area = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+        area = np.stack([row_cross(b, c), row_cross(c, a), row_cross(a, b)], axis=1)
         return sum_by_index(self.stencil, self.sign / 6 * area, len(x))
 
     def excess(self, x: NDArray) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import cone_volume
+from ddgcli.mesh.vectors import cone_volume, row_cross
 from ddgcli.models.willmore.vertex_energies import FaceSides, area_gradient
 
 
@@ -89,7 +89,7 @@ def volume_gradient(mesh: TriangleMesh) -> NDArray[np.float64]:
         In length^2; of no meaning at boundary vertices.
     """
     faces = FaceSides.at(mesh.points, mesh.faces)
-    third = np.cross(faces.opposite[:, 0], faces.opposite[:, 1]) / 6.0
+    third = row_cross(faces.opposite[:, 0], faces.opposite[:, 1]) / 6.0
     return sum_by_index(mesh.faces, np.repeat(third[:, None], 3, axis=1), mesh.n_vertices)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
-from ddgcli.mesh.vectors import row_dot, vector_length
+from ddgcli.mesh.vectors import row_cross, row_dot, vector_length
 
 COCIRCULAR_SINE = 1e-12  # sine of an angle between circles below which the gradient, not defined there, is 0
 
@@ -81,23 +81,23 @@ def _sides(points: NDArray, vertices: NDArray) -> tuple[NDArray, NDArray]:
 def _product(sides: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Real (h,) and imaginary (h, 3) part of the product of four imaginary quaternions (h, 4, 3)."""
     a, b, c, d = np.moveaxis(sides, 1, 0)
-    ab, cd, left, right = row_dot(a, b), row_dot(c, d), np.cross(a, b), np.cross(c, d)
-    imaginary = np.cross(left, right) - ab[:, None] * right - cd[:, None] * left
+    ab, cd, left, right = row_dot(a, b), row_dot(c, d), row_cross(a, b), row_cross(c, d)
+    imaginary = row_cross(left, right) - ab[:, None] * right - cd[:, None] * left
     return row_dot(left, right) - ab * cd, imaginary
 
 
 def _pulled_back(sides: NDArray, by_real: NDArray, by_imaginary: NDArray) -> NDArray[np.float64]:
     """(h, 4, 3) derivative by the four factors, given those by the parts of the product."""
     a, b, c, d = np.moveaxis(sides, 1, 0)
-    ab, cd, left, right = row_dot(a, b), row_dot(c, d), np.cross(a, b), np.cross(c, d)
-    by_left = by_real[:, None] * right + np.cross(right, by_imaginary) - cd[:, None] * by_imaginary
-    by_right = by_real[:, None] * left + np.cross(by_imaginary, left) - ab[:, None] * by_imaginary
+    ab, cd, left, right = row_dot(a, b), row_dot(c, d), row_cross(a, b), row_cross(c, d)
+    by_left = by_real[:, None] * right + row_cross(right, by_imaginary) - cd[:, None] * by_imaginary
+    by_right = by_real[:, None] * left + row_cross(by_imaginary, left) - ab[:, None] * by_imaginary
     by_ab = (-by_real * cd - row_dot(by_imaginary, right))[:, None]
     by_cd = (-by_real * ab - row_dot(by_imaginary, left))[:, None]
     derivatives = (
-        np.cross(b, by_left) + by_ab * b,
-        np.cross(by_left, a) + by_ab * a,
-        np.cross(d, by_right) + by_cd * d,
-        np.cross(by_right, c) + by_cd * c,
+        row_cross(b, by_left) + by_ab * b,
+        row_cross(by_left, a) + by_ab * a,
+        row_cross(d, by_right) + by_cd * d,
+        row_cross(by_right, c) + by_cd * c,
     )
     return np.stack(derivatives, axis=1)

@@ -20,6 +20,7 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.willmore.area_energy import AreaEnergy
 from ddgcli.models.willmore.descent import vertex_normals
 from ddgcli.models.willmore.step_rules import MIN_CONFORMAL_SHARE
@@ -190,7 +191,7 @@ def _by_change(
     # conj(s) e + e s = 2 Re(s) e + 2 cross(e, Im(s)) for imaginary e; s is the mean of the ends' spinors
     by_spinor = np.empty_like(e)
     by_spinor[..., 0] = 2.0 * e[..., 1 + axis]
-    by_spinor[..., 1:] = 2.0 * np.cross(unit[1:], e[..., 1:])
+    by_spinor[..., 1:] = 2.0 * row_cross(unit[1:], e[..., 1:])
     by_spinor *= 0.5 * along[..., None]
     right = sum_by_index(mesh.faces[:, NEXT], by_spinor, mesh.n_vertices)
     right += sum_by_index(mesh.faces[:, PREVIOUS], by_spinor, mesh.n_vertices)
@@ -211,7 +212,7 @@ def _imaginary(v: NDArray) -> NDArray[np.float64]:
 def _product(p: NDArray, q: NDArray) -> NDArray[np.float64]:
     """Hamilton product of quaternions (..., 4)."""
     real = p[..., :1] * q[..., :1] - np.sum(p[..., 1:] * q[..., 1:], axis=-1, keepdims=True)
-    imaginary = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + np.cross(p[..., 1:], q[..., 1:])
+    imaginary = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + row_cross(p[..., 1:], q[..., 1:])
     return np.concatenate([real, imaginary], axis=-1)
 
 

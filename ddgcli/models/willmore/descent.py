@@ -163,7 +163,9 @@ def second_order_matrix(
     -------
     (k, k) csc_array of float64
     """
-    matrix = csc_array((diags_array(lumped_vertex_area(mesh)) + dt * stiffness(mesh))[free][:, free])
+    matrix = csc_array(diags_array(lumped_vertex_area(mesh)) + dt * stiffness(mesh))
+    if len(free) < mesh.n_vertices:
+        matrix = csc_array(matrix[free][:, free])
     if normal is not None:
         column = np.repeat(np.arange(len(free)), np.diff(matrix.indptr))
         matrix.data = matrix.data * row_dot(normal[matrix.indices], normal[column])

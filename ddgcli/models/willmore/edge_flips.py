@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_dot, vector_length
+from ddgcli.mesh.vectors import row_cross, row_dot, vector_length
 from ddgcli.models.willmore.redistribution import redistribute
 
 MAX_TURN = np.cos(np.radians(35.0))  # cosine of the angle by which a flip may turn normals
@@ -80,16 +80,16 @@ def _opposite_angles(points: NDArray, quad: NDArray) -> NDArray[np.float64]:
     total = np.zeros(len(quad))
     for apex in (2, 3):
         one, other = (points[quad[:, end]] - points[quad[:, apex]] for end in (0, 1))
-        total += np.arctan2(vector_length(np.cross(one, other)), row_dot(one, other))
+        total += np.arctan2(vector_length(row_cross(one, other)), row_dot(one, other))
     return total
 
 
 def _keeps_surface(corner: NDArray) -> NDArray[np.bool_]:
     """(k,) whether the faces before and after a flip lean little from the quadrilateral (k, 4, 3)."""
     i, j, k, other = np.moveaxis(corner, 1, 0)
-    vectors = [np.cross(j - i, k - i), np.cross(other - i, j - i)]
+    vectors = [row_cross(j - i, k - i), row_cross(other - i, j - i)]
     mean = vectors[0] + vectors[1]
-    vectors += [np.cross(other - i, k - i), np.cross(k - j, other - j)]
+    vectors += [row_cross(other - i, k - i), row_cross(k - j, other - j)]
     size = vector_length(mean)
     least = [row_dot(v, mean) - MAX_TURN * vector_length(v) * size for v in vectors]
     return (np.min(least, axis=0) >= 0.0) & (size > 0.0)

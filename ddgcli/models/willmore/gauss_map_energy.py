@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
-from ddgcli.mesh.vectors import row_dot
+from ddgcli.mesh.vectors import row_cross, row_dot
 from ddgcli.models.willmore.vertex_energies import FaceSides, area_gradient
 
 # weight of the S-shape at which, on equilateral triangles, stripes one edge wide (which no vertex normal
@@ -57,7 +57,7 @@ class Normals:
         ahead, behind = sides[:, PREVIOUS], -sides[:, NEXT]
         ahead = ahead / row_dot(ahead, ahead)[..., None]
         behind = behind / row_dot(behind, behind)[..., None]
-        vector = sum_by_index(corners, np.cross(ahead, behind), n)
+        vector = sum_by_index(corners, row_cross(ahead, behind), n)
         length = np.sqrt(row_dot(vector, vector))
         return cls(ahead, behind, length, vector / length[:, None])
 
@@ -66,8 +66,8 @@ class Normals:
         with np.errstate(divide="ignore", invalid="ignore"):
             by_vector = (by_unit - row_dot(by_unit, self.unit)[:, None] * self.unit) / self.length[:, None]
         by_vector = by_vector[corners]
-        by_ahead = _inverted(self.ahead, np.cross(self.behind, by_vector))
-        by_behind = _inverted(self.behind, np.cross(by_vector, self.ahead))
+        by_ahead = _inverted(self.ahead, row_cross(self.behind, by_vector))
+        by_behind = _inverted(self.behind, row_cross(by_vector, self.ahead))
         return _by_corners(by_ahead, by_behind)
 
 
@@ -198,7 +198,7 @@ class GaussMapEnergy:
             corner_dot = 0.5 * (squared[:, NEXT] + squared[:, PREVIOUS] - squared)
             skew = row_dot(twice, side)
             dirichlet = (corner_dot * bend).sum(axis=1) / (8.0 * faces.area)
-            image = np.cross(fall[:, 0], fall[:, 1])
+            image = row_cross(fall[:, 0], fall[:, 1])
             s_shape = _s_shape(skew, squared, corner_dot, faces.area)
             value = counted * (0.5 * dirichlet + s_shape)
             value -= 0.25 * counted * row_dot(image, faces.normal)
@@ -237,8 +237,8 @@ class GaussMapEnergy:
         # by the normals' differences and sums along the sides
         share = (counted / area)[:, None]
         by_fall = 0.125 * (share * t.corner_dot)[..., None] * t.fall
-        by_fall[:, 0] -= 0.25 * counted[:, None] * np.cross(t.fall[:, 1], unit)
-        by_fall[:, 1] -= 0.25 * counted[:, None] * np.cross(unit, t.fall[:, 0])
+        by_fall[:, 0] -= 0.25 * counted[:, None] * row_cross(t.fall[:, 1], unit)
+        by_fall[:, 1] -= 0.25 * counted[:, None] * row_cross(unit, t.fall[:, 0])
         by_skew, by_squared, s_by_area = _s_shape_gradient(t.skew, t.squared, t.corner_dot, area)
         by_skew, by_squared = (
             counted[:, None, None] * derivative[..., None] for derivative in (by_skew, by_squared)
@@ -253,14 +253,14 @@ class GaussMapEnergy:
         by_side = (spread[:, NEXT] + spread[:, PREVIOUS] - spread)[..., None] * side
         by_side += by_skew * t.twice + 2.0 * by_squared * side
         turn = (by_normal - row_dot(by_normal, unit)[:, None] * unit) / (2.0 * area)[:, None]
-        by_side[:, 0] += np.cross(side[:, 1], turn)
-        by_side[:, 1] += np.cross(turn, side[:, 0])
+        by_side[:, 0] += row_cross(side[:, 1], turn)
+        by_side[:, 1] += row_cross(turn, side[:, 0])
         by_area = counted * (s_by_area - 0.5 * t.dirichlet / area)
         corner = by_area[:, None, None] * area_gradient(t.faces) + by_side[:, NEXT] - by_side[:, PREVIOUS]
         corner += t.normals.pulled_back(by_unit, corners)
         if angled.any():
             by_ahead, by_behind = (
-                angled[..., None] * np.cross(q, orientation * unit[:, None])
+                angled[..., None] * row_cross(q, orientation * unit[:, None])
                 for q, orientation in ((t.normals.ahead, 1.0), (t.normals.behind, -1.0))
             )
             corner += _by_corners(by_ahead, by_behind)

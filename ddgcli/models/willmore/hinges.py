@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.geometry.hinges import hinge_sides, hinges
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
-from ddgcli.mesh.vectors import row_dot
+from ddgcli.mesh.vectors import row_cross, row_dot
 from ddgcli.models.willmore.vertex_energies import FaceSides
 
 
@@ -41,7 +41,7 @@ class Hinges:
         n0, n1 = faces.normal[self.face[:, 0]], faces.normal[self.face[:, 1]]
         with np.errstate(divide="ignore", invalid="ignore"):
             unit = edge / np.sqrt(squared)[:, None]
-        angle = np.arctan2(row_dot(np.cross(n0, n1), unit), row_dot(n0, n1))
+        angle = np.arctan2(row_dot(row_cross(n0, n1), unit), row_dot(n0, n1))
         return BentHinges(self, points, faces, edge, squared, angle)
 
 

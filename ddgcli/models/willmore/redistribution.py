@@ -9,6 +9,7 @@ from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_cross
 
 MIN_ANGLE = np.radians(40.0)  # vertices of faces with a smaller angle slide
 MAX_SECTOR_SHARE = 0.5  # of the way to the opposite side of the face that a vertex slides into
@@ -96,4 +97,4 @@ def _slid_points(mesh: TriangleMesh, normal: NDArray) -> NDArray[np.float64]:
 
 
 def _triple(a: NDArray, b: NDArray, c: NDArray) -> NDArray[np.float64]:
-    return np.einsum("...i,...i->...", a, np.cross(b, c))
+    return np.einsum("...i,...i->...", a, row_cross(b, c))

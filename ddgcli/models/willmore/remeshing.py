@@ -13,7 +13,7 @@ from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_dot, unit_vectors, vector_length
+from ddgcli.mesh.vectors import row_cross, row_dot, unit_vectors, vector_length
 from ddgcli.models.willmore.edge_flips import delaunay_flips, improved
 from ddgcli.models.willmore.redistribution import redistribute
 
@@ -270,7 +270,7 @@ def _collapsed(
     dead[edges.face] = True
     star = np.flatnonzero((owner < count) & ~dead)
     before, after = mesh.points[mesh.faces[star]], moved[faces[star]]
-    old, new = (np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]) for c in (before, after))
+    old, new = (row_cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]) for c in (before, after))
     folds = row_dot(unit_vectors(old), unit_vectors(new)) < MAX_TURN
     sides = vector_length(after[:, [1, 2, 0]] - after)
     aim = target[mesh.faces[star]].mean(axis=1)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ddgcli.geometry.intrinsic import mixed_voronoi_share
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+from ddgcli.mesh.vectors import row_cross
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class FaceSides:
     def at(cls, points: NDArray, faces: NDArray) -> FaceSides:
         corner = points[faces]
         opposite = corner[:, PREVIOUS] - corner[:, NEXT]
-        doubled = np.cross(opposite[:, 0], opposite[:, 1])
+        doubled = row_cross(opposite[:, 0], opposite[:, 1])
         length = np.sqrt(np.einsum("ij,ij->i", doubled, doubled))
         with np.errstate(divide="ignore", invalid="ignore"):
             return cls(opposite, doubled / length[:, None], 0.5 * length)
@@ -58,17 +59,17 @@ def area_gradient(faces: FaceSides) -> NDArray[np.float64]:
     (m, 3, 3) ndarray of float64
         A length; face, corner, component.
     """
-    return 0.5 * np.cross(faces.normal[:, None, :], faces.opposite)
+    return 0.5 * row_cross(faces.normal[:, None, :], faces.opposite)
 
 
 def _area_hessian_times(faces: FaceSides, y: NDArray) -> NDArray[np.float64]:
     """(m, 3, 3) second derivative of the face areas applied to corner vectors y (m, 3, 3)."""
     e, nu = faces.opposite, faces.normal
     de = y[:, PREVIOUS] - y[:, NEXT]
-    dn = np.cross(de[:, 0], e[:, 1]) + np.cross(e[:, 0], de[:, 1])
+    dn = row_cross(de[:, 0], e[:, 1]) + row_cross(e[:, 0], de[:, 1])
     dn -= np.einsum("ij,ij->i", dn, nu)[:, None] * nu
     dn /= 2.0 * faces.area[:, None]
-    return 0.5 * (np.cross(dn[:, None, :], e) + np.cross(nu[:, None, :], de))
+    return 0.5 * (row_cross(dn[:, None, :], e) + row_cross(nu[:, None, :], de))
 
 
 def _voronoi_weights(faces: FaceSides) -> tuple[NDArray, NDArray, NDArray]:
@@ -168,7 +169,7 @@ class VertexEnergy:
         if self.sullivan:
             corner += (by_star[corners].sum(axis=1) / 3.0)[:, None, None] * area_gradient(faces)
             mean = by_volume[corners].sum(axis=1) / 3.0
-            corner += 0.5 * np.cross(mean[:, None, :], faces.opposite)
+            corner += 0.5 * row_cross(mean[:, None, :], faces.opposite)
         else:
             corner += voronoi_gradient(faces, by_star[corners])
         return float(value.sum()), sum_by_index(corners, corner, n)

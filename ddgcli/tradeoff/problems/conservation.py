@@ -20,6 +20,7 @@ from ddgcli.errors import ParameterError
 from ddgcli.mechanics.integrators import INTEGRATORS, Step
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import FixedCoordinates, Mode
+from ddgcli.mesh.vectors import row_cross
 from ddgcli.scenes.scene import resolve
 from ddgcli.scenes.sections import Document
 from ddgcli.simulation.account import Account
@@ -246,7 +247,7 @@ def _model(example: _Example, name: str) -> Model[Motion]:
         kinetic = 0.5 * float(np.sum(momentum * motion.v))
         scalar = {
             "energy": kinetic + sum(system.energies(motion.x).values()), "energy_kinetic": kinetic,
-            "momentum": momentum.sum(axis=0), "angular_momentum": np.cross(motion.x, momentum).sum(axis=0),
+            "momentum": momentum.sum(axis=0), "angular_momentum": row_cross(motion.x, momentum).sum(axis=0),
         }  # fmt: skip
         return Observation(motion.x, {}, scalar)
 
