@@ -273,6 +273,11 @@ def sound_accuracy(inputs):
     return call
 
 
+@pytest.fixture(autouse=True)
+def short_references(monkeypatch):
+    monkeypatch.setattr("ddgcli.tradeoff.problems.willmore_flow.REFERENCE_STEPS", (16,))
+
+
 def accuracy_of(summary, inputs, name):
     return summary(*[inputs.get(word, word) for word in RUNS[name]])["accuracy"]
 

@@ -275,13 +275,13 @@ def test_steps_that_gain_energy_are_rejected_with_a_warning(summary, run, tmp_pa
     sample = (Path(__file__).parents[2] / "sample_scenes" / "leaf.toml").read_text()
     leaf = tmp_path / "leaf.toml"
     leaf.write_text(sample.replace("cells = [16, 8]", "cells = [8, 4]"))
-    guarded = summary("shell-sim", leaf, "--dt", 4e-3, "--duration", 0.2)
+    guarded = summary("shell-sim", leaf, "--dt", 4e-3, "--duration", 0.04)
     assert guarded["results"]["rejected_steps"] > 0 and guarded["accuracy"]["energy_drift"] < 1e-2
     assert len(guarded["warnings"]) == 1 and "rejected: energy rises" in guarded["warnings"][0]
-    short = summary("shell-sim", leaf, "--duration", 0.1)
+    short = summary("shell-sim", leaf, "--duration", 0.05)
     assert short["warnings"] == [] and short["accuracy"]["energy_drift"] < 1e-2
     monkeypatch.setattr(balance, "MAX_ENERGY_RISE", np.inf)
-    words = ("--dt", 8e-3, "--duration", 0.08, "-o", tmp_path / "leaf.ply", "--json")
+    words = ("--dt", 8e-3, "--duration", 0.024, "-o", tmp_path / "leaf.ply", "--json")
     grown = run("shell-sim", leaf, *words)
     results = json.loads(grown.stdout)
     assert grown.exit_code == 1 and results["accuracy"]["energy_drift"] > 0.5

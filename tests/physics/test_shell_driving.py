@@ -73,7 +73,7 @@ def test_work_of_the_second_order_scheme_is_of_second_order(effects):
 
 @pytest.mark.parametrize("name", INTEGRATORS)
 def test_handle_ends_at_its_last_key_frame(name):
-    run = strip(TWIST, name, duration=0.06)
+    run = strip(TWIST, name, step=5e-3)
     start, end = (run[k].observations["s"].points for k in (0, -1))
     rows = start[:, 0] > 0.39
     arm = start[rows] - start[rows].mean(axis=0)
