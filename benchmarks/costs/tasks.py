@@ -49,7 +49,6 @@ SURFACE = [
         )
         for scheme in ("normal-cycle", "corrected", "quadric")
     ),
-    Task("curvature quadric auto", "curvature {mesh} --radius auto", short=True),
     Task("curvature further results", "curvature {mesh} --scheme corrected", LARGE_SIZES),
     Task("curvature wide fits", "curvature {mesh}", mesh="detailed"),
     Task("curvature noise", "curvature {mesh}", (800, 10_000), mesh="noisy"),

@@ -14,6 +14,7 @@ from ddgcli.algorithms.geodesics.surface_curves import trace_curves
 from ddgcli.algorithms.hodge.homology import betti_numbers
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.algorithms.laplacian.spectrum import signature_pairs
+from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.cli.forecast import prediction
 from ddgcli.cli.forecast.check_cost import size_of
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
@@ -21,6 +22,7 @@ from ddgcli.cli.forecast.kernels import COPIES_FACTOR, kernels_of
 from ddgcli.cli.forecast.mesh_facts import (
     CLIPS_PER_TEST,
     SEARCH_OF_BALL,
+    angle_deficit,
     ball_work,
     crossings_per_length,
     edge_paths,
@@ -79,7 +81,11 @@ def test_options_change_what_is_predicted():
     assert names("laplacian", eigen=8) == ["laplacian", "laplacian eigen"]
     assert names("laplacian", operator="intrinsic-delaunay")[1:] == ["delaunay"]
     assert names("laplacian", eigen=9)[-1] == "laplacian eigenpair"
-    assert names("delaunay", refine=25.0, overlay="x") == ["delaunay", "delaunay refine", "delaunay overlay"]
+    assert names("delaunay", refine=25.0, overlay="x") == [
+        *2 * ["delaunay"],
+        "delaunay refine",
+        "delaunay overlay",
+    ]
     assert names("delaunay", transfer=["f"])[1:] == ["delaunay overlay", "laplacian poisson"]
     *_, ball, further = kernels_of("curvature", {"scheme": "quadric", "radius": 0.3}, size)
     assert further.kernel == "curvature further results"
@@ -96,6 +102,26 @@ def test_options_change_what_is_predicted():
     assert elastic.kernel == plain.kernel and elastic.times > plain.times == 10
     many = kernels_of("geodesic", {"method": "heat", "source": [1, 2], "each_source": True}, size)
     assert many[-1] == Use("geodesic heat solve", 2)
+
+
+@pytest.mark.parametrize("radius", [None, "auto", 0.3])
+@pytest.mark.parametrize("scheme", [s for s in CURVATURE_SCHEMES if s != "cotan"])
+def test_every_kernel_of_a_scheme_has_been_measured(scheme, radius):
+    size = InputSize("surface", 1000, edge_length=0.1, noise="noise", fitted_pairs=(5000.0, 9000.0))
+    uses = kernels_of("curvature", {"scheme": scheme, "radius": radius}, size)
+    assert all(row["seconds"] is not None for row in predict(uses, size).kernels)
+
+
+def test_steiner_points_are_counted_after_the_flips_and_up_to_their_limit():
+    grid = shapes.grid(30, 30)
+    sheared = grid.moved(grid.points + grid.points[:, 1:2] * [5.0, 0, 0])  # flips make it square again
+    assert angle_deficit(sheared, 25.0) < 0.1 * sheared.n_faces  # but at the boundary
+    size = replace(InputSize("surface", 2000), angle_deficit=500.0)
+    few, many = (
+        kernels_of("delaunay", {"refine": 25.0, "max_points": most}, size)[-1] for most in (100, None)
+    )
+    assert few.elements < 0.1 * many.elements  # points, and memory
+    assert few.elements * few.times > 0.2 * many.elements * many.times  # flips, of the input too
 
 
 @pytest.mark.parametrize(

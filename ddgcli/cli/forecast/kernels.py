@@ -54,12 +54,13 @@ COUNTED_WINDOW_RANGE: Range = (0.6, 1.6)
 SPHERE_MEAN_PATH, SPHERE_LONGEST_PATH = 0.237, 0.456  # edges over the root of the faces: the measured kernel
 SOURCE_OPTIONS = ("source", "source_point", "source_face", *CURVE_SOURCES)
 MAX_BRUTE_FORCE_STARTS = 16  # that of `ddgcli.algorithms.geodesics.certificate`, which would load its imports
-# Steiner points over the angle deficit of `InputSize`, at 25 degrees: 2 on scans, on slivers of mechanical
-# parts and on stretched surfaces, whose faces share what they lack, 6 on random points, on which the kernel
-# is measured; they grow as exp(degrees / 12)
+# Steiner points over the angle deficit of `InputSize`, at 25 degrees: 1.4 to 2.5 on needles and slivers of
+# mechanical parts, whose faces share what they lack, 4 to 6 on scans and random points, on which the kernel
+# is measured; they grow as exp(degrees / 12). A point takes three flips, and the input four for its deficit
 STEINER_POINTS_PER_DEFICIT, STEINER_SATURATION = 4.8, 2.0
 STEINER_RANGE, STEINER_DEGREES = (0.4, 2.5), 12.0
 STEINER_POINTS_OF_MEASURED_FACE, DEFICIT_OF_MEASURED_FACE = 0.78, 0.12
+FLIPS_PER_POINT, FLIPS_PER_DEFICIT = 3.0, 4.0
 
 
 def kernels_of(
@@ -149,7 +150,8 @@ def _repair(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
 def _delaunay(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("delaunay")
     if options.get("refine"):
-        yield _refinement(float(options["refine"]), size)
+        yield Use("delaunay", added=1.0)  # the input, in which the points are inserted too
+        yield _refinement(float(options["refine"]), options.get("max_points"), size)
     for name in ("overlay", "dual", "condition"):
         if options.get(name) or (name == "overlay" and options.get("transfer")):
             yield Use(f"delaunay {name}")
@@ -157,19 +159,25 @@ def _delaunay(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         yield Use("laplacian poisson")
 
 
-def _refinement(degrees: float, size: InputSize) -> Use:
+def _refinement(degrees: float, most: int | None, size: InputSize) -> Use:
     """The insertion of Steiner points, whose number grows with that of the faces with small angles."""
     deficit = size.angle_deficit
     if deficit is None:
         deficit = DEFICIT_OF_MEASURED_FACE * size.elements
     growth = math.exp((min(degrees, MAX_REFINEMENT_DEGREES) - MEASURED_REFINEMENT_DEGREES) / STEINER_DEGREES)
     shared = 1.0 + STEINER_SATURATION * deficit / max(size.elements, 1)
-    points = STEINER_POINTS_PER_DEFICIT * growth * deficit / shared
+    points = min(STEINER_POINTS_PER_DEFICIT * growth * deficit / shared, math.inf if most is None else most)
+    measured_flips = (
+        FLIPS_PER_POINT + FLIPS_PER_DEFICIT * DEFICIT_OF_MEASURED_FACE / STEINER_POINTS_OF_MEASURED_FACE
+    )
+    flips = FLIPS_PER_POINT * points + FLIPS_PER_DEFICIT * deficit
     return Use(
         "delaunay refine",
+        flips / (measured_flips * max(points, 1.0)),
         elements=points / STEINER_POINTS_OF_MEASURED_FACE,
         range=STEINER_RANGE,
         assumes=f"{points:.2g} Steiner points",
+        once=True,
     )
 
 

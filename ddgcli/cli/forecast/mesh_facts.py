@@ -74,11 +74,26 @@ def noise_of_vertices(mesh: TriangleMesh, scheme: str) -> tuple[str, tuple[float
 
 
 def angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
-    """Sum over the faces of 1 - (smallest angle / degrees), where that is positive."""
+    """Sum over the faces of 1 - (smallest angle / degrees), where that is positive.
+
+    The faces are those of the intrinsic Delaunay triangulation, which a refinement starts from.
+    """
+    import logging
+
     import numpy as np
 
+    from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
+    from ddgcli.errors import InputError
     from ddgcli.geometry.intrinsic import corner_angle
 
+    log = logging.getLogger("ddgcli")
+    disabled, log.disabled = log.disabled, True  # the run itself warns
+    try:
+        mesh = flip_to_delaunay(mesh).mesh
+    except InputError:  # which the run itself refuses
+        pass
+    finally:
+        log.disabled = disabled
     smallest = np.degrees(corner_angle(mesh.side_length)).min(axis=1, initial=180.0)
     return float(np.maximum(1.0 - smallest / degrees, 0.0).sum())
 
