@@ -343,7 +343,7 @@ integrator = "{integrator}"
 [[object]]
 name = "ball"
 role = "fluid"
-sphere = {{ subdivisions = 4 }}
+sphere = {{ subdivisions = 3 }}
 [effects]
 initial = {{ vorticity = "5*z^3+x" }}
 viscosity = {{ nu = 1e-3 }}

@@ -20,18 +20,18 @@ OFTEN = (
 
 def marked():
     """An ellipsoid whose upper half is the array `cap`."""
-    mesh = ellipsoid(2)
+    mesh = ellipsoid(1)
     return AnnotatedMesh(mesh, vertex={"cap": (mesh.points[:, 2] > 0.3).astype(float)})
 
 
 RUNS = {
-    "newton": (ellipsoid(2), ["--flow", "newton"]),
-    "newton, area and volume": (ellipsoid(2), ["--flow", "newton", "--fix-area", "--fix-volume"]),
-    "conformal": (ellipsoid(2), ["--flow", "conformal"]),
-    "circle-angle": (ellipsoid(2), ["--flow", "circle-angle"]),
+    "newton": (ellipsoid(1), ["--flow", "newton"]),
+    "newton, area and volume": (ellipsoid(1), ["--flow", "newton", "--fix-area", "--fix-volume"]),
+    "conformal": (ellipsoid(1), ["--flow", "conformal"]),
+    "circle-angle": (ellipsoid(1), ["--flow", "circle-angle"]),
     "circle-angle in time": (ellipsoid(1), ["--flow", "circle-angle", "--dt", "1e-3"]),
-    "bubble": (ellipsoid(2), ["--flow", "mean-curvature", "--fix-volume"]),
-    "largest volume": (ellipsoid(2), ["--flow", "mean-curvature", "--fix-area"]),
+    "bubble": (ellipsoid(1), ["--flow", "mean-curvature", "--fix-volume"]),
+    "largest volume": (ellipsoid(1), ["--flow", "mean-curvature", "--fix-area"]),
     "catenoid": (shapes.cylinder(16, 8, 1.0, 1.2), ["--flow", "mean-curvature"]),
     "mean curvature in time": (ellipsoid(1), ["--flow", "mean-curvature", "--dt", "1e-3"]),
     "vesicle": (ellipsoid(2), ["--fix-area", "--fix-volume"]),
