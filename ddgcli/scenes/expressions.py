@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import difflib
+import re
 import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -20,6 +21,9 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
 _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.Lt: np.less, ast.LtE: np.less_equal, ast.Gt: np.greater, ast.GtE: np.greater_equal,
 }  # fmt: skip
+_NUMBER_WITH_UNIT = re.compile(
+    r"((?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[eE][-+]?\d{1,2})?) ((?:1/)?[A-Za-z][\w/^ ]{0,30})$"
+)
 FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "sin": (1, np.sin), "cos": (1, np.cos), "tan": (1, np.tan), "asin": (1, np.arcsin),
     "acos": (1, np.arccos),
@@ -91,9 +95,24 @@ def parse(text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> ast.expr:
             warnings.simplefilter("ignore")  # Python's opinion of the spelling, such as "1or 2"
             tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        raise ValueError(f"cannot read the expression '{excerpt(text)}'") from error
+        hint = _unit_hint(text, variables)
+        raise ValueError(f"cannot read the expression '{excerpt(text)}'{hint}") from error
     _check(tree, text, variables, 0)
     return tree
+
+
+def _unit_hint(text: str, variables: tuple[str, ...]) -> str:
+    """What to write for a number with a unit at the end of a text that is no expression, or ""."""
+    from ddgcli.scenes.units import parse_unit
+
+    match = _NUMBER_WITH_UNIT.search(text)
+    if match is None or match[2] in (*variables, "t"):
+        return ""
+    try:
+        factor, _ = parse_unit(match[2])
+    except (ValueError, OverflowError):
+        return ""
+    return f": expressions are in SI, without units; write {float(match[1]) * factor:.12g} for '{match[0]}'"
 
 
 def _check(node: ast.AST, text: str, variables: tuple[str, ...], depth: int) -> None:

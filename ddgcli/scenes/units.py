@@ -43,7 +43,23 @@ def _simple_unit(name: str) -> tuple[float, Dimension]:
 
 
 def parse_unit(text: str) -> tuple[float, Dimension]:
-    """Factor to SI and dimension of a unit such as "kg/m^2", "N m" or "mm/s2"."""
+    """Factor to SI and dimension of a unit such as "kg/m^2", "N m" or "mm/s2".
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    factor : float
+    dimension : tuple of int
+        Powers of m, kg, s and rad.
+
+    Raises
+    ------
+    ValueError
+        For what is no unit.
+    """
     factor, total = 1.0, [0, 0, 0, 0]
     for position, piece in enumerate(text.split("/")):
         sign = 1 if position == 0 else -1

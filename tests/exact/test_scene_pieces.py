@@ -1,6 +1,7 @@
 """Units, expressions, shapes and the line index of scenes."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -63,6 +64,20 @@ def test_expressions_have_their_value(text, value):
 def test_expressions_that_are_refused(text):
     with pytest.raises(ValueError):
         evaluate(text, X)
+
+
+@pytest.mark.parametrize(
+    ("text", "cure"),
+    [("10 mm/s", "0.01"), ("-9.81 m/s^2", "9.81"), ("x > 9.9 mm", "0.0099"), ("3 1/s", "3"), ("2 x", None),
+     ("3 foo", None), ("2 t", None)],
+)  # fmt: skip
+def test_a_unit_in_an_expression_is_refused_with_the_number_to_write(text, cure):
+    with pytest.raises(ValueError) as refusal:
+        evaluate(text, X)
+    match = re.search(r"write (\S+) for '(.*)'", str(refusal.value))
+    assert (match and match[1]) == cure
+    if match:
+        evaluate(text.replace(match[2], match[1]), X)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import ddgcli as ddg
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.models.fluid.circulation import CirculationAdvection
@@ -154,3 +155,16 @@ def test_circulation_follows_the_conservative_flow():
     moved = np.sqrt(space.enstrophy(other - some_flow(space)[0]) / space.enstrophy(other))
     apart = np.sqrt(space.enstrophy(omega - other) / space.enstrophy(other))
     assert moved > 0.2 and apart < 0.01
+
+
+@pytest.mark.parametrize("integrator", ["conservative", "circulation"])
+def test_circulation_round_a_hole_that_the_mesh_does_not_resolve_warns(integrator, caplog):
+    """It is constant (Kelvin); what loops lose of it between two boundaries was in `accuracy` alone."""
+    square = {"name": "f", "role": "fluid", "grid": {"size": [1, 1], "cells": [24, 24]}}
+    ball = {"name": "b", "role": "obstacle", "sphere": {"center": [0.5, 0.5, 0], "radius": 0.15}}
+    effects = {"initial": {"vorticity": "20*exp(-150*((x-0.78)^2+(y-0.5)^2))"}, "harmonic": {}}
+    time = {"duration": 1.0, "step": 0.05, "integrator": integrator}
+    end = ddg.simulate({"time": time, "object": [square, ball], "effects": effects}).finish()
+    drift = end.accuracy["circulation_drift"]
+    assert (drift > 0.05) == ("the circulation along a boundary loop" in caplog.text)
+    assert drift > 0.05 if integrator == "circulation" else drift < 1e-12

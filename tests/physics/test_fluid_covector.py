@@ -8,7 +8,7 @@ from benchmarks.fluids.runs import run_fluid
 from ddgcli.mesh import shapes
 from ddgcli.models.fluid.covector import MAX_MAP_STEPS, CovectorAdvection
 from ddgcli.models.fluid.surface_space import SurfaceSpace
-from tests.physics.test_fluid import SURFACES
+from tests.physics.test_fluid import SURFACES, irregular_annulus
 from tests.physics.test_fluid_circulation import needles
 from tests.physics.test_fluid_volumes import CELL, run, series
 
@@ -118,3 +118,25 @@ def test_the_error_of_covector_in_a_volume_does_not_grow_with_the_number_of_step
         energy = series(observed, "kinetic_energy")
         assert 0 <= 1 - energy[-1] / energy[0] < 2e-3
     assert max(errors) < 0.07 and errors[1] < 1.02 * errors[0]
+
+
+def test_a_viscous_wave_moves_with_its_flow():
+    """A wave of degree 3 turns at 5/6 of the rate of the rigid turn below it.
+
+    Where a face leaves with itself what it has beyond its vertices, a quarter of the wave goes astray.
+    """
+    wave = 'initial = { vorticity = "2*z + 3*(x*x*x - 3*x*y*y)" }\nviscosity = { nu = 0.01 }'
+    out = run_fluid(wave, TIME.format(2, 0.1), "sphere = { subdivisions = 3 }")
+    x, y, z = np.array(out.fluid.context.points).T
+    turned = (x + 1j * y) * np.exp(-5j / 6 * (1 - np.exp(-0.04)) / 0.02)
+    truth = 2 * z * np.exp(-0.04) + 3 * (turned**3).real * np.exp(-0.24)
+    error = out.observations[-1].vertex["vorticity"] - truth
+    assert np.linalg.norm(error) < 0.06 * np.linalg.norm(truth)
+
+
+def test_a_map_of_several_steps_that_would_gain_energy_begins_anew_and_no_step_is_divided():
+    """On an irregular ring steps were divided, without end, for what the steps before had done."""
+    turn = 'initial = { velocity = ["-y*(1 + 0.3*x)", "x*(1 - 0.3*y)", 0] }\nharmonic = {}'
+    out = run_fluid(turn, TIME.format(1.0, 0.2), mesh=irregular_annulus())
+    assert out.steps == 5
+    assert 0.999 < out.series("kinetic_energy")[-1] / out.series("kinetic_energy")[0] <= 1

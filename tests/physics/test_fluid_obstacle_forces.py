@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import ddgcli as ddg
 from benchmarks.fluids.cylinder import DRAG, LIFT, scene, steady
 from benchmarks.fluids.steady import SteadyFlow, model_of
 from ddgcli.errors import SceneError
@@ -73,3 +74,21 @@ def test_only_scenes_with_obstacles_without_slip_have_forces():
     text = scene(12, 0.3, length=0.82).replace('kind = "no-slip"', 'kind = "free-slip"')
     model = model_of(text)
     assert "force_cylinder" not in model.observe(model.start).scalar
+
+
+def test_a_frozen_flow_has_the_forces_of_the_flow_that_a_force_drives():
+    """A force without curl round an obstacle drives what a frozen harmonic flow prescribes."""
+    square = {"name": "f", "role": "fluid", "grid": {"size": [1, 1], "cells": [16, 16]}}
+    post = {"name": "post", "role": "obstacle", "sphere": {"center": [0.4, 0.5, 0], "radius": 0.2}}
+    swirl = {"acceleration": ["-9*(y-0.5)/hypot(x-0.4, y-0.5)^2", "9*(x-0.4)/hypot(x-0.4, y-0.5)^2", 0]}
+    walls = {"viscosity": {"nu": 1.0}, "boundary": {"kind": "no-slip"}}
+    ends, coefficients = [], None
+    for flows in ({"harmonic": {}, "force": swirl}, {"harmonic": {"kind": "frozen"}}):
+        if coefficients is not None:
+            flows["harmonic"]["coefficients"] = coefficients
+        time = {"duration": 1.0, "step": 0.05, "frame_every": 1.0}
+        end = ddg.simulate({"time": time, "object": [square, post], "effects": {**walls, **flows}}).finish()
+        coefficients = end.results["harmonic_coefficients"]
+        ends.append(end.results["forces"]["post"])
+    assert np.linalg.norm(ends[0]) > 1e-3
+    assert ends[1] == pytest.approx(ends[0], rel=0.01, abs=1e-3 * np.linalg.norm(ends[0]))

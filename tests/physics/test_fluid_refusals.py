@@ -124,6 +124,46 @@ def test_inflow_without_outflow_is_refused(shape):
 
 
 @pytest.mark.parametrize("shape", [SQUARE, BOX], ids=["surface", "volume"])
+def test_an_inflow_that_leaves_is_refused(shape):
+    """In volumes fluid came in through the natural outflow."""
+    leaving, natural = INFLOW.replace("[1", "[-1"), '{ kind = "outflow", where = "x > 1 - 1e-6" }'
+    assert "reverse it" in refusal(f"viscosity = {{ nu = 1 }}\nboundary = [{leaving}, {natural}]", shape)
+
+
+@pytest.mark.parametrize("shape", [SQUARE, BOX], ids=["surface", "volume"])
+@pytest.mark.parametrize(
+    "wall, is_still", [("[1, 0, 0]", False), ("[0, 1, 0]", True), ('["x > 2", 0, 0]', True)]
+)
+def test_a_moving_wall_that_moves_nothing_warns(shape, wall, is_still, caplog):
+    section = f'{{ kind = "wall", velocity = {wall}, where = "y > 1 - 1e-6" }}'
+    out = run_fluid(f"viscosity = {{ nu = 1 }}\nboundary = [{section}]", TIME, shape)
+    assert (out.series("kinetic_energy")[-1] == 0) == is_still
+    assert ("no part of the wall moves along itself" in caplog.text) == is_still
+
+
+@pytest.mark.parametrize(
+    "shape, flows",
+    [("grid = { size = [2, 1], cells = [12, 6] }", "harmonic = {}"),
+     ("box = { size = [2, 1, 1], cells = [6, 3, 3] }", "")],
+    ids=["surface", "volume"],
+)  # fmt: skip
+def test_an_inflow_through_an_obstacle_warns_and_the_cure_works(shape, flows, caplog):
+    height = 0.5 if "box" in shape else 0
+    ball = f"sphere = {{ center = [0.6, 0.5, {height}], radius = 0.3 }}\n"
+    ball = f'[[object]]\nname = "ball"\nrole = "obstacle"\n{ball}'
+    outflow = '{ kind = "outflow", where = "x > 2 - 1e-6" }'
+    for inflow, crosses in (
+        (INFLOW, False),
+        (INFLOW.replace("x < 1e-6", "x < 1"), True),
+        ('{ kind = "no-slip", obstacle = "ball" }, ' + INFLOW.replace("x < 1e-6", "x < 1"), False),
+    ):
+        caplog.clear()
+        effects = f"viscosity = {{ nu = 1 }}\nboundary = [{inflow}, {outflow}]\n{flows}"
+        run_fluid(effects, TIME, shape, objects=ball)
+        assert ("boundary of obstacle 'ball'" in caplog.text) == crosses
+
+
+@pytest.mark.parametrize("shape", [SQUARE, BOX], ids=["surface", "volume"])
 @pytest.mark.parametrize(
     "effect", ["viscosity = { nu = -1 }", 'buoyancy = { temperature = "x", diffusivity = -1 }']
 )

@@ -6,7 +6,6 @@ it stays free: the tangential velocity vanishes there and the pressure is consta
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,12 +15,11 @@ from numpy.typing import NDArray
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.vectors import row_cross
+from ddgcli.models.fluid.boundary_warnings import warn_of_crossed_obstacles, warn_of_still_walls
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart
 from ddgcli.models.fluid.flux_balance import flux_imbalance
 from ddgcli.scenes.expressions import evaluate
-
-log = logging.getLogger("ddgcli")
 
 GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 
@@ -87,11 +85,8 @@ def boundary_conditions(context: FluidContext, sections: Sequence[BoundaryPart])
     kind = np.array([section.kind for section in sections] + [_rest(sections)])[owner]
     velocity = _velocities(context, sections, owner, tail, side)
     along = 0.5 * np.einsum("ijk,ik,j->i", velocity, side, 0.5 * GAUSS_WEIGHTS)
-    moving = [
-        i for i, section in enumerate(sections) if section.kind in ("no-slip", "wall") and section.velocity
-    ]
-    if moving and not along[np.isin(owner, moving)].any():
-        log.warning("no part of the wall moves along itself: velocity or where is 0 at every boundary side")
+    warn_of_still_walls(sections, owner, along)
+    warn_of_crossed_obstacles(context, sections, owner, np.stack([tail, head], axis=1))
     circulation = sum_by_index(np.concatenate([tail, head]), np.tile(along, 2), n)
     solid, crossed, free = (
         _ends(n, tail, head, np.isin(kind, kinds))

@@ -190,7 +190,10 @@ class CovectorTransport(FlowPhase):
             past, velocity, spans, bends = past[:0], velocity[-1:], spans[-1:], bends[-1:]
         start = self._flow(state["map_start"]) if len(past) else flow
         after, rise, acted = advection.end_of(FlowMap(start, velocity, list(spans)), flow, self.evolve)
-        if sum(bends) > SMALL_DEFORMATION and not rise <= ENERGY_RISE_TOLERANCE:
+        if len(past) and not rise <= ENERGY_RISE_TOLERANCE:  # by the steps before, whatever this one
+            past, velocity, spans, start = past[:0], velocity[-1:], spans[-1:], flow
+            after, rise, acted = advection.end_of(FlowMap(start, velocity, list(spans)), flow, self.evolve)
+        if bends[-1] > SMALL_DEFORMATION and not rise <= ENERGY_RISE_TOLERANCE:
             raise StepRejected("energy rises", value=rise)
         changed = state.replaced(vorticity=after[0], coefficients=after[1])
         return changed.with_passive(

@@ -136,26 +136,27 @@ class VelocityDiffusion:
         share, neutral = CURVATURE_SHARE[kind], None
         if share:
             A = A - share * (basis.T @ diags_array(curvature_star(space)) @ basis)
-        drag = self.curl.T @ (weight * self.moving)
-        n_free, A = len(space.free), A.tocsr()
-        self.coupling = nu * A[:n_free, n_free:]
+        A = A.tocsr()
+        self.matrix = matrix = nu * A
+        self.drag = drag = nu * (self.curl.T @ (weight * self.moving))
+        gram, n_free = gram.tocsr(), len(space.free)
+        self.coupling = matrix[:n_free, n_free:]
         if not evolve:
-            A, gram, drag = A[:n_free, :n_free], gram.tocsr()[:n_free, :n_free], drag[:n_free]
+            matrix, gram, drag = matrix[:n_free, :n_free], gram[:n_free, :n_free], drag[:n_free]
         if kind == "deformation":
             curvature = face_curvature(space)
             if float((curvature * space.area).max()) > ANGLE_ROUNDING:  # of a flat surface A is not negative
-                neutral = growing_flows(A, gram.tocsr(), share * float(curvature.max()))
-        self.decay = Decay(gram.tocsr(), nu * A, nu * drag, neutral)
+                k = matrix.shape[0]
+                neutral = growing_flows(A[:k, :k], gram, share * float(curvature.max()))
+        self.decay = Decay(gram, matrix, drag, neutral)
 
     def free_stream_function(self, vorticity: NDArray) -> NDArray[np.float64]:
         """Stream function at the free vertices, without the part that the boundary values bring."""
         return self.space.factor.solve(vorticity[self.space.free], refine=False)
 
-    def rate(self, phi: NDArray, coefficients: NDArray) -> NDArray[np.float64]:
-        """Rates of change of `vorticity` at the free vertices and, where they evolve, of the coefficients."""
-        if self.evolve:
-            return self.decay.rate(np.concatenate([phi, coefficients]))
-        return self.decay.rate(phi, -(self.coupling @ coefficients))
+    def rate(self, flow: NDArray) -> NDArray[np.float64]:
+        """Rates of change of `vorticity` at the free vertices and of the coefficients, if they evolved."""
+        return -(self.matrix @ flow + self.drag)
 
     def step(
         self, vorticity: NDArray, coefficients: NDArray, dt: float, forces: Forces | None = None

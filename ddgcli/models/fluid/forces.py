@@ -28,7 +28,7 @@ class ObstacleForces:
     """Forces on every obstacle without slip, per density and depth [m^3/s^2]."""
 
     def __init__(self, setting: FluidSetting, scheme: VelocityDiffusion) -> None:
-        self.space, self.scheme, self.evolve = setting.space, scheme, setting.evolve_harmonic
+        self.space, self.scheme = setting.space, scheme
         slips = np.zeros(setting.space.n, dtype=bool) if setting.slip is None else setting.slip
         self.tests = {
             name: self._test(setting, rim)
@@ -56,11 +56,11 @@ class ObstacleForces:
         x = np.concatenate([phi, state["coefficients"]])
         vorticity = scheme.active * (scheme.curl @ x + scheme.moving)
         push, turn, _ = rate(space, vorticity, state["coefficients"], True)
-        friction = scheme.rate(phi, state["coefficients"])
+        friction = scheme.rate(x)
         inside = len(space.free)
         change = np.zeros(space.n)
         change[space.free] = space.factor.solve((push[space.free] + friction[:inside]), refine=False)
-        turn = turn + friction[inside:] if self.evolve else np.zeros(len(state["coefficients"]))
+        turn = turn + friction[inside:]  # a frozen flow is held by a force, as the effect force would
         slowing = space.stiffness @ change
         if len(turn):
             slowing += space.circulation_around(space.edge_inner * (turn @ space.harmonic))

@@ -28,6 +28,7 @@ MAX_LOSS_SHARE = 0.05  # share of energy or enstrophy lost by the scheme, above 
 LOSS_ORDER = 5  # of what Runge-Kutta steps lose over a time, in the step
 # effects that do no work where no fluid crosses the boundary and nothing is viscous
 IDLE_EFFECTS = {"initial", "boundary", "harmonic", "rotation", "pressure", "dye", "particles"}
+CARRYING_INTEGRATORS = ("circulation", "covector")  # which share circulation among boundary loops by the mesh
 VORTICITY_ROUNDING = 1e-12  # vorticity over the circulations that cancel in it, below which it counts as none
 
 
@@ -102,6 +103,8 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
             step = outcome.smallest_step * (0.5 * MAX_LOSS_SHARE / worst) ** (1.0 / LOSS_ORDER)
             cure = f"steps of {step:.2g} s, or integrator energy"
     _warn_of_losses(losses, integrator, cure)
+    if integrator in CARRYING_INTEGRATORS and _keeps_energy(models):
+        _warn_of_circulation(accuracy["circulation_drift"], integrator, cure)
     _warn_of_lost_transport(last, models)
     return results, accuracy | _linear_solver_accuracy(models)
 
@@ -163,6 +166,15 @@ def _warn_of_losses(losses: Mapping[str, float], integrator: str, cure: str) -> 
                 "integrator %s lost %.2g %% of the %s (warned of above %.0f %%): take %s",
                 integrator, 100.0 * share, name.split("_")[0], 100.0 * MAX_LOSS_SHARE, cure,
             )  # fmt: skip
+
+
+def _warn_of_circulation(drift: float, integrator: str, cure: str) -> None:
+    if drift > MAX_LOSS_SHARE:
+        log.warning(
+            "integrator %s changed the circulation along a boundary loop, which is constant, by %.2g %% of "
+            "the vorticity (warned of above %.0f %%): take %s",
+            integrator, 100.0 * drift, 100.0 * MAX_LOSS_SHARE, cure,
+        )  # fmt: skip
 
 
 def _warn_of_lost_transport(last: TrajectoryFrame | None, models: Mapping[str, FluidModel]) -> None:

@@ -10,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.tet_mesh import TET_FACES
+from ddgcli.models.fluid.boundary_warnings import warn_of_crossed_obstacles, warn_of_still_walls
 from ddgcli.models.fluid.effect_parts import BoundaryPart
 from ddgcli.models.fluid.flux_balance import flux_imbalance
 from ddgcli.scenes.expressions import evaluate
+
+WALL_ROUNDING = 1e-12  # of its velocity, up to which a wall has none along itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +103,14 @@ def volume_conditions(context: Any, sections: Sequence[BoundaryPart], space: Any
             size = np.linalg.norm(area[own], axis=1)
             crossing = np.einsum("ia,ia->i", velocity[own], area[own])
             flux[own] = section.flux * size / size.sum() if section.flux is not None else crossing
+            if section.kind == "inflow" and not flux[own].sum() < 0:
+                raise ValueError(f"inflow: velocity {section.velocity} brings no fluid in; reverse it")
             natural[own] = section.kind == "outflow" and section.velocity is None and section.flux is None
+    unit = area / np.linalg.norm(area, axis=1, keepdims=True)
+    along = velocity - np.einsum("ia,ia->i", velocity, unit)[:, None] * unit
+    slides = np.linalg.norm(along, axis=1) > WALL_ROUNDING * np.linalg.norm(velocity, axis=1)
+    warn_of_still_walls(sections, owner, slides)
+    warn_of_crossed_obstacles(context, sections, owner, vertices)
     _refuse_imbalance(flux, natural, {section.kind for section in sections})
     on_faces, open_faces = np.zeros(space.n_faces), np.zeros(space.n_faces, dtype=bool)
     on_faces[face], open_faces[face] = flux, natural
