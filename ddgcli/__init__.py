@@ -39,6 +39,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "repairs": ("inspect_mesh", "repair_mesh"),
     "simulations": ("Simulation", "simulate"),
     "costs": ("tradeoff_table",),
+    "pictures": ("write_picture",),
 }  # fmt: skip
 _MODULE = {name: f"ddgcli.library.{module}" for module, names in _NAMES.items() for name in names}
 _MODULE["errors"] = "ddgcli.errors"
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from ddgcli.library.forms import *  # noqa: F403
     from ddgcli.library.meshes import *  # noqa: F403
     from ddgcli.library.operators import *  # noqa: F403
+    from ddgcli.library.pictures import *  # noqa: F403
     from ddgcli.library.repairs import *  # noqa: F403
     from ddgcli.library.simulations import *  # noqa: F403
     from ddgcli.library.triangulations import *  # noqa: F403

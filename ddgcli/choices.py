@@ -53,3 +53,4 @@ EXPLICIT_INTEGRATORS = ("verlet", "symplectic-euler", "avi")  # of shells: their
 # of sparse definite systems: chosen by size and memory, direct ones, iterative ones
 ITERATIVE_SOLVERS = ("multigrid", "conjugate-gradients")
 LINEAR_SOLVERS = ("auto", "multifrontal", "superlu", "cholmod", "pivoted", *ITERATIVE_SOLVERS)
+MIN_PIXELS, MAX_PIXELS = 200, 8000  # of each side of a picture

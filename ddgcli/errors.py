@@ -5,6 +5,10 @@ computation with valid input (exit 1). Messages state what is wrong, where, and 
 """
 
 import re
+from collections.abc import Mapping
+from typing import TypeVar
+
+T = TypeVar("T")
 
 MAX_EXCERPT_LENGTH = 100  # characters of a file, or of another program's message, in a message
 QUOTED_REPAIR = re.compile(r"`repair(_cells)?=([^`]*)`")  # in a message, steps that repair the mesh
@@ -103,6 +107,31 @@ class ParameterError(InputError):
     def __init__(self, message: str, *, parameter: str | None = None) -> None:
         super().__init__(message if parameter is None else f"{parameter}: {message}")
         self.message, self.parameter = _with_short_numbers(message), parameter
+
+
+def named_array(arrays: Mapping[str, T], name: str, what: str = "array") -> T:
+    """Array of a name.
+
+    Parameters
+    ----------
+    arrays : mapping of str to array
+    name : str
+    what : str
+        Kind of array in the message.
+
+    Returns
+    -------
+    array
+
+    Raises
+    ------
+    ParameterError
+        That lists the names, if it is missing.
+    """
+    if name not in arrays:
+        names = ", ".join(sorted(arrays)) or "none"
+        raise ParameterError(f"no {what} {name!r}; choose one of: {names}")
+    return arrays[name]
 
 
 class SceneError(InputError):

@@ -35,7 +35,7 @@ MAY_IMPORT = {
     "models": SIMULATORS,
     "tradeoff": SIMULATORS | {"models"},
     "plots": BASE | {"mesh", "geometry"},
-    "library": SIMULATORS | {"io", "models", "tradeoff"},
+    "library": SIMULATORS | {"io", "models", "plots", "tradeoff"},
     "cli": SIMULATORS | {"__init__", "batch", "io", "models", "tradeoff", "plots"},
 }
 # packages of `algorithms`, and which of the others each may import

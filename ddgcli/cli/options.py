@@ -12,7 +12,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from ddgcli.choices import LINEAR_SOLVERS
+from ddgcli.choices import LINEAR_SOLVERS, MAX_PIXELS, MIN_PIXELS
 from ddgcli.errors import ParameterError
 
 
@@ -154,7 +154,6 @@ class Size(click.ParamType):
         return int(width), int(height)
 
 
-MIN_PIXELS, MAX_PIXELS = 200, 8000
 PAGE_WIDTH = 7.0  # inches: the text scales with the picture
 
 
@@ -179,14 +178,6 @@ def use_solver(name: str | None) -> None:
             os.environ["DDGCLI_SOLVER"] = before
 
     click.get_current_context().call_on_close(restore)
-
-
-def named_array(arrays: dict[str, Any], name: str, what: str = "array") -> Any:
-    """Array of a name; raise ParameterError that lists the names if it is missing."""
-    if name not in arrays:
-        names = ", ".join(sorted(arrays)) or "none"
-        raise ParameterError(f"no {what} {name!r}; choose one of: {names}")
-    return arrays[name]
 
 
 REAL_NUMBER = Real()

@@ -17,12 +17,12 @@ from ddgcli import __version__
 from ddgcli.cli.clock import RunClock
 from ddgcli.cli.input_facts import input_facts
 from ddgcli.cli.messages import MessageHandler, with_repair_of_input
-from ddgcli.cli.options import CommonOptions, named_array, page_size
+from ddgcli.cli.options import CommonOptions, page_size
 from ddgcli.cli.output_checks import check_mesh, check_outputs, check_picture
 from ddgcli.cli.parameters import option_names
 from ddgcli.cli.progress import Progress
 from ddgcli.cli.summary import plain, print_summary
-from ddgcli.errors import MeshError, OutputError
+from ddgcli.errors import MeshError, OutputError, named_array
 from ddgcli.io.output_file import FileContent, atomic_output, check_place, write_atomically
 from ddgcli.io.temporary import StagedOutputs
 

@@ -20,6 +20,7 @@ __all__ = [
     "mesh_arguments",
     "meshes",
     "operators",
+    "pictures",
     "repairs",
     "result",
     "simulations",

@@ -14,6 +14,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.choices import MAX_PIXELS, MIN_PIXELS
 from ddgcli.errors import QUOTED_REPAIR, MeshError, ParameterError, excerpt
 
 P = ParamSpec("P")
@@ -93,6 +94,24 @@ def real_array(value: Any, name: str) -> NDArray:
     raise ParameterError(f"must be an array of real numbers, not {excerpt(value, 40)}", parameter=name)
 
 
+def array_or_name(value: Any, name: str) -> NDArray | str:
+    """A text as it is, else an array of real numbers; ParameterError for anything else."""
+    return value if isinstance(value, str) else real_array(value, name)
+
+
+def angles_or_name(value: Any, name: str) -> tuple[float, ...] | str:
+    """A text as it is, else two floats; ParameterError for anything else."""
+    return value if isinstance(value, str) else few_numbers(value, name, 2, "a name or two angles")
+
+
+def pixels(value: Any, name: str) -> tuple[int, int]:
+    """Two whole numbers; ParameterError for anything else."""
+    sides = few_numbers(value, name, 2, "a width and a height in pixels")
+    if not all(side.is_integer() and MIN_PIXELS <= side <= MAX_PIXELS for side in sides):
+        raise ParameterError(f"each side has {MIN_PIXELS} to {MAX_PIXELS} whole pixels", parameter=name)
+    return int(sides[0]), int(sides[1])
+
+
 def table_of_vertices(value: Any, name: str) -> dict[int, float]:
     """A dict from vertex to number; ParameterError where a key or a value is something else."""
     if not isinstance(value, Mapping):
@@ -103,21 +122,32 @@ def table_of_vertices(value: Any, name: str) -> dict[int, float]:
     return {whole_number(key, f"key of {name}"): real_number(v, f"{name}[{key}]") for key, v in value.items()}
 
 
-def three_numbers(value: Any, name: str) -> tuple[float, ...]:
-    """Three floats; ParameterError for anything else."""
+def few_numbers(value: Any, name: str, count: int = 3, what: str = "three numbers") -> tuple[float, ...]:
+    """Floats, by default three; ParameterError for anything else."""
     array = real_array(value, name)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise ParameterError(f"must be three numbers, not {excerpt(value, 40)}", parameter=name)
+    if array.shape != (count,) or not np.isfinite(array).all():
+        raise ParameterError(f"must be {what}, not {excerpt(value, 40)}", parameter=name)
     return tuple(float(number) for number in array)
 
 
-def lists_of_vertices(value: Any, name: str) -> list[NDArray]:
-    """One array for each list of vertices; ParameterError where there is none."""
+def list_of_arrays(
+    value: Any, name: str, what: str = "lists of vertices such as [[0, 1, 2]]"
+) -> list[NDArray]:
+    """One array for each list; ParameterError where there is none."""
     if isinstance(value, (str, bytes, Mapping)) or not isinstance(_scalar(value), Iterable):
-        raise ParameterError(
-            f"must be lists of vertices such as [[0, 1, 2]], not {excerpt(value, 40)}", parameter=name
-        )
+        raise ParameterError(f"must be {what}, not {excerpt(value, 40)}", parameter=name)
     return [real_array(numbers_of_one, name) for numbers_of_one in value]
+
+
+def polylines(value: Any, name: str) -> list[NDArray]:
+    """One (k, 3) array for each polyline; ParameterError for anything else."""
+    lines = list_of_arrays(value, name, "arrays (k, 3) of points, one for each polyline")
+    for line in lines:
+        if line.ndim != 2 or line.shape[1] != 3:
+            raise ParameterError(
+                f"must be arrays (k, 3) of points, not one of shape {line.shape}", parameter=name
+            )
+    return [line.astype(np.float64) for line in lines]
 
 
 # annotation of a parameter, without `| None` -> its check and conversion
@@ -131,8 +161,12 @@ CONVERSIONS: dict[str, Callable[[Any, str], Any]] = {
     "Sequence[float]": real_array,
     "int | Sequence[int] | NDArray": real_array,
     "Sequence[int] | NDArray": real_array,
-    "tuple[float, float, float]": three_numbers,
-    "Sequence[Sequence[int]]": lists_of_vertices,
+    "tuple[float, float, float]": few_numbers,
+    "Sequence[Sequence[int]]": list_of_arrays,
+    "Sequence[ArrayLike]": polylines,
+    "str | ArrayLike": array_or_name,
+    "str | tuple[float, float]": angles_or_name,
+    "tuple[int, int]": pixels,
     "Mapping[int, float]": table_of_vertices,
 }
 

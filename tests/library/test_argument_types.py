@@ -21,6 +21,8 @@ WRONG = {
     "Mapping[int, float]": (1, None, [0.0], {"a": 1.0}, {0.5: 1.0}, {0: "x"}, {0: [1, 2]}, {0: np.nan}),
 }
 WRONG["float | str"] = tuple(value for value in WRONG["float"] if not isinstance(value, str))
+named = tuple(value for value in WRONG["ArrayLike"] if not isinstance(value, str))
+WRONG |= {"str | ArrayLike": named, "str | tuple[float, float]": (*named, 1.0, [1.0, np.inf])}
 WRONG |= dict.fromkeys(set(CONVERSIONS) - set(WRONG), WRONG["ArrayLike"])
 
 

@@ -90,7 +90,7 @@ CALLS = {
     "uniform_stiffness": lambda m: ddg.uniform_stiffness(m).toarray(),
     "voronoi_mass": lambda m: ddg.voronoi_mass(m).toarray(),
 }
-WRITERS = {"write_mesh", "write_trajectory"}
+WRITERS = {"write_mesh", "write_picture", "write_trajectory"}
 HOLDERS = {"Measurement", "Simulation"}  # their `mesh` is a result, not an argument
 
 

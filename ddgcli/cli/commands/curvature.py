@@ -19,7 +19,7 @@ from ddgcli.cli.commands.curvature_measures import (
 )
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, named_array
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -149,7 +149,7 @@ def _surface(
     from ddgcli.mesh.fields import AnnotatedMesh
 
     mesh = source.surface
-    image = None if map_name is None else options.named_array(source.vertex, map_name, "vertex array")
+    image = None if map_name is None else named_array(source.vertex, map_name, "vertex array")
     arguments = surface_arguments(source, measures)
     full = run.common.exceeds_short_summary
     check_query(mesh, scheme, radius, image=image, **arguments)

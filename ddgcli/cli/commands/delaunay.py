@@ -9,7 +9,7 @@ import click
 from ddgcli.cli import options
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, named_array
 
 if TYPE_CHECKING:
     from ddgcli.algorithms.delaunay.intrinsic_delaunay import DelaunayResult
@@ -105,7 +105,7 @@ def command(
     run.plan_output(dual, INTRINSIC_FORMATS + LINE_FORMATS)
     lines = dual is not None and not dual.lower().endswith(INTRINSIC_FORMATS)
     source = run.read(mesh_path, subdivide=subdivide)
-    transferred = {name: options.named_array(source.vertex, name, "vertex array") for name in transfer}
+    transferred = {name: named_array(source.vertex, name, "vertex array") for name in transfer}
 
     from ddgcli.algorithms.delaunay.intrinsic_delaunay import check_query, intrinsic_delaunay, overlay_mesh
     from ddgcli.mesh.fields import AnnotatedMesh

@@ -19,7 +19,7 @@ from ddgcli.cli.input_facts import input_facts
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.output_checks import check_holdable
 from ddgcli.cli.run import Run
-from ddgcli.errors import OutputError, ParameterError
+from ddgcli.errors import OutputError, ParameterError, named_array
 
 if TYPE_CHECKING:
     from ddgcli.io.trajectories.trajectory import Trajectory
@@ -330,9 +330,8 @@ def _array_name(source: Trajectory, settings: dict[str, Any]) -> str | None:
         plain = [name for name, values in arrays.items() if values.ndim == 1]
         plain.sort(key=lambda name: name != "vorticity")
         return plain[0] if plain and settings["array"] is None else None
-    return (
-        settings["array"] if settings["array"] in arrays else options.named_array(arrays, settings["array"])
-    )
+    named_array(arrays, settings["array"])
+    return str(settings["array"])
 
 
 def _style(source: Trajectory, frame_numbers: list[int], settings: dict[str, Any]) -> SequenceStyle:

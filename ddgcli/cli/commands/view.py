@@ -12,7 +12,7 @@ from ddgcli.cli import options
 from ddgcli.cli.forecast.use import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
-from ddgcli.errors import MeshFileError, ParameterError
+from ddgcli.errors import MeshFileError, ParameterError, named_array
 
 if TYPE_CHECKING:
     from ddgcli.io.trajectories.trajectory import Trajectory
@@ -68,7 +68,7 @@ def command(
         raise ParameterError("is for trajectories, and no input is one; leave it out", parameter="every")
     names = sorted({name for viewed in objects for name in (*viewed.vertex, *viewed.face)})
     if array is not None:
-        options.named_array(dict.fromkeys(names), array)
+        named_array(dict.fromkeys(names), array)
     cells = sum(len(viewed.cells[0]) for viewed in objects)
     run.predict(InputSize("surface", cells, frame_count=max(1, len(times))))
     run.begin()

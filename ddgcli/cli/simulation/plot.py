@@ -9,7 +9,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ddgcli.choices import VELOCITY_GLYPHS
-from ddgcli.cli.options import CommonOptions, named_array, page_size
+from ddgcli.cli.options import CommonOptions, page_size
+from ddgcli.errors import named_array
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.simulation.frames import mesh_of_frame

@@ -11,9 +11,8 @@ import click
 from numpy.typing import NDArray
 
 from ddgcli import __version__
-from ddgcli.cli.options import named_array
 from ddgcli.cli.run import Run
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, named_array
 from ddgcli.mesh.fields import AnnotatedMesh, TrajectoryFrame
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import moved_rigidly

@@ -1,0 +1,63 @@
+"""Pictures of the library are those of the command line."""
+
+import numpy as np
+import pytest
+
+import ddgcli as ddg
+
+image = pytest.importorskip("matplotlib.image")
+TORUS = ddg.torus(24, 12)
+
+
+def test_a_picture_is_that_of_the_command(run, tmp_path):
+    ddg.write_mesh(tmp_path / "torus.ply", TORUS)
+    run("curvature", tmp_path / "torus.ply", "--plot", tmp_path / "a.png", "--size", "300x240")
+    ddg.write_picture(tmp_path / "b.png", ddg.curvature(TORUS), "mean_curvature", size=(300, 240))
+    ours, theirs = image.imread(tmp_path / "b.png"), image.imread(tmp_path / "a.png")
+    assert ours.shape == (240, 300, 4)
+    np.testing.assert_array_equal(ours[:220], theirs[:220])  # the command has a caption below
+
+
+def test_curves_view_edges_and_vectors_change_a_picture(tmp_path):
+    paths = ddg.shortest_paths(TORUS, 0, [150]).polylines
+    looks = [
+        {}, {"curves": paths}, {"view": "x"}, {"view": (70, 10)}, {"up": "y"}, {"edges": True},
+        {"values": TORUS.points}, {"values": TORUS.points[:, 2]}, {"values": TORUS.points[:, :2]},
+        {"values": TORUS.points[:, 2], "name": "z"},
+    ]  # fmt: skip
+    pictures = []
+    for look in looks:
+        ddg.write_picture(tmp_path / "a.png", TORUS, **look, size=(200, 200))
+        pictures.append((tmp_path / "a.png").read_bytes())
+    assert len(set(pictures)) == len(looks)
+
+
+def test_curves_and_tetrahedra_have_pictures(tmp_path):
+    square = ([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]])
+    ddg.write_picture(tmp_path / "a.svg", square, [0, 1, 2, 3], name="number")
+    assert "number" in (tmp_path / "a.svg").read_text()
+    solid = ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
+    ddg.write_picture(tmp_path / "b.png", solid, size=(200, 200))
+    assert image.imread(tmp_path / "b.png")[..., :3].min() < 0.9
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"path": "a.gif"}, "pictures are .png, .svg, .pdf"),
+        ({"values": "H"}, "no array 'H'"),
+        ({"values": [1.0, 2.0]}, "values: has shape (2,); it needs 288 or 576 entries"),
+        ({"view": "top"}, "view: 'top' is none of x, y, z, iso"),
+        ({"mesh": ddg.intrinsic_delaunay(TORUS)}, "no positions"),
+        ({"path": "missing/a.png"}, "cannot be written"),
+        ({"view": (1.0, 2.0, 3.0)}, "view: must be a name or two angles"),
+        ({"up": "w"}, "up: 'w' is none of x, y, z"),
+        ({"size": (100, 200)}, "size: each side has 200 to 8000 whole pixels"),
+        ({"curves": [[1.0, 2.0]]}, "curves: must be arrays (k, 3) of points"),
+    ],
+)
+def test_wrong_pictures_are_refused_without_a_file(arguments, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ddg.errors.InputError) as refusal:
+        ddg.write_picture(**{"path": "a.png", "mesh": TORUS, **arguments})
+    assert message in str(refusal.value) and not list(tmp_path.iterdir())
