@@ -21,7 +21,7 @@ from ddgcli.plots.chart import draw_chart
 from ddgcli.plots.colour import beyond, colour_bar, colour_scale, robust_limits
 from ddgcli.plots.curve import draw_curves
 from ddgcli.plots.glyphs import Glyphs
-from ddgcli.plots.page import page
+from ddgcli.plots.page import cells, page
 from ddgcli.plots.raster import flat_view, view_axes
 from ddgcli.plots.surface import draw_surface
 
@@ -281,7 +281,10 @@ def draw_motion(
         [plot_frame.values for plot_frame in plot_frames],
         MAX_PICTURE_FRAMES,
     )
-    boxes = _cells(len(numbers), style, 1.0 if style.limits is None else FRAMES_WIDTH, width / height)
+    view = style.view or {}
+    seen = np.ptp(style.fit @ view_axes(style.fit, view.get("view"), view.get("up") or "z").T, axis=0)[:2]
+    area = (0.0, CHART_HEIGHT, 1.0 if style.limits is None else FRAMES_WIDTH, 1.0 - CHART_HEIGHT)
+    boxes = cells(len(numbers), seen, area, width / height)
     look = replace(style, bar=False)
     with tempfile.TemporaryDirectory() as folder:
         pictures = []
@@ -302,24 +305,6 @@ def draw_motion(
             axes.set_axis_off()
         if style.limits is not None:
             colour_bar(figure, colour_scale(*style.limits, style.signed), style.label, style.ends, BAR_PLACE)
-
-
-def _cells(
-    count: int, style: SequenceStyle, share: float, page_ratio: float
-) -> list[tuple[float, float, float, float]]:
-    """Left, bottom, width and height of the cells of frames, as shares of the page.
-
-    Of the numbers of columns the one that shows the shapes largest.
-    """
-    view = style.view or {}
-    seen = np.ptp(style.fit @ view_axes(style.fit, view.get("view"), view.get("up") or "z").T, axis=0)
-    best = (-1.0, -1)
-    for columns in range(1, count + 1):
-        cell = np.array([page_ratio * share / columns, (1 - CHART_HEIGHT) / -(-count // columns)])
-        best = max(best, (float((cell / np.maximum(seen[:2], 1e-9 * seen.max() or 1.0)).min()), -columns))
-    columns = -best[1]
-    across, down = share / columns, (1 - CHART_HEIGHT) / -(-count // columns)
-    return [((k % columns) * across, 1 - (k // columns + 1) * down, across, down) for k in range(count)]
 
 
 def draw_animation(

@@ -8,8 +8,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ddgcli.errors import MissingExtraError
 
+Box = tuple[float, float, float, float]  # left, bottom, width and height, as shares of the page
+WHOLE_PAGE: Box = (0.0, 0.0, 1.0, 1.0)
 FORMATS = (".png", ".svg", ".pdf")
 # dates and versions are omitted, because they differ between equal pictures
 _NO_DATE = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
@@ -63,7 +68,42 @@ def page(path: str, width: float = 7.0, height: float = 5.25, dpi: float = 200) 
         figure.savefig(path, dpi=dpi, metadata=_NO_DATE[Path(path).suffix.lower()])
 
 
-def picture_axes(figure: Any, coloured: bool, x_range: tuple[float, float] = (0.0, 1.0)) -> Any:
+def cells(count: int, extents: NDArray, area: Box, page_ratio: float) -> list[Box]:
+    """Places of several pictures: of the numbers of columns the one that shows the shapes largest.
+
+    Parameters
+    ----------
+    count : int
+        Pictures.
+    extents : (2,) or (count, 2) ndarray
+        Width and height of the shapes.
+    area : Box
+        Part of the page for all pictures.
+    page_ratio : float
+        Width over height of the page.
+
+    Returns
+    -------
+    list of Box
+        Row by row from the top left.
+    """
+    left, bottom, width, height = area
+    largest = extents.max(axis=-1, keepdims=True)
+    shapes = np.maximum(extents, 1e-9 * np.where(largest > 0, largest, 1.0))
+
+    def size(columns: int) -> float:
+        cell = np.array([page_ratio * width / columns, height / -(-count // columns)])
+        return float(np.log((cell / shapes).min(axis=-1)).mean())
+
+    columns = max(range(1, count + 1), key=size)
+    across, down = width / columns, height / -(-count // columns)
+    return [
+        (left + (k % columns) * across, bottom + height - (k // columns + 1) * down, across, down)
+        for k in range(count)
+    ]
+
+
+def picture_axes(figure: Any, coloured: bool, box: Box = WHOLE_PAGE) -> Any:
     """Axes of a picture on a part of a page.
 
     Parameters
@@ -71,18 +111,19 @@ def picture_axes(figure: Any, coloured: bool, x_range: tuple[float, float] = (0.
     figure : matplotlib.figure.Figure
     coloured : bool
         Leave space for a colour bar.
-    x_range : (float, float)
-        Left end and width of that part of the page, as shares of the page.
+    box : Box
+        That part.
 
     Returns
     -------
     matplotlib.axes.Axes
     """
-    left, width = x_range
-    return figure.add_axes((left + 0.01, 0.05, width * (0.84 if coloured else 0.98), 0.87))
+    left, bottom, width, height = box
+    inner = (left + 0.01, bottom + 0.05 * height, width * (0.84 if coloured else 0.98), 0.87 * height)
+    return figure.add_axes(inner)
 
 
-def draw_texts(axes: Any, title: str, caption: str) -> None:
+def draw_texts(axes: Any, title: str, caption: str, box: Box = WHOLE_PAGE) -> None:
     """Draw the title above the middle of a picture and the caption below it.
 
     Parameters
@@ -90,7 +131,12 @@ def draw_texts(axes: Any, title: str, caption: str) -> None:
     axes : matplotlib.axes.Axes
         Of `picture_axes`.
     title, caption : str
+    box : Box
+        As for `picture_axes`.
     """
-    box, figure = axes.get_position(), axes.figure
-    figure.text((box.x0 + box.x1) / 2, 0.955, title, ha="center", va="center", fontsize=10)
-    figure.text(box.x0 + 0.01, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")
+    inner, figure = axes.get_position(), axes.figure
+    _, bottom, _, height = box
+    middle = (inner.x0 + inner.x1) / 2
+    figure.text(middle, bottom + 0.955 * height, title, ha="center", va="center", fontsize=10)
+    caption_style = {"ha": "left", "va": "center", "fontsize": 7.5, "color": "0.35"}
+    figure.text(inner.x0 + 0.01, bottom + 0.02 * height, caption, **caption_style)

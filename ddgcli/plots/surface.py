@@ -17,7 +17,7 @@ from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import beyond, colour_bar, colour_scale, extremes, robust_limits
 from ddgcli.plots.glyphs import ARROW_LENGTH, Arrows, Glyphs, draw_arrows, draw_glyphs
-from ddgcli.plots.page import draw_texts, page, picture_axes
+from ddgcli.plots.page import WHOLE_PAGE, Box, cells, draw_texts, page, picture_axes
 from ddgcli.plots.raster import (
     MARGIN,
     OUTLINE_DEPTH_STEP,
@@ -108,7 +108,7 @@ def draw_surface(
         Points inside the picture, such as all frames of a motion; default those of the mesh.
     """
     with page(path, width, height, dpi) as figure:
-        _paint(figure, (0.0, 1.0), mesh, values, **options)
+        _paint(figure, WHOLE_PAGE, mesh, values, **options)
 
 
 def draw_beside(
@@ -120,7 +120,7 @@ def draw_beside(
     dpi: float = 200,
     **options: Any,
 ) -> None:
-    """Write pictures of surfaces side by side, without colour bars.
+    """Write pictures of surfaces on one page, in as many columns as show them largest, without colour bars.
 
     Parameters
     ----------
@@ -134,14 +134,23 @@ def draw_beside(
     **options
         Options of all pictures.
     """
+    looks = [{**options, **own} for _, own in pictures]
+    seen = [_extent(mesh, look.get("view"), look.get("up")) for (mesh, _), look in zip(pictures, looks)]
     with page(path, width, height, dpi) as figure:
-        for k, (mesh, own) in enumerate(pictures):
-            _paint(figure, (k / len(pictures), 1 / len(pictures)), mesh, **{**options, **own})
+        boxes = cells(len(pictures), np.array(seen), WHOLE_PAGE, width / height)
+        for (mesh, _), look, box in zip(pictures, looks, boxes):
+            _paint(figure, box, mesh, **look)
+
+
+def _extent(mesh: TriangleMesh, view: View, up: str | None) -> NDArray[np.float64]:
+    """Width and height of a surface on the page."""
+    corners = _in_unit_box(mesh, None)[1]
+    return np.ptp(corners @ view_axes(corners, view, up or up_axis_of(corners)).T, axis=0)[:2]
 
 
 def _paint(
     figure: Any,
-    x_range: tuple[float, float],
+    box: Box,
     mesh: TriangleMesh,
     values: NDArray | None = None,
     *,
@@ -166,9 +175,9 @@ def _paint(
     up: str | None = None,
     fit: NDArray | None = None,
 ) -> None:
-    """Paint a surface on a part of the page (its left end and its width, as shares of the page)."""
+    """Paint a surface on a part of the page."""
     mesh, fit_points, placed = _in_unit_box(mesh, fit)
-    axes = picture_axes(figure, bar and values is not None and values.ndim == 1, x_range)
+    axes = picture_axes(figure, bar and values is not None and values.ndim == 1, box)
     squares = values is not None and values.ndim == 2
     plot_values = None if values is None or squares else _relevant(mesh, values)
     if plot_values is not None and limits is None:
@@ -196,7 +205,7 @@ def _paint(
         if bar:
             colour_bar(figure, mappable, label, beyond(plot_values, *limits))
         caption = "; ".join(filter(None, [caption, extremes(label, plot_values)]))
-    draw_texts(axes, title, caption)
+    draw_texts(axes, title, caption, box)
 
 
 def _sampled_size(figure: Any, axes: Any) -> list[int]:

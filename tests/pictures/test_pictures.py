@@ -11,6 +11,7 @@ from ddgcli.plots.chart import draw_chart
 from ddgcli.plots.colour import is_signed, robust_limits
 from ddgcli.plots.curve import draw_curves
 from ddgcli.plots.motion import PlotFrame, sequence_style
+from ddgcli.plots.page import cells
 from ddgcli.plots.raster import fitted_camera, rasterise, view_axes, visible_runs
 from ddgcli.plots.surface import draw_surface
 
@@ -313,3 +314,15 @@ def test_a_long_label_of_the_vertical_axis_stays_on_the_page(tmp_path, monkeypat
     draw_chart(str(tmp_path / "a.png"), {"energy": ([0, 1], [1, 2])}, ylabel=label, width=9.0, height=2.33)
     extent = figures[0].axes[0].yaxis.label.get_window_extent()
     assert extent.y0 >= 0 and extent.y1 <= 2.33 * 200 and extent.x0 >= 0
+
+
+@pytest.mark.parametrize(
+    ("extents", "columns"),
+    [([4.0, 1.0], 1), ([1.0, 1.0], 2), ([[4.0, 1.0], [1.0, 1.0]], 1), ([[4.0, 1.0], [0.1, 1.0]], 2)],
+)
+def test_two_shapes_stand_in_the_columns_that_show_them_largest(extents, columns):
+    """On a page of 4 by 3: the mean logarithm of the sizes decides where the shapes differ."""
+    boxes = cells(2, np.array(extents), (0.0, 0.25, 1.0, 0.75), 4 / 3)
+    across, down = [(1.0, 0.375), (0.5, 0.75)][columns - 1]
+    assert boxes[0] == (0.0, 1.0 - down, across, down)
+    assert boxes[1] == ((0.0, 0.25, 1.0, 0.375) if columns == 1 else (0.5, 0.25, 0.5, 0.75))
