@@ -57,14 +57,20 @@ class BlockLayout:
 
     def sums_of_vertices(self, values: NDArray) -> NDArray[np.float64]:
         """(n,) sums of the (pairs,) values of each vertex, with others and with itself."""
-        n, total = len(self._free), np.empty(len(self._free))
+        sums = [matrix @ values for matrix in self._pairs_of_vertices]
+        return sums[0] if len(sums) == 1 else np.concatenate(sums)
+
+    @cached_property
+    def _pairs_of_vertices(self) -> list[csr_array]:
+        """Matrices of ones at the pairs of some vertices each; they share their values and places."""
+        n, matrices = len(self._free), []
         step = max(1, SUM_SIZE * n // max(len(self._row), 1))
         for first in range(0, n, step):
             start = self._start[first : first + step + 1]
             pair = self._pair[start[0] : start[-1]]
-            matrix = csr_array((ones(len(pair)), pair, start - start[0]), shape=(len(start) - 1, len(values)))
-            total[first : first + step] = matrix @ values
-        return total
+            shape = len(start) - 1, self._pairs
+            matrices.append(csr_array((ones(len(pair)), pair, start - start[0]), shape=shape))
+        return matrices
 
     def scalar_matrix(self, sums: NDArray) -> csc_array:
         """Matrix over the free coordinates, from the blocks (3, 3, pairs)."""

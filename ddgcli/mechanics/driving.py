@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mechanics.system import Motion, System, is_active
-from ddgcli.mechanics.terms import TimeDependent
+from ddgcli.mechanics.terms import TimeDependent, has_kind
 from ddgcli.mesh.vectors import row_cross
 
 
@@ -46,7 +46,7 @@ def driving_work(
         speed = np.sum(after.v[rows] ** 2, axis=1) - np.sum(before.v[rows] ** 2, axis=1)
         work += 0.5 * float(system.mass[rows] @ speed)
     for term in system.all_terms:
-        if isinstance(term, TimeDependent):
+        if has_kind(term, TimeDependent):
             then, now = term.at(before.time), term.at(after.time)
             if hasattr(then, "power"):  # of a barrier: its energy at fixed positions may be infinite
                 work += 0.5 * dt * (then.power(before.x) + now.power(after.x))

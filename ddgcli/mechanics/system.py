@@ -23,6 +23,7 @@ from ddgcli.mechanics.terms import (
     Potential,
     PrescribedMotion,
     TimeDependent,
+    has_kind,
     is_dead,
 )
 from ddgcli.simulation.account import Account
@@ -129,10 +130,10 @@ class System:
 
     def _choose(self, all_terms: Sequence[Any]) -> None:
         """Sort the terms by kind, those that depend on time at `self.time`."""
-        terms = [p.at(self.time) if isinstance(p, TimeDependent) else p for p in all_terms]
-        self.potentials: list[Potential] = [in_pieces(p) for p in terms if isinstance(p, Potential)]
-        self.dissipations: list[Dissipation] = [p for p in terms if isinstance(p, Dissipation)]
-        self.barriers: list[BarrierPotential] = [p for p in terms if isinstance(p, BarrierPotential)]
+        terms = [p.at(self.time) if has_kind(p, TimeDependent) else p for p in all_terms]
+        self.potentials: list[Potential] = [in_pieces(p) for p in terms if has_kind(p, Potential)]
+        self.dissipations: list[Dissipation] = [p for p in terms if has_kind(p, Dissipation)]
+        self.barriers: list[BarrierPotential] = [p for p in terms if has_kind(p, BarrierPotential)]
 
     def at(self, time: float) -> System:
         """The system at a time in s; itself where nothing depends on time.

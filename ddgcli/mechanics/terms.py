@@ -46,6 +46,33 @@ class ElasticPotential(Potential, Protocol):
         ...
 
 
+_KINDS: dict[tuple[Any, ...], bool] = {}  # of `has_kind`, by protocol, class and attributes
+
+
+def has_kind(term: Any, kind: type) -> bool:
+    """Whether a term has the members of a protocol of this module.
+
+    Parameters
+    ----------
+    term : object
+    kind : type
+        A protocol.
+
+    Returns
+    -------
+    bool
+
+    Notes
+    -----
+    `isinstance` looks up every member at each call: half of an explicit step of a small shell with a handle.
+    """
+    key = (kind, type(term), *getattr(term, "__dict__", ()))
+    known = _KINDS.get(key)
+    if known is None:
+        known = _KINDS[key] = isinstance(term, kind)
+    return known
+
+
 def is_dead(potential: Any) -> bool:
     """Whether the gradient of a potential is constant: no elements, and no Hessian of its own.
 
