@@ -132,7 +132,8 @@ def tradeoff_table(
     norm : {'max', 'mean'}
         Error that `within` and the Pareto front refer to.
     error : {'both', 'time', 'mesh'}, optional
-        'willmore-flow': part of the error that rows are compared by; the sum of both by default.
+        'willmore-flow': part of the error that rows are compared by; by default the distance from
+        the limit of small steps and fine meshes.
     repeat : int
         Timed queries per row.
     budget : float

@@ -214,7 +214,6 @@ class Row:
     """Cost and error of one candidate, as measured.
 
     The errors of a row whose answer is the reference (`is_reference`) are the reference's uncertainty.
-    `limit_distance` is that of the answer itself from the limit of fine meshes; None where there is none.
     """
 
     method: str
@@ -233,8 +232,6 @@ class Row:
     verdict: str = ""
     time_error: ErrorNorms | None = None
     mesh_error: ErrorNorms | None = None
-    limit_distance: ErrorNorms | None = None
-    limit_distance_at: int | None = None
     uncertainty: ErrorNorms = ErrorNorms(0.0, 0.0)
     is_reference: bool = False
 

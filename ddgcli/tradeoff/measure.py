@@ -15,14 +15,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ddgcli.errors import DdgError, SolveError
 from ddgcli.memory import release_freed_memory
 from ddgcli.progress import ProgressCallback
 from ddgcli.tradeoff.candidates import (
     Candidate,
-    ErrorNorms,
     MeshLimit,
     Problem,
     Reference,
@@ -34,7 +32,6 @@ from ddgcli.tradeoff.time_budget import REFERENCE_SHARE, BudgetExceeded, Clock, 
 from ddgcli.tradeoff.whole_error import (
     find_mesh_limit,
     find_polyhedron_error,
-    use_limit_distances,
     whole_error,
 )
 
@@ -89,7 +86,6 @@ def run_problem(
         table.reference = reference = _reference(problem, time_budget, table)
         find_mesh_limit(problem, time_budget, table)
         _run_candidates(problem, table, reference, time_budget, repeat, clock, report_progress)
-        use_limit_distances(table)
         find_polyhedron_error(problem, reference, time_budget, table)
     except KeyboardInterrupt:
         table.interrupted = True
@@ -232,10 +228,7 @@ def measure_candidate(
         memory = cold_setup + first < 0.1 * time_budget.seconds_left()
         if 1e-4 < cold_setup < 0.1 * time_budget.seconds_left():  # the first also included imports
             setups = [_timed(candidate.setup, clock)[1] for _ in range(min(3, repeats))]
-    whole = whole_error(problem, errors, reference, mesh_limit)
-    direct: NDArray[np.float64] | None = None
-    if problem.error_part == "both" and mesh_limit is not None:
-        direct = np.asarray(problem.error(np.asarray(answer), mesh_limit.values), dtype=np.float64)
+    whole = whole_error(problem, np.asarray(answer), errors, reference, mesh_limit)
     return Row(
         method=candidate.method,
         parameters=dict(candidate.parameters),
@@ -249,8 +242,6 @@ def measure_candidate(
         mean_error=whole.error.mean,
         time_error=whole.time_error,
         mesh_error=whole.mesh_error,
-        limit_distance=None if direct is None else ErrorNorms.of(direct),
-        limit_distance_at=None if direct is None else int(direct.argmax()),
         uncertainty=whole.uncertainty,
         is_reference=whole.is_reference,
         arguments=candidate.arguments,

@@ -41,18 +41,20 @@ class WholeError:
 
 
 def whole_error(
-    problem: Problem, errors: NDArray, reference: Reference, mesh_limit: MeshLimit | None
+    problem: Problem, answer: NDArray, errors: NDArray, reference: Reference, mesh_limit: MeshLimit | None
 ) -> WholeError:
-    """Error of a row: its error on this mesh, and the distance of the mesh from finer ones.
+    """Error of a row: its distance from the limit of fine meshes, or a part of it.
 
-    The sum of both bounds the distance of the row from the limit. An answer that equals an uncertain
-    reference is as wrong as the reference is: its error is not zero.
+    The parts are its error on this mesh, and the distance of the mesh from finer ones; where they cancel, the
+    distance is smaller than either. An answer that equals an uncertain reference is as wrong as the reference
+    is: its error is not zero.
 
     Parameters
     ----------
     problem : Problem
+    answer : ndarray
     errors : (k,) ndarray of float64
-        Against the reference on the same mesh.
+        Of the answer against the reference on the same mesh.
     reference : Reference
     mesh_limit : MeshLimit or None
 
@@ -73,10 +75,11 @@ def whole_error(
         return WholeError(first, UNKNOWN, first, None, worst)
     distance = np.asarray(problem.error(mesh_limit.values, reference.values), dtype=np.float64)
     second = ErrorNorms.of(distance)
-    uncertainty = reference.bounds + mesh_limit.uncertainty
     if problem.error_part == "mesh":
+        uncertainty = reference.bounds + mesh_limit.uncertainty
         return WholeError(second, uncertainty, first, second, int(distance.argmax()))
-    return WholeError(first + second, uncertainty, first, second, int((errors + distance).argmax()))
+    whole = np.asarray(problem.error(answer, mesh_limit.values), dtype=np.float64)
+    return WholeError(ErrorNorms.of(whole), mesh_limit.uncertainty, first, second, int(whole.argmax()))
 
 
 def find_mesh_limit(problem: Problem, time_budget: TimeBudget, table: Table) -> None:
@@ -163,24 +166,3 @@ def mesh_bound_methods(table: Table, norm: str) -> list[str]:
         if shortest <= longest / MIN_STEP_RATIO and least > max(MAX_STEADY_RATIO * most, uncertainty):
             names.append(method)
     return names
-
-
-def use_limit_distances(table: Table) -> None:
-    """Set the errors of methods with an own error on the mesh to their distances from the limit.
-
-    The sum of a time error that is an error of the mesh and of the mesh error of the reference's method would
-    count the mesh twice.
-
-    Parameters
-    ----------
-    table : Table
-    """
-    for norm in ("max", "mean"):
-        methods = mesh_bound_methods(table, norm)
-        for row in table.rows:
-            if row.limit_distance is None or row.method not in methods:
-                continue
-            if norm == "max":
-                row.max_error, row.max_error_at = row.limit_distance.max, row.limit_distance_at
-            else:
-                row.mean_error = row.limit_distance.mean

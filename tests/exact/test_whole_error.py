@@ -17,7 +17,7 @@ from ddgcli.scenes.scene import resolve
 from ddgcli.scenes.shapes import place
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
-from ddgcli.tradeoff.candidates import UNKNOWN, ErrorNorms, Reference, Row, Table
+from ddgcli.tradeoff.candidates import UNKNOWN, ErrorNorms, MeshLimit, Problem, Reference, Row, Table
 from ddgcli.tradeoff.measure import run_problem
 from ddgcli.tradeoff.pareto import assign_verdicts, break_even
 from ddgcli.tradeoff.problems import simulate, willmore_flow
@@ -28,7 +28,7 @@ from ddgcli.tradeoff.richardson import mesh_limit
 from ddgcli.tradeoff.smooth_surface import smoothly_subdivided
 from ddgcli.tradeoff.time_budget import TimeBudget
 from ddgcli.tradeoff.truths import parse_truth
-from ddgcli.tradeoff.whole_error import find_polyhedron_error, mesh_bound_methods
+from ddgcli.tradeoff.whole_error import find_polyhedron_error, mesh_bound_methods, whole_error
 
 STEADY = """
 [time]
@@ -101,8 +101,10 @@ def test_within_names_no_row_of_a_steady_flow_whose_mesh_is_far_off():
         answer = candidate.solve(candidate.setup())
         error = np.abs(answer - truth).max() / np.abs(truth).max()
         assert row.time_error.max < 1e-6 < 1e-4 < row.mesh_error.max
-        assert row.max_error == row.time_error.max + row.mesh_error.max
-        assert abs(row.max_error - error) <= row.uncertainty.max < 0.5 * error
+        assert abs(row.max_error - error) <= row.uncertainty.max < 0.6 * error
+    # changes fall sixfold, which is an accident: the limit is farther off than the last of them
+    of_limit = np.abs(table.mesh_limit.values - truth) / np.abs(truth).max()
+    assert of_limit.max() <= table.mesh_limit.uncertainty.max
     assert assign_verdicts(table, 2e-3) is not None
 
 
@@ -145,6 +147,20 @@ def test_methods_that_interpolate_are_named_and_have_their_own_distance_from_the
         assert abs(row.mean_error - error.mean()) <= row.uncertainty.mean, row.label
 
 
+def test_parts_of_an_error_that_cancel_do_not_count_twice():
+    def lengths(values, truth):
+        return np.abs(values - truth)
+
+    problem = Problem([], [], lengths, "one", "query", error_part="both")
+    limit = MeshLimit("limit", np.array([1.0, 2.0]), ErrorNorms(1e-3, 1e-3))
+    reference = Reference("small steps", np.array([1.1, 2.1]), 1e-4)
+    answer = np.array([1.01, 2.0])  # steps that are too long move it towards the limit
+    whole = whole_error(problem, answer, lengths(answer, reference.values), reference, limit)
+    assert whole.error.max == pytest.approx(0.01) and whole.error.mean == pytest.approx(0.005)
+    assert whole.worst == 0 and whole.uncertainty == limit.uncertainty
+    assert whole.time_error.max == pytest.approx(0.1) and whole.mesh_error.max == pytest.approx(0.1)
+
+
 def test_steps_that_the_mesh_error_hides_are_not_told_apart():
     table = steady_rows()
     assign_verdicts(table, None)
@@ -170,7 +186,7 @@ def test_the_mesh_error_of_a_shell_covers_a_finer_mesh_and_its_models_are_rows()
     moved = simulate._displacement(list(frames_of(finest, 8)), finest.input_vertices)
     error = problem.error(table.mesh_limit.values, moved)
     assert error.max() <= table.mesh_limit.uncertainty.max < 0.2
-    assert all(0 < row.mesh_error.max < row.max_error for row in table.rows)
+    assert all(0 < row.mesh_error.max <= row.max_error + row.time_error.max for row in table.rows)
 
 
 def frames_of(finer, steps):

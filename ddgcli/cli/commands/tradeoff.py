@@ -60,8 +60,8 @@ SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
     "--error",
     "error_part",
     type=click.Choice(ERROR_PARTS),
-    help="Simulators and flows: compare by the sum of the errors in time and of the mesh (both, default), or "
-    "by one.",
+    help="Simulators and flows: compare by the distance from the limit of small steps and fine meshes (both, "
+    "default), or by the error in time or of the mesh alone.",
 )
 @click.option("--truth", metavar="SHAPE", help="Known truth: sphere:R, torus:R,r, ellipsoid:a,b,c ...")
 @click.option(
