@@ -154,7 +154,7 @@ def _keeps_energy(models: Mapping[str, FluidModel]) -> bool:
     return all(
         model.setting.effects <= IDLE_EFFECTS
         and not model.setting.is_open
-        and (model.setting.evolve_harmonic or not len(model.space.harmonic))
+        and (model.context.is_volume or model.setting.evolve_harmonic or not len(model.space.harmonic))
         for model in models.values()
     )
 
