@@ -213,11 +213,10 @@ def test_a_resumed_run_has_the_same_frames(run, flow, tmp_path, monkeypatch):
     file = flow
     whole, cut = tmp_path / "whole.vtkhdf", tmp_path / "cut.vtkhdf"
     assert run("fluid-sim", file, "-o", whole).exit_code == 0
-    advance, calls = FluidModel.advance, []
+    advance = FluidModel.advance
 
     def interrupted(self, state, time, dt):
-        calls.append(time)
-        if len(calls) == 3:
+        if time > 0.03:  # two frames after the start, of however many steps
             raise KeyboardInterrupt
         return advance(self, state, time, dt)
 
