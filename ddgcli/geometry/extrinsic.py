@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import angle_of, cone_volume, cross, dot, ratio, unit_vectors
@@ -74,9 +75,31 @@ def enclosed_volume(mesh: TriangleMesh) -> float:
     Sum of the signed tetrahedra over the faces. Their apex is the centroid of the vertices, so that a distant
     surface loses no digits.
     """
+    return float(_cone_volumes(mesh).sum())
+
+
+def component_volumes(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """Signed volumes that the components of a closed surface enclose.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Closed and consistently oriented; not checked.
+
+    Returns
+    -------
+    (n_components,) ndarray of float64
+        In length^3; positive where the normals are outward, 0 of components without faces.
+    """
+    topology = mesh.topology
+    return sum_by_index(topology.face_component, _cone_volumes(mesh), topology.n_components)
+
+
+def _cone_volumes(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """(m,) signed volumes of the tetrahedra over the faces, their apex the centroid of the vertices."""
     columns = np.ascontiguousarray((mesh.points - mesh.points.mean(axis=0)).T)
     corners = (columns.take(corner, axis=1) for corner in np.ascontiguousarray(mesh.faces.T))
-    return float(cone_volume(*corners).sum())
+    return cone_volume(*corners)
 
 
 def folded_edges(dihedral: NDArray) -> NDArray[np.int64]:

@@ -105,6 +105,8 @@ def balanced(
         The balance would exceed its minimum by more than a hundredth of the available energy, or drop by
         more than `fall`.
     """
+    if not system.free.any():  # the work of rounded forces along the whole motion is no gain of a free vertex
+        return after
     change = end.energy - start.energy + work
     at_hand, least = _scales(system, before, after, start, end, dt)
     above = max(0.0, before.balance_excess + change)
@@ -164,6 +166,8 @@ def without_gain(
     StepRejected
         The gain exceeds a thousandth of the available energy: the force is no mean of those along the path.
     """
+    if not system.free.any():
+        return after
     path, change = after.x - before.x, system.only_free(after.v - before.v)
     force = np.where(system.free, end.gradient, 0.5 * (start.gradient + end.gradient))
     gain = end.energy - start.energy - float(np.vdot(force, path)) - kinetic(system, change) - pushed

@@ -17,6 +17,11 @@ from ddgcli.mechanics.objective import Objective
 from ddgcli.mechanics.system import System
 
 DIFFERENCE_STEP = 1e-4  # of the size of the object: largest move of the difference of Hessians
+MAX_ROUNDING = 0.1  # of the energy of a buckling mode, by the rounding of the stiffness
+MECHANISM = (
+    "parts of the shell move without resistance, so no load factor is defined: "
+    "buckling loads need stretching, bending and pins"
+)
 SMALLEST_RATIO = 1e-9  # of the largest: below, a load stiffens or does nothing
 
 
@@ -81,13 +86,19 @@ def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
     Raises
     ------
     SolveError
-        Without loads, with supports that leave the shell free to move, or where no load factor is positive.
+        Without loads, with supports that leave the shell free to move, without resistance to some motion,
+        or where no load factor is positive.
 
     Notes
     -----
     The stress grows in proportion to the load, and the shape stays that at rest: K0 + s K1 is singular, K1
     the derivative of the stress part of the Hessian along the small displacement that the loads cause.
     """
+    from ddgcli.mechanics.rigid_motions import unheld_motions
+
+    unheld = unheld_motions(system)
+    if unheld:  # rounding can leave the singular stiffness positive definite
+        raise SolveError(f"{unheld}: buckling loads need pins")
     unloaded, objective = _with_loads(system, 0.0), Objective(system)
     stiffness = _hessian(unloaded, x)
     force = -objective.entries(system.gradient(x) - unloaded.gradient(x))
@@ -96,14 +107,18 @@ def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
     try:
         move = objective.spread(Factor(stiffness, pivot=False).solve(force))
     except SolveError as error:
-        from ddgcli.mechanics.rigid_motions import unheld_motions
-
-        unheld = unheld_motions(system) or "the supports do not hold the shell"
-        raise SolveError(f"{unheld}: buckling loads need pins") from error
+        raise SolveError(MECHANISM) from error
     step = DIFFERENCE_STEP * system.size / float(np.abs(move).max())
     ahead = _stress_part(_with_loads(system, step), x + step * move)
     behind = _stress_part(_with_loads(system, -step), x - step * move)
-    ratio, vectors = largest_ratios(csc_array((behind - ahead) / (2 * step)), stiffness, k)
+    try:
+        ratio, vectors = largest_ratios(csc_array((behind - ahead) / (2 * step)), stiffness, k)
+    except np.linalg.LinAlgError as error:
+        raise SolveError(MECHANISM) from error
+    # energies of the shapes are 1: what rounding of the matrix makes of them
+    rounding = np.einsum("nk,nk->k", abs(vectors), abs(stiffness) @ abs(vectors)) * np.finfo(float).eps
+    if rounding.max() > MAX_ROUNDING:
+        raise SolveError(MECHANISM)
     significant = ratio > SMALLEST_RATIO * np.abs(ratio).max(initial=0.0)
     if not significant.any():
         raise SolveError("no multiple of the loads makes the shell buckle: they only stiffen it")

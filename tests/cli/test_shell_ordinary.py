@@ -91,6 +91,7 @@ def test_the_gain_of_energy_is_that_of_the_frames(summary, tmp_path):
         (CLAMPED + "gravity = { acceleration = [0, 0, 0] }", "effect gravity on strip has no strength"),
         (CLAMPED + "load = { traction = [0, 0, 0] }", "effect load on strip has no strength"),
         ("gravity = {}\npin = { box = [[0, 0, 0], [1, 1, 0]] }", "every vertex of strip is held"),
+        (CLAMPED + "load = { force = [0, 0, 1], vertices = [0, 1] }", "acts on held vertices alone"),
     ],
 )
 def test_what_cannot_act_is_reported(integrator, effects, message, summary, tmp_path):
@@ -98,6 +99,22 @@ def test_what_cannot_act_is_reported(integrator, effects, message, summary, tmp_
     out = summary("shell-sim", scene, "-o", tmp_path / "end.npz")
     assert sum(message in warning for warning in out["warnings"]) == 1
     assert out["accuracy"]["energy_drift"] == (None if integrator == "static" else 0.0)
+
+
+@pytest.mark.parametrize("integrator", ["newmark", "implicit-midpoint", "bdf2"])
+def test_a_shell_that_handles_move_as_a_whole_turns_without_a_rejected_step(integrator, summary, tmp_path):
+    """All that is left of its energy is rounding, which no balance judges."""
+    handle = (
+        "handle = { box = [[0, 0, 0], [1, 1, 0]], center = [0, 0, 0], times = [0, 1], "
+        "positions = [[0, 0, 0], [0, 0, 0]], "
+        "rotations = [{ degrees = 0 }, { axis = [0, 1, 0], degrees = 450 }] }"
+    )
+    scene = strip_scene(tmp_path, handle, integrator, 1, 0.05)
+    out = summary("shell-sim", scene, "-o", tmp_path / "end.npz")
+    assert out["warnings"] == ["every vertex of strip is held: it moves as its handles and obstacles do"]
+    assert out["results"]["rejected_steps"] == 0
+    points = np.load(tmp_path / "end.npz")["points"]
+    assert np.abs(points[:, 0]).max() < 1e-12 and points[:, 2].min() == pytest.approx(-1)
 
 
 def test_a_moment_of_an_edge_takes_no_vertices(run, tmp_path):

@@ -160,6 +160,21 @@ def test_velocity_and_acceleration_are_derivatives_of_the_position(smooth):
     assert np.abs(motion(1 - 1e-13)[0] - motion(1.0)[0]).max() < 1e-10  # no jump at a key frame
 
 
+@pytest.mark.parametrize("tilt", [0, 0.3])
+def test_opposite_axes_are_one_axis(tilt):
+    """270 degrees about -n, then -540 about n: on by 270 degrees, not back by 90."""
+    axis = np.array([tilt, 0, 1])
+    opposite = (-tilt, 0, -1)
+    about = [
+        Rotation(degrees=0),
+        Rotation(axis=opposite, degrees=270),
+        Rotation(axis=(tilt, 0, 1), degrees=-540),
+        Rotation(axis=opposite, degrees=0),
+    ]
+    steps = [np.degrees(turn.angle) * turn.axis @ axis / np.linalg.norm(axis) for turn in turns(about)]
+    assert steps == pytest.approx([-270, -270, 540])
+
+
 @pytest.mark.parametrize("name", ["newmark", "verlet", "bdf2"])
 def test_resumed_run_with_a_handle_has_the_same_bits(name):
     text = STRIP.format(effects=TWIST + RAMP.replace("0.39", "0.25").replace("0.41", "0.3"), integrator=name,

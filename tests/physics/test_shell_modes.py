@@ -8,6 +8,7 @@ from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mechanics.modes import buckling_modes, natural_modes
 from ddgcli.mechanics.rigid_motions import unheld_motions
 from ddgcli.mesh.shapes import grid, icosphere
+from ddgcli.models.shell.analysis import warn_of_ramps
 from ddgcli.models.shell.face_arrays import face_arrays
 from ddgcli.models.shell.plate_check import (
     deflection_factor,
@@ -119,6 +120,37 @@ def test_shells_that_cannot_buckle_are_errors(effects, message):
 
 HINGE = f"[[effects.pin]]\nvertices = {ROOT}\n"
 CORNER = f"[[effects.pin]]\nvertices = [{ROOT[0]}]\n"
+MEMBRANE = "\n".join(line for line in SCENE.splitlines() if not line.startswith("bending"))
+
+
+@pytest.mark.parametrize("n", [4, 40])  # dense and sparse solvers
+@pytest.mark.parametrize(
+    ("text", "force", "message"),
+    [
+        (SCENE, 1.0, "leave a rotation free"),  # load factors of 1e-14: rounding of the stiffness
+        (SCENE, -1.0, "leave a rotation free"),
+        (MEMBRANE, 1.0, "without resistance"),
+    ],
+)
+def test_no_load_factor_is_made_of_the_rounding_of_a_singular_stiffness(n, text, force, message):
+    mesh = grid(n, n // 2, 1, 0.1, "alternating")
+    root, tip = (np.flatnonzero(mesh.points[:, 0] == x).tolist() for x in (0, 1))
+    pins = f"pin = {{ vertices = {root}, clamp = {str(text is MEMBRANE).lower()} }}"
+    load = f"load = {{ line_force = [{-force}, 0, 0], vertices = {tip} }}"
+    _, _, system = built(mesh, f"{pins}\n{load}", text=text)
+    with pytest.raises(SolveError, match=message):
+        buckling_modes(system, np.asarray(mesh.points), 2)
+
+
+def test_a_ramp_of_the_load_is_no_part_of_its_factors(caplog):
+    """A ramp from 0 hides its load from linear theory, which takes the shell at the start."""
+    ramp = push(1.0).replace(" }", ", times = [0, 1], factors = [0.5, 1] }")
+    _, _, system = built(STRIP, CLAMP.format(ROOT) + "\n" + ramp)
+    warn_of_ramps({"s": system})
+    assert "ramped loads count with their factors at 0 s (0.5)" in caplog.text
+    caplog.clear()
+    warn_of_ramps({"s": built(STRIP, CLAMP.format(ROOT) + "\n" + push(1.0))[2]})
+    assert not caplog.text
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,14 @@
 """Pressure and gas in closed shells: thin-shell theory, Boyle's law, momenta, energy, stiffness."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from ddgcli.errors import MeshError
 from ddgcli.mesh.shapes import icosphere
-from ddgcli.models.shell.pressure import ConstantPressure
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.shell.pressure import ConstantPressure, Pressure, build
 from tests.simulate import scalar, shell_run
 
 BALL = """
@@ -88,6 +92,25 @@ def test_inward_faces_feel_the_pressure_outward():
     assert inward.volume(mesh.points) == pytest.approx(outward.volume(mesh.points))
     assert np.allclose(inward.gradient(mesh.points), outward.gradient(mesh.points))
     assert (np.sum(outward.gradient(mesh.points) * mesh.points, axis=1) < 0).all()
+
+
+@pytest.mark.parametrize(
+    ("faces", "message"),
+    [
+        (lambda f: np.vstack([f, f[:, ::-1] + 42]), "components of 's' face opposite ways"),
+        (lambda f: np.vstack([f[:1, ::-1], f[1:], f + 42]), "3 edges join faces of opposite orientation"),
+    ],
+)
+def test_pressure_is_outward_everywhere_or_refused(faces, message):
+    """Its sign is that of the sum of all volumes: a small ball that faces inward would be compressed."""
+    small = icosphere(1)
+    points = np.vstack([small.points, 0.5 * small.points + [3, 0, 0]])
+    mesh = TriangleMesh.from_arrays(points, faces(np.asarray(small.faces)))
+    context = SimpleNamespace(mesh=mesh, shell=SimpleNamespace(name="s"), input_vertex=None)
+    with pytest.raises((ValueError, MeshError), match=message):
+        build(Pressure(value=1.0), context)
+    outward = TriangleMesh.from_arrays(points, np.vstack([small.faces, small.faces + 42]))
+    assert len(build(Pressure(value=1.0), SimpleNamespace(**(vars(context) | {"mesh": outward})))) == 1
 
 
 def test_zero_pressure_changes_no_bit():

@@ -99,6 +99,8 @@ def cures(message, words):
 
 REFUSALS = [
     ("two", ("--flow", "conformal"), 1),
+    ("two", ("--fix-area", "--fix-volume"), 1),  # two vesicles do not exchange area and volume
+    ("two", (*MEAN, "--fix-volume"), 1),
     ("tube", ("--flow", "conformal"), 1),
     ("ball", ("--flow", "conformal", "--fix-volume"), 1),
     ("ball", ("--flow", "conformal", "--spontaneous-curvature", "1", "--fix-area"), 1),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import SolveError
 from ddgcli.mechanics.modes import Modes, buckling_modes, natural_modes
 from ddgcli.mechanics.system import System
+from ddgcli.mechanics.terms import RampedLoad
 from ddgcli.models.shell.groups import Order
 
 log = logging.getLogger("ddgcli")
@@ -68,6 +69,30 @@ def buckling(systems: dict[str, System], order: Order, k: int) -> tuple[dict[str
     """
     factors, shapes = _lowest(systems, lambda name, s: buckling_modes(s, s.start, k), order, k)
     return {"load_factors": factors}, {f"buckling_{i:03d}": shape for i, shape in enumerate(shapes)}
+
+
+def warn_of_ramps(systems: dict[str, System]) -> None:
+    """Warn of loads that a ramp scales at the time of the systems.
+
+    Parameters
+    ----------
+    systems : dict of str to System
+    """
+    for name, system in systems.items():
+        ramps = [ramp for ramp in map(_own, system.all_terms) if isinstance(ramp, RampedLoad)]
+        factors = [float(np.interp(system.time, ramp.times, ramp.factors)) for ramp in ramps]
+        if any(factor != 1.0 for factor in factors):
+            log.warning(
+                "%s: ramped loads count with their factors at %g s (%s); leave times and factors out",
+                name,
+                system.time,
+                ", ".join(f"{factor:.3g}" for factor in factors),
+            )
+
+
+def _own(any_term: Any) -> Any:
+    """A term of one shell, without its place in a group."""
+    return getattr(any_term, "own_term", any_term)
 
 
 def _lowest(

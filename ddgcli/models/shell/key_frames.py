@@ -25,8 +25,8 @@ class Turn:
 def turns(rotations: list[Rotation]) -> list[Turn]:
     """Rotations between successive key frames.
 
-    Where two key frames share an axis the angle is the difference of their degrees, which may exceed half a
-    revolution; else it is the shortest rotation from one orientation to the other.
+    Where two key frames share an axis (or name opposite ones) the angle is the difference of their degrees,
+    which may exceed half a revolution; else it is the shortest rotation from one orientation to the other.
 
     Parameters
     ----------
@@ -41,9 +41,10 @@ def turns(rotations: list[Rotation]) -> list[Turn]:
     for before, after in zip(rotations, rotations[1:]):
         start = rotation_matrix(before.axis, np.radians(before.degrees))
         a, b = (np.array(r.axis) / np.linalg.norm(r.axis) for r in (before, after))
-        if before.degrees == 0 or after.degrees == 0 or 1 - a @ b <= PARALLEL_TOLERANCE:
+        if before.degrees == 0 or after.degrees == 0 or 1 - abs(a @ b) <= PARALLEL_TOLERANCE:
             axis = a if after.degrees == 0 else b
-            result.append(Turn(axis, float(np.radians(after.degrees - before.degrees)), start))
+            degrees = np.copysign(before.degrees, before.degrees * (axis @ a))  # about an opposite axis: less
+            result.append(Turn(axis, float(np.radians(after.degrees - degrees)), start))
             continue
         relative = rotation_matrix(after.axis, np.radians(after.degrees)) @ start.T
         sine = 0.5 * np.array([relative[2, 1] - relative[1, 2], relative[0, 2] - relative[2, 0],

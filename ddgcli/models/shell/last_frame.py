@@ -86,6 +86,7 @@ def final(
             ]
             plate_check.warn_of_hinges(plate_check.farthest_from_one(factors), "some frequencies")
         if n_buckling:
+            analysis.warn_of_ramps(systems)
             values, shapes = analysis.buckling(systems, order, n_buckling)
             results, vertex = {**results, **values}, {**vertex, **shapes}
             load_factors = np.array(values["load_factors"])

@@ -287,9 +287,20 @@ def _own_terms(scene: Scene, context: ShellContext) -> list[Any]:
     masks = [
         any_term.mask for any_term in all_terms if isinstance(any_term, FixedCoordinates | PrescribedMotion)
     ]
-    if masks and np.logical_or.reduce(masks).all():
-        log.warning("every vertex of %s is held: it does not move", context.shell.name)
+    fixed = np.logical_or.reduce(masks) if masks else np.zeros((1, 3), dtype=bool)
+    if fixed.all():
+        moved = any(isinstance(any_term, PrescribedMotion) for any_term in all_terms)
+        motion = "moves as its handles and obstacles do" if moved else "does not move"
+        log.warning("every vertex of %s is held: it %s", context.shell.name, motion)
+    elif fixed.any() and any(_moves_nothing(any_term, fixed) for any_term in all_terms):
+        log.warning("a load on %s acts on held vertices alone: it moves nothing", context.shell.name)
     return all_terms
+
+
+def _moves_nothing(any_term: Any, fixed: NDArray) -> bool:
+    """Whether a term is a dead force, and all of it acts on held coordinates."""
+    force = getattr(getattr(any_term, "potential", any_term), "force", None)
+    return isinstance(force, np.ndarray) and not np.any(force[~fixed])
 
 
 def _require_face_arrays(scene: Scene, context: ShellContext) -> None:

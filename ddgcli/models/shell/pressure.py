@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from ddgcli.geometry.extrinsic import component_volumes
 from ddgcli.mechanics.terms import Mode, Potential, at_last_point
+from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.shell.area_springs import cross_matrix
@@ -183,6 +185,12 @@ def build(parameters: Pressure, context: ShellContext) -> list[Any]:
     if not parameters.gas and parameters.value == 0:
         log.warning("effect pressure on %s has no strength: it changes nothing", name)
         return []
+    require(mesh, "pressure", faces=False, sized=False, oriented=True)
+    if np.ptp(np.sign(component_volumes(mesh))) > 1:
+        raise ValueError(
+            f"components of {name!r} face opposite ways, outward and inward: the pressure would expand some "
+            "and compress others; make each of them an object"
+        )
     points = np.asarray(mesh.points)
     arguments = (np.asarray(mesh.faces), points.mean(axis=0))
     rest = ConstantPressure(*arguments, 1.0, 0.0, name).volume(points)

@@ -175,6 +175,17 @@ def _require_rest(topology: Topology, name: str, options: FlowOptions) -> None:
         )
 
 
+def _require_one_component(topology: Topology, options: FlowOptions, free: NDArray) -> None:
+    """Raise MeshError where moving components would exchange the area or the volume that is kept in sum."""
+    n_moving = len(np.unique(topology.vertex_component[free]))
+    if n_moving > 1 and (options.fix_area or options.fix_volume):
+        names = " and ".join(f"`{name}`" for name in ("fix_area", "fix_volume") if getattr(options, name))
+        raise MeshError(
+            f"{names} would keep the sum of {n_moving} components, which exchange it; flow one component at "
+            f"a time: {cure('components', topology)}"
+        )
+
+
 def _require_conformal(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None) -> None:
     """Raise MeshError or ParameterError where `flow=conformal` has no meaning."""
     require(mesh, "`flow=conformal`", closed=True)
@@ -250,6 +261,7 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     scheme = chosen_scheme(options)
     unit, centre, scale = centred_at_unit_size(mesh)
     free = free_vertices(topology, boundary, region)
+    _require_one_component(topology, options, free)
     film = is_film(options, topology)
     constraints = film_constraints(unit, options, film)
     curvature = unit_curvature(unit, options, scale)
