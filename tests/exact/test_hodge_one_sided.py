@@ -193,3 +193,14 @@ def test_a_wrong_curl_part_moves_the_reconstruction(monkeypatch):
     right = decomposition._tetrahedron_curl
     monkeypatch.setattr(decomposition, "_tetrahedron_curl", lambda *arguments: 1.001 * right(*arguments))
     assert decompose_cell_vectors(mesh, field).reconstruction_residual > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("mesh", "boundary"), [(shapes.icosphere(1), "tangential"), (shapes.grid(3, 3), "normal")]
+)
+def test_a_surface_without_harmonic_fields_has_an_empty_basis_without_a_factorisation(
+    mesh, boundary, monkeypatch
+):
+    monkeypatch.setattr(harmonic, "closed_projection", None)
+    basis = harmonic_basis(mesh, boundary)
+    assert basis.forms.shape == (0, mesh.topology.n_edges) and basis.residual == 0

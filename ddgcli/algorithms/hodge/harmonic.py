@@ -272,6 +272,8 @@ def harmonic_basis(mesh: SimplicialMesh, boundary: Boundary = "tangential") -> H
     -------
     HarmonicBasis
     """
+    if boundary in FIELD_BOUNDARIES and not betti_numbers(mesh).of_boundary(boundary)[1]:
+        return HarmonicBasis(np.zeros((0, complex_of(mesh).counts[1])), 0.0)
     projection = closed_projection(mesh, boundary)
     forms = projection.harmonic_forms()
     return HarmonicBasis(forms.T, projection.residual(forms))
