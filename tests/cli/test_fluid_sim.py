@@ -52,7 +52,7 @@ def test_rounding_of_the_mean_causes_no_warning(summary, tmp_path, velocity, sca
     path, ball = tmp_path / "ball.npz", shapes.random_sphere(500)
     write_mesh(str(path), AnnotatedMesh(ball.moved(scale * (ball.points + 3.0))))
     out = summary("fluid-sim", path, "--effect", f"initial velocity={velocity}", "--steps", 1, "--dt", 1e-3)
-    assert out["warnings"] == []
+    assert not any("mean" in warning for warning in out["warnings"])
 
 
 def test_mean_is_subtracted_with_a_warning(summary, ball):

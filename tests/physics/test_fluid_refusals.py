@@ -12,6 +12,7 @@ from ddgcli.models.fluid.flow_mesh import harmonic_count
 
 SQUARE = "grid = { size = [1, 1], cells = [4, 4] }"
 BOX = "box = { size = [1, 1, 1], cells = [2, 2, 2] }"
+BALL = "sphere = { subdivisions = 1 }"
 START = 'initial = { vorticity = "x" }\n'
 INFLOW = '{ kind = "inflow", velocity = [1, 0, 0], where = "x < 1e-6" }'
 OUTFLOW = '{ kind = "outflow", velocity = [2, 0, 0], where = "x > 1 - 1e-6" }'
@@ -124,6 +125,24 @@ def test_inflow_without_outflow_is_refused(shape):
 
 
 @pytest.mark.parametrize("shape", [SQUARE, BOX], ids=["surface", "volume"])
+def test_a_wall_that_swings_is_refused_and_named_a_force_in_its_frame(shape):
+    """The cure is Stokes' second problem, exp(-k y) sin(9 t - k y) in the frame at rest."""
+    wall = '{ kind = "wall", velocity = ["sin(9*t)", 0, 0], where = "y < 1e-6" }'
+    assert "effect force" in refusal(f"viscosity = {{ nu = 1 }}\nboundary = [{wall}]", shape)
+    if shape == BOX:
+        return
+    channel = 'grid = { size = [1, 1], cells = [4, 16], periodic = "x" }'
+    effects = 'viscosity = { nu = 0.05 }\nharmonic = {}\nforce = { acceleration = ["-9*cos(9*t)", 0, 0] }\n'
+    effects += 'boundary = [{ kind = "no-slip", where = "y < 0.5" }, { kind = "free-slip" }]'
+    time = f'integrator = "energy"\nduration = {8 * np.pi / 9}\nstep = {np.pi / 90}'
+    out = run_fluid(effects, time, channel)
+    y, u = out.fluid.context.points[:, 1], out.observations[-1].vertex["velocity"][:, 0]
+    layer = (9 / 0.1) ** 0.5 * y
+    inside = (y > 0) & (y < 1)
+    assert np.abs(u + np.exp(-layer) * np.sin(layer))[inside].max() < 0.05  # after four periods
+
+
+@pytest.mark.parametrize("shape", [SQUARE, BOX], ids=["surface", "volume"])
 def test_an_inflow_that_leaves_is_refused(shape):
     """In volumes fluid came in through the natural outflow."""
     leaving, natural = INFLOW.replace("[1", "[-1"), '{ kind = "outflow", where = "x > 1 - 1e-6" }'
@@ -199,3 +218,25 @@ def test_harmonic_flows_are_counted_component_by_component():
 
     meshes = (ring, beside(square, square), beside(ball, ring), beside(ring, ring))
     assert [harmonic_count(mesh) for mesh in meshes] == [1, 0, 1, 2]
+
+
+UNIFORM, ROUND = "[1, 0, 0]", '["-y", "x", 0]'
+
+
+@pytest.mark.parametrize(
+    "shape, velocity, is_lost",
+    [
+        (SQUARE, UNIFORM, True),
+        (BOX, UNIFORM, True),
+        (BALL, UNIFORM, True),
+        (SQUARE, '["y - 0.5", 0, 0]', True),
+        (SQUARE, '["x*(1-x)*(1-2*y)", "-y*(1-y)*(1-2*x)", 0]', False),
+        (BOX, '["x*(1-x)*(1-2*y)", "-y*(1-y)*(1-2*x)", 0]', False),
+        (BALL, ROUND, False),
+    ],
+)
+def test_an_initial_velocity_that_is_largely_a_gradient_warns(shape, velocity, is_lost, caplog):
+    """A uniform stream in a closed box, or on a sphere, was a fluid at rest, without a word."""
+    out = run_fluid(f"initial = {{ velocity = {velocity} }}", TIME, shape)
+    assert ("a gradient, which no incompressible flow has" in caplog.text) == is_lost
+    assert (out.series("kinetic_energy")[0] < 1e-20) == (velocity == UNIFORM)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from typing import Literal
 
 from pydantic import Field, model_validator
@@ -60,6 +61,11 @@ def build(parameters: BoundarySection, context: FluidContext) -> list[BoundaryPa
         names = ", ".join(context.obstacles) or "none"
         raise ValueError(f"no obstacle {parameters.obstacle!r} cuts {context.name!r} (there: {names})")
     velocity = None if parameters.velocity is None else [str(text) for text in parameters.velocity]
+    if any(re.search(r"\bt\b", text) for text in velocity or []):
+        raise ValueError(
+            "velocity holds x, y, z, not the time t; what drives a flow in time is the effect force, whose "
+            "acceleration may hold t (for a wall that swings, in the frame of the wall)"
+        )
     boundary_part = BoundaryPart(
         parameters.kind, velocity, parameters.flux, parameters.where, parameters.obstacle
     )

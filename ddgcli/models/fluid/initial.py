@@ -16,6 +16,7 @@ from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import Initial
 from ddgcli.models.fluid.flow_mesh import harmonic_count
 from ddgcli.models.fluid.flows import FLOWS, KEYS, VOLUME_FLOWS, NamedFlow, VolumeFlow
+from ddgcli.models.fluid.lost_gradient import warn_of_lost_gradient
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity, vector
@@ -86,7 +87,7 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
                 space.faces, np.abs(velocity)[:, None] * np.abs(space.side[:, NEXT]), space.n
             )
             vorticity = balanced(space, vorticity, terms)
-            _warn_of_lost_harmonic(context, space, velocity, vorticity)
+            _warn_of_lost_energy(context, space, velocity, vorticity, coefficients)
             return {"vorticity": vorticity, "coefficients": coefficients}
 
         return [Initial(of_velocity)]
@@ -109,14 +110,17 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
     return [Initial(of_vorticity)]
 
 
-def _warn_of_lost_harmonic(
-    context: FluidContext, space: SurfaceSpace, velocity: NDArray, vorticity: NDArray
+def _warn_of_lost_energy(
+    context: FluidContext, space: SurfaceSpace, velocity: NDArray, vorticity: NDArray, coefficients: NDArray
 ) -> None:
-    """Report a velocity that is more than its vorticity where there are no harmonic flows for the rest."""
-    if len(space.harmonic) or not harmonic_count(space.mesh):
-        return
+    """Report a velocity of which the flow lacks much: harmonic flows left out by the scene, or a gradient."""
     whole = 0.5 * float(np.sum(space.area * np.abs(velocity) ** 2))
-    energy_without = space.kinetic_energy(space.stream_function(vorticity), vorticity, np.zeros(0))
+    phi = space.stream_function(vorticity)
+    if len(space.harmonic) or not harmonic_count(space.mesh):
+        if space.lift is None:
+            warn_of_lost_gradient(context.name, whole, space.kinetic_energy(phi, vorticity, coefficients))
+        return
+    energy_without = space.kinetic_energy(phi, vorticity, np.zeros(0))
     if whole - energy_without > MAX_LOST_ENERGY_SHARE * whole:
         log.warning(
             "%.3g %% of the energy of the initial velocity of %s is left out: its gradient part, and its "

@@ -13,6 +13,7 @@ from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.crossings import FLUX_ROUNDING
 from ddgcli.models.fluid.effect_parts import Initial
 from ddgcli.models.fluid.flows import VOLUME_FLOWS
+from ddgcli.models.fluid.lost_gradient import warn_of_lost_gradient
 from ddgcli.models.fluid.phases import FluidSetting
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.tracer import Bounds, conserved
@@ -47,7 +48,15 @@ def initial(parameters: Any, context: FluidContext) -> Initial:
     else:
         names = ", ".join(VOLUME_FLOWS)
         raise ValueError(f"flow {parameters.flow!r} is one of surfaces; volumes have {names}")
-    return Initial(lambda space: {"flux": space.projected(vectors, inflow=False)})
+
+    def start(space: VolumeSpace) -> dict[str, NDArray]:
+        flux = space.projected(vectors, inflow=False)
+        if parameters.velocity is not None and (space.conditions is None or not space.conditions.is_open):
+            energies = space.kinetic_energy(vectors), space.kinetic_energy(space.velocity(flux))
+            warn_of_lost_gradient(context.name, *energies)
+        return {"flux": flux}
+
+    return Initial(start)
 
 
 def vertex_stiffness(space: VolumeSpace) -> csr_array:

@@ -1,0 +1,26 @@
+"""Warning of initial velocities that no incompressible flow has."""
+
+from __future__ import annotations
+
+import logging
+
+log = logging.getLogger("ddgcli")
+MAX_LOST_GRADIENT_SHARE = 0.3  # share of the energy; coarse cells leave some of a smooth flow out
+
+
+def warn_of_lost_gradient(name: str, whole: float, remaining: float) -> None:
+    """Report an initial velocity that is largely a gradient, such as a uniform stream in a closed box.
+
+    Parameters
+    ----------
+    name : str
+        Of the fluid.
+    whole, remaining : float
+        Kinetic energy of the velocity, and of the flow nearest to it.
+    """
+    if whole - remaining > MAX_LOST_GRADIENT_SHARE * whole:
+        log.warning(
+            "%.3g %% of the energy of the initial velocity of %s is left out: a gradient, which "
+            "no incompressible flow has; give a velocity without divergence that runs along the walls",
+            100.0 * (whole - remaining) / whole, name,
+        )  # fmt: skip
