@@ -267,3 +267,30 @@ where = "x > 1 - 1e-6"
 [[effects.boundary]]
 kind = "no-slip"
 """
+
+
+def adaptive(path, force, integrator='integrator = "circulation"'):
+    text = f"[time]\nduration = 1.0\ntolerance = 1e-4\nframe_every = 0.25\n{integrator}\n"
+    effects = f"force = {{ acceleration = [{force}] }}\nviscosity = {{ nu = 0.01 }}"
+    path.write_text(f'{text}[[object]]\nname = "f"\nrole = "fluid"\n{SQUARE}\n[effects]\n{effects}\n')
+    return path
+
+
+@pytest.mark.parametrize("integrator", [*INTEGRATORS.values(), 'integrator = "energy"'])
+@pytest.mark.parametrize("force", ['"sin(x)*cos(y)", "cos(x)*sin(y)", 0', "0, -9.81, 0"])
+def test_a_flow_that_is_the_rounding_of_a_balanced_force_is_none(summary, tmp_path, integrator, force):
+    """Pressure balances a gradient: steps, drifts and warnings do not follow what rounding leaves."""
+    out = summary("fluid-sim", adaptive(tmp_path / "s.toml", force, integrator))
+    assert out["warnings"] == [] and max(out["accuracy"].values()) < 1e-7
+    assert out["results"]["steps"] <= 20 and out["results"]["rejected_steps"] == 0
+
+
+def test_a_flow_that_a_small_force_drives_is_no_rounding(summary, tmp_path):
+    """A rotational part of a millionth of the gravity has the steps and the energy that it has alone."""
+    runs = []
+    for gravity in (0, 9.81):
+        out = summary("fluid-sim", adaptive(tmp_path / "s.toml", f'"1e-5*y", -{gravity}, 0'))
+        runs.append((out["results"]["steps"], out["results"]["kinetic_energy"]))
+        assert out["accuracy"]["enstrophy_drift"] > 0.5
+    (steps, energy), (steps_in_gravity, energy_in_gravity) = runs
+    assert steps_in_gravity == steps and energy_in_gravity == pytest.approx(energy, rel=1e-6)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import logging
 from collections.abc import Callable, Iterable
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
 log = logging.getLogger("ddgcli")
 
 SURFACE_EFFECTS = ("rotation", "harmonic")  # volumes hold the harmonic flows from the start
+SPEED_ROUNDING = 1e-9  # of the speed that forces would give, up to which a flow is their rounding
+SAMPLED_SHARES = (0.0, 0.37, 0.71)  # of the run, at which forces are evaluated for it
 MAX_HARMONIC_FLOWS = 2_000  # kept as a dense basis
 
 
@@ -326,7 +329,22 @@ class FluidModel:
         """Relative distance of two flows, or of what they carry where that is larger."""
         duration = self.scene.time.duration
         carried = (phase.distance(a, b, self.start, duration) for phase in self.tracers)
-        return max(self.flows.distance(a, b, self.start), *carried, 0.0)
+        return max(self.flows.distance(a, b, self.start, self.rounding_energy), *carried, 0.0)
+
+    @cached_property
+    def rounding_energy(self) -> float:
+        """Energy up to which a flow is the rounding of forces that the pressure balances.
+
+        That of a share of the speed that they give within the run, or over the size of the fluid.
+        """
+        duration, flows = self.scene.time.duration, self.flows
+        largest = 0.0
+        for force in self.sources.forces:
+            for share in SAMPLED_SHARES:
+                size = np.linalg.norm(force.cell_acceleration(self.start, share * duration), axis=1)
+                largest = max(largest, float(size[np.isfinite(size)].max(initial=0.0)))
+        speed = SPEED_ROUNDING * min(largest * duration, float(np.sqrt(largest * flows.size)))
+        return 0.5 * flows.measure * speed**2
 
     # ------------------------------------------------------------------ steps
 

@@ -95,6 +95,14 @@ class TransportPhase(Phase, Protocol):
         ...
 
 
+class Acceleration(Phase, Protocol):
+    """A force that does not depend on the flow."""
+
+    def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:
+        """(m, 3) what it adds to the velocity of the cells a second."""
+        ...
+
+
 class FlowPhase:
     """Base of phases that change the flow and add nothing to the state or to the frames."""
 

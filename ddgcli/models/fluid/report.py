@@ -74,11 +74,15 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
         results["forces"] = forces
     if "total_dye" in series:
         results["total_dye"] = float(series["total_dye"][-1])
-    circulation, enstrophy = _scales(series, models)
+    least_energy = sum(model.rounding_energy for model in models.values())
+    circulation, enstrophy = _scales(series, models, least_energy)
+    energy = float(series["kinetic_energy"][0])
+    if not energy > least_energy:
+        energy = max(float(series["kinetic_energy"].max()), least_energy)
     accuracy = {
         "divergence_max": float(series["divergence"].max()),
         "total_vorticity_drift": _drift(series["total_vorticity"], circulation),
-        "energy_drift": _drift(series["kinetic_energy"], float(series["kinetic_energy"][0])),
+        "energy_drift": _drift(series["kinetic_energy"], energy),
         "enstrophy_drift": _drift(series["enstrophy"], enstrophy),
         "circulation_drift": max(
             [_drift(series[k], circulation) for k in series if k.startswith("boundary_circulation")]
@@ -92,9 +96,9 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     cure = f"integrator {alternative}, or a finer or more regular mesh"
     renewals = _renewals(series, models)
     if "corrections" in series:
-        energy = renewals * float(series["kinetic_energy"].max())
-        results["corrections"] = _corrections(series["corrections"][-1], energy, integrator, cure)
-    accuracy |= (losses := _scheme_losses(series, enstrophy, renewals))
+        largest = renewals * float(series["kinetic_energy"].max())
+        results["corrections"] = _corrections(series["corrections"][-1], largest, integrator, cure)
+    accuracy |= (losses := _scheme_losses(series, least_energy, enstrophy, renewals))
     if integrator == "conservative":
         if _keeps_energy(models):
             losses = {"energy_lost_by_scheme": accuracy["energy_drift"], **losses}
@@ -135,12 +139,12 @@ def _renewals(series: Mapping[str, NDArray], models: Mapping[str, FluidModel]) -
 
 
 def _scheme_losses(
-    series: Mapping[str, NDArray], least_enstrophy: float, renewals: float
+    series: Mapping[str, NDArray], least_energy: float, least_enstrophy: float, renewals: float
 ) -> dict[str, float]:
     """Shares of energy and enstrophy that the transport lost, where it books them."""
     losses = {}
     for name, total, least in (
-        ("energy", "kinetic_energy", 0.0),
+        ("energy", "kinetic_energy", least_energy),
         ("enstrophy", "enstrophy", least_enstrophy),
     ):
         if f"lost_{name}" in series:
@@ -210,17 +214,20 @@ def _at_end(series: Mapping[str, NDArray], what: str, names: list[str]) -> list[
     return circulations
 
 
-def _scales(series: Mapping[str, NDArray], models: Mapping[str, FluidModel]) -> tuple[float, float]:
+def _scales(
+    series: Mapping[str, NDArray], models: Mapping[str, FluidModel], least_energy: float
+) -> tuple[float, float]:
     """Sizes that drifts of circulations and of enstrophy are relative to.
 
     Their own sizes at the start, or the largest after a start whose vorticity is rounding; or, where that
     never exceeds the rounding of the flow, what the terms that cancel in it amount to.
     """
     terms = [model.flows.circulation_terms() for model in models.values()]
-    speed = math.sqrt(2.0 * float(series["kinetic_energy"].max()))
+    speed = math.sqrt(2.0 * max(float(series["kinetic_energy"].max()), least_energy))
     circulation, enstrophy = speed * sum(t for t, _ in terms), speed**2 * sum(t for _, t in terms)
     vorticity = series["absolute_vorticity"]
-    if not float(vorticity.max()) > VORTICITY_ROUNDING * circulation:
+    is_rounding = not float(series["kinetic_energy"].max()) > least_energy
+    if is_rounding or not float(vorticity.max()) > VORTICITY_ROUNDING * circulation:
         return circulation, enstrophy
     if not float(vorticity[0]) > VORTICITY_ROUNDING * circulation:
         return float(vorticity.max()), float(series["enstrophy"].max())

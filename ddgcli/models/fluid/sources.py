@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Protocol, cast
 
-from ddgcli.models.fluid.phases import Phase, Step
+from ddgcli.models.fluid.phases import Acceleration, Phase, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.simulation.account import Account
 
@@ -49,7 +49,8 @@ class SourceSequence:
         self.account = account
         viscous = (phase for phase in in_order if hasattr(phase, "advance_forced"))
         self.friction = cast("ViscousPhase | None", next(viscous, None))
-        self.forces = [phase for phase in in_order if getattr(phase, "is_force", False)]
+        forces = [phase for phase in in_order if getattr(phase, "is_force", False)]
+        self.forces = cast("list[Acceleration]", forces)
         self.phases: list[Phase] = in_order
         if self.friction is not None:
             others = [phase for phase in in_order if phase not in (self.friction, *self.forces)]

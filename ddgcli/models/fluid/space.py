@@ -38,8 +38,18 @@ class FlowSpace(Protocol):
         """Kinetic energy of unit density."""
         ...
 
-    def distance(self, a: FluidState, b: FluidState, start: FluidState) -> float:
-        """Size of the difference of two flows, relative to the larger of `start` and `b`."""
+    @property
+    def measure(self) -> float:
+        """Area or volume."""
+        ...
+
+    @property
+    def size(self) -> float:
+        """Length of the side of a square, or of a cube, of the same area or volume."""
+        ...
+
+    def distance(self, a: FluidState, b: FluidState, start: FluidState, least_energy: float) -> float:
+        """Size of the difference of two flows, relative to the largest of `start`, `b` and an energy."""
         ...
 
     def observed(self, state: FluidState) -> Observation:

@@ -306,15 +306,23 @@ class SurfaceSpace:
     def energy(self, state: FluidState) -> float:
         return self.kinetic_energy(self.flow(state).phi, state["vorticity"], state["coefficients"])
 
-    def distance(self, a: FluidState, b: FluidState, start: FluidState) -> float:
-        """L2 distance of vorticities and of harmonic flows, relative to the larger of `start` and `b`.
+    @property
+    def measure(self) -> float:
+        return float(self.area.sum())
+
+    @property
+    def size(self) -> float:
+        return float(np.sqrt(self.measure))
+
+    def distance(self, a: FluidState, b: FluidState, start: FluidState, least_energy: float = 0.0) -> float:
+        """L2 distance of vorticities and of harmonic flows, relative to the largest of `start` and `b`.
 
         A flow of speed u on a surface of area A counts with a vorticity of at least u / sqrt(A): a uniform
         flow has none of its own.
         """
-        energy = max(self.energy(start), self.energy(b))
+        energy = max(self.energy(start), self.energy(b), least_energy)
         enstrophy = max(self.enstrophy(start["vorticity"]), self.enstrophy(b["vorticity"]))
-        enstrophy = max(enstrophy, energy / float(self.area.sum()))
+        enstrophy = max(enstrophy, energy / self.measure)
         apart = np.sqrt(self.enstrophy(a["vorticity"] - b["vorticity"]) / (enstrophy or 1.0))
         harmonic_distance = np.linalg.norm(a["coefficients"] - b["coefficients"])
         return float(apart + harmonic_distance / (np.sqrt(2.0 * energy) or 1.0))

@@ -262,10 +262,19 @@ class VolumeSpace:
     def energy(self, state: FluidState) -> float:
         return self.kinetic_energy(self.cell_velocity(state))
 
-    def distance(self, a: FluidState, b: FluidState, start: FluidState) -> float:
+    @property
+    def measure(self) -> float:
+        return float(self.volume.sum())
+
+    @property
+    def size(self) -> float:
+        return float(np.cbrt(self.measure))
+
+    def distance(self, a: FluidState, b: FluidState, start: FluidState, least_energy: float = 0.0) -> float:
         """L2 distance of the velocities, relative to the larger of `start` and `b`."""
         apart = self.kinetic_energy(self.cell_velocity(a) - self.cell_velocity(b))
-        return float(np.sqrt(apart / (max(self.energy(start), self.energy(b)) or 1.0)))
+        energy = max(self.energy(start), self.energy(b), least_energy)
+        return float(np.sqrt(apart / (energy or 1.0)))
 
     def observed(self, state: FluidState) -> Observation:
         """Vorticity and velocity at vertices; energies, divergence and the sums of circulations."""
