@@ -4,8 +4,10 @@ An `InputError` is caused by the call or the input (exit 2, no output file); a `
 computation with valid input (exit 1). Messages state what is wrong, where, and what to do.
 """
 
+import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -159,3 +161,19 @@ class MissingExtraError(InputError):
 
 class SolveError(DdgError, RuntimeError):
     """A computation with valid input failed: divergence, no convergence, overflow."""
+
+
+@contextmanager
+def without_warnings() -> Iterator[None]:
+    """Log nothing within the block: a trial of what the run itself does, or did, with the same warnings.
+
+    Yields
+    ------
+    None
+    """
+    log = logging.getLogger("ddgcli")
+    disabled, log.disabled = log.disabled, True
+    try:
+        yield
+    finally:
+        log.disabled = disabled

@@ -78,22 +78,16 @@ def angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
 
     The faces are those of the intrinsic Delaunay triangulation, which a refinement starts from.
     """
-    import logging
+    from contextlib import suppress
 
     import numpy as np
 
     from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
-    from ddgcli.errors import InputError
+    from ddgcli.errors import InputError, without_warnings
     from ddgcli.geometry.intrinsic import corner_angle
 
-    log = logging.getLogger("ddgcli")
-    disabled, log.disabled = log.disabled, True  # the run itself warns
-    try:
+    with without_warnings(), suppress(InputError):  # which the run itself gives
         mesh = flip_to_delaunay(mesh).mesh
-    except InputError:  # which the run itself refuses
-        pass
-    finally:
-        log.disabled = disabled
     smallest = np.degrees(corner_angle(mesh.side_length)).min(axis=1, initial=180.0)
     return float(np.maximum(1.0 - smallest / degrees, 0.0).sum())
 

@@ -11,7 +11,7 @@ from ddgcli.cli.forecast.prediction import MIB, fits, seconds_of_steps, with_mea
 from ddgcli.cli.forecast.simulator_kernels import DEFAULT_FLOW_STEPS
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.simulate import Job, check_job
-from ddgcli.errors import SolveError
+from ddgcli.errors import SolveError, without_warnings
 from ddgcli.memory import resident_memory
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
@@ -89,19 +89,16 @@ def _seconds_per_step(job: Job) -> float | None:
         if elapsed > MAX_TRIAL_SECONDS and done < MIN_TRIAL_STEPS - 1:
             raise _ManyParts
 
-    log = logging.getLogger("ddgcli")
-    disabled, log.disabled = log.disabled, True  # the run itself warns
     try:
-        for _ in evolve(job.models, job.schedule, Account(), progress=progress):
-            pass
+        with without_warnings():  # the run itself gives them
+            for _ in evolve(job.models, job.schedule, Account(), progress=progress):
+                pass
     except (_TrialEnd, SolveError):
         pass
     except _ManyParts:
         many_parts, samples = True, []
-    finally:
-        log.disabled = disabled
     if many_parts:
-        log.warning(
+        logging.getLogger("ddgcli").warning(
             "the first steps are divided into many parts: the run takes at least the predicted seconds, and "
             "may take far longer"
         )

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import without_warnings
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import SplittableMemory
 from ddgcli.mesh.fields import TrajectoryFrame
@@ -25,7 +24,6 @@ from ddgcli.simulation.model import Arrays, Model, Observation
 
 Build = Callable[[Group], tuple[System, Model[Motion]]]
 MAX_EPOCHS = 4  # models that are kept: halves of a step go back to earlier ones
-log = logging.getLogger("ddgcli")
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +102,7 @@ class Breaking:
                 surfaces[name] = surface
                 shells[name] = split_context(shells[name], surface.faces, surface.origin)
             calls, group = dict(self._account.calls), replace(self._group, shells=shells)
-            with _quiet():  # the whole shells have issued these warnings
+            with without_warnings():  # the whole shells have issued these warnings
                 system, model = self._build(group)
             self._account.calls = calls  # a resumed run builds other epochs than a whole one
             while len(self._epochs) >= MAX_EPOCHS:
@@ -282,14 +280,3 @@ def contexts_of_frame(
         present[name] = split_context(context, own, origin[first : first + count].astype(np.int64))
         first_face, first = first_face + context.mesh.n_faces, first + count
     return present
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """No warnings of the program."""
-    level = log.level
-    log.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        log.setLevel(level)
