@@ -294,3 +294,10 @@ def test_a_flow_that_a_small_force_drives_is_no_rounding(summary, tmp_path):
         assert out["accuracy"]["enstrophy_drift"] > 0.5
     (steps, energy), (steps_in_gravity, energy_in_gravity) = runs
     assert steps_in_gravity == steps and energy_in_gravity == pytest.approx(energy, rel=1e-6)
+
+
+@pytest.mark.parametrize("force", ["0, 0, -9.81", "0, 1e-200, 0"])
+def test_a_force_without_a_tangential_part_moves_nothing(summary, tmp_path, force):
+    effects = f"force = {{ acceleration = [{force}] }}\nviscosity = {{ nu = 1.0 }}"
+    out = summary("fluid-sim", scene(tmp_path / "s.toml", TORUS, effects))
+    assert out["warnings"] == [] and out["results"]["kinetic_energy"] == 0

@@ -5,10 +5,11 @@ import json
 import numpy as np
 import pytest
 
+import ddgcli as ddg
 from ddgcli.algorithms.laplacian.evolution import EvolutionTimes, evolve_function, solve_evolution
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.algorithms.laplacian.spectrum import spectrum
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, SolveError
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh import shapes
@@ -183,3 +184,10 @@ def test_the_command_writes_all_frames_to_a_trajectory_and_the_last_to_a_mesh(sp
 def test_wrong_calls_of_an_evolution_end_in_one_line(sphere, run, words, text):
     result = run("laplacian", sphere, *words)
     assert result.exit_code == 2 and text in result.stderr and len(result.stderr.strip().split("\n")) == 1
+
+
+@pytest.mark.parametrize("duration", [1e20, 1e300])
+def test_a_wave_of_a_duration_beyond_rounding_is_refused_also_where_its_square_overflows(duration):
+    mesh = shapes.icosphere(1)
+    with pytest.raises(SolveError, match="too long for a mesh of this size"):
+        ddg.wave_equation(mesh, 0, duration)

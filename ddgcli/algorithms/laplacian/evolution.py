@@ -183,8 +183,8 @@ def _check_stiffness(L: csc_array, M: csc_array, equation: str, times: Evolution
     """Raise SolveError for steps after which rounding decides what is left of the function."""
     rate = float(L.diagonal().sum() / M.diagonal().sum()) if L.shape[0] else 0.0
     order = 1 if equation == HEAT else 2
-    if rate * (times.duration / times.steps) ** order > MAX_STIFFNESS:
-        longest = times.steps * (MAX_STIFFNESS / rate) ** (1 / order)
+    longest = times.steps * (MAX_STIFFNESS / rate) ** (1 / order) if rate > 0 else math.inf
+    if times.duration > longest:
         raise SolveError(
             f"`duration={times.duration:g}` is too long for a mesh of this size: rounding decides "
             f"what is left of the function; give {0.5 * longest:.1g} or less"

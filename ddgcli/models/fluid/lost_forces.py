@@ -34,11 +34,14 @@ class LostForceWarning:
 
     def check(self, acceleration: NDArray) -> None:
         """Warn of accelerations (m, 3) of the cells."""
-        if not self.is_due or not acceleration.any():
+        if not self.is_due:
+            return
+        space = self.setting.space
+        tangential = self.setting.context.to_frames(space, acceleration)
+        if not tangential.any():
             return
         self.is_due = False
-        space = self.setting.space
-        share = harmonic_share(space, self.setting.context.to_frames(space, acceleration))
+        share = harmonic_share(space, tangential)
         if share > MAX_LOST_FORCE_SHARE:
             log.warning(
                 "harmonic flows of %s (round its handles, holes or periods) have %.3g %% of the square of "
@@ -94,12 +97,16 @@ def harmonic_share(space: SurfaceSpace, vectors: NDArray) -> float:
     ----------
     space : SurfaceSpace
     vectors : (m,) ndarray of complex128
-        In the planar frames of the faces; not all 0.
+        In the planar frames of the faces.
 
     Returns
     -------
     float
+        0 where they are 0, or too small to be squared.
     """
+    size = float(space.area @ np.abs(vectors) ** 2)
+    if not size > 0:
+        return 0.0
     vorticity, _ = space.of_face_velocity(vectors)
     phi = space.stream_function_change(vorticity)
     rest = vectors - space.face_velocity(space.side_flux(phi, np.zeros(0)))
@@ -114,4 +121,4 @@ def harmonic_share(space: SurfaceSpace, vectors: NDArray) -> float:
     matrix = csr_array(coo_array((product.ravel(), place), shape=(len(load), len(load))))
     potential = Poisson(matrix).pinned_solve(load)
     square = float(space.area @ np.abs(rest) ** 2) - float(potential @ load)
-    return square / float(space.area @ np.abs(vectors) ** 2)
+    return square / size
