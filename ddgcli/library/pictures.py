@@ -70,7 +70,7 @@ def write_picture(
     OutputError
         For another extension, or a path that cannot be written.
     ParameterError
-        For an array that the mesh has not, or of another length.
+        For an array that the mesh has not, or of another length; for `curves` or `edges` on curves.
 
     Examples
     --------
@@ -91,6 +91,8 @@ def write_picture(
     label = name or (values if isinstance(values, str) else "")
     with atomic_output(os.fspath(path)) as target:
         if isinstance(shape, CurveSet):
+            if len(curves) or edges:
+                raise ParameterError("curves and edges are drawn on a surface, not on curves")
             _draw_curve_set(target, shape, array, label, look)
             return
         if not isinstance(shape, TriangleMesh):
@@ -103,6 +105,8 @@ def _draw_curve_set(
     target: str, shape: CurveSet, array: NDArray | None, label: str, look: dict[str, Any]
 ) -> None:
     _check_length(array, (shape.n_vertices,))
+    if array is not None and array.ndim > 1:
+        raise ParameterError(f"has shape {array.shape}; curves are coloured by numbers", parameter="values")
     paths = shape.paths()
     draw_curves(
         target, [shape.points[vertices] for vertices, _ in paths],

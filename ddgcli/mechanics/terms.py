@@ -67,10 +67,9 @@ def has_kind(term: Any, kind: type) -> bool:
     `isinstance` looks up every member at each call: half of an explicit step of a small shell with a handle.
     """
     key = (kind, type(term), *getattr(term, "__dict__", ()))
-    known = _KINDS.get(key)
-    if known is None:
-        known = _KINDS[key] = isinstance(term, kind)
-    return known
+    if key not in _KINDS:
+        _KINDS[key] = isinstance(term, kind)
+    return _KINDS[key]
 
 
 def is_dead(potential: Any) -> bool:

@@ -84,8 +84,8 @@ def draw_chart(
             _draw_pareto_front(axes, *_drawable(*pareto_front, log))
         texts: list[tuple[str, float, float]] = []
         for k, (name, (x, y, shown)) in enumerate(drawable.items()):
-            drawn = shown | np.isnan(x) & np.isnan(y)
-            _draw_series(axes, k if styles is None else styles[name], name, x[drawn], y[drawn])
+            with_gaps = shown | np.isnan(x) & np.isnan(y)
+            _draw_series(axes, k if styles is None else styles[name], name, x[with_gaps], y[with_gaps])
             if labels and name in labels:
                 texts += [(labels[name][int(i)], float(x[i]), float(y[i])) for i in np.flatnonzero(shown)]
             _draw_rings(axes, x, y, [i for i in (ringed or {}).get(name, ()) if shown[i]])

@@ -282,9 +282,9 @@ def draw_motion(
         MAX_PICTURE_FRAMES,
     )
     view = style.view or {}
-    seen = np.ptp(style.fit @ view_axes(style.fit, view.get("view"), view.get("up") or "z").T, axis=0)[:2]
+    extent = np.ptp(style.fit @ view_axes(style.fit, view.get("view"), view.get("up") or "z").T, axis=0)[:2]
     area = (0.0, CHART_HEIGHT, 1.0 if style.limits is None else FRAMES_WIDTH, 1.0 - CHART_HEIGHT)
-    boxes = cells(len(numbers), seen, area, width / height)
+    boxes = cells(len(numbers), extent, area, width / height)
     look = replace(style, bar=False)
     with tempfile.TemporaryDirectory() as folder:
         pictures = []

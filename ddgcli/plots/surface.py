@@ -135,9 +135,9 @@ def draw_beside(
         Options of all pictures.
     """
     looks = [{**options, **own} for _, own in pictures]
-    seen = [_extent(mesh, look.get("view"), look.get("up")) for (mesh, _), look in zip(pictures, looks)]
+    extents = [_extent(mesh, look.get("view"), look.get("up")) for (mesh, _), look in zip(pictures, looks)]
     with page(path, width, height, dpi) as figure:
-        boxes = cells(len(pictures), np.array(seen), WHOLE_PAGE, width / height)
+        boxes = cells(len(pictures), np.array(extents), WHOLE_PAGE, width / height)
         for (mesh, _), look, box in zip(pictures, looks, boxes):
             _paint(figure, box, mesh, **look)
 

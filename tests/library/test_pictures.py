@@ -7,6 +7,7 @@ import ddgcli as ddg
 
 image = pytest.importorskip("matplotlib.image")
 TORUS = ddg.torus(24, 12)
+SQUARE = ([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]])
 
 
 def test_a_picture_is_that_of_the_command(run, tmp_path):
@@ -33,8 +34,7 @@ def test_curves_view_edges_and_vectors_change_a_picture(tmp_path):
 
 
 def test_curves_and_tetrahedra_have_pictures(tmp_path):
-    square = ([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]])
-    ddg.write_picture(tmp_path / "a.svg", square, [0, 1, 2, 3], name="number")
+    ddg.write_picture(tmp_path / "a.svg", SQUARE, [0, 1, 2, 3], name="number")
     assert "number" in (tmp_path / "a.svg").read_text()
     solid = ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
     ddg.write_picture(tmp_path / "b.png", solid, size=(200, 200))
@@ -53,6 +53,9 @@ def test_curves_and_tetrahedra_have_pictures(tmp_path):
         ({"view": (1.0, 2.0, 3.0)}, "view: must be a name or two angles"),
         ({"up": "w"}, "up: 'w' is none of x, y, z"),
         ({"size": (100, 200)}, "size: each side has 200 to 8000 whole pixels"),
+        ({"mesh": SQUARE, "edges": True}, "drawn on a surface"),
+        ({"mesh": SQUARE, "curves": [np.eye(3)]}, "drawn on a surface"),
+        ({"mesh": SQUARE, "values": np.eye(4)}, "values: has shape (4, 4); curves are coloured by numbers"),
         ({"curves": [[1.0, 2.0]]}, "curves: must be arrays (k, 3) of points"),
     ],
 )
