@@ -1,9 +1,9 @@
 """Generated pages of benches: `python -m benchmarks.pages NAME [WORDS OF THE BENCH ...]`.
 
-NAME is a bench of `benchmarks/peers`, or PACKAGE.NAME. What the bench prints is stored, with its words and
-the date, in benchmarks/results/NAME.json; the page docs/benchmarks/NAME.md follows from that file alone: the
-question of the bench (first line of its docstring), the command that repeats it, and its tables. Without
-NAME, all pages are rewritten from the stored results. A test compares pages and results.
+NAME is a bench of `benchmarks/peers`, or PACKAGE.NAME. What the bench prints is stored, with its words, the
+date and the processor, in benchmarks/results/NAME.json; the page docs/benchmarks/NAME.md follows from that
+file alone: the question of the bench (first line of its docstring), the command that repeats it, and its
+tables. Without NAME, all pages are rewritten from the stored results. A test compares pages and results.
 """
 
 from __future__ import annotations
@@ -12,10 +12,12 @@ import ast
 import datetime
 import json
 import os
+import platform
+import re
 import shlex
 import subprocess
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -25,12 +27,13 @@ RESULTS = ROOT / "benchmarks" / "results"
 
 @dataclass(frozen=True)
 class BenchResult:
-    """What a bench printed, and the words and the day of its run."""
+    """What a bench printed, and the words, the day and the processor of its run."""
 
     name: str
     words: list[str]
     date: str
     output: str
+    processor: str = ""  # "" of results older than this field
 
     @property
     def module(self) -> str:
@@ -43,8 +46,10 @@ class BenchResult:
         question = (ast.get_docstring(ast.parse(source)) or "").split("\n")[0]
         command = shlex.join(["python", "-m", "benchmarks.pages", self.name, *self.words])
         tables = self.output.replace("\n### ", "\n## ").strip()
+        machine = f" with {self.processor}" if self.processor else ""
         return (
-            f"# Benchmark: {self.name}\n\n{question}\n\nMade on {self.date} by `{command}`; do not edit.\n\n"
+            f"# Benchmark: {self.name}\n\n{question}\n\n"
+            f"Made on {self.date}{machine} by `{command}`; do not edit.\n\n"
             f"{tables}\n"
         )
 
@@ -55,13 +60,26 @@ def stored() -> list[BenchResult]:
     return [BenchResult(**json.loads(path.read_text(encoding="utf-8"))) for path in paths]
 
 
+def processor() -> str:
+    """Name of the processor and its widest vector instructions."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    values = dict(line.split(":", 1) for line in lines if ":" in line)
+    entries = {key.strip(): value.strip() for key, value in values.items()}
+    name = re.sub(r"\((R|TM)\)|\bProcessor\b", "", entries.get("model name", platform.processor()))
+    widest = next((word for word in ("avx512f", "avx2") if word in entries.get("flags", "").split()), "")
+    return " ".join([*name.split(), *([f"({widest})"] if widest else [])])
+
+
 def run_bench(name: str, words: list[str]) -> BenchResult | None:
     """Run a bench; None if it fails."""
-    result = BenchResult(name, words, datetime.date.today().isoformat(), "")
+    result = BenchResult(name, words, datetime.date.today().isoformat(), "", processor())
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", result.module, *words]
     process = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
-    return BenchResult(name, words, result.date, process.stdout) if process.returncode == 0 else None
+    return replace(result, output=process.stdout) if process.returncode == 0 else None
 
 
 def write_page(result: BenchResult) -> Path:

@@ -11,6 +11,8 @@ def test_a_page_names_its_question_and_command_and_contains_the_tables():
     assert text.startswith("# Benchmark: trace\n\nStraightest lines")
     assert "Made on 2000-01-02 by `python -m benchmarks.pages trace 20000`" in text
     assert "\n## Lines\n\n| a |\n| --- |\n| 1 |\n" in text
+    text = BenchResult("trace", ["20000"], "2000-01-02", output, "A CPU (avx2)").page()
+    assert "Made on 2000-01-02 with A CPU (avx2) by `python" in text
 
 
 def test_every_page_is_what_its_stored_result_gives():

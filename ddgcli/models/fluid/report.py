@@ -48,10 +48,32 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     -------
     results, accuracy : dict
     """
-    names, series, last = list(models), outcome.series, outcome.last
-    integrator = next(iter(models.values())).scene.time.integrator
+    least_energy = sum(model.rounding_energy for model in models.values())
+    circulation, enstrophy = _scales(outcome.series, models, least_energy)
+    renewals = _renewals(outcome.series, models)
+    losses = _scheme_losses(outcome.series, least_energy, enstrophy, renewals)
+    results = _results(outcome, models)
+    accuracy = _drifts(outcome.series, least_energy, circulation, enstrophy) | losses
+    integrator, cure = results["integrator"], _cure_of_losses(models)
+    if "corrections" in outcome.series:
+        largest = renewals * float(outcome.series["kinetic_energy"].max())
+        results["corrections"] = _corrections(outcome.series["corrections"][-1], largest, integrator, cure)
+    if integrator == "conservative":
+        if _keeps_energy(models):
+            losses = {"energy_lost_by_scheme": accuracy["energy_drift"], **losses}
+        cure = _cure_by_steps(losses, outcome.smallest_step) or cure
+    _warn_of_losses(losses, integrator, cure)
+    if integrator in CARRYING_INTEGRATORS and _keeps_energy(models):
+        _warn_of_circulation(accuracy["circulation_drift"], integrator, cure)
+    _warn_of_lost_transport(outcome.last, models)
+    return results, accuracy | _linear_solver_accuracy(models)
+
+
+def _results(outcome: Outcome, models: Mapping[str, FluidModel]) -> dict[str, Any]:
+    """Values at the end, and steps."""
+    names, series = list(models), outcome.series
     results: dict[str, Any] = {
-        "integrator": integrator,
+        "integrator": next(iter(models.values())).scene.time.integrator,
         "frames": outcome.n_frames,
         "steps": outcome.steps,
         **({"smallest_step": outcome.smallest_step} if outcome.steps else {}),
@@ -63,7 +85,7 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     results["enstrophy_start"] = float(series["enstrophy"][0])
     results["circulation"] = {
         "boundary": _at_end(series, "boundary_circulation", names),
-        "generators": generator_circulations(last, models),
+        "generators": generator_circulations(outcome.last, models),
     }
     results["harmonic_coefficients"] = _at_end(series, "harmonic_coefficients", names)
     triangulations = {n: m.context.triangulation for n, m in models.items() if m.context.triangulation}
@@ -74,12 +96,17 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
         results["forces"] = forces
     if "total_dye" in series:
         results["total_dye"] = float(series["total_dye"][-1])
-    least_energy = sum(model.rounding_energy for model in models.values())
-    circulation, enstrophy = _scales(series, models, least_energy)
+    return results
+
+
+def _drifts(
+    series: Mapping[str, NDArray], least_energy: float, circulation: float, enstrophy: float
+) -> dict[str, float]:
+    """Largest departures from the start, over the sizes of circulations and of enstrophy."""
     energy = float(series["kinetic_energy"][0])
     if not energy > least_energy:
         energy = max(float(series["kinetic_energy"].max()), least_energy)
-    accuracy = {
+    drifts = {
         "divergence_max": float(series["divergence"].max()),
         "total_vorticity_drift": _drift(series["total_vorticity"], circulation),
         "energy_drift": _drift(series["kinetic_energy"], energy),
@@ -90,27 +117,23 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
         ),
     }
     if "total_dye" in series:
-        accuracy["dye_drift"] = _drift(series["total_dye"], float(series["absolute_dye"][0]))
+        drifts["dye_drift"] = _drift(series["total_dye"], float(series["absolute_dye"][0]))
+    return drifts
+
+
+def _cure_of_losses(models: Mapping[str, FluidModel]) -> str:
     # of the integrators that keep energy, volumes have `energy` alone
     alternative = "energy" if any(m.context.is_volume for m in models.values()) else "conservative"
-    cure = f"integrator {alternative}, or a finer or more regular mesh"
-    renewals = _renewals(series, models)
-    if "corrections" in series:
-        largest = renewals * float(series["kinetic_energy"].max())
-        results["corrections"] = _corrections(series["corrections"][-1], largest, integrator, cure)
-    accuracy |= (losses := _scheme_losses(series, least_energy, enstrophy, renewals))
-    if integrator == "conservative":
-        if _keeps_energy(models):
-            losses = {"energy_lost_by_scheme": accuracy["energy_drift"], **losses}
-        worst = max(losses.values(), default=0.0)
-        if worst > MAX_LOSS_SHARE and outcome.smallest_step:
-            step = outcome.smallest_step * (0.5 * MAX_LOSS_SHARE / worst) ** (1.0 / LOSS_ORDER)
-            cure = f"steps of {step:.2g} s, or integrator energy"
-    _warn_of_losses(losses, integrator, cure)
-    if integrator in CARRYING_INTEGRATORS and _keeps_energy(models):
-        _warn_of_circulation(accuracy["circulation_drift"], integrator, cure)
-    _warn_of_lost_transport(last, models)
-    return results, accuracy | _linear_solver_accuracy(models)
+    return f"integrator {alternative}, or a finer or more regular mesh"
+
+
+def _cure_by_steps(losses: Mapping[str, float], smallest_step: float) -> str:
+    """Steps that bring the largest loss below half its limit; "" where none exceeds it."""
+    worst = max(losses.values(), default=0.0)
+    if worst <= MAX_LOSS_SHARE or not smallest_step:
+        return ""
+    step = smallest_step * (0.5 * MAX_LOSS_SHARE / worst) ** (1.0 / LOSS_ORDER)
+    return f"steps of {step:.2g} s, or integrator energy"
 
 
 def _linear_solver_accuracy(models: Mapping[str, FluidModel]) -> dict[str, Any]:
