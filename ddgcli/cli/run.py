@@ -199,12 +199,9 @@ class Run:
         self.input = {"path": path, **input_facts(source.mesh)}
         if self.command == "info" and self.input.get("faces") and self.input["genus"] is None:
             log.warning("genus is null: the surface is not an orientable manifold")
-        from ddgcli.cli.forecast.check_cost import refined_prediction, size_of
+        from ddgcli.cli.forecast.check_cost import size_of
 
-        size = size_of(source.mesh, self.options)
-        prediction = self.predict(size)
-        if self.common.dry_run and prediction is not None:
-            self._predicted = refined_prediction(self, size, source.mesh, prediction)
+        self.predict(size_of(source.mesh, self.options))
         return source
 
     def predict(self, size: InputSize, options: Mapping[str, Any] | None = None) -> Prediction | None:
@@ -240,9 +237,13 @@ class Run:
         if self._source is not None:
             check_mesh(self.command, self.common, self._source.mesh)
         if self.common.dry_run and self._predicted is not None:
+            from ddgcli.cli.forecast.check_cost import refined_prediction
             from ddgcli.cli.forecast.prediction import as_results
 
-            self.end_dry_run(as_results(*self._predicted))
+            prediction, size = self._predicted
+            if self._source is not None:
+                prediction, size = refined_prediction(self, size, self._source.mesh, prediction)
+            self.end_dry_run(as_results(prediction, size))
 
     def end_dry_run(self, results: dict[str, Any]) -> None:
         """Print the prediction of a dry run as the summary, and end the run."""

@@ -40,7 +40,13 @@ from ddgcli.mesh import shapes
      "dec {grid} --star circumcentric", "delaunay {flat}", "delaunay {flat} --refine 20",
      "laplacian {flat}", "laplacian {flat} --operator cotan", "laplacian {flat} --operator tufted",
      "hodge {flat} --basis", "geodesic {flat} --source 0 --method heat",
-     "geodesic {flat} --source 0 --compare heat", "tradeoff shell-sim pendulum --conserved momentum"],
+     "geodesic {flat} --source 0 --compare heat", "tradeoff shell-sim pendulum --conserved momentum",
+     "geodesic {loose} --source 0 --field missing", "geodesic {pair} --source 1 --log-map --method heat",
+     "geodesic {fin} --source 0 --method heat --operator intrinsic-delaunay",
+     "geodesic {twice} --source 0 --method heat", "geodesic {flat} --source 0 --spread-vector 1,0,0",
+     "geodesic {tiny} --source 0 --method heat", "geodesic {ball} --trace 0:1,0,0:1,0,0:1e12",
+     "geodesic {ball} --source 0 --fan 4 --fan-length 1e12",
+     "geodesic {grid} --trace 0:1,0,0:1,1,0:1e12 --at-boundary reflect"],
 )  # fmt: skip
 def test_a_dry_run_refuses_what_the_run_refuses(run, tmp_path, words):
     grid = shapes.grid(2, 2)
@@ -51,11 +57,29 @@ def test_a_dry_run_refuses_what_the_run_refuses(run, tmp_path, words):
     np.savez(tmp_path / "line.npz", points=grid.points[:3], lines=[[0, 1], [1, 2]])
     on_a_line = np.outer([0.3, 0.6, 0.9, 1.2], [1.0, 1.0, 0.0])
     np.savez(tmp_path / "flat.npz", points=on_a_line, faces=[[0, 1, 2], [1, 3, 2]])
-    paths = {name: tmp_path / f"{name}.npz" for name in ("grid", "fin", "line", "flat")}
+    far = np.vstack([grid.points + 9, grid.points])  # vertex 0 belongs to no face
+    np.savez(tmp_path / "loose.npz", points=far, faces=grid.faces + len(grid.points))
+    np.savez(tmp_path / "pair.npz", points=grid.points, faces=[[0, 1, 4], [4, 7, 8], [0, 4, 3]])
+    np.savez(tmp_path / "twice.npz", points=grid.points, faces=[*grid.faces, [0, 0, 1]])
+    np.savez(tmp_path / "tiny.npz", points=1e-200 * grid.points, faces=grid.faces)
+    ball = shapes.icosphere(0)
+    np.savez(tmp_path / "ball.npz", points=ball.points, faces=ball.faces)
+    names = ("grid", "fin", "line", "flat", "loose", "pair", "twice", "tiny", "ball")
+    paths = {name: tmp_path / f"{name}.npz" for name in names}
     call = words.format(**paths, out=tmp_path / "out").split()
     errors = [run(*call, *more) for more in ((), ("--dry-run",))]
     assert [error.exit_code for error in errors] == [2, 2]
     assert errors[0].stderr == errors[1].stderr
+
+
+def test_vertices_without_faces_change_no_dry_run(run, tmp_path):
+    """Once a dry run began at the nearest of all vertices, and refused one without faces."""
+    grid = shapes.grid(2, 2)
+    points = np.vstack([[[0.1, 0.1, 0]], grid.points])
+    np.savez(tmp_path / "a.npz", points=points, faces=grid.faces + 1)
+    for words in ("--source-point 0.1,0.1,0 --tolerance 0.01 --certify", "--trace 0:1,0,0:1,1,0:1e12"):
+        call = ("geodesic", tmp_path / "a.npz", *words.split())
+        assert [run(*call, *more).exit_code for more in ((), ("--dry-run",))] == [0, 0]
 
 
 @pytest.mark.parametrize(

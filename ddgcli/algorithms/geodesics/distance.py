@@ -228,43 +228,59 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
     return solve
 
 
-def _heat_mesh(mesh: SurfaceMesh, operator: str | None) -> tuple[str, SurfaceMesh]:
-    """Name of the operator and its triangulation."""
+def _heat_operator(mesh: SurfaceMesh, operator: str | None) -> str:
+    """Name of the operator of the heat method; by default the one that the mesh has."""
     if operator is not None and operator not in HEAT_OPERATORS:
         raise ParameterError(f"{operator!r} is not one of {', '.join(HEAT_OPERATORS)}", parameter="operator")
     topology = mesh.topology
     is_surface = topology.is_oriented and not len(topology.nonmanifold_edges)
-    if operator is None:
-        operator = "intrinsic-delaunay" if is_surface else "tufted"
-        if not is_surface:
-            log.warning(
-                "the mesh has edges of three faces or faces of mixed orientation: "
-                "the heat method uses its tufted cover"
-            )
-    if operator == "plain":
-        return operator, mesh
+    return operator or ("intrinsic-delaunay" if is_surface else "tufted")
+
+
+def _heat_mesh(mesh: SurfaceMesh, operator: str | None) -> tuple[str, SurfaceMesh]:
+    """Name of the operator and its triangulation."""
+    name = _heat_operator(mesh, operator)
+    if operator is None and name == "tufted":
+        log.warning(
+            "the mesh has edges of three faces or faces of mixed orientation: "
+            "the heat method uses its tufted cover"
+        )
+    if name == "plain":
+        return name, mesh
     from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 
-    if operator == "tufted":
+    if name == "tufted":
         from ddgcli.operators.tufted import tufted_cover
 
-        return operator, flip_to_delaunay(tufted_cover(mesh)).mesh
-    return operator, flip_to_delaunay(mesh).mesh
+        return name, flip_to_delaunay(tufted_cover(mesh)).mesh
+    return name, flip_to_delaunay(mesh).mesh
 
 
-def check_heat(mesh: SurfaceMesh, operator: str | None) -> None:
-    """Raise the error of the heat method about a surface without area, at little cost on others.
+def check_heat(mesh: SurfaceMesh, operator: str | None, heat_time: float | None = None) -> None:
+    """Raise the errors of the heat method that need no flips and no solves.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
     operator : str or None
         As in `DistanceOptions`.
+    heat_time : float, optional
+        As in `DistanceOptions`.
 
     Raises
     ------
     MeshError
     """
+    from ddgcli.algorithms.delaunay.triangulation import glue
+    from ddgcli.algorithms.geodesics.heat import diffusion_time
+    from ddgcli.operators.tufted import refuse_repeated_vertices
+
+    name = _heat_operator(mesh, operator)
+    if name == "intrinsic-delaunay":
+        glue(mesh)
+    elif name == "tufted":
+        refuse_repeated_vertices(mesh)
+    diffusion_time(mesh, DEFAULT_HEAT_TIME if heat_time is None else heat_time)
     if all_flat(mesh.side_length):
         check_mollifiable(_heat_mesh(mesh, operator)[1])
 

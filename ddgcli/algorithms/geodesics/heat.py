@@ -13,7 +13,7 @@ from scipy.sparse import csc_array, csr_array, diags_array
 
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources, corner_distance, face_frame
 from ddgcli.choices import DEFAULT_HEAT_TIME
-from ddgcli.errors import ParameterError
+from ddgcli.errors import MeshError, ParameterError
 from ddgcli.linalg.constrain import Dirichlet, Poisson
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -59,6 +59,36 @@ class HeatDistance:
         return self.residuals[1]()
 
 
+def diffusion_time(mesh: SurfaceMesh, factor: float) -> float:
+    """A multiple of the squared mean side length of a mesh, in units of squared length.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    factor : float
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    MeshError
+        The square of the mean side under- or overflows.
+    ParameterError
+        The factor is not positive, or its product with the square under- or overflows.
+    """
+    h = float(mesh.side_length.mean()) if mesh.n_faces else 1.0
+    if not 0 < h * h < np.inf:
+        raise MeshError(f"the mean side length, {h:.3g}, over- or underflows if squared; rescale the mesh")
+    if not 0 < factor * h * h < np.inf:
+        raise ParameterError(
+            f"{factor:g} squared mean side lengths ({h:g}) are no positive and finite time; change it",
+            parameter="heat_time",
+        )
+    return factor * h * h
+
+
 class HeatSolver:
     """Both systems of the heat method, factorised for many sources.
 
@@ -92,13 +122,9 @@ class HeatSolver:
         source_mesh: SurfaceMesh | None = None,
     ) -> None:
         self.mesh, self.refine, self.source_mesh = mesh, refine, source_mesh or mesh
-        h = float(mesh.side_length.mean()) if mesh.n_faces else 1.0
-        self.time = time_factor * h * h if time is None else time
-        if not 0 < self.time < np.inf:
-            raise ParameterError(
-                f"heat time {self.time} must be positive and finite (mean side length {h:g}); change "
-                "`heat_time`, or rescale the mesh"
-            )
+        if time is not None and not 0 < time < np.inf:
+            raise ParameterError(f"must be positive and finite, not {time}", parameter="time")
+        self.time = diffusion_time(mesh, time_factor) if time is None else time
         self.stiffness = stiffness(mesh)
         area = lumped_vertex_area(mesh)
         mass = np.where(area > 0, area, area.max(initial=0.0) or 1.0)

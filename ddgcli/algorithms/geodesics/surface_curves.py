@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.path_results import describe_paths
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, joints
-from ddgcli.algorithms.tracing.trace import FAILURE_STATUS, STATUS_TEXT, Tracer
+from ddgcli.algorithms.tracing.trace import FAILURE_STATUS, STATUS_TEXT, Tracer, check_lengths
 from ddgcli.geometry.face_frames import to_space
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
@@ -100,7 +100,9 @@ def trace_curves(
     Curves
         `accuracy.trace_angle_defect` is computed from the resulting points.
     """
-    lines = Tracer(mesh).trace(
+    tracer = Tracer(mesh)
+    check_lengths(mesh, face, np.broadcast_to(length, np.shape(face)), at_boundary)
+    lines = tracer.trace(
         face, barycentric, direction, length, at_boundary=at_boundary, record=True, progress=progress
     )
     paths = SurfacePaths.of_traces(lines)

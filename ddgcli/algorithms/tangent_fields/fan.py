@@ -13,7 +13,7 @@ from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves, concatenate_curves
 from ddgcli.algorithms.tangent_fields.log_map import SourceFrame
 from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, FAILURE_STATUS, Traces
-from ddgcli.algorithms.tracing.trace import STATUS_TEXT, Tracer
+from ddgcli.algorithms.tracing.trace import STATUS_TEXT, Tracer, check_lengths
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.geometry.face_frames import surface_position
@@ -96,7 +96,10 @@ def check_fan(
         raise ParameterError(f"must be a positive length, not {length}", parameter="fan_length")
     if len(source) != 1 or len(source.edge):
         raise ParameterError(f"needs exactly one source vertex or point, not {len(source)}", parameter="fan")
-    return SourceFrame(tracer or Tracer(mesh), source)
+    source_frame = SourceFrame(tracer or Tracer(mesh), source)
+    face = source_frame.first // 3 if source_frame.vertex >= 0 else source_frame.face
+    check_lengths(mesh, np.array([face]), np.array([length]))
+    return source_frame
 
 
 def geodesic_fan(

@@ -57,7 +57,7 @@ class GeodesicTask:
         if distance_query.has_source or not (curve_query.has_curves or wave_query.needs_no_source):
             sources = query_sources(mesh, distance_query, source_edges)
             if "heat" in (distance_query.method, *distance_query.compare):
-                check_heat(mesh, distance_query.operator)
+                check_heat(mesh, distance_query.operator, distance_query.heat_time)
         faces = np.array([face for face, _ in distance_query.target_face], dtype=np.int64)
         weights = np.array([weights for _, weights in distance_query.target_face], dtype=float)
         SurfacePoints.checked(faces, weights.reshape(-1, 3), mesh.n_faces)
@@ -104,10 +104,11 @@ def _check_curves(
             cover.require_two_sides("`path_to` from points inside faces")
         check_targets(cover.base, list(query.path_to))
     if query.trace:
-        from ddgcli.algorithms.tracing.trace import Tracer
+        from ddgcli.algorithms.tracing.trace import Tracer, check_lengths
 
         start, direction, length = trace_starts(cover, query)
         Tracer(cover.mesh).checked_start(start.face, start.barycentric, direction, length)
+        check_lengths(cover.mesh, start.face, length, query.at_boundary)
     if query.straighten or query.loop or query.curve:
         from ddgcli.algorithms.geodesics.flippable_mesh import check_waypoints
 
@@ -163,6 +164,10 @@ def _check_vectors(cover: OrientedCover, query: CurveQuery, sources: Sources, me
         from ddgcli.algorithms.tracing.trace import Tracer
 
         SourceFrame(Tracer(cover.mesh), lifted)
+    if query.spread_vector or (query.log_map and method == "heat"):
+        from ddgcli.algorithms.tangent_fields.vector_heat import check_vector_heat
+
+        check_vector_heat(cover.mesh)
     if query.spread_vector:
         from ddgcli.algorithms.tangent_fields.vertex_vectors import vectors_at_sources
 

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 
-from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
+from ddgcli.algorithms.delaunay.triangulation import check_area, flip_to_delaunay, glue
 from ddgcli.algorithms.tangent_fields.intrinsic_frames import frame_turn
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.operators.connection import connection_laplacian, side_angles
+from ddgcli.operators.connection import check_tangent_planes, connection_laplacian
 from ddgcli.operators.laplacian import lumped_mass, stiffness
 
 _log = logging.getLogger("ddgcli")
@@ -28,10 +28,28 @@ MAX_TIME = 4.0**14  # in squared mean side lengths
 REFINEMENT_RESIDUAL = 1e-12  # solutions with a larger residual are refined
 
 
+def check_vector_heat(mesh: SurfaceMesh) -> None:
+    """Raise the errors of the vector heat method that need no flips and no solves.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Consistently oriented.
+
+    Raises
+    ------
+    MeshError
+    """
+    check_tangent_planes(mesh)
+    if not len(mesh.topology.nonmanifold_edges):
+        glue(mesh)
+        check_area(mesh)
+
+
 def _delaunay_frames(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.complex128]]:
     """Intrinsic Delaunay triangulation, and the rotation of its vertex frames to those of the mesh."""
     unchanged = mesh, np.ones(mesh.n_vertices, dtype=np.complex128)
-    side_angles(mesh)  # one fan per vertex
+    check_vector_heat(mesh)
     if len(mesh.topology.nonmanifold_edges):
         _log.warning(
             "vectors diffuse on the faces of the mesh: edges with three faces have no Delaunay flips"

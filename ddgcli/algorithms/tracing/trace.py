@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.tracing.batch import VERTEX_TOLERANCE, TraceBatch
 from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, END_STATUS, FAILURE_STATUS, LineStart, Traces
-from ddgcli.choices import TRACE_BOUNDARIES
+from ddgcli.choices import MAX_CROSSINGS, TRACE_BOUNDARIES
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.face_frames import to_face_frame, to_space
 from ddgcli.geometry.surface_points import SurfacePoints
@@ -24,7 +24,10 @@ from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.vectors import row_cross, vector_length
 from ddgcli.progress import ProgressCallback
 
-__all__ = ["BOUNDARY_STATUS", "END_STATUS", "FAILURE_STATUS", "Tracer", "Traces", "check_start", "trace"]
+__all__ = [
+    "BOUNDARY_STATUS", "END_STATUS", "FAILURE_STATUS", "Tracer", "Traces", "check_lengths", "check_start",
+    "trace",
+]  # fmt: skip
 
 STATUS_TEXT = ("reached", "boundary", "gave up")
 BATCH_SIZE = 16_384  # lines; their state fits in the cache
@@ -76,7 +79,7 @@ class Tracer:
         *,
         at_boundary: str = "stop",
         record: bool = False,
-        max_crossings: int = 100_000,
+        max_crossings: int = MAX_CROSSINGS,
         progress: ProgressCallback | None = None,
     ) -> Traces:
         """Trace lines as the function `trace` does; `progress` is called with the traced and the total
@@ -100,7 +103,7 @@ class Tracer:
 
     def trace_checked(
         self, start: LineStart, *, at_boundary: str = "stop", record: bool = False,
-        max_crossings: int = 100_000,
+        max_crossings: int = MAX_CROSSINGS,
         progress: ProgressCallback | None = None,
     ) -> Traces:  # fmt: skip
         """Trace lines from checked starts (unit directions in the planar frames of the faces)."""
@@ -144,7 +147,7 @@ def trace(
     *,
     at_boundary: str = "stop",
     record: bool = False,
-    max_crossings: int = 100_000,
+    max_crossings: int = MAX_CROSSINGS,
 ) -> Traces:
     """Trace straightest geodesics from many starting points.
 
@@ -189,6 +192,46 @@ def trace(
         face, barycentric, direction, length,
         at_boundary=at_boundary, record=record, max_crossings=max_crossings,
     )  # fmt: skip
+
+
+def check_lengths(
+    mesh: SurfaceMesh,
+    face: NDArray,
+    length: NDArray,
+    at_boundary: str = "stop",
+) -> None:
+    """Raise an error for lines that nothing ends before they are abandoned.
+
+    No line is longer between two sides than the longest of them.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    face : (k,) ndarray of int64
+        In which the lines start.
+    length : (k,) ndarray of float64
+    at_boundary : {'stop', 'reflect'}
+
+    Raises
+    ------
+    ParameterError
+    """
+    most = MAX_CROSSINGS * float(mesh.side_length.max())
+    too_long = length > most
+    if not too_long.any():
+        return
+    topology = mesh.topology
+    if at_boundary == "stop":  # there, and at edges of three faces
+        ends = np.concatenate([topology.boundary_edges, topology.nonmanifold_edges])
+        is_open = np.zeros(topology.n_components, dtype=bool)
+        is_open[topology.vertex_component[topology.edges[ends, 0]]] = True
+        too_long &= ~is_open[topology.vertex_component[mesh.faces[face, 0]]]
+    if too_long.any():
+        bad = int(np.argmax(too_long))
+        raise ParameterError(
+            f"line {bad} has length {length[bad]:g}, but a line ends after {MAX_CROSSINGS:,} crossings, here "
+            f"after a length of {most:.3g} at most; give a shorter length"
+        )
 
 
 def _refuse_flat_starts(tracer: Tracer, start: LineStart, direction: NDArray) -> None:

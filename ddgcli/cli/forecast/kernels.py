@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ddgcli.choices import ITERATIVE_SOLVERS, MAX_REFINEMENT_DEGREES, SYMMETRIC_METHODS
+from ddgcli.choices import ITERATIVE_SOLVERS, MAX_CROSSINGS, MAX_REFINEMENT_DEGREES, SYMMETRIC_METHODS
 from ddgcli.cli.forecast.curvature_kernels import curvature_kernels
 from ddgcli.cli.forecast.mesh_facts import CURVE_SOURCES
 from ddgcli.cli.forecast.simulator_kernels import (
@@ -274,8 +274,8 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         yield Use("geodesic vector-heat")
     if options.get("trace"):
         yield Use("geodesic trace")
-        length = sum(length for *_, length in options["trace"])
-        yield Use("geodesic crossings", added=1.0, elements=length * size.crossings_per_length)
+        crossings = [length * size.crossings_per_length for *_, length in options["trace"]]
+        yield Use("geodesic crossings", added=1.0, elements=sum(min(c, MAX_CROSSINGS) for c in crossings))
     if rays := options.get("fan"):
         yield Use("geodesic fan", rays / MEASURED_RAYS, once=True)
     if levels := options.get("isolines"):

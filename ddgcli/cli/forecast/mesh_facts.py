@@ -165,18 +165,19 @@ def edge_paths(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[EdgePath
 
 
 def _source_vertices(mesh: TriangleMesh, options: Mapping[str, Any]) -> NDArray:
-    """Vertices at or beside the sources; the first vertex where the options name none of the mesh."""
+    """Vertices of faces at or beside the sources; the first one where the options name none of the mesh."""
     import numpy as np
 
+    used = np.flatnonzero(mesh.topology.referenced_vertex)
     vertices = np.array(options.get("source") or [], dtype=np.int64)
     faces = np.array([face for face, _ in options.get("source_face") or ()], dtype=np.int64)
     faces = faces[(faces >= 0) & (faces < mesh.n_faces)]
     points = np.array(options.get("source_point") or (), dtype=float).reshape(-1, 3)
-    near = [int(np.argmin(((mesh.points - point) ** 2).sum(axis=1))) for point in points]
+    near = [int(used[np.argmin(((mesh.points[used] - point) ** 2).sum(axis=1))]) for point in points]
     boundary = np.flatnonzero(mesh.topology.boundary_vertex & bool(options.get("source_boundary")))
     vertices = np.concatenate([vertices, mesh.faces[faces, 0], near, boundary]).astype(np.int64)
     vertices = np.unique(vertices[(vertices >= 0) & (vertices < mesh.n_vertices)])
-    return vertices if len(vertices) else np.zeros(1, dtype=np.int64)
+    return vertices if len(vertices) else used[:1]
 
 
 def crossings_per_length(mesh: TriangleMesh | IntrinsicMesh) -> float:
