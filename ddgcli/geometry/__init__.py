@@ -1,6 +1,17 @@
 """Formulas on arrays: lengths, angles, areas, normals, unfolding, points on surfaces.
 
-`intrinsic` reads side lengths alone, `extrinsic` positions in space; `unfolding` lays faces out in the plane.
+`intrinsic` reads side lengths alone, `extrinsic` positions in space; `unfolding` lays faces out in the plane;
+`intersections` lists faces that cross.
 """
 
-__all__ = ["cells", "cures", "extrinsic", "face_frames", "hinges", "intrinsic", "surface_points", "unfolding"]
+__all__ = [
+    "cells",
+    "cures",
+    "extrinsic",
+    "face_frames",
+    "hinges",
+    "intersections",
+    "intrinsic",
+    "surface_points",
+    "unfolding",
+]

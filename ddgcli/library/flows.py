@@ -17,6 +17,7 @@ from ddgcli.models.curve import report as curve_report
 from ddgcli.models.curve import setup as curves
 from ddgcli.models.willmore import flow_options, report
 from ddgcli.models.willmore import setup as surfaces
+from ddgcli.models.willmore.self_intersections import report_of
 from ddgcli.models.willmore.state import Stop
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.frames import mesh_of_frame
@@ -129,6 +130,7 @@ def willmore_flow(
             bounded=bounded,
         )  # fmt: skip
         reason, last = report.failure_reason(outcome.stopped, mesh, options), mesh_of_frame(mesh, outcome.end)
+        results["self_intersections"] = report_of(outcome.series, outcome.times, last)
         report.warn_of_surfaces(mesh, last, options, results["energy"][0])
         return End(results, accuracy, reason)
 

@@ -111,6 +111,7 @@ def command(
     from ddgcli.cli.simulation.simulate import Job, simulate
     from ddgcli.models.willmore import flow_options as choices_of_flow
     from ddgcli.models.willmore import report, setup
+    from ddgcli.models.willmore.self_intersections import report_of
     from ddgcli.simulation.account import Account
     from ddgcli.simulation.frames import mesh_of_frame
 
@@ -143,6 +144,7 @@ def command(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure, bounded=bounded
     )
     last = mesh if outcome.last is None else mesh_of_frame(mesh, outcome.last)
+    results["self_intersections"] = report_of(outcome.series, outcome.times, last)
     report.warn_of_surfaces(mesh, last, flow_options, results["energy"][0])
     if parameters["fill"] is not None:
         results["patch"] = {"vertices": int(region.sum()), "faces": mesh.n_faces - source.surface.n_faces}

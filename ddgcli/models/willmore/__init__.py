@@ -2,7 +2,8 @@
 
 `energies` lists the discrete energies, `descent` and `flow` hold the steps, `constraints` area and volume,
 `state` the state of a flow, `edge_flips` and `redistribution` what keeps triangles good, `setup` builds a
-flow from a mesh and its options, `report` measures a run.
+flow from a mesh and its options, `report` and
+`self_intersections` measure a run.
 """
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "report",
     "scaled",
     "secant_pairs",
+    "self_intersections",
     "setup",
     "state",
     "step_lengths",

@@ -35,6 +35,7 @@ from ddgcli.models.willmore.film_polish import polished_film, uneven_rest
 from ddgcli.models.willmore.films import film_reason
 from ddgcli.models.willmore.flow_terms import FlowTerms
 from ddgcli.models.willmore.remesh_step import improved_state, remeshed_state
+from ddgcli.models.willmore.self_intersections import checked
 from ddgcli.models.willmore.state import FlowState, after_curvature_step, rounding_scale
 from ddgcli.models.willmore.triangle_quality import better_triangles
 from ddgcli.simulation.model import StepRejected
@@ -48,8 +49,9 @@ class Flow(FlowTerms):
 
     def advance(self, state: FlowState, time: float, dt: float) -> FlowState:
         """One step; StepRejected where a timed step would raise the energy."""
-        if state.stopped:
-            return state
+        return state if state.stopped else checked(state, self._stepped(state, dt))
+
+    def _stepped(self, state: FlowState, dt: float) -> FlowState:
         if self.remesh is not None:
             own = (self.movable(state), self.energy_of, self.restored)
             if (changed := remeshed_state(state, self.remesh, *own)) is not None:

@@ -118,6 +118,7 @@ def counters(state: FlowState, energy_unit: float) -> dict[str, float]:
         "area_increases": float(state.area_increases),
         "redistributions": float(state.redistributions),
         "flips": float(state.flips),
+        "self_intersections": float(state.self_intersections),
     }
     if state.remeshing.origin is not None:
         scalar["remeshes"] = float(state.remeshing.count)

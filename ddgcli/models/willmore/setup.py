@@ -32,6 +32,7 @@ from ddgcli.models.willmore.least_energies import is_spheres, is_torus, least_en
 from ddgcli.models.willmore.observation import relative_distance
 from ddgcli.models.willmore.remesh_step import RemeshTarget
 from ddgcli.models.willmore.scaled import centred_at_unit_size
+from ddgcli.models.willmore.self_intersections import self_intersections
 from ddgcli.models.willmore.state import FlowState, Remeshing
 from ddgcli.models.willmore.step_lengths import first_step
 from ddgcli.simulation.model import Model, Schedule, flow_schedule
@@ -338,6 +339,7 @@ def _model(flow: Flow, unit: TriangleMesh, started: float, options: FlowOptions)
         unit.points, flow.topology, started, 0.0, first_step(flow.kind, flow.area, flow.of_area),
         stopped=flow.stopped_at_start,
         remeshing=Remeshing(None if flow.remesh is None else np.arange(unit.n_vertices)),
+        self_intersections=self_intersections(unit),
     )  # fmt: skip
     order = 1 if flow.scheme == "semi-implicit" else 2
     return Model(

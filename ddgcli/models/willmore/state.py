@@ -105,6 +105,8 @@ class FlowState:
     pairs : SecantPairs
         Of the last steps of the descent, for quasi-Newton motions.
     remeshing : Remeshing
+    self_intersections : int
+        Pairs of faces that crossed at the last check.
     """
 
     points: NDArray[np.float64]
@@ -123,6 +125,7 @@ class FlowState:
     motion: NDArray[np.float64] | None = None
     remeshing: Remeshing = field(default_factory=lambda: Remeshing())
     pairs: SecantPairs = SecantPairs()
+    self_intersections: int = 0
 
     def arrays(self, descent: bool, pairs: bool) -> dict[str, NDArray]:
         """The state as arrays of fixed shape, of the descent also the faces and the last motion, or pairs."""
@@ -130,6 +133,7 @@ class FlowState:
             self.energy, self.time, self.dt, self.steps, self.increases, self.area_increases,
             self.lowest_second, self.energy_then, self.redistributions, self.flips,
             self.remeshing.count, self.remeshing.change, self.remeshing.step, self.remeshing.energy,
+            self.self_intersections,
         ]  # fmt: skip
         arrays: dict[str, NDArray] = {"points": self.points, "numbers": np.array(numbers, dtype=np.float64)}
         if descent:
@@ -154,6 +158,7 @@ class FlowState:
             arrays["points"], topology, energy, time, dt, int(steps), int(rises), int(area_rises),
             lowest_second=lowest, energy_then=then, redistributions=int(slides), flips=int(flips),
             motion=arrays.get("motion"), remeshing=remeshing, pairs=SecantPairs.of_arrays(arrays, free),
+            self_intersections=int(last[4]),
         )  # fmt: skip
 
 

@@ -1,0 +1,76 @@
+"""Whether a surface passes through itself during a flow: no energy feels it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.geometry.intersections import intersecting_faces
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore.state import FlowState
+
+STEPS_PER_CHECK = 10  # so that checks take a few hundredths of a flow
+
+
+def self_intersections(mesh: TriangleMesh) -> int:
+    """Number of pairs of faces of a surface that cross.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    int
+    """
+    return len(intersecting_faces(mesh.points, mesh.faces))
+
+
+def checked(before: FlowState, after: FlowState) -> FlowState:
+    """The state after a step; every tenth with its number of intersections, else with that of the last check.
+
+    Parameters
+    ----------
+    before, after : FlowState
+
+    Returns
+    -------
+    FlowState
+    """
+    if after.steps // STEPS_PER_CHECK == before.steps // STEPS_PER_CHECK:
+        return after
+    mesh = TriangleMesh(after.points, after.topology)
+    return replace(after, self_intersections=self_intersections(mesh))
+
+
+def report_of(series: Mapping[str, NDArray], times: NDArray, last: TriangleMesh) -> dict[str, int]:
+    """Intersections at the start, at the end and the most of a run, with a warning where it made some.
+
+    Parameters
+    ----------
+    series : mapping of str to (T,) ndarray
+        Scalars of every frame.
+    times : (T,) ndarray
+    last : TriangleMesh
+        At the end.
+
+    Returns
+    -------
+    dict of str to int
+        `start`, `end`, `most`.
+    """
+    counts = series["self_intersections"].astype(np.int64)
+    counts[-1] = self_intersections(last)
+    start, most = int(counts[0]), int(counts.max())
+    if most > start:
+        first = float(times[int(np.argmax(counts > start))])
+        logging.getLogger("ddgcli").warning(
+            "the surface passes through itself, which no energy prevents: %d pairs of faces cross at the end "
+            "(%d at the start, at most %d; more than at the start first seen at time %.6g)",
+            counts[-1], start, most, first,
+        )  # fmt: skip
+    return {"start": start, "end": int(counts[-1]), "most": most}
