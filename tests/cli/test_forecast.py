@@ -72,6 +72,18 @@ def test_seconds_scale_with_the_probe_and_memory_does_not(monkeypatch):
     assert math.isclose(seconds[1], 3 * seconds[0]) and mib[0] == mib[1]
 
 
+def test_the_probe_sorts_without_vector_instructions_that_its_commands_do_not_use(monkeypatch):
+    kinds, argsort = [], np.argsort
+
+    def recorded(values, **options):
+        kinds.append(options.get("kind"))
+        return argsort(values, **options)
+
+    monkeypatch.setattr(np, "argsort", recorded)
+    prediction.probe()
+    assert set(kinds) == {"stable"}
+
+
 def test_options_change_what_is_predicted():
     size = InputSize("surface", 10_000, edge_length=0.1)
 

@@ -17,7 +17,7 @@ class Cost(NamedTuple):
     mib_per_1e5: float
 
 
-PROBE_SECONDS = 0.001992  # of `prediction.probe` where the table was measured
+PROBE_SECONDS = 0.00209  # of `prediction.probe` where the table was measured
 
 COEFFICIENTS: dict[str, Cost] = {
     "info": Cost(0.09895, 0.1857, 1.2, 0.8875, 25.67),
