@@ -47,6 +47,45 @@ def test_a_moved_number_is_named_with_exit_1(stored, run):
     assert run("check", stored).exit_code == 0
 
 
+def test_tolerances_of_zero_compare_exactly(stored, run):
+    """Once --rtol 0 and --atol 0 had no effect."""
+    edited(
+        stored,
+        lambda c: c["summary"]["results"]["size"].update(
+            area=c["summary"]["results"]["size"]["area"] * (1 + 1e-8)
+        ),
+    )
+    assert run("check", stored).exit_code == 0
+    assert run("check", stored, "--rtol", 0, "--atol", 0).exit_code == 1
+
+
+def test_the_names_of_the_report_are_keys(stored, run):
+    """Once the brackets of a list's entry were a set of characters, which matched nothing."""
+    edited(stored, lambda c: c["summary"]["results"].update(listed=[1.0]))
+    result = run("check", stored)
+    assert result.exit_code == 1
+    assert "results.listed[0]" in result.stdout
+    assert run("check", stored, "--ignore", "results.listed[0]").exit_code == 0
+
+
+def test_a_tolerance_of_no_value_is_a_warning(stored, run):
+    result = run("check", stored, "--tolerance", "results.aera=1e-9")
+    assert "results.aera" in result.stderr
+    assert not run("check", stored, "--tolerance", "results.size.area=1e-9").stderr
+
+
+@pytest.mark.parametrize(
+    "words", [("--rtol", 0), ("--ignore", "a"), ("--tolerance", "a=1"), ("--arrays", "a", "b")]
+)
+def test_update_takes_no_options_of_comparisons(stored, run, words):
+    """Once they had no effect."""
+    before = stored.read_bytes()
+    result = run("check", stored, "--update", *words)
+    assert result.exit_code == 2
+    assert words[0] in result.stderr
+    assert stored.read_bytes() == before
+
+
 def test_update_keeps_the_stated_tolerances(stored, run):
     edited(stored, lambda c: c.update(tolerances={"rtol": 0.5}))
     assert run("check", stored, "--update").exit_code == 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -45,17 +45,39 @@ class Tolerances:
         if name.startswith("accuracy."):
             atol = max(atol, self.accuracy_atol)
         for pattern, stated in self.keys.items():
-            if fnmatch.fnmatchcase(name, pattern):
+            if _matches(name, pattern):
                 rtol, atol = stated.get("rtol", rtol), stated.get("atol", atol)
         return rtol, atol
 
     def leaves_out(self, name: str) -> bool:
         """Whether a dotted name is not compared."""
-        return any(fnmatch.fnmatchcase(name, pattern) for pattern in (*VOLATILE_FIELDS, *self.ignore))
+        return any(_matches(name, pattern) for pattern in (*VOLATILE_FIELDS, *self.ignore))
+
+    def unmatched(self, names: Iterable[str]) -> list[str]:
+        """Keys of `keys` that match none of these dotted names."""
+        names = list(names)
+        return [pattern for pattern in self.keys if not any(_matches(name, pattern) for name in names)]
+
+
+def _matches(name: str, pattern: str) -> bool:
+    """Whether a dotted name has a pattern of `*` and `?`; brackets are those of numbers in lists."""
+    return fnmatch.fnmatchcase(name, pattern.replace("[", "[[]"))
 
 
 def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """(dotted name, leaf) of nested dicts and lists; an empty one is a leaf."""
+    """Leaves of nested dicts and lists; an empty one is a leaf.
+
+    Parameters
+    ----------
+    value : object
+    name : str
+        Of `value`.
+
+    Yields
+    ------
+    (str, object)
+        Dotted name and leaf.
+    """
     if isinstance(value, dict) and value:
         for key, inner in value.items():
             yield from flat(inner, f"{name}.{key}" if name else str(key))

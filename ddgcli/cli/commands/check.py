@@ -8,7 +8,7 @@ import logging
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -18,6 +18,9 @@ from ddgcli.cli.forecast.use import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import MeshFileError, OutputError, ParameterError, excerpt
+
+if TYPE_CHECKING:
+    from ddgcli.algorithms.inspection.compare_summaries import Tolerances
 
 log = logging.getLogger("ddgcli")
 
@@ -95,13 +98,19 @@ def command(
     from ddgcli.io.mesh_file import WRITERS
 
     run = Run("check", common, formats=(".json", *WRITERS), arrays=arrays, update=update, **tolerances)
-    tolerance_options = {name: value for name, value in tolerances.items() if value}
+    tolerance_options = {name: value for name, value in tolerances.items() if value not in (None, ())}
     diff_paths = [path for path in common.outputs if Path(path).suffix.lower() != ".json"]
     if arrays is None and (expected_path is None or diff_paths):
         need = (
             "-o PATH is for the differences of --arrays" if diff_paths else "name EXPECTED.json, or --arrays"
         )
         raise ParameterError(f"{need}; see ddgcli check --help")
+    compares = {**tolerance_options, "arrays": arrays, "tolerance": stated}
+    if update and (name := next((name for name in compares if compares[name] not in (None, ())), None)):
+        raise ParameterError(
+            "is for comparisons, and `update` stores; leave one of them out (EXPECTED.json may contain "
+            "tolerances)", parameter=name,
+        )  # fmt: skip
     if expected_path is None:
         if words or update:
             raise ParameterError("the command needs EXPECTED.json to compare its summary with; name it first")
@@ -134,20 +143,24 @@ def compare_with_stored(
         store(run, expected_path, words, stored, summary)
         run.finish({"run": list(words), "run_exit_code": exit_code, "stored": True}, {})
         return
-    from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare
+    from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare, flat
 
     own = stored.get("tolerances", {})
     keys = {**own.get("keys", {}), **tolerance_options["keys"]}
     tolerance_options = {**own, **tolerance_options, "keys": keys}
     try:
-        moved, compared = compare(stored["summary"], summary, Tolerances(**tolerance_options))
+        limits = Tolerances(**tolerance_options)
+        moved, compared = compare(stored["summary"], summary, limits)
     except RecursionError:
         raise MeshFileError(f"{expected_path}: nested too deeply; store it again with --update") from None
     for path in set(run.common.outputs) - set(diff_paths):
         run.write_bytes(path, json_bytes(summary))
+    names = [name for name, _ in (*flat(stored["summary"]), *flat(summary))]
     if arrays is not None:
-        further = compare_files(run, arrays, tolerance_options, diff_paths)
+        further, of_arrays = compare_files(run, arrays, tolerance_options, diff_paths)
         moved, compared = [*moved, *further["moved"]], compared + further["compared"]
+        names += of_arrays
+    warn_of_unmatched(limits, names)
     results = {"run": list(words), "run_exit_code": exit_code, "compared": compared, "moved": moved}
     run.finish(results, {}, converged=not moved)
 
@@ -174,14 +187,20 @@ def compare_two_files(
     run.set_input((paths or ("",))[0], "")
     run.predict(InputSize("surface", 0))
     run.begin()
-    results = compare_files(run, paths, tolerances, diff_paths)
+    results, names = compare_files(run, paths, tolerances, diff_paths)
+    from ddgcli.algorithms.inspection.compare_summaries import Tolerances
+
+    warn_of_unmatched(Tolerances(**tolerances), names)
     run.finish(results, {}, converged=not results["moved"])
 
 
 def compare_files(
     run: Run, paths: tuple[str, str] | None, tolerances: dict[str, Any], diff_paths: list[str]
-) -> dict[str, Any]:
-    """Compare the arrays of two mesh files, and write the differences on the expected mesh."""
+) -> tuple[dict[str, Any], list[str]]:
+    """Compare the arrays of two mesh files, and write the differences on the expected mesh.
+
+    Results for the summary, and the dotted names of what the files contain.
+    """
     from ddgcli.algorithms.inspection.compare_arrays import compare_arrays
     from ddgcli.algorithms.inspection.compare_summaries import Tolerances
     from ddgcli.io.mesh_file import read_mesh
@@ -203,7 +222,15 @@ def compare_files(
             expected.mesh, vertex=comparison.difference["vertex"], face=comparison.difference["face"]
         )
         run.write_file(path, difference, converged=not comparison.moved)
-    return {"compared": comparison.compared, "moved": comparison.moved}
+    groups = [group for mesh in meshes for group in (mesh.vertex, mesh.face, mesh.edge)]
+    names = ["points", "cells", *(f"arrays.{name}" for group in groups for name in group)]
+    return {"compared": comparison.compared, "moved": comparison.moved}, names
+
+
+def warn_of_unmatched(limits: Tolerances, names: list[str]) -> None:
+    """Warn of stated tolerances that are of no compared value, such as of a name with a typing error."""
+    if unmatched := limits.unmatched(names):
+        log.warning(f"tolerances of {', '.join(unmatched)}: no value has such a name; see the keys of --json")
 
 
 def read_expected(path: str, *, may_miss: bool) -> dict[str, Any]:
