@@ -234,6 +234,9 @@ def test_frames_of_equal_change_lie_where_a_motion_happens():
 @pytest.mark.parametrize("words, message", [
     (["--at", 7], "0.04"),
     (["--from", 5], "no frame"),
+    (["--at", 0.01, "--from", 0.02], "--from selects from several frames"),
+    (["--at", 0.01, "--to", 0.02], "--to selects"),
+    (["--at", 0.01, "--every", 2], "--every selects"),
     (["-o", "x.avi"], "unknown format"),
     (["-o", "x.mp4", "--size", "1281x960"], "even numbers"),
     (["--array", "velocty", "-o", "x.png"], "velocity"),
@@ -249,6 +252,15 @@ def test_wrong_options_are_an_error(run, trajectory, tmp_path, words, message):
     result = run("frames", trajectory, *words)
     assert result.exit_code == 2
     assert message in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_a_sequence_of_tiny_times_is_selected(summary, tmp_path):
+    """Once 1e-12 of slack, more than all times of a run."""
+    write_mesh(str(tmp_path / "a.ply"), AnnotatedMesh(shapes.icosphere(1)))
+    run_path = tmp_path / "w.vtkhdf"
+    summary("willmore-flow", tmp_path / "a.ply", "--dt", 1e-14, "--steps", 4, "-o", run_path)
+    out = summary("frames", run_path, "--from", 1e-14, "--to", 3e-14, "-o", tmp_path / "f_{}.ply")
+    assert out["results"]["exported_frames"] == 3
 
 
 def test_a_file_that_is_no_trajectory_is_an_error(run, tmp_path):

@@ -84,6 +84,7 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
     if common.show is not None and settings["array"] is not None:
         raise ParameterError("--show and --array are the same option; give one")
     settings |= {"view": common.view, "size": common.size, "array": settings["array"] or common.show}
+    _check_selection(settings)
     _check_picture_options(common, settings)
     with run.clock.timed("read"):
         run_file = Trajectory(path)
@@ -126,6 +127,16 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
     run.finish(results, {"time_mismatch": _time_mismatch(source, frame_numbers, settings)})
 
 
+def _check_selection(settings: dict[str, Any]) -> None:
+    """Raise ParameterError for options that select several frames beside the one of --at."""
+    several = {"from": settings["start"], "to": settings["end"], "every": settings["every"]}
+    for name, value in several.items():
+        if settings["time"] is not None and value not in (None, 1):
+            raise ParameterError(
+                f"--{name} selects from several frames, and --at names one; leave one of them out"
+            )
+
+
 def _check_picture_options(common: CommonOptions, settings: dict[str, Any]) -> None:
     """Raise ParameterError for options of pictures if no picture is drawn."""
     from ddgcli.plots.motion import check_animation
@@ -154,8 +165,8 @@ def _without_defaults(settings: dict[str, Any]) -> dict[str, Any]:
 def _frame_numbers(source: Trajectory, settings: dict[str, Any]) -> list[int]:
     """Numbers of the selected frames."""
     times = source.times
+    slack = 1e-9 * max(abs(float(times[-1])), 1e-300)
     if settings["time"] is not None:
-        slack = 1e-9 * max(abs(float(times[-1])), 1e-300)
         if not times[0] - slack <= settings["time"] <= times[-1] + slack:
             raise ParameterError(
                 f"--at {settings['time']:g}: the run lasts from {times[0]:g} to {times[-1]:g} s"
@@ -163,7 +174,7 @@ def _frame_numbers(source: Trajectory, settings: dict[str, Any]) -> list[int]:
         return [source.frame_at(settings["time"])]
     low = times[0] if settings["start"] is None else settings["start"]
     high = times[-1] if settings["end"] is None else settings["end"]
-    inside = [k for k in range(source.n_frames) if low - 1e-12 <= times[k] <= high + 1e-12]
+    inside = [k for k in range(source.n_frames) if low - slack <= times[k] <= high + slack]
     if not inside:
         raise ParameterError(f"no frame from {low:g} to {high:g} s; the run lasts to {times[-1]:g} s")
     return inside[:: settings["every"]]
