@@ -85,6 +85,10 @@ def parse_quantity(value: Any, unit: str) -> float:
     unit : str
         SI unit of the quantity ("" for a pure number).
 
+    Returns
+    -------
+    float
+
     Raises
     ------
     ValueError

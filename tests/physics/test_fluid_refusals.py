@@ -125,24 +125,6 @@ def test_inflow_without_outflow_is_refused(shape):
 
 
 @pytest.mark.parametrize("shape", [SQUARE, BOX], ids=["surface", "volume"])
-def test_a_wall_that_swings_is_refused_and_named_a_force_in_its_frame(shape):
-    """The cure is Stokes' second problem, exp(-k y) sin(9 t - k y) in the frame at rest."""
-    wall = '{ kind = "wall", velocity = ["sin(9*t)", 0, 0], where = "y < 1e-6" }'
-    assert "effect force" in refusal(f"viscosity = {{ nu = 1 }}\nboundary = [{wall}]", shape)
-    if shape == BOX:
-        return
-    channel = 'grid = { size = [1, 1], cells = [4, 16], periodic = "x" }'
-    effects = 'viscosity = { nu = 0.05 }\nharmonic = {}\nforce = { acceleration = ["-9*cos(9*t)", 0, 0] }\n'
-    effects += 'boundary = [{ kind = "no-slip", where = "y < 0.5" }, { kind = "free-slip" }]'
-    time = f'integrator = "energy"\nduration = {8 * np.pi / 9}\nstep = {np.pi / 90}'
-    out = run_fluid(effects, time, channel)
-    y, u = out.fluid.context.points[:, 1], out.observations[-1].vertex["velocity"][:, 0]
-    layer = (9 / 0.1) ** 0.5 * y
-    inside = (y > 0) & (y < 1)
-    assert np.abs(u + np.exp(-layer) * np.sin(layer))[inside].max() < 0.05  # after four periods
-
-
-@pytest.mark.parametrize("shape", [SQUARE, BOX], ids=["surface", "volume"])
 def test_an_inflow_that_leaves_is_refused(shape):
     """In volumes fluid came in through the natural outflow."""
     leaving, natural = INFLOW.replace("[1", "[-1"), '{ kind = "outflow", where = "x > 1 - 1e-6" }'

@@ -6,22 +6,45 @@ from __future__ import annotations
 
 import logging
 import re
-from typing import Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from ddgcli.errors import MeshError
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart
 from ddgcli.models.fluid.flow_mesh import harmonic_count
 from ddgcli.models.fluid.phases import FluidSetting, PhaseRequest
+from ddgcli.scenes.expressions import parse
 from ddgcli.scenes.sections import Section
-from ddgcli.scenes.units import quantity
+from ddgcli.scenes.units import parse_quantity
 from ddgcli.simulation.effects import Effect
 
 log = logging.getLogger("ddgcli")
 
 VELOCITY_KINDS = ("wall", "inflow")
+
+
+def _flux(value: Any) -> Any:
+    if (
+        isinstance(value, str)
+        and re.search(r"\bt\b", value)
+        and not re.fullmatch(r"[\d.eE+-]+\s+t", value.strip())
+    ):
+        parse(value, ("t",))
+        return value
+    return parse_quantity(value, "m^2/s")
+
+
+FluxInTime = Annotated[
+    float | str,
+    BeforeValidator(_flux),
+    Field(
+        description="leaves through an outflow, spread evenly, a number or an expression in t; default: what "
+        "flows in",
+        json_schema_extra={"unit": "m^2/s"},
+    ),
+]
 
 
 class BoundarySection(Section):
@@ -31,9 +54,9 @@ class BoundarySection(Section):
         "free-slip", description="no friction, no speed, a wall in motion, or a side that the fluid crosses"
     )
     velocity: list[str | float] | None = Field(
-        None, description="of a wall, inflow or outflow [m/s]: three numbers or expressions in x, y, z"
+        None, description="of a wall, inflow or outflow [m/s]: three numbers or expressions in x, y, z, t"
     )
-    flux: quantity("m^2/s", "leaves through an outflow, spread evenly; default: what flows in") | None = None
+    flux: FluxInTime | None = None
     where: str | None = Field(
         None,
         description="expression in x, y, z: the part where it is not 0; default the rest",
@@ -61,11 +84,6 @@ def build(parameters: BoundarySection, context: FluidContext) -> list[BoundaryPa
         names = ", ".join(context.obstacles) or "none"
         raise ValueError(f"no obstacle {parameters.obstacle!r} cuts {context.name!r} (there: {names})")
     velocity = None if parameters.velocity is None else [str(text) for text in parameters.velocity]
-    if any(re.search(r"\bt\b", text) for text in velocity or []):
-        raise ValueError(
-            "velocity holds x, y, z, not the time t; what drives a flow in time is the effect force, whose "
-            "acceleration may hold t (for a wall that swings, in the frame of the wall)"
-        )
     boundary_part = BoundaryPart(
         parameters.kind, velocity, parameters.flux, parameters.where, parameters.obstacle
     )

@@ -57,6 +57,11 @@ class TemperaturePhase(TracerPhase):
         source = None if parameters.source is None else Source(setting.context.points, parameters.source)
         super().__init__("buoyancy", setting.context.scalar(parameters.temperature, ARRAY), tracer, source)
         self.mass = setting.space.mass
+        if len(tracer.turning):
+            raise ValueError(
+                f"fluid enters and leaves in turn at vertex {tracer.turning[0]} of the boundary, where a "
+                "temperature comes in with it: give that boundary a velocity that keeps its sign, or take dye"
+            )
         fixed = np.zeros(len(self.mass), dtype=bool)
         fixed[tracer.entering] = True
         if parameters.fixed is not None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,18 @@ from numpy.typing import NDArray
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.vectors import row_cross
+from ddgcli.models.fluid.boundary_motion import (
+    InTime,
+    crosses_in_time,
+    flux_at,
+    holds_time,
+    natural_sides,
+    refuse_outward_inflow,
+    require_outflow,
+    sample_times,
+    values_at,
+    velocity_at,
+)
 from ddgcli.models.fluid.boundary_warnings import warn_of_crossed_obstacles, warn_of_still_walls
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart
@@ -42,6 +55,8 @@ class BoundaryConditions:
         What boundary sides with a prescribed velocity add to the circulation around their vertices' cells.
     slip : (n,) ndarray of bool
         Vertices of free-slip walls, but for those of a wall with friction: the vorticity vanishes there.
+    in_time : BoundaryInTime, or None
+        None where no section depends on time.
     """
 
     no_slip: bool
@@ -50,13 +65,32 @@ class BoundaryConditions:
     open_sides: NDArray[np.int64]
     wall_circulation: NDArray[np.float64]
     slip: NDArray[np.bool_]
+    in_time: BoundaryInTime | None = None
 
     @property
     def is_open(self) -> bool:
         return self.boundary_values is not None
 
 
-def boundary_conditions(context: FluidContext, sections: Sequence[BoundaryPart]) -> BoundaryConditions:
+@dataclass(frozen=True, eq=False)
+class BoundaryInTime:
+    """Boundary conditions that depend on time.
+
+    Parameters
+    ----------
+    wall_circulation : InTime
+        As of `BoundaryConditions`, at a time.
+    boundary_values : InTime, or None
+        As of `BoundaryConditions`; None where the stream function on the boundary does not depend on time.
+    """
+
+    wall_circulation: InTime
+    boundary_values: InTime | None
+
+
+def boundary_conditions(
+    context: FluidContext, sections: Sequence[BoundaryPart], duration: float = 0.0
+) -> BoundaryConditions:
     """Conditions of every boundary side: the first part that holds there, or a wall at rest.
 
     A side that no part covers is a no-slip wall where any part is other than free-slip.
@@ -65,10 +99,13 @@ def boundary_conditions(context: FluidContext, sections: Sequence[BoundaryPart])
     ----------
     context : FluidContext
     sections : sequence of BoundaryPart
+    duration : float
+        Of the run; conditions in time are checked at some times of it.
 
     Returns
     -------
     BoundaryConditions
+        At the start.
 
     Raises
     ------
@@ -76,33 +113,115 @@ def boundary_conditions(context: FluidContext, sections: Sequence[BoundaryPart])
         When the flux through a loop does not balance, an inflow has no outflow, or natural outflows cannot
         be distinguished.
     """
-    mesh = context.mesh
-    n, topology = mesh.n_vertices, mesh.topology
-    face, k = np.nonzero(topology.side_twin < 0)
-    tail, head = mesh.faces[face, k], mesh.faces[face, NEXT[k]]
-    side = context.unwrapped(context.points[head] - context.points[tail])
-    owner = _owners(context, sections, tail, head, side)
-    kind = np.array([section.kind for section in sections] + [_rest(sections)])[owner]
-    velocity = _velocities(context, sections, owner, tail, side)
-    along = 0.5 * np.einsum("ijk,ik,j->i", velocity, side, 0.5 * GAUSS_WEIGHTS)
-    warn_of_still_walls(sections, owner, along)
-    warn_of_crossed_obstacles(context, sections, owner, np.stack([tail, head], axis=1))
-    circulation = sum_by_index(np.concatenate([tail, head]), np.tile(along, 2), n)
+    sides = _Sides(context, sections)
+    n, tail, head, kind = context.mesh.n_vertices, sides.tail, sides.head, sides.kind
+    times = sample_times(sections, duration)
+    along = values_at(sides.along, times)
+    warn_of_still_walls(sections, sides.owner, np.any(along, axis=0))
+    warn_of_crossed_obstacles(context, sections, sides.owner, sides.ends)
     solid, crossed, free = (
         _ends(n, tail, head, np.isin(kind, kinds))
         for kinds in (("no-slip", "wall"), ("inflow", "outflow"), ("free-slip",))
     )
     # beside a wall of free slip fluid that enters or leaves has the speed along the wall, which nothing sets
     friction = solid | (crossed & ~free)
-    slip = topology.boundary_vertex & ~friction
-    values, open_vertices, natural = None, None, np.zeros(len(tail), dtype=bool)
+    slip = context.mesh.topology.boundary_vertex & ~friction
+    values, open_vertices, in_time, natural = None, None, None, np.zeros(len(tail), dtype=bool)
     if np.isin(kind, ("inflow", "outflow")).any() or any(section.kind == "inflow" for section in sections):
-        _require_outflow(sections)
-        flux = _outward_flux(context, sections, owner, kind, velocity, side, face)
-        natural = _natural(sections, owner)
-        values, open_vertices = _stream_function(n, tail, head, flux, natural)
-    sides = np.stack([tail, head], axis=1)[natural]
-    return BoundaryConditions(bool(friction.any()), values, open_vertices, sides, circulation, slip)
+        require_outflow(sections)
+        fluxes = np.array(values_at(sides.flux, times))
+        refuse_outward_inflow(sections, sides.owner, fluxes)
+        if len(times) > 1:
+            sides.largest_flux = float(np.abs(fluxes).sum(axis=1).max())
+        natural = sides.natural
+        values, open_vertices = values_at(sides.stream_function, times)[0]
+    if len(times) > 1:
+        in_time = BoundaryInTime(
+            InTime(sides.wall_circulation, times),
+            InTime(lambda t: sides.stream_function(t)[0], times) if crosses_in_time(sections) else None,
+        )
+    return BoundaryConditions(
+        bool(friction.any()),
+        values,
+        open_vertices,
+        sides.ends[natural],
+        sides.wall_circulation(0.0),
+        slip,
+        in_time,
+    )
+
+
+class _Sides:
+    """The boundary sides of a surface, and what the sections prescribe there at any time."""
+
+    def __init__(self, context: FluidContext, sections: Sequence[BoundaryPart]) -> None:
+        self.context, self.sections = context, sections
+        mesh = context.mesh
+        self.face, k = np.nonzero(mesh.topology.side_twin < 0)
+        self.tail, self.head = mesh.faces[self.face, k], mesh.faces[self.face, NEXT[k]]
+        self.ends = np.stack([self.tail, self.head], axis=1)
+        self.side = context.unwrapped(context.points[self.head] - context.points[self.tail])
+        self.owner = _owners(context, sections, self.tail, self.head, self.side)
+        self.kind = np.array([section.kind for section in sections] + [_rest(sections)])[self.owner]
+        self.natural = natural_sides(sections, self.owner)
+        self.largest_flux = 0.0  # through the whole boundary in the run
+        self._constant: NDArray[np.float64] | None = None
+
+    def velocity(self, time: float) -> NDArray[np.float64]:
+        """(s, 3, 3) prescribed velocities at the Gauss points of every side, 0 where there is none."""
+        if self._constant is None:
+            self._constant = np.zeros((len(self.tail), 3, 3))
+            self._prescribe(self._constant, 0.0, in_time=False)
+        velocity = np.array(self._constant)
+        self._prescribe(velocity, time, in_time=True)
+        return velocity
+
+    def _prescribe(self, velocity: NDArray, time: float, in_time: bool) -> None:
+        for i, section in enumerate(self.sections):
+            own = np.flatnonzero(self.owner == i)
+            if section.velocity is None or not len(own) or holds_time(section) != in_time:
+                continue
+            start = self.context.points[self.tail[own]]
+            for j, share in enumerate(0.5 + 0.5 * GAUSS_POINTS):
+                velocity[own, j] = velocity_at(section, start + share * self.side[own], time)
+
+    def along(self, time: float) -> NDArray[np.float64]:
+        """(s,) half the integral of the velocity along every side."""
+        return 0.5 * np.einsum("ijk,ik,j->i", self.velocity(time), self.side, 0.5 * GAUSS_WEIGHTS)
+
+    def wall_circulation(self, time: float) -> NDArray[np.float64]:
+        """(n,) what the sides add to the circulation around their vertices' cells."""
+        ends = np.concatenate([self.tail, self.head])
+        return sum_by_index(ends, np.tile(self.along(time), 2), self.context.mesh.n_vertices)
+
+    def flux(self, time: float) -> NDArray[np.float64]:
+        """(s,) prescribed flux out of every side; 0 on walls and natural outflows."""
+        flux = np.einsum("ijk,ik,j->i", self.velocity(time), self._outward, 0.5 * GAUSS_WEIGHTS)
+        flux[~np.isin(self.kind, ("inflow", "outflow"))] = 0.0
+        length = np.linalg.norm(self.side, axis=1)
+        for i, section in enumerate(self.sections):
+            own = self.owner == i
+            if section.flux is not None:
+                flux[own] = flux_at(section, time) * length[own] / length[own].sum()
+        return flux
+
+    @cached_property
+    def _outward(self) -> NDArray[np.float64]:
+        """(s, 3) outward vectors of the length of the sides."""
+        context = self.context
+        corner = context.points[context.mesh.faces[self.face]]
+        first, second = (
+            context.unwrapped(corner[:, 1] - corner[:, 0]),
+            context.unwrapped(corner[:, 2] - corner[:, 0]),
+        )
+        normal = row_cross(first, second)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        return row_cross(self.side, normal)
+
+    def stream_function(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Stream function (n,) on the boundary vertices, and the vertices (n,) inside natural outflows."""
+        n = self.context.mesh.n_vertices
+        return _stream_function(n, self.tail, self.head, self.flux(time), self.natural, self.largest_flux)
 
 
 def _rest(sections: Sequence[BoundaryPart]) -> str:
@@ -138,68 +257,8 @@ def _owners(
     return owner
 
 
-def _velocities(
-    context: FluidContext, sections: Sequence[BoundaryPart], owner: NDArray, tail: NDArray, side: NDArray
-) -> NDArray[np.float64]:
-    """(s, 3, 3) prescribed velocities at the Gauss points of every boundary side, 0 where there is none."""
-    velocity = np.zeros((len(tail), 3, 3))
-    for i, section in enumerate(sections):
-        own = np.flatnonzero(owner == i)
-        if section.velocity is None or not len(own):
-            continue
-        for j, t in enumerate(0.5 + 0.5 * GAUSS_POINTS):
-            place = dict(zip("xyz", (context.points[tail[own]] + t * side[own]).T))
-            velocity[own, j] = np.stack([evaluate(text, place) for text in section.velocity], axis=1)
-    return velocity
-
-
-def _require_outflow(sections: Sequence[BoundaryPart]) -> None:
-    kinds = {section.kind for section in sections}
-    if "inflow" in kinds and "outflow" not in kinds:
-        raise ValueError('inflow without outflow: add [[effects.boundary]] with kind = "outflow"')
-
-
-def _natural(sections: Sequence[BoundaryPart], owner: NDArray) -> NDArray[np.bool_]:
-    """(s,) sides of outflows without a prescribed flux."""
-    free = [
-        section.kind == "outflow" and section.velocity is None and section.flux is None
-        for section in sections
-    ]
-    return np.array([*free, False])[owner]
-
-
-def _outward_flux(
-    context: FluidContext,
-    sections: Sequence[BoundaryPart],
-    owner: NDArray,
-    kind: NDArray,
-    velocity: NDArray,
-    side: NDArray,
-    face: NDArray,
-) -> NDArray[np.float64]:
-    """(s,) prescribed flux out of every boundary side; 0 on walls and natural outflows."""
-    corner = context.points[context.mesh.faces[face]]
-    first, second = (
-        context.unwrapped(corner[:, 1] - corner[:, 0]),
-        context.unwrapped(corner[:, 2] - corner[:, 0]),
-    )
-    normal = row_cross(first, second)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    outward = row_cross(side, normal)  # of the length of the side
-    flux = np.einsum("ijk,ik,j->i", velocity, outward, 0.5 * GAUSS_WEIGHTS)
-    flux[~np.isin(kind, ("inflow", "outflow"))] = 0.0
-    length = np.linalg.norm(side, axis=1)
-    for i, section in enumerate(sections):
-        own = owner == i
-        if section.flux is not None:
-            flux[own] = section.flux * length[own] / length[own].sum()
-        if section.kind == "inflow" and not flux[own].sum() < 0:
-            raise ValueError(f"inflow: velocity {section.velocity} brings no fluid in; reverse it")
-    return flux
-
-
 def _stream_function(
-    n: int, tail: NDArray, head: NDArray, flux: NDArray, natural: NDArray
+    n: int, tail: NDArray, head: NDArray, flux: NDArray, natural: NDArray, largest: float
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Stream function (n,) on the boundary vertices, and the vertices (n,) inside natural outflows."""
     values, free = np.zeros(n), np.zeros(n, dtype=bool)
@@ -215,7 +274,7 @@ def _stream_function(
         while (following := int(leaving[head[loop[-1]]])) != start:
             loop.append(following)
         visited[loop] = True
-        _refuse_imbalance(tail[loop], flux[loop], natural[loop])
+        _refuse_imbalance(tail[loop], flux[loop], natural[loop], largest)
         share = np.where(natural[loop], 0.0, np.abs(flux[loop]))
         excess = 0.0 if natural[loop].any() or not share.any() else float(flux[loop].sum() / share.sum())
         values[head[loop]] = np.cumsum(np.where(natural[loop], 0.0, flux[loop] - excess * share))
@@ -224,7 +283,7 @@ def _stream_function(
     return np.where(free, 0.0, values), free
 
 
-def _refuse_imbalance(loop: NDArray, flux: NDArray, natural: NDArray) -> None:
+def _refuse_imbalance(loop: NDArray, flux: NDArray, natural: NDArray, largest: float) -> None:
     segments = int(np.sum(natural & ~np.roll(natural, 1)))
     if segments > 1:
         raise ValueError(
@@ -233,7 +292,7 @@ def _refuse_imbalance(loop: NDArray, flux: NDArray, natural: NDArray) -> None:
         )
     if natural.all():
         raise ValueError("the whole boundary loop is a natural outflow; prescribe its flux or velocity")
-    imbalance = flux_imbalance(flux, natural)
+    imbalance = flux_imbalance(flux, natural, largest)
     if imbalance:
         raise ValueError(
             f"{imbalance.format(unit='m^2/s')} through the boundary loop of "

@@ -38,6 +38,7 @@ def rate(
     coefficients: NDArray,
     evolve_harmonic: bool,
     coriolis: NDArray | float = 0.0,
+    time: float = 0.0,
 ) -> Rates:
     """Time derivatives of vorticity and harmonic coefficients by Euler's equation.
 
@@ -51,15 +52,18 @@ def rate(
         Whether the harmonic coefficients change.
     coriolis : (n,) ndarray of float64 or float
         Vorticity of a frame that turns, in 1/s.
+    time : float
+        Of what the boundary prescribes.
 
     Returns
     -------
     d_vorticity : (n,) ndarray of float64
     d_coefficients : (b,) ndarray of float64
+        Without what a change of the prescribed flow takes from them.
     flux : (m, 3) ndarray of float64
         Through the sides.
     """
-    phi = space.stream_function(vorticity)
+    phi = space.stream_function(vorticity, time)
     flux = space.side_flux(phi, coefficients)
     d_vorticity, d_coefficients = rotational_rates(
         space, vorticity * space.inverse_mass + coriolis, flux, evolve_harmonic
@@ -110,8 +114,18 @@ def advection_rate(space: SurfaceSpace, flux: NDArray) -> float:
     return float((row * space.inverse_mass).max(initial=0.0))
 
 
+def _shifted(space: SurfaceSpace, coefficients: NDArray, start: float, time: float) -> NDArray[np.float64]:
+    """Harmonic coefficients without what the flow that the boundary prescribes gains of them.
+
+    Pressure changes no inner product of the whole flow with a harmonic one, be it frozen or not.
+    """
+    if space.lift_in_time is None:
+        return coefficients
+    return coefficients + (space.lifted_part_at(start) - space.lifted_part_at(time))
+
+
 def fourth_order_step(
-    slope: Callable[[NDArray, NDArray], Rates],
+    slope: Callable[[NDArray, NDArray, float], Rates],
     vorticity: NDArray,
     coefficients: NDArray,
     dt: float,
@@ -121,8 +135,8 @@ def fourth_order_step(
 
     Parameters
     ----------
-    slope : callable (n,), (b,) -> rates
-        Time derivatives of a flow, as of `rate`.
+    slope : callable (n,), (b,), float -> rates
+        Time derivatives of a flow, as of `rate`, at a time after the start of the step.
     vorticity : (n,) ndarray of float64
         Integrated over the cells.
     coefficients : (b,) ndarray of float64
@@ -138,9 +152,9 @@ def fourth_order_step(
     """
     half = 0.5 * dt
     k1, c1, _ = first
-    k2, c2, _ = slope(vorticity + half * k1, coefficients + half * c1)
-    k3, c3, _ = slope(vorticity + half * k2, coefficients + half * c2)
-    k4, c4, _ = slope(vorticity + dt * k3, coefficients + dt * c3)
+    k2, c2, _ = slope(vorticity + half * k1, coefficients + half * c1, half)
+    k3, c3, _ = slope(vorticity + half * k2, coefficients + half * c2, half)
+    k4, c4, _ = slope(vorticity + dt * k3, coefficients + dt * c3, dt)
     sixth = dt / 6.0
     return (
         vorticity + sixth * (k1 + 2.0 * (k2 + k3) + k4),
@@ -167,20 +181,23 @@ def runge_kutta(
     evolve_harmonic: bool,
     coriolis: NDArray | float = 0.0,
     balance: FlowRate | None = None,
+    time: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """One classical fourth-order step without `balance`.
+    """One classical fourth-order step without `balance`, from a `time` on.
 
     The third value is dt times `largest_rate` at its start.
     """
 
-    def slope(vorticity: NDArray, coefficients: NDArray) -> Rates:
-        return _without(rate(space, vorticity, coefficients, evolve_harmonic, coriolis), balance)
+    def slope(vorticity: NDArray, coefficients: NDArray, after: float) -> Rates:
+        now = _shifted(space, coefficients, time, time + after)
+        return _without(rate(space, vorticity, now, evolve_harmonic, coriolis, time + after), balance)
 
-    first = slope(vorticity, coefficients)
+    first = slope(vorticity, coefficients, 0.0)
     courant = dt * largest_rate(space, first[2], coriolis)
     if courant > RK4_LIMIT:
         return vorticity, coefficients, courant
-    return *fourth_order_step(slope, vorticity, coefficients, dt, first), courant
+    vorticity, coefficients = fourth_order_step(slope, vorticity, coefficients, dt, first)
+    return vorticity, _shifted(space, coefficients, time, time + dt), courant
 
 
 def midpoint(
@@ -191,21 +208,23 @@ def midpoint(
     evolve_harmonic: bool,
     coriolis: NDArray | float = 0.0,
     balance: FlowRate | None = None,
+    time: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """One step of the implicit midpoint rule, which keeps energy and enstrophy to the solver's tolerance.
 
-    `balance` is left out of the rate of change. The third value is the last relative change: the step is to
-    be shortened where that is not small.
+    It begins at `time`; `balance` is left out of the rate of change. The third value is the last relative
+    change: the step is to be shortened where that is not small.
     """
-    n = len(vorticity)
+    n, half = len(vorticity), time + 0.5 * dt
     start = np.concatenate([vorticity, coefficients])
 
     def slope(middle: NDArray) -> NDArray[np.float64]:
-        rates = rate(space, middle[:n], middle[n:], evolve_harmonic, coriolis)
+        now = _shifted(space, middle[n:], time, half)
+        rates = rate(space, middle[:n], now, evolve_harmonic, coriolis, half)
         return np.concatenate(_without(rates, balance)[:2])
 
     after, change = implicit_midpoint(slope, start, dt, STREAM_SHARE * space.largest_stream_flux)
-    return after[:n], after[n:], change
+    return after[:n], _shifted(space, after[n:], time, time + dt), change
 
 
 class ConservativeTransport(FlowPhase):
@@ -238,9 +257,11 @@ class ConservativeTransport(FlowPhase):
         """Longest stable step of a state, up to which steps are halved; infinite with the midpoint rule."""
         if self.implicit:
             return math.inf
-        phi = self.space.stream_function(state["vorticity"])
-        flux = self.space.side_flux(phi, state["coefficients"])
-        courant = largest_rate(self.space, flux, self.setting.coriolis)
+        space, courant = self.space, 0.0
+        for time in [state.time] if space.lift_in_time is None else space.lift_in_time.times:
+            phi = space.stream_function(state["vorticity"], time)
+            flux = space.side_flux(phi, state["coefficients"])
+            courant = max(courant, largest_rate(space, flux, self.setting.coriolis))
         return RK4_LIMIT / courant if courant > 0 else math.inf
 
     def balance(self, state: FluidState, dt: float) -> FlowRate | None:
@@ -249,8 +270,9 @@ class ConservativeTransport(FlowPhase):
         if not setting.is_open:
             return None
         vorticity, coefficients, flux = rate(
-            self.space, state["vorticity"], state["coefficients"], setting.evolve_harmonic, setting.coriolis
-        )
+            self.space, state["vorticity"], state["coefficients"], setting.evolve_harmonic, setting.coriolis,
+            state.time,
+        )  # fmt: skip
         if not dt * largest_rate(self.space, flux, setting.coriolis) <= BALANCE_LIMIT:
             return None
         return vorticity, coefficients
@@ -259,7 +281,7 @@ class ConservativeTransport(FlowPhase):
         scheme = midpoint if self.implicit else runge_kutta
         vorticity, coefficients, measure = scheme(
             self.space, state["vorticity"], state["coefficients"], step.dt,
-            self.setting.evolve_harmonic, self.setting.coriolis, step.balance,
+            self.setting.evolve_harmonic, self.setting.coriolis, step.balance, step.time,
         )  # fmt: skip
         if not measure <= (PICARD_TOLERANCE if self.implicit else RK4_LIMIT):
             raise StepRejected("midpoint iteration" if self.implicit else "stability limit", value=measure)

@@ -23,6 +23,7 @@ from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.linalg.eigen import smallest_eigenpairs
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.models.fluid.boundary_motion import InTime
 from ddgcli.models.fluid.phases import FlowPhase, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
@@ -60,23 +61,31 @@ class Decay:
     neutral: NDArray[np.float64] | None = None
     _factors: dict[float, Factor] = field(default_factory=dict)
 
-    def rate(self, x: NDArray, source: NDArray | float = 0.0) -> NDArray[np.float64]:
-        """G times the rate of change."""
-        return source - (self.A @ x + self.b)
+    def step(
+        self,
+        x: NDArray,
+        dt: float,
+        source: NDArray | float = 0.0,
+        b_of_stages: tuple[NDArray, NDArray] | None = None,
+    ) -> NDArray[np.float64]:
+        """x after a time dt, `source` added to G x'; one factorisation for each step length met.
 
-    def step(self, x: NDArray, dt: float, source: NDArray | float = 0.0) -> NDArray[np.float64]:
-        """x after a time dt, `source` added to G x'; one factorisation for each step length met."""
+        `b_of_stages` holds b after GAMMA dt and after dt, where it depends on time.
+        """
         if dt not in self._factors:
             if len(self._factors) > 3:
                 self._factors.clear()
             self._factors[dt] = Factor(csc_array(self.G + GAMMA * dt * self.A))
         factor = self._factors[dt]
-        first = factor.solve(self.rate(x, source), refine=False)
-        second = factor.solve(self.rate(x + (1.0 - GAMMA) * dt * first, source), refine=False)
+        b_first, b_second = b_of_stages or (self.b, self.b)
+        first = factor.solve(source - (self.A @ x + b_first), refine=False)
+        between = x + (1.0 - GAMMA) * dt * first
+        second = factor.solve(source - (self.A @ between + b_second), refine=False)
         after = x + dt * ((1.0 - GAMMA) * first + GAMMA * second)
         if self.neutral is None:
             return after
-        return after + self.neutral @ (self.neutral.T @ (self.G @ (x - after) + dt * (source - self.b)))
+        b = self.b if b_of_stages is None else (1.0 - GAMMA) * b_first + GAMMA * b_second
+        return after + self.neutral @ (self.neutral.T @ (self.G @ (x - after) + dt * (source - b)))
 
 
 class VorticityDiffusion:
@@ -90,7 +99,12 @@ class VorticityDiffusion:
         )
 
     def step(
-        self, vorticity: NDArray, coefficients: NDArray, dt: float, forces: Forces | None = None
+        self,
+        vorticity: NDArray,
+        coefficients: NDArray,
+        dt: float,
+        forces: Forces | None = None,
+        time: float = 0.0,
     ) -> tuple[NDArray, NDArray]:
         force, mean_force = forces or (np.zeros(self.space.n), 0.0)
         omega, mass = np.zeros_like(vorticity), self.space.mass
@@ -105,7 +119,8 @@ class VelocityDiffusion:
     """Every kind, in the unknowns of the velocity: stream function and harmonic coefficients.
 
     `moving` (n,) is what boundary sides with a prescribed velocity add to the circulation around the cells of
-    their vertices; at the vertices `slip` (n,) of free-slip walls the vorticity vanishes.
+    their vertices, or a function of time; at the vertices `slip` (n,) of free-slip walls the vorticity
+    vanishes.
     Unless they `evolve`, harmonic coefficients are constant and act on the stream function as a given flux.
     """
 
@@ -114,14 +129,13 @@ class VelocityDiffusion:
         space: SurfaceSpace,
         nu: float,
         kind: str,
-        moving: NDArray | None = None,
+        moving: NDArray | InTime | None = None,
         slip: NDArray | None = None,
         evolve: bool = True,
     ) -> None:
         self.space, self.nu, self.evolve = space, nu, evolve
-        self.moving = np.zeros(space.n) if moving is None else moving
-        if space.lift is not None:
-            self.moving = self.moving + space.stiffness @ space.lift
+        self.wall, self.in_time = moving, space.lift_in_time is not None or isinstance(moving, InTime)
+        self.moving = self.moving_at(0.0)
         self.active = np.ones(space.n) if slip is None else np.where(slip, 0.0, 1.0)
         flows = csr_array(space.harmonic.T)
         derivative = d0(space.mesh.topology).astype(np.float64)[:, space.free]
@@ -138,7 +152,7 @@ class VelocityDiffusion:
             A = A - share * (basis.T @ diags_array(curvature_star(space)) @ basis)
         A = A.tocsr()
         self.matrix = matrix = nu * A
-        self.drag = drag = nu * (self.curl.T @ (weight * self.moving))
+        drag = self._drag(0.0)
         gram, n_free = gram.tocsr(), len(space.free)
         self.coupling = matrix[:n_free, n_free:]
         if not evolve:
@@ -154,22 +168,43 @@ class VelocityDiffusion:
         """Stream function at the free vertices, without the part that the boundary values bring."""
         return self.space.factor.solve(vorticity[self.space.free], refine=False)
 
-    def rate(self, flow: NDArray) -> NDArray[np.float64]:
+    def moving_at(self, time: float) -> NDArray[np.float64]:
+        """(n,) what the boundary adds to the circulation around the cells of its vertices at a time."""
+        wall, lift = self.wall, self.space.lift_at(time)
+        moving = (
+            wall.at(time) if isinstance(wall, InTime) else np.zeros(self.space.n) if wall is None else wall
+        )
+        return moving if lift is None else moving + self.space.stiffness @ lift
+
+    def _drag(self, time: float) -> NDArray[np.float64]:
+        return self.nu * (self.curl.T @ (self.weight * self.moving_at(time)))
+
+    def rate(self, flow: NDArray, time: float = 0.0) -> NDArray[np.float64]:
         """Rates of change of `vorticity` at the free vertices and of the coefficients, if they evolved."""
-        return -(self.matrix @ flow + self.drag)
+        return -(self.matrix @ flow + self._drag(time))
 
     def step(
-        self, vorticity: NDArray, coefficients: NDArray, dt: float, forces: Forces | None = None
+        self,
+        vorticity: NDArray,
+        coefficients: NDArray,
+        dt: float,
+        forces: Forces | None = None,
+        time: float = 0.0,
     ) -> tuple[NDArray, NDArray]:
         phi, free = self.free_stream_function(vorticity), self.space.free
         push, turn = (np.zeros(len(free)), 0.0) if forces is None else (forces[0][free], forces[1])
+        drags = None
+        if self.in_time:
+            size = self.decay.G.shape[0]
+            drags = self._drag(time + GAMMA * dt)[:size], self._drag(time + dt)[:size]
         if self.evolve:
             source = np.append(push, turn + np.zeros(len(coefficients)))
-            after = self.decay.step(np.concatenate([phi, coefficients]), dt, source)
+            after = self.decay.step(np.concatenate([phi, coefficients]), dt, source, drags)
         else:
-            after = self.decay.step(phi, dt, push - self.coupling @ coefficients)
+            after = self.decay.step(phi, dt, push - self.coupling @ coefficients, drags)
             after = np.concatenate([after, coefficients])
-        return self.active * (self.curl @ after + self.moving), after[len(free) :]
+        moving = self.moving_at(time + dt) if self.in_time else self.moving
+        return self.active * (self.curl @ after + moving), after[len(free) :]
 
 
 def outflow_friction(space: SurfaceSpace, nu: float) -> NDArray[np.float64] | float:
@@ -180,8 +215,8 @@ def outflow_friction(space: SurfaceSpace, nu: float) -> NDArray[np.float64] | fl
     """
     if space.open_sides is None or space.lift is None or not len(space.open_sides):
         return 1.0
-    flux = np.abs(space.side_flux(space.lift, np.zeros(0)))
-    stream = 0.5 * float(np.quantile(flux.max(axis=1), 0.9))  # speed times half the length of a side
+    # speed times half the length of a side
+    stream = 0.5 * float(np.quantile(space.stream_flux.max(axis=1), 0.9))
     edges = space.mesh.topology.edges
     ramp = np.zeros(space.n)
     ramp[space.open_sides] = 1.0
@@ -215,7 +250,7 @@ class Diffusion(FlowPhase):
         forces = None
         if forced is not state:
             forces = tuple((forced[name] - state[name]) / step.dt for name in names)
-        vorticity, coefficients = self.scheme.step(vorticity, coefficients, step.dt, forces)
+        vorticity, coefficients = self.scheme.step(vorticity, coefficients, step.dt, forces, step.time)
         return forced.replaced(vorticity=vorticity, coefficients=coefficients)
 
 

@@ -27,8 +27,9 @@ class BoundaryPart:
     ----------
     kind : {'free-slip', 'no-slip', 'wall', 'inflow', 'outflow'}
     velocity : three expressions, optional
-    flux : float, optional
-        Leaves through an outflow [m^2/s; m^3/s in volumes].
+        In x, y, z and t.
+    flux : float or str, optional
+        Leaves through an outflow [m^2/s; m^3/s in volumes]: a number, or an expression in t.
     where : str, optional
         Expression that is not 0 on its part of the boundary.
     obstacle : str, optional
@@ -37,7 +38,7 @@ class BoundaryPart:
 
     kind: str
     velocity: list[str] | None = None
-    flux: float | None = None
+    flux: float | str | None = None
     where: str | None = None
     obstacle: str | None = None
 

@@ -54,17 +54,23 @@ class ObstacleForces:
         space, scheme = self.space, self.scheme
         phi = scheme.free_stream_function(state["vorticity"])
         x = np.concatenate([phi, state["coefficients"]])
-        vorticity = scheme.active * (scheme.curl @ x + scheme.moving)
-        push, turn, _ = rate(space, vorticity, state["coefficients"], True)
-        friction = scheme.rate(x)
+        time = state.time
+        moving = scheme.moving_at(time) if scheme.in_time else scheme.moving
+        vorticity = scheme.active * (scheme.curl @ x + moving)
+        push, turn, _ = rate(space, vorticity, state["coefficients"], True, time=time)
+        friction = scheme.rate(x, time)
         inside = len(space.free)
         change = np.zeros(space.n)
         change[space.free] = space.factor.solve((push[space.free] + friction[:inside]), refine=False)
         turn = turn + friction[inside:]  # a frozen flow is held by a force, as the effect force would
+        if space.lift_in_time is not None:
+            stream = space.lift_in_time.rate(time)
+            change += stream
+            turn = turn - space.part_of(stream)
         slowing = space.stiffness @ change
         if len(turn):
             slowing += space.circulation_around(space.edge_inner * (turn @ space.harmonic))
-        omega = scheme.weight * (scheme.curl @ x + scheme.moving)
+        omega = scheme.weight * (scheme.curl @ x + moving)
         return {
             name: test @ (push - slowing) - scheme.nu * (curl @ omega)
             for name, (test, curl) in self.tests.items()

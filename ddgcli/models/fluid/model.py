@@ -20,7 +20,7 @@ from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest, Step, 
 from ddgcli.models.fluid.scene import DEFAULT_VOLUME_INTEGRATOR, OPEN_TRANSPORTS, TRANSPORTS
 from ddgcli.models.fluid.sources import SourceSequence
 from ddgcli.models.fluid.space import FlowSpace
-from ddgcli.models.fluid.state import FluidState
+from ddgcli.models.fluid.state import TIME, FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.triangulation import with_triangulation
 from ddgcli.scenes.scene import Scene
@@ -214,6 +214,7 @@ class FluidModel:
             (effect_part for _, _, effect_part in declared if isinstance(effect_part, Harmonic)), None
         )
         conditions = self._conditions(declared)
+        in_time = conditions.in_time if conditions else None
         try:
             space = SurfaceSpace(
                 context.mesh, _harmonic_flows(context, harmonic), lambda: account.within("solver"),
@@ -221,15 +222,17 @@ class FluidModel:
                 conditions.open_vertices if conditions else None,
                 conditions.open_sides if conditions and conditions.is_open else None,
                 to_space=context.to_space, name=context.name,
+                values_in_time=in_time.boundary_values if in_time else None,
             )  # fmt: skip
         except MeshError as error:
             self.scene.refuse(("object", number), f"object {context.name!r}: {error}")
         return FluidSetting(
             context, space, frozenset(name for _, name, _ in declared),
             conditions is not None and conditions.no_slip,
-            conditions.wall_circulation if conditions else None,
+            in_time.wall_circulation if in_time else conditions.wall_circulation if conditions else None,
             harmonic is not None and harmonic.evolve,
             conditions.slip if conditions else None, conditions is not None and conditions.is_open,
+            needs_time=in_time is not None,
         )  # fmt: skip
 
     def _volume_setting(self, declared: PlacedEffectParts) -> FluidSetting:
@@ -248,15 +251,15 @@ class FluidModel:
         ]
         if sections:
             try:
-                space.conditions = volume_conditions(
-                    context, [effect_part for _, effect_part in sections], space
-                )
+                own = [effect_part for _, effect_part in sections]
+                space.conditions = volume_conditions(context, own, space, self.scene.time.duration)
             except ValueError as error:
                 self.scene.refuse(sections[0][0], f"boundary: {error}")
         friction = space.conditions is not None and bool(space.conditions.friction.any())
         return FluidSetting(
             context, space, frozenset(name for _, name, _ in declared), friction,  # type: ignore[arg-type]
             is_open=space.conditions is not None and space.conditions.is_open,
+            needs_time=space.conditions is not None and space.conditions.velocity_in_time is not None,
         )  # fmt: skip
 
     def _conditions(self, declared: PlacedEffectParts) -> BoundaryConditions | None:
@@ -269,7 +272,8 @@ class FluidModel:
         from ddgcli.models.fluid.conditions import boundary_conditions
 
         try:
-            return boundary_conditions(self.context, [effect_part for _, effect_part in sections])
+            own = [effect_part for _, effect_part in sections]
+            return boundary_conditions(self.context, own, self.scene.time.duration)
         except ValueError as error:
             self.scene.refuse(sections[0][0], f"boundary: {error}")
 
@@ -306,6 +310,8 @@ class FluidModel:
                     arrays[name] = arrays[name] + values
         for phase in self.phases:
             arrays.update(phase.start())
+        if self.setting.needs_time:
+            arrays[TIME] = np.zeros(1)
         return FluidState(arrays)
 
     @property
@@ -360,6 +366,8 @@ class FluidModel:
             state = self.sources.advanced(phase, Step(time, half, state, balance), state)
         whole = Step(time, dt, state, balance)
         state = self.transport.advance(whole, state)
+        if self.setting.needs_time:
+            state = state.replaced(**{TIME: np.array([time + dt])})
         for phase in self.tracers:
             with self.account.within(phase.effect):
                 state = phase.advance(whole, state)

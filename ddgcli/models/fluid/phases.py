@@ -19,6 +19,7 @@ from ddgcli.models.fluid.state import FluidState
 from ddgcli.simulation.model import Observation
 
 if TYPE_CHECKING:
+    from ddgcli.models.fluid.boundary_motion import InTime
     from ddgcli.models.fluid.context import FluidContext
     from ddgcli.models.fluid.surface_space import SurfaceSpace
     from ddgcli.models.fluid.transport import Transport
@@ -138,7 +139,7 @@ class FluidSetting:
     effects : frozenset of str
         Names of the effects that act on this fluid.
     no_slip : bool
-    wall_circulation : (n,) ndarray, optional
+    wall_circulation : (n,) ndarray or InTime, optional
         What moving walls add to the circulation around the cells of their vertices.
     evolve_harmonic : bool
     slip : (n,) ndarray of bool, optional
@@ -151,19 +152,22 @@ class FluidSetting:
         Vorticity of a frame that turns [1/s].
     transport_takes_coriolis : bool
         Whether the integrator's rate of change holds the Coriolis force, so that its effect has no step.
+    needs_time : bool
+        Whether states hold their time.
     """
 
     context: FluidContext
     space: SurfaceSpace
     effects: frozenset[str]
     no_slip: bool = False
-    wall_circulation: NDArray[np.float64] | None = None
+    wall_circulation: NDArray[np.float64] | InTime | None = None
     evolve_harmonic: bool = False
     slip: NDArray[np.bool_] | None = None
     is_open: bool = False
     phases: list[Phase] = field(default_factory=list)
     coriolis: NDArray[np.float64] | float = 0.0
     transport_takes_coriolis: bool = False
+    needs_time: bool = False
 
     @property
     def wall_friction(self) -> float:

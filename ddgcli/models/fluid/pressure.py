@@ -26,8 +26,6 @@ from ddgcli.scenes.sections import Section
 from ddgcli.simulation.effects import Effect
 from ddgcli.simulation.model import Observation
 
-TIME = "pressure_time"
-
 
 class PressureSection(Section):
     """Pressure over density [m^2/s^2] at the vertices of every frame."""
@@ -43,12 +41,10 @@ class PressurePhase(FlowPhase):
 
     def __init__(self, setting: FluidSetting) -> None:
         self.setting = setting
-
-    def start(self) -> dict[str, NDArray]:
-        return {TIME: np.zeros(1)}
+        setting.needs_time = True
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        return state.with_passive(**{TIME: np.array([step.time + step.dt])})
+        return state
 
     def observed(self, state: FluidState) -> Observation:
         return Observation(None, {"pressure": self.values(state)}, {})
@@ -59,7 +55,7 @@ class PressurePhase(FlowPhase):
 
     def accelerations(self, state: FluidState) -> NDArray[np.float64]:
         """(m, 3) sum of what the effects add to the velocity of the cells a second."""
-        time = float(state[TIME][0])
+        time = state.time
         total = np.zeros((len(self.setting.context.cells), 3))
         for phase in self.setting.phases:
             acceleration = getattr(phase, "cell_acceleration", None)
@@ -101,6 +97,10 @@ class SurfacePressure(PressurePhase):
         rhs = sum_by_index(
             space.faces, space.area[:, None] * (push[:, None] * np.conj(self.slope)).real, space.n
         )
+        if space.lift_in_time is not None:
+            face, k, ends = space.boundary_sides
+            flux = space.side_flux(space.lift_in_time.rate(state.time), np.zeros(0))[face, k]
+            rhs -= sum_by_index(ends, 0.5 * np.repeat(flux[:, None], 2, axis=1), space.n)
         with space.timer():
             head = self.solver.solve(self._outflow_head(state)[self.solver.fixed], rhs)
         around = sum_by_index(space.faces, np.repeat(space.area[:, None], 3, axis=1), space.n)
@@ -136,8 +136,11 @@ class VolumePressure(PressurePhase):
         from ddgcli.models.fluid.volume_transport import rotational_acceleration
 
         space = self.setting.volume
-        push, head = rotational_acceleration(space, state["flux"])
-        on_faces = space.potential(push + self.accelerations(state), inflow=False, head=head)[space.cell_face]
+        push, head = rotational_acceleration(space, state["flux"], state.time)
+        push += self.accelerations(state)
+        if space.stream_in_time is not None:
+            push -= space.velocity(space.stream_in_time.rate(state.time))
+        on_faces = space.potential(push, inflow=False, head=head)[space.cell_face]
         velocity = space.cell_velocity(state)
         at_corners = on_faces.sum(axis=1, keepdims=True) - 3.0 * on_faces
         at_corners -= 0.5 * np.einsum("ka,ka->k", velocity, velocity)[:, None]

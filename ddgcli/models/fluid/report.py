@@ -290,7 +290,8 @@ def _loops(model: FluidModel, vorticity: NDArray, last: TrajectoryFrame) -> list
 
     space = model.space
     coefficients = last.scalar.get(f"harmonic_coefficients_{model.context.name}", ())
-    flux = space.side_flux(space.stream_function(vorticity), np.atleast_1d(coefficients))
+    time = last.time if model.setting.needs_time else 0.0
+    flux = space.side_flux(space.stream_function(vorticity, time), np.atleast_1d(coefficients))
     velocity = space.face_velocity(flux)
     along = (velocity[:, None] * np.conj(space.side)).real * space.side_sign
     topology = space.mesh.topology

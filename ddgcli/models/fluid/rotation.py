@@ -46,7 +46,7 @@ class Coriolis(FlowPhase):
         self.setting = setting
         self.parameter = setting.coriolis = 2.0 * vertex_normals(setting.context) @ angular_velocity
 
-    def _rate(self, vorticity: NDArray, coefficients: NDArray) -> Rates:
+    def _rate(self, vorticity: NDArray, coefficients: NDArray, _: float = 0.0) -> Rates:
         space = self.setting.space
         flux = space.side_flux(space.stream_function(vorticity), coefficients)
         return *rotational_rates(space, self.parameter, flux, self.setting.evolve_harmonic), flux

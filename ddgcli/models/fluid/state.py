@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 CORRECTIONS = ("smooth_step", "filter", "scaling", "scaled_energy")
 
 
+TIME = "time"  # of a state, where the conditions at its boundary or what it shows depend on it
+
+
 @dataclass(frozen=True, eq=False)
 class FluidState:
     """A fluid at one time.
@@ -29,6 +32,11 @@ class FluidState:
 
     def __getitem__(self, name: str) -> NDArray:
         return self.arrays[name]
+
+    @property
+    def time(self) -> float:
+        """In seconds; 0 where nothing depends on it."""
+        return float(self.arrays[TIME][0]) if TIME in self.arrays else 0.0
 
     def with_passive(self, **arrays: NDArray) -> FluidState:
         """The state with other values of arrays that the flow does not depend on."""

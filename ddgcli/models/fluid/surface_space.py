@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, ClassVar
 
 import numpy as np
@@ -28,6 +28,7 @@ from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
+from ddgcli.models.fluid.boundary_motion import InTime
 from ddgcli.models.fluid.cells import cell_area
 from ddgcli.models.fluid.flow_mesh import require_flow
 from ddgcli.models.fluid.state import FluidState
@@ -64,6 +65,9 @@ class SurfaceSpace:
         Tail and head of the boundary sides of natural outflows, the surface on the left.
     to_space : callable, optional
         Turns face velocities in planar frames (m,) into vectors in space (m, 3), for observations.
+    name : str
+    values_in_time : InTime, optional
+        Boundary values that depend on time; `boundary_values` are those of the start.
     """
 
     mesh: SurfaceMesh
@@ -74,6 +78,7 @@ class SurfaceSpace:
     open_sides: NDArray[np.int64] | None = None
     to_space: Callable[[NDArray], NDArray] | None = None
     name: str = ""
+    values_in_time: InTime | None = None
     dimension: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
@@ -91,7 +96,11 @@ class SurfaceSpace:
             fixed &= ~self.open_vertices
         solver = Dirichlet(self.stiffness, np.flatnonzero(fixed))
         self.free, self.factor = solver.free, solver.factor
-        self.lift = self._lift(solver)
+        self.lift = self._lift(solver, self.boundary_values)
+        self.lift_in_time: InTime | None = None
+        if self.values_in_time is not None:
+            values = self.values_in_time
+            self.lift_in_time = InTime(lambda time: self._lift(solver, values.at(time)), values.times)
         corner = corner_position(unfold(self.mesh))
         complex_corner = corner[..., 0] + 1j * corner[..., 1]
         # planar frame of each face; side j runs from corner j to corner j+1
@@ -103,19 +112,33 @@ class SurfaceSpace:
         if self.open_sides is not None and len(self.harmonic):
             self.harmonic = self._orthogonal_to_open_flows(self.harmonic)
 
-    def _lift(self, solver: Dirichlet) -> NDArray[np.float64] | None:
+    def _lift(self, solver: Dirichlet, values: NDArray | None) -> NDArray[np.float64] | None:
         """(n,) stream function without vorticity that has the boundary values; None for walls."""
-        if self.boundary_values is None:
+        if values is None:
             return None
         on_boundary = self.mesh.topology.boundary_vertex
-        return solver.solve(np.where(on_boundary, self.boundary_values, 0.0)[solver.fixed])
+        return solver.solve(np.where(on_boundary, values, 0.0)[solver.fixed])
+
+    def lift_at(self, time: float) -> NDArray[np.float64] | None:
+        """(n,) stream function without vorticity that the boundary prescribes at a time; None for walls."""
+        return self.lift if self.lift_in_time is None else self.lift_in_time.at(time)
+
+    @property
+    def lifts(self) -> list[NDArray[np.float64]]:
+        """The (n,) `lift_at` some times of the run; none between walls."""
+        times = [0.0] if self.lift_in_time is None else self.lift_in_time.times
+        return [lift for lift in map(self.lift_at, times) if lift is not None]
+
+    @cached_property
+    def stream_flux(self) -> NDArray[np.float64]:
+        """(m, 3) largest sizes in the run of the fluxes of the flow that the boundary prescribes [m^2/s]."""
+        sizes = (np.abs(self.side_flux(lift, np.zeros(0))) for lift in self.lifts)
+        return reduce(np.maximum, sizes, np.zeros_like(self.side_sign))
 
     @cached_property
     def largest_stream_flux(self) -> float:
         """Largest flux through a side of the flow without vorticity that the boundary prescribes [m^2/s]."""
-        if self.lift is None:
-            return 0.0
-        return float(np.abs(self.side_flux(self.lift, np.zeros(0))).max(initial=0.0))
+        return float(self.stream_flux.max(initial=0.0))
 
     def _orthogonal_to_open_flows(self, harmonic: NDArray) -> NDArray[np.float64]:
         """(b, e) harmonic flows that also fulfil the condition of natural outflows, orthonormal again."""
@@ -187,10 +210,10 @@ class SurfaceSpace:
 
     # ------------------------------------------------------------------ from vorticity to velocity
 
-    def stream_function(self, vorticity: NDArray) -> NDArray[np.float64]:
+    def stream_function(self, vorticity: NDArray, time: float = 0.0) -> NDArray[np.float64]:
         """(n,) phi of integrated vorticity (n,), with the boundary values; pinned on closed components."""
-        phi = self.stream_function_change(vorticity)
-        return phi if self.lift is None else phi + self.lift
+        phi, lift = self.stream_function_change(vorticity), self.lift_at(time)
+        return phi if lift is None else phi + lift
 
     def stream_function_change(self, vorticity: NDArray) -> NDArray[np.float64]:
         """(n,) linear part of `stream_function`: what a change of the vorticity adds."""
@@ -271,10 +294,12 @@ class SurfaceSpace:
 
     # ------------------------------------------------------------------ what is conserved
 
-    def kinetic_energy(self, phi: NDArray, vorticity: NDArray, coefficients: NDArray) -> float:
+    def kinetic_energy(
+        self, phi: NDArray, vorticity: NDArray, coefficients: NDArray, time: float = 0.0
+    ) -> float:
         """Half the integral of |u|^2."""
         energy = 0.5 * float(phi @ (self.stiffness @ phi) + coefficients @ coefficients)
-        return energy + float(coefficients @ self.lifted_part) if len(coefficients) else energy
+        return energy + float(coefficients @ self.lifted_part_at(time)) if len(coefficients) else energy
 
     def enstrophy(self, vorticity: NDArray) -> float:
         """Half the integral of the squared vorticity."""
@@ -292,19 +317,28 @@ class SurfaceSpace:
     @cached_property
     def lifted_part(self) -> NDArray[np.float64]:
         """(b,) inner products of the flow through the boundary with the harmonic flows."""
-        if self.lift is None or not len(self.harmonic):  # walls alone are orthogonal to harmonic flows
+        return self.part_of(self.lift)
+
+    def lifted_part_at(self, time: float) -> NDArray[np.float64]:
+        """(b,) `lifted_part` at a time."""
+        return self.lifted_part if self.lift_in_time is None else self.part_of(self.lift_at(time))
+
+    def part_of(self, lift: NDArray | None) -> NDArray[np.float64]:
+        """(b,) inner products of the flow of a stream function without vorticity with the harmonic flows."""
+        if lift is None or not len(self.harmonic):  # walls alone are orthogonal to harmonic flows
             return np.zeros(len(self.harmonic))
-        return np.asarray(self.harmonic @ (self.edge_inner * self.edge_flux(self.lift, np.zeros(0))))
+        return np.asarray(self.harmonic @ (self.edge_inner * self.edge_flux(lift, np.zeros(0))))
 
     def flow(self, state: FluidState) -> SurfaceFlow:
         """Stream function and side fluxes of a state, computed once."""
         if "flow" not in state.memo:
-            phi = self.stream_function(state["vorticity"])
+            phi = self.stream_function(state["vorticity"], state.time)
             state.memo["flow"] = SurfaceFlow(phi, self.side_flux(phi, state["coefficients"]))
         return state.memo["flow"]
 
     def energy(self, state: FluidState) -> float:
-        return self.kinetic_energy(self.flow(state).phi, state["vorticity"], state["coefficients"])
+        phi, coefficients = self.flow(state).phi, state["coefficients"]
+        return self.kinetic_energy(phi, state["vorticity"], coefficients, state.time)
 
     @property
     def measure(self) -> float:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
-from ddgcli.models.fluid.crossings import entering_vertices
+from ddgcli.models.fluid.crossings import entering_vertices, turning_vertices
 from ddgcli.models.fluid.phases import Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
@@ -41,9 +41,21 @@ class SurfaceTracer:
         self.at_corner = np.eye(3)[corner]
         self.entering = entering_vertices(space)
 
+    @property
+    def turning(self) -> NDArray[np.int64]:
+        """Vertices at which fluid enters at one time and leaves at another."""
+        return turning_vertices(self.space)
+
+    def entering_in(self, before: FluidState, after: FluidState) -> NDArray[np.int64]:
+        """Vertices at which fluid enters between two states."""
+        space = self.space
+        if space.lift_in_time is None:
+            return self.entering
+        return entering_vertices(space, 0.5 * (space.flow(before).side_flux + space.flow(after).side_flux))
+
     def advance(self, values: NDArray, side_flux: NDArray, dt: float) -> NDArray[np.float64]:
         """(n,) values after a time dt in the flow with side fluxes (m, 3)."""
-        transport, vertices = self.transport, self.vertices
+        transport, vertices, space = self.transport, self.vertices, self.space
         moved = transport.backwards(transport.corners(side_flux), self.face, self.at_corner, dt)
         corners = values[self.space.faces[moved.face]]
         bounds = Bounds(corners.min(axis=1), corners.max(axis=1))
@@ -54,7 +66,10 @@ class SurfaceTracer:
         after[vertices] = conserved(
             values[vertices], after[vertices], bounds, self.space.mass[vertices], label[vertices], leaving
         )
-        after[self.entering] = values[self.entering]
+        entering = self.entering
+        if space.lift_in_time is not None:
+            entering = entering_vertices(space, side_flux)
+        after[entering] = values[entering]
         return after
 
     def _leaving(self, values: NDArray, side_flux: NDArray, dt: float, label: NDArray) -> NDArray | None:
@@ -203,7 +218,7 @@ class TracerPhase:
         if self.source is None:
             return self.tracer.carried(step.before, state, values, step.dt)
         half = 0.5 * step.dt * self.source.rate(step.time + 0.5 * step.dt)
-        half[self.tracer.entering] = 0.0
+        half[self.tracer.entering_in(step.before, state)] = 0.0
         return self.tracer.carried(step.before, state, values + half, step.dt) + half
 
     def observed(self, state: FluidState) -> Observation:

@@ -10,6 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.tet_mesh import TET_FACES
+from ddgcli.models.fluid.boundary_motion import (
+    InTime,
+    crosses_in_time,
+    flux_at,
+    natural_sides,
+    refuse_outward_inflow,
+    require_outflow,
+    sample_times,
+    values_at,
+    velocity_at,
+)
 from ddgcli.models.fluid.boundary_warnings import warn_of_crossed_obstacles, warn_of_still_walls
 from ddgcli.models.fluid.effect_parts import BoundaryPart
 from ddgcli.models.fluid.flux_balance import flux_imbalance
@@ -33,6 +44,10 @@ class VolumeConditions:
     velocity : (b, 3) ndarray
         That velocity.
     is_open : bool
+    crosses : (F,) ndarray of bool, optional
+        Faces with a flux other than 0 at some time; by default those of `flux`.
+    flux_in_time, velocity_in_time : InTime, optional
+        Both at any time, where they depend on it; else they are those of the start.
     """
 
     flux: NDArray[np.float64]
@@ -40,6 +55,22 @@ class VolumeConditions:
     friction: NDArray[np.bool_]
     velocity: NDArray[np.float64]
     is_open: bool = False
+    crosses: NDArray[np.bool_] | None = None
+    flux_in_time: InTime | None = None
+    velocity_in_time: InTime | None = None
+
+    def flux_at(self, time: float) -> NDArray[np.float64]:
+        """(F,) prescribed fluxes at a time."""
+        return self.flux if self.flux_in_time is None else self.flux_in_time.at(time)
+
+    def velocity_at(self, time: float) -> NDArray[np.float64]:
+        """(b, 3) prescribed velocities at a time."""
+        return self.velocity if self.velocity_in_time is None else self.velocity_in_time.at(time)
+
+    @property
+    def crossed(self) -> NDArray[np.bool_]:
+        """(F,) faces that fluid crosses at some time."""
+        return self.natural | (self.flux != 0 if self.crosses is None else self.crosses)
 
 
 def walls(space: Any) -> VolumeConditions:
@@ -58,7 +89,9 @@ def walls(space: Any) -> VolumeConditions:
     return VolumeConditions(np.zeros(space.n_faces), none, np.zeros(count, dtype=bool), np.zeros((count, 3)))
 
 
-def volume_conditions(context: Any, sections: Sequence[BoundaryPart], space: Any) -> VolumeConditions:
+def volume_conditions(
+    context: Any, sections: Sequence[BoundaryPart], space: Any, duration: float = 0.0
+) -> VolumeConditions:
     """Conditions of every boundary face: the first part that holds at its centroid, or a wall at rest.
 
     Parameters
@@ -66,66 +99,112 @@ def volume_conditions(context: Any, sections: Sequence[BoundaryPart], space: Any
     context : FluidContext
     sections : sequence of BoundaryPart
     space : VolumeSpace
+    duration : float
+        Of the run; conditions in time are checked at some times of it.
 
     Returns
     -------
     VolumeConditions
+        At the start.
 
     Raises
     ------
     ValueError
         When the flux does not balance, or an inflow has no outflow.
     """
-    cell, i = space.boundary
-    face, centre, area = space.cell_face[cell, i], space.face_centre[cell, i], space.area[cell, i]
-    vertices = space.cells[cell[:, None], TET_FACES[i]]
-    owner = np.full(len(face), len(sections))
-    for number, section in reversed(list(enumerate(sections))):
-        covered = np.ones(len(face), dtype=bool)
-        if section.where is not None:
-            covered &= evaluate(section.where, dict(zip("xyz", centre.T))) != 0
-        if section.obstacle is not None:
-            covered &= context.obstacles[section.obstacle][vertices].all(axis=1)
-        owner[covered] = number
-    rest = "no-slip" if any(section.kind != "free-slip" for section in sections) else "free-slip"
-    kind = np.array([section.kind for section in sections] + [rest])[owner]
-    velocity, flux, natural = np.zeros((len(face), 3)), np.zeros(len(face)), np.zeros(len(face), dtype=bool)
-    for number, section in enumerate(sections):
-        own = owner == number
-        if section.kind in ("inflow", "outflow") and not own.any():
-            raise ValueError(
-                f"{section.kind}: no boundary face lies where {section.where!r} holds; check `where`"
-            )
-        if section.velocity is not None:
-            place = dict(zip("xyz", centre[own].T))
-            velocity[own] = np.stack([evaluate(text, place) for text in section.velocity], axis=1)
-        if section.kind in ("inflow", "outflow"):
-            size = np.linalg.norm(area[own], axis=1)
-            crossing = np.einsum("ia,ia->i", velocity[own], area[own])
-            flux[own] = section.flux * size / size.sum() if section.flux is not None else crossing
-            if section.kind == "inflow" and not flux[own].sum() < 0:
-                raise ValueError(f"inflow: velocity {section.velocity} brings no fluid in; reverse it")
-            natural[own] = section.kind == "outflow" and section.velocity is None and section.flux is None
-    unit = area / np.linalg.norm(area, axis=1, keepdims=True)
-    along = velocity - np.einsum("ia,ia->i", velocity, unit)[:, None] * unit
-    slides = np.linalg.norm(along, axis=1) > WALL_ROUNDING * np.linalg.norm(velocity, axis=1)
-    warn_of_still_walls(sections, owner, slides)
-    warn_of_crossed_obstacles(context, sections, owner, vertices)
-    _refuse_imbalance(flux, natural, {section.kind for section in sections})
-    on_faces, open_faces = np.zeros(space.n_faces), np.zeros(space.n_faces, dtype=bool)
-    on_faces[face], open_faces[face] = flux, natural
+    rim = _Rim(context, sections, space)
+    times = sample_times(sections, duration)
+    velocities = values_at(rim.velocity, times)
+    unit = rim.area / np.linalg.norm(rim.area, axis=1, keepdims=True)
+    slides = np.zeros(len(unit), dtype=bool)
+    for velocity in velocities:
+        along = velocity - np.einsum("ia,ia->i", velocity, unit)[:, None] * unit
+        slides |= np.linalg.norm(along, axis=1) > WALL_ROUNDING * np.linalg.norm(velocity, axis=1)
+    prescribed = np.array(values_at(rim.flux, times))
+    refuse_outward_inflow(sections, rim.owner, prescribed)
+    if len(times) > 1:
+        rim.largest_flux = float(np.abs(prescribed).sum(axis=1).max())
+    warn_of_still_walls(sections, rim.owner, slides)
+    warn_of_crossed_obstacles(context, sections, rim.owner, rim.vertices)
+    require_outflow(sections)
+    fluxes = values_at(rim.balanced_flux, times)
+    natural = np.zeros(space.n_faces, dtype=bool)
+    natural[rim.face] = rim.natural
+    in_time = len(times) > 1
     return VolumeConditions(
-        on_faces, open_faces, (kind != "free-slip") & ~natural, velocity,
-        bool(np.isin(kind, ("inflow", "outflow")).any()),
+        fluxes[0], natural, (rim.kind != "free-slip") & ~rim.natural, velocities[0],
+        bool(np.isin(rim.kind, ("inflow", "outflow")).any()),
+        np.any(fluxes, axis=0) if in_time else None,
+        InTime(rim.balanced_flux, times) if crosses_in_time(sections) else None,
+        InTime(rim.velocity, times) if in_time else None,
     )  # fmt: skip
 
 
-def _refuse_imbalance(flux: NDArray, natural: NDArray, kinds: set[str]) -> None:
-    if "inflow" in kinds and "outflow" not in kinds:
-        raise ValueError('inflow without outflow: add [[effects.boundary]] with kind = "outflow"')
-    imbalance = flux_imbalance(flux, natural)
-    if imbalance:
-        raise ValueError(
-            f"{imbalance.format(unit='m^3/s')}; balance the fluxes, or leave "
-            "velocity and flux out of an outflow"
+class _Rim:
+    """The boundary faces of a volume, and what the sections prescribe there at any time."""
+
+    def __init__(self, context: Any, sections: Sequence[BoundaryPart], space: Any) -> None:
+        self.sections, self.n_faces = sections, space.n_faces
+        cell, i = space.boundary
+        self.face, self.centre, self.area = (
+            space.cell_face[cell, i],
+            space.face_centre[cell, i],
+            space.area[cell, i],
         )
+        self.vertices = space.cells[cell[:, None], TET_FACES[i]]
+        self.owner = self._owners(context)
+        rest = "no-slip" if any(section.kind != "free-slip" for section in sections) else "free-slip"
+        self.kind = np.array([section.kind for section in sections] + [rest])[self.owner]
+        self.natural = natural_sides(sections, self.owner)
+        self.largest_flux = 0.0  # through the whole boundary in the run
+
+    def _owners(self, context: Any) -> NDArray[np.int64]:
+        """(b,) number of the section of every boundary face, len(sections) for the rest."""
+        owner = np.full(len(self.face), len(self.sections))
+        for number, section in reversed(list(enumerate(self.sections))):
+            covered = np.ones(len(self.face), dtype=bool)
+            if section.where is not None:
+                covered &= evaluate(section.where, dict(zip("xyz", self.centre.T))) != 0
+            if section.obstacle is not None:
+                covered &= context.obstacles[section.obstacle][self.vertices].all(axis=1)
+            owner[covered] = number
+        for number, section in enumerate(self.sections):
+            if section.kind in ("inflow", "outflow") and not (owner == number).any():
+                raise ValueError(
+                    f"{section.kind}: no boundary face lies where {section.where!r} holds; check `where`"
+                )
+        return owner
+
+    def velocity(self, time: float) -> NDArray[np.float64]:
+        """(b, 3) prescribed velocities, 0 where there is none."""
+        velocity = np.zeros((len(self.face), 3))
+        for number, section in enumerate(self.sections):
+            own = self.owner == number
+            if section.velocity is not None:
+                velocity[own] = velocity_at(section, self.centre[own], time)
+        return velocity
+
+    def flux(self, time: float) -> NDArray[np.float64]:
+        """(b,) prescribed fluxes out of the boundary faces; 0 on walls and natural outflows."""
+        flux, velocity = np.zeros(len(self.face)), self.velocity(time)
+        for number, section in enumerate(self.sections):
+            own = self.owner == number
+            if section.kind not in ("inflow", "outflow"):
+                continue
+            size = np.linalg.norm(self.area[own], axis=1)
+            crossing = np.einsum("ia,ia->i", velocity[own], self.area[own])
+            flux[own] = crossing if section.flux is None else flux_at(section, time) * size / size.sum()
+        return flux
+
+    def balanced_flux(self, time: float) -> NDArray[np.float64]:
+        """(F,) these fluxes, 0 inside; ValueError where they do not balance."""
+        flux = self.flux(time)
+        imbalance = flux_imbalance(flux, self.natural, self.largest_flux)
+        if imbalance:
+            raise ValueError(
+                f"{imbalance.format(unit='m^3/s')}; balance the fluxes, or leave "
+                "velocity and flux out of an outflow"
+            )
+        on_faces = np.zeros(self.n_faces)
+        on_faces[self.face] = flux
+        return on_faces

@@ -57,7 +57,8 @@ class VolumeCovectorTransport(FlowPhase):
     def advance(self, step: Step, state: FluidState) -> FluidState:
         space, dt = self.space, step.dt
         velocity = space.cell_velocity(state)
-        carrier = space.vertex_means(space.velocity(state["flux"] + 0.5 * dt * rate(space, state["flux"])))
+        change = 0.5 * dt * rate(space, state["flux"], step.time)
+        carrier = space.vertex_means(space.velocity(state["flux"] + change))
         back, forth = (self.paths.carried(carrier, *self.here, span) for span in (dt, -dt))
         again = space.velocity(self._carried(space.velocity(self._carried(velocity, back)), forth))
         flux = self._carried(1.5 * velocity - 0.5 * again, back)

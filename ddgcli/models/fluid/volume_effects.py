@@ -85,11 +85,37 @@ class VolumeTracer:
         self.cell = np.zeros(space.n, dtype=np.int64)
         self.cell[space.cells.ravel()] = np.repeat(np.arange(len(space.cells)), 4)
         self.is_open, self.entering = setting.is_open, np.zeros(0, dtype=np.int64)
+        self.turning = self.entering
+        self.turns = space.conditions is not None and space.conditions.flux_in_time is not None
         if self.is_open and space.conditions is not None:
             cell, i = space.boundary
-            flux = space.conditions.flux[space.cell_face[cell, i]]
-            enters = flux < -FLUX_ROUNDING * np.abs(flux).max(initial=0.0)
-            self.entering = np.unique(space.cells[cell[:, None], TET_FACES[i]][enters])
+            in_time, natural = space.conditions.flux_in_time, space.conditions.natural
+            times = [0.0] if in_time is None else in_time.times
+            self.natural = natural[space.cell_face[cell, i]]
+            fluxes = [space.conditions.flux_at(time)[space.cell_face[cell, i]] for time in times]
+            enters = [self._enters(flux) for flux in fluxes]
+            leaves = [self._enters(-flux) for flux in fluxes]
+            self.entering = self._vertices(np.any(enters, axis=0))
+            self.turning = self._vertices(np.any(enters, axis=0) & np.any(leaves, axis=0))
+
+    def _enters(self, flux: NDArray) -> NDArray[np.bool_]:
+        """(b,) boundary faces through which prescribed outward fluxes (b,) enter."""
+        return ~self.natural & (flux < -FLUX_ROUNDING * np.abs(flux).max(initial=0.0))
+
+    def _vertices(self, marked: NDArray) -> NDArray[np.int64]:
+        cell, i = self.space.boundary
+        return np.unique(self.space.cells[cell[:, None], TET_FACES[i]][marked])
+
+    def entering_in(self, before: FluidState, after: FluidState) -> NDArray[np.int64]:
+        """Vertices at which fluid enters between two states."""
+        if not self.turns:
+            return self.entering
+        return self._vertices(self._enters(self._outward(0.5 * (before["flux"] + after["flux"]))))
+
+    def _outward(self, flux: NDArray) -> NDArray[np.float64]:
+        """(b,) fluxes out of the boundary faces."""
+        cell, i = self.space.boundary
+        return flux[self.space.cell_face[cell, i]] * self.space.sign[cell, i]
 
     def carried(
         self, before: FluidState, after: FluidState, values: NDArray, dt: float
@@ -115,13 +141,13 @@ class VolumeTracer:
         result[vertices] = conserved(
             values[vertices], result[vertices], bounds, space.mass[vertices], label, leaving
         )
-        result[self.entering] = values[self.entering]
+        entering = self.entering_in(before, after)
+        result[entering] = values[entering]
         return result
 
     def _leaving(self, values: NDArray, flux: NDArray) -> NDArray[np.float64]:
         """(1,) amount that crosses the boundary with fluxes (F,)."""
         space = self.space
         cell, i = space.boundary
-        outward = flux[space.cell_face[cell, i]] * space.sign[cell, i]
         rim = space.cells[cell[:, None], TET_FACES[i]]
-        return np.array([outward @ values[rim].mean(axis=1)])
+        return np.array([self._outward(flux) @ values[rim].mean(axis=1)])

@@ -29,7 +29,7 @@ class VolumePaths:
         self.neighbour = beyond.reshape(-1, 4)
         crossed = np.zeros(space.n_faces, dtype=bool)
         if space.conditions is not None:
-            crossed = space.conditions.natural | (space.conditions.flux != 0)
+            crossed = space.conditions.crossed
         self.crossed = crossed[space.cell_face]
 
     def barycentric(self, cell: NDArray, points: NDArray) -> NDArray[np.float64]:

@@ -31,6 +31,7 @@ from ddgcli.mesh.require import refuse_flat_cells, require_manifold_cells
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.vectors import row_cross
+from ddgcli.models.fluid.boundary_motion import InTime
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.volume_conditions import VolumeConditions, walls
 from ddgcli.operators.dec import Complex, complex_of
@@ -146,7 +147,7 @@ class VolumeSpace:
         return np.einsum("ki,kia->ka", values, self.area) / self.volume[:, None]
 
     def projected(
-        self, velocity: NDArray, inflow: bool = True, head: NDArray | None = None
+        self, velocity: NDArray, inflow: bool = True, head: NDArray | None = None, time: float = 0.0
     ) -> NDArray[np.float64]:
         """(F,) fluxes of the discrete flow nearest to cell velocities (k, 3).
 
@@ -157,20 +158,22 @@ class VolumeSpace:
             Whether the flow has the prescribed fluxes through the boundary (else none: changes of a flow).
         head : (F,) ndarray, optional
             Potential on the faces of natural outflows.
+        time : float
+            Of the prescribed fluxes.
         """
-        potential = self.potential(velocity, inflow, head)
+        potential = self.potential(velocity, inflow, head, time)
         nearest = velocity - self.broken_gradient(potential[self.cell_face])
         outward = np.einsum("ka,kia->ki", nearest, self.area) * self.sign
         return sum_by_index(self.cell_face, outward, self.n_faces) / self.face_count
 
     def potential(
-        self, velocity: NDArray, inflow: bool = True, head: NDArray | None = None
+        self, velocity: NDArray, inflow: bool = True, head: NDArray | None = None, time: float = 0.0
     ) -> NDArray[np.float64]:
         """(F,) values at face centroids of the potential that `projected` takes off."""
         through = np.einsum("ka,kia->ki", velocity, self.area)
         rhs = sum_by_index(self.cell_face, through, self.n_faces)
         if inflow:
-            rhs -= self._conditions.flux
+            rhs -= self._conditions.flux_at(time)
         fixed = self.solver.fixed
         values = np.zeros(len(fixed)) if head is None else head[fixed]
         with self.timer():
@@ -212,12 +215,13 @@ class VolumeSpace:
         share = np.where(usable, share / whole[vertex], weight / total[vertex])
         return csr_array((share, (vertex, cell)), shape=(self.n, len(self.cells)))
 
-    def vorticity(self, velocity: NDArray) -> NDArray[np.float64]:
+    def vorticity(self, velocity: NDArray, time: float = 0.0) -> NDArray[np.float64]:
         """(n, 3) weak curl of cell velocities, lumped; closed by the velocity of walls with friction."""
         turning = -row_cross(self.slope, velocity[:, None]) * self.volume[:, None, None]
         total = np.stack([sum_by_index(self.cells, turning[..., a], self.n) for a in range(3)], axis=1)
         cell, i = self.boundary
-        along = np.where(self._conditions.friction[:, None], self._conditions.velocity, velocity[cell])
+        walls = self._conditions.velocity_at(time)
+        along = np.where(self._conditions.friction[:, None], walls, velocity[cell])
         rim = row_cross(self.area[cell, i], along) / 3.0
         vertex = self.cells[cell[:, None], TET_FACES[i]]
         for a in range(3):
@@ -245,6 +249,14 @@ class VolumeSpace:
         """Fluxes (F,) of the flow without circulation that the boundary has."""
         still = np.zeros((len(self.cells), 3))
         return {"flux": self.projected(still) if self._conditions.is_open else np.zeros(self.n_faces)}
+
+    @cached_property
+    def stream_in_time(self) -> InTime | None:
+        """Fluxes (F,) of the flow without circulation that the boundary has at a time; None if constant."""
+        flux, still = self._conditions.flux_in_time, np.zeros((len(self.cells), 3))
+        if flux is None:
+            return None
+        return InTime(lambda time: self.projected(still, time=time), flux.times)
 
     def cell_velocity(self, state: FluidState) -> NDArray[np.float64]:
         """(k, 3) cell velocities of a state, computed once."""
@@ -279,7 +291,7 @@ class VolumeSpace:
     def observed(self, state: FluidState) -> Observation:
         """Vorticity and velocity at vertices; energies, divergence and the sums of circulations."""
         velocity = self.cell_velocity(state)
-        omega = self.vorticity(velocity)
+        omega = self.vorticity(velocity, state.time)
         circulation = self.edge_circulation(velocity)
         around = self.complex.derivatives[0].T @ circulation
         net = (state["flux"][self.cell_face] * self.sign).sum(axis=1)

@@ -11,6 +11,7 @@ vertices' stays with the cell. The step is repeated backwards and half of the er
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from ddgcli.models.fluid.volume_space import VolumeSpace
 from ddgcli.simulation.model import Observation, StepRejected
 
 
-def rate(space: VolumeSpace, flux: NDArray) -> NDArray[np.float64]:
+def rate(space: VolumeSpace, flux: NDArray, time: float = 0.0) -> NDArray[np.float64]:
     """Rate of change of the fluxes by Euler's equation.
 
     Parameters
@@ -33,16 +34,21 @@ def rate(space: VolumeSpace, flux: NDArray) -> NDArray[np.float64]:
     space : VolumeSpace
     flux : (F,) ndarray of float64
         Through the faces.
+    time : float
+        Of what the boundary prescribes.
 
     Returns
     -------
     (F,) ndarray of float64
+        Without what a change of the prescribed fluxes adds.
     """
-    push, head = rotational_acceleration(space, flux)
+    push, head = rotational_acceleration(space, flux, time)
     return space.projected(push, inflow=False, head=head)
 
 
-def rotational_acceleration(space: VolumeSpace, flux: NDArray) -> tuple[NDArray, NDArray | None]:
+def rotational_acceleration(
+    space: VolumeSpace, flux: NDArray, time: float = 0.0
+) -> tuple[NDArray, NDArray | None]:
     """Acceleration -omega x u of the cells, and the head at natural outflows.
 
     Parameters
@@ -50,6 +56,8 @@ def rotational_acceleration(space: VolumeSpace, flux: NDArray) -> tuple[NDArray,
     space : VolumeSpace
     flux : (F,) ndarray of float64
         Through the faces.
+    time : float
+        Of what the boundary prescribes.
 
     Returns
     -------
@@ -58,7 +66,7 @@ def rotational_acceleration(space: VolumeSpace, flux: NDArray) -> tuple[NDArray,
         Half the square of the outward velocity; None without natural outflows.
     """
     velocity = space.velocity(flux)
-    omega = space.vorticity(velocity)[space.cells].mean(axis=1)
+    omega = space.vorticity(velocity, time)[space.cells].mean(axis=1)
     head = None
     if space.conditions is not None and space.conditions.natural.any():
         cell, i = space.boundary
@@ -78,10 +86,27 @@ class EnergyTransport(FlowPhase):
         self.space = setting.volume
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        flux, change = implicit_midpoint(lambda middle: rate(self.space, middle), state["flux"], step.dt)
+        space, half = self.space, step.time + 0.5 * step.dt
+        in_middle, in_step = (self._added(step.time, time) for time in (half, step.time + step.dt))
+
+        def slope(middle: NDArray) -> NDArray[np.float64]:
+            return rate(space, middle if in_middle is None else middle + in_middle, half)
+
+        flux, change = implicit_midpoint(slope, state["flux"], step.dt, self._scale)
         if not change <= PICARD_TOLERANCE:
             raise StepRejected("midpoint iteration", value=change)
-        return state.replaced(flux=flux)
+        return state.replaced(flux=flux if in_step is None else flux + in_step)
+
+    def _added(self, start: float, time: float) -> NDArray[np.float64] | None:
+        """(F,) what the flow that the boundary prescribes gains; None where it is constant."""
+        stream = self.space.stream_in_time
+        return None if stream is None else stream.at(time) - stream.at(start)
+
+    @cached_property
+    def _scale(self) -> float:
+        """Largest flux that the boundary prescribes in the run, where it depends on time [m^3/s]."""
+        stream = self.space.stream_in_time
+        return 0.0 if stream is None else max(float(np.abs(stream.at(time)).max()) for time in stream.times)
 
 
 def without_rise(space: VolumeSpace, flux: NDArray, smooth: NDArray, energy: float) -> NDArray[np.float64]:
@@ -154,7 +179,7 @@ class VolumeCirculationTransport(FlowPhase):
     def advance(self, step: Step, state: FluidState) -> FluidState:
         space, dt = self.space, step.dt
         velocity = space.cell_velocity(state)
-        middle = space.velocity(state["flux"] + 0.5 * dt * rate(space, state["flux"]))
+        middle = space.velocity(state["flux"] + 0.5 * dt * rate(space, state["flux"], step.time))
         carrier = space.vertex_means(middle)
         here, back, forth = (self._ends(carrier, t) for t in (0.0, dt, -dt))
         there = space.velocity(self._carried(velocity, back, here))

@@ -24,6 +24,7 @@ from ddgcli.geometry.cells import TET_EDGES
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import row_cross
+from ddgcli.models.fluid.boundary_motion import InTime
 from ddgcli.models.fluid.diffusion import GAMMA
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.state import FluidState
@@ -43,11 +44,14 @@ class VolumeDiffusion(FlowPhase):
         self.curl = cells.derivatives[1].astype(np.float64)
         self.mass = hodge_star(cells, 1)
         self.stiffness = self.curl.T @ hodge_star(cells, 2) @ self.curl
+        self.in_time = None if self.space.conditions is None else self.space.conditions.velocity_in_time
         self.has_friction, self.slip_edges, self.wall = self._boundary()
+        if self.in_time is not None:
+            self.wall_in_time = InTime(lambda time: self._boundary(time)[2], self.in_time.times)
         self.order = 1 if self.has_friction else 2  # what crosses a wall is projected off after each stage
         self._factors: dict[float, Dirichlet] = {}
 
-    def _boundary(self) -> tuple[bool, NDArray[np.int64], NDArray[np.float64]]:
+    def _boundary(self, time: float = 0.0) -> tuple[bool, NDArray[np.int64], NDArray[np.float64]]:
         """Whether a velocity along the boundary is prescribed, edges without vorticity, (e,) the integral."""
         space, cells = self.space, self.space.complex
         cell, i = space.boundary
@@ -57,7 +61,7 @@ class VolumeDiffusion(FlowPhase):
         friction = conditions.friction | conditions.natural[space.cell_face[cell, i]]
         slip_edges = np.unique(cells.face_edge[space.cell_face[cell, i][~friction]])
         cell, i = cell[friction], i[friction]
-        turned = row_cross(space.area[cell, i], conditions.velocity[friction])
+        turned = row_cross(space.area[cell, i], conditions.velocity_at(time)[friction])
         tail, head = np.array(TET_EDGES).T
         mean = (space.slope[cell][:, head] - space.slope[cell][:, tail]) / 3.0  # of the form of an edge
         value = np.einsum("sja,sa->sj", mean, turned) * cells.cell_edge_sign[cell]
@@ -74,14 +78,16 @@ class VolumeDiffusion(FlowPhase):
         through the start and the end of the first.
         """
         span, start = GAMMA * step.dt, state["flux"]
+        times = step.time + span, step.time + step.dt
         push = GAMMA * (forced["flux"] - start)
-        first = self._implicit_euler(forced.replaced(flux=start + push), span)
+        first = self._implicit_euler(forced.replaced(flux=start + push), span, times[0])
         between = start + (1.0 - GAMMA) / GAMMA * (first["flux"] - start)
-        return self._implicit_euler(first.replaced(flux=between + push), span)
+        return self._implicit_euler(first.replaced(flux=between + push), span, times[1])
 
-    def _implicit_euler(self, state: FluidState, dt: float) -> FluidState:
+    def _implicit_euler(self, state: FluidState, dt: float, time: float) -> FluidState:
+        """The state after dt, with the walls of a `time`."""
         space = self.space
-        change = -dt * self.nu * (self.curl @ self._vorticity(state, self._factor(dt)))
+        change = -dt * self.nu * (self.curl @ self._vorticity(state, self._factor(dt), time))
         if self.has_friction:
             return space.accelerated(state, space.velocity(change))
         return state.replaced(flux=state["flux"] + change)
@@ -93,9 +99,10 @@ class VolumeDiffusion(FlowPhase):
             self._factors[dt] = Dirichlet(self.mass + dt * self.nu * self.stiffness, self.slip_edges)
         return self._factors[dt]
 
-    def _vorticity(self, state: FluidState, solver: Dirichlet) -> NDArray[np.float64]:
+    def _vorticity(self, state: FluidState, solver: Dirichlet, time: float) -> NDArray[np.float64]:
         """(e,) vorticity along the edges, by a factorisation of their mass or of a step."""
-        circulation = self.space.edge_circulation(self.space.cell_velocity(state)) + self.wall
+        wall = self.wall if self.in_time is None else self.wall_in_time.at(time)
+        circulation = self.space.edge_circulation(self.space.cell_velocity(state)) + wall
         return solver.solve_held_at_zero(circulation, refine=False)
 
     @cached_property
@@ -104,5 +111,5 @@ class VolumeDiffusion(FlowPhase):
 
     def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:
         """(k, 3) what it adds to the velocity of the cells a second."""
-        vorticity = self._vorticity(state, self._mass_factor)
+        vorticity = self._vorticity(state, self._mass_factor, time)
         return self.space.velocity(-self.nu * (self.curl @ vorticity))
