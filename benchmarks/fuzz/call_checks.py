@@ -252,7 +252,7 @@ def check_outcome(outcome: CallOutcome, mesh: dict[str, Any], folder: Path, is_i
     if summary is not None and extra and outcome.words[0] not in ("batch", "check"):
         raise CallError(f"{line}: files that the summary does not list: {extra}")
     if writes_to_stdout(outcome.words) and outcome.exit_code == 0 and "--dry-run" not in outcome.words:
-        suffix = outcome.words[outcome.words.index("--output-format") + 1]
+        suffix = outcome.words[-outcome.words[::-1].index("--output-format")]  # the last one holds
         (folder / f"stdout{suffix}").write_bytes(outcome.stdout_bytes)
         for array_name, array in written_arrays(folder / f"stdout{suffix}"):
             check_finite(line, "standard output", array_name, array)

@@ -67,7 +67,7 @@ def _lines(summary: dict[str, Any], text: list[str] | None, full: bool) -> list[
         elif section == "input" and shown and not full:
             lines += _wrapped("input  ", ", ".join(f"{k} {_text(v)}" for k, v in shown.items()))
         elif shown:
-            lines += [section, *_block(shown, "  ", full)]
+            lines += [section, *block_lines(shown, "  ", full)]
     seconds = summary["seconds"]
     part_names = seconds if full else ["start", "total"]
     lines.append("seconds  " + ", ".join(f"{k} {seconds[k]:.3g}" for k in part_names))
@@ -80,12 +80,13 @@ def _shortened(rows: list[str]) -> list[str]:
     return rows if len(rows) <= SHORT_ROWS + 1 else [*rows[:SHORT_ROWS], f"... ({len(rows)} by --full)"]
 
 
-def _block(values: dict[str, Any], indent: str, full: bool) -> list[str]:
+def block_lines(values: dict[str, Any], indent: str, full: bool) -> list[str]:
+    """Lines of names and values, those of a nested block indented further."""
     width = max((len(k) for k, v in values.items() if not _nested(v)), default=0)
     lines = []
     for name, value in values.items():
         if isinstance(value, dict) and _nested(value):
-            lines += [f"{indent}{name}", *_block(value, indent + "  ", full)]
+            lines += [f"{indent}{name}", *block_lines(value, indent + "  ", full)]
         elif _nested(value):
             shown = [_text(row) for row in value]
             rows = shown if full else _shortened(shown)

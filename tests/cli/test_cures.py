@@ -190,6 +190,7 @@ FORCE = ("--effect", "force acceleration=[0,0,1]", "--integrator", "energy", "--
     [
         ([0, 1, 2, 3], ("laplacian",), "no volume"),
         ([0, 1, 2, 3], ("fluid-sim", *FORCE), "no volume"),
+        ([0, 1, 2, 5], ("fluid-sim", *FORCE), "no volume"),
         ([2, 0, 3, 4], ("fluid-sim", *FORCE), "inverted"),
     ],
 )
@@ -197,7 +198,7 @@ def test_tetrahedra_are_cured_by_the_command_that_a_refusal_names(
     run, summary, tmp_path, monkeypatch, last, words, text
 ):
     monkeypatch.chdir(tmp_path)
-    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1.0]]
+    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1.0], [0, 1, 1e-9]]
     np.savez("bad.npz", points=points, tetrahedra=[[0, 1, 2, 4], last])
     refused = run(words[0], "bad.npz", *words[1:])
     assert refused.exit_code == 2 and text in refused.stderr, refused.stderr

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -190,6 +191,21 @@ def test_a_scene_that_cannot_fit_is_refused_in_one_line_before_it_starts(
     assert refusal.stderr.startswith(f"Error: {inputs['mesh']}: {words[0]} on 236 elements needs about")
     monkeypatch.setattr(check_cost, "MIN_CHECKED_ELEMENTS", 1)
     assert run(*words).stderr == refusal.stderr and list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("analysis", ["--buckling", "--modes"])
+def test_an_analysis_predicts_no_steps_of_the_integrator(analysis, inputs, summary):
+    words = ("shell-sim", inputs["mesh"], *SHELL.split(), analysis, 2, "--integrator", "symplectic-euler")
+    rows = {row["kernel"]: row for row in facts_of(summary(*words, "--dry-run"))["kernels"]}
+    assert rows["shell-sim explicit step"]["seconds"] == 0 < rows[f"shell-sim {analysis[2:]}"]["seconds"]
+
+
+def test_the_text_of_a_simulators_dry_run_ends_with_its_memory_and_time(inputs, run):
+    text = run("shell-sim", inputs["mesh"], *SHELL.split(), "--steps", 1, "--dry-run").stdout
+    scene, end = text.split("\nassembled\n")
+    assert json.loads(scene)["object"][0]["role"] == "shell"
+    assert re.search(r"\n  integrator  \S+\n", "\n" + end) and "{" not in end
+    assert re.search(r"\nprediction\n  peak memory  \d+ MiB of \d+ MiB available\n  CPU time     \S+ s", end)
 
 
 def test_a_dry_run_of_shells_predicts_the_solver_that_the_run_chooses(tmp_path, run, summary, monkeypatch):

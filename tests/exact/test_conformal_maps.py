@@ -282,3 +282,8 @@ def test_short_sides_are_mapped_down_to_the_length_where_rounding_exceeds_the_to
     words = re.search(r"ddgcli (repair .*) -o", refused.stderr).group(1).split()
     assert run(*words, "-o", repaired).exit_code == 0
     assert run("laplacian", repaired, "--parameterize", "discrete-conformal").exit_code == 0
+    strip = shapes.grid(6, 1)
+    write_mesh(path, AnnotatedMesh(strip.moved(strip.points * [1, 1e-9, 1])))
+    refused = run("laplacian", path, "--parameterize", "discrete-conformal")
+    # a weld would leave no face
+    assert refused.exit_code == 2 and refused.stderr.rstrip().endswith("move their vertices apart")

@@ -130,6 +130,16 @@ def test_points_run_out():
     assert not non_delaunay_edges(refined.triangulation.mesh).any()
 
 
+def test_refinement_stops_where_rounding_has_changed_the_area(caplog):
+    # a point on a side of 0.05 changes the lengths beside it by h^2 / 0.05, h the height of the faces
+    for height, converged in ((5e-6, True), (5e-10, False)):
+        strip = shapes.grid(20, 1)
+        strip = strip.moved(strip.points * [1, height / np.ptp(strip.points[:, 1]), 1])
+        refined = refine(strip, 0.02)
+        assert refined.converged == converged and len(refined.steiner) < 2000
+        assert ("rounding has changed the area" in caplog.text) != converged
+
+
 def test_impossible_refinements_are_refused():
     with pytest.raises(ParameterError, match="does not end"):
         refine(shapes.icosphere(1), 45)

@@ -211,9 +211,11 @@ def _require_attainable_angles(length: NDArray) -> None:
     bad = np.flatnonzero(np.finfo(np.float64).eps * longest > ANGLE_TOLERANCE * shortest)
     if len(bad):
         face, distance = bad[0], float(2.0 * shortest[bad].max())
+        weld = f", or merge them with `repair=weld={distance:.1g} drop_degenerate split_fans`"
+        if len(bad) == len(length):  # nothing would be left
+            weld = ""
         raise MeshError(
             f"{len(bad)} faces (first: face {face}) have sides of {shortest[face]:.2g} beside "
             f"{longest[face]:.2g}: rounding changes their angles by more than {ANGLE_TOLERANCE:g} radians; "
-            "move their vertices apart, or merge them with "
-            f"`repair=weld={distance:.1g} drop_degenerate split_fans`"
+            f"move their vertices apart{weld}"
         )

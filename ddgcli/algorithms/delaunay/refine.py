@@ -23,6 +23,7 @@ from ddgcli.algorithms.delaunay.triangulation import IntrinsicDelaunay, flip_to_
 from ddgcli.choices import MAX_REFINEMENT_DEGREES
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.linalg.residual_gate import LARGEST_RESIDUAL
 from ddgcli.mesh.repair import one_vertex_a_fan
 from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -52,7 +53,7 @@ class RefinementResult:
     excepted_faces : int
         Faces at or next to those whose smallest angle stays below the bound.
     unreached_faces : int
-        Other faces below the bound: 0 unless the limit on points was reached.
+        Other faces below the bound: 0 unless the limit on points, or of rounding, was reached.
     converged : bool
     """
 
@@ -137,6 +138,11 @@ def refine(
             f"refinement stopped at {limit} Steiner points with {unreached} faces still below "
             f"{degrees:g} degrees; increase `max_points`"
         )
+    if insertions.has_rounded:
+        log.warning(
+            f"refinement stopped at {len(insertions.steiner)} Steiner points: in thin faces rounding "
+            f"has changed the area by more than {100 * LARGEST_RESIDUAL:g} %"
+        )
     return RefinementResult(
         triangulation=flipped,
         base=base,
@@ -161,6 +167,7 @@ class _Insertions(NamedTuple):
     sharp: int
     coincident: int
     exhausted: bool
+    has_rounded: bool
 
 
 def _insert(mesh: TriangleMesh, angle: float, limit: int, seed: int) -> _Insertions:
@@ -177,6 +184,7 @@ def _insert(mesh: TriangleMesh, angle: float, limit: int, seed: int) -> _Inserti
         sharp=int(work.sharp.sum()),
         coincident=int(work.coincident.sum()),
         exhausted=work.exhausted,
+        has_rounded=work.has_rounded,
     )
 
 

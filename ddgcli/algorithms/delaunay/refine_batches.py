@@ -20,18 +20,15 @@ from ddgcli.algorithms.delaunay.flips import SideArrays, flip_until_delaunay
 from ddgcli.algorithms.delaunay.gluing import around
 from ddgcli.algorithms.delaunay.steiner_places import Places
 from ddgcli.algorithms.delaunay.triangulation import glue, length_scale
+from ddgcli.geometry.intrinsic import face_area
+from ddgcli.linalg.residual_gate import LARGEST_RESIDUAL
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.mollify import mollify_lengths
 
 SHARP_ANGLE = np.pi / 3  # cones and boundary corners with a smaller total angle are not refined
 COINCIDENCE_TOLERANCE = 1e-7  # relative side length in a face without area, below which its ends coincide
-MIN_PINNED_DISTANCE = (
-    0.1  # no point comes nearer to either, relative to their shortest edge before refinement
-)
-MIN_BATCH_FACES, BATCH_FACES_PER_POINT = (
-    256,
-    8,
-)  # bad faces in a batch: at least, and for each point of the last one
+MIN_PINNED_DISTANCE = 0.1  # no point comes nearer to either, over their shortest edge before refinement
+MIN_BATCH_FACES, BATCH_FACES_PER_POINT = 256, 8  # bad faces in a batch: least, and for each point of the last
 
 
 class Refinement:
@@ -59,7 +56,9 @@ class Refinement:
         self.state = SideArrays.of(glued.faces, glued.topology.side_twin, start.length / scale)
         self.state.direction = fans.angle_before.copy()
         self.flips, self.batches = flip_until_delaunay(self.state)[0], 0
-        self.exhausted = False
+        self.exhausted, self.has_rounded = False, False
+        self.start_area = self._area()
+        self.checked_faces = self.state.n_faces
         self.random, self.crowd = np.random.default_rng(seed), MIN_BATCH_FACES
 
         self.sharp = np.zeros(self.n_input, dtype=bool)
@@ -91,6 +90,9 @@ class Refinement:
         if self.places.n_steiner >= self.limit:
             self.exhausted = True
             return False
+        if self._has_lost_area():
+            self.has_rounded = True
+            return False
         while True:
             some = bad if len(bad) <= self.crowd else self.random.choice(bad, self.crowd, replace=False)
             some = some[np.argsort(smallest[some])]
@@ -103,6 +105,17 @@ class Refinement:
         self.flips += flip_until_delaunay(state, changed_edges)[0]
         self.batches += 1
         return True
+
+    def _area(self) -> float:
+        return float(face_area(self.state.length.reshape(-1, 3)).sum())
+
+    def _has_lost_area(self) -> bool:
+        """Whether rounding has changed the area past what counts as a solution; looks as the faces double."""
+        n_faces = self.state.n_faces
+        if n_faces < 2 * self.checked_faces:
+            return False
+        self.checked_faces = n_faces
+        return not abs(self._area() - self.start_area) <= LARGEST_RESIDUAL * self.start_area
 
     def _insert_at(self, bad: NDArray) -> NDArray[np.int64]:
         """Insert points for bad faces, worst first; returns the sides whose edges may need a flip."""

@@ -132,7 +132,8 @@ def _with_scaled_steps(prediction: Prediction, count: float, factor: float) -> P
     for row in prediction.kernels:
         if _is_step(row):
             more = (factor - 1.0) * (row["seconds"] or 0.0)
-            ends = [times / row["times"] for times in row.get("times_range", 2 * (row["times"],))]
+            times = row["times"] or 1.0  # an analysis of the shape at the start takes no step
+            ends = [end / times for end in row.get("times_range", 2 * (times,))]
             added = [sum_ + end * more for sum_, end in zip(added, (1.0, *ends))]
             row = {
                 **row,

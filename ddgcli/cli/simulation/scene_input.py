@@ -224,16 +224,17 @@ def print_schema(kind: SceneKind) -> None:
 
 def print_dry_run(run: Run, scene: Scene, assembled: dict[str, Any], prediction: dict[str, Any]) -> None:
     """Print the resolved scene, what would be assembled, and the predicted cost."""
-    content = {"command": run.command, "dry_run": True, "scene": scene.resolved(), "assembled": assembled,
-               "prediction": prediction}  # fmt: skip
-    if run.common.as_json:
-        from ddgcli.cli.summary import plain
+    from ddgcli.cli.forecast.prediction import as_text
+    from ddgcli.cli.summary import block_lines, plain
 
-        click.echo(json.dumps(plain(content), ensure_ascii=False))
+    content = plain({"command": run.command, "dry_run": True, "scene": scene.resolved(),
+                     "assembled": assembled, "prediction": prediction})  # fmt: skip
+    if run.common.as_json:
+        click.echo(json.dumps(content, ensure_ascii=False))
         return
-    click.echo(json.dumps(content["scene"], indent=2, ensure_ascii=False))
-    for name, value in [*assembled.items(), *prediction.items()]:
-        click.echo(f"{name}: {value}")
+    lines = ["assembled", *block_lines(content["assembled"], "  ", run.common.full)]
+    lines += ["prediction", *(f"  {line}" for line in as_text(content["prediction"]))]
+    click.echo("\n".join([json.dumps(content["scene"], indent=2, ensure_ascii=False), *lines]))
 
 
 def fingerprint(resolved: dict[str, Any], meshes: Mapping[str, str]) -> tuple[str, str]:

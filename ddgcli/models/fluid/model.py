@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.requirements import require_sized_cells
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart, Harmonic, Initial
@@ -113,9 +114,7 @@ def with_default_integrator(scene: Scene, fluids: Iterable[FluidContext]) -> Sce
 
 def _require_mesh(mesh: Any) -> None:
     if isinstance(mesh, TetMesh):
-        from ddgcli.models.fluid.volume_space import require_volume
-
-        require_volume(mesh)
+        require_sized_cells(mesh, "fluid-sim")
     else:
         require_flow(mesh)
 

@@ -26,8 +26,7 @@ from scipy.sparse import coo_array, csr_array
 from ddgcli.errors import MeshError
 from ddgcli.linalg.constrain import Dirichlet, components
 from ddgcli.linalg.factor import Factor
-from ddgcli.mesh.cures import cure
-from ddgcli.mesh.require import refuse_flat_cells, require_manifold_cells
+from ddgcli.mesh.requirements import require_sized_cells
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.vectors import row_cross
@@ -39,28 +38,6 @@ from ddgcli.simulation.model import Observation
 
 MAX_FIT_GAIN = 3.0  # of a fitted velocity over those of the cells
 SINGULAR_SHIFT = 1e-9  # relative, keeps the equations of vertices with few cells solvable
-FLAT_CELL_TOLERANCE = 1e-12  # volume over the longest edge cubed
-
-
-def require_volume(mesh: TetMesh) -> None:
-    """Raise an error where cells are flat or inverted, or a face has more than two cells.
-
-    Parameters
-    ----------
-    mesh : TetMesh
-
-    Raises
-    ------
-    MeshError
-    """
-    corner = mesh.points[mesh.tetrahedra]
-    edge = np.linalg.norm(corner[:, :, None] - corner[:, None], axis=3).max(axis=(1, 2))
-    inverted = np.flatnonzero(mesh.signed_volume < -FLAT_CELL_TOLERANCE * edge**3)
-    if len(inverted):
-        raise MeshError(f"{len(inverted)} tetrahedra are inverted (first: {inverted[0]}); {cure('inverted')}")
-    flat = np.flatnonzero(~(mesh.signed_volume > FLAT_CELL_TOLERANCE * edge**3))
-    refuse_flat_cells(flat, len(mesh.tetrahedra))
-    require_manifold_cells(mesh)
 
 
 @dataclass(eq=False)
@@ -85,7 +62,7 @@ class VolumeSpace:
     dimension: ClassVar[int] = 3
 
     def __post_init__(self) -> None:
-        require_volume(self.mesh)
+        require_sized_cells(self.mesh, "fluid-sim")
         self.complex: Complex = complex_of(self.mesh)
         self.cells, self.volume = self.mesh.tetrahedra, self.mesh.signed_volume
         self.n = self.mesh.n_vertices

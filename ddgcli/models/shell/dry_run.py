@@ -111,4 +111,6 @@ def assembled(
 def _term_text(term: Any) -> str:
     kind = type(getattr(term, "part", term)).__name__
     changing = not len(term.stencil) and hasattr(getattr(term, "part", term), "near")
-    return f"{kind}, elements found in each step" if changing else f"{kind}, {len(term.stencil)} elements"
+    if changing:
+        return f"{kind}, elements found in each step"
+    return f"{kind}, {len(term.stencil)} elements" if len(term.stencil) else kind
