@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.representation import short_repr
+from ddgcli.tradeoff.certainty import Deviation, is_surely_nearer
 
 # options of the compared command that its caller set, by parameter name
 CommandOptions = Mapping[str, Any]
@@ -234,6 +235,7 @@ class Row:
     mesh_error: ErrorNorms | None = None
     uncertainty: ErrorNorms = ErrorNorms(0.0, 0.0)
     is_reference: bool = False
+    deviation: Deviation | None = field(default=None, repr=False, compare=False)
 
     @property
     def total_seconds(self) -> float:
@@ -243,6 +245,33 @@ class Row:
     def error(self, norm: str = "max") -> float:
         """Largest or mean error."""
         return self.max_error if norm == "max" else self.mean_error
+
+    def doubt(self, norm: str = "max") -> float:
+        """Uncertainty of the largest or mean error, unless it is rounding."""
+        uncertainty = self.uncertainty.at(norm)
+        return uncertainty if uncertainty > ROUNDING else 0.0
+
+    def is_surely_better(self, other: Row, norm: str = "max") -> bool:
+        """Whether its error is below that of another row, whatever the uncertainty hides.
+
+        Errors from different references, or without the answers, may both be off by their uncertainty.
+        """
+        doubt = self.doubt(norm) + other.doubt(norm)
+        if doubt and (pair := self._deviations(other)):
+            return is_surely_nearer(*pair, 0.5 * doubt, norm)
+        own = 0.0 if doubt and self.is_reference else self.error(norm)
+        return own + doubt < other.error(norm)
+
+    def has_same_error(self, other: Row, norm: str = "max") -> bool:
+        """Whether its error is that of another row, whatever the uncertainty hides."""
+        if self.doubt(norm) and (pair := self._deviations(other)):
+            return not pair[0].lengths_between(pair[1]).any()
+        return self.error(norm) == other.error(norm)
+
+    def _deviations(self, other: Row) -> tuple[Deviation, Deviation] | None:
+        """Those of both rows, where they are from the same reference."""
+        own, others = self.deviation, other.deviation
+        return (own, others) if own and others and own.is_comparable(others) else None
 
     @property
     def label(self) -> str:

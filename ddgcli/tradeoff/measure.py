@@ -244,6 +244,7 @@ def measure_candidate(
         mesh_error=whole.mesh_error,
         uncertainty=whole.uncertainty,
         is_reference=whole.is_reference,
+        deviation=whole.deviation,
         arguments=candidate.arguments,
         program=candidate.program,
     )

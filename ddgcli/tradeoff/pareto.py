@@ -11,21 +11,15 @@ from ddgcli.tradeoff.candidates import ROUNDING, Row, Table
 MAX_ERROR_RATIO = 2.0  # of two rows of like error
 
 
-def blur(table: Table, norm: str = "max") -> float:
-    """Difference of errors up to which rows are not distinguished: the uncertainty, unless it is rounding."""
-    uncertainty = table.uncertainty(norm)
-    return uncertainty if uncertainty > ROUNDING else 0.0
-
-
-def mark_pareto_front(rows: list[Row], norm: str = "max", blur: float = 0.0) -> None:
+def mark_pareto_front(rows: list[Row], norm: str = "max") -> None:
     """Set `on_front` of the rows on the Pareto front of total seconds and error.
 
-    A row is on it if its error is below that of every faster row on it by more than `blur`.
+    A row is on it if its error is surely below that of every faster row on it.
     """
-    best = math.inf
+    best: Row | None = None
     for row in sorted(rows, key=lambda r: (r.total_seconds, r.error(norm))):
-        row.on_front = row.error(norm) < best if math.isinf(best) else row.error(norm) + blur < best
-        best = row.error(norm) if row.on_front else best
+        row.on_front = best is None or row.is_surely_better(best, norm)
+        best = row if row.on_front else best
 
 
 def cheapest_within(rows: list[Row], within: float, norm: str = "max") -> Row | None:
@@ -38,8 +32,7 @@ def is_within(row: Row, within: float, norm: str = "max") -> bool | None:
     """Whether the error of a row is at most `within`; None where its uncertainty leaves that open."""
     if row.is_reference:  # its error is anything up to the uncertainty
         return row.error(norm) <= within or None
-    error, uncertainty = row.error(norm), row.uncertainty.at(norm)
-    uncertainty = uncertainty if uncertainty > ROUNDING else 0.0
+    error, uncertainty = row.error(norm), row.doubt(norm)
     if error + uncertainty <= within:
         return True
     return None if error - uncertainty <= within else False
@@ -63,8 +56,9 @@ def assign_verdicts(table: Table, within: float | None, norm: str = "max") -> Ro
     Row or None
         None where no row is within.
     """
-    limit = blur(table, norm)
-    mark_pareto_front(table.rows, norm, limit)
+    limit = table.uncertainty(norm)
+    limit = limit if limit > ROUNDING else 0.0
+    mark_pareto_front(table.rows, norm)
     cheapest = cheapest_within(table.rows, within, norm) if within is not None else None
     table.undecided = _no_ranking(table, norm, limit)
     ranked = not table.undecided
@@ -90,12 +84,18 @@ def _no_ranking(table: Table, norm: str, limit: float) -> str:
     if table.mesh_failure and math.isinf(limit):
         why = table.mesh_failure
         return f"the mesh error is not known ({why}); use `error=time` for the error in time alone"
-    if len(errors) > 1 and limit > 0 and max(errors) - min(errors) <= limit:
+    if len(errors) > 1 and limit > 0 and not _ranks_any(table.rows, norm):
         return (
-            f"the reference is uncertain by {limit:.1e}, and the errors of the rows differ by at most "
-            f"{max(errors) - min(errors):.1e}"
+            f"the reference is uncertain by {limit:.1e}, which may hide the order of the rows, whose errors "
+            f"differ by at most {max(errors) - min(errors):.1e}"
         )
     return ""
+
+
+def _ranks_any(rows: list[Row], norm: str) -> bool:
+    """Whether some row is surely better than another."""
+    ordered = sorted(rows, key=lambda row: row.error(norm))  # the first pairs are the most likely ones
+    return any(near.is_surely_better(far, norm) for near in ordered for far in reversed(ordered))
 
 
 def _verdict(
@@ -112,28 +112,27 @@ def _verdict(
         return NO_VERDICT
     if row.on_front:
         return "no other beats it"
-    other = _dominating_row(row, table.rows, norm, limit)
+    other = _dominating_row(row, table.rows, norm)
     if _equal_up_to_noise(row, other, norm):
         return f"level with {other.label}"
-    if row.error(norm) - other.error(norm) <= limit and row.error(norm) != other.error(norm):
-        return f"{NO_VERDICT}: its error differs from that of {other.label} by less than the uncertainty"
-    return f"beaten by {other.label}"
+    if other.is_surely_better(row, norm) or other.has_same_error(row, norm):
+        return f"beaten by {other.label}"
+    return f"{NO_VERDICT}: the uncertainty may hide the difference from {other.label}"
 
 
-def _dominating_row(row: Row, rows: list[Row], norm: str, limit: float) -> Row:
-    """Fastest row that is surely better, else the fastest whose error is not surely larger."""
+def _dominating_row(row: Row, rows: list[Row], norm: str) -> Row:
+    """Fastest row that is surely not worse, else the fastest that is not surely worse."""
     faster = [r for r in rows if r is not row and r.total_seconds <= row.total_seconds]
-    sure = [r for r in faster if r.error(norm) + limit <= row.error(norm)]
-    better = sure or [r for r in faster if r.error(norm) <= row.error(norm) + limit]
+    sure = [r for r in faster if r.is_surely_better(row, norm) or r.has_same_error(row, norm)]
+    better = sure or [r for r in faster if not row.is_surely_better(r, norm)]
     return min(better, key=lambda r: r.total_seconds)
 
 
 def _equal_up_to_noise(row: Row, other: Row, norm: str) -> bool:
     """Whether two rows of the same error differ by less than the spread of their seconds."""
     timing_noise = max(high - low for low, high in (row.seconds_spread, other.seconds_spread))
-    return (
-        row.error(norm) == other.error(norm) and abs(row.total_seconds - other.total_seconds) <= timing_noise
-    )
+    is_level = abs(row.total_seconds - other.total_seconds) <= timing_noise
+    return is_level and row.has_same_error(other, norm)
 
 
 def _like(other: float, error: float) -> bool:
