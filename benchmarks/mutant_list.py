@@ -62,7 +62,7 @@ MUTANTS = (
     Mutant("ddgcli/library/mesh_arguments.py", "return TetMesh.from_arrays(points, cells)", "return TetMesh.from_arrays(points, cells[:-1])", "tests/library/test_library_functions.py::test_pair_of_arrays_gives_what_the_mesh_gives"),
     Mutant("ddgcli/algorithms/repair/steps.py", "has_area[repaired.mesh.flat_faces] = False", "has_area[:0] = False", "tests/exact/test_repair.py::test_a_face_without_area_is_dropped_though_its_three_vertices_differ"),
     # tradeoff
-    Mutant("ddgcli/tradeoff/pareto.py", "row.on_front = row.error(norm) < best", "row.on_front = row.error(norm) > best", "tests/exact/test_tradeoff_table.py::test_planted_candidates_are_ranked_where_they_belong"),
+    Mutant("ddgcli/tradeoff/pareto.py", "row.on_front = best is None or row.is_surely_better(best, norm)", "row.on_front = best is None or best.is_surely_better(row, norm)", "tests/exact/test_tradeoff_table.py::test_planted_candidates_are_ranked_where_they_belong"),
     Mutant("ddgcli/tradeoff/richardson.py", "limit = fine + second / (ratio - 1.0)", "limit = fine - second / (ratio - 1.0)", "tests/exact/test_tradeoff_table.py::test_the_extrapolation_of_a_geometric_sequence_is_its_limit"),
     # io, plots, cli
     Mutant("ddgcli/io/readers/ply.py", 'body += 2 if data[body : body + 2] == b"\\r\\n" else 1', "body += 1", "tests/io/test_mesh_files.py::test_a_binary_ply_whose_header_ends_its_lines_with_cr_lf_keeps_every_byte_of_its_body"),

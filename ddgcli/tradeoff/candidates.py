@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.representation import short_repr
-from ddgcli.tradeoff.certainty import Deviation, is_surely_nearer
+from ddgcli.tradeoff.certainty import AnswerDeviation, is_surely_nearer
 
 # options of the compared command that its caller set, by parameter name
 CommandOptions = Mapping[str, Any]
@@ -235,7 +235,7 @@ class Row:
     mesh_error: ErrorNorms | None = None
     uncertainty: ErrorNorms = ErrorNorms(0.0, 0.0)
     is_reference: bool = False
-    deviation: Deviation | None = field(default=None, repr=False, compare=False)
+    deviation: AnswerDeviation | None = field(default=None, repr=False, compare=False)
 
     @property
     def total_seconds(self) -> float:
@@ -268,7 +268,7 @@ class Row:
             return not pair[0].lengths_between(pair[1]).any()
         return self.error(norm) == other.error(norm)
 
-    def _deviations(self, other: Row) -> tuple[Deviation, Deviation] | None:
+    def _deviations(self, other: Row) -> tuple[AnswerDeviation, AnswerDeviation] | None:
         """Those of both rows, where they are from the same reference."""
         own, others = self.deviation, other.deviation
         return (own, others) if own and others and own.is_comparable(others) else None

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from ddgcli.representation import short_repr
 
-__all__ = ["Deviation", "is_surely_nearer"]
+__all__ = ["AnswerDeviation", "is_surely_nearer"]
 
 PARALLEL_TOLERANCE = 1e-12  # relative, of the differences of two deviations and of their lengths
 
 
 @dataclass(frozen=True, eq=False)
-class Deviation:
-    """Deviation of an answer from a reference.
+class AnswerDeviation:
+    """AnswerDeviation of an answer from a reference.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Deviation:
 
     __repr__ = short_repr
 
-    def is_comparable(self, other: Deviation) -> bool:
+    def is_comparable(self, other: AnswerDeviation) -> bool:
         """Whether both are from the same reference."""
         return self.reference is other.reference and self.answer.shape == other.answer.shape
 
@@ -40,7 +40,7 @@ class Deviation:
         """(k,) lengths, where the reference is finite."""
         return self._finite(self.error(self.answer, self.reference))
 
-    def lengths_between(self, other: Deviation) -> NDArray[np.float64]:
+    def lengths_between(self, other: AnswerDeviation) -> NDArray[np.float64]:
         """(k,) lengths of the differences from another deviation, where the reference is finite."""
         with np.errstate(invalid="ignore"):
             shifted = self.reference + (self.answer - other.answer)
@@ -51,16 +51,16 @@ class Deviation:
         return np.asarray(values, dtype=np.float64)[finite]
 
 
-def is_surely_nearer(near: Deviation, far: Deviation, uncertainty: float, norm: str) -> bool:
+def is_surely_nearer(near: AnswerDeviation, far: AnswerDeviation, uncertainty: float, norm: str) -> bool:
     """Whether one answer errs less than another for every truth within the uncertainty of their reference.
 
     Let the answers deviate by x and y from the reference, and the reference by d from the truth: their errors
-    are the norms of x + d and y + d. Where an entry of x and y is on the same side of the reference, d changes
-    both in the same way; where they are on opposite sides, it changes their difference by up to 2 |d|.
+    are the norms of x + d and y + d. Where an entry of x and y is on the same side of the reference, d
+    changes both in the same way; where they are on opposite sides, their difference by up to 2 |d|.
 
     Parameters
     ----------
-    near, far : Deviation
+    near, far : AnswerDeviation
         From the same reference.
     uncertainty : float
         Largest norm of d.
@@ -105,9 +105,9 @@ def _is_mean_less(x: NDArray, y: NDArray, between: NDArray, uncertainty: float) 
     rate = np.full(len(y), 2.0)
     np.divide(2.0 * np.maximum(rise, 0.0), y, out=rate, where=is_parallel & (y > 0.0))
     total[is_parallel & (rise <= 0.0)] = 0.0
-    takes = (total > 0.0) & (rate > 0.0)
-    rate, total = rate[takes], total[takes]
+    is_open = (total > 0.0) & (rate > 0.0)
+    rate, total = rate[is_open], total[is_open]
     order = np.argsort(-rate, kind="stable")
     cost, total = (total / rate)[order], total[order]
-    spent = np.minimum(cost, np.maximum(len(y) * uncertainty - (np.cumsum(cost) - cost), 0.0))
-    return bool(rise.sum() > (rate[order] * spent).sum())
+    share = np.minimum(cost, np.maximum(len(y) * uncertainty - (np.cumsum(cost) - cost), 0.0))
+    return bool(rise.sum() > (rate[order] * share).sum())

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import DdgError, SolveError
 from ddgcli.tradeoff.candidates import ROUNDING, UNKNOWN, ErrorNorms, MeshLimit, Problem, Reference, Table
-from ddgcli.tradeoff.certainty import Deviation
+from ddgcli.tradeoff.certainty import AnswerDeviation
 from ddgcli.tradeoff.time_budget import REFERENCE_SHARE, BudgetExceeded, TimeBudget
 
 MIN_STEP_RATIO = 4.0  # of the steps of a method from which its time error is expected to fall
@@ -31,7 +31,7 @@ class WholeError:
         Entry of the largest error; None where it is not known.
     is_reference : bool
         Whether the answer is the reference, whose uncertainty is then the error.
-    deviation : Deviation or None
+    deviation : AnswerDeviation or None
         Of the answer, from what the error is measured against; None where rows share more than that.
     """
 
@@ -41,7 +41,7 @@ class WholeError:
     mesh_error: ErrorNorms | None
     worst: int | None
     is_reference: bool = False
-    deviation: Deviation | None = None
+    deviation: AnswerDeviation | None = None
 
 
 def whole_error(
@@ -74,7 +74,7 @@ def whole_error(
             first = reference.bounds
         time_error = first if problem.error_part else None
         at = None if is_reference else worst
-        deviation = Deviation(answer, reference.values, problem.error)
+        deviation = AnswerDeviation(answer, reference.values, problem.error)
         return WholeError(first, reference.bounds, time_error, None, at, is_reference, deviation)
     if mesh_limit is None:
         return WholeError(first, UNKNOWN, first, None, worst)
@@ -86,7 +86,7 @@ def whole_error(
     whole = np.asarray(problem.error(answer, mesh_limit.values), dtype=np.float64)
     return WholeError(
         ErrorNorms.of(whole), mesh_limit.uncertainty, first, second, int(whole.argmax()),
-        deviation=Deviation(answer, mesh_limit.values, problem.error),
+        deviation=AnswerDeviation(answer, mesh_limit.values, problem.error),
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ddgcli.tradeoff.candidates import Candidate, Problem, Reference, relative_to_largest
-from ddgcli.tradeoff.certainty import Deviation, is_surely_nearer
+from ddgcli.tradeoff.certainty import AnswerDeviation, is_surely_nearer
 from ddgcli.tradeoff.measure import run_problem
 from ddgcli.tradeoff.pareto import assign_verdicts
 
@@ -37,7 +37,7 @@ def test_no_truth_within_the_uncertainty_reverses_a_sure_order(norm, shape):
     rng, n_sure = np.random.default_rng(4), 0
     for _ in range(30):
         x, y = rng.standard_normal(shape), 1.5 * rng.standard_normal(shape)
-        near, far = (Deviation(v, reference := np.zeros(shape), lengths) for v in (x, y))
+        near, far = (AnswerDeviation(v, reference := np.zeros(shape), lengths) for v in (x, y))
         far = replace(far, reference=near.reference)
         uncertainty = 0.3 * rng.random() * NORM[norm](lengths(y, reference))
         if is_surely_nearer(near, far, uncertainty, norm):
@@ -50,7 +50,7 @@ def test_no_truth_within_the_uncertainty_reverses_a_sure_order(norm, shape):
 def test_the_order_of_answers_that_are_alike_is_sure_exactly_where_no_truth_reverses_it(norm):
     reference = np.zeros(2)
     for x, y in ((1.0, 1.5), (1.0, -1.5), (0.0, 1.0), (-0.2, 3.0), (0.2, 3.0)):
-        near, far = (Deviation(np.full(2, value), reference, lengths) for value in (x, y))
+        near, far = (AnswerDeviation(np.full(2, value), reference, lengths) for value in (x, y))
         least = 0.5 * abs(x + y)  # the truth in the middle of both answers
         if norm == "mean" and x * y > 0.0:
             least = 0.5 * abs(y)  # one entry of the truth is that of the far answer
