@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+import ddgcli as ddg
+from ddgcli.errors import MeshError
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
@@ -133,6 +135,23 @@ def test_subdivision_brings_a_coarse_vesicle_to_its_energy(run, tmp_path):
     assert fine["reduced_volume"] == pytest.approx(coarse["reduced_volume"], rel=1e-9)
     off = [abs(results["energy"][-1] / truth - 1) for results in (coarse, fine)]
     assert off[1] < 0.01 and off[1] < 0.4 * off[0]
+
+
+def test_one_of_several_vesicles_keeps_its_own_area_and_volume_where_the_region_names_its_vertices():
+    ball = ddg.icosphere(2)
+    flat = ball.moved(ball.points * [1, 1, 0.5])
+    points = np.concatenate([flat.points, np.asarray(ball.points) + [3.0, 0.0, 0.0]])
+    both = ddg.TriangleMesh.from_arrays(points, np.concatenate([ball.faces, ball.faces + ball.n_vertices]))
+    with pytest.raises(MeshError, match="`region`"):
+        ddg.willmore_flow(both, fix_area=True, fix_volume=True)
+    first = np.arange(ball.n_vertices)
+    end = ddg.willmore_flow(both, fix_area=True, fix_volume=True, region=first).finish()
+    assert np.array_equal(end.mesh.points[ball.n_vertices :], points[ball.n_vertices :])
+    faces = np.asarray(end.mesh.faces)
+    moved = ddg.TriangleMesh.from_arrays(end.mesh.points[first], faces[faces.max(axis=1) < ball.n_vertices])
+    assert area(moved) == pytest.approx(area(flat), rel=1e-12)
+    assert enclosed_volume(moved) == pytest.approx(enclosed_volume(flat), rel=1e-12)
+    assert end.results["energy"][-1] < end.results["energy"][0]
 
 
 def test_no_vesicle_ends_below_the_least_energy_of_its_reduced_volume(run, tmp_path):

@@ -182,8 +182,8 @@ def _require_one_component(topology: Topology, options: FlowOptions, free: NDArr
     if n_moving > 1 and (options.fix_area or options.fix_volume):
         names = " and ".join(f"`{name}`" for name in ("fix_area", "fix_volume") if getattr(options, name))
         raise MeshError(
-            f"{names} would keep the sum of {n_moving} components, which exchange it; flow one component at "
-            f"a time: {cure('components', topology)}"
+            f"{names} would keep the sum of {n_moving} components, which exchange it; name the vertices of "
+            f"one by `region` (the others stay), or {cure('components', topology)}"
         )
 
 
