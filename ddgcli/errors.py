@@ -163,6 +163,10 @@ class SolveError(DdgError, RuntimeError):
     """A computation with valid input failed: divergence, no convergence, overflow."""
 
 
+class InfiniteValueError(SolveError, ValueError):
+    """An expression of the input that is not finite: at the start a wrong input, later a failed run."""
+
+
 @contextmanager
 def without_warnings() -> Iterator[None]:
     """Log nothing within the block: a trial of what the run itself does, or did, with the same warnings.

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import excerpt
+from ddgcli.errors import InfiniteValueError, excerpt
 
 _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide,
@@ -54,7 +54,9 @@ def evaluate(text: str, variables: Mapping[str, NDArray]) -> NDArray[np.float64]
     Raises
     ------
     ValueError
-        Anything else in the text, or a value that is not finite.
+        Anything else in the text.
+    InfiniteValueError
+        A value that is not finite: a ValueError that ends a run as a failed step does.
     """
     tree = parse(text, tuple(variables))
     size = len(next(iter(variables.values())))
@@ -63,7 +65,7 @@ def evaluate(text: str, variables: Mapping[str, NDArray]) -> NDArray[np.float64]
     bad = np.flatnonzero(~np.isfinite(result))
     if len(bad):
         where = ", ".join(f"{name} = {array[bad[0]]:g}" for name, array in variables.items())
-        raise ValueError(
+        raise InfiniteValueError(
             f"the expression '{excerpt(text)}' is not finite at {len(bad)} points (first: {where})"
         )
     return result

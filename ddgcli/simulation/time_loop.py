@@ -144,7 +144,10 @@ def evolve(
                 raise RunFailed(str(error), tuple(events)) from error
             last = min(last, reached) if len(active_models) == 1 else last
         frame_number += 1
-        snapshot = _snapshot(active_models, schedule, frame_number, last, events, account)
+        try:
+            snapshot = _snapshot(active_models, schedule, frame_number, last, events, account)
+        except SolveError as error:
+            raise RunFailed(str(error), tuple(events)) from error
         events = []
         yield snapshot
         if snapshot.stopped:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshError
+from ddgcli.errors import InfiniteValueError, MeshError
 from ddgcli.mesh.requirements import require_sized_cells
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.models.fluid.context import FluidContext
@@ -346,7 +346,11 @@ class FluidModel:
         largest = 0.0
         for force in self.sources.forces:
             for share in SAMPLED_SHARES:
-                size = np.linalg.norm(force.cell_acceleration(self.start, share * duration), axis=1)
+                try:
+                    acceleration = force.cell_acceleration(self.start, share * duration)
+                except InfiniteValueError:
+                    continue
+                size = np.linalg.norm(acceleration, axis=1)
                 largest = max(largest, float(size[np.isfinite(size)].max(initial=0.0)))
         speed = SPEED_ROUNDING * min(largest * duration, float(np.sqrt(largest * flows.size)))
         return 0.5 * flows.measure * speed**2
