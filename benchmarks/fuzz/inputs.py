@@ -158,6 +158,11 @@ def _is_long_run(path: str) -> bool:
         return False  # the command reports it
 
 
+def _largest_seconds(text: str) -> float:
+    """The largest CPU seconds that a dry run states."""
+    return float(json.loads(text)["prediction"]["seconds_range"][1])
+
+
 def read_by_command(name: str, *words: str, output: str = "") -> Callable[[], Callable[[bytes], object]]:
     """The command line in this process; its refusals become DdgError.
 
@@ -174,10 +179,13 @@ def read_by_command(name: str, *words: str, output: str = "") -> Callable[[], Ca
         def read(path: str) -> object:
             folder = str(Path(path).parent)
             line = [word.format(input=path, folder=folder) for word in words]
-            line += ["--dry-run"] if path.endswith(".toml") and _is_long_run(path) else []
-            if output:
+            if path.endswith(".toml") and _is_long_run(path):
+                line += ["--dry-run"]
+            elif output:
                 Path(folder, output).unlink(missing_ok=True)
-                line += ["-o", f"{folder}/{output}"]
+                forecast = runner.invoke(command_line, [*line, "--json", "--dry-run"])
+                is_short = forecast.exit_code or _largest_seconds(forecast.stdout) <= SECONDS_FOR_A_RUN / 2
+                line += ["-o", f"{folder}/{output}"] if is_short else ["--dry-run"]
             result = runner.invoke(command_line, [*line, "--json"])
             lines = result.stderr.strip().replace(folder, "").splitlines()
             message = "\n".join(text for text in lines if not text.startswith("Warning: "))

@@ -164,6 +164,9 @@ def test_resume_without_the_scene_and_with_overrides(run, tmp_path, monkeypatch)
         run("shell-sim", path, "-o", broken, "--steps", 10)
     assert run("shell-sim", "--resume", f"{broken}.part").exit_code == 0
     assert_equal_bits(frames_of(whole), frames_of(broken))
+    # a whole run has nothing to go on with, and stays where it is
+    assert run("shell-sim", "--resume", whole, "-o", tmp_path / "copy.vtkhdf").exit_code == 0
+    assert_equal_bits(frames_of(whole), frames_of(tmp_path / "copy.vtkhdf"))
 
 
 def test_resume_of_a_changed_scene_is_refused(run, tmp_path, monkeypatch):

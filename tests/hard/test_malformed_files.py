@@ -285,6 +285,9 @@ def replaced(group, name, array):
         lambda f: replaced(f["VTKHDF/FieldData"], "e", np.zeros(2)),
         lambda f: replaced(f["VTKHDF/FieldData"], "obstacle_pose_b", np.zeros((2, 3))),
         lambda f: f["ddgcli/obstacles/000"].attrs.__delitem__("name"),
+        lambda f: f["VTKHDF/FieldData"].move("e", b"\xff"),
+        lambda f: f["ddgcli"].create_dataset(b"\xfe", data=0.0),
+        lambda f: f["VTKHDF/CellData"].create_dataset("x", data=np.zeros(21)),
     ],
 )
 def test_a_damaged_trajectory_is_refused(tmp_path, damage):

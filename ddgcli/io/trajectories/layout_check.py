@@ -106,14 +106,17 @@ def _check_arrays(file: Any, count: int, point_counts: NDArray, cell_counts: NDA
     """Arrays of points, cells and frames, and those on faces that every frame has of its own."""
     root, ours, steps = file["VTKHDF"], file["ddgcli"], file["VTKHDF/Steps"]
     lengths = {"PointData": int(point_counts.sum()), "CellData": int(cell_counts[0]), "FieldData": count}
+    changing = [str(name) for name in json.loads(ours.attrs.get(CHANGING_CELL, "[]"))]
     for name, length in lengths.items():
         for array in _group(root, name):
             rows = _rows(_group(root, name), array, length, "fiub", None)
             if name == "FieldData" and rows.ndim != 2:
                 raise MeshFileError(f"'{excerpt(array, 40)}' is not a table of numbers of every frame")
-    for name in json.loads(ours.attrs.get(CHANGING_CELL, "[]")):
-        starts = _rows(_group(steps, "CellDataOffsets"), str(name), count, "iu")[:count]
-        rows = _rows(_group(root, "CellData"), str(name), int(cell_counts.sum()), "f", None)
+            if name == "CellData" and array not in changing and len(rows) != length:
+                raise MeshFileError(f"'{excerpt(array, 40)}' has {len(rows)} rows for {length} cells")
+    for name in changing:
+        starts = _rows(_group(steps, "CellDataOffsets"), name, count, "iu")[:count]
+        rows = _rows(_group(root, "CellData"), name, int(cell_counts.sum()), "f", None)
         if (starts < 0).any() or (starts > len(rows) - cell_counts).any():
             raise MeshFileError("a frame's arrays on faces are outside the file's")
 
@@ -177,6 +180,8 @@ def _group(parent: Any, name: str) -> Any:
     item = parent.get(name)
     if item is None or not hasattr(item, "items"):
         raise MeshFileError(f"no group '{name}'")
+    if not all(isinstance(member, str) for member in item):  # h5py gives names that are no UTF-8 as bytes
+        raise MeshFileError(f"a name in the group '{name}' is no UTF-8")
     return item
 
 

@@ -274,7 +274,8 @@ class TrajectoryWriter:
                     writer._write_frame(old.read_frame(k), checkpoint if k == last else {}, effects)
 
             writer._lay_out(rows, write_frames)
-        if os.path.abspath(partial_path) != os.path.abspath(writer.partial_path):
+        is_partial = partial_path.endswith(".part")  # a whole trajectory stays
+        if is_partial and os.path.abspath(partial_path) != os.path.abspath(writer.partial_path):
             os.unlink(partial_path)
         return writer
 
