@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import glob
 import itertools
+import re
 import shlex
 import string
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from typing import Any
 from ddgcli.errors import ParameterError
 
 FIELDS = ("stem", "name", "suffix", "index")
+FIELD_IN_WORD = re.compile(r"\{([a-z-]+)\}")
+OUTPUT_OPTIONS = ("-o", "--output")
 GLOB_CHARACTERS = frozenset("*?[")
 
 
@@ -96,7 +99,7 @@ def parsed_sweeps(sweeps: Sequence[str]) -> dict[str, list[str]]:
     Raises
     ------
     ParameterError
-        For a text of another form, or a name that occurs twice.
+        For a text of another form, or a name or a value that occurs twice.
     """
     values: dict[str, list[str]] = {}
     for sweep in sweeps:
@@ -107,11 +110,17 @@ def parsed_sweeps(sweeps: Sequence[str]) -> dict[str, list[str]]:
         if name in values:
             raise ParameterError(f"{name} is swept twice; give all its values at once", parameter="sweep")
         values[name] = text.split(",")
+        if len(set(values[name])) < len(values[name]):
+            raise ParameterError(f"{sweep!r} has a value twice; leave one out", parameter="sweep")
     return values
 
 
 def make_tasks(
-    inputs: Sequence[str], sweeps: Mapping[str, Sequence[str]], template: str | None, command: Sequence[str]
+    inputs: Sequence[str],
+    sweeps: Mapping[str, Sequence[str]],
+    template: str | None,
+    command: Sequence[str],
+    output_options: Collection[str] = OUTPUT_OPTIONS,
 ) -> list[Task]:
     """Tasks in the order of inputs, then of swept values.
 
@@ -122,7 +131,9 @@ def make_tasks(
     template : str or None
         Path of the outputs with `{stem}`, `{name}`, `{suffix}`, `{index}` and swept names.
     command : sequence of str
-        Command and its options, such as `["curvature", "--scheme", "corrected"]`.
+        Command and its options, such as `["curvature", "--scheme", "corrected"]`, with the same fields.
+    output_options : collection of str
+        Options of the command that name files to write.
 
     Returns
     -------
@@ -131,27 +142,48 @@ def make_tasks(
     Raises
     ------
     ParameterError
-        The template has an unknown field, or gives two tasks one path.
+        The template has an unknown field, or two tasks have one output.
     """
     _check_template(template, sweeps)
     tasks: list[Task] = []
-    owner: dict[str, str] = {}
+    owner: dict[str, Task] = {}
     for index, (path, parameters) in enumerate(_combinations(inputs, sweeps)):
-        output = _formatted(template, path, index, parameters) if template is not None else None
-        if output is not None and owner.setdefault(output, path) is not path:
-            raise ParameterError(
-                f"{owner[output]} and {path} would both be written to {output}; add {{index}} or {{name}}",
-                parameter="output",
-            )
-        words = [command[0], path, *command[1:]]
+        fields = _fields(path, index, parameters)
+        output = _formatted(template, fields) if template is not None else None
+        place = f"./{path}" if path.startswith("-") and path != "-" else path  # which would be an option
+        words = [command[0], place, *(_with_fields(word, fields) for word in command[1:])]
         words += [word for name, value in parameters.items() for word in (f"--{name}", value)]
         words += ["-o", output] if output is not None else []
-        tasks.append(Task(index, path, dict(parameters), output, tuple(words)))
-    outputs = [task.output for task in tasks if task.output is not None]
-    if len(set(outputs)) < len(outputs):
-        raise ParameterError("several swept values would be written to one path; add their names in braces",
-                             parameter="output")  # fmt: skip
+        task = Task(index, path, dict(parameters), output, tuple(words))
+        for written in _written(words, output_options):
+            if (other := owner.setdefault(written, task)) is not task:
+                raise _shared_output_error(other, task, written)
+        tasks.append(task)
     return tasks
+
+
+def _written(words: Sequence[str], output_options: Collection[str]) -> Iterator[str]:
+    """Files that a command line names for output."""
+    for word, following in itertools.pairwise([*words, ""]):
+        name, equals, path = word.partition("=")
+        if word in output_options and following != "-":
+            yield following
+        elif equals and name in output_options:
+            yield path
+
+
+def _shared_output_error(first: Task, second: Task, output: str) -> ParameterError:
+    """Error of two tasks that would write one file, with the fields in which they differ."""
+    own, other = (_fields(task.input, task.index, task.parameters) for task in (first, second))
+    differ = [name for name in (*first.parameters, "stem", "name", "index") if own[name] != other[name]]
+    cures = " or ".join(f"{{{name}}}" for name in differ)
+    if first.input == second.input:
+        return ParameterError(
+            f"several swept values would be written to one path, {output}; add {cures}", parameter="output"
+        )
+    return ParameterError(
+        f"{first.input} and {second.input} would both be written to {output}; add {cures}", parameter="output"
+    )
 
 
 def _combinations(
@@ -177,13 +209,23 @@ def _check_template(template: str | None, sweeps: Mapping[str, Any]) -> None:
         )
 
 
-def _formatted(template: str, path: str, index: int, parameters: Mapping[str, str]) -> str:
+def _fields(path: str, index: int, parameters: Mapping[str, str]) -> dict[str, str]:
+    """Values of the fields of a task by name."""
     place = Path(path)
-    fields = {"stem": place.stem, "name": place.name, "suffix": place.suffix.lstrip("."), "index": str(index)}
+    own = {"stem": place.stem, "name": place.name, "suffix": place.suffix.lstrip("."), "index": str(index)}
+    return {**own, **parameters}
+
+
+def _formatted(template: str, fields: Mapping[str, str]) -> str:
     return "".join(
-        text + ({**fields, **parameters}[field] if field is not None else "")
+        text + (fields[field] if field is not None else "")
         for text, field, _, _ in string.Formatter().parse(template)
     )
+
+
+def _with_fields(word: str, fields: Mapping[str, str]) -> str:
+    """A word of the command with its fields replaced; other braces stay, as in f_{:04d}.ply."""
+    return FIELD_IN_WORD.sub(lambda match: fields.get(match[1], match[0]), word)
 
 
 def shard_of(tasks: Sequence[Task], shard: str | None) -> list[Task]:

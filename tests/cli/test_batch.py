@@ -76,7 +76,8 @@ def test_tasks_are_inputs_times_swept_values_in_order():
     "template, sweeps, text",
     [
         ("{stem}.vtu", {}, "would both be written to a.vtu"),
-        ("{name}.vtu", {"radius": ["1", "2"]}, "one path"),
+        ("{stem}.vtu", {}, "add {index}$"),
+        ("{name}.vtu", {"radius": ["1", "2"]}, "one path, a.ply.vtu; add {radius} or {index}"),
         ("{radius}.vtu", {}, "unknown field {radius}"),
         ("{stem.vtu", {}, "write a brace"),
     ],
@@ -84,6 +85,30 @@ def test_tasks_are_inputs_times_swept_values_in_order():
 def test_templates_that_cannot_name_the_outputs_are_refused(template, sweeps, text):
     with pytest.raises(ParameterError, match=text.replace("{", r"\{")):
         make_tasks(["x/a.ply", "y/a.ply"] if "stem" in template else ["a.ply"], sweeps, template, ["info"])
+
+
+def test_words_of_the_command_have_the_fields_of_the_outputs():
+    """Once every run wrote its picture to {stem}.png, and one that starts with a dash was an option."""
+    command = ["frames", "--plot", "p/{stem}.{every}.png", "-o", "{name}_{:04d}.ply", "--to={index}"]
+    tasks = make_tasks(["a.vtkhdf", "-b.vtkhdf"], {"every": ["2"]}, None, command)
+    assert tasks[0].words[1:6] == ("a.vtkhdf", "--plot", "p/a.2.png", "-o", "a.vtkhdf_{:04d}.ply")
+    assert tasks[1].words[1:4] == ("./-b.vtkhdf", "--plot", "p/-b.2.png")
+    assert tasks[1].words[6] == "--to=1" and tasks[1].input == "-b.vtkhdf"
+
+
+@pytest.mark.parametrize("words", [["--plot", "p.png"], ["--plot=p.png"], ["-o", "p.png"]])
+def test_runs_that_would_write_one_file_are_refused(words, run, tmp_path):
+    """Once the last run's file replaced the others."""
+    for name in ("a", "b"):
+        write_mesh(str(tmp_path / f"{name}.ply"), AnnotatedMesh(shapes.icosphere(0)))
+    result = run("batch", tmp_path / "a.ply", tmp_path / "b.ply", "--", "info", *words)
+    assert result.exit_code == 2
+    assert "would both be written to p.png; add {stem} or {name} or {index}" in result.stderr
+
+
+def test_a_value_that_is_swept_twice_is_refused():
+    with pytest.raises(ParameterError, match="a value twice"):
+        parsed_sweeps(["radius=1,2,1"])
 
 
 @pytest.mark.parametrize("sweep", ["radius", "=1", "radius=", "radius=1,,2"])

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("ddgcli")
 
+OUTPUT_METAVARS = ("PATH", "FOLDER")  # of options that name outputs
 COMMANDS_OUTSIDE_BATCHES = ("batch", "check", "examples")
 
 
@@ -60,8 +61,8 @@ def command(
     """Run COMMAND with OPTIONS on every input, and with every value of swept options.
 
     INPUTS are files or quoted patterns. -o is a template with {stem}, {name}, {suffix}, {index} and swept
-    names. Each run is a process of its own; one that fails, hangs or takes too much memory does not stop the
-    rest. Exit code: 0 if all are done, else 1.
+    names; OPTIONS may have them too. Each run is a process of its own; one that fails, hangs or takes too
+    much memory does not stop the rest. Exit code: 0 if all are done, else 1.
 
     The table has a row per run: input, command, parameters, output, status (done, failed, timeout, memory,
     killed), exit_code, seconds, peak_mib, sha256 of the input, message, collected values. --resume skips
@@ -87,8 +88,9 @@ def command(
     run = Run("batch", replace(common, outputs=()), formats=(), call=call, sweep=sweep, shard=shard)
     run.plan_output(table, TABLE_FORMATS)
     sweeps = parsed_sweeps(sweep)
-    check_call(call, sweeps)
-    tasks = shard_of(make_tasks(expanded_inputs(inputs), sweeps, template, call), shard)
+    output_options = check_call(call, sweeps)
+    tasks = make_tasks(expanded_inputs(inputs), sweeps, template, call, output_options)
+    tasks = shard_of(tasks, shard)
     run.input = {"path": ", ".join(inputs), "runs": len(tasks)}
     if common.dry_run or (cluster is None and may_not_fit(tasks, jobs)):
         cost = batch_cost([task.in_existing_folder() for task in tasks], jobs)
@@ -144,8 +146,9 @@ def split_words(words: tuple[str, ...]) -> tuple[list[str], list[str]]:
     return inputs, behind
 
 
-def check_call(call: list[str], sweeps: dict[str, list[str]]) -> None:
-    """Refuse a command that cannot run in a batch, and swept names that are none of its options."""
+def check_call(call: list[str], sweeps: dict[str, list[str]]) -> list[str]:
+    """Options of a command that name outputs; refuses one that cannot run in a batch, and swept names that
+    are none of its options."""
     context = click.get_current_context().find_root()
     group = context.command
     if not isinstance(group, click.Group):
@@ -158,3 +161,5 @@ def check_call(call: list[str], sweeps: dict[str, list[str]]) -> None:
     unknown = [name for name in sweeps if name not in names]
     if unknown:
         raise ParameterError(f"{call[0]} has no option --{unknown[0]}", parameter="sweep")
+    paths = [option for option in target.params if option.metavar in OUTPUT_METAVARS]
+    return [word for option in paths for word in option.opts]

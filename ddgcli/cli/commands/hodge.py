@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @click.option(
     "--field", metavar="NAME", help="Array of the input: vectors on vertices or faces, or edge values."
 )
-@click.option("--field-file", metavar="PATH", help="The same from a .npy, .npz, .csv or .txt file.")
+@click.option("--field-file", metavar="FILE", help="The same from a .npy, .npz, .csv or .txt file.")
 @click.option(
     "--boundary",
     type=click.Choice(FIELD_BOUNDARIES),
