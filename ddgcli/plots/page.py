@@ -65,7 +65,17 @@ def page(path: str, width: float = 7.0, height: float = 5.25, dpi: float = 200) 
         # a hundredth of a pixel more, because the number of pixels is rounded down
         figure = Figure(figsize=(width + 0.01 / dpi, height + 0.01 / dpi), dpi=dpi)
         yield figure
+        _keep_dollars(figure)
         figure.savefig(path, dpi=dpi, metadata=_NO_DATE[Path(path).suffix.lower()])
+
+
+def _keep_dollars(figure: Any) -> None:
+    """Draw dollars in the names of files and arrays as dollars; only ticks of powers are formulas."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        if "$" in text.get_text() and not text.get_text().startswith("$\\mathdefault"):
+            text.set_parse_math(False)
 
 
 def cells(count: int, extents: NDArray, area: Box, page_ratio: float) -> list[Box]:

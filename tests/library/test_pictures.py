@@ -33,6 +33,13 @@ def test_curves_view_edges_and_vectors_change_a_picture(tmp_path):
     assert len(set(pictures)) == len(looks)
 
 
+@pytest.mark.parametrize("name", ["$x_{$", r"a $\frac$ b", r"$x$ \$"])
+def test_dollars_in_names_are_no_formulas(name, tmp_path):
+    """Once matplotlib read a formula between two of them: an error, or a picture with another name."""
+    ddg.write_picture(tmp_path / "a.svg", SQUARE, [0, 1, 2, 3], name=name)
+    assert f">{name}<" in (tmp_path / "a.svg").read_text()
+
+
 def test_curves_and_tetrahedra_have_pictures(tmp_path):
     ddg.write_picture(tmp_path / "a.svg", SQUARE, [0, 1, 2, 3], name="number")
     assert "number" in (tmp_path / "a.svg").read_text()
