@@ -305,8 +305,8 @@ def written_arrays(path: Path) -> Iterator[tuple[str, NDArray]]:
         except DdgError as error:
             raise CallError(f"{path.name} cannot be read: {error}") from None
         yield "points", np.asarray(getattr(source.mesh, "points", np.zeros(0)))
-        for place in (source.vertex, source.face, source.edge):
-            yield from ((name, np.asarray(array)) for name, array in place.items())
+        for arrays in (source.vertex, source.face, source.edge):
+            yield from ((name, np.asarray(array)) for name, array in arrays.items())
 
 
 # ---------------------------------------------------------------- invariants

@@ -158,7 +158,7 @@ def main() -> None:
 def shared_table() -> None:
     """Refinement of every shared mesh that is an oriented surface, and the overlay after it."""
     rows, refused = [], []
-    for path in sorted(mesh_sequences.SHARED.iterdir()):
+    for path in sorted(mesh_sequences.SHARED_MESHES.iterdir()):
         if not path.is_file() or path.suffix in (".py", ".md"):
             continue
         source = read_mesh(str(path))
