@@ -272,3 +272,17 @@ def test_what_fails_between_the_times_that_are_checked_ends_the_run_with_its_tim
     ):
         with pytest.raises(RunFailed, match=match):
             run(shape, sides, "duration = 1\nstep = " + ("0.02" if sides is stream else "0.5"))
+
+
+def test_a_pulsating_stream_past_a_cylinder_is_of_second_order_in_time():
+    """Its harmonic flow follows the stream in the viscous steps, too: else of first order."""
+    post = "cylinder = { start = [1, 0.4, -1], end = [1, 0.4, 1], radius = 0.2 }"
+    shape = f'grid = {{ size = [2, 1], cells = [16, 8] }}\n[[object]]\nname = "p"\nrole = "obstacle"\n{post}'
+    sides = side("inflow", "x < 1e-9", along("4*y*(1-y)*(1 + 0.8*sin(6*t))"))
+    effects = "harmonic = {}\n" + sides + side("outflow", "x > 2 - 1e-9") + STILL
+    flows = []
+    for step in (0.02, 0.01, 0.005):
+        time = f"duration = 0.4\nstep = {step}\nframe_every = 0.4"
+        flows.append(run(shape, effects, time, nu=0.02)[1][-1].vertex["velocity"])
+    change = [np.abs(a - b).max() for a, b in zip(flows, flows[1:])]
+    assert change[0] / change[1] > 3.4

@@ -105,6 +105,7 @@ class VorticityDiffusion:
         dt: float,
         forces: Forces | None = None,
         time: float = 0.0,
+        clock: float | None = None,
     ) -> tuple[NDArray, NDArray]:
         force, mean_force = forces or (np.zeros(self.space.n), 0.0)
         omega, mass = np.zeros_like(vorticity), self.space.mass
@@ -168,16 +169,25 @@ class VelocityDiffusion:
         """Stream function at the free vertices, without the part that the boundary values bring."""
         return self.space.factor.solve(vorticity[self.space.free], refine=False)
 
-    def moving_at(self, time: float) -> NDArray[np.float64]:
-        """(n,) what the boundary adds to the circulation around the cells of its vertices at a time."""
-        wall, lift = self.wall, self.space.lift_at(time)
+    def moving_at(self, time: float, clock: float | None = None) -> NDArray[np.float64]:
+        """(n,) what the boundary adds to the circulation around the cells of its vertices at a time.
+
+        With what it takes from harmonic coefficients that are those of a time `clock`: walls without slip
+        would stop the difference at once, and steps would be of first order.
+        """
+        wall, lift, space = self.wall, self.space.lift_at(time), self.space
         moving = (
             wall.at(time) if isinstance(wall, InTime) else np.zeros(self.space.n) if wall is None else wall
         )
-        return moving if lift is None else moving + self.space.stiffness @ lift
+        if lift is not None:
+            moving = moving + space.stiffness @ lift
+        if clock is None or space.lift_in_time is None or not len(space.harmonic):
+            return moving
+        shift = space.lifted_part_at(clock) - space.lifted_part_at(time)
+        return moving + self.curl[:, len(space.free) :] @ shift
 
-    def _drag(self, time: float) -> NDArray[np.float64]:
-        return self.nu * (self.curl.T @ (self.weight * self.moving_at(time)))
+    def _drag(self, time: float, clock: float | None = None) -> NDArray[np.float64]:
+        return self.nu * (self.curl.T @ (self.weight * self.moving_at(time, clock)))
 
     def rate(self, flow: NDArray, time: float = 0.0) -> NDArray[np.float64]:
         """Rates of change of `vorticity` at the free vertices and of the coefficients, if they evolved."""
@@ -190,20 +200,21 @@ class VelocityDiffusion:
         dt: float,
         forces: Forces | None = None,
         time: float = 0.0,
+        clock: float | None = None,
     ) -> tuple[NDArray, NDArray]:
         phi, free = self.free_stream_function(vorticity), self.space.free
         push, turn = (np.zeros(len(free)), 0.0) if forces is None else (forces[0][free], forces[1])
         drags = None
         if self.in_time:
             size = self.decay.G.shape[0]
-            drags = self._drag(time + GAMMA * dt)[:size], self._drag(time + dt)[:size]
+            drags = self._drag(time + GAMMA * dt, clock)[:size], self._drag(time + dt, clock)[:size]
         if self.evolve:
             source = np.append(push, turn + np.zeros(len(coefficients)))
             after = self.decay.step(np.concatenate([phi, coefficients]), dt, source, drags)
         else:
             after = self.decay.step(phi, dt, push - self.coupling @ coefficients, drags)
             after = np.concatenate([after, coefficients])
-        moving = self.moving_at(time + dt) if self.in_time else self.moving
+        moving = self.moving_at(time + dt, clock) if self.in_time else self.moving
         return self.active * (self.curl @ after + moving), after[len(free) :]
 
 
@@ -250,7 +261,9 @@ class Diffusion(FlowPhase):
         forces = None
         if forced is not state:
             forces = tuple((forced[name] - state[name]) / step.dt for name in names)
-        vorticity, coefficients = self.scheme.step(vorticity, coefficients, step.dt, forces, step.time)
+        vorticity, coefficients = self.scheme.step(
+            vorticity, coefficients, step.dt, forces, step.time, state.time
+        )
         return forced.replaced(vorticity=vorticity, coefficients=coefficients)
 
 

@@ -101,8 +101,11 @@ class VolumeDiffusion(FlowPhase):
 
     def _vorticity(self, state: FluidState, solver: Dirichlet, time: float) -> NDArray[np.float64]:
         """(e,) vorticity along the edges, by a factorisation of their mass or of a step."""
-        wall = self.wall if self.in_time is None else self.wall_in_time.at(time)
-        circulation = self.space.edge_circulation(self.space.cell_velocity(state)) + wall
+        space, velocity = self.space, self.space.cell_velocity(state)
+        wall, stream = self.wall if self.in_time is None else self.wall_in_time.at(time), space.stream_in_time
+        if stream is not None:  # walls without slip would stop the difference of two times at once
+            velocity = velocity + space.velocity(stream.at(time) - stream.at(state.time))
+        circulation = space.edge_circulation(velocity) + wall
         return solver.solve_held_at_zero(circulation, refine=False)
 
     @cached_property
