@@ -37,6 +37,11 @@ def _scalar(value: Any) -> Any:
     return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
 
 
+def _shown(value: Any) -> str:
+    """A value in an error; text in quotes, because '5' is no number."""
+    return excerpt(repr(value) if isinstance(value, str) else value, 40)
+
+
 def real_number(value: Any, name: str) -> float:
     """A float; ParameterError for NaN, numbers above 1e308, and what is no real number."""
     if isinstance(number := _scalar(value), numbers.Real):
@@ -46,28 +51,28 @@ def real_number(value: Any, name: str) -> float:
             converted = math.nan
         if not math.isnan(converted):
             return converted
-    raise ParameterError(f"must be a number, not {excerpt(value, 40)}", parameter=name)
+    raise ParameterError(f"must be a number, not {_shown(value)}", parameter=name)
 
 
 def whole_number(value: Any, name: str) -> int:
     """An int; ParameterError for what is none, also for 2.0."""
     if isinstance(number := _scalar(value), numbers.Integral):
         return operator.index(number)
-    raise ParameterError(f"must be a whole number, not {excerpt(value, 40)}", parameter=name)
+    raise ParameterError(f"must be a whole number, not {_shown(value)}", parameter=name)
 
 
 def truth(value: Any, name: str) -> bool:
     """A bool; ParameterError for anything but True, False, 1 and 0."""
     if isinstance(flag := _scalar(value), (bool, np.bool_, numbers.Integral)) and flag in (0, 1):
         return bool(flag)
-    raise ParameterError(f"must be True or False, not {excerpt(value, 40)}", parameter=name)
+    raise ParameterError(f"must be True or False, not {_shown(value)}", parameter=name)
 
 
 def text(value: Any, name: str) -> str:
     """A str; ParameterError for anything else."""
     if isinstance(value, str):
         return value
-    raise ParameterError(f"must be a name in quotes, not {excerpt(value, 40)}", parameter=name)
+    raise ParameterError(f"must be a name in quotes, not {_shown(value)}", parameter=name)
 
 
 def number_or_name(value: Any, name: str) -> float | str:
@@ -91,7 +96,7 @@ def real_array(value: Any, name: str) -> NDArray:
         array = np.array("")
     if array.dtype.kind in "biuf":
         return array
-    raise ParameterError(f"must be an array of real numbers, not {excerpt(value, 40)}", parameter=name)
+    raise ParameterError(f"must be an array of real numbers, not {_shown(value)}", parameter=name)
 
 
 def array_or_name(value: Any, name: str) -> NDArray | str:
@@ -116,7 +121,7 @@ def table_of_vertices(value: Any, name: str) -> dict[int, float]:
     """A dict from vertex to number; ParameterError where a key or a value is something else."""
     if not isinstance(value, Mapping):
         raise ParameterError(
-            f"must be a dict such as {{0: 1.0}}, from vertex to number, not {excerpt(value, 40)}",
+            f"must be a dict such as {{0: 1.0}}, from vertex to number, not {_shown(value)}",
             parameter=name,
         )
     return {whole_number(key, f"key of {name}"): real_number(v, f"{name}[{key}]") for key, v in value.items()}
@@ -126,7 +131,7 @@ def few_numbers(value: Any, name: str, count: int = 3, what: str = "three number
     """Floats, by default three; ParameterError for anything else."""
     array = real_array(value, name)
     if array.shape != (count,) or not np.isfinite(array).all():
-        raise ParameterError(f"must be {what}, not {excerpt(value, 40)}", parameter=name)
+        raise ParameterError(f"must be {what}, not {_shown(value)}", parameter=name)
     return tuple(float(number) for number in array)
 
 
@@ -135,7 +140,7 @@ def list_of_arrays(
 ) -> list[NDArray]:
     """One array for each list; ParameterError where there is none."""
     if isinstance(value, (str, bytes, Mapping)) or not isinstance(_scalar(value), Iterable):
-        raise ParameterError(f"must be {what}, not {excerpt(value, 40)}", parameter=name)
+        raise ParameterError(f"must be {what}, not {_shown(value)}", parameter=name)
     return [real_array(numbers_of_one, name) for numbers_of_one in value]
 
 

@@ -227,6 +227,7 @@ def test_the_cure_for_tetrahedra_works():
         (lambda: ddg.geodesic_distance(SPHERE, source_points=[[0, 0]]), r"of shape \(k, 3\)"),
         (lambda: ddg.HeatSolver(SPHERE, heat_time=float("nan")), "heat_time: must be a number"),
         (lambda: ddg.HeatSolver(SPHERE, heat_refine=1.5), "heat_refine: must be a whole number"),
+        (lambda: ddg.eigenpairs(SPHERE, "5"), "k: must be a whole number, not '5'"),
         (lambda: ddg.curvature(SPHERE, "corrected", -1.0), "radius must be a positive length"),
         (lambda: ddg.curvature((SQUARE.points, [[0, 1]]), radius=1.0), "belong to surfaces"),
         (lambda: ddg.curvature_measures(SQUARE), "one of the two"),
