@@ -163,6 +163,7 @@ def _flow(place: Place) -> str:
 # values of texts, by their metavar, else by the name of the parameter
 TEXTS: dict[str, Callable[[Place], str]] = {
     "ARRAY": lambda p: p.rng.choice(ARRAYS),
+    "FILE": lambda p: p.rng.choice(["{folder}/f.npy", "{folder}/edges.npy"]),
     "ARRAY|FILE": lambda p: p.rng.choice([*ARRAYS, "{folder}/f.npy"]),
     "ARRAY|FILE|ID": _heat_source,
     "FILE_OR_ARRAY": lambda p: p.rng.choice(["w", "k", "{folder}/edges.npy"]),
