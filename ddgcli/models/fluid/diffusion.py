@@ -149,8 +149,11 @@ class VelocityDiffusion:
         self.weight = weight = self.active * space.inverse_mass * outflow_friction(space, nu)
         A = self.curl.T @ diags_array(weight) @ self.curl
         share, neutral = CURVATURE_SHARE[kind], None
+        self.by_curvature: csr_array | None = None  # rates by fluxes (e,), those of the boundary included
         if share:
-            A = A - share * (basis.T @ diags_array(curvature_star(space)) @ basis)
+            by_curvature = share * (basis.T @ diags_array(curvature_star(space)))
+            A = A - by_curvature @ basis
+            self.by_curvature = None if space.lift is None else csr_array(by_curvature)
         A = A.tocsr()
         self.matrix = matrix = nu * A
         drag = self._drag(0.0)
@@ -181,13 +184,24 @@ class VelocityDiffusion:
         )
         if lift is not None:
             moving = moving + space.stiffness @ lift
+        shift = self._shift(time, clock)
+        return moving + self.curl[:, len(space.free) :] @ shift if len(shift) else moving
+
+    def _shift(self, time: float, clock: float | None) -> NDArray[np.float64]:
+        """(b,) what a time takes from harmonic coefficients of a `clock`; without entries if nothing."""
+        space = self.space
         if clock is None or space.lift_in_time is None or not len(space.harmonic):
-            return moving
-        shift = space.lifted_part_at(clock) - space.lifted_part_at(time)
-        return moving + self.curl[:, len(space.free) :] @ shift
+            return np.zeros(0)
+        return space.lifted_part_at(clock) - space.lifted_part_at(time)
 
     def _drag(self, time: float, clock: float | None = None) -> NDArray[np.float64]:
-        return self.nu * (self.curl.T @ (self.weight * self.moving_at(time, clock)))
+        drag, lift = (
+            self.nu * (self.curl.T @ (self.weight * self.moving_at(time, clock))),
+            self.space.lift_at(time),
+        )
+        if self.by_curvature is None or lift is None:
+            return drag
+        return drag - self.nu * (self.by_curvature @ self.space.edge_flux(lift, self._shift(time, clock)))
 
     def rate(self, flow: NDArray, time: float = 0.0) -> NDArray[np.float64]:
         """Rates of change of `vorticity` at the free vertices and of the coefficients, if they evolved."""
