@@ -97,6 +97,19 @@ def test_series_names_every_frame(summary, trajectory, tmp_path):
         assert np.array_equal(read_mesh(str(tmp_path / "s" / "frame_00002.vtp")).mesh.points, ours.points(2))
 
 
+def test_a_series_of_tetrahedra_holds_tetrahedra(summary, tmp_path):
+    """Once their boundaries alone, with advice for another output."""
+    box = shapes.box_tetrahedra(2, 2, 2)
+    np.savez(tmp_path / "box.npz", points=box.points, tetrahedra=box.tetrahedra)
+    words = ["--flow", "vortex-ring", "--dt", 0.01, "--steps", 1, "-o", tmp_path / "r.vtkhdf"]
+    summary("fluid-sim", tmp_path / "box.npz", *words)
+    out = summary("frames", tmp_path / "r.vtkhdf", "-o", tmp_path / "s.pvd")
+    assert out["warnings"] == []
+    read = read_mesh(str(tmp_path / "s" / "frame_00001.vtu"))
+    assert np.array_equal(read.mesh.tetrahedra, box.tetrahedra) and "velocity" in read.vertex
+    assert "s/frame_00001.vtu" in (tmp_path / "s.pvd").read_text()
+
+
 def test_pictures_and_animations_are_written(summary, trajectory, tmp_path):
     out = summary("frames", trajectory, "-o", tmp_path / "p.png", "--to", 0.01)
     assert out["outputs"] == [str(tmp_path / f"p_000{k}.png") for k in (0, 1)]

@@ -294,8 +294,9 @@ def _pictures(
 
 
 def _series(run: Run, source: Trajectory, output: str, frame_numbers: list[int]) -> None:
-    """Write a .pvd and, in a folder of its name, one .vtp for each frame and one for each obstacle."""
+    """Write a .pvd and, in a folder of its name, one file for each frame and one for each obstacle."""
     from ddgcli.mesh.fields import AnnotatedMesh
+    from ddgcli.mesh.tet_mesh import TetMesh
 
     folder = Path(output).with_suffix("")
     run.make_folder(folder)
@@ -305,7 +306,8 @@ def _series(run: Run, source: Trajectory, output: str, frame_numbers: list[int])
         obstacles = source.obstacles(k).items()
         frame_meshes |= {f"obstacle_{n:02d}_{k:05d}": AnnotatedMesh(m) for n, (_, m) in enumerate(obstacles)}
         for part_number, (stem, annotated) in enumerate(frame_meshes.items()):
-            name = folder / f"{stem}.vtp"
+            suffix = ".vtu" if isinstance(annotated.mesh, TetMesh) else ".vtp"  # which holds surfaces
+            name = folder / f"{stem}{suffix}"
             run.write_file(str(name), annotated)
             written.append((float(source.times[k]), part_number, f"{folder.name}/{name.name}"))
     from ddgcli.io.trajectories.trajectory import pvd_text
