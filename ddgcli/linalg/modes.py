@@ -51,7 +51,7 @@ def lowest_eigenpairs(
     root[heavy] = np.sqrt(mass[heavy])
     scaled = abs(stiffness)[heavy][:, heavy].multiply(1 / root[heavy]).tocsr()
     zero = ROUNDING * float((scaled.sum(axis=1) / root[heavy]).max())
-    if len(heavy) <= MAX_DENSE_SIZE:
+    if _is_dense(len(heavy), k):
         values, vectors = _dense(stiffness, root, heavy, k)
     else:
         shift = _definite_shift(stiffness, mass, FIRST_SHIFT * zero / ROUNDING)
@@ -62,6 +62,11 @@ def lowest_eigenpairs(
             values, vectors = _shifted(stiffness, mass, root, heavy, k, shift, seed)
     values = np.where(np.abs(values) <= zero, 0.0, values)
     return values, vectors
+
+
+def _is_dense(n: int, k: int) -> bool:
+    """Whether k pairs of n are computed as all are: a basis of Lanczos has room for 2 k vectors and more."""
+    return n <= MAX_DENSE_SIZE or 3 * k > n
 
 
 def _dense(stiffness: csc_array, root: NDArray, heavy: NDArray, k: int) -> tuple[NDArray, NDArray]:
@@ -148,7 +153,7 @@ def largest_ratios(
         Orthonormal in K.
     """
     n = stiffness.shape[0]
-    if n <= MAX_DENSE_SIZE:
+    if _is_dense(n, k):
         values, vectors = eigh(
             numerator.toarray(), stiffness.toarray(), subset_by_index=[max(n - k, 0), n - 1]
         )

@@ -83,6 +83,14 @@ def test_lanczos_and_dense_eigenpairs_agree():
     assert modes.values == pytest.approx(truth.values, rel=1e-6, abs=1e-9)
 
 
+def test_more_than_half_of_all_modes_begin_with_the_first_ones():
+    k, ball = 300, icosphere(2)
+    _, _, system = built(ball, poisson=0.3)
+    first, many = (natural_modes(system, np.asarray(ball.points), number).values for number in (12, k))
+    assert len(many) == k
+    assert many[:12] == pytest.approx(first, rel=1e-6)
+
+
 def test_buckling_load_of_a_clamped_strip_is_eulers():
     _, _, system = built(STRIP, CLAMP.format(ROOT) + "\n" + push(2.0))
     modes = buckling_modes(system, X, 3)
