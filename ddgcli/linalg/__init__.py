@@ -19,6 +19,7 @@ __all__ = [
     "indices",
     "iterative",
     "lanczos",
+    "low_rank",
     "modes",
     "multifrontal",
     "ordering",

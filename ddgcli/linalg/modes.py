@@ -11,6 +11,7 @@ from ddgcli.errors import ParameterError
 from ddgcli.linalg.eigen import MAX_DENSE_SIZE
 from ddgcli.linalg.factor import Factor, negative_eigenvalues
 from ddgcli.linalg.lanczos import BlockLanczos
+from ddgcli.linalg.low_rank import negative_eigenvalues_of_sum, solver
 
 ROUNDING = 64 * float(np.finfo(float).eps)  # of the norm of M^-1/2 K M^-1/2: smaller eigenvalues are zero
 FIRST_SHIFT, SHIFT_GROWTH, MAX_SHIFTS = 1e-9, 30.0, 9  # first shift by that norm, and how it grows
@@ -18,9 +19,9 @@ FINAL_SHIFT = 0.1  # of the largest eigenvalue of the first pass
 
 
 def lowest_eigenpairs(
-    stiffness: csc_array, mass: NDArray, k: int, seed: int = 0
+    stiffness: csc_array, mass: NDArray, k: int, seed: int = 0, columns: NDArray | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The k lowest eigenpairs of K x = lambda M x, M diagonal.
+    """The k lowest eigenpairs of (K + U U^T) x = lambda M x, M diagonal.
 
     Parameters
     ----------
@@ -31,6 +32,8 @@ def lowest_eigenpairs(
     k : int
     seed : int
         Of the starting block.
+    columns : (n, c) ndarray of float64, optional
+        U, zero for unknowns without mass; none by default.
 
     Returns
     -------
@@ -50,16 +53,19 @@ def lowest_eigenpairs(
     root = np.zeros(len(mass))
     root[heavy] = np.sqrt(mass[heavy])
     scaled = abs(stiffness)[heavy][:, heavy].multiply(1 / root[heavy]).tocsr()
-    zero = ROUNDING * float((scaled.sum(axis=1) / root[heavy]).max())
+    columns = np.zeros((len(mass), 0)) if columns is None else columns
+    norm = float((scaled.sum(axis=1) / root[heavy]).max())
+    zero = ROUNDING * (norm + float(np.sum(columns[heavy] ** 2 / mass[heavy, None])))
     if _is_dense(len(heavy), k):
-        values, vectors = _dense(stiffness, root, heavy, k)
+        values, vectors = _dense(stiffness, columns, root, heavy, k)
     else:
-        shift = _definite_shift(stiffness, mass, FIRST_SHIFT * zero / ROUNDING)
-        values, vectors = _shifted(stiffness, mass, root, heavy, k, shift, seed)
+        # without the columns, so that the factors are those of a sparse matrix
+        shift = _definite_shift(stiffness, mass, FIRST_SHIFT * norm)
+        values, vectors = _shifted(stiffness, columns, mass, root, heavy, k, shift, seed)
         if shift:
             # nearly singular: once more, with a shift in proportion to the eigenvalues
             shift = max(FINAL_SHIFT * float(np.abs(values).max()), -2 * float(values.min()), zero)
-            values, vectors = _shifted(stiffness, mass, root, heavy, k, shift, seed)
+            values, vectors = _shifted(stiffness, columns, mass, root, heavy, k, shift, seed)
     values = np.where(np.abs(values) <= zero, 0.0, values)
     return values, vectors
 
@@ -69,10 +75,12 @@ def _is_dense(n: int, k: int) -> bool:
     return n <= MAX_DENSE_SIZE or 3 * k > n
 
 
-def _dense(stiffness: csc_array, root: NDArray, heavy: NDArray, k: int) -> tuple[NDArray, NDArray]:
+def _dense(
+    stiffness: csc_array, columns: NDArray, root: NDArray, heavy: NDArray, k: int
+) -> tuple[NDArray, NDArray]:
     light = np.flatnonzero(root == 0)
     follow = np.zeros((len(light), len(heavy)))
-    whole = stiffness[heavy][:, heavy].toarray()
+    whole = stiffness[heavy][:, heavy].toarray() + columns[heavy] @ columns[heavy].T
     if len(light):
         mixed = stiffness[light][:, heavy].toarray()
         follow = -Factor(csc_array(stiffness[light][:, light])).solve(mixed)
@@ -100,16 +108,24 @@ def _definite_shift(stiffness: csc_array, mass: NDArray, first: float) -> float:
 
 
 def _shifted(
-    stiffness: csc_array, mass: NDArray, root: NDArray, heavy: NDArray, k: int, shift: float, seed: int
+    stiffness: csc_array,
+    columns: NDArray,
+    mass: NDArray,
+    root: NDArray,
+    heavy: NDArray,
+    k: int,
+    shift: float,
+    seed: int,
 ) -> tuple[NDArray, NDArray]:
-    """Block Lanczos on M^1/2 (K + shift M)^-1 M^1/2; eigenvalues by Rayleigh's quotient."""
+    """Block Lanczos on M^1/2 (K + U U^T + shift M)^-1 M^1/2; eigenvalues by Rayleigh's quotient."""
     inertia = diags_array(mass).tocsc()
-    factor = Factor(csc_array(stiffness + shift * inertia))
+    dense = columns if columns.shape[1] else None
+    solution = solver(Factor(csc_array(stiffness + shift * inertia)).solve, dense)
 
     def solve(rows: NDArray) -> NDArray:
         rhs = np.zeros((len(mass), len(rows)))
         rhs[heavy] = (rows * root[heavy]).T
-        return factor.solve(rhs)
+        return solution(rhs)
 
     def inverse(rows: NDArray) -> NDArray:
         return solve(rows)[heavy].T * root[heavy]
@@ -118,14 +134,14 @@ def _shifted(
         values = 1 / theta - shift
         below = values[values < values[-1] - 1e-6 * abs(values[-1])]
         middle = 0.5 * (values[-1] + (below[-1] if len(below) else values[-1] - abs(values[-1])))
-        count = negative_eigenvalues(csc_array(stiffness - middle * inertia))
+        count = negative_eigenvalues_of_sum(csc_array(stiffness - middle * inertia), dense)
         return count is None or count <= len(below)
 
     search = BlockLanczos(inverse, None, np.zeros((0, len(heavy))), seed)
     theta, rows, _ = search.first(k, none_missing)
     vectors = solve(rows) / theta
     vectors /= np.sqrt(np.einsum("nk,n,nk->k", vectors, mass, vectors))
-    values = np.einsum("nk,nk->k", vectors, stiffness @ vectors)
+    values = np.einsum("nk,nk->k", vectors, stiffness @ vectors) + np.sum((columns.T @ vectors) ** 2, axis=0)
     order = np.argsort(values)
     return values[order], vectors[:, order]
 

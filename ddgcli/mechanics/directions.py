@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
+from ddgcli.linalg import low_rank
 from ddgcli.linalg.conjugate import NewtonStep, truncated_conjugate_gradients
-from ddgcli.mechanics import low_rank
 from ddgcli.mechanics.increment import Increment, worst
 from ddgcli.mechanics.objective import Objective
 from ddgcli.mechanics.secant import MAX_SECANT_RATIO, Secants

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import block_array, csc_array, eye_array
 
 from ddgcli.errors import SolveError
-from ddgcli.linalg.factor import negative_eigenvalues
+from ddgcli.linalg.low_rank import negative_eigenvalues_of_sum
 from ddgcli.mechanics.admissible import longest_fraction
 from ddgcli.mechanics.increment import Increment, worst
 from ddgcli.mechanics.objective import MOVE_TOLERANCE, Objective
@@ -178,12 +177,4 @@ def unstable_directions(system: System, x: NDArray) -> int | None:
     edges = np.sqrt(len(x)) * float(np.abs(x).max()) / system.size
     norm = float(abs(matrix).sum(axis=0).max(initial=0.0))
     below = INERTIA_ROUNDING * norm * (1 + edges)
-    columns = objective.columns(x)
-    if columns is None:
-        return negative_eigenvalues(matrix, below)
-    # the bordered matrix [[A, U], [U^T, -I]] has the inertia of A + U U^T and of -I
-    bordered = block_array(
-        [[matrix, csc_array(columns)], [csc_array(columns.T), -eye_array(columns.shape[1])]], format="csc"
-    )
-    count = negative_eigenvalues(bordered, below)
-    return None if count is None else count - columns.shape[1]
+    return negative_eigenvalues_of_sum(matrix, objective.columns(x), below)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.linalg import low_rank
 from ddgcli.linalg.backends import direct_solver, displacement_solver
 from ddgcli.linalg.factor import Factor
-from ddgcli.mechanics import low_rank
 from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mechanics.system import LINEAR_SOLVER, System
 from ddgcli.mesh.vectors import row_cross

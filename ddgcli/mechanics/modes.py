@@ -62,7 +62,7 @@ def natural_modes(system: System, x: NDArray, k: int) -> Modes:
     k = min(k, int(np.count_nonzero(mass)))
     if k == 0:
         return Modes(np.zeros(0), np.zeros((0, *x.shape)))
-    values, vectors = lowest_eigenpairs(matrix, mass, k)
+    values, vectors = lowest_eigenpairs(matrix, mass, k, columns=objective.columns(x))
     frequency = np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
     return Modes(frequency, np.stack([_shape(objective.spread(column)) for column in vectors.T]))
 
@@ -96,6 +96,8 @@ def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
     """
     from ddgcli.mechanics.rigid_motions import unheld_motions
 
+    if system.low_rank(x) is not None:
+        raise SolveError("buckling loads of a shell with a gas are not implemented; use pressure without gas")
     unheld = unheld_motions(system)
     if unheld:  # rounding can leave the singular stiffness positive definite
         raise SolveError(f"{unheld}: buckling loads need pins")
@@ -129,9 +131,7 @@ def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
 
 
 def _hessian(system: System, x: NDArray) -> csc_array:
-    """Exact Hessian over the unknowns; dense parts of low rank are refused."""
-    if system.low_rank(x) is not None:
-        raise SolveError("modes of a shell with a gas are not implemented; use pressure without gas")
+    """Exact Hessian over the unknowns, without its dense terms of low rank."""
     return csc_array(Objective(system).hessian(Increment(0.0, x), x, "exact"))
 
 

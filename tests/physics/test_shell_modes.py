@@ -7,7 +7,7 @@ from ddgcli.errors import SolveError
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mechanics.modes import buckling_modes, natural_modes
 from ddgcli.mechanics.rigid_motions import unheld_motions
-from ddgcli.mesh.shapes import grid, icosphere
+from ddgcli.mesh.shapes import box, grid, icosphere
 from ddgcli.models.shell.analysis import warn_of_ramps
 from ddgcli.models.shell.face_arrays import face_arrays
 from ddgcli.models.shell.plate_check import (
@@ -25,6 +25,7 @@ STRIP = grid(20, 2, 1, 0.1, "alternating")
 X = np.asarray(STRIP.points)
 ROOT, TIP = np.flatnonzero(X[:, 0] < 1e-9).tolist(), np.flatnonzero(X[:, 0] > 1 - 1e-9).tolist()
 HINGED = SCENE.replace('"midedge"', '"hinge"')
+AMBIENT = 1e5  # Pa, of a gas
 EULER = np.pi**2 * RIGIDITY / 4  # N/m, of the strip clamped at one end
 
 
@@ -89,6 +90,39 @@ def test_more_than_half_of_all_modes_begin_with_the_first_ones():
     first, many = (natural_modes(system, np.asarray(ball.points), number).values for number in (12, k))
     assert len(many) == k
     assert many[:12] == pytest.approx(first, rel=1e-6)
+
+
+def test_a_ball_of_gas_breathes_with_the_stiffness_of_the_shell_and_of_the_gas():
+    errors = []
+    for level in (1, 2):
+        ball = icosphere(level)
+        x = np.asarray(ball.points)
+        _, _, system = built(ball, f"pressure = {{ gas = true, ambient = {AMBIENT} }}", poisson=0.3)
+        modes = natural_modes(system, x, x.size)
+        breath = np.einsum("knd,nd->k", modes.shapes, x).argmax()
+        # radius 1: hoop strain of both directions, and p V constant
+        stiffness = 2 * 1.2e7 * 0.01 / 0.7 + 3 * AMBIENT
+        errors.append(1 - modes.values[breath] * 2 * np.pi / np.sqrt(stiffness))
+        assert (modes.values[:6] == 0).all()
+    assert abs(errors[1]) <= 0.01
+    assert 3.3 <= errors[0] / errors[1] <= 4.7
+
+
+def test_a_gas_moves_each_frequency_up_and_not_above_the_next_one(monkeypatch):
+    """Cauchy's interlacing: the Hessian of a gas has rank one. By Lanczos and by a dense solver."""
+    from ddgcli.linalg import modes as solver
+
+    cube = box(5, 5, 5)
+    x = np.asarray(cube.points)
+    gas = f"pressure = {{ gas = true, ambient = {AMBIENT} }}"
+    empty, full = (built(cube, effects, poisson=0.3)[2] for effects in ("", gas))
+    without, filled = natural_modes(empty, x, 31).values, natural_modes(full, x, 30).values
+    slack = 1e-6 * without[-1]
+    assert (filled >= without[:30] - slack).all() and (filled <= without[1:] + slack).all()
+    assert (filled > without[:30] + 1e-3).any()
+    assert x.size > solver.MAX_DENSE_SIZE
+    monkeypatch.setattr(solver, "MAX_DENSE_SIZE", 10**6)
+    assert filled == pytest.approx(natural_modes(full, x, 30).values, rel=1e-6, abs=1e-9)
 
 
 def test_buckling_load_of_a_clamped_strip_is_eulers():

@@ -1,4 +1,4 @@
-"""Hessians with a dense part of low rank, such as the stiffness of a gas: solve by Woodbury's identity."""
+"""Matrices with a dense term of low rank, such as the stiffness of a gas."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import block_array, csc_array, eye_array
+
+from ddgcli.linalg.factor import negative_eigenvalues
 
 Operator = Callable[[NDArray], NDArray]
 
@@ -53,3 +56,30 @@ def solver(solve: Operator, columns: NDArray | None) -> Operator:
         return x - inverse @ (small @ (columns.T @ x))
 
     return corrected
+
+
+def negative_eigenvalues_of_sum(matrix: csc_array, columns: NDArray | None, below: float = 0.0) -> int | None:
+    """Number of eigenvalues of A + U U^T that are smaller than -below.
+
+    Parameters
+    ----------
+    matrix : (n, n) csc_array
+        A.
+    columns : (n, k) ndarray of float64 or None
+        U; None without such a term.
+    below : float
+        Eigenvalues within it count as zero.
+
+    Returns
+    -------
+    int or None
+        None where the factorisation fails.
+    """
+    if columns is None:
+        return negative_eigenvalues(matrix, below)
+    # the bordered matrix [[A, U], [U^T, -I]] has the inertia of A + U U^T and of -I
+    bordered = block_array(
+        [[matrix, csc_array(columns)], [csc_array(columns.T), -eye_array(columns.shape[1])]], format="csc"
+    )
+    count = negative_eigenvalues(bordered, below)
+    return None if count is None else count - columns.shape[1]
