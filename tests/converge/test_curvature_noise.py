@@ -191,6 +191,35 @@ def test_half_precision_away_from_the_origin_is_reported_from_a_few_per_cent_on(
     assert np.abs(mean - 1).mean() < 0.1 * default
 
 
+def bfloat16(values):
+    """Rounded to 8 significant bits."""
+    mantissa, exponent = np.frexp(values)
+    return np.ldexp(np.rint(np.ldexp(mantissa, 8)), exponent - 8)
+
+
+def half(values):
+    return values.astype(np.float16).astype(np.float64)
+
+
+def single(values):
+    return values.astype(np.float32).astype(np.float64)
+
+
+@pytest.mark.parametrize(
+    "rings, rounded, reported",
+    [(60, half, True), (40, bfloat16, True), (60, single, False)],
+)
+def test_numbers_of_few_bits_around_the_origin_are_reported(caplog, rings, rounded, reported):
+    """Their steps grow with the magnitude: no grid of values; errors of 6 to 12 % had no warning."""
+    torus = shapes.torus(2 * rings, rings)
+    curvature = measure_curvature(torus, full=False).vertex["mean_curvature"]
+    result = measure_curvature(torus.moved(rounded(torus.points)), full=False)
+    default = np.abs(result.vertex["mean_curvature"] - curvature).mean() / np.abs(curvature).mean()
+    assert ("rounded coordinates" in caplog.text) == reported
+    expected = result.results.get("expected_error") or 0.0
+    assert default / 2 < expected < 2 * default if reported else expected == 0.0 and default < 0.01
+
+
 def test_the_text_states_that_no_radius_is_used(run):
     lines = run("curvature", str(ROOT / "sample_meshes" / "sphere.ply"), "--full").stdout.splitlines()
     assert [line.split()[1] for line in lines if line.split()[:1] == ["radius"]] == ["none"]

@@ -12,6 +12,7 @@ __all__ = [
     "face_balls",
     "faces",
     "frames",
+    "grid_coordinates",
     "measures",
     "neighbours",
     "noise",

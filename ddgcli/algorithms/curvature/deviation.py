@@ -87,7 +87,9 @@ class Deviation:
     of_bent: Deviation | None = None
 
 
-def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Deviation | None:
+def vertex_deviation(
+    mesh: TriangleMesh, faces: Faces, dihedral: NDArray, steps: NDArray | None = None
+) -> Deviation | None:
     """Measure the deviation of the vertices from smooth surfaces.
 
     Parameters
@@ -97,6 +99,8 @@ def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Dev
         Of the mesh.
     dihedral : (e,) ndarray
         Dihedral angles of the edges in radians, positive where convex.
+    steps : (3, n) ndarray of float64, optional
+        To which the coordinates were rounded, as of `precision_steps`.
 
     Returns
     -------
@@ -120,7 +124,7 @@ def vertex_deviation(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Dev
     if is_staircase(mesh, faces, dihedral):
         # fits over two rings lie on a step; heights within a voxel are uniform
         kind, deviation = "voxels", max(deviation, VOXEL_DEVIATION * edge)
-    elif _is_rounded(faces, normal[:, sample], deviation, edge):
+    elif _is_rounded(faces, normal[:, sample], deviation, edge, None if steps is None else steps[:, sample]):
         kind = "rounded"
     elif _has_spikes(faces.points, normal, regions, vertices, edge):
         kind, deviation = "spikes", float(np.sqrt(np.nanmean(residuals[0] ** 2)))
@@ -166,11 +170,13 @@ def _deviation(cubic: NDArray, quartic: NDArray) -> tuple[float, float, NDArray[
     return float(np.nanmedian(cubic)), ratio, whole
 
 
-def _is_rounded(faces: Faces, normal: NDArray, deviation: float, edge: float) -> bool:
-    """Whether coordinates are whole multiples of a step that explains the residuals."""
-    expected = rounding_deviation(faces.sorted_coordinates, normal, sampled_sides(faces), edge)
+def _is_rounded(faces: Faces, normal: NDArray, deviation: float, edge: float, steps: NDArray | None) -> bool:
+    """Whether coordinates are whole multiples of steps that explain the residuals."""
+    expected = [rounding_deviation(faces.sorted_coordinates, normal, sampled_sides(faces), edge)]
+    if steps is not None:
+        expected.append(float(np.median(np.sqrt(((steps * normal) ** 2).sum(axis=0) / 12))))
     least, most = ROUNDING_RANGE
-    return least * expected < deviation < most * expected
+    return any(least * one < deviation < most * one for one in expected)
 
 
 def _has_spikes(points: NDArray, normal: NDArray, regions: Regions, vertices: NDArray, edge: float) -> bool:

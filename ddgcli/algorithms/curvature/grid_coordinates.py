@@ -10,6 +10,11 @@ MULTIPLE_TOLERANCE = 0.01  # of a step, from whole multiples of it
 MAX_VALUE_SHARE = 0.5  # of the vertices: so many different values of a coordinate at most
 MAX_STEPS = 1_000_000  # of the extent of a surface
 MAX_STEP = 0.75  # of rounding, in edges
+MAX_PRECISION = 16  # significant bits of rounded numbers: 11 of half precision, 8 of bfloat16
+# of smaller numbers, that need all bits of a precision: a half where they were rounded to it
+MIN_FULL_SHARE = 0.25
+DOUBLE_BITS, MIN_EXPONENT = 53, -1074
+PRECISION_SAMPLE = 500  # vertices that show that numbers are not rounded
 MIN_SPANNING_SHARE = 0.01  # of the sides of faces, that are longer than a step
 # of vertices on the edges of a grid: two coordinates are each shared by so many vertices, and by so many
 # times more than the third; their share, and that of each axis among the directions of these edges
@@ -54,6 +59,42 @@ def rounding_deviation(ordered: NDArray, normal: NDArray, sides: NDArray, edge: 
         if least < MAX_STEP * edge and spans_steps:
             variance[axis] = least * least / 12
     return float(np.sqrt(np.mean(variance @ (normal * normal))))
+
+
+def precision_steps(points: NDArray) -> NDArray[np.float64] | None:
+    """Distances of neighbouring numbers of the precision to which all coordinates were rounded.
+
+    The steps of half precision (numpy.float16) and bfloat16 grow with the magnitude of a number: small
+    numbers need all bits as often as large ones. Multiples of one step need fewer, the smaller they are.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray of float64
+
+    Returns
+    -------
+    (3, n) ndarray of float64 or None
+        0 where a coordinate is 0. None where numbers have more than MAX_PRECISION significant bits, or are
+        multiples of one step.
+    """
+    if _significant_bits(points[:: max(1, len(points) // PRECISION_SAMPLE)]).max(initial=0) > MAX_PRECISION:
+        return None
+    bits, exponent = _significant_bits(points.T), np.frexp(points.T)[1]
+    precision = int(bits.max(initial=0))
+    if precision > MAX_PRECISION:
+        return None
+    is_full = (bits == precision) & (precision > 0)
+    small = (bits > 0) & (exponent < exponent.max(where=is_full, initial=MIN_EXPONENT))
+    if not small.any() or is_full[small].mean() < MIN_FULL_SHARE:
+        return None
+    return np.where(bits > 0, np.ldexp(1.0, exponent - precision), 0.0)
+
+
+def _significant_bits(values: NDArray) -> NDArray[np.int64]:
+    """Bits of each mantissa without the zeros at its end; 0 of a zero."""
+    mantissa = np.ldexp(np.frexp(values)[0], DOUBLE_BITS).astype(np.int64)
+    last = np.frexp((mantissa & -mantissa).astype(np.float64))[1]  # 1 + the place of the last bit that is set
+    return np.where(mantissa != 0, DOUBLE_BITS + 1 - last, 0)
 
 
 def _distinct(ordered: NDArray, edge: float) -> NDArray[np.float64]:

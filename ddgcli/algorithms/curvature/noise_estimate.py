@@ -51,7 +51,13 @@ MAX_VOTING_PAIRS, MAX_VOXEL_PAIRS = 3e6, 3.6e7
 
 
 def estimate_noise(
-    mesh: TriangleMesh, faces: Faces, dihedral: NDArray, scheme: str, *, effort: Effort = "warn"
+    mesh: TriangleMesh,
+    faces: Faces,
+    dihedral: NDArray,
+    scheme: str,
+    *,
+    effort: Effort = "warn",
+    steps: NDArray | None = None,
 ) -> Noise:
     """Estimate the noise of the vertices and its effect on the mean curvature.
 
@@ -69,12 +75,14 @@ def estimate_noise(
     effort : {'fits', 'warn', 'auto'}
         'fits': without averaged normals, which cost more; 'auto': with wide balls of them on voxels, which
         may take several times as long as the measurement.
+    steps : (3, n) ndarray of float64, optional
+        To which the coordinates were rounded, as of `precision_steps`.
 
     Returns
     -------
     Noise
     """
-    deviation = vertex_deviation(mesh, faces, dihedral)
+    deviation = vertex_deviation(mesh, faces, dihedral, steps)
     if deviation is None:
         return Noise(None)
     kind, deviation = noise_kind(mesh, faces, dihedral, deviation)

@@ -288,11 +288,11 @@ def _noise(surface: UnitSurface, scheme: str, radius: float | str | None, *, one
     mesh, faces, dihedral = surface.mesh, surface.faces, surface.dihedral
     stated = isinstance(radius, (int, float))
     if one_sided or (stated and scheme != "quadric"):
-        deviation = vertex_deviation(mesh, faces, dihedral)
+        deviation = vertex_deviation(mesh, faces, dihedral, surface.steps)
         return Noise(None if deviation is None else deviation.relative)
     wide = radius == "auto" and scheme == "normal-voting"
     effort: Effort = "fits" if stated else "auto" if wide else "warn"
-    return estimate_noise(mesh, faces, dihedral, scheme, effort=effort)
+    return estimate_noise(mesh, faces, dihedral, scheme, effort=effort, steps=surface.steps)
 
 
 def _pointwise(

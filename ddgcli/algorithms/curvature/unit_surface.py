@@ -13,6 +13,7 @@ from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.balance import RegionBalance, upper_half
 from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.grid_coordinates import precision_steps
 from ddgcli.algorithms.curvature.one_sided import double_covered
 from ddgcli.errors import MeshError, counted
 from ddgcli.geometry.extrinsic import edge_blocks, folded_edges, single_edge_length
@@ -36,7 +37,8 @@ class UnitSurface:
 
     `volume` is None unless the surface is closed and two-sided. `balance` has the residuals of
     `RegionBalance` for half the surface, None where it is one-sided or not manifold. `cover` is None but of a
-    one-sided manifold: there it is its double cover, whose vertex `copy[v]` stands for v.
+    one-sided manifold: there it is its double cover, whose vertex `copy[v]` stands for v. `steps` are
+    those of `precision_steps` at unit size.
     """
 
     mesh: TriangleMesh
@@ -55,6 +57,7 @@ class UnitSurface:
     balance: dict[str, float] | None
     cover: UnitSurface | None = None
     copy: NDArray | None = None
+    steps: NDArray | None = None
 
     @property
     def area_vector(self) -> NDArray[np.float64] | None:
@@ -121,6 +124,8 @@ def prepare_surface(mesh: TriangleMesh, scheme: str) -> UnitSurface:
     volume = exact.volume_of(faces) if unit.topology.is_closed and orientable else None
     _warn_of_defects(unit, faces, orientable, scheme, volume)
     surface = _unit_surface(unit, faces, measures, scale, orientable, volume)
+    if (steps := precision_steps(mesh.points)) is not None:
+        surface = replace(surface, steps=steps / scale)
     _warn_of_folds(surface)
     if orientable or not unit.topology.is_manifold:
         return surface

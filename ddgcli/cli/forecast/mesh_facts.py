@@ -48,6 +48,7 @@ def noise_of_vertices(mesh: TriangleMesh, scheme: str) -> tuple[str, tuple[float
 
     from ddgcli.algorithms.curvature.deviation import vertex_deviation
     from ddgcli.algorithms.curvature.faces import Faces
+    from ddgcli.algorithms.curvature.grid_coordinates import precision_steps
     from ddgcli.algorithms.curvature.noise_estimate import BENDING_SAMPLE_SIZE, radii_of_search
     from ddgcli.algorithms.curvature.noise_kind import noise_kind
     from ddgcli.algorithms.curvature.totals import filled_normals
@@ -63,7 +64,9 @@ def noise_of_vertices(mesh: TriangleMesh, scheme: str) -> tuple[str, tuple[float
         unit = reverse_faces(unit, faces_to_turn(unit))
     faces = Faces.of(unit)
     dihedral, _ = dihedral_angle_and_length(unit, filled_normals(faces, unit.topology).T)
-    deviation = None if faces.flat.all() else vertex_deviation(unit, faces, dihedral)
+    steps = precision_steps(mesh.points)
+    unit_steps = None if steps is None else steps / extent
+    deviation = None if faces.flat.all() else vertex_deviation(unit, faces, dihedral, unit_steps)
     if deviation is None:
         return "", ()
     kind, deviation = noise_kind(unit, faces, dihedral, deviation)
