@@ -64,6 +64,23 @@ def test_a_uniform_force_is_balanced_by_pressure():
 
 
 SQUARE = "grid = { size = [1, 1], cells = [6, 6] }"
+WEIGHTS = (
+    'force = { acceleration = ["1", "2 + 0*t", 0] }',
+    'buoyancy = { temperature = "1", expansion = 1, gravity = [-1, -2, 0] }',
+)
+
+
+@pytest.mark.parametrize("weight", WEIGHTS)
+def test_a_stream_that_leaves_has_the_hydrostatic_pressure_at_its_outflow_too(weight):
+    """A uniform stream between walls of free slip: p = x - 2 + 2 (y - 1/2), mean zero where it leaves."""
+    sides = CHANNEL.replace('"4*y*(1 - y)"', "1").replace('"no-slip"', '"free-slip"')
+    out = run_fluid(
+        sides + weight, "duration = 0.02\nstep = 0.01", "grid = { size = [2, 1], cells = [8, 5] }"
+    )
+    x, y, _ = out.fluid.context.points.T
+    for seen in out.observations:
+        assert np.allclose(seen.vertex["velocity"], [1, 0, 0], atol=1e-12)
+        assert np.allclose(seen.vertex["pressure"], x - 2 + 2 * (y - 0.5), atol=1e-9)
 
 
 def test_pressure_in_a_volume_is_that_of_the_steady_cell():

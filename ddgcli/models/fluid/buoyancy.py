@@ -123,8 +123,7 @@ class BuoyancyPhase(FlowPhase):
         self.lost = LostForceWarning(setting, self.effect)
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        warmth = state[ARRAY][self.boundary.ends] @ GAUSS_SHARES.T
-        along = self.boundary.integrals(warmth[:, :, None] * self.push)
+        along = self.boundary_integrals(state, step.time)
         change = self.cell_acceleration(state, step.time)
         self.lost.check(change)
         return accelerated(self.setting, state, step.dt * change, step.dt * along)
@@ -133,6 +132,11 @@ class BuoyancyPhase(FlowPhase):
         """(m, 3) what it adds to the velocity of the cells a second."""
         warmth = state[ARRAY][self.setting.context.cells].mean(axis=1)
         return warmth[:, None] * self.push
+
+    def boundary_integrals(self, state: FluidState, time: float) -> NDArray[np.float64]:
+        """(s, 2) its integrals along the boundary sides of a surface, for tail and head."""
+        warmth = state[ARRAY][self.boundary.ends] @ GAUSS_SHARES.T
+        return self.boundary.integrals(warmth[:, :, None] * self.push)
 
 
 def _fixed_vertices(context: FluidContext, expression: str) -> NDArray[np.bool_]:

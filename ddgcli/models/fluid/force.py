@@ -76,15 +76,19 @@ class ForcePhase(FlowPhase):
         return np.stack([evaluate(text, variables) for text in self.acceleration], axis=1)
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        time, points = step.time + 0.5 * step.dt, self.boundary.points
-        along = self.boundary.integrals(self.vectors(points.reshape(-1, 3), time).reshape(points.shape))
-        change = self.vectors(self.place, time)
+        time = step.time + 0.5 * step.dt
+        along, change = self.boundary_integrals(state, time), self.vectors(self.place, time)
         self.lost.check(change)
         return accelerated(self.setting, state, step.dt * change, step.dt * along)
 
     def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:
         """(m, 3) what it adds to the velocity of the cells a second."""
         return self.vectors(self.place, time)
+
+    def boundary_integrals(self, state: FluidState, time: float) -> NDArray[np.float64]:
+        """(s, 2) its integrals along the boundary sides of a surface, for tail and head."""
+        points = self.boundary.points
+        return self.boundary.integrals(self.vectors(points.reshape(-1, 3), time).reshape(points.shape))
 
 
 def accelerated(

@@ -84,6 +84,25 @@ class SurfacePressure(PressurePhase):
         fixed[pinned] = True
         self.solver = Dirichlet(space.stiffness, np.flatnonzero(fixed))
         self.slope = 1j * space.side[:, NEXT] / (2.0 * space.area[:, None])
+        face, k, _ = space.boundary_sides
+        self.side_length = space.mesh.side_length[face, k]
+        self.chains = self._outflow_chains()
+
+    def _outflow_chains(self) -> list[NDArray[np.int64]]:
+        """Numbers of the boundary sides of every natural outflow, one after another."""
+        space = self.space
+        if space.open_sides is None:
+            return []
+        by_tail = dict(zip(space.boundary_sides[2][:, 0].tolist(), range(len(self.side_length))))
+        head_of = dict(space.open_sides.tolist())
+        chains = []
+        for first in set(head_of) - set(head_of.values()):
+            chain, vertex = [], first
+            while vertex in head_of:
+                chain.append(by_tail[vertex])
+                vertex = head_of[vertex]
+            chains.append(np.array(chain))
+        return chains
 
     def values(self, state: FluidState) -> NDArray[np.float64]:
         space = self.space
@@ -118,7 +137,27 @@ class SurfacePressure(PressurePhase):
         speed = np.maximum(space.open_speed(space.flow(state).phi, state["coefficients"]), 0.0)
         ends, count = space.open_sides, np.bincount(space.open_sides.ravel(), minlength=space.n)
         summed = sum_by_index(ends, np.repeat(0.5 * speed[:, None] ** 2, 2, axis=1), space.n)
-        return np.divide(summed, count, out=head, where=count > 0)
+        head = np.divide(summed, count, out=head, where=count > 0)
+        return head + self._work_along_outflows(state)
+
+    def _work_along_outflows(self, state: FluidState) -> NDArray[np.float64]:
+        """(n,) work of the forces along natural outflows, from where its mean is zero.
+
+        Their gradient part moves nothing, at outflows neither: there the pressure is constant but for it.
+        """
+        space, time = self.space, state.time
+        along = np.zeros(len(space.boundary_sides[0]))
+        for phase in self.setting.phases:
+            integrals = getattr(phase, "boundary_integrals", None)
+            if integrals is not None:
+                along += integrals(state, time).sum(axis=1)
+        work = np.zeros(space.n)
+        for chain in self.chains if along.any() else []:
+            ends, length = space.boundary_sides[2][chain], self.side_length[chain]
+            steps = np.append(0.0, np.cumsum(along[chain]))
+            steps -= float(length @ (0.5 * (steps[1:] + steps[:-1]))) / float(length.sum())
+            work[np.append(ends[:, 0], ends[-1, 1])] = steps
+        return work
 
     def _centred(self, pressure: NDArray) -> NDArray[np.float64]:
         space = self.space
