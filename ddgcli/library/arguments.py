@@ -43,8 +43,8 @@ def _shown(value: Any) -> str:
 
 
 def real_number(value: Any, name: str) -> float:
-    """A float; ParameterError for NaN, numbers above 1e308, and what is no real number."""
-    if isinstance(number := _scalar(value), numbers.Real):
+    """A float; ParameterError for NaN, numbers above 1e308, True, False, and what is no real number."""
+    if isinstance(number := _scalar(value), numbers.Real) and not isinstance(number, bool):
         try:
             converted = float(number)
         except OverflowError:
@@ -55,8 +55,8 @@ def real_number(value: Any, name: str) -> float:
 
 
 def whole_number(value: Any, name: str) -> int:
-    """An int; ParameterError for what is none, also for 2.0."""
-    if isinstance(number := _scalar(value), numbers.Integral):
+    """An int; ParameterError for what is none, also for 2.0 and True."""
+    if isinstance(number := _scalar(value), numbers.Integral) and not isinstance(number, bool):
         return operator.index(number)
     raise ParameterError(f"must be a whole number, not {_shown(value)}", parameter=name)
 

@@ -227,6 +227,9 @@ def test_the_cure_for_tetrahedra_works():
         (lambda: ddg.geodesic_distance(SPHERE, source_points=[[0, 0]]), r"of shape \(k, 3\)"),
         (lambda: ddg.HeatSolver(SPHERE, heat_time=float("nan")), "heat_time: must be a number"),
         (lambda: ddg.HeatSolver(SPHERE, heat_refine=1.5), "heat_refine: must be a whole number"),
+        # once a distance of 1, which left one vertex, and loops of one edge, of which there are none
+        (lambda: ddg.repair_mesh(SPHERE, weld=True), "weld: must be a number, not True"),
+        (lambda: ddg.repair_mesh(SQUARE, fill_holes=True), "fill_holes: must be a whole number, not True"),
         (lambda: ddg.eigenpairs(SPHERE, "5"), "k: must be a whole number, not '5'"),
         (lambda: ddg.curvature(SPHERE, "corrected", -1.0), "radius must be a positive length"),
         (lambda: ddg.curvature((SQUARE.points, [[0, 1]]), radius=1.0), "belong to surfaces"),
