@@ -14,6 +14,7 @@ from ddgcli.io import mesh_file
 from ddgcli.io.trajectories.layout import Header
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.io.trajectories.writer import TrajectoryWriter
+from ddgcli.library.arguments import text
 from ddgcli.library.mesh_arguments import MeshLike, as_mesh, mesh_of_kind
 from ddgcli.library.result import Measurement
 from ddgcli.mesh.curve import CurveSet
@@ -112,6 +113,7 @@ def _checked(arrays: Mapping[str, ArrayLike] | None, count: int, place: str) -> 
     """Arrays with one entry for each of `count` places."""
     checked = {name: np.asarray(values) for name, values in (arrays or {}).items()}
     for name, values in checked.items():
+        text(name, f"name of a {place} array")
         if values.dtype.kind not in "biuf":
             raise MeshError(f"the {place} array {name!r} holds {values.dtype}; write real numbers")
         if values.ndim == 0 or len(values) != count:

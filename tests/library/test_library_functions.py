@@ -230,6 +230,7 @@ def test_the_cure_for_tetrahedra_works():
         # once a distance of 1, which left one vertex, and loops of one edge, of which there are none
         (lambda: ddg.repair_mesh(SPHERE, weld=True), "weld: must be a number, not True"),
         (lambda: ddg.repair_mesh(SQUARE, fill_holes=True), "fill_holes: must be a whole number, not True"),
+        (lambda: ddg.write_mesh("x.vtu", SQUARE, vertex={1: np.ones(16)}), "must be a name in quotes, not 1"),
         (lambda: ddg.eigenpairs(SPHERE, "5"), "k: must be a whole number, not '5'"),
         (lambda: ddg.curvature(SPHERE, "corrected", -1.0), "radius must be a positive length"),
         (lambda: ddg.curvature((SQUARE.points, [[0, 1]]), radius=1.0), "belong to surfaces"),
