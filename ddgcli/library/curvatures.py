@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -110,7 +112,7 @@ def offset_body(mesh: TriangleMesh, distance: float, *, angle: float = 6.0) -> O
 def curvature(
     mesh: TriangleMesh | CurveSet,
     scheme: str | None = None,
-    radius: float | None = None,
+    radius: float | str | None = None,
     *,
     with_frames: bool = False,
     resample: int | None = None,
@@ -121,11 +123,11 @@ def curvature(
     ----------
     mesh : TriangleMesh, CurveSet or (points, cells) pair
         Faces counter-clockwise seen from outside.
-    scheme : {'quadric', 'corrected', 'normal-cycle', 'cotan'}, optional
+    scheme : {'quadric', 'corrected', 'normal-cycle', 'normal-voting', 'cotan'}, optional
         How mean and principal curvatures of a surface are measured; default 'quadric'.
-    radius : float, optional
+    radius : float or 'auto', optional
         Radius of the measuring ball, in length units; default the vertex star (two rings for 'quadric').
-        'cotan' has none.
+        'auto' takes the best radius on noisy surfaces, the default on others. 'cotan' has none.
     with_frames : bool
         Curves: also `arc_length`, `frenet_tangent`, `frenet_normal`, `frenet_binormal`, `bishop_1`,
         `bishop_2`, `osculating_radius`, `osculating_centre`.
@@ -175,7 +177,12 @@ def curvature(
         )
     if with_frames or resample is not None:
         raise ParameterError("with_frames and resample belong to curves; leave them out for surfaces")
-    measured = measure_curvature(mesh, DEFAULT_SCHEME if scheme is None else scheme, radius)
+    ball: float | Literal["auto"] | None = "auto"
+    if not isinstance(radius, str):
+        ball = radius
+    elif radius != "auto":
+        raise ParameterError(f"must be a length or 'auto', not {radius!r}", parameter="radius")
+    measured = measure_curvature(mesh, DEFAULT_SCHEME if scheme is None else scheme, ball)
     return Measurement(
         mesh,
         vertex=measured.vertex,

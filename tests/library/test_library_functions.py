@@ -316,6 +316,20 @@ def test_curvature_is_that_of_the_command(scheme, summary, tmp_path):
     assert measured.results["willmore_energy"] == of_command["results"]["willmore_energy"]
 
 
+def test_the_radius_of_the_warning_of_noise_is_one_of_the_library(caplog):
+    """Once `radius=auto`, the advice of the warning, was an error: no number."""
+    sphere = ddg.icosphere(3)
+    noise = np.random.default_rng(0).standard_normal((sphere.n_vertices, 1))
+    noisy = ddg.as_mesh((sphere.points * (1 + 0.01 * noise), sphere.faces))
+    star = ddg.curvature(noisy)
+    assert "radius=auto" in caplog.text
+    ball = ddg.curvature(noisy, radius="auto")
+    error = [np.std(k.vertex["mean_curvature"] - 1.0) for k in (star, ball)]  # of the unit sphere
+    assert error[1] < 0.5 * error[0]
+    with pytest.raises(ddg.errors.ParameterError, match="radius: must be a length or 'auto', not 'best'"):
+        ddg.curvature(noisy, radius="best")
+
+
 def test_curvature_of_a_polygon_is_that_of_its_arrays():
     angle = 2 * np.pi * np.arange(12) / 12
     points = np.stack([2 * np.cos(angle), 2 * np.sin(angle)], axis=1)
