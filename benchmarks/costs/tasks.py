@@ -29,6 +29,7 @@ class Task:
 
 SURFACE = [
     Task("info", "info {mesh}", LARGE_SIZES, exponent=1.2),
+    Task("info self-intersections", "info {mesh} --self-intersections", LARGE_SIZES[1:]),
     Task("write vtu", "info {mesh} -o {out}.vtu"),
     Task("write npz", "info {mesh} -o {out}.npz"),
     Task("write ply", "info {mesh} -o {out}.ply"),

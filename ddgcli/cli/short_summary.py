@@ -8,9 +8,9 @@ from typing import Any
 SHORT_FIELDS: dict[str, dict[str, str]] = {
     "info": {
         "results": "orientation orientable degenerate_faces duplicate_faces unreferenced_vertices "
-        "coincident_vertices nonmanifold_edges nonmanifold_vertices quality.min_angle_degrees "
-        "quality.max_angle_degrees size.bounding_box size.mean_edge size.area size.volume length planar "
-        "degenerate_segments accepts arrays",
+        "coincident_vertices nonmanifold_edges nonmanifold_vertices self_intersections "
+        "quality.min_angle_degrees quality.max_angle_degrees size.bounding_box size.mean_edge size.area "
+        "size.volume length planar degenerate_segments accepts arrays",
     },
     "repair": {
         "results": "changes repaired.vertices repaired.faces repaired.components repaired.boundary_loops "

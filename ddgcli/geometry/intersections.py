@@ -45,7 +45,9 @@ def intersecting_faces(points: NDArray, faces: NDArray) -> NDArray[np.int64]:
     if len(faces) < 2:
         return np.empty((0, 2), np.int64)
     index = np.ascontiguousarray(faces.T)
-    corners = np.ascontiguousarray(points.T)[:, index].transpose(1, 0, 2)  # (corner, coordinate, face)
+    unit = 2.0 ** np.frexp(np.abs(points).max())[1]  # a division by it is exact, and no product overflows
+    columns = np.ascontiguousarray((points / unit).T)
+    corners = columns[:, index].transpose(1, 0, 2)  # (corner, coordinate, face)
     first, second, third = corners
     across, up = second - first, third - first
     planes = np.stack([cross(across, up), _absolute_cross(across, up)])

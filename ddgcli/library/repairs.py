@@ -18,12 +18,14 @@ __all__ = ["inspect_mesh", "repair_mesh"]
 
 
 @accepts_arrays("surface", "tetrahedra", "curve")
-def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet) -> Measurement:
+def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet, *, self_intersections: bool = False) -> Measurement:
     """Contents and quality of a mesh, and which commands accept it.
 
     Parameters
     ----------
     mesh : TriangleMesh, TetMesh, CurveSet or (points, cells) pair
+    self_intersections : bool
+        Count the pairs of faces of a surface that cross, and mark the faces (`self_intersecting`).
 
     Returns
     -------
@@ -39,7 +41,7 @@ def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet) -> Measurement:
     >>> square.results["orientation"], square.results["accepts"]["curvature"]
     ('consistent', 'yes')
     """
-    inspected = inspection.inspect_mesh(mesh)
+    inspected = inspection.inspect_mesh(mesh, self_intersections=self_intersections)
     accepts = {name: with_repair_call(text) for name, text in inspected.results["accepts"].items()}
     return Measurement(
         mesh, inspected.vertex, inspected.face, results={**inspected.results, "accepts": accepts}

@@ -191,6 +191,33 @@ def test_output_shows_where(info, tmp_path):
     assert annotated.face["min_angle_degrees"].min() > 50
 
 
+@pytest.mark.parametrize("scale", [1.0, 1e-150, 1e150])
+def test_crossing_faces_are_counted_and_marked_on_request_at_any_scale(info, tmp_path, scale):
+    sphere, shift = shapes.icosphere(3), [1.0, 0.02, 0.03]
+    both = TriangleMesh.from_arrays(
+        scale * np.concatenate([sphere.points, np.asarray(sphere.points) + shift]),
+        np.concatenate([sphere.faces, sphere.faces + sphere.n_vertices]),
+    )
+    results = info(both, "--self-intersections", "-o", tmp_path / "out.npz")["results"]
+    marked = np.flatnonzero(read_mesh(str(tmp_path / "out.npz")).face["self_intersecting"])
+    # the faces on the circle in which the spheres meet: its plane bisects the shift
+    height = (np.asarray(both.points) / scale - np.array(shift) / 2) @ shift
+    across = np.ptp(np.sign(height[both.faces]), axis=1) > 0
+    # along the circle each crossing ends where it leaves one of its faces, and each face is left once
+    assert 100 < len(marked) == results["self_intersections"]
+    assert across[marked].mean() > 0.9 and across.sum() < 1.2 * len(marked)
+    assert len(results["self_intersections_first"]) == 5
+    assert info(sphere, "--self-intersections")["results"]["self_intersections"] == 0
+    assert "self_intersections" not in info(both)["results"]
+
+
+@pytest.mark.parametrize("words", [(), ("--dry-run",)])
+def test_self_intersections_of_tetrahedra_are_refused(run, tmp_path, words):
+    write_mesh(str(tmp_path / "box.npz"), AnnotatedMesh(shapes.box_tetrahedra(1, 1, 1)))
+    refused = run("info", tmp_path / "box.npz", "--self-intersections", *words)
+    assert refused.exit_code == 2 and "needs a surface, and the input holds tetrahedra" in refused.stderr
+
+
 def test_curves_and_tetrahedra_have_their_own_facts(tmp_path, summary):
     square = tmp_path / "square.csv"
     square.write_text("x,y\n0,0\n1,0\n1,1\n0,1\n0,0\n")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.inspection import quality
+from ddgcli.errors import ParameterError
 from ddgcli.geometry.unfolding import face_corner_angle
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.requirements import REQUIREMENTS, unmet_need
@@ -26,33 +27,53 @@ class Inspection:
     face: dict[str, NDArray] = field(default_factory=dict)
 
 
-def array_names(mesh: TriangleMesh | TetMesh | CurveSet) -> tuple[str, ...]:
+def array_names(
+    mesh: TriangleMesh | TetMesh | CurveSet, *, self_intersections: bool = False
+) -> tuple[str, ...]:
     """Names of the arrays of `inspect_mesh`.
 
     Parameters
     ----------
     mesh : TriangleMesh, TetMesh or CurveSet
+    self_intersections : bool
 
     Returns
     -------
     tuple of str
+
+    Raises
+    ------
+    ParameterError
+        Self-intersections of tetrahedra or curves.
     """
+    if self_intersections:
+        _require_surface(mesh)
     if isinstance(mesh, CurveSet):
         return ("component", "boundary")
-    return ("component", "boundary", "non_manifold", "min_angle_degrees")
+    crossings = ("self_intersecting",) if self_intersections else ()
+    return ("component", "boundary", "non_manifold", "min_angle_degrees", *crossings)
 
 
-def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet) -> Inspection:
+def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet, *, self_intersections: bool = False) -> Inspection:
     """Inspect a mesh: defects, quality, size, and the commands that accept it.
 
     Parameters
     ----------
     mesh : TriangleMesh, TetMesh or CurveSet
+    self_intersections : bool
+        Count the pairs of faces of a surface that cross, and mark the faces.
 
     Returns
     -------
     Inspection
+
+    Raises
+    ------
+    ParameterError
+        Self-intersections of tetrahedra or curves.
     """
+    if self_intersections:
+        _require_surface(mesh)
     if isinstance(mesh, TetMesh):
         results = {**quality.tetrahedra_quality(mesh), "size": _tetrahedra_size(mesh)}
         vertex, face = quality.tetrahedra_marks(mesh)
@@ -67,9 +88,20 @@ def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet) -> Inspection:
         results["size"] = quality.surface_size(mesh)
         vertex = quality.surface_marks(mesh)
         face = {"min_angle_degrees": quality.face_min_angle(mesh, angle)}
+        if self_intersections:
+            crossings, face["self_intersecting"] = quality.self_intersections(mesh)
+            results = crossings | results
     accepts = {verb: unmet_need(mesh, verb) for verb in REQUIREMENTS}
     results["accepts"] = {verb: f"no: {why}" if why else "yes" for verb, why in accepts.items()}
     return Inspection(results, vertex, face)
+
+
+def _require_surface(mesh: TriangleMesh | TetMesh | CurveSet) -> None:
+    if not isinstance(mesh, TriangleMesh):
+        content = "tetrahedra" if isinstance(mesh, TetMesh) else "a curve"
+        raise ParameterError(
+            f"needs a surface, and the input holds {content}", parameter="self_intersections"
+        )
 
 
 def _tetrahedra_size(mesh: TetMesh) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.geometry.extrinsic import enclosed_volume, face_area_vector
+from ddgcli.geometry.intersections import intersecting_faces
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.scatter import sum_by_index
@@ -52,6 +53,29 @@ def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
         if len(elements):
             defects[f"{name}_first"] = elements[:MAX_LISTED].tolist()
     return defects
+
+
+def self_intersections(mesh: TriangleMesh) -> tuple[dict[str, Any], NDArray[np.bool_]]:
+    """Pairs of faces that cross.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    defects : dict
+        `self_intersections`, the number of pairs, and `self_intersections_first`, the first ones.
+    faces : (m,) ndarray of bool
+        The faces that cross another.
+    """
+    pairs = intersecting_faces(mesh.points, mesh.faces)
+    defects: dict[str, Any] = {"self_intersections": len(pairs)}
+    if len(pairs):
+        defects["self_intersections_first"] = pairs[:MAX_LISTED].tolist()
+    marked = np.zeros(mesh.n_faces, dtype=bool)
+    marked[pairs] = True
+    return defects, marked
 
 
 def surface_area(mesh: TriangleMesh) -> float:

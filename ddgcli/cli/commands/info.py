@@ -18,8 +18,13 @@ if TYPE_CHECKING:
 
 @click.command("info", short_help="Report the contents and quality of a file, and which commands accept it.")
 @options.mesh_arg
+@click.option(
+    "--self-intersections",
+    is_flag=True,
+    help="Count the pairs of faces that cross; -o marks the faces as self_intersecting.",
+)
 @options.common
-def command(mesh_path: str, common: CommonOptions) -> None:
+def command(mesh_path: str, self_intersections: bool, common: CommonOptions) -> None:
     """Report the contents and the quality of MESH, and which commands accept it.
 
     Counts, components, boundary loops, genus, orientation; angles and aspect of the cells; defects with
@@ -33,16 +38,17 @@ def command(mesh_path: str, common: CommonOptions) -> None:
     Examples:
       ddgcli info part.stl
       ddgcli info part.stl -o part.vtu
+      ddgcli info part.stl --self-intersections --plot part.png --show self_intersecting
       ddgcli info ball.msh -o surface.ply      the boundary of tetrahedra
     """
-    run = Run("info", common)
+    run = Run("info", common, self_intersections=self_intersections)
     source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))
     from ddgcli.algorithms.inspection.inspect_mesh import array_names, inspect_mesh
     from ddgcli.mesh.fields import AnnotatedMesh
 
-    marks = array_names(source.mesh)
+    marks = array_names(source.mesh, self_intersections=self_intersections)
     run.begin((*source.vertex, *source.face, *marks) if source.kind == "surface" else (), marks)
-    inspection = inspect_mesh(source.mesh)
+    inspection = inspect_mesh(source.mesh, self_intersections=self_intersections)
     arrays = {"vertex": source.vertex, "face": source.face, "edge": source.edge}
     names = {place: sorted(names) for place, names in arrays.items() if names}
     accepts = run.with_commands(inspection.results["accepts"])

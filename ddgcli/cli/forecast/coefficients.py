@@ -138,4 +138,5 @@ COEFFICIENTS: dict[str, Cost] = {
     "picture of triangulations": Cost(2.386, 13.11, 1.05, 330.5, 258.9),
     "willmore-flow mean-curvature": Cost(0.3517, 1.061, 1.05, 24.61, 133.1),
     "geodesic many sources": Cost(0.1105, 0.2964, 1.05, 34.24, 10.33),
+    "info self-intersections": Cost(0.03959, 0.6276, 1.05, 19.39, 30.98),
 }

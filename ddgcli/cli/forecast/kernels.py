@@ -137,6 +137,8 @@ def _written_as(path: str) -> str:
 
 def _info(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("info")
+    if options.get("self_intersections"):
+        yield Use("info self-intersections")
 
 
 def _nothing(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
