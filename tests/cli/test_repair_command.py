@@ -76,6 +76,18 @@ def test_the_advice_for_a_welded_surface_with_one_side_works(run, moebius):
     assert run("repair", cut, "--fill-holes", 50).exit_code == 0
 
 
+def test_the_cure_of_a_step_repeats_the_steps_before_it(run, moebius):
+    """A face that is there twice: without --drop-duplicates the cut is refused."""
+    mesh = read_mesh(str(moebius)).surface
+    double = TriangleMesh.from_arrays(mesh.points, np.concatenate([mesh.faces, mesh.faces[:1]]))
+    path = moebius.with_name("double.npz")
+    write_mesh(str(path), AnnotatedMesh(double))
+    refused = run("repair", path, "--drop-duplicates", "--fill-holes", 50)
+    assert refused.exit_code == 2 and "--drop-duplicates --cut-to-disk --orient -o" in refused.stderr
+    words = refused.stderr[refused.stderr.index("repair ", refused.stderr.index("ddgcli ")) :].split()
+    assert run(*words).exit_code == 0, run(*words).stderr
+
+
 def test_a_dry_run_of_frames_along_isolines_knows_one_sided_surfaces(run, moebius):
     words = ("geodesic", moebius, "--source", 0, "--isolines", 3)
     assert run(*words, "--dry-run").exit_code == 0

@@ -8,7 +8,7 @@ import pytest
 from ddgcli.errors import MeshError
 from ddgcli.mesh.shapes import icosphere
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.shell.pressure import ConstantPressure, Pressure, build
+from ddgcli.models.shell.pressure import ConstantPressure, Gas, Pressure, build
 from tests.simulate import scalar, shell_run
 
 BALL = """
@@ -74,6 +74,15 @@ def test_work_of_a_pump_is_booked():
     )
     work, energy = np.array(scalar(run, "external_work")), np.array(scalar(run, "energy"))
     assert np.abs(work).max() > 0 and np.abs(energy - work).max() < 5e-3 * np.abs(work).max()
+
+
+def test_the_stiffness_of_gas_in_a_huge_volume_is_a_small_number():
+    mesh = icosphere(0)
+    gas = Gas(mesh.faces, np.zeros(3), 1.0, 10.0, "s", 1e5)
+    near, far = (gas.low_rank(scale * np.asarray(mesh.points)) for scale in (1.0, 1e60))
+    np.testing.assert_allclose(
+        far, 1e-60 * near, rtol=1e-12, atol=1e-72
+    )  # the square of such a volume overflows
 
 
 def test_gas_pressure_shortens_the_stable_step():

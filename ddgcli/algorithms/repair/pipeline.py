@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -122,7 +123,7 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
     for name, is_requested, step in plan:
         if is_requested:
             if name in MANIFOLD_STEPS:
-                _require_manifold(repaired.mesh, name, welded="weld" in changes)
+                _require_manifold(repaired.mesh, name, before=_words(chosen_steps, changes))
             repaired = step(repaired)
             changes[name] = repaired.changes
     if repaired.mesh.n_faces == 0 and mesh.n_faces:
@@ -155,16 +156,33 @@ def check_steps(mesh: TriangleMesh, chosen_steps: RepairSteps) -> None:
         _require_manifold(mesh, requested[first], oriented=first == 0)
 
 
+def _words(chosen_steps: RepairSteps, names: Iterable[str]) -> dict[str, str]:
+    """Steps by name as a call states them."""
+    values = asdict(chosen_steps)
+    return {name: name if values[name] is True else f"{name}={values[name]:g}" for name in names}
+
+
 def _require_manifold(
-    mesh: TriangleMesh, parameter: str, *, oriented: bool = True, welded: bool = False
+    mesh: TriangleMesh, parameter: str, *, oriented: bool = True, before: Mapping[str, str] | None = None
 ) -> None:
+    """Raise an error for what the step does not take; its cure repeats the steps before."""
     one_sided = parameter == "cut_to_disk"
     try:
         require(mesh, "this step", manifold=True, oriented=oriented, one_sided=one_sided)
     except MeshError as error:
-        cut_then_welded = welded and "`repair=cut_to_disk" in str(error)
-        advice = ", and drop `weld` then, which closes the cut" if cut_then_welded else ""
-        raise MeshError(f"`{parameter}`: {error}{advice}") from None
+        before = dict(before or {})
+        advice = ""
+        if "`repair=cut_to_disk" in str(error) and before.pop("weld", None):
+            advice = ", and drop `weld` then, which closes the cut"
+
+        def with_steps_before(match: re.Match[str]) -> str:
+            names = {word.partition("=")[0] for word in match[1].split()}
+            earlier = [word for name, word in before.items() if name not in names]
+            return f"`repair={' '.join([*earlier, match[1]])}`"
+
+        raise MeshError(
+            f"`{parameter}`: {re.sub('`repair=([^`]*)`', with_steps_before, str(error))}{advice}"
+        ) from None
 
 
 def refusals(mesh: TriangleMesh | TetMesh) -> dict[str, str]:

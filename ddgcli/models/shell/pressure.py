@@ -138,9 +138,8 @@ class Gas(ConstantPressure):
 
     def low_rank(self, x: NDArray) -> NDArray[np.float64]:
         """(n, 3) vector u: the Hessian is that of the blocks plus u u^T, the stiffness of the gas."""
-        volume = self.volume(x)
-        stiffness = (self.ambient + self.pressure) * abs(self.rest) / volume**2
-        return np.sqrt(stiffness) * self.volume_gradient(x)
+        constant = (self.ambient + self.pressure) * abs(self.rest)
+        return np.sqrt(constant) / self.volume(x) * self.volume_gradient(x)
 
 
 class EscapedGas:
