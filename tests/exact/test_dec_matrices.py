@@ -67,7 +67,8 @@ def test_the_estimate_of_a_vertex_of_high_valence_is_the_peak_of_the_whole_comma
         write_archive(file, operators, mesh.points)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert 0.97 * peak < max(estimates) < 1.3 * peak  # the peak holds some small arrays too
+    # the peak holds some small arrays too, and with scipy 1.15 a copy more of the 1500^2 entries of 12 bytes
+    assert 0.97 * (peak - 1500**2 * 12) < max(estimates) < 1.3 * peak
 
 
 @pytest.mark.parametrize("star", STARS)

@@ -316,13 +316,13 @@ def test_a_path_across_an_edge_of_three_pages_is_not_straight_and_has_a_warning(
         pages.append(turned)
         faces.append(number[square.faces])
     mesh = TriangleMesh.from_arrays(np.concatenate(pages), np.concatenate(faces))
-    start = int(np.argmin(np.abs(square.points[:, :2] - [0.5, 0.75]).sum(axis=1)))
-    first, second = (
-        int(np.argmin(np.abs(square.points[:, :2] - [x, 0.0]).sum(axis=1))) + square.n_vertices
-        for x in (0.25, 0.75)
+    start, middle, end = (
+        int(np.argmin(np.abs(square.points[:, :2] - place).sum(axis=1)))
+        for place in ([0.5, 0.75], [0.5, 0.5], [0.75, 0.0])
     )
-    by_a_vertex = straighten_curves(mesh, [[start, first]], [False])
-    assert by_a_vertex.entries[0]["length"] == pytest.approx(np.hypot(0.75, 0.75), rel=1e-12)
+    second = end + square.n_vertices
+    by_a_vertex = straighten_curves(mesh, [[middle, middle + square.n_vertices]], [False])
+    assert by_a_vertex.entries[0]["length"] == pytest.approx(1.0, rel=1e-12)
     assert by_a_vertex.converged and not caplog.text
     across = straighten_curves(mesh, [[start, second]], [False])
     assert across.entries[0]["length"] > np.hypot(1.25, 0.75) + 1e-4

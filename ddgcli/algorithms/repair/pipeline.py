@@ -119,7 +119,8 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
         ("drop_unused", chosen_steps.drop_unused, steps.drop_unused),
     ]
     check_steps(mesh, chosen_steps)
-    repaired, changes = RepairedMesh.unchanged(mesh), {}
+    repaired = RepairedMesh.unchanged(mesh)
+    changes: dict[str, int] = {}
     for name, is_requested, step in plan:
         if is_requested:
             if name in MANIFOLD_STEPS:
@@ -170,14 +171,13 @@ def _require_manifold(
     try:
         require(mesh, "this step", manifold=True, oriented=oriented, one_sided=one_sided)
     except MeshError as error:
-        before = dict(before or {})
-        advice = ""
-        if "`repair=cut_to_disk" in str(error) and before.pop("weld", None):
+        earlier_steps, advice = dict(before or {}), ""
+        if "`repair=cut_to_disk" in str(error) and earlier_steps.pop("weld", None) is not None:
             advice = ", and drop `weld` then, which closes the cut"
 
         def with_steps_before(match: re.Match[str]) -> str:
             names = {word.partition("=")[0] for word in match[1].split()}
-            earlier = [word for name, word in before.items() if name not in names]
+            earlier = [word for name, word in earlier_steps.items() if name not in names]
             return f"`repair={' '.join([*earlier, match[1]])}`"
 
         raise MeshError(
