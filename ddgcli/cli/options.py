@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import os
 from collections.abc import Callable, Sequence
@@ -84,6 +85,11 @@ class Ids(click.ParamType):
             return [_number(x) for x in str(value).split(",")]
         except ValueError:
             self.fail(f"{value!r} is not a vertex number, or vertex numbers such as 3,17,42", param, ctx)
+
+
+def joined_ids(ctx: click.Context, param: click.Parameter, value: tuple[list[int], ...]) -> tuple[int, ...]:
+    """Callback of a repeatable option of `Ids`: one tuple of all numbers."""
+    return tuple(itertools.chain.from_iterable(value))
 
 
 class Numbers(click.ParamType):

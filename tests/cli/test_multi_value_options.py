@@ -1,5 +1,7 @@
 """Several values after one option, and everything else left as it is."""
 
+import json
+
 import click
 import pytest
 
@@ -35,3 +37,16 @@ def command(**_):
 )  # fmt: skip
 def test_words_are_spread(words, expected):
     assert repeat_options(command, words.split()) == expected.split()
+
+
+@pytest.mark.parametrize("joined, apart", [("5,6,7", "5 6 7"), ("5 6,7", "5,6 7")])
+def test_vertex_numbers_are_joined_by_commas_or_stand_apart(run, joined, apart):
+    words = ("geodesic", "sample_meshes/sphere.ply", "--source", "0", "--json", "--path-to")
+    paths, same = (json.loads(run(*words, *w.split()).stdout)["results"]["paths"] for w in (joined, apart))
+    assert [path["target"] for path in paths] == [5, 6, 7] and paths == same
+
+
+def test_pins_are_joined_by_commas(run):
+    words = ("shell-sim", "sample_meshes/hat.ply", "--effect", "stretching", "--dry-run", "--json", "--pin")
+    scene = json.loads(run(*words, "5,6", "7").stdout)["scene"]
+    assert scene["effects"]["pin"]["vertices"] == [5, 6, 7]

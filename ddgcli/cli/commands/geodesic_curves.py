@@ -9,7 +9,15 @@ import click
 
 from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery
 from ddgcli.choices import TRACE_BOUNDARIES
-from ddgcli.cli.options import POSITIVE_NUMBER, REAL_NUMBER, FacePoint, Ids, Numbers, grouped_options
+from ddgcli.cli.options import (
+    POSITIVE_NUMBER,
+    REAL_NUMBER,
+    FacePoint,
+    Ids,
+    Numbers,
+    grouped_options,
+    joined_ids,
+)
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -55,8 +63,8 @@ class TraceStart(click.ParamType):
 
 
 _OPTIONS = (
-    click.option("--path-to", multiple=True, type=int, metavar="ID",
-                 help="Shortest path from the nearest source to this vertex; repeatable."),
+    click.option("--path-to", multiple=True, type=Ids(), callback=joined_ids, metavar="ID...",
+                 help="Shortest path from the nearest source to each of these vertices."),
     click.option("--trace", multiple=True, type=TraceStart(), metavar="FACE:b0,b1,b2:dx,dy,dz:LENGTH",
                  help="Straightest geodesic from a point of a face; repeatable."),
     click.option("--at-boundary", type=click.Choice(TRACE_BOUNDARIES), default="stop", show_default=True,

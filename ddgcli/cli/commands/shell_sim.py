@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ddgcli.cli.options import Ids, joined_ids
 from ddgcli.cli.simulation.options import SceneCall, scene_options
 from ddgcli.errors import ParameterError
 
@@ -26,7 +27,13 @@ if TYPE_CHECKING:
 )
 @scene_options
 @click.option(
-    "--pin", "pinned", type=int, multiple=True, metavar="ID", help="Quick form: hold a vertex. Repeatable."
+    "--pin",
+    "pinned",
+    type=Ids(),
+    multiple=True,
+    callback=joined_ids,
+    metavar="ID...",
+    help="Quick form: hold these vertices.",
 )
 @click.option(
     "--material",
