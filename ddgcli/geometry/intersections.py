@@ -7,15 +7,20 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import SolveError
 from ddgcli.mesh.vectors import cross, dot
 
 FACES_PER_LEAF = 4  # of the tree of boxes
 MAX_PAIRS = 1 << 14  # pairs of boxes handled at once
+PAIRS_PER_FACE = 1000.0  # 0.2 milliseconds a face; scans and parts need 20 to 50
+LEAST_FACES = 5000  # as many as these a mesh of fewer faces may compare
 # Shewchuk's bound of the rounding of a determinant of three differences, over that of their absolute values
 ORIENTATION_ERROR = (7.0 + 56.0 * 2.0**-53) * 2.0**-53
 
 
-def intersecting_faces(points: NDArray, faces: NDArray) -> NDArray[np.int64]:
+def intersecting_faces(
+    points: NDArray, faces: NDArray, *, pairs_per_face: float = PAIRS_PER_FACE
+) -> NDArray[np.int64]:
     """Pairs of triangles that cross in a segment, beyond rounding.
 
     Triangles that only touch, lie in one plane, or share an edge do not cross; those that share a vertex do
@@ -25,11 +30,18 @@ def intersecting_faces(points: NDArray, faces: NDArray) -> NDArray[np.int64]:
     ----------
     points : (n, 3) ndarray of float64
     faces : (m, 3) ndarray of int64
+    pairs_per_face : float
+        Pairs of boxes that are compared at most, over the faces.
 
     Returns
     -------
     (k, 2) ndarray of int64
         Ascending; each pair once, the lower number first.
+
+    Raises
+    ------
+    SolveError
+        Where more boxes lie side by side, as those of needles oblique to the axes and of fans of many faces.
 
     Notes
     -----
@@ -52,7 +64,16 @@ def intersecting_faces(points: NDArray, faces: NDArray) -> NDArray[np.int64]:
     across, up = second - first, third - first
     planes = np.stack([cross(across, up), _absolute_cross(across, up)])
     blocks = []
-    for i, j in _near_pairs(corners.min(axis=0), corners.max(axis=0)):
+    n_compared, most = 0, pairs_per_face * max(len(faces), LEAST_FACES)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    for i, j in _paired_boxes(low, high):
+        n_compared += len(i)
+        if n_compared > most:
+            raise SolveError(
+                f"more than {most:.3g} pairs of faces lie near each other: their crossings are not counted"
+            )
+        meet = _meet(low, high, i, j)
+        i, j = i[meet], j[meet]
         apart = _common_corners(index, i, j) < 2
         i, j = i[apart], j[apart]
         sides_of_j = _sides(corners, planes, i, j)
@@ -124,8 +145,8 @@ def _orientation(a: NDArray, b: NDArray, c: NDArray, d: NDArray) -> NDArray[np.f
     return _sign(dot(cross(b, c), d), dot(_absolute_cross(b, c), np.abs(d)))
 
 
-def _near_pairs(low: NDArray, high: NDArray) -> Iterator[tuple[NDArray, NDArray]]:
-    """Pairs of boxes that meet, in blocks; `low` and `high` are their corners, (3, m)."""
+def _paired_boxes(low: NDArray, high: NDArray) -> Iterator[tuple[NDArray, NDArray]]:
+    """Pairs of boxes in leaves that meet, in blocks; `low` and `high` are their corners, (3, m)."""
     n = low.shape[1]
     depth = max(0, int(np.ceil(np.log2(n / FACES_PER_LEAF))))
     size = -(-n >> depth)  # of a leaf, rounded up
@@ -143,9 +164,7 @@ def _near_pairs(low: NDArray, high: NDArray) -> Iterator[tuple[NDArray, NDArray]
         i = np.broadcast_to(members[a][:, :, None], shape).ravel()
         j = np.broadcast_to(members[b][:, None, :], shape).ravel()
         once = ((a != b)[:, None, None] | ~np.tri(size, dtype=bool)).ravel() & (i < n) & (j < n)
-        i, j = i[once], j[once]
-        meet = _meet(low, high, i, j)
-        yield i[meet], j[meet]
+        yield i[once], j[once]
 
 
 def _median_order(centre: NDArray, depth: int, size: int) -> NDArray[np.int64]:

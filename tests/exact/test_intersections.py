@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ddgcli.errors import SolveError
 from ddgcli.geometry.intersections import intersecting_faces
 from ddgcli.mesh.shapes import box, grid, icosphere, torus
 from tests.triangle_pairs import intersecting, meshes_intersect
@@ -88,3 +89,15 @@ def test_order_of_vertices_and_faces_does_not_change_the_pairs():
     turned = np.array([np.roll(face, turn) for face, turn in zip(faces[order], order % 3, strict=True)])
     pairs = np.sort(order[intersecting_faces(points, turned[:, ::-1])], axis=1)
     assert sorted(pairs.tolist()) == intersecting_faces(points, faces).tolist()
+
+
+def test_faces_that_all_lie_side_by_side_are_not_compared_in_pairs():
+    """A fan of 20,000 faces: the boxes of all of them hold its apex."""
+    angle = 2 * np.pi * np.arange(20_000) / 20_000
+    points = np.append([[0.0, 0.0, 1.0]], np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1), axis=0)
+    rim = 1 + np.arange(20_000)
+    fan = np.stack([np.zeros(20_000, int), rim, np.roll(rim, -1)], axis=1)
+    with pytest.raises(SolveError, match=r"more than 2e\+06 pairs of faces lie near each other"):
+        intersecting_faces(points, fan, pairs_per_face=100)
+    few = intersecting_faces(points, fan[:1000])  # all pairs of a small mesh are compared
+    assert few.shape == (0, 2)

@@ -9,11 +9,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import SolveError
 from ddgcli.geometry.intersections import intersecting_faces
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.state import FlowState
 
 STEPS_PER_CHECK = 10  # so that checks take a few hundredths of a flow
+PAIRS_PER_FACE = 200.0  # that a check compares; where there are more, it costs more than the flow
+UNKNOWN = -1
 
 
 def self_intersections(mesh: TriangleMesh) -> int:
@@ -26,12 +29,18 @@ def self_intersections(mesh: TriangleMesh) -> int:
     Returns
     -------
     int
+        UNKNOWN where too many faces lie side by side.
     """
-    return len(intersecting_faces(mesh.points, mesh.faces))
+    try:
+        return len(intersecting_faces(mesh.points, mesh.faces, pairs_per_face=PAIRS_PER_FACE))
+    except SolveError:
+        return UNKNOWN
 
 
 def checked(before: FlowState, after: FlowState) -> FlowState:
     """The state after a step; every tenth with its number of intersections, else with that of the last check.
+
+    Where that is unknown, it stays so.
 
     Parameters
     ----------
@@ -41,13 +50,14 @@ def checked(before: FlowState, after: FlowState) -> FlowState:
     -------
     FlowState
     """
-    if after.steps // STEPS_PER_CHECK == before.steps // STEPS_PER_CHECK:
+    is_known = before.self_intersections != UNKNOWN
+    if not is_known or after.steps // STEPS_PER_CHECK == before.steps // STEPS_PER_CHECK:
         return after
     mesh = TriangleMesh(after.points, after.topology)
     return replace(after, self_intersections=self_intersections(mesh))
 
 
-def report_of(series: Mapping[str, NDArray], times: NDArray, last: TriangleMesh) -> dict[str, int]:
+def report_of(series: Mapping[str, NDArray], times: NDArray, last: TriangleMesh) -> dict[str, int | None]:
     """Intersections at the start, at the end and the most of a run, with a warning where it made some.
 
     Parameters
@@ -60,11 +70,14 @@ def report_of(series: Mapping[str, NDArray], times: NDArray, last: TriangleMesh)
 
     Returns
     -------
-    dict of str to int
-        `start`, `end`, `most`.
+    dict of str to int or None
+        `start`, `end`, `most`; None where a number is unknown.
     """
     counts = series["self_intersections"].astype(np.int64)
-    counts[-1] = self_intersections(last)
+    if counts[-1] != UNKNOWN:
+        counts[-1] = self_intersections(last)
+    if counts[-1] == UNKNOWN:
+        return {"start": None if counts[0] == UNKNOWN else int(counts[0]), "end": None, "most": None}
     start, most = int(counts[0]), int(counts.max())
     if most > start:
         first = float(times[int(np.argmax(counts > start))])
