@@ -286,3 +286,20 @@ def test_a_pulsating_stream_past_a_cylinder_is_of_second_order_in_time():
         flows.append(run(shape, effects, time, nu=0.02)[1][-1].vertex["velocity"])
     change = [np.abs(a - b).max() for a, b in zip(flows, flows[1:])]
     assert change[0] / change[1] > 3.4
+
+
+POST = "cylinder = { start = [1, 0.4, -1], end = [1, 0.4, 1], radius = 0.2 }"
+AROUND = f'grid = {{ size = [2, 1], cells = [16, 8] }}\n[[object]]\nname = "p"\nrole = "obstacle"\n{POST}'
+
+
+@pytest.mark.parametrize("shape, integrator", [(AROUND, "conservative"), (AROUND, "energy"), (BOX, "energy")])
+def test_a_stream_that_starts_between_two_steps_is_that_which_starts_in_the_second(shape, integrator):
+    """Times are k dt: 0.05 + 0.01, where a step ends, is larger than 6 * 0.01, where the next one starts."""
+    effects = "" if shape is BOX else "harmonic = {}\n"
+    flows = []
+    for start in (0.06, 0.061):
+        jump = along(f"(t > {start})*0.1")
+        sides = side("inflow", "x < 1e-9", jump) + side("outflow", "x > 2 - 1e-9", jump) + FREE
+        time = "duration = 0.1\nstep = 0.01\nframe_every = 0.1"
+        flows.append(run(shape, effects + sides, time, integrator)[1][-1].vertex["velocity"])
+    assert np.abs(flows[0] - flows[1]).max() < 1e-10  # once as large as the stream

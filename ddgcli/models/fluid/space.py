@@ -34,6 +34,10 @@ class FlowSpace(Protocol):
         """Named arrays of a fluid at rest."""
         ...
 
+    def restated(self, state: FluidState, time: float) -> FluidState:
+        """The state with what the boundary prescribes at another time, its circulations as they were."""
+        ...
+
     def energy(self, state: FluidState) -> float:
         """Kinetic energy of unit density."""
         ...

@@ -31,7 +31,7 @@ from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.models.fluid.boundary_motion import InTime
 from ddgcli.models.fluid.cells import cell_area
 from ddgcli.models.fluid.flow_mesh import require_flow
-from ddgcli.models.fluid.state import FluidState
+from ddgcli.models.fluid.state import TIME, FluidState
 from ddgcli.operators.laplacian import stiffness
 from ddgcli.simulation.model import Observation
 
@@ -322,6 +322,13 @@ class SurfaceSpace:
     def lifted_part_at(self, time: float) -> NDArray[np.float64]:
         """(b,) `lifted_part` at a time."""
         return self.lifted_part if self.lift_in_time is None else self.part_of(self.lift_at(time))
+
+    def restated(self, state: FluidState, time: float) -> FluidState:
+        """The state with what the boundary prescribes at another time, its circulations as they were."""
+        if self.lift_in_time is None:
+            return state
+        shift = self.lifted_part_at(state.time) - self.lifted_part_at(time)
+        return state.replaced(coefficients=state["coefficients"] + shift, **{TIME: np.array([time])})
 
     def part_of(self, lift: NDArray | None) -> NDArray[np.float64]:
         """(b,) inner products of the flow of a stream function without vorticity with the harmonic flows."""

@@ -31,7 +31,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.fluid.boundary_motion import InTime
-from ddgcli.models.fluid.state import FluidState
+from ddgcli.models.fluid.state import TIME, FluidState
 from ddgcli.models.fluid.volume_conditions import VolumeConditions, walls
 from ddgcli.operators.dec import Complex, complex_of
 from ddgcli.simulation.model import Observation
@@ -234,6 +234,14 @@ class VolumeSpace:
         if flux is None:
             return None
         return InTime(lambda time: self.projected(still, time=time), flux.times)
+
+    def restated(self, state: FluidState, time: float) -> FluidState:
+        """The state with what the boundary prescribes at another time, its circulations as they were."""
+        stream = self.stream_in_time
+        if stream is None:
+            return state
+        flux = state["flux"] + (stream.at(time) - stream.at(state.time))
+        return state.replaced(flux=flux, **{TIME: np.array([time])})
 
     def cell_velocity(self, state: FluidState) -> NDArray[np.float64]:
         """(k, 3) cell velocities of a state, computed once."""
