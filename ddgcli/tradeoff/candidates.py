@@ -246,7 +246,7 @@ class Row:
         """Largest or mean error."""
         return self.max_error if norm == "max" else self.mean_error
 
-    def doubt(self, norm: str = "max") -> float:
+    def significant_uncertainty(self, norm: str = "max") -> float:
         """Uncertainty of the largest or mean error, unless it is rounding."""
         uncertainty = self.uncertainty.at(norm)
         return uncertainty if uncertainty > ROUNDING else 0.0
@@ -256,15 +256,15 @@ class Row:
 
         Errors from different references, or without the answers, may both be off by their uncertainty.
         """
-        doubt = self.doubt(norm) + other.doubt(norm)
-        if doubt and (pair := self._deviations(other)):
-            return is_surely_nearer(*pair, 0.5 * doubt, norm)
-        own = 0.0 if doubt and self.is_reference else self.error(norm)
-        return own + doubt < other.error(norm)
+        uncertainty = self.significant_uncertainty(norm) + other.significant_uncertainty(norm)
+        if uncertainty and (pair := self._deviations(other)):
+            return is_surely_nearer(*pair, 0.5 * uncertainty, norm)
+        own = 0.0 if uncertainty and self.is_reference else self.error(norm)
+        return own + uncertainty < other.error(norm)
 
     def has_same_error(self, other: Row, norm: str = "max") -> bool:
         """Whether its error is that of another row, whatever the uncertainty hides."""
-        if self.doubt(norm) and (pair := self._deviations(other)):
+        if self.significant_uncertainty(norm) and (pair := self._deviations(other)):
             return not pair[0].lengths_between(pair[1]).any()
         return self.error(norm) == other.error(norm)
 

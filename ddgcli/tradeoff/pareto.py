@@ -32,7 +32,7 @@ def is_within(row: Row, within: float, norm: str = "max") -> bool | None:
     """Whether the error of a row is at most `within`; None where its uncertainty leaves that open."""
     if row.is_reference:  # its error is anything up to the uncertainty
         return row.error(norm) <= within or None
-    error, uncertainty = row.error(norm), row.doubt(norm)
+    error, uncertainty = row.error(norm), row.significant_uncertainty(norm)
     if error + uncertainty <= within:
         return True
     return None if error - uncertainty <= within else False

@@ -107,6 +107,7 @@ def test_a_prescribed_flux_leaves_where_it_is_prescribed():
             r"0.166667 m\^2/s more flow in than out through the boundary loop",
         ),
         (INFLOW.replace('"4*', '"-4*') + OUTFLOW, "brings no fluid in; reverse it"),
+        (INFLOW.replace('"4*', '"0*') + OUTFLOW, "brings no fluid in; give it a speed towards the fluid"),
         (INFLOW + OUTFLOW.replace("2 -", "3 -"), "no boundary side lies where"),
         (INFLOW + OUTFLOW + OUTFLOW.replace("x > 2 - 1e-9", "y > 1 - 1e-9"), None),
         (

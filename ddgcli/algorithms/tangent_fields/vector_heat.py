@@ -49,7 +49,7 @@ def check_vector_heat(mesh: SurfaceMesh) -> None:
 def _delaunay_frames(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.complex128]]:
     """Intrinsic Delaunay triangulation, and the rotation of its vertex frames to those of the mesh."""
     unchanged = mesh, np.ones(mesh.n_vertices, dtype=np.complex128)
-    check_vector_heat(mesh)
+    check_tangent_planes(mesh)
     if len(mesh.topology.nonmanifold_edges):
         _log.warning(
             "vectors diffuse on the faces of the mesh: edges with three faces have no Delaunay flips"

@@ -5,12 +5,12 @@
 from __future__ import annotations
 
 import logging
-import re
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from ddgcli.errors import MeshError
+from ddgcli.models.fluid.boundary_motion import depends_on_time
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart
 from ddgcli.models.fluid.flow_mesh import harmonic_count
@@ -26,11 +26,8 @@ VELOCITY_KINDS = ("wall", "inflow")
 
 
 def _flux(value: Any) -> Any:
-    if (
-        isinstance(value, str)
-        and re.search(r"\bt\b", value)
-        and not re.fullmatch(r"[\d.eE+-]+\s+t", value.strip())
-    ):
+    """A number in m^2/s, or the text of an expression in t."""
+    if isinstance(value, str) and depends_on_time(value):
         parse(value, ("t",))
         return value
     return parse_quantity(value, "m^2/s")

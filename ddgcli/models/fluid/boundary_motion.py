@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,21 @@ from ddgcli.scenes.expressions import evaluate
 N_SAMPLES = 8  # times within a run, besides its ends, at which its boundary is checked before it starts
 SAMPLE_SHARE = 0.5 * (5.0**0.5 - 1.0)  # multiples modulo 1 are no phase of a wave for long
 DERIVATIVE_SHARE = 1e-4  # of the run, over which a rate of change is a difference
-N_TIMES_KEPT = 8  # of those met last: a step meets seven
+CACHE_SIZE = 8  # times: a step needs seven
+
+
+def depends_on_time(text: str) -> bool:
+    """Whether an expression holds the time t.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    bool
+    """
+    return re.search(r"\bt\b", text) is not None
 
 
 def holds_time(section: BoundaryPart) -> bool:
@@ -31,7 +46,7 @@ def holds_time(section: BoundaryPart) -> bool:
     bool
     """
     texts = [*(section.velocity or []), str(section.flux)]
-    return any(re.search(r"\bt\b", text) for text in texts)
+    return any(depends_on_time(text) for text in texts)
 
 
 def crosses_in_time(sections: Sequence[BoundaryPart]) -> bool:
@@ -92,15 +107,17 @@ def refuse_outward_inflow(sections: Sequence[BoundaryPart], owner: NDArray, flux
     sections : sequence of BoundaryPart
     owner : (s,) ndarray of int64
     flux : (times, s) ndarray of float64
-        Outwards, at some times.
+        Outwards, at some times, in m^2/s (surfaces) or m^3/s (volumes).
 
     Raises
     ------
     ValueError
     """
     for i, section in enumerate(sections):
-        if section.kind == "inflow" and not (flux[:, owner == i].sum(axis=1) < 0).any():
-            raise ValueError(f"inflow: velocity {section.velocity} brings no fluid in; reverse it")
+        own = flux[:, owner == i]
+        if section.kind == "inflow" and not (own.sum(axis=1) < 0).any():
+            cure = "reverse it" if own.any() else "give it a speed towards the fluid"
+            raise ValueError(f"inflow: velocity {section.velocity} brings no fluid in; {cure}")
 
 
 def velocity_at(section: BoundaryPart, points: NDArray, time: float) -> NDArray[np.float64]:
@@ -110,11 +127,14 @@ def velocity_at(section: BoundaryPart, points: NDArray, time: float) -> NDArray[
     ----------
     section : BoundaryPart
     points : (k, 3) ndarray of float64
+        In m.
     time : float
+        In s.
 
     Returns
     -------
     (k, 3) ndarray of float64
+        In m/s.
     """
     place = dict(zip("xyz", points.T))
     if holds_time(section):
@@ -130,11 +150,12 @@ def flux_at(section: BoundaryPart, time: float) -> float:
     section : BoundaryPart
         With a flux.
     time : float
+        In s.
 
     Returns
     -------
     float
-        Outwards.
+        Outwards, in m^2/s.
     """
     if isinstance(section.flux, str):
         return float(evaluate(section.flux, {"t": np.array([time])})[0])
@@ -162,7 +183,7 @@ def sample_times(sections: Sequence[BoundaryPart], duration: float) -> list[floa
 
 
 class InTime:
-    """A function of time, whose last values are kept.
+    """A function of time with a cache of its last values.
 
     Parameters
     ----------
@@ -172,8 +193,7 @@ class InTime:
     """
 
     def __init__(self, function: Callable[[float], Any], times: list[float]) -> None:
-        self.function, self.times = function, times
-        self._last: dict[float, Any] = {}
+        self.times, self._value = times, lru_cache(CACHE_SIZE)(function)
 
     def at(self, time: float) -> Any:
         """Its value.
@@ -183,15 +203,10 @@ class InTime:
         SolveError
             Where it has none, with the time.
         """
-        if time not in self._last:
-            try:
-                value = self.function(time)
-            except ValueError as error:
-                raise SolveError(f"t = {time:.6g} s, effect boundary: {error}") from error
-            if len(self._last) >= N_TIMES_KEPT:
-                self._last.pop(next(iter(self._last)))
-            self._last[time] = value
-        return self._last[time]
+        try:
+            return self._value(time)
+        except ValueError as error:
+            raise SolveError(f"t = {time:.6g} s, effect boundary: {error}") from error
 
     def rate(self, time: float) -> Any:
         """Its derivative, by a difference over a small share of the run and within it."""

@@ -105,7 +105,7 @@ class VorticityDiffusion:
         dt: float,
         forces: Forces | None = None,
         time: float = 0.0,
-        clock: float | None = None,
+        coefficients_time: float | None = None,
     ) -> tuple[NDArray, NDArray]:
         force, mean_force = forces or (np.zeros(self.space.n), 0.0)
         omega, mass = np.zeros_like(vorticity), self.space.mass
@@ -172,11 +172,11 @@ class VelocityDiffusion:
         """Stream function at the free vertices, without the part that the boundary values bring."""
         return self.space.factor.solve(vorticity[self.space.free], refine=False)
 
-    def moving_at(self, time: float, clock: float | None = None) -> NDArray[np.float64]:
+    def moving_at(self, time: float, coefficients_time: float | None = None) -> NDArray[np.float64]:
         """(n,) what the boundary adds to the circulation around the cells of its vertices at a time.
 
-        With what it takes from harmonic coefficients that are those of a time `clock`: walls without slip
-        would stop the difference at once, and steps would be of first order.
+        With what it takes from harmonic coefficients that are those of the time `coefficients_time`: walls
+        without slip would stop the difference at once, and steps would be of first order.
         """
         wall, lift, space = self.wall, self.space.lift_at(time), self.space
         moving = (
@@ -184,24 +184,23 @@ class VelocityDiffusion:
         )
         if lift is not None:
             moving = moving + space.stiffness @ lift
-        shift = self._shift(time, clock)
+        shift = self._shift(time, coefficients_time)
         return moving + self.curl[:, len(space.free) :] @ shift if len(shift) else moving
 
-    def _shift(self, time: float, clock: float | None) -> NDArray[np.float64]:
-        """(b,) what a time takes from harmonic coefficients of a `clock`; without entries if nothing."""
+    def _shift(self, time: float, coefficients_time: float | None) -> NDArray[np.float64]:
+        """(b,) what a time takes from harmonic coefficients of another; without entries if nothing."""
         space = self.space
-        if clock is None or space.lift_in_time is None or not len(space.harmonic):
+        if coefficients_time is None or space.lift_in_time is None or not len(space.harmonic):
             return np.zeros(0)
-        return space.lifted_part_at(clock) - space.lifted_part_at(time)
+        return space.lifted_part_at(coefficients_time) - space.lifted_part_at(time)
 
-    def _drag(self, time: float, clock: float | None = None) -> NDArray[np.float64]:
-        drag, lift = (
-            self.nu * (self.curl.T @ (self.weight * self.moving_at(time, clock))),
-            self.space.lift_at(time),
-        )
+    def _drag(self, time: float, coefficients_time: float | None = None) -> NDArray[np.float64]:
+        drag = self.nu * (self.curl.T @ (self.weight * self.moving_at(time, coefficients_time)))
+        lift = self.space.lift_at(time)
         if self.by_curvature is None or lift is None:
             return drag
-        return drag - self.nu * (self.by_curvature @ self.space.edge_flux(lift, self._shift(time, clock)))
+        prescribed = self.space.edge_flux(lift, self._shift(time, coefficients_time))
+        return drag - self.nu * (self.by_curvature @ prescribed)
 
     def rate(self, flow: NDArray, time: float = 0.0) -> NDArray[np.float64]:
         """Rates of change of `vorticity` at the free vertices and of the coefficients, if they evolved."""
@@ -214,21 +213,24 @@ class VelocityDiffusion:
         dt: float,
         forces: Forces | None = None,
         time: float = 0.0,
-        clock: float | None = None,
+        coefficients_time: float | None = None,
     ) -> tuple[NDArray, NDArray]:
         phi, free = self.free_stream_function(vorticity), self.space.free
         push, turn = (np.zeros(len(free)), 0.0) if forces is None else (forces[0][free], forces[1])
         drags = None
         if self.in_time:
             size = self.decay.G.shape[0]
-            drags = self._drag(time + GAMMA * dt, clock)[:size], self._drag(time + dt, clock)[:size]
+            first, second = (
+                self._drag(time + share * dt, coefficients_time)[:size] for share in (GAMMA, 1.0)
+            )
+            drags = first, second
         if self.evolve:
             source = np.append(push, turn + np.zeros(len(coefficients)))
             after = self.decay.step(np.concatenate([phi, coefficients]), dt, source, drags)
         else:
             after = self.decay.step(phi, dt, push - self.coupling @ coefficients, drags)
             after = np.concatenate([after, coefficients])
-        moving = self.moving_at(time + dt, clock) if self.in_time else self.moving
+        moving = self.moving_at(time + dt, coefficients_time) if self.in_time else self.moving
         return self.active * (self.curl @ after + moving), after[len(free) :]
 
 
