@@ -16,6 +16,7 @@ from ddgcli.batch.tasks import Task
 from ddgcli.errors import MissingExtraError, ParameterError, SolveError, excerpt
 
 CONNECT_SECONDS = 30
+WAIT_SECONDS = 0.25  # a signal that arrives just before a wait begins is seen at its end
 MAX_LOST_CONNECTIONS = 3  # one after the other, without a task that ended
 
 
@@ -94,7 +95,7 @@ def _local_rows(
                     running[pool.submit(run_task, task, limits, collect, stop)] = task
                 if not running:
                     return
-                for ended in wait(running, return_when=FIRST_COMPLETED).done:
+                for ended in wait(running, timeout=WAIT_SECONDS, return_when=FIRST_COMPLETED).done:
                     yield running.pop(ended), ended.result()
         finally:
             stop.set()  # an interrupted batch leaves no process behind
