@@ -10,7 +10,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "ddgcli"
 
-BASE = {"errors", "choices", "memory", "progress", "representation"}
+BASE = {"errors", "choices", "memory", "progress", "representation", "waiting"}
 CORE = BASE | {"mesh", "geometry", "operators", "linalg"}
 SIMULATORS = CORE | {"algorithms", "simulation", "mechanics", "scenes"}
 # package or module of ddgcli -> the others that it may import, inside functions too
@@ -18,11 +18,12 @@ MAY_IMPORT = {
     "__init__": {"errors", "library"},
     "__main__": {"cli"},
     "errors": set(),
-    "batch": {"errors"},
+    "batch": {"errors", "waiting"},
     "choices": set(),
     "memory": {"errors"},
     "progress": set(),
     "representation": set(),
+    "waiting": set(),
     "mesh": BASE,
     "io": BASE | {"mesh"},
     "geometry": BASE | {"mesh"},

@@ -14,9 +14,9 @@ from ddgcli.batch.process import TaskLimits, TaskRow, file_hash, run_task
 from ddgcli.batch.table import completed_rows, journal_line, journal_path
 from ddgcli.batch.tasks import Task
 from ddgcli.errors import MissingExtraError, ParameterError, SolveError, excerpt
+from ddgcli.waiting import wait_in_steps
 
 CONNECT_SECONDS = 30
-WAIT_SECONDS = 0.25  # a signal that arrives just before a wait begins is seen at its end
 MAX_LOST_CONNECTIONS = 3  # one after the other, without a task that ended
 
 
@@ -95,7 +95,8 @@ def _local_rows(
                     running[pool.submit(run_task, task, limits, collect, stop)] = task
                 if not running:
                     return
-                for ended in wait(running, timeout=WAIT_SECONDS, return_when=FIRST_COMPLETED).done:
+                wait_in_steps(lambda seconds: wait(running, seconds, FIRST_COMPLETED).done)
+                for ended in [future for future in running if future.done()]:
                     yield running.pop(ended), ended.result()
         finally:
             stop.set()  # an interrupted batch leaves no process behind

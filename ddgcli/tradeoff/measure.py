@@ -34,6 +34,7 @@ from ddgcli.tradeoff.whole_error import (
     find_polyhedron_error,
     whole_error,
 )
+from ddgcli.waiting import wait_in_steps
 
 log = logging.getLogger("ddgcli")
 
@@ -280,6 +281,7 @@ def _peak_of_forked_child(call: Callable[[], Any]) -> float:
     child.start()
     there.close()
     try:
+        wait_in_steps(here.poll)
         return float(here.recv())
     except EOFError:
         return float("nan")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,7 @@ from ddgcli.cli.forecast.use import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import MeshFileError, OutputError, ParameterError, excerpt
+from ddgcli.waiting import captured_run
 
 if TYPE_CHECKING:
     from ddgcli.algorithms.inspection.compare_summaries import Tolerances
@@ -310,7 +310,7 @@ def summary_of(words: tuple[str, ...]) -> tuple[dict[str, Any], int]:
         raise ParameterError("check cannot run itself, which would never end; write another command after --")
     call = [sys.executable, "-m", "ddgcli", *words, *([] if "--json" in words else ["--json"])]
     try:
-        process = subprocess.run(call, capture_output=True, encoding="utf-8", errors="replace")
+        process = captured_run(call)
     except (OSError, ValueError) as error:
         raise ParameterError(f"the command cannot be run ({excerpt(error)}); correct its words") from error
     try:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ddgcli.cli.forecast.kernels import kernels_of
 from ddgcli.cli.forecast.use import InputSize
 from ddgcli.errors import MeshError, ParameterError, excerpt
+from ddgcli.waiting import captured_run
 
 if TYPE_CHECKING:
     from ddgcli.cli.forecast.prediction import Prediction
@@ -183,11 +184,10 @@ def dry_run_of(words: Sequence[str]) -> dict[str, Any]:
         The command refuses its input.
     """
     import json
-    import subprocess
     import sys
 
     call = [sys.executable, "-m", "ddgcli", *words, "--dry-run", "--json"]
-    process = subprocess.run(call, capture_output=True, encoding="utf-8", errors="replace")
+    process = captured_run(call)
     try:
         answer = json.loads(process.stdout)
         return answer.get("prediction") or answer["results"]
