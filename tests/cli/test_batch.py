@@ -338,6 +338,11 @@ def lost_worker(*words):
         (("--", "info"), "no inputs"),
         (("a.ply", "--", "check"), "no command 'check' for a batch"),
         (("a.ply", "--sweep", "radios=1", "--", "curvature"), "curvature has no option --radios"),
+        (
+            ("a.ply", "--sweep", "scheme=cotan", "--", "curvature", "--scheme=corrected"),
+            "--sweep: scheme is swept, and --scheme is behind -- too; leave one out",
+        ),
+        (("a.ply", "--sweep", "threads=1,2", "--", "info", "--threads", "2"), "leave one out"),
         (("nothing*.ply", "--", "info"), "no file matches"),
         (("a.ply", "--resume", "--", "info"), "needs --table"),
         (("a.ply", "--shard", "3/2", "--", "info"), "is not I/N"),

@@ -161,5 +161,21 @@ def check_call(call: list[str], sweeps: dict[str, list[str]]) -> list[str]:
     unknown = [name for name in sweeps if name not in names]
     if unknown:
         raise ParameterError(f"{call[0]} has no option --{unknown[0]}", parameter="sweep")
+    for option in target.params:
+        _refuse_second_value(option, call[1:], sweeps)
     paths = [option for option in target.params if option.metavar in OUTPUT_METAVARS]
     return [word for option in paths for word in option.opts]
+
+
+def _refuse_second_value(option: click.Parameter, words: list[str], sweeps: dict[str, list[str]]) -> None:
+    """Refuse a swept option that the command has, or that is swept by two names: the last value would win."""
+    swept = [name for name in sweeps if name in {word.lstrip("-") for word in option.opts}]
+    typed = [name for name in (word.partition("=")[0] for word in words) if name in option.opts]
+    if not swept or getattr(option, "multiple", False):
+        return
+    if typed:
+        raise ParameterError(
+            f"{swept[0]} is swept, and {typed[0]} is behind -- too; leave one out", parameter="sweep"
+        )
+    if len(swept) > 1:
+        raise ParameterError(f"{swept[0]} and {swept[1]} are one option; sweep one", parameter="sweep")
