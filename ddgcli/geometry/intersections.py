@@ -13,13 +13,14 @@ from ddgcli.mesh.vectors import cross, dot
 FACES_PER_LEAF = 4  # of the tree of boxes
 MAX_PAIRS = 1 << 14  # pairs of boxes handled at once
 PAIRS_PER_FACE = 1000.0  # 0.2 milliseconds a face; scans and parts need 20 to 50
+RUN_PAIRS_PER_FACE = 200.0  # that a check of a run compares; where there are more, it costs more than the run
 LEAST_FACES = 5000  # as many as these a mesh of fewer faces may compare
 # Shewchuk's bound of the rounding of a determinant of three differences, over that of their absolute values
 ORIENTATION_ERROR = (7.0 + 56.0 * 2.0**-53) * 2.0**-53
 
 
 def intersecting_faces(
-    points: NDArray, faces: NDArray, *, pairs_per_face: float = PAIRS_PER_FACE
+    points: NDArray, faces: NDArray, *, pairs_per_face: float = PAIRS_PER_FACE, depth: float = 0.0
 ) -> NDArray[np.int64]:
     """Pairs of triangles that cross in a segment, beyond rounding.
 
@@ -32,6 +33,8 @@ def intersecting_faces(
     faces : (m, 3) ndarray of int64
     pairs_per_face : float
         Pairs of boxes that are compared at most, over the faces.
+    depth : float
+        Length that corners on both sides of the other triangle's plane must be away from it.
 
     Returns
     -------
@@ -62,7 +65,9 @@ def intersecting_faces(
     corners = columns[:, index].transpose(1, 0, 2)  # (corner, coordinate, face)
     first, second, third = corners
     across, up = second - first, third - first
-    planes = np.stack([cross(across, up), _absolute_cross(across, up)])
+    normals = cross(across, up)
+    planes = np.stack([normals, _absolute_cross(across, up)])
+    least = depth / unit * np.sqrt(dot(normals, normals)) if depth else np.zeros(len(faces))
     blocks = []
     n_compared, most = 0, pairs_per_face * max(len(faces), LEAST_FACES)
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -76,16 +81,37 @@ def intersecting_faces(
         i, j = i[meet], j[meet]
         apart = _common_corners(index, i, j) < 2
         i, j = i[apart], j[apart]
-        sides_of_j = _sides(corners, planes, i, j)
+        sides_of_j = _sides(corners, planes, least, i, j)
         cut = (sides_of_j.max(axis=0) > 0) & (sides_of_j.min(axis=0) < 0)
         i, j, sides_of_j = i[cut], j[cut], sides_of_j[:, cut]
-        sides_of_i = _sides(corners, planes, j, i)
+        sides_of_i = _sides(corners, planes, least, j, i)
         cut = (sides_of_i.max(axis=0) > 0) & (sides_of_i.min(axis=0) < 0)
         i, j = i[cut], j[cut]
         crossed = _intervals_overlap(corners[..., i], corners[..., j], sides_of_i[:, cut], sides_of_j[:, cut])
         blocks.append(np.column_stack([i[crossed], j[crossed]]))
     pairs = np.sort(np.concatenate(blocks), axis=1)
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+
+
+def bounded_intersections(points: NDArray, faces: NDArray, *, depth: float = 0.0) -> NDArray[np.int64] | None:
+    """Pairs of triangles that cross, for a check of a run: given up where it would cost more than the run.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray of float64
+    faces : (m, 3) ndarray of int64
+    depth : float
+        As of `intersecting_faces`.
+
+    Returns
+    -------
+    (k, 2) ndarray of int64, or None
+        As `intersecting_faces`; None where too many faces lie side by side.
+    """
+    try:
+        return intersecting_faces(points, faces, pairs_per_face=RUN_PAIRS_PER_FACE, depth=depth)
+    except SolveError:
+        return None
 
 
 def _common_corners(index: NDArray, i: NDArray, j: NDArray) -> NDArray[np.int8]:
@@ -104,18 +130,20 @@ def _absolute_cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
     return np.stack([a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2], a[0] * b[1] + a[1] * b[0]])
 
 
-def _sign(determinant: NDArray, permanent: NDArray) -> NDArray[np.float64]:
-    """Sign of a determinant; 0 where it is within its rounding."""
+def _sign(determinant: NDArray, permanent: NDArray, least: NDArray | float = 0.0) -> NDArray[np.float64]:
+    """Sign of a determinant; 0 where it is within its rounding, or at most `least`."""
     sign: NDArray[np.float64] = np.sign(determinant)
-    sign[np.abs(determinant) <= ORIENTATION_ERROR * permanent] = 0.0
+    sign[np.abs(determinant) <= np.maximum(ORIENTATION_ERROR * permanent, least)] = 0.0
     return sign
 
 
-def _sides(corners: NDArray, planes: NDArray, plane: NDArray, face: NDArray) -> NDArray[np.float64]:
+def _sides(
+    corners: NDArray, planes: NDArray, least: NDArray, plane: NDArray, face: NDArray
+) -> NDArray[np.float64]:
     """Sides of the planes of some faces on which the corners of others lie: (3, k) of 1, 0, -1."""
     (normal, absolute), origin = planes[..., plane], corners[0][:, plane]
     offset = corners[..., face].transpose(1, 0, 2) - origin[:, None]
-    return _sign(dot(normal[:, None], offset), dot(absolute[:, None], np.abs(offset)))
+    return _sign(dot(normal[:, None], offset), dot(absolute[:, None], np.abs(offset)), least[plane])
 
 
 def _intervals_overlap(

@@ -55,6 +55,16 @@ def test_touching_and_coplanar_faces_do_not_cross():
         assert len(intersecting_faces(points, faces)) == 0
 
 
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_depth_leaves_out_faces_that_cross_less_deep(scale, turned):
+    below = 0.01  # of the lowest corner of an upright face under a level one
+    points = [[-1, -1, 0], [2, -1, 0], [-1, 2, 0], [0, 0, -below], [0.5, 0, 1], [-0.5, 0, 1]]
+    faces = np.array([[0, 1, 2], [3, 4, 5]])[:: -1 if turned else 1]
+    for depth, count in ((0.0, 1), (0.99 * below, 1), (1.01 * below, 0)):
+        assert len(intersecting_faces(scale * np.array(points), faces, depth=scale * depth)) == count
+
+
 def test_mirror_images_cross_although_their_edges_meet_exactly():
     ramp = np.array([[-1, 0, 0], [1, 0, 1], [-1, 1, 0], [1, 1, 1]], dtype=float)
     ramp[:, 2] -= 0.5  # z = x / 2

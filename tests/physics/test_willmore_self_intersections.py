@@ -65,8 +65,8 @@ def test_an_input_that_crosses_itself_and_stays_is_counted_without_a_warning(cap
 
 
 def test_where_too_many_faces_lie_side_by_side_the_number_is_unknown(monkeypatch):
-    from ddgcli.models.willmore import self_intersections
+    from ddgcli.geometry import intersections
 
-    monkeypatch.setattr(self_intersections, "PAIRS_PER_FACE", 1e-3)
+    monkeypatch.setattr(intersections, "RUN_PAIRS_PER_FACE", 1e-3)
     counts = ddg.willmore_flow(ddg.icosphere(2), steps=12).finish().results["self_intersections"]
     assert counts == {"start": None, "end": None, "most": None}

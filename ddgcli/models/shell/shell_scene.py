@@ -171,4 +171,8 @@ class ShellScene:
         static = self.scene.time.integrator == "static"
         _, systems, order = self._at_end(outcome)
         results, accuracy = report.summary(outcome, systems, order, static=static)
+        if not static and outcome.steps:
+            from ddgcli.models.shell.crossings import crossings
+
+            results |= crossings(outcome, self.contexts, systems, order)
         return {**results, **self.analysis}, accuracy

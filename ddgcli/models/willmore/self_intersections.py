@@ -9,13 +9,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import SolveError
-from ddgcli.geometry.intersections import intersecting_faces
+from ddgcli.geometry.intersections import bounded_intersections
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.state import FlowState
 
 STEPS_PER_CHECK = 10  # so that checks take a few hundredths of a flow
-PAIRS_PER_FACE = 200.0  # that a check compares; where there are more, it costs more than the flow
 UNKNOWN = -1
 
 
@@ -31,10 +29,8 @@ def self_intersections(mesh: TriangleMesh) -> int:
     int
         UNKNOWN where too many faces lie side by side.
     """
-    try:
-        return len(intersecting_faces(mesh.points, mesh.faces, pairs_per_face=PAIRS_PER_FACE))
-    except SolveError:
-        return UNKNOWN
+    pairs = bounded_intersections(mesh.points, mesh.faces)
+    return UNKNOWN if pairs is None else len(pairs)
 
 
 def checked(before: FlowState, after: FlowState) -> FlowState:
