@@ -109,8 +109,9 @@ class SurfaceSpace:
         self.area = face_area(self.mesh.side_length)
         self.side_edge = topology.side_edge
         self.side_sign = topology.side_sign.astype(np.float64)
+        self.open_stream_functions = np.zeros((0, self.n))  # (b, n): minus what the harmonic flows have
         if self.open_sides is not None and len(self.harmonic):
-            self.harmonic = self._orthogonal_to_open_flows(self.harmonic)
+            self.harmonic, self.open_stream_functions = self._orthogonal_to_open_flows(self.harmonic)
 
     def _lift(self, solver: Dirichlet, values: NDArray | None) -> NDArray[np.float64] | None:
         """(n,) stream function without vorticity that has the boundary values; None for walls."""
@@ -140,17 +141,19 @@ class SurfaceSpace:
         """Largest flux through a side of the flow without vorticity that the boundary prescribes [m^2/s]."""
         return float(self.stream_flux.max(initial=0.0))
 
-    def _orthogonal_to_open_flows(self, harmonic: NDArray) -> NDArray[np.float64]:
-        """(b, e) harmonic flows that also fulfil the condition of natural outflows, orthonormal again."""
+    def _orthogonal_to_open_flows(self, harmonic: NDArray) -> tuple[NDArray, NDArray]:
+        """(b, e) harmonic flows that also fulfil the condition of natural outflows, orthonormal again.
+
+        With the stream functions (b, n) that this takes from them.
+        """
         ends = self.mesh.topology.edges
-        flows = np.array(harmonic)
+        flows, phi = np.array(harmonic), np.zeros((len(harmonic), self.n))
         for j in range(len(flows)):
-            phi = np.zeros(self.n)
             around = self.circulation_around(self.edge_inner * flows[j])
-            phi[self.free] = self.factor.solve(around[self.free])
-            flows[j] -= phi[ends[:, 1]] - phi[ends[:, 0]]
+            phi[j, self.free] = self.factor.solve(around[self.free])
+            flows[j] -= phi[j, ends[:, 1]] - phi[j, ends[:, 0]]
         lower = np.linalg.cholesky(flows @ (self.edge_inner * flows).T)
-        return np.linalg.solve(lower, flows)
+        return np.linalg.solve(lower, flows), np.linalg.solve(lower, phi)
 
     def outflow_head(self, phi: NDArray, coefficients: NDArray) -> tuple[NDArray, NDArray] | None:
         """Rates of vorticity (n,) and coefficients (b,) by the kinetic head |u|^2 / 2 at natural outflows.
@@ -265,8 +268,8 @@ class SurfaceSpace:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Vorticity (n,) and harmonic coefficients of any face velocities (m,): the nearest flow has them.
 
-        At boundary vertices the cell is closed by the boundary sides, with the velocity of their faces or,
-        where `along_boundary` (s, 2) is given, its integrals along `boundary_sides` for tail and head.
+        At boundary vertices the cell is closed by the boundary sides, with the velocity of their faces
+        (nothing at natural outflows) or `along_boundary` (s, 2), integrals for tail and head.
         """
         along = (velocity[:, None] * np.conj(self.side)).real  # (m, 3)
         around = 0.5 * sum_by_index(
@@ -275,7 +278,22 @@ class SurfaceSpace:
         face, k, ends = self.boundary_sides
         if along_boundary is None:
             along_boundary = np.repeat(0.5 * along[face, k][:, None], 2, axis=1)
-        return around + sum_by_index(ends, along_boundary, self.n), self.harmonic_part(velocity)
+            if self.open_vertices is not None:  # a flow has no tangential velocity there
+                along_boundary[self.open_vertices[ends]] = 0.0
+        closing, at_outflows = self.of_boundary_integrals(along_boundary)
+        return around + closing, self.harmonic_part(velocity) + at_outflows
+
+    def of_boundary_integrals(self, along: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Vorticity (n,) and harmonic coefficients (b,) of integrals along the boundary.
+
+        `along` (s, 2) is the velocity's along `boundary_sides`, weighted by the hat functions of tail and
+        head. It closes the cells there. Harmonic flows that cross natural outflows have its share, too, so
+        that a gradient has neither.
+        """
+        vorticity = sum_by_index(self.boundary_sides[2], along, self.n)
+        if not len(self.open_stream_functions):
+            return vorticity, np.zeros(len(self.harmonic))
+        return vorticity, -(self.open_stream_functions @ vorticity)
 
     @cached_property
     def boundary_sides(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
