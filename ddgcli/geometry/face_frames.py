@@ -100,6 +100,32 @@ def surface_position(mesh: SurfaceMesh, face: NDArray, barycentric: NDArray) -> 
     return np.einsum("ij,ijk->ik", barycentric, mesh.points[mesh.faces[face]])
 
 
+def relative_position(mesh: SurfaceMesh, face: NDArray, barycentric: NDArray) -> NDArray[np.float64]:
+    """Positions of points on faces from the first corner of the mesh, for differences of positions.
+
+    Far from the origin the rounding of positions exceeds the differences of close points.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    face : (k,) ndarray of int64
+    barycentric : (k, 3) ndarray of float64
+
+    Returns
+    -------
+    (k, 3) ndarray of float64
+
+    Raises
+    ------
+    ParameterError
+        When the mesh has no positions.
+    """
+    if mesh.points is None:
+        raise ParameterError("the mesh has no positions")
+    corners = mesh.points[mesh.faces[face]] - mesh.points[mesh.faces[:1, 0]]
+    return np.einsum("ij,ijk->ik", barycentric, corners)
+
+
 def planar_difference(
     unfolding: Unfolding, face: NDArray, tail: NDArray, head: NDArray
 ) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.paths import SurfacePaths
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.geometry.extrinsic import face_area_vector
-from ddgcli.geometry.face_frames import surface_position
+from ddgcli.geometry.face_frames import relative_position
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -92,7 +92,7 @@ def _segments(mesh: TriangleMesh, paths: SurfacePaths) -> tuple[NDArray, NDArray
     """
     following = paths.following()
     here = np.flatnonzero(following >= 0)
-    position = surface_position(mesh, paths.face, paths.barycentric)
+    position = relative_position(mesh, paths.face, paths.barycentric)
     segment = np.zeros_like(position)
     segment[here] = position[following[here]] - position[here]
     after = np.full(len(following), -1)

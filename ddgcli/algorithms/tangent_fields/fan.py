@@ -16,7 +16,7 @@ from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, FAILURE_STATUS, Tra
 from ddgcli.algorithms.tracing.trace import STATUS_TEXT, Tracer, check_lengths
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_normal
-from ddgcli.geometry.face_frames import surface_position
+from ddgcli.geometry.face_frames import relative_position, surface_position
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross, row_dot, vector_length
@@ -61,8 +61,8 @@ class _Rays:
         ahead = barycentric_in(self.mesh.topology, paths.face[point + 1], paths.barycentric[point + 1], face)
         step = self.reach[point + 1] - self.reach[point]
         share = np.clip((length - self.reach[point]) / np.where(step > 0, step, 1.0), 0.0, 1.0)[:, None]
-        tail = surface_position(self.mesh, face, paths.barycentric[point])
-        vector = surface_position(self.mesh, face, ahead) - tail
+        tail = relative_position(self.mesh, face, paths.barycentric[point])
+        vector = relative_position(self.mesh, face, ahead) - tail
         size = vector_length(vector)[:, None]
         weights = (1 - share) * paths.barycentric[point] + share * ahead
         return face, weights, vector / np.where(size > 0, size, 1.0)

@@ -18,7 +18,7 @@ from ddgcli.algorithms.tangent_fields.tangent_field import TangentField
 from ddgcli.algorithms.tracing.lines import LineStart
 from ddgcli.algorithms.tracing.trace import BOUNDARY_STATUS, FAILURE_STATUS, Tracer, Traces
 from ddgcli.errors import ParameterError
-from ddgcli.geometry.face_frames import surface_position
+from ddgcli.geometry.face_frames import relative_position
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.ragged import list_starts, ranges
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -191,8 +191,8 @@ def check_field_step(step: float | None, duration: float, max_steps: int = MAX_S
 
 def _gap(mesh: TriangleMesh, a: _CurvePositions, b: _CurvePositions) -> NDArray[np.float64]:
     """Distances in space between surface points."""
-    difference = surface_position(mesh, a.face, a.barycentric) - surface_position(mesh, b.face, b.barycentric)
-    return np.linalg.norm(difference, axis=1)
+    first, second = (relative_position(mesh, end.face, end.barycentric) for end in (a, b))
+    return np.linalg.norm(first - second, axis=1)
 
 
 class _CurveIntegrator:

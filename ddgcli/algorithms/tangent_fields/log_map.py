@@ -19,7 +19,7 @@ from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tracing.lines import LineStart
 from ddgcli.algorithms.tracing.trace import END_STATUS, Tracer, Traces
 from ddgcli.errors import ParameterError
-from ddgcli.geometry.face_frames import planar_difference, surface_position
+from ddgcli.geometry.face_frames import planar_difference, relative_position
 from ddgcli.geometry.unfolding import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -187,7 +187,7 @@ def _miss(source_frame: SourceFrame, exact: ExactDistance, departure: NDArray) -
     gap = planar_difference(unfolding, face, middle, lines.barycentric)
     away = length  # in another face: an upper bound
     if mesh.points is not None:
-        chord = surface_position(mesh, lines.face, lines.barycentric) - surface_position(mesh, face, middle)
+        chord = relative_position(mesh, lines.face, lines.barycentric) - relative_position(mesh, face, middle)
         away = vector_length(chord)
     miss = np.where(lines.face == face, vector_length(gap), away)
     checked = ~_through_a_vertex(lines) & ~_stopped_at_three_faces(mesh, lines)
