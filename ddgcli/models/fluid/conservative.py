@@ -68,6 +68,10 @@ def rate(
     d_vorticity, d_coefficients = rotational_rates(
         space, vorticity * space.inverse_mass + coriolis, flux, evolve_harmonic
     )
+    if space.lift is not None and np.any(coriolis):
+        closing, at_outflows = space.of_boundary_integrals(coriolis_along_boundary(space, coriolis, flux))
+        d_vorticity += closing
+        d_coefficients += at_outflows if evolve_harmonic else 0.0
     outflow = space.outflow_head(phi, coefficients)
     if outflow is not None:
         d_vorticity += outflow[0]
@@ -106,6 +110,31 @@ def rotational_rates(
         on_edge = sum_by_index(space.side_edge, push * space.side_sign, space.harmonic.shape[1])
         d_coefficients = space.harmonic @ on_edge
     return d_vorticity, d_coefficients
+
+
+def coriolis_along_boundary(
+    space: SurfaceSpace, coriolis: NDArray | float, flux: NDArray
+) -> NDArray[np.float64]:
+    """Integrals of the Coriolis force along boundary sides, which fluid crosses.
+
+    With them its gradient is balanced by pressure at outflows, too, as that of every force is.
+
+    Parameters
+    ----------
+    space : SurfaceSpace
+    coriolis : (n,) ndarray of float64 or float
+        Vorticity of a frame that turns, in 1/s.
+    flux : (m, 3) ndarray of float64
+        Through the sides, outwards.
+
+    Returns
+    -------
+    (s, 2) ndarray of float64
+        Weighted by the hat functions of tail and head of `boundary_sides`.
+    """
+    face, k, ends = space.boundary_sides
+    at_ends = np.broadcast_to(coriolis, (space.n,))[ends]
+    return -flux[face, k][:, None] * (at_ends + at_ends.sum(axis=1, keepdims=True)) / 6.0
 
 
 def advection_rate(space: SurfaceSpace, flux: NDArray) -> float:

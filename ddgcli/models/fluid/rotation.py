@@ -17,7 +17,13 @@ from pydantic import Field
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import row_cross
-from ddgcli.models.fluid.conservative import RK4_LIMIT, Rates, fourth_order_step, rotational_rates
+from ddgcli.models.fluid.conservative import (
+    RK4_LIMIT,
+    Rates,
+    coriolis_along_boundary,
+    fourth_order_step,
+    rotational_rates,
+)
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
@@ -50,6 +56,11 @@ class Coriolis(FlowPhase):
         space = self.setting.space
         flux = space.side_flux(space.stream_function(vorticity), coefficients)
         return *rotational_rates(space, self.parameter, flux, self.setting.evolve_harmonic), flux
+
+    def boundary_integrals(self, state: FluidState, time: float) -> NDArray[np.float64]:
+        """(s, 2) its integrals along the boundary sides, for tail and head."""
+        space = self.setting.space
+        return coriolis_along_boundary(space, self.parameter, space.flow(state).side_flux)
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
         if self.setting.transport_takes_coriolis:
