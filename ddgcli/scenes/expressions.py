@@ -104,17 +104,45 @@ def parse(text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> ast.expr:
 
 
 def _unit_hint(text: str, variables: tuple[str, ...]) -> str:
-    """What to write for a number with a unit at the end of a text that is no expression, or ""."""
+    """What to write for a number or expression with a unit at its end, or ""."""
+    match = _NUMBER_WITH_UNIT.search(text)
+    if match is not None and match[2] not in (*variables, "t"):
+        factor = _unit_factor(match[2])
+        if factor is not None:
+            return _without_unit(f"{float(match[1]) * factor:.12g}", match[0])
+    for space in re.finditer(" ", text):  # the longest unit first
+        unit, expression = text[space.end() :].strip(), text[: space.start()].strip()
+        factor = _unit_factor(unit) if unit[:1].isalpha() and unit not in (*variables, "t") else None
+        if factor is not None and _as_factor(expression):
+            cure = expression if factor == 1.0 else f"{factor:.12g}*{_as_factor(expression)}"
+            return _without_unit(cure, text)
+    return ""
+
+
+def _without_unit(cure: str, text: str) -> str:
+    return f": expressions are in SI, without units; write {cure} for '{excerpt(text)}'"
+
+
+def _unit_factor(text: str) -> float | None:
+    """SI value of a unit, None for other texts."""
     from ddgcli.scenes.units import parse_unit
 
-    match = _NUMBER_WITH_UNIT.search(text)
-    if match is None or match[2] in (*variables, "t"):
-        return ""
     try:
-        factor, _ = parse_unit(match[2])
+        return parse_unit(text.strip())[0]
     except (ValueError, OverflowError):
+        return None
+
+
+def _as_factor(text: str) -> str:
+    """An expression as a factor of a product; "" for other texts."""
+    try:
+        tree = ast.parse(text.replace("^", "**"), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
         return ""
-    return f": expressions are in SI, without units; write {float(match[1]) * factor:.12g} for '{match[0]}'"
+    is_sum = isinstance(tree, ast.Compare) or (
+        isinstance(tree, ast.BinOp) and isinstance(tree.op, (ast.Add, ast.Sub))
+    )
+    return f"({text})" if is_sum and tree.col_offset == 0 else text
 
 
 def _check(node: ast.AST, text: str, variables: tuple[str, ...], depth: int) -> None:

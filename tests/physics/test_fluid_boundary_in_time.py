@@ -258,7 +258,7 @@ def test_what_the_boundary_cannot_have_later_is_refused_with_its_time(shape):
     )
     refusal(side("inflow", "x < 1e-9", along("-t")) + outflow, "brings no fluid in")
     refusal(side("inflow", "x < 1e-9", along("t")), "inflow without outflow")
-    refusal(side("wall", "y > t", along("1")), "unknown name 't'")
+    refusal(side("wall", "y > t", along("1")), "put t of .where. into .velocity")
     with pytest.raises(SceneError, match="enters and leaves in turn at vertex"):
         fluid(shape, "buoyancy = {}\n" + side("inflow", "x < 1e-9", along("sin(9*t)")) + outflow)
 

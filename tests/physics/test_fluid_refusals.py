@@ -222,3 +222,8 @@ def test_an_initial_velocity_that_is_largely_a_gradient_warns(shape, velocity, i
     out = run_fluid(f"initial = {{ velocity = {velocity} }}", TIME, shape)
     assert ("a gradient, which no incompressible flow has" in caplog.text) == is_lost
     assert (out.series("kinetic_energy")[0] < 1e-20) == (velocity == UNIFORM)
+
+
+def test_t_in_a_part_of_the_boundary_is_refused_with_its_cure():
+    moving = INFLOW.replace("x < 1e-6", "(x < 1e-6)*(t < 1)")
+    assert "put t of `where` into `velocity`" in refusal(f"viscosity = {{ nu = 1 }}\nboundary = [{moving}]")

@@ -71,6 +71,12 @@ class BoundarySection(Section):
             raise ValueError(f"kind {self.kind} needs velocity: three numbers or expressions")
         if self.flux is not None and (self.kind != "outflow" or self.velocity is not None):
             raise ValueError("flux is that of an outflow without velocity; take it out")
+        for text in self.velocity or []:
+            parse(str(text), ("x", "y", "z", "t"))
+        if self.where is not None and depends_on_time(self.where):
+            raise ValueError(
+                "parts of the boundary are the same at any time: put t of `where` into `velocity`"
+            )
         return self
 
 
