@@ -10,7 +10,6 @@ from ddgcli import memory
 from ddgcli.algorithms.curvature import noise_estimate, offset_body, surface_curvature
 from ddgcli.algorithms.curvature.face_balls import FaceBalls
 from ddgcli.algorithms.geodesics import certificate
-from ddgcli.algorithms.geodesics.surface_curves import trace_curves
 from ddgcli.algorithms.hodge.homology import betti_numbers
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.algorithms.laplacian.spectrum import signature_pairs
@@ -24,7 +23,6 @@ from ddgcli.cli.forecast.mesh_facts import (
     SEARCH_OF_BALL,
     angle_deficit,
     ball_work,
-    crossings_per_length,
     edge_paths,
     harmonic_fields,
     noise_of_vertices,
@@ -391,22 +389,6 @@ def test_clipped_faces_are_counted_as_the_run_clips_them():
     assert ball_work(stretched, 0.6, "corrected") > 3 * ball_work(stretched, 0.6, "quadric")
 
 
-def test_crossings_of_straight_lines_are_counted_by_the_formula_of_crofton():
-    # lines on tori do not pass everywhere
-    for mesh, tolerance in ((shapes.random_sphere(500, 0), 0.07), (shapes.torus(40, 20), 0.3)):
-        traces = trace_curves(
-            mesh, np.array([0, 9]), np.full((2, 3), 1 / 3), [[1, 0.3, 0], [0, 1, 1]], [30.0, 30.0]
-        )
-        n_edges = sum(entry["crossings"] for entry in traces.entries)
-        assert math.isclose(60 * crossings_per_length(mesh), n_edges, rel_tol=tolerance)
-    use = kernels_of(
-        "geodesic",
-        {"trace": [[0, [1, 0, 0], [1, 0, 0], 30.0]] * 2},
-        InputSize("surface", 9, crossings_per_length=5.0),
-    )[-1]
-    assert use.kernel == "geodesic crossings" and use.elements == 300.0
-
-
 def test_heat_kernel_signatures_take_the_eigenpairs_that_the_run_computes():
     for mesh, times in ((shapes.icosphere(2), [0.2, 1.0]), (shapes.box_tetrahedra(4, 4, 4), [0.05])):
         operator = laplace_operator(mesh)
@@ -416,13 +398,6 @@ def test_heat_kernel_signatures_take_the_eigenpairs_that_the_run_computes():
         further = kernels_of("laplacian", {"hks": times}, size)[-1]
         assert further.kernel == "laplacian eigenpair" and further.times == pairs - 8
         assert kernels_of("laplacian", {"hks": times, "eigen": 900}, size)[-1].times == 892
-
-
-def test_curves_of_a_geodesic_run_are_counted():
-    options = {"fan": 300, "isolines": 40, "voronoi": True, "trace": [[0, [1, 0, 0], [1, 0, 0], 1.0]]}
-    uses = {use.kernel: use.times for use in kernels_of("geodesic", options, InputSize("surface", 10_000))}
-    counts = {"trace": 1, "crossings": 1, "fan": 3, "isolines": 2, "voronoi": 1}
-    assert uses == {f"geodesic {name}": times for name, times in counts.items()}
 
 
 def test_harmonic_fields_are_counted_by_eulers_formula():

@@ -36,12 +36,17 @@ class _Rays:
         Length from the source at each point.
     total : (k,) ndarray of float64
         Traced length of each ray.
+    shift : (k,) ndarray of float64
+        Of each ray, so that `shifted_reach` increases over all rays: one search finds points of many.
+    shifted_reach : (p,) ndarray of float64
     """
 
     mesh: TriangleMesh
     paths: SurfacePaths
     reach: NDArray[np.float64]
     total: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    shifted_reach: NDArray[np.float64]
 
     @classmethod
     def of_lines(cls, mesh: TriangleMesh, lines: Traces) -> _Rays:
@@ -49,13 +54,13 @@ class _Rays:
         size = np.nan_to_num(np.hypot(*segment_vectors(mesh, paths).T))
         reach = np.cumsum(np.append(0.0, size[:-1]))
         reach -= np.repeat(reach[paths.start[:-1]], np.diff(paths.start))
-        return cls(mesh, paths, reach, lines.length)
+        shift = np.append(0.0, np.cumsum(lines.length[:-1] + 1.0))
+        return cls(mesh, paths, reach, lines.length, shift, reach + shift[paths.of_point()])
 
     def at(self, ray: NDArray, length: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         """Face, barycentric coordinates and unit direction in space at lengths along rays."""
         paths = self.paths
-        shift = np.append(0.0, np.cumsum(self.total + 1.0))  # one increasing sequence over all rays
-        point = np.searchsorted(self.reach + shift[paths.of_point()], length + shift[ray], side="right") - 1
+        point = np.searchsorted(self.shifted_reach, length + self.shift[ray], side="right") - 1
         point = np.clip(point, paths.start[ray], paths.start[ray + 1] - 2)
         face = paths.face[point]
         ahead = barycentric_in(self.mesh.topology, paths.face[point + 1], paths.barycentric[point + 1], face)

@@ -48,6 +48,7 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         component_counts,
         crossings_per_length,
         harmonic_fields,
+        mean_chord,
         offset_faces,
         signature_pairs,
     )
@@ -75,12 +76,14 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     n_offset = None
     if isinstance(mesh, TriangleMesh) and options.get("offset"):
         n_offset = offset_faces(mesh, options)
+    traces = options.get("trace") or options.get("fan")
     of_spectrum = options.get("hks") or options.get("eigen")
     n_components, equal_components = component_counts(mesh) if of_spectrum else (1, 1)
     return InputSize(
         "surface", len(mesh.faces), edge_length, steps, angle_deficit=deficit, adaptive=adaptive,
         signature_pairs=signature_pairs(mesh, options["hks"]) if options.get("hks") else 0,
-        crossings_per_length=crossings_per_length(mesh) if options.get("trace") else 0.0,
+        crossings_per_length=crossings_per_length(mesh) if traces else 0.0,
+        mean_chord=mean_chord(mesh) if traces else math.inf,
         betti_number=harmonic_fields(mesh) if options.get("basis") else 0,
         n_components=n_components, equal_components=equal_components,
         offset_faces=n_offset,

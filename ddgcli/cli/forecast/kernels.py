@@ -31,7 +31,10 @@ HARMONIC_FIELD_MEMORY = 4.0  # edge values and vectors on faces, over the memory
 MEASURED_SMOOTHING_STEPS = 10
 MEASURED_REFINEMENT_DEGREES = 25.0
 MEASURED_EVOLUTION_STEPS = 100
-MEASURED_RAYS, MEASURED_ISOLINES = 100, 20
+MEASURED_ISOLINES = 20
+# levels at which neighbouring rays of a fan are compared: four for each mean side, 0.45 of which is from one
+# crossing to the next
+LEVELS_PER_CROSSING, LEAST_LEVELS, MOST_LEVELS = 1.8, 64, 1024
 CERTIFICATE_RUNS = 4
 PAGE_PIXELS = 1400 * 1050  # of a picture without --size
 # frames on the page of a run, which shows the first one too; those of the measured page, and the part of each
@@ -276,14 +279,25 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         yield Use("geodesic vector-heat")
     if options.get("trace"):
         yield Use("geodesic trace")
-        crossings = [length * size.crossings_per_length for *_, length in options["trace"]]
-        yield Use("geodesic crossings", added=1.0, elements=sum(min(c, MAX_CROSSINGS) for c in crossings))
+        reflects = options.get("at_boundary") == "reflect"
+        crossings = sum(_crossings(length, size, stops=not reflects) for *_, length in options["trace"])
+        yield Use("geodesic crossings", added=1.0, elements=crossings)
     if rays := options.get("fan"):
-        yield Use("geodesic fan", rays / MEASURED_RAYS, once=True)
+        yield Use("geodesic fan")
+        crossings = rays * _crossings(options["fan_length"], size, stops=True)
+        yield Use("geodesic fan crossings", added=1.0, elements=crossings)
+        levels = LEVELS_PER_CROSSING * options["fan_length"] * size.crossings_per_length
+        yield Use("geodesic fan levels", elements=rays * min(max(levels, LEAST_LEVELS), MOST_LEVELS))
     if levels := options.get("isolines"):
         yield Use("geodesic isolines", levels / MEASURED_ISOLINES, once=True)
     if options.get("voronoi"):
         yield Use("geodesic voronoi")
+
+
+def _crossings(length: float, size: InputSize, *, stops: bool) -> float:
+    """Edges that a straight line of a length crosses; one that stops at the boundary ends there."""
+    reached = min(length, size.mean_chord) if stops else length
+    return min(reached * size.crossings_per_length, MAX_CROSSINGS)
 
 
 def _count(vertices: Any) -> int:

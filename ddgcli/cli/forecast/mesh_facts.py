@@ -22,6 +22,7 @@ __all__ = [
     "crossings_per_length",
     "edge_paths",
     "harmonic_fields",
+    "mean_chord",
     "noise_of_vertices",
     "offset_faces",
     "signature_pairs",
@@ -193,6 +194,25 @@ def crossings_per_length(mesh: TriangleMesh | IntrinsicMesh) -> float:
     area = float(face_area(mesh.side_length / unit).sum())
     edges = 0.5 * float((mesh.side_length / unit).sum())  # a side at the boundary is half an edge
     return 2.0 / math.pi * edges / area / unit if area > 0.0 else 0.0
+
+
+def mean_chord(mesh: TriangleMesh | IntrinsicMesh) -> float:
+    """Mean length of straight lines from boundary to boundary, by Santalo's formula; inf without boundary.
+
+    It holds for disks that no line stays in; handles and bulges make lines longer.
+    """
+    import math
+
+    from ddgcli.geometry.intrinsic import face_area
+
+    unit = float(mesh.side_length.max(initial=0.0)) or 1.0  # no square over- or underflows
+    at_boundary = mesh.topology.side_twin < 0
+    perimeter = float((mesh.side_length / unit)[at_boundary].sum())
+    return (
+        math.pi * float(face_area(mesh.side_length / unit).sum()) / perimeter * unit
+        if perimeter
+        else math.inf
+    )
 
 
 def signature_pairs(mesh: TriangleMesh | IntrinsicMesh | TetMesh, times: Sequence[float]) -> int:

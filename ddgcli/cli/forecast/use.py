@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 __all__ = ["KNOWN", "EdgePaths", "InputSize", "Range", "Use"]
@@ -64,6 +65,8 @@ class InputSize:
         Eigenpairs of heat kernel signatures.
     crossings_per_length : float
         Edges that a straight line of unit length crosses.
+    mean_chord : float
+        Mean length of straight lines from boundary to boundary.
     n_components, equal_components : int
         Connected components, and the most that are alike.
     offset_faces : int, optional
@@ -92,6 +95,7 @@ class InputSize:
     offset_faces: int | None = None
     n_curves: int = 1
     crossings_per_length: float = 0.0
+    mean_chord: float = math.inf
     betti_number: int = 0
 
 
