@@ -7,6 +7,7 @@ import inspect
 import math
 import numbers
 import operator
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ParamSpec, TypeVar
@@ -19,6 +20,8 @@ from ddgcli.errors import QUOTED_REPAIR, MeshError, ParameterError, excerpt
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+MAX_INTEGER = 2**63 - 1  # of numpy's indices
 
 
 def with_repair_call(message: str) -> str:
@@ -55,10 +58,18 @@ def real_number(value: Any, name: str) -> float:
 
 
 def whole_number(value: Any, name: str) -> int:
-    """An int; ParameterError for what is none, also for 2.0 and True."""
-    if isinstance(number := _scalar(value), numbers.Integral) and not isinstance(number, bool):
-        return operator.index(number)
+    """An int; ParameterError for what is none, also for 2.0 and True, and for one above 2^63 - 1."""
+    is_whole = isinstance(number := _scalar(value), numbers.Integral) and not isinstance(number, bool)
+    if is_whole and abs(whole := operator.index(number)) <= MAX_INTEGER:
+        return whole
     raise ParameterError(f"must be a whole number, not {_shown(value)}", parameter=name)
+
+
+def seed_number(value: Any, name: str) -> int:
+    """An int of 0 or more; ParameterError for anything else."""
+    if (whole := whole_number(value, name)) < 0:
+        raise ParameterError(f"must be 0 or more, not {whole}", parameter=name)
+    return whole
 
 
 def truth(value: Any, name: str) -> bool:
@@ -75,6 +86,31 @@ def text(value: Any, name: str) -> str:
     raise ParameterError(f"must be a name in quotes, not {_shown(value)}", parameter=name)
 
 
+def path_text(value: Any, name: str) -> str:
+    """Text of a path; ParameterError for what is none, bytes too."""
+    if isinstance(value, (str, os.PathLike)) and isinstance(path := os.fspath(value), str):
+        return path
+    raise ParameterError(f"must be a path, not {_shown(value)}", parameter=name)
+
+
+def path_or_table(value: Any, name: str) -> str | Mapping[str, Any]:
+    """A dict whose keys are texts, or the text of a path; ParameterError for anything else."""
+    if isinstance(value, Mapping):
+        return table(value, name)
+    if isinstance(value, (str, os.PathLike)):
+        return path_text(value, name)
+    raise ParameterError(f"must be a dict or a path, not {_shown(value)}", parameter=name)
+
+
+def table(value: Any, name: str) -> Mapping[str, Any]:
+    """A dict whose keys are texts; ParameterError for anything else."""
+    if not isinstance(value, Mapping):
+        raise ParameterError(f"must be a dict from name to value, not {_shown(value)}", parameter=name)
+    for key in value:
+        text(key, f"key of {name}")
+    return value
+
+
 def number_or_name(value: Any, name: str) -> float | str:
     """A text as it is, else a float; ParameterError for anything else."""
     return value if isinstance(value, str) else real_number(value, name)
@@ -88,6 +124,8 @@ def real_array(value: Any, name: str) -> NDArray:
         )
     try:
         array = np.asarray(value)
+        if array.dtype == np.uint64 and array.max(initial=0) > MAX_INTEGER:
+            array = array.astype(np.float64)  # no index, and a cast to int64 would make it negative
         if array.dtype.kind == "O":  # integers beyond 64 bits, fractions; None would become NaN
             if any(not isinstance(number, numbers.Real) for number in array.flat):
                 raise TypeError("not real")
@@ -139,7 +177,7 @@ def list_of_arrays(
     value: Any, name: str, what: str = "lists of vertices such as [[0, 1, 2]]"
 ) -> list[NDArray]:
     """One array for each list; ParameterError where there is none."""
-    if isinstance(value, (str, bytes, Mapping)) or not isinstance(_scalar(value), Iterable):
+    if isinstance(_scalar(value), (str, bytes, Mapping)) or not isinstance(_scalar(value), Iterable):
         raise ParameterError(f"must be {what}, not {_shown(value)}", parameter=name)
     return [real_array(numbers_of_one, name) for numbers_of_one in value]
 
@@ -173,11 +211,17 @@ CONVERSIONS: dict[str, Callable[[Any, str], Any]] = {
     "str | tuple[float, float]": angles_or_name,
     "tuple[int, int]": pixels,
     "Mapping[int, float]": table_of_vertices,
+    "Mapping[str, ArrayLike]": table,
+    "Path": path_text,
+    "str | os.PathLike[str]": path_text,
+    "str | os.PathLike[str] | Mapping[str, Any]": path_or_table,
 }
 
 
 def _conversion(parameter: inspect.Parameter) -> Callable[[Any, str], Any] | None:
     annotation = str(parameter.annotation)
+    if parameter.name == "seed":
+        return seed_number
     if annotation.startswith(("Literal['", 'Literal["')) or isinstance(parameter.default, str):
         return text
     if annotation.startswith("Literal["):

@@ -218,6 +218,8 @@ def trace(
     >>> line.results["paths"][0]["status"], round(line.results["paths"][0]["length"], 12)
     ('reached', 0.5)
     """
+    if np.size(face) and np.asarray(face).dtype.kind not in "iu":
+        raise ParameterError("must be whole numbers, such as 0 or [0, 5]", parameter="face")
     try:
         faces, lengths, weights, vectors = _broadcast(face, length, barycentric, direction)
     except (TypeError, ValueError) as error:

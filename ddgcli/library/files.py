@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError, OutputError
@@ -14,11 +13,12 @@ from ddgcli.io import mesh_file
 from ddgcli.io.trajectories.layout import Header
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.io.trajectories.writer import TrajectoryWriter
-from ddgcli.library.arguments import text
+from ddgcli.library.arguments import checked_arguments
 from ddgcli.library.mesh_arguments import MeshLike, as_mesh, mesh_of_kind
 from ddgcli.library.result import Measurement
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh, AnyMesh, TrajectoryFrame
+from ddgcli.mesh.masked import unmasked
 from ddgcli.mesh.tet_mesh import TetMesh
 
 __all__ = ["read_mesh", "read_trajectory", "write_mesh", "write_trajectory"]
@@ -26,6 +26,7 @@ __all__ = ["read_mesh", "read_trajectory", "write_mesh", "write_trajectory"]
 Path = str | os.PathLike[str]
 
 
+@checked_arguments
 def read_mesh(path: Path, input_format: str | None = None) -> mesh_file.MeshInput:
     """Read a mesh file with the arrays that it carries.
 
@@ -57,6 +58,7 @@ def read_mesh(path: Path, input_format: str | None = None) -> mesh_file.MeshInpu
     return mesh_file.read_mesh(os.fspath(path), input_format)
 
 
+@checked_arguments
 def write_mesh(
     path: Path,
     mesh: MeshLike,
@@ -111,9 +113,10 @@ def write_mesh(
 
 def _checked(arrays: Mapping[str, ArrayLike] | None, count: int, place: str) -> dict[str, NDArray]:
     """Arrays with one entry for each of `count` places."""
-    checked = {name: np.asarray(values) for name, values in (arrays or {}).items()}
+    checked = {
+        name: unmasked(values, f"the {place} array {name!r}") for name, values in (arrays or {}).items()
+    }
     for name, values in checked.items():
-        text(name, f"name of a {place} array")
         if values.dtype.kind not in "biuf":
             raise MeshError(f"the {place} array {name!r} holds {values.dtype}; write real numbers")
         if values.ndim == 0 or len(values) != count:
@@ -133,6 +136,7 @@ def _edge_count(mesh: AnyMesh) -> int:
     return mesh.topology.n_edges
 
 
+@checked_arguments
 def read_trajectory(path: Path) -> Trajectory:
     """Open the trajectory of a simulation.
 
@@ -165,6 +169,7 @@ def read_trajectory(path: Path) -> Trajectory:
     return Trajectory(os.fspath(path))
 
 
+@checked_arguments
 def write_trajectory(
     path: Path, trajectory_frames: Iterable[TrajectoryFrame], mesh: MeshLike | None = None
 ) -> int:

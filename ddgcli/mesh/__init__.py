@@ -13,6 +13,7 @@ __all__ = [
     "double_cover",
     "fields",
     "intrinsic_mesh",
+    "masked",
     "ragged",
     "repair",
     "require",

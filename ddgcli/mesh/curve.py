@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.masked import unmasked
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import own_points
@@ -65,7 +66,7 @@ class CurveSet:
         MeshError
             On a wrong shape, a point that is not finite, or a segment that names no point.
         """
-        checked, segments = own_points(points), np.asarray(lines)
+        checked, segments = own_points(points), unmasked(lines, "the array of lines")
         if segments.ndim != 2 or segments.shape[1] != 2 or segments.dtype.kind not in "iu":
             raise MeshError(
                 f"lines must be integers of shape (k, 2), not {segments.dtype} of shape {segments.shape}"

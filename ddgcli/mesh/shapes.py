@@ -6,9 +6,14 @@ from itertools import permutations
 
 import numpy as np
 
+from ddgcli.errors import ParameterError
+from ddgcli.memory import check_memory
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross
+
+PATTERNS = ("right", "left", "alternating")  # of the diagonals of cells
+BYTES_OF_FACE = 260.0  # of arrays while a mesh is made and its topology is computed
 
 
 def icosphere(subdivisions: int = 3, radius: float = 1.0) -> TriangleMesh:
@@ -30,6 +35,10 @@ def icosphere(subdivisions: int = 3, radius: float = 1.0) -> TriangleMesh:
     >>> ddg.icosphere(2).n_faces
     320
     """
+    if subdivisions < 0:
+        raise ParameterError(f"must be 0 or more, not {subdivisions}", parameter="subdivisions")
+    n_faces = 20 * 4.0 ** min(subdivisions, 100)
+    check_memory(n_faces * BYTES_OF_FACE, "spheres of so many subdivisions", "use fewer")
     g = (1 + np.sqrt(5)) / 2
     points = np.array(
         [[-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0], [0, -1, g], [0, 1, g],
@@ -125,6 +134,11 @@ def wrapped_grid(
     faces : (m, 3) ndarray of int64
         Counter-clockwise in the (u, v) plane.
     """
+    check_memory(2.0 * nu * nv * BYTES_OF_FACE, "meshes of so many cells", "use fewer")
+    if min(nu, nv) < 1:
+        raise ParameterError(f"a shape has 1 or more cells along each direction, not {min(nu, nv)}")
+    if pattern not in PATTERNS:
+        raise ParameterError(f"{pattern!r} is none of {', '.join(PATTERNS)}", parameter="pattern")
     mu, mv = nu + (not wrap_u), nv + (not wrap_v)
     i, j = np.meshgrid(np.arange(nu), np.arange(nv), indexing="ij")
 

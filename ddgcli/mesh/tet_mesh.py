@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.masked import unmasked
 from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh, own_points
 from ddgcli.mesh.vectors import cone_volume
@@ -72,7 +73,7 @@ class TetMesh:
             On a wrong shape, a point that is not finite, or a corner that names no point.
         """
         points = own_points(points)
-        tetrahedra = np.asarray(tetrahedra)
+        tetrahedra = unmasked(tetrahedra, "the array of tetrahedra")
         if tetrahedra.ndim != 2 or tetrahedra.shape[1] != 4:
             raise MeshError(f"tetrahedra must have shape (k, 4), not {tetrahedra.shape}")
         if tetrahedra.dtype.kind not in "iu":

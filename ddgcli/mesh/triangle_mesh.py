@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.masked import unmasked
 from ddgcli.mesh.topology import NEXT, Topology, check_faces, frozen
 from ddgcli.mesh.vectors import bounding_box, cross, dot, vector_length
 
@@ -67,7 +68,7 @@ def own_points(points: ArrayLike) -> NDArray[np.float64]:
     (n, 3) ndarray of float64
         Shares no memory with the argument.
     """
-    array = np.asarray(points)
+    array = unmasked(points, "the array of points")
     checked = check_points(array)
     return checked.copy() if np.may_share_memory(checked, array) else checked
 
@@ -123,7 +124,9 @@ class TriangleMesh:
             On a wrong shape, a point that is not finite, or a corner that names no point.
         """
         points = own_points(points)
-        return cls(points, Topology(check_faces(np.asarray(faces), len(points)), len(points)))
+        return cls(
+            points, Topology(check_faces(unmasked(faces, "the array of faces"), len(points)), len(points))
+        )
 
     def moved(self, points: NDArray) -> TriangleMesh:
         """The same connectivity at other positions (n, 3)."""

@@ -13,13 +13,16 @@ SQUARE = ddg.grid(3, 3)
 X = SQUARE.points[:, 0]
 WRONG = {
     "float": (None, "1", 1j, [1.0], float("nan"), 10**400, np.ones(3), {}),
-    "int": (None, "1", 1.0, 1.5, [1], np.ones(3), {}),
+    "int": (None, "1", 1.0, 1.5, [1], np.ones(3), {}, 2**63, np.uint64(2**63)),
     "bool": (None, "yes", 2, [True], np.ones(3)),
     "str": (None, 1, b"x", ["x"], np.ones(3), SQUARE),
     "ArrayLike": ("x", None, [[1, 2], [3]], [1j], {}, ["1"], [None], np.ma.array([1, 2], mask=[0, 1])),
     "Sequence[Sequence[int]]": (1, "ab", None, {0: 1}, ["ab"]),
     "Mapping[int, float]": (1, None, [0.0], {"a": 1.0}, {0.5: 1.0}, {0: "x"}, {0: [1, 2]}, {0: np.nan}),
 }
+WRONG |= dict.fromkeys(("Path", "str | os.PathLike[str]"), (None, 1, b"x", ["x"], {}, SQUARE))
+WRONG["str | os.PathLike[str] | Mapping[str, Any]"] = (None, 1, b"x", ["x"], {1: 2}, SQUARE)
+WRONG["Mapping[str, ArrayLike]"] = (None, 1, "x", [1.0], {1: [2.0]}, SQUARE)
 WRONG["float | str"] = tuple(value for value in WRONG["float"] if not isinstance(value, str))
 named = tuple(value for value in WRONG["ArrayLike"] if not isinstance(value, str))
 WRONG |= {"str | ArrayLike": named, "str | tuple[float, float]": (*named, 1.0, [1.0, np.inf])}
@@ -83,6 +86,27 @@ def test_every_parameter_of_a_number_or_an_array_has_a_check():
         lambda: ddg.interior_product(SQUARE, [[1, 0, 0]] * 18, X),
         lambda: ddg.eigenforms(SQUARE, 1000),
         lambda: ddg.delaunay_refinement(SQUARE, 25.0, max_points=-1),
+        lambda: ddg.delaunay_refinement(SQUARE, seed=-1),
+        lambda: ddg.simulate(None),
+        lambda: ddg.simulate({1: 2}),
+        lambda: ddg.read_mesh(b""),
+        lambda: ddg.read_mesh("a.ply", 1),
+        lambda: ddg.read_trajectory(None),
+        lambda: ddg.write_mesh(None, SQUARE),
+        lambda: ddg.write_mesh("a.ply", SQUARE, vertex=X),
+        lambda: ddg.write_mesh("a.ply", SQUARE, vertex={"x": np.ma.masked_greater(X, 0.5)}),
+        lambda: ddg.write_picture(None, SQUARE),
+        lambda: ddg.trace(SQUARE, 1.5, [0.4, 0.3, 0.3], [1, 0, 0], 0.1),
+        lambda: ddg.geodesic_distance(SQUARE, np.uint64(2**63)),
+        lambda: ddg.curvature_measures(SQUARE, [1e30] * 18),
+        lambda: ddg.straighten_paths(SQUARE, np.array("x")),
+        lambda: ddg.as_mesh((np.ma.masked_greater(SQUARE.points, 0.9), SQUARE.faces)),
+        lambda: ddg.as_mesh((SQUARE.points, np.ma.masked_greater(SQUARE.faces, 14))),
+        lambda: ddg.grid(0, 3),
+        lambda: ddg.grid(pattern="x"),
+        lambda: ddg.grid(10**7, 10**7),
+        lambda: ddg.icosphere(-1),
+        lambda: ddg.icosphere(40),
     ],
 )
 def test_wrong_calls_end_in_errors_of_the_library(call):

@@ -214,7 +214,10 @@ def labels_of(array: NDArray) -> tuple[NDArray[np.int64], NDArray]:
     values = np.asarray(array)
     if values.ndim == 2 and values.shape[1] == 1:
         values = values[:, 0]
-    if values.ndim != 1 or not (np.isfinite(values).all() and (values == np.round(values)).all()):
+    whole = (
+        np.isfinite(values).all() and (values == np.round(values)).all() and (np.abs(values) < 2.0**63).all()
+    )
+    if values.ndim != 1 or not whole:
         raise ParameterError("regions are whole numbers, one a face or a vertex", parameter="region")
     names, label = np.unique(values.astype(np.int64), return_inverse=True)
     if len(names) > MAX_REGIONS:
