@@ -1,9 +1,13 @@
 """Forces and viscosity of `fluid-sim`: one implicit step, in balance at any step, in any order of effects."""
 
+import re
+
 import numpy as np
 import pytest
 
 import ddgcli as ddg
+from benchmarks.fluids.runs import run_fluid
+from ddgcli.models.fluid.time_resolution import MAX_DEVIATION, unresolved_share
 
 FORCE = {"force": {"acceleration": [8, 0, 0]}}
 VISCOSITY = {"viscosity": {"nu": 1.0}}
@@ -90,3 +94,28 @@ def test_adaptive_steps_follow_sources_and_particles_in_a_steady_flow():
         assert end.scalar["total_dye"] == pytest.approx(0.5 - np.sin(100) / 200, rel=2e-3)
         places.append(end.scalar["particles_f"])
     assert np.abs(places[0] - places[1]).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    "shape", ["grid = { size = [1, 1], cells = [2, 2] }", "box = { size = [1, 1, 1], cells = [1, 1, 1] }"]
+)
+@pytest.mark.parametrize(
+    "effect, warns",
+    [
+        ('force = { acceleration = ["sin(1000*t)*y", 0, 0] }', True),  # meets 0.1 s in phase
+        ('dye = { source = "1 + sin(1000*t)" }', True),
+        ('force = { acceleration = ["sin(20*t)*y", 0, 0] }', False),  # 3.1 steps to a period
+        ('force = { acceleration = ["sin(40*t)*y", 0, 0] }', True),  # 1.6 steps
+        ('force = { acceleration = ["(t < 0.72)*y", 0, 0] }', False),  # a jump in one step of 20
+        ('force = { acceleration = ["y + 0.01*sin(1000*t)", 0, 0] }', False),
+    ],
+)
+def test_expressions_in_t_that_steps_do_not_follow_warn_with_a_step_that_does(shape, effect, warns, caplog):
+    """Steps of 0.1 s took sin(1000 t) at single times, without a word."""
+    run_fluid(effect, 'duration = 2\nstep = 0.1\nintegrator = "energy"', shape)
+    assert ("varies faster in time than steps of 0.1 s" in caplog.text) == warns
+    if warns:
+        text = re.search("'(.*)' varies", caplog.text)[1]
+        step = float(re.search("take steps of (.*) s", caplog.text)[1])
+        assert unresolved_share(text, np.ones((1, 3)), step, 2.0) <= MAX_DEVIATION
+        assert unresolved_share(text, np.ones((1, 3)), 4 * step, 2.0) > MAX_DEVIATION

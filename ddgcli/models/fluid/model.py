@@ -23,6 +23,7 @@ from ddgcli.models.fluid.sources import SourceSequence
 from ddgcli.models.fluid.space import FlowSpace
 from ddgcli.models.fluid.state import TIME, FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
+from ddgcli.models.fluid.time_resolution import warn_of_unresolved_expressions
 from ddgcli.models.fluid.triangulation import with_triangulation
 from ddgcli.scenes.scene import Scene
 from ddgcli.scenes.sections import Key
@@ -204,6 +205,7 @@ class FluidModel:
         self.sources = SourceSequence(phases, list(scene.kind.effects), account)
         self.tracers = [phase for phase in phases if phase.step_stage == "tracer"]
         self.start = self._start(declared)
+        self._check_time_resolution()
 
     # ------------------------------------------------------------------ assembly
 
@@ -290,6 +292,12 @@ class FluidModel:
                 f"{scene.time.integrator} has no inflow and outflow; take {' or '.join(OPEN_TRANSPORTS)}",
             )
         return importlib.import_module(modules[dimension]).transport(self.setting, scene.time)
+
+    def _check_time_resolution(self) -> None:
+        time = self.scene.time
+        if time.tolerance is None:
+            step = min(time.step, self.step_limit())
+            warn_of_unresolved_expressions(self.scene, self.context, step, time.duration)
 
     def _phase(self, key: Key, effect: str, effect_part: PhaseRequest) -> Phase | None:
         try:
