@@ -63,7 +63,7 @@ def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
     energies = {name: kind.of(mesh) for name, kind in ENERGIES.items()}
     best = energies[DEFAULT_ENERGY]
     at = energy_gradient(mesh, best, free, none)
-    constrained = Constraints(area(mesh), enclosed_volume(mesh))
+    constrained = Constraints(np.array([area(mesh)]), np.array([enclosed_volume(mesh)]))
     like = Factor(fourth_order_matrix(at.mesh, free, 0.05))
     reached = {none: mesh, constrained: mesh}
 
@@ -94,7 +94,10 @@ def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
 
 def film_step(mesh: TriangleMesh) -> TriangleMesh:
     """A step of the area with the volume kept."""
-    free, constraints = np.arange(mesh.n_vertices), Constraints(volume=enclosed_volume(mesh), in_place=True)
+    free, constraints = (
+        np.arange(mesh.n_vertices),
+        Constraints(volume=np.array([enclosed_volume(mesh)]), in_place=True),
+    )
     ready = preconditioner_at(
         energy_gradient(mesh, AreaEnergy(mesh.topology), free, constraints), 0.01, of_area=True
     )

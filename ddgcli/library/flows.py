@@ -65,7 +65,7 @@ def willmore_flow(
     boundary : {'clamped', 'fixed', 'free'}, optional
         What stays fixed at the boundary; default 'clamped', of 'mean-curvature' 'fixed'.
     fix_area, fix_volume : bool
-        Keep the area, the enclosed volume.
+        Keep the area, the enclosed volume, of each component its own.
     spontaneous_curvature : float
         H0 of int (H - H0)^2, in 1/length, positive as on a sphere; needs `fix_area` or `fix_volume`.
     region : (n,) array_like of bool or number, or (k,) of vertex numbers, optional

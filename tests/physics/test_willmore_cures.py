@@ -99,7 +99,7 @@ def cures(message, words):
 
 REFUSALS = [
     ("two", ("--flow", "conformal"), 1),
-    ("two", ("--fix-area", "--fix-volume"), 1),  # two vesicles do not exchange area and volume
+    ("two", ("--fix-area", "--fix-volume", "--remesh", "0.5"), 2),
     ("two", (*MEAN, "--fix-volume"), 1),
     ("tube", ("--flow", "conformal"), 1),
     ("ball", ("--flow", "conformal", "--fix-volume"), 1),

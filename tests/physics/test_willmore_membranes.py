@@ -13,10 +13,10 @@ from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.models.willmore import setup
-from ddgcli.models.willmore.constraints import area
+from ddgcli.models.willmore.constraints import area, areas, volumes_inside
 from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.helfrich_energy import HelfrichEnergy
-from ddgcli.models.willmore.least_energies import least_energy_of_vesicle
+from ddgcli.models.willmore.least_energies import least_energies_of_vesicles
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.models.willmore.state import CONSTRAINED_NEWTON_STOP, DEFAULT_STOP
 from ddgcli.models.willmore.step_rules import HELFRICH_ERROR_FRACTION, LOWER_BOUND_REASON
@@ -142,8 +142,6 @@ def test_one_of_several_vesicles_keeps_its_own_area_and_volume_where_the_region_
     flat = ball.moved(ball.points * [1, 1, 0.5])
     points = np.concatenate([flat.points, np.asarray(ball.points) + [3.0, 0.0, 0.0]])
     both = ddg.TriangleMesh.from_arrays(points, np.concatenate([ball.faces, ball.faces + ball.n_vertices]))
-    with pytest.raises(MeshError, match="`region`"):
-        ddg.willmore_flow(both, fix_area=True, fix_volume=True)
     first = np.arange(ball.n_vertices)
     end = ddg.willmore_flow(both, fix_area=True, fix_volume=True, region=first).finish()
     assert np.array_equal(end.mesh.points[ball.n_vertices :], points[ball.n_vertices :])
@@ -154,8 +152,63 @@ def test_one_of_several_vesicles_keeps_its_own_area_and_volume_where_the_region_
     assert end.results["energy"][-1] < end.results["energy"][0]
 
 
+def two_vesicles(small, level=2):
+    """An oblate ellipsoid, and a prolate one of another size whose faces come first."""
+    ball = ddg.icosphere(level)
+    n, shapes = ball.n_vertices, (ball.points * [1, 1, 0.5], small * np.array(ball.points) * [1, 1, 2])
+    faces = np.concatenate([ball.faces + n, ball.faces])
+    return ddg.TriangleMesh.from_arrays(np.concatenate([shapes[0], shapes[1] + [3.0, 0.0, 0.0]]), faces)
+
+
+def own_areas_and_volumes(mesh):
+    component = mesh.topology.vertex_component
+    return areas(mesh, component), volumes_inside(mesh, None, component)
+
+
+@pytest.mark.parametrize("small", [0.3, 1e-3])
+@pytest.mark.parametrize("option", ["fix_area", "fix_volume"])
+def test_each_vesicle_becomes_the_ball_of_its_own_area_or_volume(small, option):
+    start = two_vesicles(small)
+    end = ddg.willmore_flow(start, **{option: True}).finish()
+    assert end.results["energy"][-1] == pytest.approx(8 * np.pi, rel=1e-4)
+    quantity = option.removeprefix("fix_")
+    assert end.accuracy["constraint_residuals"][quantity] < 1e-11
+    before, after = own_areas_and_volumes(start), own_areas_and_volumes(end.mesh)
+    assert after[quantity == "volume"] == pytest.approx(before[quantity == "volume"], rel=1e-11)
+    # of a ball of triangles, which cut off a share
+    reduced = 6 * np.sqrt(np.pi) * np.abs(after[1]) / after[0] ** 1.5
+    assert reduced == pytest.approx(1, abs=4 / (start.n_faces / 2))
+
+
+def test_two_vesicles_come_to_rest_as_each_does_alone():
+    both, options = two_vesicles(0.3, 3), {"fix_area": True, "fix_volume": True}
+    end = ddg.willmore_flow(both, **options).finish()
+    before, after = own_areas_and_volumes(both), own_areas_and_volumes(end.mesh)
+    assert np.allclose(after, before, rtol=1e-11, atol=0)
+    n, total = both.n_vertices // 2, 0.0
+    for first in (0, n):
+        faces = both.faces[(both.faces[:, 0] >= first) & (both.faces[:, 0] < first + n)] - first
+        alone = ddg.TriangleMesh.from_arrays(both.points[first : first + n], faces)
+        total += ddg.willmore_flow(alone, **options).finish().results["energy"][-1]
+    assert end.results["energy"][-1] == pytest.approx(total, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "cure"),
+    [
+        ({"flow": "mean-curvature", "fix_volume": True}, "`region`"),
+        ({"fix_area": True, "remesh": "mean"}, "`remesh`"),
+    ],
+)
+def test_flows_that_would_keep_a_sum_are_refused_with_a_cure(options, cure):
+    with pytest.raises(MeshError, match=cure):
+        ddg.willmore_flow(two_vesicles(0.3), **options)
+
+
 def test_no_vesicle_ends_below_the_least_energy_of_its_reduced_volume(run, tmp_path):
-    assert least_energy_of_vesicle(spheroid(0.8, True, 4)) == pytest.approx(vesicle(0.8, True)[0], rel=2e-3)
+    assert least_energies_of_vesicles(spheroid(0.8, True, 4))[0] == pytest.approx(
+        vesicle(0.8, True)[0], rel=2e-3
+    )
     ball, path = shapes.icosphere(2), tmp_path / "flat.ply"
     write_mesh(str(path), AnnotatedMesh(ball.moved(ball.points * [1.0, 0.8, 0.3])))
     words = ("--fix-area", "--fix-volume", "--json")

@@ -45,8 +45,8 @@ def _names(names: tuple[str, ...]) -> str:
     metavar=_names(WILLMORE_BOUNDARIES),
     help="What stays fixed at the boundary.  [default: clamped; mean-curvature: fixed]",
 )
-@click.option("--fix-area", is_flag=True, help="Keep the area.")
-@click.option("--fix-volume", is_flag=True, help="Keep the enclosed volume.")
+@click.option("--fix-area", is_flag=True, help="Keep the area of each component.")
+@click.option("--fix-volume", is_flag=True, help="Keep the volume that each component encloses.")
 @click.option(
     "--fill",
     metavar="LOOP",

@@ -36,6 +36,26 @@ def area(mesh: TriangleMesh) -> float:
     return float(face_area(mesh.side_length).sum())
 
 
+def areas(mesh: TriangleMesh, component: NDArray | None) -> NDArray[np.float64]:
+    """Area of the surface, or of each of some components.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    component : (n,) ndarray of int, optional
+        Of each vertex; -1 where its area does not count.
+
+    Returns
+    -------
+    (c,) ndarray of float64
+        In length^2.
+    """
+    if component is None:
+        return np.array([area(mesh)])
+    every = np.bincount(component[mesh.faces[:, 0]] + 1, face_area(mesh.side_length), component.max() + 2)
+    return np.asarray(every[1:], dtype=np.float64)
+
+
 def cap_faces(topology: Topology) -> NDArray[np.int64]:
     """Faces that close every boundary loop, without new vertices.
 
@@ -74,6 +94,32 @@ def volume_inside(mesh: TriangleMesh, caps: NDArray | None = None) -> float:
     return signed_volume(mesh.points, faces)
 
 
+def volumes_inside(
+    mesh: TriangleMesh, caps: NDArray | None, component: NDArray | None
+) -> NDArray[np.float64]:
+    """Signed volume inside a surface and its caps, or of each of some closed components.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    caps : (k, 3) ndarray of int64, optional
+        Of a surface as a whole.
+    component : (n,) ndarray of int, optional
+        Of each vertex; -1 where its volume does not count.
+
+    Returns
+    -------
+    (c,) ndarray of float64
+        In length^3, positive for outward orientation.
+    """
+    if component is None:
+        return np.array([volume_inside(mesh, caps)])
+    own = rows_by_label(component[mesh.faces[:, 0]] + 1, int(component.max()) + 2)[1:]
+    # corners of a component in place of all vertices: signed_volume measures from their mean
+    corners = [mesh.points[mesh.faces[rows]].reshape(-1, 3) for rows in own]
+    return np.array([signed_volume(c, np.arange(len(c)).reshape(-1, 3)) for c in corners])
+
+
 def _translations(mesh: TriangleMesh, free: NDArray) -> list[NDArray]:
     """The translations along the volume's gradient, as covectors (k, 3): n_axis times that gradient."""
     swept = volume_gradient(mesh)[free]
@@ -87,39 +133,53 @@ class Constraints:
 
     Parameters
     ----------
-    area, volume : float or None
+    area, volume : (c,) ndarray or None
+        Of the surface (c = 1), or of each component that keeps its own.
     caps : (k, 3) ndarray of int, optional
         Faces that close a surface with boundary, for its volume.
     in_place : bool
         Motions along the normals contain no translation. Less the translation such a motion slides vertices
         within the surface: the area hardly depends on it, and would take long to rest.
+    component : (n,) ndarray of int, optional
+        Number of each vertex's component among the c that each keep their own, with all vertices that move;
+        -1 elsewhere.
     """
 
-    area: float | None = None
-    volume: float | None = None
+    area: NDArray[np.float64] | None = None
+    volume: NDArray[np.float64] | None = None
     caps: NDArray[np.int64] | None = None
     in_place: bool = False
+    component: NDArray[np.int64] | None = None
 
     @property
     def active(self) -> bool:
         return self.area is not None or self.volume is not None
 
-    def residuals(self, mesh: TriangleMesh) -> dict[str, float]:
-        """Relative deviation of each constrained quantity."""
+    @property
+    def count(self) -> int:
+        """Number of surfaces that each keep their own area and volume."""
+        return 1 if self.component is None else int(self.component.max()) + 1
+
+    def label(self, free: NDArray) -> NDArray[np.int64]:
+        """Number of the component of each free vertex among those that keep their own (k,)."""
+        return np.zeros(len(free), np.int64) if self.component is None else self.component[free]
+
+    def residuals(self, mesh: TriangleMesh) -> dict[str, NDArray[np.float64]]:
+        """Relative deviation (c,) of each constrained quantity."""
         residuals = {}
         if self.area is not None:
-            residuals["area"] = area(mesh) / self.area - 1.0
+            residuals["area"] = areas(mesh, self.component) / self.area - 1.0
         if self.volume is not None:
-            residuals["volume"] = volume_inside(mesh, self.caps) / self.volume - 1.0
+            residuals["volume"] = volumes_inside(mesh, self.caps, self.component) / self.volume - 1.0
         return residuals
 
     def gradients(self, mesh: TriangleMesh, free: NDArray) -> list[NDArray]:
-        """Gradients (k, 3) of the relative residuals."""
-        rows = []
+        """Gradients (k, 3) of the relative residuals: one array of each quantity, of all components."""
+        rows, label = [], self.label(free)[:, None]
         if self.area is not None:
-            rows.append(AreaEnergy(mesh.topology).value_and_gradient(mesh.points)[1][free] / self.area)
+            rows.append(AreaEnergy(mesh.topology).value_and_gradient(mesh.points)[1][free] / self.area[label])
         if self.volume is not None:
-            rows.append(volume_gradient(mesh)[free] / self.volume)
+            rows.append(volume_gradient(mesh)[free] / self.volume[label])
         return rows
 
     def admissible_gradient(self, mesh: TriangleMesh, free: NDArray, mass: NDArray, g: NDArray) -> NDArray:
@@ -129,15 +189,19 @@ class Constraints:
     def multipliers(
         self, mesh: TriangleMesh, free: NDArray, mass: NDArray, g: NDArray, normal: NDArray
     ) -> NDArray[np.float64]:
-        """Multipliers of the constraints' gradients nearest to g (k, 3), seen along unit normals (k, 3)."""
+        """Multipliers (r, c) of the constraints' gradients nearest to g, seen along unit normals (k, 3)."""
         rows = self.gradients(mesh, free)
         if not rows:
-            return np.zeros(0)
+            return np.zeros((0, self.count))
         columns = np.stack([row_dot(c, normal) for c in rows], axis=1)
         weight = np.sqrt(1.0 / mass)
-        right = weight * row_dot(g, normal)
-        share = np.linalg.lstsq(weight[:, None] * columns, right, rcond=PARALLEL_GRADIENT_TOLERANCE)[0]
-        return np.asarray(share, dtype=np.float64)
+        right, label = weight * row_dot(g, normal), self.label(free)
+        share = np.empty((len(rows), self.count))
+        for k, own in enumerate(rows_by_label(label, self.count)):
+            share[:, k] = np.linalg.lstsq(
+                weight[own, None] * columns[own], right[own], rcond=PARALLEL_GRADIENT_TOLERANCE
+            )[0]
+        return share
 
     def tangent_motion(
         self, mesh: TriangleMesh, free: NDArray, solve: PreconditionerSolve, motion: NDArray
@@ -151,11 +215,8 @@ class Constraints:
         if not (self.active or self.in_place):
             return v
         rows = self.gradients(mesh, free) + (_translations(mesh, free) if self.in_place else [])
-        lifted = [solve(c) for c in rows]
-        gram = np.array([[np.sum(c * s) for s in lifted] for c in rows])
-        right = np.array([np.sum(v * (s if dual else c)) for c, s in zip(rows, lifted)])
-        share = np.linalg.lstsq(gram, right, rcond=PARALLEL_GRADIENT_TOLERANCE)[0]
-        return v - sum(w * (c if dual else s) for w, c, s in zip(share, rows, lifted))
+        span = ConstraintSpan.of(rows, solve, self.label(free), self.count)
+        return v - (span.combined(span.dual_shares(v), rows) if dual else span.combined(span.shares(v)))
 
     def restore(self, mesh: TriangleMesh, free: NDArray, solve: PreconditionerSolve) -> TriangleMesh:
         """The surface moved back on the constraints by Newton steps along their gradients.
@@ -167,16 +228,14 @@ class Constraints:
         """
         if not self.active:
             return mesh
+        label = self.label(free)
         for _ in range(10):
             residual = np.array(list(self.residuals(mesh).values()))
             if np.abs(residual).max() <= CONSTRAINT_TOLERANCE:
                 return mesh
-            rows = self.gradients(mesh, free)
-            lifted = [solve(c) for c in rows]
-            gram = np.array([[np.sum(c * s) for s in lifted] for c in rows])
-            share = np.linalg.lstsq(gram, residual, rcond=PARALLEL_GRADIENT_TOLERANCE)[0]
+            span = ConstraintSpan.of(self.gradients(mesh, free), solve, label, self.count)
             points = np.array(mesh.points)
-            points[free] -= sum(w * s for w, s in zip(share, lifted))
+            points[free] -= span.combined(span.solved(residual))
             mesh = mesh.moved(points)
         residual = np.array(list(self.residuals(mesh).values()))
         if np.abs(residual).max() <= 1e-10:
@@ -184,3 +243,89 @@ class Constraints:
         raise SolveError(
             f"area and volume could not be kept (relative residual {np.abs(residual).max():.2g})"
         )
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintSpan:
+    """Motions along the gradients of constraints, in a metric that does not couple components.
+
+    Parameters
+    ----------
+    rows, lifted : list of (k, 3) ndarray
+        Covectors of r quantities, and the metric's solutions for them.
+    label : (k,) ndarray of int
+        Component of each vertex.
+    gram : (c, r, r) ndarray
+        Products of rows and lifted rows of each component.
+    """
+
+    rows: list[NDArray]
+    lifted: list[NDArray]
+    label: NDArray[np.int64]
+    gram: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls, rows: list[NDArray], solve: PreconditionerSolve, label: NDArray, count: int
+    ) -> ConstraintSpan:
+        """One solve of a quantity, however many components there are: none reaches into another."""
+        lifted = [solve(c) for c in rows]
+        gram = [[_sums(c, s, label, count) for s in lifted] for c in rows]
+        return cls(rows, lifted, label, np.moveaxis(np.array(gram), 2, 0))
+
+    def solved(self, right: NDArray) -> NDArray[np.float64]:
+        """Shares (r, c) of the lifted rows whose products with the rows are `right` (r, c)."""
+        inverse = np.linalg.pinv(self.gram, rcond=PARALLEL_GRADIENT_TOLERANCE)
+        return (inverse @ right.T[:, :, None])[:, :, 0].T
+
+    def shares(self, motion: NDArray) -> NDArray[np.float64]:
+        """Shares (r, c) of the lifted rows in a motion (k, 3)."""
+        return self.solved(np.array([_sums(motion, c, self.label, len(self.gram)) for c in self.rows]))
+
+    def dual_shares(self, covector: NDArray) -> NDArray[np.float64]:
+        """Shares (r, c) of the rows in a covector (k, 3)."""
+        return self.solved(np.array([_sums(covector, s, self.label, len(self.gram)) for s in self.lifted]))
+
+    def combined(self, shares: NDArray, fields: list[NDArray] | None = None) -> NDArray[np.float64]:
+        """Sum (k, 3) of the lifted rows, or of other fields, by shares (r, c)."""
+        return combined(shares, self.lifted if fields is None else fields, self.label)
+
+
+def combined(shares: NDArray, fields: list[NDArray], label: NDArray) -> NDArray[np.float64]:
+    """Sum of fields by shares of each component.
+
+    Parameters
+    ----------
+    shares : (r, c) ndarray
+    fields : list of (k, 3) ndarray
+    label : (k,) ndarray of int
+
+    Returns
+    -------
+    (k, 3) ndarray
+    """
+    terms = (share[label][:, None] * field for share, field in zip(shares, fields, strict=True))
+    return sum(terms, np.zeros((len(label), 3)))
+
+
+def rows_by_label(label: NDArray, count: int) -> list[NDArray[np.int64]]:
+    """Ascending rows of each label.
+
+    Parameters
+    ----------
+    label : (k,) ndarray of int
+    count : int
+
+    Returns
+    -------
+    list of ndarray of int64
+    """
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.cumsum(np.bincount(label, minlength=count))[:-1])
+
+
+def _sums(a: NDArray, b: NDArray, label: NDArray, count: int) -> NDArray[np.float64]:
+    """Sums (c,) of a * b over the vertices of each component."""
+    if count == 1:
+        return np.array([np.sum(a * b)])
+    return np.asarray(np.bincount(label, row_dot(a, b), count), dtype=np.float64)

@@ -15,7 +15,7 @@ from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_dot
-from ddgcli.models.willmore.constraints import Constraints
+from ddgcli.models.willmore.constraints import Constraints, combined
 from ddgcli.models.willmore.energies import Energy
 from ddgcli.models.willmore.gauss_map_energy import Normals
 from ddgcli.models.willmore.secant_pairs import SecantPairs
@@ -36,7 +36,7 @@ class EnergyGradient:
     gradient : (k, 3) ndarray
         Exact gradient on the free vertices, without its part along the constraints' gradients.
     mass : (k,) ndarray
-    multipliers : (c,) ndarray
+    multipliers : (r, c) ndarray
         Of the constraints' gradients in the part left out; empty where it was left out otherwise.
     """
 
@@ -45,7 +45,7 @@ class EnergyGradient:
     energy: float
     gradient: NDArray[np.float64]
     mass: NDArray[np.float64]
-    multipliers: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    multipliers: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 1)))
 
     @property
     def size(self) -> float:
@@ -128,9 +128,7 @@ def energy_gradient(
         normal = vertex_normals(mesh)[free]
         share = constraints.multipliers(mesh, free, mass, gradient[free], normal)
         rows = constraints.gradients(mesh, free)
-        tangential_gradient = gradient[free] - sum(
-            (w * c for w, c in zip(share, rows)), np.zeros((len(free), 3))
-        )
+        tangential_gradient = gradient[free] - combined(share, rows, constraints.label(free))
         return EnergyGradient(mesh, free, value, tangential_gradient, mass, share)
     gradient = constraints.admissible_gradient(mesh, free, mass, gradient[free])
     return EnergyGradient(mesh, free, value, gradient, mass)

@@ -100,7 +100,7 @@ def polished_film(
         columns = np.stack([row.ravel() for row in relaxed.gradients(mesh, free)], axis=1)
         share = np.linalg.lstsq(columns, gradient[free].ravel(), rcond=None)[0]
         balance = gradient[free] - np.reshape(columns @ share, (-1, 3))
-        at = EnergyGradient(mesh, free, value, balance, lumped_vertex_area(mesh)[free], share)
+        at = EnergyGradient(mesh, free, value, balance, lumped_vertex_area(mesh)[free], share[:, None])
         metric = Preconditioner(at, Factor(second_order_matrix(mesh, free, METRIC_STEP)))
         step = descending_newton_step(
             energy, metric, relaxed, radius, LEAST_RADIUS * area(mesh), along_normals=False

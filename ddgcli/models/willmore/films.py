@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import enclosed_volume
@@ -10,7 +11,7 @@ from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import unit_vectors
 from ddgcli.models.willmore.area_energy import AreaEnergy, VolumeEnergy, mean_curvature, volume_gradient
-from ddgcli.models.willmore.constraints import Constraints, area, cap_faces, volume_inside
+from ddgcli.models.willmore.constraints import Constraints, areas, cap_faces, volumes_inside
 from ddgcli.models.willmore.descent import EnergyGradient, vertex_normals
 from ddgcli.models.willmore.energies import EnergyBuilder
 from ddgcli.models.willmore.flow_options import FlowOptions
@@ -75,7 +76,9 @@ def film_reason(at: EnergyGradient, variation: float | None, constraints: Constr
     return ""
 
 
-def film_constraints(unit: TriangleMesh, options: FlowOptions, film: bool) -> Constraints:
+def film_constraints(
+    unit: TriangleMesh, options: FlowOptions, film: bool, component: NDArray | None = None
+) -> Constraints:
     """Area and volume to keep, of the surface at unit size.
 
     Parameters
@@ -85,6 +88,8 @@ def film_constraints(unit: TriangleMesh, options: FlowOptions, film: bool) -> Co
     options : FlowOptions
     film : bool
         Whether the flow goes to rest (`is_film`).
+    component : (n,) ndarray of int, optional
+        Of the vertices of components that each keep their own area and volume; -1 elsewhere.
 
     Returns
     -------
@@ -113,17 +118,19 @@ def film_constraints(unit: TriangleMesh, options: FlowOptions, film: bool) -> Co
             closed=True,
         )
     constraints = Constraints(
-        area(unit) if options.fix_area else None,
-        volume_inside(unit, caps) if options.fix_volume else None,
+        areas(unit, component) if options.fix_area else None,
+        volumes_inside(unit, caps, component) if options.fix_volume else None,
         caps,
         in_place=film and topology.is_closed,
+        component=component,
     )
     inside = (
         constraints.volume
         if constraints.volume is not None
         else (enclosed_volume(unit) if film and options.fix_area else 1.0)
     )
-    if abs(inside) < MIN_VOLUME:
+    size = 1.0 if component is None else areas(unit, component) ** 1.5  # small components are no flat ones
+    if np.min(np.abs(inside) / size) < MIN_VOLUME:
         raise MeshError(
             "the surface encloses no volume, and there is none to keep or to raise; leave "
             f"{'`fix_volume`' if options.fix_volume else '`fix_area`'} out"

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.willmore.constraints import area
+from ddgcli.models.willmore.constraints import areas, volumes_inside
 
 # least int H^2 / (4 pi) of spheres of a reduced volume: oblate up to 0.65, prolate above, to 1e-3
 # (U. Seifert, K. Berndl, R. Lipowsky, "Shape transformations of vesicles", 1991)
@@ -63,8 +63,8 @@ def least_energy(mesh: TriangleMesh, keeps_area_and_volume: bool) -> float:
     that keeps area and volume has at least the energy of the axisymmetric one of its reduced volume.
     """
     topology = mesh.topology
-    if keeps_area_and_volume and is_spheres(topology) and topology.n_components == 1:
-        return least_energy_of_vesicle(mesh)
+    if keeps_area_and_volume and is_spheres(topology):
+        return float(least_energies_of_vesicles(mesh).sum())
     n, component = topology.n_components, topology.vertex_component
     opened = np.bincount(component[topology.boundary_vertex], minlength=n) > 0
     vertices = np.bincount(component[topology.referenced_vertex], minlength=n)
@@ -74,18 +74,20 @@ def least_energy(mesh: TriangleMesh, keeps_area_and_volume: bool) -> float:
     return float(least[~opened & (faces > 0)].sum())
 
 
-def least_energy_of_vesicle(mesh: TriangleMesh) -> float:
-    """Least int H^2 of a sphere with the area and the volume of a mesh.
+def least_energies_of_vesicles(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """Least int H^2 of spheres with the area and the volume of each component of a mesh.
 
     Parameters
     ----------
     mesh : TriangleMesh
-        Closed, of genus 0.
+        Closed, components of genus 0.
 
     Returns
     -------
-    float
+    (c,) ndarray of float64
     """
-    reduced = 6.0 * np.sqrt(np.pi) * abs(enclosed_volume(mesh)) / area(mesh) ** 1.5
-    smooth = reduced + POLYHEDRON_DEFICIT / mesh.n_faces
-    return 4.0 * np.pi * float(np.interp(smooth, REDUCED_VOLUMES, LEAST_OF_VESICLES))
+    component = mesh.topology.vertex_component
+    volume = volumes_inside(mesh, None, component)
+    reduced = 6.0 * np.sqrt(np.pi) * np.abs(volume) / areas(mesh, component) ** 1.5
+    smooth = reduced + POLYHEDRON_DEFICIT / np.bincount(mesh.topology.face_component)
+    return 4.0 * np.pi * np.interp(smooth, REDUCED_VOLUMES, LEAST_OF_VESICLES)

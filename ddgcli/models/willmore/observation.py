@@ -47,7 +47,7 @@ def measured(mesh: TriangleMesh, constraints: Constraints, scale: float) -> dict
             if constraints.in_place:
                 scalar["mean_curvature_spread"] = mean_curvature_spread(mesh)
     for name, residual in constraints.residuals(mesh).items():
-        scalar[f"{name}_residual"] = residual
+        scalar[f"{name}_residual"] = float(residual[np.abs(residual).argmax()])
     return scalar
 
 

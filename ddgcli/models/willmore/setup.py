@@ -176,15 +176,36 @@ def _require_rest(topology: Topology, name: str, options: FlowOptions) -> None:
         )
 
 
-def _require_one_component(topology: Topology, options: FlowOptions, free: NDArray) -> None:
-    """Raise MeshError where moving components would exchange the area or the volume that is kept in sum."""
-    n_moving = len(np.unique(topology.vertex_component[free]))
-    if n_moving > 1 and (options.fix_area or options.fix_volume):
+def _moving_components(
+    topology: Topology, options: FlowOptions, free: NDArray, film: bool
+) -> NDArray[np.int64] | None:
+    """Number of the component of each vertex of those that keep their own area and volume, -1 elsewhere.
+
+    None where at most one moves, or nothing is kept.
+
+    Raises
+    ------
+    MeshError
+        Where a flow would keep the sum of several, which exchange area and volume.
+    """
+    moving = np.unique(topology.vertex_component[free])
+    if len(moving) < 2 or not (options.fix_area or options.fix_volume):
+        return None
+    if options.remesh:
+        raise MeshError(
+            f"remeshing takes one component at a time where area or volume is kept, and {len(moving)} move; "
+            f"leave `remesh` out, or {cure('components', topology)}"
+        )
+    if film:
         names = " and ".join(f"`{name}`" for name in ("fix_area", "fix_volume") if getattr(options, name))
         raise MeshError(
-            f"{names} would keep the sum of {n_moving} components, which exchange it; name the vertices of "
-            f"one by `region` (the others stay), or {cure('components', topology)}"
+            f"`flow=mean-curvature` with {names} would keep the sum of {len(moving)} components, which "
+            "exchange it; name the vertices of one by `region` (the others stay), or "
+            f"{cure('components', topology)}"
         )
+    number = np.full(topology.n_components + 1, -1)
+    number[moving] = np.arange(len(moving))
+    return number[topology.vertex_component]
 
 
 def _require_conformal(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None) -> None:
@@ -262,9 +283,8 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     scheme = chosen_scheme(options)
     unit, centre, scale = centred_at_unit_size(mesh)
     free = free_vertices(topology, boundary, region)
-    _require_one_component(topology, options, free)
     film = is_film(options, topology)
-    constraints = film_constraints(unit, options, film)
+    constraints = film_constraints(unit, options, film, _moving_components(topology, options, free, film))
     curvature = unit_curvature(unit, options, scale)
     definition = ENERGIES[energy_name]
     energy_kind = film_energy(unit, options) if film else with_curvature(definition.builder(unit), curvature)

@@ -13,7 +13,7 @@ from ddgcli.errors import SolveError
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_dot
-from ddgcli.models.willmore.constraints import PARALLEL_GRADIENT_TOLERANCE, Constraints
+from ddgcli.models.willmore.constraints import Constraints, ConstraintSpan, combined
 from ddgcli.models.willmore.descent import Preconditioner, moved_along, vertex_normals
 from ddgcli.models.willmore.energies import Energy
 from ddgcli.models.willmore.state import rounding_scale
@@ -138,25 +138,27 @@ class Lagrangian:
     topology : Topology
     energy : Energy
     constraints : Constraints
-    multipliers : (c,) ndarray
+    multipliers : (r, c) ndarray
+    free : (k,) ndarray of int
+        Vertices that move; the gradient is of no meaning at others.
     """
 
     topology: Topology
     energy: Energy
     constraints: Constraints
     multipliers: NDArray[np.float64]
+    free: NDArray[np.int64]
 
     def value(self, points: NDArray) -> float:
         """Energy less multipliers times residuals."""
         residuals = self.constraints.residuals(TriangleMesh(points, self.topology)).values()
-        return self.energy.value(points) - float(np.dot(self.multipliers, list(residuals)))
+        return self.energy.value(points) - float(np.sum(self.multipliers * np.array(list(residuals))))
 
     def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]:
         """The same and its exact gradient (n, 3)."""
         gradient = np.array(self.energy.value_and_gradient(points)[1])
-        rows = self.constraints.gradients(TriangleMesh(points, self.topology), np.arange(len(points)))
-        for share, row in zip(self.multipliers, rows):
-            gradient -= share * row
+        rows = self.constraints.gradients(TriangleMesh(points, self.topology), self.free)
+        gradient[self.free] -= combined(self.multipliers, rows, self.constraints.label(self.free))
         return self.value(points), gradient
 
 
@@ -184,13 +186,11 @@ def tangent_solve(
     rows = constraints.gradients(metric.at.mesh, metric.at.free)
     if not rows:
         return solve
-    lifted = [solve(c) for c in rows]
-    gram = np.array([[np.sum(c * s) for s in lifted] for c in rows])
-    inverse = np.linalg.pinv(gram, rcond=PARALLEL_GRADIENT_TOLERANCE)
+    label = constraints.label(metric.at.free)
+    span = ConstraintSpan.of(rows, solve, label, constraints.count)
 
     def solve_tangent(covector: NDArray) -> NDArray:
-        share = inverse @ np.array([np.sum(covector * s) for s in lifted])
-        return solve(covector) - sum(w * s for w, s in zip(share, lifted))
+        return solve(covector) - span.combined(span.dual_shares(covector))
 
     return solve_tangent
 
@@ -236,7 +236,7 @@ def descending_newton_step(
     solve = tangent_solve(metric, constraints, normal)
     lagrangian = energy
     if constraints.active:
-        lagrangian = Lagrangian(at.mesh.topology, energy, constraints, at.multipliers)
+        lagrangian = Lagrangian(at.mesh.topology, energy, constraints, at.multipliers, at.free)
     while radius >= least_radius:
         newton = newton_motion(
             _along(at.gradient, normal),
