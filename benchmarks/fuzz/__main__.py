@@ -5,7 +5,7 @@ kind, or makes random scenes and calls, until this processor time is over. It pr
 tried, accepted, refused, the slowest) and every escape: an exception that is not ours, a message over two
 lines' length, an input that takes too long, or one that ends the process. They are in `build/fuzz/`, and the
 exit code is 1. `--store` adds the counts to the ledger that docs/hard-cases.md shows, with a seed that no
-stored run had.
+stored run had. An interrupt (Control-C) ends the run with what was counted, exit code 130.
 """
 
 from __future__ import annotations
@@ -50,6 +50,8 @@ def main() -> int:
             (folder / f"{kind.name.replace('.', '_').replace(' ', '_')}_{seed}_{number}").write_bytes(data)
             print(f"  escape {number}: {message}", flush=True)
             bad += 1
+        if account.interrupted:
+            return 130
     return 1 if bad else 0
 
 

@@ -52,6 +52,7 @@ class Account:
     lines: int = 0  # reached in functions of the package; 0 where they are not counted
     lines_of_seeds: int = 0
     pool: int = 0  # inputs that were mutated
+    interrupted: bool = False  # by Control-C; what the last child tried is not counted
 
     def __str__(self) -> str:
         lines = f", lines {self.lines_of_seeds} to {self.lines}, {self.pool} mutated" if self.lines else ""
@@ -187,7 +188,11 @@ def fuzz_in_processes(
         total.lines_of_seeds = coverage.count
     began = _cpu()
     while (left := cpu_seconds - (_cpu() - began)) > 0:
-        notes, code = _fuzz_in_child(kind, seed, number, pool, coverage, left)
+        try:
+            notes, code = _fuzz_in_child(kind, seed, number, pool, coverage, left)
+        except KeyboardInterrupt:
+            total.interrupted = True
+            break
         total.slowest = max(total.slowest, notes.slowest)
         messages = notes.messages
         for k, result in enumerate(notes.results):
@@ -302,7 +307,7 @@ def _outcome_in_child(kind: Kind, read: Callable[[bytes], object], data: bytes) 
 
 
 def _watched_child(kind: Kind, work: Callable[[Notes], None]) -> tuple[Notes, int]:
-    """Notes that a child makes in `work`, and its exit code; it is killed where one input takes too long."""
+    """Notes that a child makes in `work`, and its exit code."""
     notes = Notes()
     child = os.fork()
     if child == 0:
@@ -316,11 +321,21 @@ def _watched_child(kind: Kind, work: Callable[[Notes], None]) -> tuple[Notes, in
             code = 0
         finally:
             os._exit(code)
+    try:
+        return notes, _watch(kind, child, notes)
+    except KeyboardInterrupt:
+        os.killpg(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        raise
+
+
+def _watch(kind: Kind, child: int, notes: Notes) -> int:
+    """Exit code of a child, which is killed where one input takes too long."""
     count_before, clock_before, cpu_before = 0, time.monotonic(), 0.0
     while True:
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
-            return notes, os.waitstatus_to_exitcode(status)
+            return os.waitstatus_to_exitcode(status)
         cpu, count = time.clock_gettime((~child << 3) | 2), len(notes.results)  # clock of another process
         if count != count_before:
             count_before, clock_before, cpu_before = count, time.monotonic(), cpu

@@ -67,6 +67,20 @@ def test_a_crash_a_loop_and_a_foreign_exception_in_a_child_are_counted_with_thei
     assert [data for _, data in account.escapes[:3]] == [b"crash", b"bug", b"loop"]
 
 
+def test_an_interrupted_run_counts_what_it_tried(monkeypatch):
+    def read(data):
+        if data == b"loop":
+            os.kill(os.getppid(), signal.SIGINT)
+            while True:
+                pass
+
+    monkeypatch.setattr(run, "input_of", lambda kind, pool, seed, k: b"loop" if k == 3 else b"good")
+    monkeypatch.setattr(run, "INPUTS_OF_A_CHILD", 3)
+    kind = Kind("any", lambda: [b""], lambda: read)
+    account = run.fuzz_in_processes(kind, 1000.0, seed=0)
+    assert (account.inputs, account.accepted, account.interrupted) == (3, 3, True)
+
+
 def test_stored_runs_add_up_and_take_another_seed_each(monkeypatch, tmp_path):
     monkeypatch.setattr(ledger, "LEDGER", tmp_path / "ledger.json")
     assert ledger.next_seed("ply") == 1
