@@ -287,6 +287,13 @@ def test_models_and_contact_of_a_shell_change_what_is_predicted(inputs, tmp_path
     assert times(sphere, "", "midedge") == {"midedge step": 10}
     assert times(sphere, f"contact = {{ {pair} }}") == {"implicit step": 10 * CONTACT_STEPS}
     assert times(sphere, "contact = { self_contact = true }") == {"implicit step": 10, "pairs step": 10}
+    ranges = []  # of limp shells, which collapse where they strike, the upper end is far
+    for limp in (True, False):
+        times(sphere, f"contact = {{ {pair} }}" + "\nstretching = {}" * (not limp))
+        row = facts_of(summary("shell-sim", tmp_path / "a.toml", "--dry-run"))["kernels"][1]
+        assert ("resists collapse" in row["assumes"]) == limp
+        ranges.append(row["times_range"][1] / row["times"])
+    assert ranges[0] > 10 * ranges[1]
     both = times(mesh, f"contact = {{ {pair} }}")  # 128 faces meet 236
     assert both["pairs step"] == pytest.approx(10 * (128 + 236) / 128)
 

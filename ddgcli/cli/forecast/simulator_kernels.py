@@ -21,6 +21,8 @@ TRIED_STEPS = 3  # of an adaptive step: one, and two of half its length
 ADAPTIVE_RANGE: Range = (1.0, 10.0)  # adaptive steps of a frame
 CONTACT_STEPS = 3.2  # steps without contact that cost as much as one with it, for its Newton iterations
 CONTACT_RANGE: Range = (0.3, 4.0)  # before contact none; a stiff sheet that has struck something needs many
+# of contact where nothing resists stretching: triangles collapse, and steps are divided into hundreds
+LIMP_CONTACT_RANGE: Range = (0.3, 400.0)
 STEPS_PER_ITERATION = 0.5  # one factorisation in place of a factorisation and the moves after it
 DESCENT_RANGE: Range = (0.1, 1.5)  # of --steps, where a flow ends at rest before
 CONFORMAL_RANGE: Range = (0.2, 5.0)
@@ -85,7 +87,8 @@ def curve_flow_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[
 def shell_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     """A shell scene: integrator, `solver` of the linear systems where one is fixed, and facts of the scene.
 
-    These are `contact`, `midedge`, `modes`, `buckling` and the faces that pairs search, `pair_elements`.
+    These are `contact`, `stretching` (an effect resists it), `midedge`, `modes`, `buckling` and the faces
+    that pairs search, `pair_elements`.
     """
     integrator = options.get("integrator")
     yield Use("shell-sim")
@@ -95,6 +98,9 @@ def shell_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     contact, unknown, assumes = 1.0, NEWTON_RANGE, "no rejected step"
     if options.get("contact"):
         contact, unknown, assumes = CONTACT_STEPS, CONTACT_RANGE, "contact in some steps"
+        if not options.get("stretching", True):
+            unknown = LIMP_CONTACT_RANGE
+            assumes += " and none divided, though no effect such as stretching resists collapse"
     iterative = "iterative " if options.get("solver") in ITERATIVE_SOLVERS else ""
     bending = "midedge" if options.get("midedge") else "implicit"
     if integrator == "avi":

@@ -24,9 +24,9 @@ def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any
     Returns
     -------
     dict
-        `contact` (with another object) and `midedge` (bending) are bool. `pair_elements` are the faces among
-        which contact searches pairs: those of shells that meet themselves, each other or an obstacle with a
-        mesh, and of that mesh.
+        `contact` (with another object), `stretching` (an effect resists it) and `midedge` (bending) are bool.
+        `pair_elements` are the faces among which contact searches pairs: those of shells that meet
+        themselves, each other or an obstacle with a mesh, and of that mesh.
     """
     effects = [(effect.name, parameters) for effect, parameters, _ in scene.effects]
     searched: set[str] = set()
@@ -41,6 +41,7 @@ def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any
         faces |= {name: len(obstacle.mesh.faces) for name, obstacle in context.obstacles.items()}
     return {
         "contact": any(name == "contact" and bool(p.pairs) for name, p in effects),
+        "stretching": any(name == "stretching" for name, _ in effects),
         "midedge": any(name == "bending" and p.model == "midedge" for name, p in effects),
         "pair_elements": sum(faces.get(name, 0) for name in searched),
     }
