@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
+from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.repair import merged_points
@@ -53,6 +56,32 @@ def _has_thin_triangles(mesh: TriangleMesh) -> bool:
         if (double_area < 2.0 * THIN_TRIANGLE * dot(side, side).max(axis=0)).any():
             return True
     return False
+
+
+def warn_of_pieces(mesh: TriangleMesh) -> None:
+    """Warn of components whose boundaries meet at equal positions: a surface in pieces, which a weld joins.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    """
+    topology = mesh.topology
+    boundary = np.flatnonzero(topology.boundary_vertex)
+    if not len(boundary) or topology.n_components < 2:
+        return
+    place = merged_points(mesh.points[boundary])[1]
+    component = topology.vertex_component[boundary]
+    n_nodes = topology.n_components + int(place.max()) + 1
+    label = connected_labels(component, topology.n_components + place, n_nodes)[1][: topology.n_components]
+    n_touching = int((np.bincount(label)[label] > 1).sum())
+    if n_touching:
+        logging.getLogger("ddgcli").warning(
+            "%d of %d components have boundary vertices at equal positions, where nothing connects them: the "
+            "surface is in pieces; %s",
+            n_touching,
+            topology.n_components,
+            cure("equal positions"),
+        )
 
 
 def weld_advice(mesh: SurfaceMesh, unreached: NDArray[np.bool_]) -> str:

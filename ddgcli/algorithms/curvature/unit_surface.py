@@ -16,6 +16,7 @@ from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.grid_coordinates import precision_steps
 from ddgcli.algorithms.curvature.one_sided import double_covered
 from ddgcli.errors import MeshError, counted
+from ddgcli.geometry.cures import warn_of_pieces
 from ddgcli.geometry.extrinsic import edge_blocks, folded_edges, single_edge_length
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.repair import faces_to_turn, reverse_faces
@@ -229,6 +230,7 @@ def _warn_of_defects(
             len(topology.nonmanifold_edges),
             len(topology.nonmanifold_vertices),
         )
+    warn_of_pieces(mesh)
     spare = int((~topology.referenced_vertex).sum())
     if spare:
         _log.warning("%d vertices belong to no face of the surface: all their values are 0", spare)

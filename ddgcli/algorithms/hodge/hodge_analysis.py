@@ -23,7 +23,7 @@ from ddgcli.algorithms.hodge.harmonic import HarmonicBasis, harmonic_basis
 from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, generator_loops
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.cures import cure_of_bad_shapes
+from ddgcli.geometry.cures import cure_of_bad_shapes, warn_of_pieces
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.require import refuse_flat_faces, require, require_manifold_body
@@ -184,6 +184,7 @@ def check_mesh(mesh: SpaceMesh) -> None:
     if not isinstance(mesh, TriangleMesh):
         raise MeshError("curves have no Hodge decomposition; give a surface or a mesh of tetrahedra")
     require(mesh, "hodge", manifold=True, oriented=True, one_sided=True)
+    warn_of_pieces(mesh)
     if mesh.topology.one_sided_face.any():
         log.warning("the surface is one-sided (not orientable): the sign of copotentials depends on the "
                     "orientation of the faces, and some generators have finite order")  # fmt: skip

@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.choices import LAPLACE_OPERATORS, MASSES
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.cures import warn_of_pieces
 from ddgcli.mesh.require import require
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
@@ -109,6 +110,7 @@ def laplace_operator(
     if name == "intrinsic-delaunay":
         _require_surface(mesh)
     _warn_of_isolated_vertices(mesh.topology.referenced_vertex)
+    warn_of_pieces(mesh)
     surface, share, facts = _triangulation(name, mesh, max_rounds)
     L = uniform_stiffness(mesh) if name == "uniform" else share * stiffness(surface)
     return LaplaceOperator(

@@ -1,0 +1,54 @@
+"""Surfaces in pieces: triangles that share positions but no vertices, as scans and STL in OBJ have them."""
+
+import numpy as np
+import pytest
+
+from ddgcli.geometry.cures import warn_of_pieces
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def in_pieces(mesh):
+    return TriangleMesh.from_arrays(
+        mesh.points[mesh.faces.ravel()], np.arange(mesh.faces.size).reshape(-1, 3)
+    )
+
+
+def beside(a, b):
+    faces = np.concatenate([a.faces, b.faces + a.n_vertices])
+    return TriangleMesh.from_arrays(np.concatenate([a.points, b.points]), faces)
+
+
+@pytest.mark.parametrize("words", [("curvature",), ("laplacian", "--eigen", 2), ("hodge",)])
+def test_triangles_of_their_own_have_a_warning_whose_cure_joins_them(words, run, summary, tmp_path):
+    """All curvatures were 0, the Betti numbers those of 80 disks, in silence."""
+    path, welded = tmp_path / "soup.obj", tmp_path / "soup-repaired.ply"
+    write_mesh(str(path), AnnotatedMesh(in_pieces(shapes.icosphere(1))))
+    (warning,) = [w for w in summary(words[0], path, *words[1:])["warnings"] if "pieces" in w]
+    assert warning.startswith("80 of 80 components have boundary vertices at equal positions")
+    assert "--weld" in warning
+    assert run("repair", path, "--weld", "-o", welded).exit_code == 0
+    assert not [w for w in summary(words[0], welded, *words[1:])["warnings"] if "pieces" in w]
+
+
+GRID = shapes.grid(2, 2)
+NEXT = GRID.moved(GRID.points + [1.0, 0.0, 0.0])
+APART = GRID.moved(GRID.points + [1.5, 0.0, 0.0])
+BOX = shapes.box(1, 1, 1)
+
+
+@pytest.mark.parametrize(
+    "mesh, n_pieces",
+    [
+        (beside(GRID, NEXT), "2 of 2"),
+        (beside(beside(GRID, NEXT), BOX.moved(BOX.points + 9.0)), "2 of 3"),
+        (beside(GRID, APART), ""),
+        (beside(BOX, BOX.moved(BOX.points + [1.0, 0.0, 0.0])), ""),  # bodies that touch are whole
+        (GRID, ""),
+    ],
+)
+def test_components_count_as_pieces_where_their_boundaries_meet(mesh, n_pieces, caplog):
+    warn_of_pieces(mesh)
+    assert caplog.text.count("components have") == bool(n_pieces) and n_pieces in caplog.text
