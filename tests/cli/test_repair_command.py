@@ -76,8 +76,9 @@ def test_the_advice_for_a_welded_surface_with_one_side_works(run, moebius):
     assert run("repair", cut, "--fill-holes", 50).exit_code == 0
 
 
-def test_the_cure_of_a_step_repeats_the_steps_before_it(run, moebius):
+def test_the_cure_of_a_step_repeats_the_steps_before_it(run, moebius, tmp_path, monkeypatch):
     """A face that is there twice: without --drop-duplicates the cut is refused."""
+    monkeypatch.chdir(tmp_path)
     mesh = read_mesh(str(moebius)).surface
     double = TriangleMesh.from_arrays(mesh.points, np.concatenate([mesh.faces, mesh.faces[:1]]))
     path = moebius.with_name("double.npz")
