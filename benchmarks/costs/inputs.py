@@ -31,6 +31,7 @@ def write_input(path: str, kind: str, elements: int) -> float:
     from ddgcli.mesh import shapes
     from ddgcli.mesh.curve import CurveSet
     from ddgcli.mesh.fields import AnnotatedMesh
+    from ddgcli.mesh.tet_mesh import TetMesh
 
     if kind == "trajectory":
         sphere, _ = make_input(Path(path).parent, "sphere", elements)
@@ -54,6 +55,10 @@ def write_input(path: str, kind: str, elements: int) -> float:
         return 0.0
     if kind == "box":
         mesh: Any = shapes.box_tetrahedra(*3 * [max(2, round((elements / 6) ** (1 / 3)))])
+    elif kind == "pierced":  # a box with nine holes from side to side
+        whole = shapes.box_tetrahedra(*3 * [7 * max(1, round((elements / 2000) ** (1 / 3)))])
+        cell = np.floor(7 * whole.points[whole.tetrahedra].mean(axis=1)[:, :2])
+        mesh = TetMesh.from_arrays(whole.points, whole.tetrahedra[(cell % 2 == 0).any(axis=1)])
     elif kind == "disk":
         mesh = shapes.grid(n := max(2, round((elements / 2) ** 0.5)), n)
     else:
@@ -62,6 +67,8 @@ def write_input(path: str, kind: str, elements: int) -> float:
         n = max(4, round((elements / 4) ** 0.5))
         mesh = shapes.torus(2 * n, n)
         mesh = mesh.moved(mesh.points * [1.0, 1.2, 0.8])
+    if kind == "needle":  # which covers few pixels of a picture
+        mesh = mesh.moved(mesh.points * [1.0, 0.02, 0.02])
     if kind == "noisy":
         noise = 0.05 * mesh.side_length.mean() * np.random.default_rng(0).standard_normal(len(mesh.points))
         mesh = mesh.moved(mesh.points * (1 + noise)[:, None])
@@ -71,7 +78,7 @@ def write_input(path: str, kind: str, elements: int) -> float:
         mesh = mesh.moved(mesh.points * (1 + height)[:, None])
     cells = {"wind": np.tile([1.0, 0.5, 0.2], (elements_of(mesh), 1))}
     write_mesh(path, AnnotatedMesh(mesh, vertex={"f": mesh.points[:, 2].copy()}, face=cells))
-    return 3 * float(mesh.side_length.mean()) if kind != "box" else 0.0
+    return 3 * float(mesh.side_length.mean()) if kind not in ("box", "pierced") else 0.0
 
 
 def elements_of(mesh: Any) -> int:

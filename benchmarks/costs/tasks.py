@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 SIZES, SMALL_SIZES, SHELL_SIZES = (10_000, 80_000), (2_000, 14_000), (10_000, 100_000)
+SOLID_SIZES = (2_000, 14_000, 60_000)  # of tetrahedra, whose factors fill more
 LARGE_SIZES = (10_000, 80_000, 500_000)  # where caches and fill give an exponent above 1.05
 PIECE_SIZES = (10_000, 100_000, 600_000)  # of shells, whose elements are summed in pieces beyond 350,000
 SHELL = "--material felt --set thickness=1e-3 --effect stretching --effect gravity"
@@ -35,7 +36,8 @@ SURFACE = [
     Task("write ply", "info {mesh} -o {out}.ply"),
     Task("write text", "info {mesh} -o {out}.obj"),
     Task("picture", "info {mesh} --plot {out}.png --size 200x200"),
-    Task("picture pixels", "info {mesh} --plot {out}.png", (10_000,), mesh="torus"),
+    Task("picture pixels", "info {mesh} --plot {out}.png", (10_000,), mesh="needle"),
+    Task("picture covered pixels", "info {mesh} --plot {out}.png", (10_000,), mesh="disk"),
     Task("picture of triangulations", "delaunay {mesh} --plot {out}.png", (2_000, 20_000)),
     Task("repair", "repair {mesh} --for curvature"),
     *(
@@ -64,7 +66,7 @@ SURFACE = [
     Task("delaunay refine", "delaunay {mesh} --refine 25", (1_000, *SIZES)),
     Task("delaunay overlay", "delaunay {mesh} --overlay {out}.ply"),
     Task("delaunay dual", "delaunay {mesh} --dual {out}.npz"),
-    Task("delaunay condition", exponent=1.15, words="delaunay {mesh} --condition"),
+    Task("delaunay condition", "delaunay {mesh} --condition", LARGE_SIZES, exponent=1.3),
     Task("laplacian", "laplacian {mesh}"),
     Task("laplacian matrix", "laplacian {mesh} --matrix {out}.npz"),
     Task("laplacian poisson", "laplacian {mesh} --poisson f", LARGE_SIZES, exponent=1.25),
@@ -159,10 +161,10 @@ SURFACE = [
     ),
     Task(
         "willmore-flow remeshing",
-        "willmore-flow {mesh} --remesh mean --steps 4",
+        "willmore-flow {mesh} --remesh mean --steps 1",
         SMALL_SIZES,
         mesh="torus",
-        uses="steps",
+        uses="remeshes",
     ),
     Task("willmore-flow conformal", "willmore-flow {mesh} --flow conformal", (500, 2_000), mesh="torus"),
     Task(
@@ -302,8 +304,8 @@ TETRAHEDRA = [
     Task(
         "fluid-sim",
         "fluid-sim {mesh} --flow vortex-ring --integrator energy --dt 1e-7 --steps 1",
-        SMALL_SIZES,
-        exponent=1.2,
+        SOLID_SIZES,
+        exponent=1.3,
         mesh="box",
         suffix="tetrahedra",
     ),
@@ -311,20 +313,37 @@ TETRAHEDRA = [
         Task(
             f"fluid-sim {name} step",
             f"fluid-sim {{mesh}} --flow vortex-ring --integrator {name} --dt 1e-3 --steps 9",
-            SMALL_SIZES,
+            SOLID_SIZES,
+            exponent=1.3,
             mesh="box",
             suffix="tetrahedra",
         )
         for name in ("circulation", "energy", "covector")
     ),
     Task("hodge", "hodge {mesh}", SMALL_SIZES, mesh="box", suffix="tetrahedra"),
-    Task("hodge field", "hodge {mesh} --field wind", SMALL_SIZES, mesh="box", suffix="tetrahedra"),
-    Task("dec", "dec {mesh} -o {out}.npz", SMALL_SIZES, mesh="box", suffix="tetrahedra"),
+    Task(
+        "hodge cochains",
+        "hodge {mesh}",
+        SMALL_SIZES,
+        exponent=1.33,  # iterations grow with the number of edges across
+        mesh="pierced",
+        suffix="tetrahedra",
+    ),
+    Task(
+        "hodge field",
+        "hodge {mesh} --field wind",
+        SOLID_SIZES,
+        exponent=1.3,
+        mesh="box",
+        suffix="tetrahedra",
+    ),
+    Task("dec", "dec {mesh} -o {out}.npz", SOLID_SIZES, mesh="box", suffix="tetrahedra"),
     Task("view", "view {mesh} -o {out}.html", mesh="box", suffix="tetrahedra"),
 ]
 CURVES = [
     Task("info", "info {mesh}", mesh="circle", suffix="curve"),
     Task("curvature", "curvature {mesh}", mesh="circle", suffix="curve"),
+    Task("curvature frames", "curvature {mesh} --frames", LARGE_SIZES, mesh="circle", suffix="curve"),
     Task("picture", "info {mesh} --plot {out}.png", mesh="circle", suffix="curve"),
     Task("curve-flow", "curve-flow {mesh} --steps 1 --dt 1e-9", SMALL_SIZES, mesh="circle", suffix="curve"),
     Task(

@@ -201,7 +201,7 @@ class Run:
             log.warning("genus is null: the surface is not an orientable manifold")
         from ddgcli.cli.forecast.check_cost import size_of
 
-        self.predict(size_of(source.mesh, self.options))
+        self.predict(size_of(source.mesh, self.options | {"plot": self.common.plot}))
         return source
 
     def predict(self, size: InputSize, options: Mapping[str, Any] | None = None) -> Prediction | None:

@@ -3,4 +3,16 @@
 The only place that imports matplotlib. `page` lays out a figure, `raster` draws large meshes as pixels.
 """
 
-__all__ = ["array", "chart", "colour", "curve", "glyphs", "motion", "page", "raster", "surface", "web_page"]
+__all__ = [
+    "array",
+    "chart",
+    "colour",
+    "curve",
+    "glyphs",
+    "motion",
+    "page",
+    "raster",
+    "surface",
+    "viewpoint",
+    "web_page",
+]

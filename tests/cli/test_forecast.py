@@ -24,14 +24,22 @@ from ddgcli.cli.forecast.mesh_facts import (
     angle_deficit,
     ball_work,
     edge_paths,
+    handles,
     harmonic_fields,
     noise_of_vertices,
 )
 from ddgcli.cli.forecast.prediction import predict
-from ddgcli.cli.forecast.simulator_kernels import ITERATIONS_PER_LOAD_STEP, ITERATIONS_TO_REST
+from ddgcli.cli.forecast.simulator_kernels import (
+    ITERATIONS_PER_LOAD_STEP,
+    ITERATIONS_TO_REST,
+    MAX_REMESHES,
+    REMESHING_INTERVAL,
+)
 from ddgcli.cli.forecast.use import InputSize, Use
 from ddgcli.mesh import shapes
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore import remesh_step
 
 MIB = 2.0**20
 
@@ -209,14 +217,6 @@ def test_offset_bodies_are_counted_by_the_steps_of_their_arcs():
         options = {"scheme": "cotan", "offset": 0.1}
         assert kernels_of("curvature", options, size)[0].elements == of_smooth
     assert size_of(shapes.grid(2, 2), {"offset": 0.1}).offset_faces is None  # the run refuses it
-
-
-def test_pictures_are_counted_by_their_pixels():
-    size = InputSize("surface", 1000, frame_count=3)
-    pixels = kernels_of("info", {}, size, plot=True, pixels=600 * 400)[-1]
-    assert pixels == Use("picture pixels", elements=240_000)
-    uses = kernels_of("frames", {"pictures": True}, size)
-    assert [use.times for use in uses] == [3, 3] and not kernels_of("frames", {"pictures": False}, size)
 
 
 def test_trees_of_many_sources_are_counted():
@@ -398,6 +398,32 @@ def test_heat_kernel_signatures_take_the_eigenpairs_that_the_run_computes():
         further = kernels_of("laplacian", {"hks": times}, size)[-1]
         assert further.kernel == "laplacian eigenpair" and further.times == pairs - 8
         assert kernels_of("laplacian", {"hks": times, "eigen": 900}, size)[-1].times == 892
+
+
+def test_handles_of_solids_are_counted_by_the_genus_of_their_boundary():
+    """A solid of genus eleven was predicted at 0.57 of its seconds."""
+    whole = shapes.box_tetrahedra(5, 5, 3)
+    hole = (np.floor(5 * whole.points[whole.tetrahedra].mean(axis=1)[:, :2]) % 2 == 1).all(axis=1)
+    cavity = (np.floor(5 * whole.points[whole.tetrahedra].mean(axis=1)) == [2, 2, 2]).all(axis=1)
+    for outside, count in ((hole, 4), (np.zeros(len(hole), dtype=bool), 0), (cavity, 0)):
+        solid = TetMesh.from_arrays(whole.points, whole.tetrahedra[~outside])
+        assert handles(solid.boundary) == betti_numbers(solid).absolute[1] == count
+        uses = kernels_of("hodge", {"basis": False}, size_of(solid, {"basis": False}))
+        assert [use.times for use in uses[1:]] == [count] * (count > 0)
+
+
+def test_remeshings_are_counted_as_often_as_the_flow_may_remesh():
+    """One a step was counted, of the cost of a fourth: 0.29 of the seconds of a run of one step."""
+    assert (REMESHING_INTERVAL, MAX_REMESHES) == (remesh_step.INTERVAL, remesh_step.MAX_REMESHES)
+    counts = [
+        next(
+            use.times
+            for use in kernels_of("willmore-flow", {"remesh": "mean"}, InputSize("surface", 99, steps=steps))
+            if use.kernel == "willmore-flow remeshing"
+        )
+        for steps in (1, 5, 6, 12, 1000)
+    ]
+    assert counts == [1, 1, 2, 3, remesh_step.MAX_REMESHES]
 
 
 def test_harmonic_fields_are_counted_by_eulers_formula():

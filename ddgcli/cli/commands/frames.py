@@ -97,7 +97,7 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
         drawn = {".png", ".svg", ".pdf", *ANIMATIONS} & {
             Path(output).suffix.lower() for output in common.outputs
         }
-        size = replace(size_of(source.mesh, {}), frame_count=max(1, len(exported)))
+        size = replace(size_of(source.mesh, {"plot": bool(drawn)}), frame_count=max(1, len(exported)))
         run.predict(size, {"pictures": bool(drawn)})
         if drawn or common.plot is not None:
             _array_name(source, settings)

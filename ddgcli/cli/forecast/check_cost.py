@@ -47,9 +47,11 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         angle_deficit,
         component_counts,
         crossings_per_length,
+        handles,
         harmonic_fields,
         mean_chord,
         offset_faces,
+        picture_share,
         signature_pairs,
     )
     from ddgcli.mesh.curve import CurveSet
@@ -69,13 +71,17 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         return InputSize("curve", mesh.n_vertices, steps=steps, adaptive=adaptive, n_curves=n_curves)
     if isinstance(mesh, TetMesh):
         pairs = signature_pairs(mesh, options["hks"]) if options.get("hks") else 0
-        return InputSize("tetrahedra", len(mesh.tetrahedra), steps=steps, signature_pairs=pairs)
+        return InputSize(
+            "tetrahedra", len(mesh.tetrahedra), steps=steps, signature_pairs=pairs,
+            betti_number=handles(mesh.boundary) if "basis" in options else 0,
+        )  # fmt: skip
     edge_length = float(mesh.side_length.mean()) if options.get("radius") and len(mesh.faces) else None
     refine = options.get("refine")
     deficit = angle_deficit(mesh, float(refine)) if refine else None
-    n_offset = None
-    if isinstance(mesh, TriangleMesh) and options.get("offset"):
-        n_offset = offset_faces(mesh, options)
+    n_offset, shown = None, 0.5
+    if isinstance(mesh, TriangleMesh):
+        n_offset = offset_faces(mesh, options) if options.get("offset") else None
+        shown = picture_share(mesh) if options.get("plot") else shown
     traces = options.get("trace") or options.get("fan")
     of_spectrum = options.get("hks") or options.get("eigen")
     n_components, equal_components = component_counts(mesh) if of_spectrum else (1, 1)
@@ -87,6 +93,7 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         betti_number=harmonic_fields(mesh) if options.get("basis") else 0,
         n_components=n_components, equal_components=equal_components,
         offset_faces=n_offset,
+        picture_share=shown,
     )  # fmt: skip
 
 

@@ -30,6 +30,8 @@ def curvature_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[U
     """Kernels of `curvature` for its options."""
     if size.kind == "curve":
         yield Use("curvature")
+        if options.get("frames"):
+            yield Use("curvature frames")
         return
     scheme, radius = options["scheme"], options.get("radius")
     if options.get("offset"):

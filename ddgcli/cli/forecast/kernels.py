@@ -93,7 +93,7 @@ def kernels_of(
         Of a picture.
     """
     if command == "frames":
-        uses = _picture(pixels, size.frame_count) if options.get("pictures") else []
+        uses = _picture(size, pixels, size.frame_count) if options.get("pictures") else []
     else:
         uses = list(_KERNELS[command](options, size))
     if command == "curvature" and full and size.kind != "curve":
@@ -102,26 +102,29 @@ def kernels_of(
         meshes = [path for path in outputs if Path(path).suffix.lower() not in PICTURES]
         uses += [Use(f"write {_written_as(path)}", size.frame_count) for path in meshes]
     if plot:
-        uses += _plot(command, pixels, size.frame_count)
+        uses += _plot(command, size, pixels)
     return uses
 
 
-def _plot(command: str, pixels: int, frame_count: int) -> list[Use]:
+def _plot(command: str, size: InputSize, pixels: int) -> list[Use]:
     """The picture of --plot: of a surface, or a page of small ones and charts."""
     if command == "delaunay":
         return [Use("delaunay overlay"), Use("picture of triangulations")]
     if command == "tradeoff":
         return [Use("picture curve")]
     if command in ("frames", "shell-sim", "fluid-sim", "willmore-flow", "curve-flow"):
-        further = min(frame_count + 1, MAX_PICTURE_FRAMES) - MEASURED_PICTURE_FRAMES
+        further = min(size.frame_count + 1, MAX_PICTURE_FRAMES) - MEASURED_PICTURE_FRAMES
         small = Use("picture pixels", further, elements=PAGE_SHARE_OF_FRAME * PAGE_PIXELS_OF_RUN)
         return [Use("picture of a run"), *([small] if further > 0 else [])]
-    return _picture(pixels, 1)
+    return _picture(size, pixels, 1)
 
 
-def _picture(pixels: int, count: int) -> list[Use]:
-    """Pictures of a surface: what their faces take, and what their pixels take."""
-    return [Use("picture", count), Use("picture pixels", count, elements=pixels)]
+def _picture(size: InputSize, pixels: int, count: int) -> list[Use]:
+    """Pictures: what their faces take, and their pixels, most on those that show a surface."""
+    if size.kind == "curve":  # lines, not pixels
+        return [Use("picture", count)]
+    covered = Use("picture covered pixels", count, added=1.0, elements=size.picture_share * pixels)
+    return [Use("picture", count), Use("picture pixels", count, elements=pixels), covered]
 
 
 def _written_as(path: str) -> str:
@@ -221,6 +224,10 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
 
 def _hodge(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("hodge field" if options.get("field") else "hodge")
+    if size.kind == "tetrahedra":
+        if size.betti_number:  # conjugate gradients for a cochain of each class of loops
+            yield Use("hodge cochains", size.betti_number)
+        return
     if options.get("basis") and size.betti_number:  # a solve for each field, which stays
         yield Use("laplacian poisson", added=1.0)
         fields = size.betti_number

@@ -21,10 +21,12 @@ __all__ = [
     "component_counts",
     "crossings_per_length",
     "edge_paths",
+    "handles",
     "harmonic_fields",
     "mean_chord",
     "noise_of_vertices",
     "offset_faces",
+    "picture_share",
     "signature_pairs",
 ]
 
@@ -37,6 +39,7 @@ SEARCH_OF_BALL = 30.0  # vertices in a ball that cost as much as the search for 
 CURVE_SOURCES = ("source_edges", "source_boundary")
 POINTS_OF_MEASURED_FACE = 2.1  # of offset bodies of spheres: each arc has one step
 SAME_AREA_DECIMALS = 6  # of the logarithm
+PICTURE_PIXELS = (1290, 1050)  # without a colour bar; only their ratio counts
 CLIPS_PER_TEST = 0.35  # clipped faces that cost as much as the test of a vertex
 
 
@@ -235,6 +238,12 @@ def harmonic_fields(mesh: TriangleMesh | IntrinsicMesh) -> int:
     return max(0, topology.n_components + closed - topology.euler_characteristic)
 
 
+def handles(boundary: TriangleMesh) -> int:
+    """First Betti number of a solid in space: the sum of the genera of its boundary surfaces."""
+    topology = boundary.topology
+    return max(0, topology.n_components - topology.euler_characteristic // 2)
+
+
 def component_counts(mesh: TriangleMesh | IntrinsicMesh) -> tuple[int, int]:
     """Number of components with faces, and the most of them that have as many faces of the same area."""
     import numpy as np
@@ -266,3 +275,24 @@ def offset_faces(mesh: TriangleMesh, options: Mapping[str, Any]) -> int | None:
         return round(check_offset(mesh, options["offset"], angle).n_points / POINTS_OF_MEASURED_FACE)
     except InputError:
         return None
+
+
+def picture_share(mesh: TriangleMesh) -> float:
+    """Share of a picture that shows a surface, by its area seen from the side that the picture looks from.
+
+    Half of a closed surface is behind the other; folds hide more.
+    """
+    import numpy as np
+
+    from ddgcli.geometry.extrinsic import face_area_vector
+    from ddgcli.plots.raster import fitted_camera, unit_box, view_axes
+    from ddgcli.plots.viewpoint import up_axis_of
+
+    if not mesh.n_faces:
+        return 0.0
+    points = unit_box(mesh.points)(mesh.points)
+    axes = view_axes(points, None, up_axis_of(points))
+    camera = fitted_camera(points, axes, *PICTURE_PIXELS)
+    seen = float(np.abs(face_area_vector(mesh.moved(points)) @ axes[2]).sum()) * camera.scale**2
+    layers = 1 if mesh.topology.boundary_vertex.any() else 2
+    return min(1.0, seen / (layers * camera.width * camera.height))

@@ -38,7 +38,7 @@ FILLED, FILL_SHARE, FILL_ELEMENTS = (
     0.53,
     1e5,
 )
-STEP_KERNELS = (" step", " remeshing", " search")  # ends of their names
+STEP_KERNELS = (" step", " search")  # ends of their names
 N_PROBES = 10
 MIB = 2.0**20
 

@@ -25,6 +25,9 @@ CONTACT_RANGE: Range = (0.3, 4.0)  # before contact none; a stiff sheet that has
 LIMP_CONTACT_RANGE: Range = (0.3, 400.0)
 STEPS_PER_ITERATION = 0.5  # one factorisation in place of a factorisation and the moves after it
 DESCENT_RANGE: Range = (0.1, 1.5)  # of --steps, where a flow ends at rest before
+# of `ddgcli.models.willmore.remesh_step`, which would load its imports; uneven triangles take more rounds
+REMESHING_INTERVAL, MAX_REMESHES = 5, 30
+REMESHING_RANGE: Range = (0.3, 4.0)
 CONFORMAL_RANGE: Range = (0.2, 5.0)
 MEASURED_MODES = 10
 STEPS_WITHOUT_SLIDING = 0.5  # one of two factorisations
@@ -64,7 +67,10 @@ def willmore_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Us
     in_time = flow == "mean-curvature" or options.get("step") or options.get("duration")
     kind = flow if flow in ("mean-curvature", "newton") else "quadratic" if in_time else "descent"
     if options.get("remesh"):
-        yield _step_uses("willmore-flow remeshing", size)
+        steps = DEFAULT_FLOW_STEPS if size.steps is None else size.steps
+        count = min(1 + max(steps - 1, 0) // REMESHING_INTERVAL, MAX_REMESHES)
+        assumes = f"{count} remeshes, as those of even triangles"
+        yield Use("willmore-flow remeshing", count, range=REMESHING_RANGE, assumes=assumes)
     divided = (TIMED_RANGE, "no divided step") if in_time else (KNOWN, "")
     use = _step_uses(f"willmore-flow {kind} step", size, 1.0, divided[0], assumes=divided[1])
     # a flow to rest ends when it is there, whatever the number of steps

@@ -65,6 +65,8 @@ class InputSize:
         Eigenpairs of heat kernel signatures.
     crossings_per_length : float
         Edges that a straight line of unit length crosses.
+    picture_share : float
+        Of the pixels of a picture, those that show the surface.
     mean_chord : float
         Mean length of straight lines from boundary to boundary.
     n_components, equal_components : int
@@ -96,6 +98,7 @@ class InputSize:
     n_curves: int = 1
     crossings_per_length: float = 0.0
     mean_chord: float = math.inf
+    picture_share: float = 0.5
     betti_number: int = 0
 
 
