@@ -4,13 +4,15 @@ python -m benchmarks.costs.sweep [COUNT] [--meshes FOLDER] [--seed N] [--rows FI
 
 Calls of every command on generated meshes, the samples and the meshes of a folder: CPU seconds of the program
 and of the operating system, and peak memory, predicted over measured. A call outside of 0.5 to 1.5 runs twice
-more, and the median counts. Calls that compute for less than 0.3 s have no ratio of seconds.
+more, and the median counts. Calls that compute for less than 0.3 s have no ratio of seconds. With --rows those
+of an earlier run count too; they are predicted again.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
 import shlex
 import statistics
 import sys
@@ -26,29 +28,40 @@ from benchmarks.costs.calls import meshes, random_call
 LOW, HIGH = 0.5, 1.5
 MIN_SECONDS = 0.3  # that a run computes after it has read its input
 MAX_SECONDS, MAX_MIB = 60.0, 6000.0  # predicted, of a call that runs
+FILE = re.compile(r"[\w.-]*[A-Za-z][\w.-]*\.(npz|obj|ply|vtu|vtp|vtkhdf|png|html)|out")
 Row = dict[str, Any]
 
 
-def measured(words: list[str], folder: Path) -> Row | None:
-    """Prediction and measurement of a call; None where it is refused, fails or is long."""
+def predicted(words: list[str], folder: Path) -> Row | None:
+    """Prediction of a call; None where it is refused."""
     dry = measured_command([*words, "--dry-run", "--json"], folder)
     if dry.exit_code:
         return None
     facts = dry.summary.get("prediction") or dry.summary["results"]
-    if facts["seconds"] > MAX_SECONDS or facts["peak_mib"] > MAX_MIB:
+    return {
+        "predicted_seconds": facts["seconds"], "range": facts["seconds_range"],
+        "predicted_mib": facts["peak_mib"], "read_seconds": facts["read_seconds"],
+        "assumes": "; ".join(row["assumes"] for row in facts["kernels"] if "assumes" in row),
+    }  # fmt: skip
+
+
+def with_ratios(row: Row) -> Row:
+    """A row with predicted over measured seconds and MiB."""
+    return row | {
+        "ratio": row["predicted_seconds"] / row["seconds"],
+        "mib_ratio": row["predicted_mib"] / row["mib"],
+    }
+
+
+def measured(words: list[str], folder: Path) -> Row | None:
+    """Prediction and measurement of a call; None where it is refused, fails or is long."""
+    row = predicted(words, folder)
+    if row is None or row["predicted_seconds"] > MAX_SECONDS or row["predicted_mib"] > MAX_MIB:
         return None
     run = measured_command(words, folder)
     if run.exit_code:
         return None
-    seconds = run.seconds + run.system_seconds
-    return {
-        "predicted_seconds": facts["seconds"], "seconds": seconds, "range": facts["seconds_range"],
-        "predicted_mib": facts["peak_mib"], "mib": run.mib, "read_seconds": facts["read_seconds"],
-        "dry_seconds": dry.seconds + dry.system_seconds,
-        "assumes": "; ".join(row["assumes"] for row in facts["kernels"] if "assumes" in row),
-        "kernels": {row["kernel"]: [row["times"], row["seconds"], row["mib"]] for row in facts["kernels"]},
-        "ratio": facts["seconds"] / seconds, "mib_ratio": facts["peak_mib"] / run.mib,
-    }  # fmt: skip
+    return with_ratios({**row, "seconds": run.seconds + run.system_seconds, "mib": run.mib})
 
 
 def is_timed(row: Row) -> bool:
@@ -72,29 +85,39 @@ def repeated(words: list[str], folder: Path) -> Row | None:
 
 def sweep(count: int, seed: int, folder: Path, further: Path | None, rows_file: Path | None) -> list[Row]:
     """Rows of `count` calls that ran."""
-    rng, rows, seen = Random(seed), [], set()
-    every = meshes(folder, further)
+    rng, rows = Random(seed), _earlier(rows_file, folder)
+    every = meshes(folder, further) if len(rows) < count else []
+    calls = {row["call"] for row in rows}
     while len(rows) < count:
-        name, words = random_call(rng, every, folder / "out")
+        _, words = random_call(rng, every, folder / "out")
         call = shlex.join(words).replace(f"{folder}/", "")
-        if call in seen:
+        if call in calls:
             continue
-        seen.add(call)
+        calls.add(call)
         row = repeated(words, folder)
         if row is None:
-            print("-", call, file=sys.stderr)
             continue
-        rows.append({"call": call, "command": words[0], "mesh": name, **row})
-        mark = "*" if is_outside(row) else " "
-        print(
-            f"{mark} {row['ratio']:.2f} {row['mib_ratio']:.2f} {row['seconds']:.2f} {call}",
-            file=sys.stderr,
-            flush=True,
-        )
+        rows.append({"call": call, "command": words[0], **row})
+        print(f"{row['ratio']:.2f} {row['mib_ratio']:.2f} {call}", file=sys.stderr, flush=True)
         if rows_file:
             with rows_file.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps(rows[-1]) + "\n")
     return rows
+
+
+def _earlier(rows_file: Path | None, folder: Path) -> list[Row]:
+    """Rows of a file, with predictions of this version."""
+    if rows_file is None or not rows_file.exists():
+        return []
+    rows = [json.loads(line) for line in rows_file.read_text(encoding="utf-8").splitlines()]
+    rows = list({row["call"]: row for row in rows}.values())  # the last one of each call
+    again = [predicted(_in_folder(row["call"], folder), folder) for row in rows]
+    return [with_ratios({**row, **new}) for row, new in zip(rows, again) if new is not None]
+
+
+def _in_folder(call: str, folder: Path) -> list[str]:
+    """Words of a call, with the files that it names in a folder."""
+    return [str(folder / word) if FILE.fullmatch(word) else word for word in shlex.split(call)]
 
 
 def _quantiles(values: list[float]) -> list[str]:

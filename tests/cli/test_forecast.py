@@ -23,6 +23,7 @@ from ddgcli.cli.forecast.mesh_facts import (
     SEARCH_OF_BALL,
     angle_deficit,
     ball_work,
+    compactness,
     edge_paths,
     handles,
     harmonic_fields,
@@ -410,6 +411,19 @@ def test_handles_of_solids_are_counted_by_the_genus_of_their_boundary():
         assert handles(solid.boundary) == betti_numbers(solid).absolute[1] == count
         uses = kernels_of("hodge", {"basis": False}, size_of(solid, {"basis": False}))
         assert [use.times for use in uses[1:]] == [count] * (count > 0)
+
+
+def test_thin_solids_have_smaller_factors_than_cubes():
+    """A mat of one layer was predicted at 1.55 times the memory of its eigenforms."""
+    cube, mat = shapes.box_tetrahedra(6, 6, 6), shapes.box_tetrahedra(15, 15, 1, (15.0, 15.0, 1.0))
+    assert compactness(cube) == pytest.approx(1.0)
+    assert compactness(mat) == pytest.approx(12 * 225 ** (2 / 3) / (4 * 225 + 2 * 60))
+
+    def elements(mesh):
+        (use,) = kernels_of("laplacian", {"form_eigen": 4}, size_of(mesh, {"form_eigen": 4}))[1:]
+        return use.elements
+
+    assert elements(cube) is None and 0.6 < elements(mat) / len(mat.tetrahedra) < 0.9
 
 
 def test_remeshings_are_counted_as_often_as_the_flow_may_remesh():

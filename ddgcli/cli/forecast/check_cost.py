@@ -45,6 +45,7 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     """Size of a mesh and of the steps that the options name."""
     from ddgcli.cli.forecast.mesh_facts import (
         angle_deficit,
+        compactness,
         component_counts,
         crossings_per_length,
         handles,
@@ -74,6 +75,7 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         return InputSize(
             "tetrahedra", len(mesh.tetrahedra), steps=steps, signature_pairs=pairs,
             betti_number=handles(mesh.boundary) if "basis" in options else 0,
+            compactness=compactness(mesh) if options.get("form_eigen") else 1.0,
         )  # fmt: skip
     edge_length = float(mesh.side_length.mean()) if options.get("radius") and len(mesh.faces) else None
     refine = options.get("refine")

@@ -24,6 +24,8 @@ __all__ = ["kernels_of"]
 MEASURED_EIGENFORMS = 4
 PAIRS_PER_FACTOR = 40  # eigenforms that take as long as the first four
 MEASURED_EIGENPAIRS = 8  # of the kernel `laplacian eigen`
+# between the powers of the factors' memory (0.45: a mat of one layer has 0.54 of a cube's) and seconds (0.15)
+COMPACTNESS_POWER = 0.3
 # components that are copies of one another have multiple eigenvalues, which Lanczos finds in several passes
 MAX_FAST_COPIES, COPIES_FACTOR = 4, 4.0
 COPIES: dict[str, Any] = {"range": (0.4, 1.6), "assumes": "multiple eigenvalues of equal components"}
@@ -216,7 +218,8 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if options.get("form_eigen"):
         # the factor and the count of what is missing are most of the cost
         further = options["form_eigen"] - MEASURED_EIGENFORMS
-        yield Use("laplacian form-eigen", 1.0 + further / PAIRS_PER_FACTOR)
+        elements = None if size.compactness == 1.0 else size.elements * size.compactness**COMPACTNESS_POWER
+        yield Use("laplacian form-eigen", 1.0 + further / PAIRS_PER_FACTOR, elements=elements)
     if options.get("heat") or options.get("wave"):
         steps = (size.steps or MEASURED_EVOLUTION_STEPS) / MEASURED_EVOLUTION_STEPS
         yield Use("laplacian evolution", steps, once=True)

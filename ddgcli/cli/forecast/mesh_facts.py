@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = [
     "angle_deficit",
     "ball_work",
+    "compactness",
     "component_counts",
     "crossings_per_length",
     "edge_paths",
@@ -242,6 +243,12 @@ def handles(boundary: TriangleMesh) -> int:
     """First Betti number of a solid in space: the sum of the genera of its boundary surfaces."""
     topology = boundary.topology
     return max(0, topology.n_components - topology.euler_characteristic // 2)
+
+
+def compactness(mesh: TetMesh) -> float:
+    """Boundary faces of a cube of as many tetrahedra over those of the mesh, at most 1."""
+    of_cube = 12.0 * (len(mesh.tetrahedra) / 6.0) ** (2.0 / 3.0)  # two on a square, six in a cell
+    return min(1.0, round(of_cube / max(len(mesh.boundary.faces), 1), 9))
 
 
 def component_counts(mesh: TriangleMesh | IntrinsicMesh) -> tuple[int, int]:

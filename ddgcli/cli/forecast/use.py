@@ -67,6 +67,9 @@ class InputSize:
         Edges that a straight line of unit length crosses.
     picture_share : float
         Of the pixels of a picture, those that show the surface.
+    compactness : float
+        Boundary faces of a cube of as many tetrahedra over those of the solid, at most 1: thin solids have
+        small separators.
     mean_chord : float
         Mean length of straight lines from boundary to boundary.
     n_components, equal_components : int
@@ -98,6 +101,7 @@ class InputSize:
     n_curves: int = 1
     crossings_per_length: float = 0.0
     mean_chord: float = math.inf
+    compactness: float = 1.0
     picture_share: float = 0.5
     betti_number: int = 0
 
