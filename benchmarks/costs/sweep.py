@@ -4,8 +4,8 @@ python -m benchmarks.costs.sweep [COUNT] [--meshes FOLDER] [--seed N] [--rows FI
 
 Calls of every command on generated meshes, the samples and the meshes of a folder: CPU seconds of the program
 and of the operating system, and peak memory, predicted over measured. A call outside of 0.5 to 1.5 runs twice
-more, and the median counts. Calls that compute for less than 0.3 s have no ratio of seconds. With --rows those
-of an earlier run count too; they are predicted again.
+more, and the median counts. Calls that compute for less than 0.3 s have no ratio of seconds. With --rows,
+those of an earlier run count too; they are predicted again.
 """
 
 from __future__ import annotations
