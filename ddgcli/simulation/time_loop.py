@@ -33,6 +33,7 @@ from ddgcli.simulation.model import (
 log = logging.getLogger("ddgcli")
 RECOVERY_FACTOR = 8.0  # of the shortest part of a step, what the next one tries first
 STEP_GROWTH = 1.1  # of the part tried, with each that succeeds
+FIRST_DOUBLING = 16  # accepted steps before a step of twice the length is tried
 
 
 def stop_reason(checkpoint: Arrays) -> str:
@@ -316,6 +317,32 @@ def _two_halves(
     return _step_or_halves(active, schedule, step, time + dt / 2, dt / 2, depth + 1, events)
 
 
+class Doubling:
+    """Tries a step of twice the length now and then, and again at once where it succeeds.
+
+    An error that does not fall with the step, as that of interpolation, would otherwise keep steps as short
+    as they once had to be: just below the tolerance, it lets them grow by a thousandth.
+    """
+
+    def __init__(self) -> None:
+        self.count, self.interval, self.base = 0, FIRST_DOUBLING, 0.0
+
+    def after(self, dt: float) -> float:
+        """Step to try after one of `dt` was accepted; 0 for none."""
+        if self.base:  # the trial succeeded
+            self.count, self.interval = FIRST_DOUBLING, FIRST_DOUBLING
+        self.count += 1
+        self.base = dt if self.count > self.interval else 0.0
+        return 2.0 * self.base
+
+    def failed(self) -> float:
+        """Step that was accepted before a trial that was rejected; 0 where the rejected step was no trial."""
+        base, self.base = self.base, 0.0
+        if base:
+            self.count, self.interval = 0, 4 * self.interval
+        return base
+
+
 def _advance_adaptively(
     active: ActiveModel, schedule: Schedule, first: int, last: int, events: list[Event]
 ) -> None:
@@ -325,6 +352,7 @@ def _advance_adaptively(
         raise ParameterError("this model has no error measure: give a step instead of a tolerance")
     time, end = first * schedule.dt, last * schedule.dt
     shortest = (end - time) * 0.5**40
+    doubling = Doubling()
     while time < end:
         pieces = max(1, math.ceil((end - time) / min(active.next_dt, model.largest_step) - 1e-9))
         dt = (end - time) / pieces
@@ -340,7 +368,7 @@ def _advance_adaptively(
                     f"t = {time:.6g} {active.model.time_unit}, {detail}; "
                     f"{step_advice(active, rejected, schedule.dt, largest_solvable(active, time, dt))}"
                 ) from rejected
-            active.next_dt = dt / 4
+            active.next_dt = doubling.failed() or dt / 4
             continue
         growth = 0.9 * (tolerance / max(error, 1e-300)) ** (1 / (model.order + 1))
         if growth < 1 and dt < shortest:  # an accepted step, too: the next ones would be shorter without end
@@ -351,7 +379,7 @@ def _advance_adaptively(
         if error > tolerance:
             detail = f"step of {dt:.3g} {active.model.time_unit} too long"
             events.append(Event(first, time, "tolerance", active.name, error, detail))
-            active.next_dt = dt * max(0.2, min(growth, 0.9))
+            active.next_dt = doubling.failed() or dt * max(0.2, min(growth, 0.9))
             continue
         active.state = state
         active.reached = (time + dt) / schedule.dt
@@ -362,6 +390,7 @@ def _advance_adaptively(
         grown = dt * max(0.2, min(growth, 2.0))
         cut_short = dt < 0.99 * active.next_dt
         active.next_dt = max(active.next_dt, grown) if cut_short and growth >= 1 else grown
+        active.next_dt = max(active.next_dt, doubling.after(dt))
         if model.stop is not None:
             active.stopped = model.stop(active.state)
             if active.stopped:

@@ -349,7 +349,7 @@ def test_the_trial_ends_within_steps_of_very_many_parts_and_warns(monkeypatch, c
     monkeypatch.setattr(logging.getLogger("ddgcli"), "propagate", True)
     model = Model(
         0, clock.advance, lambda state: Observation(None), lambda state: {}, lambda arrays: 0,
-        distance=lambda a, b: 0.81e-3, order=1,
+        distance=lambda a, b: 0.81e-3, order=1, largest_step=1e-6,
     )  # fmt: skip
     schedule = Schedule(0.01, 90, 1, 1e-3, first_dt=1e-6)
     job = Job({"a": model}, [], schedule, Account(), moving=False)

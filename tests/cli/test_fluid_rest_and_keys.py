@@ -296,6 +296,17 @@ def test_a_flow_that_a_small_force_drives_is_no_rounding(summary, tmp_path):
     assert steps_in_gravity == steps and energy_in_gravity == pytest.approx(energy, rel=1e-6)
 
 
+def test_steps_of_covector_from_rest_end_the_run(summary, tmp_path):
+    """Interpolation loses the same share of the first speeds however short the step: steps of 1e-12 s."""
+    path = tmp_path / "s.toml"
+    path.write_text(
+        '[time]\nduration = 0.05\ntolerance = 1e-3\nframe_every = 0.05\nintegrator = "covector"\n'
+        f'[[object]]\nname = "f"\nrole = "fluid"\n{SQUARE}\n'
+        '[effects]\nforce = { acceleration = ["sin(3*x)*cos(3*y)", 0, 0] }\n'
+    )
+    assert summary("fluid-sim", path)["results"]["steps"] < 3000  # 10,344
+
+
 @pytest.mark.parametrize("force", ["0, 0, -9.81", "0, 1e-200, 0"])
 def test_a_force_without_a_tangential_part_moves_nothing(summary, tmp_path, force):
     effects = f"force = {{ acceleration = [{force}] }}\nviscosity = {{ nu = 1.0 }}"

@@ -333,6 +333,20 @@ def test_a_failed_adaptive_step_names_a_step_that_works():
     assert 6e-4 < step <= 3e-3
 
 
+def test_steps_grow_where_the_error_does_not_hang_on_their_length():
+    """Interpolation loses as much in any step: just below the tolerance, steps stayed as short as ever."""
+    from ddgcli.simulation.model import Model, Observation, Schedule
+
+    shown = Observation(None)
+    model = Model(
+        np.zeros(1), lambda state, time, dt: state + dt, lambda state: shown,
+        lambda s: {"s": s}, lambda a: a["s"], distance=lambda a, b: 0.73e-3, order=2,
+    )  # fmt: skip
+    ends = list(evolve({"m": model}, Schedule(1.0, 1, tolerance=1e-3, first_dt=1e-4), Account()))
+    assert ends[-1].checkpoint["m/s"][0] == pytest.approx(1.0, rel=1e-12)
+    assert ends[-1].steps <= 100  # 20,000 of the first length
+
+
 def test_a_step_whose_error_does_not_fall_with_its_length_ends_the_run():
     """A jump at t > 0 of a size that no step changes: no tolerance below it can be met."""
     from ddgcli.simulation.model import Model, Observation, Schedule

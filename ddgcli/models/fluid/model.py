@@ -40,6 +40,7 @@ log = logging.getLogger("ddgcli")
 SURFACE_EFFECTS = ("rotation", "harmonic")  # volumes hold the harmonic flows from the start
 SPEED_ROUNDING = 1e-9  # of the speed that forces would give, up to which a flow is their rounding
 SAMPLED_SHARES = (0.0, 0.37, 0.71)  # of the run, at which forces are evaluated for it
+MAX_QUARTERINGS = 10  # of a first step that is rejected
 MAX_HARMONIC_FLOWS = 2_000  # kept as a dense basis
 
 
@@ -342,7 +343,24 @@ class FluidModel:
         """Relative distance of two flows, or of what they carry where that is larger."""
         duration = self.scene.time.duration
         carried = (phase.distance(a, b, self.start, duration) for phase in self.tracers)
-        return max(self.flows.distance(a, b, self.start, self.rounding_energy), *carried, 0.0)
+        return max(self.flows.distance(a, b, self.reference, self.rounding_energy), *carried, 0.0)
+
+    @cached_property
+    def reference(self) -> FluidState:
+        """Flow whose size errors of adaptive steps are relative to: the start, or after rest a first step.
+
+        What interpolation loses of the first speeds is the same share of them however short the step.
+        """
+        schedule = self.scene.schedule()
+        state, dt = self.start, schedule.first_dt or schedule.dt
+        if self.flows.energy(state) > self.rounding_energy:
+            return state
+        for _ in range(MAX_QUARTERINGS):
+            try:
+                return self.advance(state, 0.0, dt)
+            except StepRejected:
+                dt *= 0.25
+        return state
 
     @cached_property
     def rounding_energy(self) -> float:
