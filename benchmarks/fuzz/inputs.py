@@ -105,6 +105,7 @@ def _by_path(name: str, read_path: Callable[[str], object]) -> Callable[[bytes],
     path = f"{folder}/{name}"
 
     def read(data: bytes) -> object:
+        Path(path).unlink(missing_ok=True)  # HDF5 takes a file that a reader left open for the one it opens
         with open(path, "wb") as file:
             file.write(data)
         return read_path(path)

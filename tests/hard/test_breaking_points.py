@@ -85,6 +85,28 @@ def test_a_shell_whose_hessian_overflows_is_refused(run, tmp_path):
     assert "shell-sim takes 1e-60 to 1e60: rescale" in result.stderr
 
 
+def test_a_shell_whose_masses_underflow_is_refused(run, tmp_path):
+    points, faces = meshes.scaled_sphere(0)
+    np.savez(tmp_path / "thin.npz", points=points, faces=faces)
+    scene = tmp_path / "thin.toml"
+    scene.write_text(
+        '[time]\nduration = 0.01\nstep = 0.01\n[[object]]\nname = "s"\nrole = "shell"\nmesh = "thin.npz"\n'
+        'material = "rubber"\nthickness = "1e-308 mm"\n[effects]\nstretching = {}\n'
+    )
+    result = run("shell-sim", scene)
+    assert result.exit_code == 2
+    assert "leave the range of numbers; change `thickness`" in result.stderr
+
+
+@pytest.mark.parametrize(("distance", "code"), [("1e300", 2), ("9e99", 0)])
+def test_an_offset_whose_volume_overflows_is_refused(run, tmp_path, distance, code):
+    points, faces = meshes.scaled_sphere(0)
+    np.savez(tmp_path / "ball.npz", points=points, faces=faces)
+    result = run("curvature", tmp_path / "ball.npz", "--offset", distance)
+    assert result.exit_code == code
+    assert code == 0 or "give less than 1e+100" in result.stderr
+
+
 def test_an_asymmetric_entry_is_measured_whatever_the_pattern():
     whole = csr_array(np.array([[2.0, -1.0], [-1.0, 2.0]]))
     assert _asymmetry(whole) == 0.0

@@ -21,6 +21,7 @@ from ddgcli.representation import short_repr
 
 MAX_FOLD = np.pi - 1e-6  # radians; beyond it the two normals of an edge leave the arc between them open
 MAX_OFFSET_FACES = 20_000_000
+MAX_DISTANCE = 1e100  # the cube of larger ones leaves the range of numbers
 
 WELD_DISTANCE = 1e-10  # of the size: points that near are one
 
@@ -86,6 +87,11 @@ def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> Offs
     """
     if not (np.isfinite(distance) and distance > 0):
         raise ParameterError(f"must be a positive length, not {distance}", parameter="offset")
+    if not distance < MAX_DISTANCE:
+        raise ParameterError(
+            f"{distance:g} has a volume beyond the range of numbers; give less than {MAX_DISTANCE:g}",
+            parameter="offset",
+        )
     if not 0 < resolution <= 90:
         raise ParameterError(
             f"must be an angle from 0 to 90 degrees, not {resolution}", parameter="offset_angle"
