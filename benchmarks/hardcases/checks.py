@@ -261,7 +261,7 @@ def check_box_does_not_grow(evidence: Evidence) -> Iterator[Violation]:
     if moved is None or points is None:
         yield "no smoothed points", ()
         return
-    slack = 1e-9 * np.ptp(points, axis=0).max()
+    slack = 1e-9 * np.ptp(points, axis=0).max() + 2.0**-23 * np.abs(points).max()  # of .stl and .glb
     if (moved.min(axis=0) < points.min(axis=0) - slack).any() or (
         moved.max(axis=0) > points.max(axis=0) + slack
     ).any():

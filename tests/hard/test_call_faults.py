@@ -190,3 +190,13 @@ def test_a_signed_distance_without_tangent_planes_is_refused_by_the_dry_run(run,
     errors = [run(*words, *more).stderr for more in ((), ("--dry-run",))]
     assert "has no tangent plane" in errors[0]
     assert errors[0] == errors[1]
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".glb", ".ply"])
+def test_single_precision_far_from_the_origin_warns(run, tmp_path, suffix):
+    """A ball 1e14 away became one point, exit 0, in silence."""
+    ball = shapes.icosphere(1)
+    for offset, warns in ((1e8, suffix != ".ply"), (10.0, False)):
+        write_mesh(str(tmp_path / "far.npz"), AnnotatedMesh(ball.moved(ball.points + offset)))
+        result = run("laplacian", tmp_path / "far.npz", "--smooth", 1e-3, "-o", tmp_path / f"o{suffix}")
+        assert result.exit_code == 0 and ("32-bit coordinates" in result.stderr) == warns

@@ -19,6 +19,7 @@ from ddgcli.mesh.vectors import row_matrix
 
 SURFACE_FORMATS = (".glb", ".off", ".stl")  # that cannot hold curves
 SINGLE_PRECISION_FORMATS = (".glb", ".stl")
+MAX_SHARE_OF_ROUNDING = 1e-4  # of the extent, that 32-bit coordinates may be off
 
 log = logging.getLogger("ddgcli")
 
@@ -235,6 +236,17 @@ def require_single_precision(points: NDArray, suffix: str) -> None:
         )
 
 
+def _warn_of_rounding(points: NDArray, suffix: str) -> None:
+    """Warn where 32-bit coordinates, far from the origin, hold a shape coarsely."""
+    if suffix not in SINGLE_PRECISION_FORMATS or points.size == 0:
+        return
+    rounding = 2.0**-24 * float(np.abs(points).max())
+    if rounding > MAX_SHARE_OF_ROUNDING * float(np.ptp(points, axis=0).max()):
+        log.warning(
+            f"{suffix} holds 32-bit coordinates, here up to {rounding:.2g} off; write .vtu, .ply or .npz"
+        )
+
+
 def surface_only(data: CellData, suffix: str) -> CellData:
     """Cell data of triangles, for formats of surfaces.
 
@@ -256,6 +268,7 @@ def surface_only(data: CellData, suffix: str) -> CellData:
     """
     require_surface(data.kind, suffix)
     require_single_precision(data.points, suffix)
+    _warn_of_rounding(data.points, suffix)
     if data.kind == "faces":
         return data
     boundary = TetMesh.from_arrays(data.points, data.cells).boundary
