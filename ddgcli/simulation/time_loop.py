@@ -33,6 +33,7 @@ from ddgcli.simulation.model import (
 log = logging.getLogger("ddgcli")
 RECOVERY_FACTOR = 8.0  # of the shortest part of a step, what the next one tries first
 STEP_GROWTH = 1.1  # of the part tried, with each that succeeds
+ROUNDING = 2.0**-52  # relative error of a step below which states do not differ
 FIRST_DOUBLING = 16  # accepted steps before a step of twice the length is tried
 
 
@@ -360,7 +361,7 @@ def _advance_adaptively(
             whole = _advanced(active, schedule, active.state, first, time, dt, events)
             half = _advanced(active, schedule, active.state, first, time, dt / 2, events)
             state = _advanced(active, schedule, half, first, time + dt / 2, dt / 2, events)
-            error = model.distance(whole, state)
+            error = max(model.distance(whole, state), ROUNDING)
         except StepRejected as rejected:
             detail = _logged(active, rejected, first, time, dt, events)
             if schedule.on_failure == "stop" or dt < shortest:
@@ -370,7 +371,7 @@ def _advance_adaptively(
                 ) from rejected
             active.next_dt = doubling.failed() or dt / 4
             continue
-        growth = 0.9 * (tolerance / max(error, 1e-300)) ** (1 / (model.order + 1))
+        growth = 0.9 * (tolerance / error) ** (1 / (model.order + 1))
         if growth < 1 and dt < shortest:  # an accepted step, too: the next ones would be shorter without end
             raise SolveError(
                 f"t = {time:.6g} {active.model.time_unit}, {active.name}: the error of a step stays at "
