@@ -296,6 +296,14 @@ def test_a_flow_that_a_small_force_drives_is_no_rounding(summary, tmp_path):
     assert steps_in_gravity == steps and energy_in_gravity == pytest.approx(energy, rel=1e-6)
 
 
+def test_flows_of_huge_strength_are_refused_or_flow(run, tmp_path):
+    """The square of a strength of 1e308 was an internal error."""
+    effects = 'initial = {{ flow = "taylor-vortices", strength = 1e308, core = {core}, separation = 0.8 }}'
+    for core in (2**64, 0.3):
+        result = run("fluid-sim", scene(tmp_path / "s.toml", TORUS, effects.format(core=core)))
+        assert "internal" not in result.stderr and result.exit_code in (0, 1, 2)
+
+
 def test_steps_of_covector_from_rest_end_the_run(summary, tmp_path):
     """Interpolation loses the same share of the first speeds however short the step: steps of 1e-12 s."""
     path = tmp_path / "s.toml"

@@ -133,7 +133,8 @@ def _warn_of_rest(parameters: InitialSection, space: SurfaceSpace, vorticity: ND
     """Report a flow by name that does not move the fluid, such as a wave of a sphere on a flat square."""
     phi = space.stream_function(vorticity)
     energy = space.kinetic_energy(phi, vorticity, np.zeros(len(space.harmonic)))
-    if energy <= 0.5 * float(space.area.sum()) * (REST_SPEED_SHARE * parameters.strength) ** 2 != 0.0:
+    speed = float(np.sqrt(energy) / np.sqrt(0.5 * space.area.sum()))
+    if speed <= REST_SPEED_SHARE * abs(parameters.strength) and parameters.strength:
         log.warning(
             "flow %r leaves the fluid at rest on this surface: its vorticity is none, constant or on walls "
             "alone; give another flow or other keys (such as center), or vorticity",
