@@ -95,9 +95,7 @@ def surface_position(mesh: SurfaceMesh, face: NDArray, barycentric: NDArray) -> 
     ParameterError
         When the mesh has no positions.
     """
-    if mesh.points is None:
-        raise ParameterError("the mesh has no positions")
-    return np.einsum("ij,ijk->ik", barycentric, mesh.points[mesh.faces[face]])
+    return np.einsum("ij,ijk->ik", barycentric, _positions(mesh)[mesh.faces[face]])
 
 
 def relative_position(mesh: SurfaceMesh, face: NDArray, barycentric: NDArray) -> NDArray[np.float64]:
@@ -120,10 +118,15 @@ def relative_position(mesh: SurfaceMesh, face: NDArray, barycentric: NDArray) ->
     ParameterError
         When the mesh has no positions.
     """
+    points = _positions(mesh)
+    corners = points[mesh.faces[face]] - points[mesh.faces[:1, 0]]
+    return np.einsum("ij,ijk->ik", barycentric, corners)
+
+
+def _positions(mesh: SurfaceMesh) -> NDArray[np.float64]:
     if mesh.points is None:
         raise ParameterError("the mesh has no positions")
-    corners = mesh.points[mesh.faces[face]] - mesh.points[mesh.faces[:1, 0]]
-    return np.einsum("ij,ijk->ik", barycentric, corners)
+    return mesh.points
 
 
 def planar_difference(

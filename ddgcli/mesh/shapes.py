@@ -12,7 +12,6 @@ from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross
 
-PATTERNS = ("right", "left", "alternating")  # of the diagonals of cells
 BYTES_OF_FACE = 260.0  # of arrays while a mesh is made and its topology is computed
 
 
@@ -137,18 +136,17 @@ def wrapped_grid(
     check_memory(2.0 * nu * nv * BYTES_OF_FACE, "meshes of so many cells", "use fewer")
     if min(nu, nv) < 1:
         raise ParameterError(f"a shape has 1 or more cells along each direction, not {min(nu, nv)}")
-    if pattern not in PATTERNS:
-        raise ParameterError(f"{pattern!r} is none of {', '.join(PATTERNS)}", parameter="pattern")
     mu, mv = nu + (not wrap_u), nv + (not wrap_v)
     i, j = np.meshgrid(np.arange(nu), np.arange(nv), indexing="ij")
+    is_left = {"right": np.zeros_like(i), "left": np.ones_like(i), "alternating": (i + j) % 2}
+    if pattern not in is_left:
+        raise ParameterError(f"{pattern!r} is none of {', '.join(is_left)}", parameter="pattern")
 
     def number(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return ((a % mu) * mv + (b % mv)).ravel()
 
     p00, p10, p11, p01 = number(i, j), number(i + 1, j), number(i + 1, j + 1), number(i, j + 1)
-    other = {"right": np.zeros_like(i), "left": np.ones_like(i), "alternating": (i + j) % 2}[
-        pattern
-    ].ravel() == 1
+    other = is_left[pattern].ravel() == 1
     first = np.where(other, [p00, p10, p01], [p00, p10, p11]).T
     second = np.where(other, [p10, p11, p01], [p00, p11, p01]).T
     faces = np.stack([first, second], axis=1).reshape(-1, 3)

@@ -318,7 +318,7 @@ def _two_halves(
     return _step_or_halves(active, schedule, step, time + dt / 2, dt / 2, depth + 1, events)
 
 
-class Doubling:
+class _Doubling:
     """Tries a step of twice the length now and then, and again at once where it succeeds.
 
     An error that does not fall with the step, as that of interpolation, would otherwise keep steps as short
@@ -326,7 +326,8 @@ class Doubling:
     """
 
     def __init__(self) -> None:
-        self.count, self.interval, self.base = 0, FIRST_DOUBLING, 0.0
+        self.count, self.interval = 0, FIRST_DOUBLING  # of steps since the last trial, and before the next
+        self.base = 0.0  # the accepted step that a trial doubles; 0 between trials
 
     def after(self, dt: float) -> float:
         """Step to try after one of `dt` was accepted; 0 for none."""
@@ -353,7 +354,7 @@ def _advance_adaptively(
         raise ParameterError("this model has no error measure: give a step instead of a tolerance")
     time, end = first * schedule.dt, last * schedule.dt
     shortest = (end - time) * 0.5**40
-    doubling = Doubling()
+    doubling = _Doubling()
     while time < end:
         pieces = max(1, math.ceil((end - time) / min(active.next_dt, model.largest_step) - 1e-9))
         dt = (end - time) / pieces

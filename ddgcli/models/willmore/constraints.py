@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from ddgcli.errors import SolveError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.boundary import boundary_vertex_loops
+from ddgcli.mesh.ragged import group_by_key
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_dot, unit_vectors
+from ddgcli.mesh.vectors import cone_volume, row_dot, unit_vectors
 from ddgcli.models.willmore.area_energy import AreaEnergy, signed_volume, volume_gradient
 
 PreconditionerSolve = Callable[[NDArray], NDArray]
@@ -52,8 +54,8 @@ def areas(mesh: TriangleMesh, component: NDArray | None) -> NDArray[np.float64]:
     """
     if component is None:
         return np.array([area(mesh)])
-    every = np.bincount(component[mesh.faces[:, 0]] + 1, face_area(mesh.side_length), component.max() + 2)
-    return np.asarray(every[1:], dtype=np.float64)
+    label = component[mesh.faces[:, 0]] + 1  # 0 for faces that do not count
+    return sum_by_index(label, face_area(mesh.side_length), int(component.max()) + 2)[1:]
 
 
 def cap_faces(topology: Topology) -> NDArray[np.int64]:
@@ -114,10 +116,14 @@ def volumes_inside(
     """
     if component is None:
         return np.array([volume_inside(mesh, caps)])
-    own = rows_by_label(component[mesh.faces[:, 0]] + 1, int(component.max()) + 2)[1:]
-    # corners of a component in place of all vertices: signed_volume measures from their mean
-    corners = [mesh.points[mesh.faces[rows]].reshape(-1, 3) for rows in own]
-    return np.array([signed_volume(c, np.arange(len(c)).reshape(-1, 3)) for c in corners])
+    label = component[mesh.faces[:, 0]]
+    counts = label >= 0
+    label, corner = label[counts], mesh.points[mesh.faces[counts]]
+    n_faces = np.bincount(label)
+    # from the mean of a component's corners, as far from the others as it may be
+    middle = sum_by_index(label, corner.mean(axis=1), len(n_faces)) / n_faces[:, None]
+    a, b, c = (corner - middle[label][:, None]).transpose(1, 2, 0)
+    return sum_by_index(label, cone_volume(a, b, c), len(n_faces))
 
 
 def _translations(mesh: TriangleMesh, free: NDArray) -> list[NDArray]:
@@ -197,7 +203,9 @@ class Constraints:
         weight = np.sqrt(1.0 / mass)
         right, label = weight * row_dot(g, normal), self.label(free)
         share = np.empty((len(rows), self.count))
-        for k, own in enumerate(rows_by_label(label, self.count)):
+        start, member = group_by_key(label, np.arange(len(label)), self.count)
+        for k in range(self.count):
+            own = member[start[k] : start[k + 1]]
             share[:, k] = np.linalg.lstsq(
                 weight[own, None] * columns[own], right[own], rcond=PARALLEL_GRADIENT_TOLERANCE
             )[0]
@@ -308,24 +316,8 @@ def combined(shares: NDArray, fields: list[NDArray], label: NDArray) -> NDArray[
     return sum(terms, np.zeros((len(label), 3)))
 
 
-def rows_by_label(label: NDArray, count: int) -> list[NDArray[np.int64]]:
-    """Ascending rows of each label.
-
-    Parameters
-    ----------
-    label : (k,) ndarray of int
-    count : int
-
-    Returns
-    -------
-    list of ndarray of int64
-    """
-    order = np.argsort(label, kind="stable")
-    return np.split(order, np.cumsum(np.bincount(label, minlength=count))[:-1])
-
-
 def _sums(a: NDArray, b: NDArray, label: NDArray, count: int) -> NDArray[np.float64]:
     """Sums (c,) of a * b over the vertices of each component."""
     if count == 1:
         return np.array([np.sum(a * b)])
-    return np.asarray(np.bincount(label, row_dot(a, b), count), dtype=np.float64)
+    return sum_by_index(label, row_dot(a, b), count)
