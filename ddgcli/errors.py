@@ -15,6 +15,8 @@ T = TypeVar("T")
 MAX_EXCERPT_LENGTH = 100  # characters of a file, or of another program's message, in a message
 QUOTED_REPAIR = re.compile(r"`repair(_cells)?=([^`]*)`")  # in a message, steps that repair the mesh
 LONG_NUMBER = re.compile(r"(\d{20})\d{40,}")  # its first digits and the others
+LONG_WORD = re.compile(r"(\S{100})\S{240,}(\S{40})")  # its first letters, the others and its last
+LONG_QUOTE = re.compile(r"('[^']{100})[^']{240,}([^']{40}')")  # the same of a value with spaces
 
 
 def excerpt(value: object, max_length: int = MAX_EXCERPT_LENGTH) -> str:
@@ -66,9 +68,21 @@ def encodable(text: str) -> str:
     return text.encode(errors="backslashreplace").decode()
 
 
-def _with_short_numbers(message: str) -> str:
-    """The message with numbers of 60 digits and more cut, which damaged files and long options hold."""
-    return LONG_NUMBER.sub(r"\1...", message)
+def with_short_words(message: str) -> str:
+    """A message with long numbers and words cut, which damaged files and long options hold.
+
+    Parameters
+    ----------
+    message : str
+
+    Returns
+    -------
+    str
+        Of numbers of 60 digits and more, the first 20; of words of 380 letters and more, the first 100 and
+        the last 40, as of values in quotes.
+    """
+    message = LONG_NUMBER.sub(r"\1...", message)
+    return LONG_QUOTE.sub(r"\1...\2", LONG_WORD.sub(r"\1...\2", message))
 
 
 class DdgError(Exception):
@@ -77,7 +91,7 @@ class DdgError(Exception):
     exit_code = 1
 
     def __init__(self, message: str = "") -> None:
-        super().__init__(_with_short_numbers(message))
+        super().__init__(with_short_words(message))
 
 
 class InputError(DdgError, ValueError):
@@ -108,7 +122,7 @@ class ParameterError(InputError):
 
     def __init__(self, message: str, *, parameter: str | None = None) -> None:
         super().__init__(message if parameter is None else f"{parameter}: {message}")
-        self.message, self.parameter = _with_short_numbers(message), parameter
+        self.message, self.parameter = with_short_words(message), parameter
 
 
 def named_array(arrays: Mapping[str, T], name: str, what: str = "array") -> T:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -30,3 +31,8 @@ def input_facts(mesh: AnyMesh) -> dict[str, Any]:
         "oriented": topology.is_oriented,
         "closed": topology.is_closed,
     }
+
+
+def reason_of_no_genus(facts: Mapping[str, Any]) -> str:
+    """Why a surface with these facts has no genus."""
+    return "cannot be oriented" if facts["manifold"] else "is not manifold"

@@ -21,7 +21,7 @@ from ddgcli.cli.interrupts import Terminated, received_signal, signals_as_except
 from ddgcli.cli.multi_value import repeat_options
 from ddgcli.cli.parameters import option_names
 from ddgcli.cli.threads import set_thread_variables
-from ddgcli.errors import DdgError, excerpt
+from ddgcli.errors import DdgError, excerpt, with_short_words
 
 # name -> (module of ddgcli.cli.commands, help line); a module is imported only when its command runs
 COMMANDS = {
@@ -49,6 +49,7 @@ COMMANDS = {
 # words of click for the kinds of numbers
 NUMBER_WORDS = {"integer range": "a whole number", "float range": "a number"}
 OUTPUT_ERRNOS = (errno.ENOSPC, errno.EFBIG, errno.EIO, errno.EROFS)  # disk full, read-only, ...
+UNREACHABLE_ERRNOS = (errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP)  # of a path in the call
 
 
 class CommandError(click.ClickException):
@@ -127,6 +128,8 @@ class CommandGroup(click.Group):
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except OSError as error:
+            if error.errno in UNREACHABLE_ERRNOS and error.filename is not None:
+                raise CommandError(_unreachable(error), 2) from error
             if error.errno not in OUTPUT_ERRNOS or ctx.params.get("debug"):
                 raise _internal(error, ctx) from error
             _commit_outputs(ctx)
@@ -140,6 +143,11 @@ class CommandGroup(click.Group):
             if isinstance(error.__context__, MemoryError):  # cleaning up failed, too
                 raise _out_of_memory(error.__context__, ctx) from error
             raise _internal(error, ctx) from error
+
+
+def _unreachable(error: OSError) -> str:
+    """Message for a path that the system does not let us look at."""
+    return f"{with_short_words(str(error.filename))}: {os.strerror(error.errno or 0).lower()}; check the path"
 
 
 def _out_of_memory(error: MemoryError, ctx: click.Context) -> CommandError:
@@ -192,7 +200,7 @@ def _usage(error: click.UsageError) -> str:
     message = error.format_message().rstrip(".")
     for name, number in NUMBER_WORDS.items():
         message = message.replace(f"is not a valid {name}", f"is not {number}")
-    return message + where
+    return with_short_words(message) + where
 
 
 def _escape_undecodable_names() -> None:

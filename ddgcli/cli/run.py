@@ -15,7 +15,7 @@ import click
 
 from ddgcli import __version__
 from ddgcli.cli.clock import RunClock
-from ddgcli.cli.input_facts import input_facts
+from ddgcli.cli.input_facts import input_facts, reason_of_no_genus
 from ddgcli.cli.messages import MessageHandler, with_repair_of_input
 from ddgcli.cli.options import CommonOptions, page_size
 from ddgcli.cli.output_checks import check_mesh, check_outputs, check_picture
@@ -198,7 +198,7 @@ class Run:
         self._source = source
         self.input = {"path": path, **input_facts(source.mesh)}
         if self.command == "info" and self.input.get("faces") and self.input["genus"] is None:
-            log.warning("genus is null: the surface is not an orientable manifold")
+            log.warning(f"genus is null: the surface {reason_of_no_genus(self.input)}")
         from ddgcli.cli.forecast.check_cost import size_of
 
         self.predict(size_of(source.mesh, self.options | {"plot": self.common.plot}))

@@ -1,6 +1,7 @@
 """Outputs that cannot be, ends at any moment: the file is whole or absent, and nothing is left beside it."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -35,6 +36,52 @@ def start(*words, **more) -> subprocess.Popen:
 def one_line(result, words: str) -> None:
     assert result.exit_code == 2, result.stderr
     assert words in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_names_that_no_file_can_have_are_one_short_line(run, ball, tmp_path):
+    name = "x" * 5000
+    for words in (
+        ["info", f"{name}.obj"],
+        ["curvature", ball, "-o", f"{name}.vtu"],
+        ["shell-sim", f"{name}.toml"],
+        ["frames", f"{name}.vtkhdf", "-o", tmp_path / "all.ply"],
+        ["check", name],
+        ["laplacian", ball, "--poisson", name],
+        ["examples", name],
+    ):
+        result = run(*words)
+        one_line(result, "file name too long")
+        assert len(result.stderr) < 400
+    assert list(tmp_path.iterdir()) == [ball]
+
+
+def test_a_message_repeats_no_long_value(run, ball):
+    for value in ("x" * 5000, "1 + " * 2000 + "q"):
+        result = run("laplacian", ball, "--operator", value)
+        one_line(result, "is not one of 'cotan'")
+        assert len(result.stderr) < 400
+
+
+@needs_posix
+@pytest.mark.parametrize(
+    "words", [["info", "ball.ply"], ["shell-sim", "a.toml"], ["check", "a"], ["examples", "q"]]
+)
+def test_files_of_a_closed_folder_are_one_line(ball, tmp_path, words):
+    prefix = []
+    if os.geteuid() == 0:  # which reads everything: give up that capability
+        if shutil.which("setpriv") is None:
+            pytest.skip("run by root, without setpriv")
+        less = "-dac_override,-dac_read_search"
+        prefix = ["setpriv", f"--bounding-set={less}", f"--inh-caps={less}"]
+    closed = tmp_path / "closed"
+    closed.mkdir()
+    ball.rename(closed / ball.name)
+    closed.chmod(0)
+    call = [*prefix, sys.executable, "-m", "ddgcli", words[0], str(closed / words[1])]
+    result = subprocess.run(call, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    closed.chmod(0o700)
+    assert result.returncode == 2 and result.stderr.count("\n") == 1
+    assert result.stderr.endswith("permission denied; check the path\n")
 
 
 @needs_posix

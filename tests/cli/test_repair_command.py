@@ -37,10 +37,16 @@ def test_a_surface_that_a_command_refuses_is_accepted_after_repair(run, summary,
 
 
 def test_a_null_genus_is_a_warning_of_info_alone(summary, moebius):
-    warning = "genus is null: the surface is not an orientable manifold"
+    warning = "genus is null: the surface cannot be oriented"
     assert warning in summary("info", moebius)["warnings"]
     report = summary("laplacian", moebius, "--eigen", 2)
     assert report["input"]["genus"] is None and warning not in report["warnings"]
+
+
+def test_the_warning_of_a_null_genus_names_its_reason(summary, tmp_path):
+    book = tmp_path / "book.off"
+    book.write_text("OFF\n5 3 0\n0 0 0\n1 0 0\n0 1 0\n0 -1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 0 1 4\n")
+    assert "genus is null: the surface is not manifold" in summary("info", book)["warnings"]
 
 
 def test_filled_faces_are_marked(summary, bad, tmp_path):

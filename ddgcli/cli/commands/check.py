@@ -241,7 +241,9 @@ def read_expected(path: str, *, may_miss: bool) -> dict[str, Any]:
         if may_miss:
             return {}
         raise MeshFileError(f"{path}: no such file; --update writes it") from None
-    except (OSError, ValueError, RecursionError) as error:
+    except IsADirectoryError:
+        raise MeshFileError(f"{path}: is a folder; name the .json that --update wrote") from None
+    except (ValueError, RecursionError) as error:
         raise MeshFileError(
             f"{path}: no stored summary (not JSON: {excerpt(error)}); name the .json that --update wrote"
         ) from None
