@@ -69,6 +69,8 @@ def write_input(path: str, kind: str, elements: int) -> float:
         mesh = mesh.moved(mesh.points * [1.0, 1.2, 0.8])
     if kind == "needle":  # which covers few pixels of a picture
         mesh = mesh.moved(mesh.points * [1.0, 0.02, 0.02])
+    if kind == "sheared":  # most edges are far from Delaunay
+        mesh = mesh.moved(mesh.points * [1.0, 0.2, 5.0])
     if kind == "noisy":
         noise = 0.05 * mesh.side_length.mean() * np.random.default_rng(0).standard_normal(len(mesh.points))
         mesh = mesh.moved(mesh.points * (1 + noise)[:, None])

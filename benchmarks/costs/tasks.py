@@ -53,6 +53,7 @@ SURFACE = [
         for scheme in ("normal-cycle", "corrected", "quadric")
     ),
     Task("curvature further results", "curvature {mesh} --scheme corrected", LARGE_SIZES),
+    Task("curvature sheared", "curvature {mesh}", (80_000, 250_000, 500_000), mesh="sheared", exponent=1.3),
     Task("curvature wide fits", "curvature {mesh}", mesh="detailed"),
     Task("curvature noise", "curvature {mesh}", (800, 10_000), mesh="noisy"),
     Task("curvature normal-voting", "curvature {mesh} --scheme normal-voting", short=True),

@@ -45,7 +45,7 @@ def neighbourhoods(
     Regions
     """
     rings = two_rings(mesh.topology, at_least, vertices)
-    if not _sheared(mesh, faces):
+    if not is_sheared(mesh, faces):
         return rings
     from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 
@@ -55,8 +55,19 @@ def neighbourhoods(
     return select_regions(rings, rounder, turns_less)
 
 
-def _sheared(mesh: TriangleMesh, faces: Faces) -> bool:
-    """Whether many edges are far from Delaunay, on a surface whose edges can be flipped."""
+def is_sheared(mesh: TriangleMesh, faces: Faces) -> bool:
+    """Whether many edges are far from Delaunay, on a surface whose edges can be flipped.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : Faces
+        Of the mesh.
+
+    Returns
+    -------
+    bool
+    """
     topology = mesh.topology
     most = _MIN_NON_DELAUNAY_SHARE * topology.n_edges
     half = 0.5 * _NON_DELAUNAY_COTAN_SUM

@@ -145,7 +145,7 @@ def refined_prediction(
 
     if not isinstance(mesh, TriangleMesh) or not mesh.n_faces:
         return prediction, size
-    from ddgcli.cli.forecast.mesh_facts import ball_work, edge_paths, noise_of_vertices
+    from ddgcli.cli.forecast.mesh_facts import ball_work, edge_paths, has_sheared_fits, noise_of_vertices
 
     options = run.options
     if run.command == "geodesic" and options.get("method") in ("exact", "fast-marching"):
@@ -158,6 +158,8 @@ def refined_prediction(
         if scheme == "quadric" or not stated:
             noise, pairs = noise_of_vertices(mesh, scheme)
             size = replace(size, noise=noise, fitted_pairs=pairs)
+        if scheme == "quadric":
+            size = replace(size, sheared=has_sheared_fits(mesh))
     else:
         return prediction, size
     return predict_run(run, size, earlier=prediction), size

@@ -144,4 +144,5 @@ COEFFICIENTS: dict[str, Cost] = {
     "picture covered pixels": Cost(0.01297, 0.1543, 1.05, 3.819, 40.38),
     "hodge cochains tetrahedra": Cost(0.003856, 1.485, 1.33, 25.61, 123),
     "curvature frames curve": Cost(0.0292, 0.4061, 1.05, 1.456, 62.45),
+    "curvature sheared": Cost(0, 0.4601, 1.3, 7.701, 43.47),
 }

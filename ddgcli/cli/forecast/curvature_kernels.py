@@ -38,6 +38,8 @@ def curvature_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[U
         yield Use("curvature offset", elements=size.offset_faces or LEAST_OFFSET_SHARE * size.elements)
     stated = radius not in (None, "auto")
     yield Use(f"curvature {scheme}")
+    if size.sheared:
+        yield Use("curvature sheared", added=1.0)
     noisy = size.noise in AVERAGED_NOISE
     if stated or (radius == "auto" and noisy):
         length = AUTO_RINGS * (size.edge_length or 1.0) if radius == "auto" else float(radius or 0.0)

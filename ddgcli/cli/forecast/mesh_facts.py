@@ -23,6 +23,7 @@ __all__ = [
     "crossings_per_length",
     "edge_paths",
     "handles",
+    "has_sheared_fits",
     "harmonic_fields",
     "mean_chord",
     "noise_of_vertices",
@@ -79,6 +80,14 @@ def noise_of_vertices(mesh: TriangleMesh, scheme: str) -> tuple[str, tuple[float
         return "", ()
     radii = radii_of_search(unit, faces, deviation, scheme)
     return kind, tuple(BENDING_SAMPLE_SIZE * count for count in _ball_counts(unit, radii, COUNTED_BALLS))
+
+
+def has_sheared_fits(mesh: TriangleMesh) -> bool:
+    """Whether fits of two rings try the neighbours of the Delaunay triangulation too."""
+    from ddgcli.algorithms.curvature.faces import Faces
+    from ddgcli.algorithms.curvature.neighbours import is_sheared
+
+    return is_sheared(mesh, Faces.of(mesh))
 
 
 def angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:

@@ -70,7 +70,9 @@ def willmore_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Us
         steps = DEFAULT_FLOW_STEPS if size.steps is None else size.steps
         count = min(1 + max(steps - 1, 0) // REMESHING_INTERVAL, MAX_REMESHES)
         assumes = f"{count} remeshes, as those of even triangles"
-        yield Use("willmore-flow remeshing", count, range=REMESHING_RANGE, assumes=assumes)
+        low, high = REMESHING_RANGE
+        low /= 1 if in_time else count  # a flow to rest may be there before the second
+        yield Use("willmore-flow remeshing", count, range=(low, high), assumes=assumes)
     divided = (TIMED_RANGE, "no divided step") if in_time else (KNOWN, "")
     use = _step_uses(f"willmore-flow {kind} step", size, 1.0, divided[0], assumes=divided[1])
     # a flow to rest ends when it is there, whatever the number of steps

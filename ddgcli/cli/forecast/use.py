@@ -55,6 +55,8 @@ class InputSize:
         Kind of the noise of the vertices that curvature searches, '' of none.
     fitted_pairs : tuple of float
         Vertices in the balls of a radius that the search for noise fits, for each radius.
+    sheared : bool
+        Whether curvature tries the neighbours of the Delaunay triangulation.
     adaptive : bool
         `steps` counts frames, between which the steps adapt.
     paths, paths_of_one : EdgePaths, optional
@@ -90,6 +92,7 @@ class InputSize:
     angle_deficit: float | None = None
     noise: str = ""
     fitted_pairs: tuple[float, ...] = ()
+    sheared: bool = False
     adaptive: bool = False
     paths: EdgePaths | None = None
     paths_of_one: EdgePaths | None = None

@@ -41,7 +41,7 @@ class LostForceWarning:
         if not tangential.any():
             return
         self.is_due = False
-        share = harmonic_share(space, tangential)
+        (share,) = harmonic_shares(space, [tangential])
         if share > MAX_LOST_FORCE_SHARE:
             log.warning(
                 "harmonic flows of %s (round its handles, holes or periods) have %.3g %% of the square of "
@@ -65,7 +65,7 @@ def warn_of_lost_transport(setting: FluidSetting, vorticities: Sequence[NDArray]
     """
     if "harmonic" in setting.effects or setting.no_slip or not harmonic_count(setting.space.mesh):
         return
-    share = max(gain_share(setting.space, vorticity, duration) for vorticity in vorticities)
+    share = max(gain_shares(setting.space, vorticities, duration, MAX_LOST_SPEED_SHARE), default=0.0)
     if share > MAX_LOST_SPEED_SHARE:
         log.warning(
             "the flow of %s drives harmonic flows (round its handles and holes) by up to %.2g %% of its "
@@ -74,21 +74,43 @@ def warn_of_lost_transport(setting: FluidSetting, vorticities: Sequence[NDArray]
         )  # fmt: skip
 
 
-def gain_share(space: SurfaceSpace, vorticity: NDArray, duration: float) -> float:
-    """Speed that harmonic flows would gain in a time, over that of a flow without them (both L2)."""
-    velocity = space.face_velocity(space.side_flux(space.stream_function(vorticity), np.zeros(0)))
-    square = float(space.area @ np.abs(velocity) ** 2)
-    force = -1j * (vorticity * space.inverse_mass)[space.faces].mean(axis=1) * velocity
-    size = float(space.area @ np.abs(force) ** 2)
-    if not square > 0 or not size > 0:
-        return 0.0
-    crossing = float(space.area.sum()) / math.sqrt(square)
-    rate = math.sqrt(max(harmonic_share(space, force), 0.0) * size)
-    return rate * min(duration, crossing) / math.sqrt(square)
+def gain_shares(
+    space: SurfaceSpace, vorticities: Sequence[NDArray], duration: float, least: float = 0.0
+) -> list[float]:
+    """Speeds that harmonic flows would gain in a time, over those of flows without them (both L2).
+
+    Parameters
+    ----------
+    space : SurfaceSpace
+    vorticities : sequence of (n,) ndarray
+        Integrated over the cells.
+    duration : float
+    least : float
+        Flows are left out whose whole force would give no more.
+
+    Returns
+    -------
+    list of float
+    """
+    forces, most = [], []
+    for vorticity in vorticities:
+        velocity = space.face_velocity(space.side_flux(space.stream_function(vorticity), np.zeros(0)))
+        square = float(space.area @ np.abs(velocity) ** 2)
+        force = -1j * (vorticity * space.inverse_mass)[space.faces].mean(axis=1) * velocity
+        if not square > 0:
+            continue
+        crossing = float(space.area.sum()) / math.sqrt(square)
+        size = float(space.area @ np.abs(force) ** 2)
+        gain = math.sqrt(size) * min(duration, crossing) / math.sqrt(square)
+        if gain > least:
+            forces.append(force)
+            most.append(gain)
+    shares = harmonic_shares(space, forces) if forces else []
+    return [gain * math.sqrt(max(share, 0.0)) for gain, share in zip(most, shares)]
 
 
-def harmonic_share(space: SurfaceSpace, vectors: NDArray) -> float:
-    """Share of the square of a field that harmonic flows have.
+def harmonic_shares(space: SurfaceSpace, fields: Sequence[NDArray]) -> list[float]:
+    """Share of the square of each field that harmonic flows have.
 
     The rest is a flow with vorticity and a slope of a potential that is linear in every face and continuous
     in the middles of the sides (Crouzeix and Raviart), which flows between walls do not contain.
@@ -96,29 +118,38 @@ def harmonic_share(space: SurfaceSpace, vectors: NDArray) -> float:
     Parameters
     ----------
     space : SurfaceSpace
-    vectors : (m,) ndarray of complex128
+    fields : sequence of (m,) ndarray of complex128
         In the planar frames of the faces.
 
     Returns
     -------
-    float
+    list of float
         0 where they are 0, or too small to be squared.
     """
-    size = float(space.area @ np.abs(vectors) ** 2)
-    if not size > 0:
-        return 0.0
-    vorticity, _ = space.of_face_velocity(vectors)
-    phi = space.stream_function_change(vorticity)
-    rest = vectors - space.face_velocity(space.side_flux(phi, np.zeros(0)))
     slope = -1j * space.side / space.area[:, None]  # of the function that is 1 in the middle of a side
-    along = space.area[:, None] * (rest[:, None] * np.conj(slope)).real
-    load = sum_by_index(space.side_edge, along, space.mesh.topology.n_edges)
+    potential = _side_potential(space, slope)
+    shares = []
+    for vectors in fields:
+        size = float(space.area @ np.abs(vectors) ** 2)
+        if not size > 0:
+            shares.append(0.0)
+            continue
+        vorticity, _ = space.of_face_velocity(vectors)
+        phi = space.stream_function_change(vorticity)
+        rest = vectors - space.face_velocity(space.side_flux(phi, np.zeros(0)))
+        along = space.area[:, None] * (rest[:, None] * np.conj(slope)).real
+        load = sum_by_index(space.side_edge, along, space.mesh.topology.n_edges)
+        square = float(space.area @ np.abs(rest) ** 2) - float(potential.pinned_solve(load) @ load)
+        shares.append(square / size)
+    return shares
+
+
+def _side_potential(space: SurfaceSpace, slope: NDArray) -> Poisson:
+    """Equation of potentials with these slopes (m, 3)."""
     product = space.area[:, None, None] * (slope[:, :, None] * np.conj(slope[:, None, :])).real
     row, column = (np.broadcast_to(edge, product.shape) for edge in (
         space.side_edge[:, :, None], space.side_edge[:, None, :]
     ))  # fmt: skip
     place = (row.ravel(), column.ravel())
-    matrix = csr_array(coo_array((product.ravel(), place), shape=(len(load), len(load))))
-    potential = Poisson(matrix).pinned_solve(load)
-    square = float(space.area @ np.abs(rest) ** 2) - float(potential @ load)
-    return square / size
+    n_edges = space.mesh.topology.n_edges
+    return Poisson(csr_array(coo_array((product.ravel(), place), shape=(n_edges, n_edges))))
