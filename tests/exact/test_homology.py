@@ -1,8 +1,11 @@
 """Betti numbers against ranks, cochains closed, generators independent."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 
+import ddgcli as ddg
 from ddgcli.algorithms.hodge.harmonic import solid_cochains
 from ddgcli.algorithms.hodge.homology import (
     betti_numbers,
@@ -10,6 +13,7 @@ from ddgcli.algorithms.hodge.homology import (
     generator_loops,
 )
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
+from ddgcli.errors import MeshError
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes, tet_mesh
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -228,3 +232,30 @@ def test_betti_numbers_of_every_shared_mesh_are_the_ranks(shared_meshes, name):
     padded = [0, *ranks, 0]
     expected = tuple(counts[k] - padded[k] - padded[k + 1] for k in range(len(counts)))
     assert betti_numbers(mesh).absolute == expected
+
+
+def three_torus(n: int = 3) -> TetMesh:
+    """Periodic grid of n x n x n cubes in tetrahedra, at random points: it has no place in space."""
+    cube = np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    tets = []
+    for order in permutations(range(3)):
+        corners = np.cumsum([np.zeros(3, dtype=int), *np.eye(3, dtype=int)[list(order)]], axis=0)
+        tets.append((cube[:, None] + corners) % n @ [n * n, n, 1])
+    return TetMesh.from_arrays(np.random.default_rng(0).normal(size=(n**3, 3)), np.concatenate(tets))
+
+
+def test_betti_numbers_of_tetrahedra_that_fold_over_each_other_have_a_warning(caplog):
+    torus = three_torus()
+    opened = TetMesh.from_arrays(torus.points, torus.tetrahedra[1:])
+    assert ranks(opened, relative=False) == (1, 3, 3, 0)
+    ddg.betti_numbers(opened)
+    assert "faces have both of their tetrahedra on one side (first: vertices" in caplog.text
+    caplog.clear()
+    for name in ("ball", "shell", "ring"):
+        ddg.betti_numbers(MESHES[name][0])
+    assert not caplog.text
+
+
+def test_tetrahedra_without_boundary_are_refused_as_no_body_in_space():
+    with pytest.raises(MeshError, match="the tetrahedra have no boundary, which no body in space is without"):
+        ddg.betti_numbers(three_torus())

@@ -178,8 +178,11 @@ def check_mesh(mesh: SpaceMesh) -> None:
     if isinstance(mesh, TetMesh):
         if len(mesh.tetrahedra) == 0:
             raise MeshError("no tetrahedra; hodge needs a surface or a mesh of tetrahedra")
+        if mesh.boundary.n_faces == 0:
+            raise MeshError("the tetrahedra have no boundary, which no body in space is without; remove one")
         require(mesh.boundary, "hodge (the boundary of the tetrahedra)")
         require_manifold_body(mesh, "hodge")
+        _warn_of_folds(mesh)
         return
     if not isinstance(mesh, TriangleMesh):
         raise MeshError("curves have no Hodge decomposition; give a surface or a mesh of tetrahedra")
@@ -188,6 +191,17 @@ def check_mesh(mesh: SpaceMesh) -> None:
     if mesh.topology.one_sided_face.any():
         log.warning("the surface is one-sided (not orientable): the sign of copotentials depends on the "
                     "orientation of the faces, and some generators have finite order")  # fmt: skip
+
+
+def _warn_of_folds(mesh: TetMesh) -> None:
+    """Warn where tetrahedra overlap: duality counts the holes of bodies in space alone."""
+    of_cells = complex_of(mesh).derivatives[2]
+    counts = np.bincount(of_cells.indices, minlength=of_cells.shape[1])
+    folds = np.flatnonzero((counts == 2) & (of_cells.sum(axis=0) != 0))
+    if len(folds):
+        log.warning("%d faces have both of their tetrahedra on one side (first: vertices %s): Betti numbers "
+                    "are those of a body in space with the same boundary, where none folds over itself",
+                    len(folds), "-".join(map(str, mesh.triangles[folds[0]].tolist())))  # fmt: skip
 
 
 def field_place(mesh: SpaceMesh, array: NDArray, place: str) -> str:
