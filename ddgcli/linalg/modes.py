@@ -62,8 +62,9 @@ def lowest_eigenpairs(
         # without the columns, so that the factors are those of a sparse matrix
         shift = _definite_shift(stiffness, mass, FIRST_SHIFT * norm)
         values, vectors = _shifted(stiffness, columns, mass, root, heavy, k, shift, seed)
-        if shift:
-            # nearly singular: once more, with a shift in proportion to the eigenvalues
+        if shift and np.abs(values).max() > zero:
+            # nearly singular: once more, with a shift in proportion to the eigenvalues; where all are
+            # rounding no such shift is left, and the first one has found them
             shift = max(FINAL_SHIFT * float(np.abs(values).max()), -2 * float(values.min()), zero)
             values, vectors = _shifted(stiffness, columns, mass, root, heavy, k, shift, seed)
     values = np.where(np.abs(values) <= zero, 0.0, values)

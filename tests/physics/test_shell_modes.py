@@ -56,10 +56,11 @@ def test_frequencies_of_a_cantilever_are_those_of_the_beam():
     assert values[0] == pytest.approx(truth[0], rel=0.005)
 
 
+@pytest.mark.parametrize("k", [1, 6, 8])
 @pytest.mark.parametrize("mesh", [STRIP, icosphere(2)], ids=["strip", "sphere"])
-def test_free_body_has_six_modes_of_frequency_zero(mesh):
+def test_free_body_has_six_modes_of_frequency_zero(mesh, k):
     _, _, system = built(mesh, poisson=0.3)
-    modes = natural_modes(system, np.asarray(mesh.points), 8)
+    modes = natural_modes(system, np.asarray(mesh.points), k)
     assert (modes.values[:6] == 0).all()
     assert (modes.values[6:] > 1e-3).all()
     for shape in modes.shapes[:6]:
