@@ -64,6 +64,10 @@ class _Term:
     def active(self) -> bool:
         return bool(getattr(self.own_term, "active", False))
 
+    @property
+    def smooth(self) -> bool:
+        return bool(getattr(self.own_term, "smooth", False))
+
 
 class _Energy:
     own_term: Any

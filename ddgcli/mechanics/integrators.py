@@ -148,7 +148,8 @@ def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) 
     # first: it shares what the last step computed at its end
     start = None if system.linear else StoredEnergy.at(_at_start(system, motion), motion.x)
     target = motion.x + dt * motion.v
-    increment = Increment(1 / dt**2, target, 1 / dt, motion.x, system.frozen(motion.x, dt, motion.time))
+    frozen = system.frozen(motion.x, dt, motion.time, motion.x + 0.5 * dt * motion.v)
+    increment = Increment(1 / dt**2, target, 1 / dt, motion.x, frozen)
     guesses = (target + dt**2 * motion.a, target)
     guess = first_guess(system, increment, motion.x, guesses, motion.time)
     y, count = minimise(system, increment, guess)
@@ -172,12 +173,13 @@ def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: An
     # first: it shares what the last step computed at its end
     start = None if system.linear else StoredEnergy.at(_at_start(system, motion), motion.x)
     target = motion.x + 0.5 * dt * motion.v
-    increment = Increment(4 / dt**2, target, 2 / dt, motion.x, system.frozen(motion.x, dt, motion.time))
+    frozen = system.frozen(motion.x, dt, motion.time, target)
+    increment = Increment(4 / dt**2, target, 2 / dt, motion.x, frozen)
     middle, count = minimise(system, increment, _undamped_guess(system, increment, motion))
     if increment.frozen and system.barriers:
         # barriers push at the middle, so friction takes their forces there: at the ends, about which stiff
         # contact vibrates farther, they are 6 % larger
-        increment = replace(increment, frozen=system.frozen(middle, dt))
+        increment = replace(increment, frozen=system.frozen(middle, dt, ahead=middle))
         middle, more = minimise(system, increment, Objective(system).at(increment, middle))
         count += more
     x = end.prescribed_state(2 * middle - motion.x, middle, middle)[0]
@@ -229,7 +231,7 @@ def _implicit_newmark(system: System, motion: Motion, dt: float, beta: float, ga
     speed = (dt * (1 - gamma)) * a
     speed += v
     c = gamma / (beta * dt)
-    frozen = system.frozen(x, dt, motion.time)
+    frozen = system.frozen(x, dt, motion.time, x + dt * v)
     increment = Increment(1 / (beta * dt**2), target, c, target - speed / c if frozen else None, frozen)
     y, count = minimise(system, increment, _undamped_guess(system, increment, motion))
     new = system.only_free(y - target)
@@ -257,9 +259,8 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     middle = _implicit_newmark(half, begin, 0.5 * dt, 0.25, 0.5)
     middle = replace(middle, time=half.time)
     target = (12 * middle.x - 3 * x + dt * (4 * middle.v - v)) / 9
-    increment = Increment(
-        9 / dt**2, target, 3 / dt, (4 * middle.x - x) / 3, system.frozen(middle.x, 0.5 * dt, half.time)
-    )
+    frozen = system.frozen(middle.x, 0.5 * dt, half.time, middle.x + 0.5 * dt * middle.v)
+    increment = Increment(9 / dt**2, target, 3 / dt, (4 * middle.x - x) / 3, frozen)
     y, count = minimise(system, increment, _undamped_guess(system, increment, middle))
     speed = (x - 4 * middle.x + 3 * y) / dt
     a = np.where(system.free, (v - 4 * middle.v + 3 * speed) / dt, 0.0)
@@ -307,7 +308,8 @@ def _backward_difference(system: System, motion: Motion, dt: float) -> Motion:
     new, now, old = (1 + 2 * ratio) / (1 + ratio), -(1 + ratio), ratio**2 / (1 + ratio)
     origin, speed = -(now * x + old * past_x) / new, -(now * v + old * past_v) / new
     c = new / dt
-    increment = Increment(c * c, origin + speed / c, c, origin, system.frozen(x, dt, motion.time))
+    frozen = system.frozen(x, dt, motion.time, x + dt * v)
+    increment = Increment(c * c, origin + speed / c, c, origin, frozen)
     y, count = minimise(system, increment, _undamped_guess(system, increment, motion))
     after = c * (y - origin)
     a = system.only_free(c * (after - speed))

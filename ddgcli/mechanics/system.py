@@ -263,22 +263,31 @@ class System:
                     work += potential.energy(path[0]) - potential.energy(path[-1])
         if self.dissipations:
             for before, after in pairwise(path):
-                move = after - before
-                work -= float(np.vdot(self.drag(before, move / dt, dt), move))
+                move = self.only_free(after - before)
+                for term in self.frozen(before, dt, ahead=0.5 * (before + after)):
+                    with self.account.within(term.name):
+                        work -= float(np.vdot(term.gradient((after - before) / dt), move))
         if self.prescribed:
             for before, after in pairwise(path):
                 force = 0.5 * (self.full_gradient(before) + self.full_gradient(after))
                 work += float(np.vdot(force, np.where(self.free, 0.0, after - before)))
         return work
 
-    def frozen(self, x: NDArray, dt: float, since: float | None = None) -> tuple[Potential, ...]:
-        """Dissipation as potentials of the velocity, taken at `x`, the positions of the time `since`."""
+    def frozen(
+        self, x: NDArray, dt: float, since: float | None = None, ahead: NDArray | None = None
+    ) -> tuple[Potential, ...]:
+        """Dissipation as potentials of the velocity, taken at `x`, the positions of the time `since`.
+
+        What is smooth in the positions is taken at `ahead`, where the step is expected at the time of its
+        velocity: a damper at the start would take the turning of a body since then for a stretch.
+        """
         potentials = []
         for dissipation in self.dissipations:
             if since is not None and hasattr(dissipation, "lagged"):
                 dissipation = dissipation.lagged(since)
             with self.account.within(dissipation.name):
-                potentials.append(dissipation.frozen(x, dt))
+                at = ahead if ahead is not None and getattr(dissipation, "smooth", False) else x
+                potentials.append(dissipation.frozen(at, dt))
         return tuple(potentials)
 
     def acceleration(self, x: NDArray, v: NDArray, dt: float) -> NDArray[np.float64]:

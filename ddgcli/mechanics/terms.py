@@ -111,7 +111,11 @@ class BarrierPotential(Protocol):
 
 @runtime_checkable
 class Dissipation(Protocol):
-    """A Rayleigh dissipation function R of the velocities; the force is -dR/dv."""
+    """A Rayleigh dissipation function R of the velocities; the force is -dR/dv.
+
+    One with the attribute `smooth` is a smooth function of the positions, also where no barrier lets them:
+    implicit steps take it at predicted positions.
+    """
 
     @property
     def name(self) -> str: ...

@@ -104,6 +104,7 @@ class StiffnessDamping:
     """R = beta/2 v' K v, K the material part of a potential's Hessian: rigid motion is not damped."""
 
     name = "damping"
+    smooth = True
 
     def __init__(self, potential: ElasticPotential, beta: float) -> None:
         self.potential, self.beta = potential, beta
