@@ -181,7 +181,7 @@ def test_paths_traces_and_generators_are_one_polyline_each_in_vtp(tmp_path):
     loops = json.loads(result.stdout)["results"]["generators"]
     assert polylines(tmp_path / "g.vtp") == ([len(loop) + 1 for loop in loops], [0, 1])
     curves = read_mesh(str(tmp_path / "g.vtp"))
-    np.testing.assert_array_equal(curves.vertex["vertex"], np.concatenate([[*x, x[0]] for x in loops]))
+    np.testing.assert_array_equal(curves.vertex["vertex"], np.concatenate(loops))
 
 
 def test_a_table_of_vertices_holds_every_array_in_full_precision(seam, tmp_path):

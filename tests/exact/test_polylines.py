@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ddgcli.algorithms.curvature.polyline import measure_curve, measure_curves
 from ddgcli.errors import MeshError
-from ddgcli.io.readers.tables import read_csv
+from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh.curve import CurveSet
 
 
@@ -176,9 +176,9 @@ def test_a_circle_of_full_precision_is_closed_and_a_short_gap_is_not(tmp_path):
     for gap, closed in ((0.0, True), (1e-9, False)):
         table = np.stack([np.cos(angle), np.sin(angle) + gap * (angle > 6.2)], axis=1)
         np.savetxt(tmp_path / "circle.csv", table, delimiter=",")
-        raw = read_csv((tmp_path / "circle.csv").read_bytes())
-        assert (len(raw.points) == 100) is closed
-        assert bool(raw.notes) is closed
+        source = read_mesh(str(tmp_path / "circle.csv"))
+        assert (source.mesh.n_vertices == 100) is closed
+        assert bool(source.notes) is closed
 
 
 def test_an_unknown_turning_number_causes_a_warning(caplog):

@@ -11,7 +11,7 @@ from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
-from ddgcli.models.curve import polygon, setup
+from ddgcli.models.curve import polygon
 from ddgcli.models.curve.crossings import self_crossings
 from ddgcli.models.curve.setup import CurveFlowOptions, build, schedule, without_repeated_points
 from ddgcli.simulation.account import Account
@@ -448,17 +448,3 @@ def test_a_wrong_loss_of_area_is_a_warning(tmp_path, summary):
     result = summary("curve-flow", loop, "--dt", 4e-3, "--duration", 0.24)
     assert result["accuracy"]["turning_number_changes"] == 1
     assert result["accuracy"]["area_rate_error"] < 0.1  # all frames: 0.3
-
-
-def test_a_flow_to_rest_that_ends_before_names_a_step_that_leads_there(tmp_path, summary, monkeypatch):
-    circles = write_obj(
-        tmp_path / "two.obj", (ellipse(16, 1, 1).points, True), (ellipse(16, 0.3, 0.3).points, True)
-    )
-    monkeypatch.setattr(setup, "MAX_STEPS", 100)  # both shorter: the same ratio to the default step
-    monkeypatch.setitem(setup.DEFAULT_STEP, "curvature", 1e-2)
-    first = summary("curve-flow", circles)
-    (warning,) = [text for text in first["warnings"] if "curves still move" in text]
-    assert first["results"]["collapse_times"][0] is None
-    cure = summary("curve-flow", circles, "--dt", warning.rsplit("--dt ", 1)[1])
-    assert cure["results"]["stopped_because"] == "every curve has shrunk to a point"
-    assert not any("still move" in text for text in cure["warnings"])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshFileError, excerpt
+from ddgcli.errors import MeshError, MeshFileError, excerpt
 from ddgcli.io.appearance import CORNER_UV, UV, corner_uv, uv_of_corners
 from ddgcli.io.readers.triangulate import triangulated
 from ddgcli.mesh.curve import CurveSet
@@ -15,6 +15,7 @@ from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology, check_faces
 from ddgcli.mesh.triangle_mesh import TriangleMesh, check_points
 
+CLOSURE_TOLERANCE = 1e-12  # of the extent: sin(2 pi) is not 0 in a file of 17 digits
 InputMesh = TriangleMesh | TetMesh | CurveSet
 
 
@@ -94,10 +95,37 @@ def assembled(raw: RawMesh) -> tuple[InputMesh, dict[str, NDArray], NDArray | No
     if len(raw.lines) and not len(raw.sizes):
         check_lines(raw.lines, len(raw.points))
         points = TriangleMesh.from_arrays(raw.points, np.zeros((0, 3), dtype=np.int64)).points
-        return CurveSet(points, raw.lines.astype(np.int64), dict(raw.vertex)), raw.line, None
+        return _with_closed_paths(CurveSet(points, raw.lines.astype(np.int64)), raw), raw.line, None
     if len(raw.lines):
         raw.notes.append(f"{len(raw.lines)} line segments beside the faces omitted")
     return _surface(raw)
+
+
+def _with_closed_paths(curves: CurveSet, raw: RawMesh) -> CurveSet:
+    """The curves of a file; one whose last point repeats its first, to round-off, is closed."""
+    points, n = curves.points, curves.n_vertices
+    half = 0.5 * points  # whose extent is a number
+    index, gap = np.arange(n), 0.0
+    try:
+        paths = curves.paths()
+    except MeshError:  # which commands that follow the curves raise
+        paths = []
+    for path, is_closed in paths:
+        if is_closed or len(path) < 3:
+            continue
+        apart = float(np.abs(half[path[0]] - half[path[-1]]).max())
+        if apart <= CLOSURE_TOLERANCE * float(np.ptp(half[path], axis=0).max()):
+            index[path[-1]], gap = path[0], max(gap, 2.0 * apart)
+    if gap > 0:
+        raw.notes.append(
+            f"the last point of a curve repeats its first to round-off ({gap:.1e} off): it is closed"
+        )
+    stays = index == np.arange(n)
+    if not stays.all():
+        index = (np.cumsum(stays) - 1)[index]
+        raw.vertex = {name: value[stays] for name, value in raw.vertex.items()}
+        raw.input_vertex = index if raw.input_vertex is None else index[raw.input_vertex]
+    return CurveSet(points[stays], index[curves.lines], dict(raw.vertex))
 
 
 def _surface(raw: RawMesh) -> tuple[TriangleMesh, dict[str, NDArray], NDArray | None]:

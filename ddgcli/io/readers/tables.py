@@ -13,12 +13,11 @@ from ddgcli.io.readers.raw_mesh import RawMesh
 from ddgcli.io.readers.text import rows, whole_numbers
 from ddgcli.mesh.repair import merged_points
 
-CLOSURE_TOLERANCE = 1e-12  # of the extent: sin(2 pi) is not 0 in a file of 17 digits
 PLACES = {"points", "faces", "tetrahedra", "lines", "metadata", "edges"}
 
 
 def read_csv(data: bytes) -> RawMesh:
-    """Read 2 or 3 columns of numbers as a polyline, closed if the last row repeats the first (to round-off).
+    """Read 2 or 3 columns of numbers as a polyline.
 
     Separators are commas, semicolons or blanks; one line of column names and `#` comments are skipped.
     """
@@ -54,16 +53,8 @@ def read_csv(data: bytes) -> RawMesh:
         raise MeshFileError("one row; a curve needs two points or more")
     table = values.reshape(-1, width)
     points = np.column_stack([table, np.zeros((len(table), 3 - width))])
-    gap = float(np.abs(points[0] - points[-1]).max())
-    closed = len(points) > 2 and gap <= CLOSURE_TOLERANCE * float(np.ptp(points, axis=0).max())
-    index = np.append(np.arange(len(points) - 1), 0) if closed else np.arange(len(points))
-    lines_ = np.stack([index[:-1], index[1:]], axis=1)
-    if not closed:
-        return RawMesh(points, lines=lines_)
-    raw = RawMesh(points[:-1], lines=lines_, input_vertex=index)
-    if gap > 0:
-        raw.notes.append(f"the last row repeats the first to round-off ({gap:.1e} off): the curve is closed")
-    return raw
+    index = np.arange(len(points))
+    return RawMesh(points, lines=np.stack([index[:-1], index[1:]], axis=1))
 
 
 def read_wkt(data: bytes) -> RawMesh:

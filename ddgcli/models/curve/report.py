@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,6 +17,7 @@ from ddgcli.models.curve.flow import CurveFlow
 MAX_AREA_RATE_ERROR = 0.1
 MAX_RESOLVED_TURNING = np.pi / 3  # radians at a point; a hexagon's
 AREA_ROUNDING = 1e-9  # of the circle of the same length: areas below it are the rounding of loops that cancel
+REST_DECREASE = 1e-11  # of the energy, in a quarter of the frames, at rest
 FOLD_TURNING = np.radians(170)  # at a point where a polygon runs back on itself
 
 log = logging.getLogger("ddgcli")
@@ -83,18 +85,29 @@ def summary(
     }
     _warn(accuracy, series)
     if flow.stop_at_rest and not (stopped or failure):
-        _warn_of_motion(flow, limit, float(times[-1]) / limit)
+        _warn_of_motion(flow, limit, float(times[-1]) / limit, series)
     return results, {name: value for name, value in accuracy.items() if value is not None}
 
 
-def _warn_of_motion(flow: CurveFlow, limit: int, dt: float) -> None:
-    """Warn that a flow to rest ended before, with a step that leads further."""
+def _warn_of_motion(flow: CurveFlow, limit: int, dt: float, series: Mapping[str, NDArray]) -> None:
+    """Warn that a flow to rest ended before, with a step or a number of steps that leads further."""
     radius = flow.first_radius
     longer = dt * max(5.0, float((radius.max() / radius.min()) ** flow.time_power))
+    further = limit * _time_to_rest(series["elastic_energy" if flow.kind == "elastic" else "length"])
+    more = "" if math.isinf(further) else f", or more of them: `steps={math.ceil(further / 100.0) * 100}`"
     log.warning(
         "curves still move after %d steps, the most without `steps` or `duration`; a longer step leads "
-        "further: `step=%.3g`", limit, longer,
+        "further: `step=%.3g`%s", limit, longer, more,
     )  # fmt: skip
+
+
+def _time_to_rest(energy: NDArray) -> float:
+    """Time until an energy falls no more, over that of its frames; inf without an exponential decay."""
+    ends = energy[[len(energy) // 2, 3 * len(energy) // 4, -1]]
+    early, late = -np.diff(ends)
+    if not 0 < late < early:
+        return math.inf
+    return 1.0 + 0.25 * math.log(late / (REST_DECREASE * ends[-1])) / math.log(early / late)
 
 
 def _is_plane(flow: CurveFlow) -> bool:

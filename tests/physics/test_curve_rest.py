@@ -1,0 +1,37 @@
+"""Flows of curves to rest that end before name a cure that leads there."""
+
+import re
+
+import numpy as np
+
+from ddgcli.models.curve import setup
+from tests.physics.test_curve_flow import ellipse, write_obj
+
+
+def test_a_flow_to_rest_that_ends_before_names_a_step_that_leads_there(tmp_path, summary, monkeypatch):
+    circles = write_obj(
+        tmp_path / "two.obj", (ellipse(16, 1, 1).points, True), (ellipse(16, 0.3, 0.3).points, True)
+    )
+    monkeypatch.setattr(setup, "MAX_STEPS", 100)  # both shorter: the same ratio to the default step
+    monkeypatch.setitem(setup.DEFAULT_STEP, "curvature", 1e-2)
+    first = summary("curve-flow", circles)
+    (warning,) = [text for text in first["warnings"] if "curves still move" in text]
+    assert first["results"]["collapse_times"][0] is None
+    cure = summary("curve-flow", circles, "--dt", re.search(r"--dt (\S+?)(,|$)", warning)[1])
+    assert cure["results"]["stopped_because"] == "every curve has shrunk to a point"
+    assert not any("still move" in text for text in cure["warnings"])
+
+
+def test_a_flow_to_rest_that_ends_before_names_the_steps_that_lead_there(tmp_path, summary, monkeypatch):
+    """Longer steps do not help where the linearisation of a step limits its progress."""
+    angle = np.linspace(0.0, 2.0, 41)
+    arc = write_obj(
+        tmp_path / "arc.obj", (np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1), False)
+    )
+    chord = 2.0 * np.sin(1.0)
+    monkeypatch.setattr(setup, "MAX_STEPS", 60)
+    first = summary("curve-flow", arc)
+    (warning,) = [text for text in first["warnings"] if "curves still move" in text]
+    assert first["results"]["length"][-1] > chord * (1 + 1e-5)
+    cure = summary("curve-flow", arc, "--steps", warning.rsplit("--steps ", 1)[1])
+    assert cure["results"]["length"][-1] < chord * (1 + 1e-9)
