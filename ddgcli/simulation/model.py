@@ -17,6 +17,7 @@ Arrays = dict[str, NDArray]
 
 MAX_STEP_COUNT = 1e9  # of a run
 MAX_HALVINGS = 12  # a step is halved at most so often: dt / 4096
+STEP_GROWTH = 1.1  # see `Model.growth`
 
 
 class StepRejected(Exception):
@@ -144,6 +145,8 @@ class Model(Generic[State]):
         What messages name after a time.
     advice : callable () -> str, optional
         What may let a run go on whose step failed, where that is no shorter step.
+    growth : float
+        Of the part of a step that is tried, with each that succeeds after one that failed.
     """
 
     start: State
@@ -159,6 +162,7 @@ class Model(Generic[State]):
     rescue: Callable[[State, float, float], State] | None = None
     time_unit: str = "s"
     advice: Callable[[], str] | None = None
+    growth: float = STEP_GROWTH
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,6 @@ from ddgcli.simulation.model import (
 
 log = logging.getLogger("ddgcli")
 RECOVERY_FACTOR = 8.0  # of the shortest part of a step, what the next one tries first
-STEP_GROWTH = 1.1  # of the part tried, with each that succeeds
 ROUNDING = 2.0**-52  # relative error of a step below which states do not differ
 FIRST_DOUBLING = 16  # accepted steps before a step of twice the length is tried
 
@@ -262,7 +261,7 @@ def _step_or_halves(
     active.n_steps += 1
     active.smallest = min(active.smallest, dt)
     active.shortest = min(active.shortest, dt)
-    active.allowed *= STEP_GROWTH
+    active.allowed *= active.model.growth
     check_parts(active, schedule, step, time + dt)
     return state
 

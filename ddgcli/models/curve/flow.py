@@ -32,6 +32,7 @@ MAX_SLIDE = 0.3  # of the shorter segment at a point, in one step
 SLIDE_FRACTIONS = (1.0, 0.5, 0.25, 0.0)  # of the slide, until the objective does not rise
 ROUNDING_RISE = 1e-12  # relative rise of the objective that rounding explains
 MAX_ENERGY_RISE = 1e-3  # relative rise of the elastic energy at which a step is rejected
+MAX_HALVINGS = 40  # of a step of elastic flow: the time of a tip is the fourth power of its radius
 MAX_CONSTRAINT_ITERATIONS = 12
 CONSTRAINT_TOLERANCE = 1e-14  # relative; iterations end there or after the number above
 COLLAPSE_REASON, REST_REASON = "every curve has shrunk to a point", "at rest"
@@ -127,9 +128,18 @@ class CurveFlow:
         if not np.isfinite(points).all() or not np.isfinite(worst):
             raise StepRejected("not finite")
         if self.kind == "elastic" and worst > MAX_ENERGY_RISE:
-            raise StepRejected("energy", value=worst)
+            raise StepRejected("energy", value=worst, halvings=MAX_HALVINGS)
         points = self._respaced(points, state.active, before, step)
+        if self.kind == "elastic":
+            self._require_turning_number(step.shape, points)
         return self._after(state, points, time, dt, bool(risen.any()))
+
+    def _require_turning_number(self, start: polygon.Geometry, points: NDArray) -> None:
+        """Reject a step that leaps past a cusp, which has infinite elastic energy, to fewer or more turns."""
+        later = polygon.geometry(self.mesh, points)
+        changed = polygon.turning_numbers(self.mesh, later) != polygon.turning_numbers(self.mesh, start)
+        if changed.any():
+            raise StepRejected("turning number", f"curve {int(np.argmax(changed))}", halvings=MAX_HALVINGS)
 
     def _respaced(
         self, points: NDArray, active: NDArray, before: NDArray, step: NormalStep
@@ -377,7 +387,7 @@ class NormalStep:
             points = points + factor[mesh.curve][:, None] * direction
         worst = np.max(np.where(active, np.abs(excess) / self.flow.first_length, 0.0))
         if not worst < 1e-9:
-            raise StepRejected("length", value=float(worst))
+            raise StepRejected("length", value=float(worst), halvings=MAX_HALVINGS)
         return points
 
 

@@ -21,6 +21,7 @@ from ddgcli.models.curve.flow import CurveFlow, start_state
 from ddgcli.simulation.model import Model, Schedule, flow_schedule
 
 MAX_STEPS = 2000
+PART_GROWTH = 2.0  # of the parts of a step that fails: a tip grows, and its time with the fourth power
 DEFAULT_FRAME_COUNT = 50
 DEFAULT_STEP = {  # in squared radii (elastic: fourth powers) of the smallest curve: MAX_STEPS are enough for
     "curvature": 5e-4,  # twice the time in which a circle vanishes
@@ -153,7 +154,8 @@ def build(curves: CurveSet, options: CurveFlowOptions) -> tuple[CurveFlow, Model
     )  # fmt: skip
     model = Model(
         start_state(flow, points), flow.advance, flow.observe, flow.pack, flow.unpack,
-        distance=flow.distance, order=1, stop=flow.reason,
+        distance=flow.distance, order=1, stop=flow.reason, time_unit=f"length^{flow.time_power}",
+        growth=PART_GROWTH,
     )  # fmt: skip
     return flow, model
 
