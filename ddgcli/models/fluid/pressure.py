@@ -5,22 +5,26 @@ The flow needs no pressure; it is what its accelerations leave over. The total h
     (grad B, grad q) = (- omega n x u + f + nu laplacian u, grad q)      for all q,
 
 f the accelerations by effects. B is linear in every face; at natural outflows it is the head there,
-elsewhere the mean of p over each component is zero. In volumes B has one value per face of the mesh.
+elsewhere the mean of p over each component is zero. The velocity at vertices is that of `recovery`. In
+volumes B has one value per face of the mesh.
 """
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
+from scipy.sparse import csr_array
 
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
+from ddgcli.models.fluid.recovery import recovery
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.scenes.sections import Section
 from ddgcli.simulation.effects import Effect
@@ -107,7 +111,8 @@ class SurfacePressure(PressurePhase):
     def values(self, state: FluidState) -> NDArray[np.float64]:
         space = self.space
         omega = state["vorticity"] * space.inverse_mass
-        velocity = space.face_velocity(space.flow(state).side_flux)
+        side_flux = space.flow(state).side_flux
+        velocity = space.face_velocity(side_flux)
         coriolis = sum(getattr(phase, "parameter", 0.0) for phase in self.setting.phases)
         push = -1j * (omega + coriolis)[space.faces].mean(axis=1) * velocity
         nu = sum(getattr(getattr(phase, "scheme", None), "nu", 0.0) for phase in self.setting.phases)
@@ -122,23 +127,36 @@ class SurfacePressure(PressurePhase):
             rhs -= sum_by_index(ends, 0.5 * np.repeat(flux[:, None], 2, axis=1), space.n)
         with space.timer():
             head = self.solver.solve(self._outflow_head(state)[self.solver.fixed], rhs)
-        around = sum_by_index(space.faces, np.repeat(space.area[:, None], 3, axis=1), space.n)
-        squares = sum_by_index(
-            space.faces, np.repeat((space.area * np.abs(velocity) ** 2)[:, None], 3, axis=1), space.n
-        )
-        pressure = head - 0.5 * np.divide(squares, around, out=np.zeros(space.n), where=around > 0)
-        return self._centred(pressure)
+        squared_speed = np.abs(self.to_vertices @ side_flux.ravel()) ** 2
+        speed = self._outflow_speed(state)
+        squared_speed[self.open] = self._mean_at_outflows(speed**2)[self.open]  # the square that the head has
+        return self._centred(head - 0.5 * squared_speed)
+
+    @cached_property
+    def to_vertices(self) -> csr_array:
+        """(n, 3m) side fluxes to vertex velocities; means of faces are of first order at boundaries."""
+        return recovery(self.space).matrix
 
     def _outflow_head(self, state: FluidState) -> NDArray[np.float64]:
         """(n,) total head at the vertices of natural outflows: the square of what leaves, half of it."""
-        space, head = self.space, np.zeros(self.space.n)
-        if space.open_sides is None or not len(space.open_sides):
-            return head
-        speed = np.maximum(space.open_speed(space.flow(state).phi, state["coefficients"]), 0.0)
-        ends, count = space.open_sides, np.bincount(space.open_sides.ravel(), minlength=space.n)
-        summed = sum_by_index(ends, np.repeat(0.5 * speed[:, None] ** 2, 2, axis=1), space.n)
-        head = np.divide(summed, count, out=head, where=count > 0)
-        return head + self._work_along_outflows(state)
+        if not self.open.any():
+            return np.zeros(self.space.n)
+        leaving = np.maximum(self._outflow_speed(state), 0.0)
+        return 0.5 * self._mean_at_outflows(leaving**2) + self._work_along_outflows(state)
+
+    def _outflow_speed(self, state: FluidState) -> NDArray[np.float64]:
+        """(s,) speed out of the sides of natural outflows."""
+        if not self.open.any():
+            return np.zeros(0)
+        return self.space.open_speed(self.space.flow(state).phi, state["coefficients"])
+
+    def _mean_at_outflows(self, values: NDArray) -> NDArray[np.float64]:
+        """(n,) mean at the vertices of natural outflows of values (s,) on their sides; 0 elsewhere."""
+        n, ends = self.space.n, self.space.open_sides
+        if ends is None:
+            return np.zeros(n)
+        summed = sum_by_index(ends, np.repeat(values[:, None], 2, axis=1), n)
+        return summed / np.maximum(np.bincount(ends.ravel(), minlength=n), 1)
 
     def _work_along_outflows(self, state: FluidState) -> NDArray[np.float64]:
         """(n,) work of the forces along natural outflows, from where its mean is zero.
@@ -197,4 +215,4 @@ def build(parameters: PressureSection, context: FluidContext) -> list[PhaseReque
     return [PhaseRequest(make)]
 
 
-EFFECT = Effect("pressure", PressureSection, build, "one factorisation, then one solve per frame", ("fluid",))
+EFFECT = Effect("pressure", PressureSection, build, "a factorisation, then one solve per frame", ("fluid",))
