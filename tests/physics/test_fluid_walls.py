@@ -101,3 +101,23 @@ def test_grading_moves_vertices_to_the_sides_and_none_across_a_periodic_one():
         Grid(size=[1, 1], cells=[4, 4], grading=1.5)
     with pytest.raises(ValueError, match="grading"):
         Grid(size=[1, 1], cells=[4, 4], grading=0.5, pattern="equilateral")
+
+
+def test_vorticity_at_walls_of_an_initial_velocity_converges():
+    """Steady cells, whose vorticity vanishes at the walls, from their velocity: at the start and after 1 s.
+
+    The trace of the velocity closes the cells there to second order of a side, vorticity is of first order.
+    """
+    error = []
+    for n in (12, 24):
+        velocity = '["pi*sin(pi*x)*cos(pi*y)", "-pi*cos(pi*x)*sin(pi*y)", 0]'
+        out = run_fluid(
+            f"initial = {{ velocity = {velocity} }}", "duration = 1\nstep = 0.01\nframe_every = 1",
+            f"grid = {{ size = [1, 1], cells = [{n}, {n}] }}",
+        )  # fmt: skip
+        x, y, _ = np.asarray(out.fluid.context.mesh.points).T
+        exact = 2 * np.pi**2 * np.sin(np.pi * x) * np.sin(np.pi * y)
+        wall = np.isclose(exact, 0.0, atol=1e-9)
+        first, last = (out.observations[k].vertex["vorticity"] - exact for k in (0, -1))
+        error.append([np.abs(first[wall]).max() / exact.max(), np.linalg.norm(last) / np.linalg.norm(exact)])
+    assert np.all(np.divide(*error) > 1.7) and max(error[1]) < 0.08

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.sparse import diags_array
 
+from ddgcli.models.fluid.boundary_sides import GAUSS_SHARES, BoundarySides
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.force import GAUSS_SHARES, BoundarySides, accelerated
+from ddgcli.models.fluid.force import accelerated
 from ddgcli.models.fluid.lost_forces import LostForceWarning
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
@@ -119,7 +120,7 @@ class BuoyancyPhase(FlowPhase):
     def __init__(self, setting: FluidSetting, parameters: BuoyancySection) -> None:
         self.setting = setting
         self.push = -parameters.expansion * np.array(parameters.gravity)
-        self.boundary = BoundarySides(setting)
+        self.boundary = BoundarySides.of(setting)
         self.lost = LostForceWarning(setting, self.effect)
 
     def advance(self, step: Step, state: FluidState) -> FluidState:

@@ -90,11 +90,40 @@ class FluidContext:
 
     def face_vectors(self, source: str | list[Any]) -> NDArray[np.float64]:
         """(m, 3) velocities of an array (on faces or vertices), a `.npy` or three expressions."""
-        n, cells = self.mesh.n_vertices, self.cells
         if not isinstance(source, str):
-            x = self.face_points()
-            values = np.stack([evaluate(str(text), dict(zip("xyz", x.T))) for text in source], axis=1)
-            return _finite(values, "velocity", str(source))
+            return _finite(_evaluated(source, self.face_points()), "velocity", str(source))
+        values = self._vectors(source)
+        return values if len(values) == len(self.cells) else values[self.cells].mean(axis=1)
+
+    def vectors_along(
+        self, source: str | list[Any], ends: NDArray, shares: NDArray, points: NDArray
+    ) -> NDArray[np.float64] | None:
+        """(s, g, 3) velocities, of arrays on vertices or expressions, at g points of every side.
+
+        Parameters
+        ----------
+        source : str or list
+            Of `face_vectors`.
+        ends : (s, 2) ndarray of int64
+            Tail and head of every side.
+        shares : (g, 2) ndarray of float64
+            Of tail and head in the points.
+        points : (s, g, 3) ndarray of float64
+
+        Returns
+        -------
+        (s, g, 3) ndarray of float64, or None
+            None for arrays on faces, and where expressions have no finite value.
+        """
+        if not isinstance(source, str):
+            values = _evaluated(source, points.reshape(-1, 3)).reshape(points.shape)
+            return values if np.isfinite(values).all() else None
+        values = self._vectors(source)
+        return None if len(values) == len(self.cells) else np.einsum("gk,skx->sgx", shares, values[ends])
+
+    def _vectors(self, source: str) -> NDArray[np.float64]:
+        """(m, 3) or (n, 3) velocities of an array on faces or vertices, or of a `.npy`."""
+        n, cells = self.mesh.n_vertices, self.cells
         if source.endswith(".npy"):
             values = np.asarray(self.load(source), dtype=np.float64)
         elif source in self.face or source in self.vertex:
@@ -105,9 +134,7 @@ class FluidContext:
                 f"velocity '{excerpt(source)}' is neither an array of the mesh (there: {names}) nor "
                 "a .npy file"
             )
-        if values.shape == (n, 3) and values.shape != (len(cells), 3):
-            values = values[cells].mean(axis=1)
-        if values.shape != (len(cells), 3):
+        if values.shape not in ((len(cells), 3), (n, 3)):
             raise ValueError(
                 f"velocity '{excerpt(source)}' has shape {values.shape}; give three numbers per cell "
                 f"({len(cells)}) or a vertex ({n})"
@@ -161,6 +188,11 @@ class FluidContext:
     def nearest_vertex(self, place: NDArray) -> NDArray[np.float64]:
         """Position of the vertex nearest to a point."""
         return self.points[np.argmin(self.distance(place))]
+
+
+def _evaluated(texts: list[Any], points: NDArray) -> NDArray[np.float64]:
+    place = dict(zip("xyz", points.T))
+    return np.stack([evaluate(str(text), place) for text in texts], axis=1)
 
 
 def _finite(values: NDArray, what: str, source: str) -> NDArray[np.float64]:

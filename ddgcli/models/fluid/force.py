@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from ddgcli.models.fluid.boundary_sides import BoundarySides
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.lost_forces import LostForceWarning
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
@@ -31,32 +32,6 @@ class ForceSection(Section):
         return texts
 
 
-GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(2)
-GAUSS_SHARES = 0.5 + 0.5 * np.stack([-GAUSS_POINTS, GAUSS_POINTS], axis=1)  # of tail and head, (2, 2)
-
-
-class BoundarySides:
-    """Integrals of an acceleration along the boundary sides of a surface.
-
-    A cell at the boundary is closed by its halves of them. With the acceleration of the faces there, which is
-    off by half a cell, a gradient makes vorticity in the corners of walls at a rate that no mesh lowers.
-    """
-
-    def __init__(self, setting: FluidSetting) -> None:
-        context = setting.context
-        self.ends = np.zeros((0, 2), dtype=np.int64)
-        if not context.is_volume:
-            self.ends = setting.space.boundary_sides[2]
-        start = context.points[self.ends[:, 0]]
-        self.side = context.unwrapped(context.points[self.ends[:, 1]] - start)
-        self.points = start[:, None] + GAUSS_SHARES[:, 1, None] * self.side[:, None]  # (s, 2, 3)
-
-    def integrals(self, vectors: NDArray) -> NDArray[np.float64]:
-        """(s, 2) of vectors (s, 2, 3) at the points, weighted by the hat functions of tail and head."""
-        weight = 0.5 * GAUSS_WEIGHTS[:, None] * GAUSS_SHARES
-        return np.einsum("sgk,sk,gj->sj", vectors, self.side, weight)
-
-
 class ForcePhase(FlowPhase):
     """Circulation of the force around the vertices' cells, and its share in the harmonic flows."""
 
@@ -66,7 +41,7 @@ class ForcePhase(FlowPhase):
     def __init__(self, setting: FluidSetting, acceleration: list[str]) -> None:
         self.setting, self.acceleration = setting, acceleration
         self.place = setting.context.face_points()
-        self.boundary = BoundarySides(setting)
+        self.boundary = BoundarySides.of(setting)
         self.lost = LostForceWarning(setting, self.effect)
         self.vectors(self.place, 0.0)  # refuses what cannot be evaluated
 

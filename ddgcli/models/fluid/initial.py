@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from pydantic import Field, model_validator
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
+from ddgcli.models.fluid.boundary_sides import GAUSS_SHARES, BoundarySides
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import Initial
 from ddgcli.models.fluid.flow_mesh import harmonic_count
@@ -76,12 +78,13 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
         from ddgcli.models.fluid.volume_effects import initial
 
         return [initial(parameters, context)]
-    if parameters.velocity is not None:
-        vectors = context.face_vectors(parameters.velocity)
+    if (source := parameters.velocity) is not None:
+        vectors = context.face_vectors(source)
 
         def of_velocity(space: SurfaceSpace) -> dict[str, NDArray]:
             velocity = context.to_frames(space, vectors)
-            vorticity, coefficients = space.of_face_velocity(velocity)
+            along = _along_boundary(context, space, source)
+            vorticity, coefficients = space.of_face_velocity(velocity, along)
             # its mean is rounding alone, of these terms
             terms = 0.5 * sum_by_index(
                 space.faces, np.abs(velocity)[:, None] * np.abs(space.side[:, NEXT]), space.n
@@ -108,6 +111,21 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
         return {"vorticity": vorticity}
 
     return [Initial(of_vorticity)]
+
+
+def _along_boundary(
+    context: FluidContext, space: SurfaceSpace, source: str | list[Any]
+) -> NDArray[np.float64] | None:
+    """(s, 2) integrals of the velocity along the boundary sides; None for those of the faces."""
+    ends = space.boundary_sides[2]
+    sides = BoundarySides(context, ends)
+    vectors = context.vectors_along(source, ends, GAUSS_SHARES, sides.points)
+    if vectors is None:
+        return None
+    along = sides.integrals(vectors)
+    if space.open_vertices is not None:  # a flow has no tangential velocity at natural outflows
+        along[space.open_vertices[ends]] = 0.0
+    return along
 
 
 def _warn_of_lost_energy(
