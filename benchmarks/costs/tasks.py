@@ -161,6 +161,12 @@ SURFACE = [
         for kind, flow in (("descent", "quadratic"), ("newton", "newton"))
     ),
     Task(
+        "willmore-flow improvement",
+        "willmore-flow {mesh} --steps 1",
+        (20_000, 40_000, 80_000),
+        exponent=1.25,
+    ),
+    Task(
         "willmore-flow remeshing",
         "willmore-flow {mesh} --remesh mean --steps 1",
         SMALL_SIZES,

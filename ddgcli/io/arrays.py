@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, ParameterError, excerpt
 from ddgcli.io.readers.numpy_file import npy_array, npz_arrays, text_array
+from ddgcli.mesh.edge_lookup import edge_numbers
 from ddgcli.mesh.tet_mesh import parity
 
 ELEMENTS = ("vertex", "face", "edge")
@@ -166,13 +167,8 @@ def aligned_edge_values(edges: NDArray, file_edges: NDArray, values: NDArray) ->
     ParameterError
         The edges of the file are not those of the mesh.
     """
-    n = np.int64(max(edges.max(initial=0), file_edges.max(initial=0)) + 1)
-    key = edges[:, 0] * n + edges[:, 1]
-    low, high = file_edges.min(axis=1), file_edges.max(axis=1)
-    order = np.argsort(key)
-    place = np.searchsorted(key[order], low * n + high).clip(max=max(len(key) - 1, 0))
-    edge = order[place]
-    if len(file_edges) != len(edges) or (key[edge] != low * n + high).any():
+    edge = edge_numbers(edges, file_edges)
+    if len(file_edges) != len(edges) or (edge < 0).any():
         raise ParameterError(
             "the array `edges` of the input does not list the edges of its faces; leave it out"
         )

@@ -11,6 +11,7 @@ __all__ = [
     "cures",
     "curve",
     "double_cover",
+    "edge_lookup",
     "fields",
     "intrinsic_mesh",
     "masked",

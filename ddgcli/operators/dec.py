@@ -23,6 +23,7 @@ from ddgcli.geometry.cells import (
     triangle_metric,
 )
 from ddgcli.linalg.indices import matrix_indices
+from ddgcli.mesh.edge_lookup import edge_numbers
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh, parity
 from ddgcli.mesh.topology import Topology
@@ -185,7 +186,7 @@ def _tet_complex(mesh: TetMesh) -> Complex:
     corners = tets[:, TET_FACES].reshape(-1, 3)
     orientation = np.where(mesh.signed_volume < 0, -1, 1)
     face_sign = parity(corners).reshape(-1, 4) * orientation[:, None]
-    face_edge = _edge_numbers(faces[:, [[0, 1], [1, 2], [0, 2]]], edges, mesh.n_vertices)
+    face_edge = edge_numbers(edges, faces[:, [[0, 1], [1, 2], [0, 2]]])
     face_edge_sign = np.array([1, 1, -1])
     length = vector_length(mesh.points[local[..., 1]] - mesh.points[local[..., 0]])
     return Complex(
@@ -208,8 +209,3 @@ def _tet_complex(mesh: TetMesh) -> Complex:
         metric=tetrahedron_metric(length),
         boundary_faces=np.flatnonzero(np.bincount(mesh.cell_triangle.ravel(), minlength=len(faces)) == 1),
     )
-
-
-def _edge_numbers(pairs: NDArray, edges: NDArray, n_vertices: int) -> NDArray[np.int64]:
-    key = edges[:, 0] * np.int64(n_vertices) + edges[:, 1]
-    return np.searchsorted(key, pairs[..., 0] * np.int64(n_vertices) + pairs[..., 1])

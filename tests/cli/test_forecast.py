@@ -34,6 +34,7 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import remesh_step
+from ddgcli.models.willmore.energies import ENERGIES
 
 MIB = 2.0**20
 
@@ -351,3 +352,15 @@ def test_a_flow_to_rest_may_end_before_its_second_remesh():
         (use,) = (use for use in uses if use.kernel == "willmore-flow remeshing")
         least[steps] = use.times * use.range[0]
     assert least[12] == pytest.approx(least[1])
+
+
+def test_triangles_that_a_flow_improves_before_its_first_step_are_counted():
+    def is_counted(**options):
+        uses = kernels_of(
+            "willmore-flow", {"flow": "quadratic", **options}, InputSize("surface", 10_000, steps=1)
+        )
+        return "willmore-flow improvement" in {use.kernel for use in uses}
+
+    assert is_counted() and not is_counted(step=1e-9) and not is_counted(flow="newton")
+    for name, energy in ENERGIES.items():
+        assert is_counted(energy=name) == energy.keeps_triangles

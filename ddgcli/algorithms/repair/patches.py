@@ -11,6 +11,7 @@ from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.boundary import boundary_vertex_loops
 from ddgcli.mesh.cures import cure
+from ddgcli.mesh.edge_lookup import edge_numbers
 from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -103,12 +104,11 @@ def _patch(mesh: TriangleMesh, loop: NDArray) -> tuple[NDArray[np.float64], NDAr
     angle = 2.0 * np.pi * (np.cumsum(step) - step) / step.sum()
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     inner = _lattice(2.0 * np.pi / len(loop))
-    mesh_edge_keys = _edge_keys(mesh.topology.edges, mesh.n_vertices)
     for _ in range(MAX_CHORD_ROUNDS):
         flat = np.concatenate([circle, inner])
         patch = _oriented(flat, Delaunay(flat, qhull_options="Qbb Qc Qz Qt").simplices.astype(np.int64))
         chords = _chords(patch, len(loop))
-        double = np.isin(_edge_keys(loop[chords], mesh.n_vertices), mesh_edge_keys)
+        double = edge_numbers(mesh.topology.edges, loop[chords]) >= 0
         if not double.any():
             break
         # an edge of the mesh already joins the ends of such a chord: a vertex goes between
@@ -139,11 +139,6 @@ def _chords(patch: NDArray, count: int) -> NDArray[np.int64]:
     edges = np.sort(np.concatenate([patch[:, [0, 1]], patch[:, [1, 2]], patch[:, [2, 0]]]), axis=1)
     apart = edges[:, 1] - edges[:, 0]
     return np.unique(edges[(edges[:, 1] < count) & (apart > 1) & (apart < count - 1)], axis=0)
-
-
-def _edge_keys(edges: NDArray, n: int) -> NDArray[np.int64]:
-    low, high = np.sort(edges.reshape(-1, 2), axis=1).T
-    return low * n + high
 
 
 def _membrane(ring: NDArray, patch: NDArray, n_inner: int) -> NDArray[np.float64]:

@@ -145,4 +145,5 @@ COEFFICIENTS: dict[str, Cost] = {
     "hodge cochains tetrahedra": Cost(0.003856, 1.485, 1.33, 25.61, 123),
     "curvature frames curve": Cost(0.0292, 0.4061, 1.05, 1.456, 62.45),
     "curvature sheared": Cost(0, 0.4601, 1.3, 7.701, 43.47),
+    "willmore-flow improvement": Cost(0, 8.03, 1.25, 23.36, 344.6),
 }

@@ -27,6 +27,8 @@ STEPS_PER_ITERATION = 0.5  # one factorisation in place of a factorisation and t
 DESCENT_RANGE: Range = (0.1, 1.5)  # of --steps, where a flow ends at rest before
 # of `ddgcli.models.willmore.remesh_step`, which would load its imports; uneven triangles take more rounds
 REMESHING_INTERVAL, MAX_REMESHES = 5, 30
+ENERGIES_OF_OWN_TRIANGLES = ("hinge", "quadratic")  # whose flows neither flip nor slide
+IMPROVEMENT_RANGE: Range = (0.1, 1.6)  # of triangles before the first step
 REMESHING_RANGE: Range = (0.3, 4.0)
 CONFORMAL_RANGE: Range = (0.2, 5.0)
 MEASURED_MODES = 10
@@ -66,6 +68,9 @@ def willmore_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Us
         return
     in_time = flow == "mean-curvature" or options.get("step") or options.get("duration")
     kind = flow if flow in ("mean-curvature", "newton") else "quadratic" if in_time else "descent"
+    if kind == "descent" and options.get("energy") not in ENERGIES_OF_OWN_TRIANGLES:
+        assumes = "flips and slides as of uneven triangles"
+        yield Use("willmore-flow improvement", range=IMPROVEMENT_RANGE, assumes=assumes)
     if options.get("remesh"):
         steps = DEFAULT_FLOW_STEPS if size.steps is None else size.steps
         count = min(1 + max(steps - 1, 0) // REMESHING_INTERVAL, MAX_REMESHES)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.edge_lookup import edge_numbers
 from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
@@ -296,13 +297,10 @@ def _loops(model: FluidModel, vorticity: NDArray, last: TrajectoryFrame) -> list
     along = (velocity[:, None] * np.conj(space.side)).real * space.side_sign
     topology = space.mesh.topology
     on_edge = sum_by_index(space.side_edge, along, topology.n_edges) / topology.edge_face_count
-    key = topology.edges[:, 0] * topology.n_vertices + topology.edges[:, 1]
-    order = np.argsort(key)
     circulations = []
     for loop in generator_loops(space.mesh):
         tail, head = loop, np.roll(loop, -1)
-        loop_key = np.minimum(tail, head) * topology.n_vertices + np.maximum(tail, head)
-        edge = order[np.searchsorted(key, loop_key, sorter=order)]
+        edge = edge_numbers(topology.edges, np.stack([tail, head], axis=1))
         circulations.append(float(np.sum(np.where(topology.edges[edge, 0] == tail, 1, -1) * on_edge[edge])))
     return circulations
 

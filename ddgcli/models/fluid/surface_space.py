@@ -25,6 +25,7 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.unfolding import corner_position, unfold
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.edge_lookup import edge_numbers
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
@@ -180,9 +181,7 @@ class SurfaceSpace:
         """Edge of every open side, and its sign along the side."""
         ends = self.mesh.topology.edges
         sides = np.zeros((0, 2), dtype=np.int64) if self.open_sides is None else self.open_sides
-        key = ends.min(axis=1) * self.n + ends.max(axis=1)
-        order = np.argsort(key)
-        edge = order[np.searchsorted(key, sides.min(axis=1) * self.n + sides.max(axis=1), sorter=order)]
+        edge = edge_numbers(ends, sides)
         return edge, np.where(ends[edge, 0] == sides[:, 0], 1.0, -1.0)
 
     @cached_property

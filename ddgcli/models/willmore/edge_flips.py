@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.mesh.edge_lookup import edge_numbers
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross, row_dot, vector_length
@@ -15,6 +16,7 @@ from ddgcli.models.willmore.redistribution import redistribute
 
 MAX_TURN = np.cos(np.radians(35.0))  # cosine of the angle by which a flip may turn normals
 FLIP_TOLERANCE = 1e-6  # radians by which opposite angles exceed pi before an edge flips
+ANGLE_ERROR = 1e-3  # of angles from lengths
 MAX_FLIP_ROUNDS, MAX_IMPROVEMENTS = 10, 30
 LEAST_IMPROVEMENT = np.radians(0.1)  # of the smallest angle, for another round of slides
 
@@ -57,15 +59,16 @@ def _flippable(points: NDArray, topology: Topology, movable: NDArray) -> tuple[N
     apex = (s - s % 3 + (s + 2) % 3 for s in (side, twin))
     quad = np.stack([topology.side_tail[side], topology.side_head[side], *(flat[a] for a in apex)], axis=1)
     faces = np.stack([side // 3, twin // 3], axis=1)
-    excess = _opposite_angles(points, quad) - np.pi
-    edges = np.flatnonzero((excess > FLIP_TOLERANCE) & movable[quad].all(axis=1))
-    edges = edges[_keeps_surface(points[quad[edges]])]
+    edges = np.flatnonzero(_may_exceed(points, topology, side, twin) & movable[quad].all(axis=1))
+    excess = _opposite_angles(points, quad[edges]) - np.pi
+    keep = np.flatnonzero(excess > FLIP_TOLERANCE)
+    keep = keep[_keeps_surface(points[quad[edges[keep]]])]
+    edges, excess = edges[keep], excess[keep]
     low, high = np.sort(quad[edges, 2:], axis=1).T
-    tail, head = np.sort(topology.edges, axis=1).T
-    key = low * topology.n_vertices + high
-    edges, key = (a[(low != high) & ~np.isin(key, tail * topology.n_vertices + head)] for a in (edges, key))
-    worst = np.argsort(-excess[edges], kind="stable")
-    edges, key = edges[worst], key[worst]
+    is_new = (low != high) & (edge_numbers(topology.edges, quad[edges, 2:]) < 0)
+    worst = np.flatnonzero(is_new)
+    worst = worst[np.argsort(-excess[worst], kind="stable")]
+    edges, key = edges[worst], (low * topology.n_vertices + high)[worst]
     rank = np.arange(len(edges))
     claim = np.full(topology.n_faces, len(edges))
     np.minimum.at(claim, faces[edges].ravel(), np.repeat(rank, 2))
@@ -73,6 +76,13 @@ def _flippable(points: NDArray, topology: Topology, movable: NDArray) -> tuple[N
     first[np.unique(key, return_index=True)[1]] = True
     edges = edges[first & (claim[faces[edges]] == rank[:, None]).all(axis=1)]
     return quad[edges], faces[edges]
+
+
+def _may_exceed(points: NDArray, topology: Topology, side: NDArray, twin: NDArray) -> NDArray[np.bool_]:
+    """(k,) whether the angles opposite a side and its twin may sum to pi and more, by lengths alone."""
+    angle = corner_angle(TriangleMesh(points, topology).side_length).ravel()
+    total = angle[side - side % 3 + (side + 2) % 3] + angle[twin - twin % 3 + (twin + 2) % 3]
+    return ~(total < np.pi - ANGLE_ERROR)
 
 
 def _opposite_angles(points: NDArray, quad: NDArray) -> NDArray[np.float64]:

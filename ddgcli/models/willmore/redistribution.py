@@ -43,7 +43,7 @@ def redistribute(mesh: TriangleMesh, normal: NDArray, movable: NDArray) -> Trian
     sliding = movable & (before < MIN_ANGLE)
     if not sliding.any():
         return None
-    target = _slid_points(mesh, normal)
+    target = _slid_points(mesh, normal, sliding)
     for _ in range(3):  # a slide undone changes the stars beside it
         points = np.where(sliding[:, None], target, mesh.points)
         worse = sliding & ~(_star_angle(mesh.moved(points)) > before)
@@ -61,9 +61,13 @@ def _star_angle(mesh: TriangleMesh) -> NDArray[np.float64]:
     return smallest
 
 
-def _slid_points(mesh: TriangleMesh, normal: NDArray) -> NDArray[np.float64]:
-    """(n, 3) every vertex at the mean of its neighbours, on the quadratic patch of the face there."""
-    x, faces, n = mesh.points, mesh.faces, mesh.n_vertices
+def _slid_points(mesh: TriangleMesh, normal: NDArray, sliding: NDArray) -> NDArray[np.float64]:
+    """(n, 3) sliding vertices at the mean of their neighbours, on the quadratic patch of the face there.
+
+    Other vertices beside them move too, to places without a meaning.
+    """
+    x, n = mesh.points, mesh.n_vertices
+    faces = mesh.faces[sliding[mesh.faces].any(axis=1)]
     corner = x[faces]
     ahead, behind = corner[:, NEXT] - corner, corner[:, PREVIOUS] - corner
     count = sum_by_index(faces, np.full(faces.shape, 2.0), n)
@@ -75,10 +79,8 @@ def _slid_points(mesh: TriangleMesh, normal: NDArray) -> NDArray[np.float64]:
     with np.errstate(divide="ignore", invalid="ignore"):
         span = _triple(up, ahead, behind)
         first, second = _triple(up, shift, behind) / span, _triple(up, ahead, shift) / span
-    inside = np.where(span > 0, np.minimum(first, second), -np.inf).ravel()
-    order = np.lexsort((-inside, faces.ravel()))
-    vertex, start = np.unique(faces.ravel()[order], return_index=True)
-    best = order[start]
+    inside = np.where(span > 0, np.nan_to_num(np.minimum(first, second), nan=-np.inf), -np.inf).ravel()
+    vertex, best = _first_of_largest(faces.ravel(), inside, n)
     first, second = first.ravel()[best], second.ravel()[best]
     usable = np.isfinite(inside[best]) & np.isfinite(first + second)
     first, second = np.maximum(first, 0.0), np.maximum(second, 0.0)
@@ -94,6 +96,17 @@ def _slid_points(mesh: TriangleMesh, normal: NDArray) -> NDArray[np.float64]:
     points = np.array(x)
     points[vertex[usable]] = curved[usable]
     return points
+
+
+def _first_of_largest(key: NDArray, value: NDArray, n: int) -> tuple[NDArray, NDArray]:
+    """The keys below n that occur, and for each the place of its largest value, the first of equal ones."""
+    largest = np.full(n, -np.inf)
+    np.maximum.at(largest, key, value)
+    place = np.flatnonzero(value == largest[key])
+    first = np.full(n, len(key))
+    np.minimum.at(first, key[place], place)
+    occurs = np.flatnonzero(first < len(key))
+    return occurs, first[occurs]
 
 
 def _triple(a: NDArray, b: NDArray, c: NDArray) -> NDArray[np.float64]:

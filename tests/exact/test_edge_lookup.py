@@ -1,0 +1,26 @@
+"""Numbers of edges by their ends."""
+
+import numpy as np
+import pytest
+
+from ddgcli.mesh import shapes
+from ddgcli.mesh.edge_lookup import edge_numbers
+
+
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_pairs_of_either_order_name_their_edge_and_others_none(shuffled):
+    mesh, random = shapes.icosphere(2), np.random.default_rng(0)
+    edges = mesh.topology.edges
+    if shuffled:
+        edges = random.permuted(random.permutation(edges), axis=1)
+    number = {frozenset(pair): k for k, pair in enumerate(edges.tolist())}
+    pairs = random.integers(0, mesh.n_vertices + 5, (4, 500, 2))
+    expected = [[number.get(frozenset(pair), -1) for pair in row] for row in pairs.tolist()]
+    assert np.array_equal(edge_numbers(edges, pairs), expected)
+    assert np.array_equal(edge_numbers(edges, edges[:, ::-1]), np.arange(len(edges)))
+
+
+def test_without_edges_or_pairs_there_is_none():
+    none = np.zeros((0, 2), dtype=np.int64)
+    assert edge_numbers(none, np.array([[0, 1]])).tolist() == [-1]
+    assert edge_numbers(np.array([[0, 1]]), none).shape == (0,)
