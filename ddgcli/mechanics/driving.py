@@ -53,11 +53,14 @@ def driving_work(
             elif hasattr(then, "energy"):
                 work += 0.5 * (now.energy(before.x) - then.energy(before.x))
                 work += 0.5 * (now.energy(after.x) - then.energy(after.x))
-    for dissipation in end.dissipations:
+    middle, halfway = before.x + 0.5 * dt * before.v, system.at(0.5 * (before.time + after.time))
+    for dissipation, at_half in zip(end.dissipations, halfway.dissipations, strict=True):
         if is_active(dissipation):
             lagged = dissipation.lagged(before.time) if hasattr(dissipation, "lagged") else dissipation
             with system.account.within(dissipation.name):
-                drag = lagged.frozen(before.x, dt).gradient(move / dt)
+                smooth = getattr(dissipation, "smooth", False)
+                acting = at_half.frozen(middle, dt) if smooth else lagged.frozen(before.x, dt)
+                drag = acting.gradient(move / dt)
             work -= float(np.vdot(system.only_free(drag), move))
     return work
 

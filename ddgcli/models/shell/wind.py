@@ -55,6 +55,7 @@ class FaceDrag:
 
     name = "wind"
     active = True
+    smooth = True
 
     def __init__(
         self, faces: NDArray, velocity: list[str], half_density: float, normal: float, tangential: float
