@@ -12,6 +12,7 @@ from scipy.sparse import bsr_array, csc_array, csr_array
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mechanics.block_layout import BlockLayout, ones
 from ddgcli.mechanics.pair_blocks import vertex_pairs
+from ddgcli.mesh.ragged import unique_keys
 
 
 class Assembly:
@@ -48,8 +49,8 @@ class Assembly:
         self.by_pairs = by_pairs = list(by_pairs) or [False] * len(stencils)
         entries = [_pairs if paired else _sub_blocks for paired in by_pairs]
         own = np.arange(len(free)) * (len(free) + 1)
-        keys = [np.unique(_keys(of(s), len(free))) for of, s in zip(entries, stencils)]
-        key = np.unique(np.concatenate([own, *keys]))
+        keys = [unique_keys(_keys(of(s), len(free))) for of, s in zip(entries, stencils)]
+        key = unique_keys(np.concatenate([own, *keys]))
         del keys
         self._count = len(key)
         self._own = np.searchsorted(key, own)

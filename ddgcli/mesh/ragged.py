@@ -113,6 +113,44 @@ def sorted_keys(key: NDArray, n_keys: int, *, overwrite: bool = False) -> tuple[
     return packed, order
 
 
+def unique_keys(key: NDArray) -> NDArray:
+    """Distinct integers in ascending order.
+
+    `np.unique` collects integers in a hash table since numpy 2.3, and takes 30 times as long for 300,000.
+
+    Parameters
+    ----------
+    key : (...) ndarray of int
+        Any shape.
+
+    Returns
+    -------
+    (k,) ndarray of the same type
+    """
+    key = np.sort(key, axis=None)
+    is_first = np.ones(len(key), dtype=bool)
+    np.not_equal(key[1:], key[:-1], out=is_first[1:])
+    return key.compress(is_first)
+
+
+def contains(ascending: NDArray, value: NDArray) -> NDArray[np.bool_]:
+    """Which values an ascending list of integers holds.
+
+    Parameters
+    ----------
+    ascending : (n,) ndarray of int
+    value : (...) ndarray of int
+
+    Returns
+    -------
+    (...) ndarray of bool
+    """
+    if not len(ascending):
+        return np.zeros(np.shape(value), dtype=bool)
+    place = np.searchsorted(ascending, value).clip(max=len(ascending) - 1)
+    return ascending[place] == value
+
+
 def expand_lists(
     owner: NDArray, number: NDArray, lists: tuple[NDArray, NDArray]
 ) -> tuple[NDArray, NDArray[np.int64]]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, counted
 from ddgcli.mesh.cures import cure, with_repair
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import FLAT_AREA_TOLERANCE, TriangleMesh
@@ -116,7 +117,7 @@ def how_to_close(mesh: SurfaceMesh) -> str:
     is_open[topology.vertex_component[topology.edges[topology.boundary_edges, 0]]] = True
     for number in np.flatnonzero(is_open)[:SAMPLE_SIZE]:
         rows = component == number
-        corners = mesh.points[np.unique(mesh.faces[rows])]
+        corners = mesh.points[unique_keys(mesh.faces[rows])]
         extent = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
         if extent[-1] <= PLANE_TOLERANCE * extent[0]:
             return (

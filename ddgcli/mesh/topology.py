@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.ragged import sorted_keys
+from ddgcli.mesh.ragged import sorted_keys, unique_keys
 
 NEXT = np.array([1, 2, 0])
 PREVIOUS = np.array([2, 0, 1])
@@ -94,7 +94,7 @@ class Topology:
     @cached_property
     def repeated_vertex_faces(self) -> NDArray[np.int64]:
         """Numbers of the faces that name a vertex twice."""
-        return frozen(np.unique(np.flatnonzero(self.side_tail == self.side_head) // 3))
+        return frozen(unique_keys(np.flatnonzero(self.side_tail == self.side_head) // 3))
 
     @cached_property
     def _edge_numbering(self) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:

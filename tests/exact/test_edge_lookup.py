@@ -1,10 +1,11 @@
-"""Numbers of edges by their ends."""
+"""Numbers of edges by their ends; distinct integers."""
 
 import numpy as np
 import pytest
 
 from ddgcli.mesh import shapes
 from ddgcli.mesh.edge_lookup import edge_numbers
+from ddgcli.mesh.ragged import contains, unique_keys
 
 
 @pytest.mark.parametrize("shuffled", [False, True])
@@ -24,3 +25,11 @@ def test_without_edges_or_pairs_there_is_none():
     none = np.zeros((0, 2), dtype=np.int64)
     assert edge_numbers(none, np.array([[0, 1]])).tolist() == [-1]
     assert edge_numbers(np.array([[0, 1]]), none).shape == (0,)
+
+
+def test_distinct_integers_ascend_and_a_list_knows_what_it_contains():
+    key = np.random.default_rng(1).integers(-50, 50, (30, 4))
+    assert np.array_equal(unique_keys(key), np.unique(key)) and unique_keys(key[:0]).size == 0
+    ascending = unique_keys(key[:9])
+    assert np.array_equal(contains(ascending, key), np.isin(key, ascending))
+    assert not contains(ascending[:0], key).any()

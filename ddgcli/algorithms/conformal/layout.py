@@ -13,7 +13,7 @@ from ddgcli.geometry.intrinsic import half_angle_tangent
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-from ddgcli.mesh.ragged import group_by_key
+from ddgcli.mesh.ragged import group_by_key, unique_keys
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.sides import next_side
 from ddgcli.mesh.topology import NEXT, PREVIOUS
@@ -139,12 +139,12 @@ def _seams(mesh: IntrinsicMesh, cone: NDArray, crossed: NDArray) -> NDArray[np.b
     np.bitwise_xor.at(last, ends.ravel(), np.repeat(np.arange(len(side)), 2))
     leaf = np.flatnonzero((degree == 1) & ~is_seam_end)
     while len(leaf):
-        edge = np.unique(last[leaf])
+        edge = unique_keys(last[leaf])
         edge = edge[remaining[edge]]
         remaining[edge] = False
         np.subtract.at(degree, ends[edge].ravel(), 1)
         np.bitwise_xor.at(last, ends[edge].ravel(), np.repeat(edge, 2))
-        end_vertices = np.unique(ends[edge])
+        end_vertices = unique_keys(ends[edge])
         leaf = end_vertices[(degree[end_vertices] == 1) & ~is_seam_end[end_vertices]]
     seam = np.zeros(len(twin), dtype=bool)
     seam[side[remaining]] = seam[twin[side[remaining]]] = True

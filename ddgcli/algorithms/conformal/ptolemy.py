@@ -18,6 +18,7 @@ from ddgcli.algorithms.delaunay.gluing import Gluing, around
 from ddgcli.algorithms.delaunay.normal_coordinates import flipped_crossings
 from ddgcli.errors import SolveError
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.topology import Topology
 
 # sum of the cosines of opposite angles below which an edge is flipped; rounding of a tie
@@ -98,7 +99,7 @@ def flip_by_ptolemy(state: DecoratedTriangulation, u: NDArray) -> None:
             return
         independent = _independent(state, active, value)
         rim = _flip(state, length, u, active[independent])
-        active = np.unique(np.concatenate([active[~independent], rim]))
+        active = unique_keys(np.concatenate([active[~independent], rim]))
     raise SolveError(
         "the Ptolemy flips do not end: the scale factors leave the range of numbers; use other angles or "
         "boundary values"
@@ -117,7 +118,7 @@ def _violating(state: DecoratedTriangulation, length: NDArray, side: NDArray) ->
     """Sides, one of each edge, that are not Delaunay, and the sums of cosines."""
     twin = state.twin[side]
     side, twin = side[twin >= 0], twin[twin >= 0]
-    side = np.unique(np.minimum(side, twin))
+    side = unique_keys(np.minimum(side, twin))
     twin = state.twin[side]
     total = _cosine(length, side) + _cosine(length, twin)
     bad = (total < -COSINE_TOLERANCE) & (side // 3 != twin // 3)

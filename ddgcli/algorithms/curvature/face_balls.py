@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.curvature.clip import FacePlanes
-from ddgcli.mesh.ragged import expand_lists, group_by_key
+from ddgcli.mesh.ragged import contains, expand_lists, group_by_key, unique_keys
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -169,15 +169,16 @@ class FaceBalls:
         outermost = owner[few], face[few], pieces[0][3][:, few]
         visited = np.zeros(0, dtype=np.int64)
         while True:
-            beyond = np.setdiff1d(self._beyond(*outermost), visited)
+            beyond = self._beyond(*outermost)
+            beyond = beyond[~contains(visited, beyond)]
             if not len(beyond):
                 break
-            visited = np.union1d(visited, beyond)
+            visited = np.sort(np.concatenate([visited, beyond]))
             owner, face = np.divmod(beyond, self.mesh.n_faces)
             corner = self._fan[face]
             inside = self._within(np.repeat(begin + owner, 3), corner.ravel()).reshape(-1, 3)
             if inside.any():
-                key = np.unique((owner[:, None] * self.n_fans + corner)[inside])
+                key = unique_keys((owner[:, None] * self.n_fans + corner)[inside])
                 self._state[key] = _INSIDE_STATE
                 return self._ball(begin, end, fans, whole, pieces), *np.divmod(key, self.n_fans)
             pieces.append((owner, face, *self._clip(begin, owner, face)))
@@ -196,7 +197,7 @@ class FaceBalls:
             owner[row], self.mesh.topology.side_edge[face[row], side], self._faces_of_edge
         )
         unknown = (self._state[owner[:, None] * self.n_fans + self._fan[face]] != _INSIDE_STATE).all(axis=1)
-        return np.unique(owner[unknown] * self.mesh.n_faces + face[unknown])
+        return unique_keys(owner[unknown] * self.mesh.n_faces + face[unknown])
 
     def _ball(self, begin: int, end: int, fans: csr_array, whole: csr_array, pieces: list) -> Ball:
         owner, face, area, chord = (np.concatenate(p, axis=-1) for p in zip(*pieces))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, unit_normals
 from ddgcli.mesh.double_cover import cover_vertices
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -64,7 +65,7 @@ def unsigned_normals(mesh: TriangleMesh, faces: Faces) -> NDArray[np.float64]:
         Unit vectors.
     """
     normal = unit_normals(faces)
-    seam = np.unique(mesh.topology.edges[mesh.topology.misoriented_edges])
+    seam = unique_keys(mesh.topology.edges[mesh.topology.misoriented_edges])
     place = np.full(mesh.n_vertices, -1)
     place[seam] = np.arange(len(seam))
     scatter, some = np.zeros((len(seam), 3, 3)), np.zeros((len(seam), 3))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.edge_distance import edge_distance
 from ddgcli.algorithms.geodesics.sources import Sources, edge_lengths, face_frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
 
@@ -110,7 +111,7 @@ def _steep_edges(mesh: SurfaceMesh, distance: NDArray, slack: float) -> tuple[fl
     if not finite.all():
         excess[~(finite[tail] & finite[head])] = -np.inf
     over = np.flatnonzero(excess > slack)
-    edges = np.unique(mesh.topology.side_edge.ravel()[over])
+    edges = unique_keys(mesh.topology.side_edge.ravel()[over])
     relative = excess[over] / np.where(length[over] > 0, length[over], np.inf)
     return float(relative.max(initial=0.0)), len(edges), float(excess.max(initial=0.0))
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 POINT_TOLERANCE = 1e-6  # between points of a curve and vertices, relative to the longest side of the mesh
@@ -196,9 +197,9 @@ def curve_pairs(mesh: TriangleMesh, points: NDArray, lines: NDArray) -> NDArray[
 
     gap, vertex = cKDTree(mesh.points).query(points)
     longest = float(mesh.side_length.max(initial=0.0))
-    bad = np.flatnonzero(gap[np.unique(lines)] > POINT_TOLERANCE * longest)
+    bad = np.flatnonzero(gap[unique_keys(lines)] > POINT_TOLERANCE * longest)
     if len(bad):
-        point = np.unique(lines)[bad[0]]
+        point = unique_keys(lines)[bad[0]]
         raise ParameterError(
             f"point {point} of the curve is {gap[point]:.3g} from the nearest vertex; curves follow "
             "edges of the "

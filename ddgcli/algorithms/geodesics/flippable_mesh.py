@@ -13,7 +13,7 @@ from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.ragged import ranges
+from ddgcli.mesh.ragged import ranges, unique_keys
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -85,7 +85,7 @@ class FlippableMesh:
         fan = fans.fan[side]
         start = fans.start[fan]
         corner = fans.corner[ranges(start, fans.start[fan + 1] - start)[0]]
-        side = np.unique(3 * (corner // 3))
+        side = unique_keys(3 * (corner // 3))
         if self._halfedges:
             side = side[[k not in self._halfedges for k in side.tolist()]]
         side = (side[:, None] + np.arange(3)).ravel()

@@ -17,6 +17,7 @@ from ddgcli.errors import MeshError, ParameterError
 from ddgcli.linalg.constrain import Dirichlet, Poisson
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
@@ -316,7 +317,7 @@ class HeatSolver:
             ring = spoke > 0
             shift = (distance[near[ring]] - spoke[ring]).mean() if ring.any() else distance[near].min()
             return distance - shift, partial(self.poisson.residual, distance, load)
-        fixed = np.union1d(near, self._unreached_anchors(near))
+        fixed = unique_keys(np.concatenate([near, self._unreached_anchors(near)]))
         value = np.zeros(len(fixed))
         value[np.searchsorted(fixed, near)] = spoke
         if self._dirichlet is None or not np.array_equal(self._dirichlet.fixed, fixed):

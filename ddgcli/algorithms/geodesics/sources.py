@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -101,7 +102,7 @@ class Sources:
             return self.vertex[number : number + 1]
         if number < self.first_curve:
             return mesh.faces[self.points.face[number - len(self.vertex)]]
-        return np.unique(mesh.topology.edges[self.edge[self.curve == number - self.first_curve]])
+        return unique_keys(mesh.topology.edges[self.edge[self.curve == number - self.first_curve]])
 
     def curve_vertices(self, mesh: SurfaceMesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Vertices of the curves, and the number of the source to which each belongs."""

@@ -21,6 +21,7 @@ from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import unfold
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.connection import check_tangent_planes, side_angles
@@ -181,7 +182,7 @@ def _heat(mesh: TriangleMesh, curves: EdgeSet, *, warn: bool) -> SignedDistance:
     size = np.abs(in_face)
     unit = np.divide(in_face, size, out=np.zeros_like(in_face), where=size > 0)
     vectors = to_space(mesh, np.arange(mesh.n_faces), np.stack([unit.real, unit.imag], axis=1))
-    ends = np.unique(mesh.topology.edges[curves.edge])
+    ends = unique_keys(mesh.topology.edges[curves.edge])
     component = mesh.topology.vertex_component
     reached = np.isin(component, component[ends]) & mesh.topology.referenced_vertex
     fixed = ~reached

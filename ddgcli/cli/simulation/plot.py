@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.choices import VELOCITY_GLYPHS
 from ddgcli.cli.options import CommonOptions, page_size
 from ddgcli.errors import named_array
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.simulation.frames import mesh_of_frame
@@ -110,7 +111,7 @@ def glyphs_of_velocity(mesh: Any, vectors: NDArray | None, style: str, shown: ND
     faces = visible_part(mesh, shown).faces
     if style == "streamlines":
         return Glyphs(mesh.points, np.asarray(vectors, dtype=np.float64), faces=faces)
-    vertices = np.unique(faces)
+    vertices = unique_keys(faces)
     return Glyphs(np.asarray(mesh.points)[vertices], np.asarray(vectors, dtype=np.float64)[vertices])
 
 

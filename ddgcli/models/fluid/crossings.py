@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 
 FLUX_ROUNDING = 1e-12  # flux through a boundary side over the largest, up to which nothing crosses it
@@ -45,7 +46,7 @@ def entering_vertices(space: SurfaceSpace, side_flux: NDArray | None = None) -> 
         Ascending.
     """
     entering, _ = _crossed_sides(space, side_flux)
-    return np.unique(space.boundary_sides[2][entering])
+    return unique_keys(space.boundary_sides[2][entering])
 
 
 def turning_vertices(space: SurfaceSpace) -> NDArray[np.int64]:
@@ -60,7 +61,7 @@ def turning_vertices(space: SurfaceSpace) -> NDArray[np.int64]:
     ndarray of int64
     """
     entering, leaving = _crossed_sides(space)
-    return np.unique(space.boundary_sides[2][entering & leaving])
+    return unique_keys(space.boundary_sides[2][entering & leaving])
 
 
 def crossed_faces(space: SurfaceSpace) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

@@ -7,6 +7,7 @@ import numpy as np
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import unique_keys
 
 FLAT_FACE_TOLERANCE = 1e-12  # area over the longest side squared, below which a face counts as flat
 
@@ -24,7 +25,7 @@ def harmonic_count(mesh: SurfaceMesh) -> int:
     int
     """
     topology = mesh.topology
-    n_with_boundary = len(np.unique(topology.vertex_component[topology.boundary_vertex]))
+    n_with_boundary = len(unique_keys(topology.vertex_component[topology.boundary_vertex]))
     return 2 * (topology.genus or 0) + topology.boundary_loops - n_with_boundary
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.boundary_sides import GAUSS_SHARES, BoundarySides
@@ -168,7 +169,7 @@ def balanced(space: SurfaceSpace, vorticity: NDArray, terms: NDArray) -> NDArray
     topology = space.mesh.topology
     label = topology.vertex_component
     closed = np.ones(topology.n_components, dtype=bool)
-    closed[np.unique(label[topology.boundary_vertex])] = False
+    closed[unique_keys(label[topology.boundary_vertex])] = False
     total = space.component_vorticity(vorticity)
     size = space.component_vorticity(terms)
     area = space.component_vorticity(space.mass)

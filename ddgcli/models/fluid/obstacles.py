@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -179,7 +180,7 @@ def _fitted(
     """Points with the outline's nearest vertices on it, and their signed distances, 0 there."""
     topology = context.mesh.topology
     edges = topology.edges[at[topology.edges].prod(axis=1) < 0]
-    candidates = np.unique(edges)
+    candidates = unique_keys(edges)
     candidates = candidates[~topology.boundary_vertex[candidates]]
     on_outline = np.zeros(len(points), dtype=bool)
     moved = np.array(points)

@@ -27,6 +27,7 @@ from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.edge_lookup import edge_numbers
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.models.fluid.boundary_motion import InTime
@@ -198,7 +199,7 @@ class SurfaceSpace:
         vertices = np.flatnonzero(label >= 0)
         _, first = np.unique(label[vertices], return_index=True)
         pinned[vertices[first]] = True
-        open_ = np.unique(label[topology.boundary_vertex])
+        open_ = unique_keys(label[topology.boundary_vertex])
         pinned[np.isin(label, open_)] = False
         return pinned
 
@@ -251,7 +252,7 @@ class SurfaceSpace:
         in_component = label >= 0
         weight = sum_by_index(label[in_component], self.mass[in_component], count)
         mean = sum_by_index(label[in_component], (self.mass * phi)[in_component], count) / weight
-        mean[np.unique(label[topology.boundary_vertex])] = 0.0
+        mean[unique_keys(label[topology.boundary_vertex])] = 0.0
         return np.where(in_component, phi - mean[np.maximum(label, 0)], 0.0)
 
     # ------------------------------------------------------------------ from velocity to vorticity

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.tet_mesh import TET_FACES
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.crossings import FLUX_ROUNDING
@@ -104,7 +105,7 @@ class VolumeTracer:
 
     def _vertices(self, marked: NDArray) -> NDArray[np.int64]:
         cell, i = self.space.boundary
-        return np.unique(self.space.cells[cell[:, None], TET_FACES[i]][marked])
+        return unique_keys(self.space.cells[cell[:, None], TET_FACES[i]][marked])
 
     def entering_in(self, before: FluidState, after: FluidState) -> NDArray[np.int64]:
         """Vertices at which fluid enters between two states."""

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ddgcli.geometry.cells import TET_EDGES
 from ddgcli.linalg.constrain import Dirichlet
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.fluid.boundary_motion import InTime
@@ -57,9 +58,9 @@ class VolumeDiffusion(FlowPhase):
         cell, i = space.boundary
         conditions = space.conditions
         if conditions is None:
-            return False, np.unique(cells.face_edge[space.cell_face[cell, i]]), np.zeros(cells.counts[1])
+            return False, unique_keys(cells.face_edge[space.cell_face[cell, i]]), np.zeros(cells.counts[1])
         friction = conditions.friction | conditions.natural[space.cell_face[cell, i]]
-        slip_edges = np.unique(cells.face_edge[space.cell_face[cell, i][~friction]])
+        slip_edges = unique_keys(cells.face_edge[space.cell_face[cell, i][~friction]])
         cell, i = cell[friction], i[friction]
         turned = row_cross(space.area[cell, i], conditions.velocity_at(time)[friction])
         tail, head = np.array(TET_EDGES).T

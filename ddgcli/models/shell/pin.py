@@ -12,6 +12,7 @@ from pydantic import Field, field_validator
 
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.mechanics.terms import FixedCoordinates
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import vector
@@ -51,7 +52,7 @@ def build(parameters: Pin, context: ShellContext) -> list[FixedCoordinates]:
     directions = any(hasattr(term, "couples") for term in context.terms.get("bending", []))
     if parameters.clamp and not directions:
         incident = np.flatnonzero(np.isin(context.mesh.faces, vertices).any(axis=1))
-        vertices = np.unique(np.concatenate([vertices, context.mesh.faces[incident].ravel()]))
+        vertices = unique_keys(np.concatenate([vertices, context.mesh.faces[incident].ravel()]))
         _warn_of_free_direction(parameters, context, incident)
     mask = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
     for axis in parameters.axes:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.mesh.ragged import contains
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -218,7 +219,7 @@ def _collapse_round(
             return _joined(now, fixed, independent.quad[good], points[good])
         key = independent.quad[:, 0] * mesh.n_vertices + independent.quad[:, 1]
         own = edges.quad[:, 0] * mesh.n_vertices + edges.quad[:, 1]
-        edges = edges.rows(np.flatnonzero(~np.isin(own, key)))
+        edges = edges.rows(np.flatnonzero(~contains(np.sort(key), own)))
     return None
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.choices import WILLMORE_BOUNDARIES, WILLMORE_ENERGIES, WILLMORE_FLOWS
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.cures import cure
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -188,7 +189,7 @@ def _moving_components(
     MeshError
         Where a flow would keep the sum of several, which exchange area and volume.
     """
-    moving = np.unique(topology.vertex_component[free])
+    moving = unique_keys(topology.vertex_component[free])
     if len(moving) < 2 or not (options.fix_area or options.fix_volume):
         return None
     if options.remesh:
