@@ -6,6 +6,7 @@ import pytest
 from benchmarks.fluids.cavity import SCENE, TRUTH, errors
 from benchmarks.fluids.runs import run_fluid
 from benchmarks.fluids.steady import SteadyFlow, model_of
+from ddgcli.mesh import shapes
 from ddgcli.models.fluid.cells import cell_area
 from ddgcli.scenes.shapes import Grid, grid_mesh
 from ddgcli.simulation.account import Account
@@ -121,3 +122,12 @@ def test_vorticity_at_walls_of_an_initial_velocity_converges():
         first, last = (out.observations[k].vertex["vorticity"] - exact for k in (0, -1))
         error.append([np.abs(first[wall]).max() / exact.max(), np.linalg.norm(last) / np.linalg.norm(exact)])
     assert np.all(np.divide(*error) > 1.7) and max(error[1]) < 0.08
+
+
+@pytest.mark.parametrize("on, warnings", [("vertex", 0), ("face", 1)])
+def test_an_initial_velocity_without_values_along_the_boundary_has_a_warning(on, warnings, tmp_path, caplog):
+    mesh = shapes.grid(6, 6)
+    place = mesh.points if on == "vertex" else mesh.points[mesh.faces].mean(axis=1)
+    np.save(tmp_path / "u.npy", np.cross([0.0, 0.0, 1.0], place - place.mean(axis=0)))
+    run_fluid(f"initial = {{ velocity = '{tmp_path}/u.npy' }}", "duration = 1e-6\nstep = 1e-6", mesh=mesh)
+    assert caplog.text.count("has no values along the boundary") == warnings
