@@ -21,7 +21,6 @@ from scipy.sparse.csgraph import (
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
 
@@ -77,10 +76,12 @@ def _solid_betti(mesh: TetMesh) -> BettiNumbers:
     n = mesh.n_vertices
     rows, cols = tets[:, [0, 0, 0]].ravel(), tets[:, 1:].ravel()
     label = connected_labels(rows, cols, n)[1]
-    count = len(unique_keys(label[tets[:, 0]]))
+    count = int(np.count_nonzero(np.bincount(label[tets[:, 0]])))
     surface = mesh.boundary.topology
     cavities = surface.n_components - count
-    euler = len(unique_keys(tets)) - len(mesh.edges) + len(mesh.triangles) - len(tets)
+    euler = (
+        int(np.count_nonzero(np.bincount(tets.ravel()))) - len(mesh.edges) + len(mesh.triangles) - len(tets)
+    )
     absolute = (count, count + cavities - euler, cavities, 0)
     return BettiNumbers(absolute, absolute[::-1])
 
