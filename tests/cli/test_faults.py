@@ -38,6 +38,7 @@ def one_line(result, words: str) -> None:
     assert words in result.stderr and result.stderr.count("\n") == 1
 
 
+@needs_posix
 def test_names_that_no_file_can_have_are_one_short_line(run, ball, tmp_path):
     name = "x" * 5000
     for words in (

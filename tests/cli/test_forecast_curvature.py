@@ -40,7 +40,10 @@ def test_neighbours_of_the_delaunay_triangulation_are_counted_where_most_edges_a
     even = shapes.torus(40, 20)
     sheared = shapes.random_sphere(400, 0)
     sheared = sheared.moved(sheared.points * [1.0, 0.2, 5.0])
+    turned = sheared.faces.copy()
+    turned[::3] = turned[::3, ::-1]
     assert has_sheared_fits(sheared) and not has_sheared_fits(even)
+    assert has_sheared_fits(TriangleMesh.from_arrays(sheared.points, turned))
     size = InputSize("surface", 400_000)
     plain, flipped = (
         {

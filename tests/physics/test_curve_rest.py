@@ -1,10 +1,12 @@
 """Flows of curves to rest that end before name a cure that leads there."""
 
+import math
 import re
 
 import numpy as np
 
 from ddgcli.models.curve import setup
+from ddgcli.models.curve.report import _time_to_rest
 from tests.physics.test_curve_flow import ellipse, write_obj
 
 
@@ -35,3 +37,10 @@ def test_a_flow_to_rest_that_ends_before_names_the_steps_that_lead_there(tmp_pat
     assert first["results"]["length"][-1] > chord * (1 + 1e-5)
     cure = summary("curve-flow", arc, "--steps", warning.rsplit("--steps ", 1)[1])
     assert cure["results"]["length"][-1] < chord * (1 + 1e-9)
+
+
+def test_no_number_of_steps_is_named_where_the_energy_falls_no_more_or_ever_faster():
+    frames = np.arange(51.0)
+    assert 1.0 < _time_to_rest(1.0 + np.exp(-0.1 * frames)) < 6.0
+    for energy in (np.ones(51), 1.0 + 1e-13 * np.exp(-0.1 * frames), 2.0 - (frames / 50) ** 2, np.ones(1)):
+        assert math.isinf(_time_to_rest(energy))

@@ -197,9 +197,10 @@ def curve_pairs(mesh: TriangleMesh, points: NDArray, lines: NDArray) -> NDArray[
 
     gap, vertex = cKDTree(mesh.points).query(points)
     longest = float(mesh.side_length.max(initial=0.0))
-    bad = np.flatnonzero(gap[unique_keys(lines)] > POINT_TOLERANCE * longest)
-    if len(bad):
-        point = unique_keys(lines)[bad[0]]
+    ends = unique_keys(lines)
+    far = ends[gap[ends] > POINT_TOLERANCE * longest]
+    if len(far):
+        point = far[0]
         raise ParameterError(
             f"point {point} of the curve is {gap[point]:.3g} from the nearest vertex; curves follow "
             "edges of the "

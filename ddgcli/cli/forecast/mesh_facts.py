@@ -50,7 +50,6 @@ def noise_of_vertices(mesh: TriangleMesh, scheme: str) -> tuple[str, tuple[float
 
     The first step of the run's own search, and for each radius of the balls that it may fit their vertices.
     """
-    import numpy as np
 
     from ddgcli.algorithms.curvature.deviation import vertex_deviation
     from ddgcli.algorithms.curvature.faces import Faces
@@ -59,15 +58,10 @@ def noise_of_vertices(mesh: TriangleMesh, scheme: str) -> tuple[str, tuple[float
     from ddgcli.algorithms.curvature.noise_kind import noise_kind
     from ddgcli.algorithms.curvature.totals import filled_normals
     from ddgcli.geometry.extrinsic import dihedral_angle_and_length
-    from ddgcli.mesh.repair import faces_to_turn, reverse_faces
 
-    topology = mesh.topology
-    extent = float(np.ptp(mesh.points / 2, axis=0).max()) if mesh.n_faces else 0.0
-    if not (extent > 0.0 and (topology.is_oriented or topology.is_orientable)):
+    unit, extent = _unit_surface(mesh)
+    if unit is None:
         return "", ()
-    unit = mesh.moved((mesh.points - mesh.points[mesh.faces[0, 0]]) / extent)
-    if not topology.is_oriented:
-        unit = reverse_faces(unit, faces_to_turn(unit))
     faces = Faces.of(unit)
     dihedral, _ = dihedral_angle_and_length(unit, filled_normals(faces, unit.topology).T)
     steps = precision_steps(mesh.points)
@@ -87,7 +81,22 @@ def has_sheared_fits(mesh: TriangleMesh) -> bool:
     from ddgcli.algorithms.curvature.faces import Faces
     from ddgcli.algorithms.curvature.neighbours import is_sheared
 
-    return is_sheared(mesh, Faces.of(mesh))
+    unit, _ = _unit_surface(mesh)
+    return unit is not None and is_sheared(unit, Faces.of(unit))
+
+
+def _unit_surface(mesh: TriangleMesh) -> tuple[TriangleMesh | None, float]:
+    """The surface that curvature measures, oriented and of unit extent, and its extent; None without one."""
+    import numpy as np
+
+    from ddgcli.mesh.repair import faces_to_turn, reverse_faces
+
+    topology = mesh.topology
+    extent = float(np.ptp(mesh.points / 2, axis=0).max()) if mesh.n_faces else 0.0
+    if not (extent > 0.0 and (topology.is_oriented or topology.is_orientable)):
+        return None, extent
+    unit = mesh.moved((mesh.points - mesh.points[mesh.faces[0, 0]]) / extent)
+    return unit if topology.is_oriented else reverse_faces(unit, faces_to_turn(unit)), extent
 
 
 def angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:

@@ -105,9 +105,10 @@ def _time_to_rest(energy: NDArray) -> float:
     """Time until an energy falls no more, over that of its frames; inf without an exponential decay."""
     ends = energy[[len(energy) // 2, 3 * len(energy) // 4, -1]]
     early, late = -np.diff(ends)
-    if not 0 < late < early:
+    least = REST_DECREASE * ends[-1]
+    if not least < late < early:
         return math.inf
-    return 1.0 + 0.25 * math.log(late / (REST_DECREASE * ends[-1])) / math.log(early / late)
+    return 1.0 + 0.25 * math.log(late / least) / math.log(early / late)
 
 
 def _is_plane(flow: CurveFlow) -> bool:
