@@ -40,7 +40,7 @@ def test_a_flow_to_rest_that_ends_before_names_the_steps_that_lead_there(tmp_pat
 
 
 def test_no_number_of_steps_is_named_where_the_energy_falls_no_more_or_ever_faster():
-    frames = np.arange(51.0)
-    assert 1.0 < _time_to_rest(1.0 + np.exp(-0.1 * frames)) < 6.0
-    for energy in (np.ones(51), 1.0 + 1e-13 * np.exp(-0.1 * frames), 2.0 - (frames / 50) ** 2, np.ones(1)):
+    number = np.arange(51.0)
+    assert 1.0 < _time_to_rest(1.0 + np.exp(-0.1 * number)) < 6.0
+    for energy in (np.ones(51), 1.0 + 1e-13 * np.exp(-0.1 * number), 2.0 - (number / 50) ** 2, np.ones(1)):
         assert math.isinf(_time_to_rest(energy))
