@@ -18,6 +18,7 @@ import struct
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -309,10 +310,14 @@ def _outcome_in_child(kind: Kind, read: Callable[[bytes], object], data: bytes) 
 def _watched_child(kind: Kind, work: Callable[[Notes], None]) -> tuple[Notes, int]:
     """Notes that a child makes in `work`, and its exit code."""
     notes = Notes()
+    # an interrupt between the fork and the try would not end the child
+    interrupts: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
     child = os.fork()
     if child == 0:
         code = 1
         try:
+            signal.signal(signal.SIGINT, handler)
             os.setsid()
             _limit_memory()
             logging.disable()  # of writers of the seeds: what a format cannot hold
@@ -322,9 +327,14 @@ def _watched_child(kind: Kind, work: Callable[[Notes], None]) -> tuple[Notes, in
         finally:
             os._exit(code)
     try:
+        signal.signal(signal.SIGINT, handler)
+        if interrupts:
+            raise KeyboardInterrupt
         return notes, _watch(kind, child, notes)
     except KeyboardInterrupt:
-        os.killpg(child, signal.SIGKILL)
+        with suppress(ProcessLookupError):  # the child has no group of its own yet
+            os.killpg(child, signal.SIGKILL)
+        os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         raise
 

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 
 import pytest
 
@@ -69,16 +70,36 @@ def test_a_crash_a_loop_and_a_foreign_exception_in_a_child_are_counted_with_thei
 
 def test_an_interrupted_run_counts_what_it_tried(monkeypatch):
     def read(data):
-        if data == b"loop":
+        while (
+            data == b"loop"
+        ):  # again: Python drops an exception that is raised in a callback of the collector
             os.kill(os.getppid(), signal.SIGINT)
-            while True:
-                pass
+            time.sleep(0.5)
 
     monkeypatch.setattr(run, "input_of", lambda kind, pool, seed, k: b"loop" if k == 3 else b"good")
     monkeypatch.setattr(run, "INPUTS_OF_A_CHILD", 3)
     kind = Kind("any", lambda: [b""], lambda: read)
     account = run.fuzz_in_processes(kind, 1000.0, seed=0)
     assert (account.inputs, account.accepted, account.interrupted) == (3, 3, True)
+
+
+def test_an_interrupt_right_after_the_fork_leaves_no_child(monkeypatch):
+    children, fork = [], os.fork
+
+    def fork_with_interrupt():
+        child = fork()
+        if child:
+            children.append(child)
+            os.kill(os.getpid(), signal.SIGINT)
+        return child
+
+    monkeypatch.setattr(os, "fork", fork_with_interrupt)
+    account = run.fuzz_in_processes(
+        Kind("any", lambda: [b""], lambda: lambda data: time.sleep(5)), 1e3, seed=0
+    )
+    assert account.interrupted and len(children) == 1
+    with pytest.raises(ProcessLookupError):
+        os.kill(children[0], 0)
 
 
 def test_stored_runs_add_up_and_take_another_seed_each(monkeypatch, tmp_path):
