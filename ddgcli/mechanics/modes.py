@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, diags_array
 
 from ddgcli.errors import SolveError
+from ddgcli.linalg import low_rank
 from ddgcli.linalg.factor import Factor
 from ddgcli.linalg.modes import largest_ratios, lowest_eigenpairs
 from ddgcli.mechanics.increment import Increment
@@ -22,6 +23,8 @@ MECHANISM = (
     "parts of the shell move without resistance, so no load factor is defined: "
     "buckling loads need stretching, bending and pins"
 )
+REST_SHIFT = 1e-3  # of the lowest elastic eigenvalue: bounds rigid motions on the way to the equilibrium
+ZERO_EIGENVALUE = 1e-8  # of the largest eigenvalue: a rigid motion
 SMALLEST_RATIO = 1e-9  # of the largest: below, a load stiffens or does nothing
 
 
@@ -35,13 +38,19 @@ class Modes:
         Frequencies in Hz, negative (minus the growth rate by 2 pi) where unstable; or load factors.
     shapes : (k, n, 3) ndarray
         Displacements, the largest of length 1.
+    at_equilibrium : (k,) ndarray or None
+        What the values would be at the equilibrium nearby, to first order in the way there.
+    way : float
+        Largest displacement to that equilibrium by linear theory, over the size of the object.
     """
 
     values: NDArray[np.float64]
     shapes: NDArray[np.float64]
+    at_equilibrium: NDArray[np.float64] | None = None
+    way: float = 0.0
 
 
-def natural_modes(system: System, x: NDArray, k: int) -> Modes:
+def natural_modes(system: System, x: NDArray, k: int, *, equilibrium: bool = False) -> Modes:
     """Frequencies and shapes of the slowest small vibrations about a rest shape, undamped.
 
     Parameters
@@ -51,6 +60,8 @@ def natural_modes(system: System, x: NDArray, k: int) -> Modes:
         Positions at rest, in m.
     k : int
         Number of modes.
+    equilibrium : bool
+        Whether to estimate the frequencies at the equilibrium nearby, too, if `x` is none.
 
     Returns
     -------
@@ -63,8 +74,45 @@ def natural_modes(system: System, x: NDArray, k: int) -> Modes:
     if k == 0:
         return Modes(np.zeros(0), np.zeros((0, *x.shape)))
     values, vectors = lowest_eigenpairs(matrix, mass, k, columns=objective.columns(x))
-    frequency = np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
-    return Modes(frequency, np.stack([_shape(objective.spread(column)) for column in vectors.T]))
+    shapes = np.stack([_shape(objective.spread(column)) for column in vectors.T])
+    force = -objective.entries(system.gradient(x))
+    if not (equilibrium and force.any() and values.any()):
+        return Modes(_frequency(values), shapes)
+    balanced, way = _at_equilibrium(system, x, matrix, mass, force, values, vectors)
+    return Modes(_frequency(values), shapes, _frequency(balanced), way)
+
+
+def _frequency(eigenvalue: NDArray) -> NDArray[np.float64]:
+    return np.sign(eigenvalue) * np.sqrt(np.abs(eigenvalue)) / (2 * np.pi)
+
+
+def _at_equilibrium(
+    system: System, x: NDArray, stiffness: csc_array, mass: NDArray, force: NDArray, values: NDArray,
+    vectors: NDArray,
+) -> tuple[NDArray[np.float64], float]:  # fmt: skip
+    """Eigenvalues about the equilibrium under a force, and the way there over the size of the object.
+
+    First order: by the derivative of the Hessian along the linear displacement. Without balance the Hessian
+    has terms of the force: a free shell under a pressure that its stress does not bear resists, or drives,
+    rotations. What accelerates the shell as a whole has no equilibrium and is left out. The
+    values stay as they are where rounding or a barrier leaves no way.
+    """
+    objective = Objective(system)
+    rigid = np.abs(values) <= ZERO_EIGENVALUE * np.abs(values).max()
+    force = force - mass * (vectors[:, rigid] @ (vectors[:, rigid].T @ force))
+    shift = REST_SHIFT * np.abs(values[~rigid]).min() + 2.0 * max(0.0, -float(values[0]))
+    try:
+        factor = Factor(csc_array(stiffness + diags_array(shift * mass)))
+        move = objective.spread(low_rank.solver(factor.solve, objective.columns(x))(force))
+    except SolveError:
+        return values, 0.0
+    way = float(np.abs(move).max()) / system.size
+    step = min(1.0, DIFFERENCE_STEP / way) if way else 1.0
+    change = _hessian(system, x + step * move) - _hessian(system, x - step * move)
+    small = vectors.T @ (change @ vectors) / (2 * step)
+    if not np.isfinite(small).all():  # a barrier on the way
+        return values, way
+    return np.linalg.eigvalsh(np.diag(values) + 0.5 * (small + small.T)), way
 
 
 def buckling_modes(system: System, x: NDArray, k: int) -> Modes:

@@ -17,9 +17,13 @@ from ddgcli.models.shell.groups import Order
 
 log = logging.getLogger("ddgcli")
 
+MAX_FREQUENCY_CHANGE = 0.1  # between the start and the equilibrium, of a frequency, without a warning
+MAX_WAY = 0.1  # to the equilibrium by linear theory, of the size of the shell, without a warning
+ZERO_FREQUENCY = 1e-4  # of the largest frequency: a rigid motion
+
 
 def vibrations(
-    systems: dict[str, System], points: dict[str, NDArray], order: Order, k: int
+    systems: dict[str, System], points: dict[str, NDArray], order: Order, k: int, *, at_rest: bool = False
 ) -> tuple[dict[str, Any], dict[str, NDArray]]:
     """Natural frequencies and modes of shells about given positions.
 
@@ -32,6 +36,9 @@ def vibrations(
         Of the shells in the arrays.
     k : int
         Number of modes over all shells.
+    at_rest : bool
+        Whether the positions are equilibria; elsewhere a warning states how far the frequencies are from
+        those of the equilibrium.
 
     Returns
     -------
@@ -40,13 +47,42 @@ def vibrations(
     arrays : dict of str to ndarray
         `mode_000`, ...
     """
-    modes, shapes = _lowest(systems, lambda name, s: natural_modes(s, points[name], k), order, k)
-    if modes and modes[0] < 0:
+    balanced = True
+
+    def modes_of(name: str, system: System) -> Modes:
+        nonlocal balanced
+        modes = natural_modes(system, points[name], k, equilibrium=not at_rest)
+        balanced &= not _differs_at_equilibrium(name, modes)
+        return modes
+
+    modes, shapes = _lowest(systems, modes_of, order, k)
+    if modes and modes[0] < 0 and balanced:
         log.warning(
             "%d frequencies are negative: the state is unstable, with growth rates of 2 pi times them",
             sum(f < 0 for f in modes),
         )
     return {"frequencies": modes}, {f"mode_{i:03d}": shape for i, shape in enumerate(shapes)}
+
+
+def _differs_at_equilibrium(name: str, modes: Modes) -> bool:
+    """Whether frequencies are others about the equilibrium nearby, with a warning."""
+    if modes.at_equilibrium is None:
+        return False
+    largest = np.maximum(np.abs(modes.values), np.abs(modes.at_equilibrium))
+    change = np.abs(modes.at_equilibrium - modes.values)
+    changed = change > MAX_FREQUENCY_CHANGE * np.maximum(largest, ZERO_FREQUENCY * largest.max())
+    if modes.way > MAX_WAY:
+        difference = f"by linear theory it moves by {modes.way:.2g} of its size"
+    elif changed.any():
+        k = int(np.argmax(changed))
+        difference = f"one of {modes.values[k]:.3g} Hz is at rest about {modes.at_equilibrium[k]:.3g}"
+    else:
+        return False
+    log.warning(
+        "%s is not in equilibrium at the start (%s), so its frequencies there are not those of the shell at "
+        "rest under its loads: use `integrator=static`", name, difference,
+    )  # fmt: skip
+    return True
 
 
 def buckling(systems: dict[str, System], order: Order, k: int) -> tuple[dict[str, Any], dict[str, NDArray]]:

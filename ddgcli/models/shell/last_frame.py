@@ -77,7 +77,7 @@ def final(
         from ddgcli.models.shell import analysis
 
         if n_modes:
-            values, shapes = analysis.vibrations(systems, end, order, n_modes)
+            values, shapes = analysis.vibrations(systems, end, order, n_modes, at_rest=static)
             results, vertex = {**results, **values}, {**vertex, **shapes}
             frequencies = np.array(values["frequencies"])
             factors = [
