@@ -8,7 +8,8 @@ import pytest
 
 from benchmarks.common import further_surfaces, known_surfaces, mesh_noise
 from benchmarks.common.known_surfaces import error_as_stated as mean_error
-from ddgcli.algorithms.curvature.scales import error_of_radii
+from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
+from ddgcli.algorithms.curvature.scales import error_of_radii, measure_scales
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
@@ -83,6 +84,48 @@ def test_radii_behind_which_the_curvature_changes_little_do_not_hide_its_bias():
     sign = np.where(np.random.default_rng(1).random((6, 400)) < 0.5, -1, 1)
     error = error_of_radii(1 - bias[:, None] + noise[:, None] * sign)
     assert np.argmin(error) == 1 and error[4] > 0.3
+
+
+def folded_plate(share):
+    """A noisy flat plate of 6 by 3 with a quarter of a cylinder of radius 0.5 across it; its curvature."""
+    u, v, faces = shapes.wrapped_grid(90, 45, wrap_u=False, wrap_v=False)
+    s = 6 * u
+    turn = np.clip((s - 2) / 0.5, 0, np.pi / 2)
+    x = np.minimum(s, 2) + 0.5 * np.sin(turn)
+    z = 0.5 * (1 - np.cos(turn)) + np.maximum(s - 2 - 0.25 * np.pi, 0)
+    mesh = mesh_noise.normal_noise(share, TriangleMesh.from_arrays(np.stack([x, 3 * v, z], axis=1), faces))
+    inside = ~mesh.topology.boundary_vertex
+    return mesh, -1.0 * ((turn > 0) & (turn < np.pi / 2))[inside], inside
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1])
+def test_errors_of_surfaces_that_bend_in_a_small_part_are_relative_to_its_curvature(share):
+    """Most vertices are flat: relative to three times their median size the error was 2088 % and more."""
+    mesh, curvature, inside = folded_plate(share)
+
+    def errors(radius):
+        result = measure_curvature(mesh, radius=radius, full=False)
+        difference = np.abs(result.vertex["mean_curvature"][inside] - curvature)
+        return difference.mean() / np.abs(curvature).mean(), result.results["expected_error"]
+
+    (default, default_stated), (cured, cured_stated) = errors(None), errors("auto")
+    assert cured < 0.6 * default
+    assert default / 2 < default_stated < 2 * default and cured / 2 < cured_stated < 2 * cured
+
+
+def test_flat_sides_without_any_curvature_leave_the_size_of_the_rims():
+    """Surface nets of a plate ended in a division by zero."""
+    rims = np.arange(400) < 60
+
+    def fits(radius):
+        high = np.where(rims, 1 + 0.1 * radius, 0.0)
+        return PrincipalCurvatures(np.zeros(400), high, *np.zeros((2, 3, 400)), np.zeros(400))
+
+    scales = measure_scales(fits, np.arange(400), np.where(rims, 0.6, 0.0), 1.0, 3.0, 2.0)
+    assert 0.07 < scales.stated_size < 0.1
+    # the curvature grows by the radius, as behind jumps: so is its error, not by the change alone
+    bias = 0.1 * scales.radius[scales.best] / (1 + 0.1 * scales.radius[scales.best])
+    assert scales.expected_error == pytest.approx(bias, rel=1e-6)
 
 
 @pytest.mark.parametrize(

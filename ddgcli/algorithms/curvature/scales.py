@@ -37,6 +37,9 @@ MIN_MEAN_SHARE = 0.25  # of the larger principal curvature: what counts as size 
 MAX_CHANGE = 5.0  # of a vertex over the median one, in the stated error
 # times the median size: more is at rims and spikes; normal noise has more at 4 % of the vertices
 MAX_TAIL = 3.0
+# of the size with bounded tails over the whole one: less where most of a surface is flat, and its rims are
+# what bends (other surfaces of the figures have 0.3 and more)
+MIN_SIZE_WITHOUT_RIMS = 0.25
 ERROR_MARGIN = 1.25  # of the error of other fits: a difference beyond that is surely not theirs
 MAX_SURFACE_SHARE = 0.17  # of the surface's area that a ball may hold
 MIN_TURNING = 1e-9  # radians over a ball: curvature below is rounding, as where balls hold the whole surface
@@ -71,10 +74,13 @@ class Scales:
     size : float
         What the errors are relative to.
     stated_size : float
-        The same without the rims of a body: what `expected_error` and errors in messages are relative to.
+        The same without the rims of a body, unless the rest is flat: what `expected_error` and errors in
+        messages are relative to.
     median_share, kurtosis : float
         Of the difference between the default region and the balls of the best radius: the median of its size
         over the mean, and the mean fourth power over the squared mean square.
+    max_change : float
+        Of a vertex over the median one, in `expected_error`.
     apart : float
         Difference from the curvature of other fits surely beyond the error of these (`apart_from`), over
         `size`.
@@ -97,6 +103,7 @@ class Scales:
     stated_size: float
     median_share: float
     kurtosis: float
+    max_change: float = MAX_CHANGE
     apart: float = 0.0
 
     @property
@@ -165,11 +172,14 @@ def measure_scales(
     mean = np.stack([fit.mean for fit in fits])
     error = error_of_radii(mean, default, reference)
     best = int(np.argmin(error))
-    whole_error = _whole_error(mean, default, reference, best, bias_growth)
     larger = np.maximum(np.abs(fits[best].low), np.abs(fits[best].high))
     least_size = MIN_MEAN_SHARE * float(np.median(larger))
     size = max(float(np.mean(np.abs(mean[best]))), least_size)
-    stated_size = max(_mean_size(mean[best], MAX_TAIL), least_size)
+    stated_size, max_change = max(_mean_size(mean[best], MAX_TAIL), least_size), MAX_CHANGE
+    if stated_size < MIN_SIZE_WITHOUT_RIMS * size:
+        # the curvature jumps where rims begin: its bias is proportional to the radius
+        stated_size, max_change, bias_growth = size, np.inf, min(bias_growth, RADIUS_RATIO)
+    whole_error = _whole_error(mean, default, reference, best, bias_growth, max_change)
     if not size * radii[best] > MIN_TURNING:
         return None
     relative = max(float(error[best]) / size, MIN_ERROR)
@@ -193,6 +203,7 @@ def measure_scales(
         stated_size=stated_size,
         median_share=float(np.median(difference)) / measured if measured > 0 else 1.0,
         kurtosis=_kurtosis(difference),
+        max_change=max_change,
     )
 
 
@@ -212,7 +223,7 @@ def apart_from(scales: Scales, other: Scales, step: int) -> Scales:
     -------
     Scales
     """
-    difference = _mean_size(scales.mean - other.mean[::step], MAX_CHANGE)
+    difference = _mean_size(scales.mean - other.mean[::step], scales.max_change)
     of_other = ERROR_MARGIN * other.expected_error * other.stated_size
     own = float(np.sqrt(max(0.0, difference**2 - of_other**2)))
     return replace(
@@ -314,7 +325,12 @@ def _least_between(radius: NDArray, error: NDArray, best: int) -> float:
 
 
 def _whole_error(
-    mean: NDArray, default: NDArray, reference: NDArray | None, best: int, bias_growth: float
+    mean: NDArray,
+    default: NDArray,
+    reference: NDArray | None,
+    best: int,
+    bias_growth: float,
+    max_change: float,
 ) -> float:
     """Error at the best radius with the whole bias, where the error is part noise, part bias.
 
@@ -322,10 +338,10 @@ def _whole_error(
     that, or is the flattening of the reference: the rest of the error is noise, which changes by its whole
     size.
     """
-    error = float(error_of_radii(mean, default, reference, bound=MAX_CHANGE)[best])
+    error = float(error_of_radii(mean, default, reference, bound=max_change)[best])
     bias = error
     if best + 2 < len(mean):
-        bias = _mean_size(mean[best + 2] - mean[best + 1], MAX_CHANGE) / bias_growth
+        bias = _mean_size(mean[best + 2] - mean[best + 1], max_change) / bias_growth
         if reference is not None:
             bias = max(bias, flattening(reference, mean[best]))
         bias = min(error, bias)
