@@ -19,6 +19,7 @@ from ddgcli.models.fluid.flow_mesh import harmonic_count
 from ddgcli.models.fluid.lost_forces import warn_of_lost_transport
 from ddgcli.models.fluid.model import FluidModel
 from ddgcli.models.fluid.state import CORRECTIONS
+from ddgcli.models.fluid.vorticity_resolution import warn_of_unresolved_vorticity
 from ddgcli.scenes.scene import Scene
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.model import Schedule
@@ -66,6 +67,7 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     _warn_of_losses(losses, integrator, cure)
     if integrator in CARRYING_INTEGRATORS and _keeps_energy(models):
         _warn_of_circulation(accuracy["circulation_drift"], integrator, cure)
+    _warn_of_unresolved_vorticity(models)
     _warn_of_lost_transport(outcome.last, models)
     return results, accuracy | _linear_solver_accuracy(models)
 
@@ -203,6 +205,13 @@ def _warn_of_circulation(drift: float, integrator: str, cure: str) -> None:
             "the vorticity (warned of above %.0f %%): take %s",
             integrator, 100.0 * drift, 100.0 * MAX_LOSS_SHARE, cure,
         )  # fmt: skip
+
+
+def _warn_of_unresolved_vorticity(models: Mapping[str, FluidModel]) -> None:
+    for name, model in models.items():
+        if not model.context.is_volume:
+            energy = model.flows.energy(model.start)
+            warn_of_unresolved_vorticity(name, model.space, model.start["vorticity"], energy)
 
 
 def _warn_of_lost_transport(last: TrajectoryFrame | None, models: Mapping[str, FluidModel]) -> None:
