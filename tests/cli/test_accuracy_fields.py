@@ -140,7 +140,9 @@ PLANTS = {
             ["layout_residual"],
         ),
     ],
-    "smoothed": [(*WILD, ["smooth_residual", "smooth_area_increases", "smooth_box_growth"])],
+    "smoothed": [
+        (*WILD, ["smooth_residual", "smooth_area_increases", "smooth_box_growth", "smooth_time_error"])
+    ],
     "exact": [
         (
             EXACT_DISTANCE,

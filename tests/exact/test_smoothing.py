@@ -107,6 +107,36 @@ def test_a_mesh_of_nothing_but_boundary_stays():
         assert smoothed.time == 1.0 and smoothed.residual == 0.0
 
 
+@pytest.mark.parametrize("flow", SMOOTHING_FLOWS)
+@pytest.mark.parametrize("time, steps", [(0.1, 10), (0.2, 10), (0.24, 10), (0.15, 1), (0.22, 1)])
+def test_the_error_of_long_steps_is_that_of_the_law_of_spheres(flow, time, steps):
+    """Of a sphere at time 0.24 a radius of 0.4 was left in place of 0.2, with no word about it."""
+    smoothed = smooth(shapes.icosphere(3), time, steps=steps, flow=flow)
+    error = 1 - 4 * np.pi * (1 - 4 * time) / smoothed.area[-1]
+    assert np.isclose(smoothed.time_error, error, rtol=0.1, atol=0.01)
+
+
+def test_steps_that_outlive_the_flow_are_not_converged(caplog):
+    """A unit sphere vanishes at time 0.25."""
+    report = solve_laplacian_tasks(shapes.icosphere(3), LaplacianTasks(smooth=0.26))
+    assert not report.converged and report.accuracy["smooth_time_error"] == 1
+    assert "the flow ends before time 0.26" in caplog.text and "use a shorter time" in caplog.text
+    caplog.clear()
+    report = solve_laplacian_tasks(shapes.icosphere(3), LaplacianTasks(smooth=0.2))
+    assert report.converged and "use more than `smooth_steps=10`" in caplog.text
+    caplog.clear()
+    solve_laplacian_tasks(shapes.icosphere(3), LaplacianTasks(smooth=0.2, smooth_steps=60))
+    assert not caplog.text
+
+
+def test_steps_that_remove_noise_have_no_error_in_time():
+    mesh = shapes.icosphere(3)
+    noise = 0.2 * np.random.default_rng(3).standard_normal((mesh.n_vertices, 1))
+    mesh = mesh.moved(mesh.points * (1 + noise * mesh.side_length.mean()))
+    for steps in (1, 10):
+        assert smooth(mesh, mesh.side_length.mean() ** 2, steps=steps).time_error < 0.01
+
+
 def test_a_bad_residual_is_not_converged(monkeypatch, caplog):
     mesh = shapes.icosphere(1)
     assert solve_laplacian_tasks(mesh, LaplacianTasks(smooth=0.01)).converged

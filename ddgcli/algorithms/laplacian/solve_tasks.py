@@ -38,6 +38,7 @@ RESIDUALS = (
 )  # fmt: skip
 
 MAX_COLLAPSED_SHARE = 0.01  # of the vertices; a surface with more on lines or points is none any more
+MAX_TIME_ERROR = 0.1  # of the area at the end, of steps that are long for the flow
 
 
 def solve_laplacian_tasks(
@@ -273,13 +274,15 @@ def _smooth(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCa
     result.accuracy["smooth_residual"] = smoothed.residual
     result.accuracy["smooth_area_increases"] = int((np.diff(smoothed.area) > 0).sum())
     result.accuracy["smooth_box_growth"] = smoothed.box_growth
+    result.accuracy["smooth_time_error"] = smoothed.time_error
     result.converged &= smoothed.in_box and smoothed.time >= tasks.smooth * (1 - 1e-9)
     result.converged &= smoothed.collapsed <= MAX_COLLAPSED_SHARE * before.n_vertices
+    result.converged &= smoothed.time_error < 1.0
     _warn_of_smoothing(smoothed, tasks.smooth, flow, {"removes noise": edge, "changes the shape": shape})
 
 
 def _warn_of_smoothing(smoothed: SmoothingResult, time: float, flow: str, sensible: dict[str, float]) -> None:
-    """Warn if smoothing collapsed parts of the surface or enlarged its bounding box."""
+    """Warn if smoothing collapsed parts of the surface, took long steps or enlarged its bounding box."""
     vanished = smoothed.time < time * (1 - 1e-9)
     too_long = smoothed.time if vanished or smoothed.collapse_time is None else smoothed.collapse_time
     shorter = ", ".join(f"{t:.2g} {effect}" for effect, t in sensible.items() if t < too_long)
@@ -293,6 +296,15 @@ def _warn_of_smoothing(smoothed: SmoothingResult, time: float, flow: str, sensib
             smoothed.collapsed,
             smoothed.collapse_time,
             advice + other,
+        )
+    elif smoothed.time_error >= 1:
+        log.warning("the flow ends before time %g, and the steps are too long to show it: %s", time, advice)
+    elif smoothed.time_error > MAX_TIME_ERROR:
+        log.warning(
+            "the steps are too long: about %.0f %% of the area at the end would be gone; use more than "
+            "`smooth_steps=%d`, or a shorter time",
+            100 * smoothed.time_error,
+            len(smoothed.area) - 1,
         )
     if not smoothed.in_box:
         log.warning(
