@@ -127,7 +127,7 @@ def willmore_flow(
     def end_of(outcome: Outcome) -> End:
         results, accuracy = report.summary(
             outcome.series, surface_flow.convention, schedule.steps, outcome.stopped, outcome.failure,
-            bounded=bounded,
+            bounded=bounded, times=outcome.times if surface_flow.timed else None,
         )  # fmt: skip
         reason, last = report.failure_reason(outcome.stopped, mesh, options), mesh_of_frame(mesh, outcome.end)
         results["self_intersections"] = report_of(outcome.series, outcome.times, last)

@@ -1,10 +1,13 @@
 """Flows in time: the sphere stays, modes decay at their rates, steps have their order."""
 
+import re
+
 import numpy as np
 import pytest
 
 from benchmarks.common.mesh_classes import SPHERES, ellipsoids
 from benchmarks.common.submesh import submesh
+from ddgcli import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.models.willmore import descent, flow, step_rules
 from ddgcli.models.willmore.setup import FlowOptions
@@ -144,6 +147,37 @@ def test_mean_curvature_flow_of_the_sphere():
         )
         error.append(np.linalg.norm(end.points, axis=1).mean() / np.sqrt(1 - 4 * 0.1) - 1)
     assert abs(error[1]) < 0.01 and error[0] / error[1] == pytest.approx(2, rel=0.3)
+
+
+def test_a_thin_torus_becomes_singular_as_it_shrinks_to_its_circle(tmp_path, summary):
+    """The tube has r^2 = r0^2 - 2 t up to r / R; steps past the circle would go on from faces of no shape."""
+    even, random = shapes.torus(60, 12, 1.0, 0.1), np.random.default_rng(1)
+    x, y, z = np.array(even.points).T
+    shift = random.uniform(-0.25, 0.25, (2, len(x))) * 2 * np.pi / np.array([[60], [12]])
+    along, around = np.arctan2(y, x) + shift[0], np.arctan2(z, np.hypot(x, y) - 1.0) + shift[1]
+    radius = 1.0 + 0.1 * np.cos(around)
+    points = np.stack([radius * np.cos(along), radius * np.sin(along), 0.1 * np.sin(around)], axis=1)
+    path = tmp_path / "thin.ply"
+    write_mesh(path, even.moved(points))
+    for dt in (2e-4, 1e-4):
+        out = summary("willmore-flow", path, "--flow", "mean-curvature", "--dt", dt)
+        (time,) = re.findall(r"became singular at time (\S+):", out["results"]["stopped_because"])
+        assert float(time) == pytest.approx(out["results"]["times"][-1], rel=1e-5)
+        assert float(time) == pytest.approx(0.1**2 / 2, abs=5 * dt)
+        assert not any("mollified" in w for w in out["warnings"])
+        assert any("became singular" in w for w in out["warnings"])
+
+
+def test_balls_go_on_after_their_neck_has_pinched_off(tmp_path, summary):
+    """Faces of the neck that have lost their area are no warnings."""
+    ball = shapes.icosphere(3)
+    x = np.array(ball.points)
+    x *= np.stack([0.25 + 0.75 * x[:, 2] ** 2] * 2 + [np.full(len(x), 2.5)], axis=1)
+    path = tmp_path / "dumbbell.ply"
+    write_mesh(path, ball.moved(x))
+    out = summary("willmore-flow", path, "--flow", "mean-curvature", "--dt", 1e-3)
+    assert out["results"]["stopped_because"] == "the surface collapsed"
+    assert not any("mollified" in w for w in out["warnings"])
 
 
 @pytest.mark.parametrize("words", [("willmore-flow", "ellipsoid.ply"), ("curve-flow", "ellipse.csv")])

@@ -141,8 +141,9 @@ def command(
     begin_flow(run, job)
     outcome = simulate(run, job)
     results, accuracy = report.summary(
-        outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure, bounded=bounded
-    )
+        outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure, bounded=bounded,
+        times=outcome.times if flow.timed else None,
+    )  # fmt: skip
     last = mesh if outcome.last is None else mesh_of_frame(mesh, outcome.last)
     results["self_intersections"] = report_of(outcome.series, outcome.times, last)
     report.warn_of_surfaces(mesh, last, flow_options, results["energy"][0])

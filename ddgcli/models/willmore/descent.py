@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
 from ddgcli.geometry.extrinsic import face_area_vector
+from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.topology import Topology
@@ -21,6 +22,7 @@ from ddgcli.models.willmore.gauss_map_energy import Normals
 from ddgcli.models.willmore.secant_pairs import SecantPairs
 from ddgcli.models.willmore.vertex_energies import FaceSides
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
+from ddgcli.operators.mollify import mollify_mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +101,26 @@ def folded_faces(mesh: TriangleMesh) -> int:
     -------
     int
     """
+    return int(_is_folded(mesh).sum())
+
+
+def folded_area(mesh: TriangleMesh) -> float:
+    """Area of the faces that turn their back on the normal at one of their corners.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    float
+    """
+    return float(face_area(mesh.side_length)[_is_folded(mesh)].sum())
+
+
+def _is_folded(mesh: TriangleMesh) -> NDArray[np.bool_]:
     normal = vertex_normals(mesh)[mesh.faces]
-    return int((np.einsum("fki,fi->fk", normal, face_area_vector(mesh)).min(axis=1) < 0.0).sum())
+    return np.einsum("fki,fi->fk", normal, face_area_vector(mesh)).min(axis=1) < 0.0
 
 
 def energy_gradient(
@@ -394,10 +414,12 @@ def mean_curvature_step(mesh: TriangleMesh, free: NDArray, dt: float) -> Triangl
 
     Notes
     -----
-    G. Dziuk, "An algorithm for evolutionary surfaces", 1990. The area never grows.
+    G. Dziuk, "An algorithm for evolutionary surfaces", 1990. The area never grows. Faces of a neck
+    or tip that has shrunk to a line or a point lose their area in later steps, too often for warnings.
     """
-    factor = Factor(second_order_matrix(mesh, free, dt))
-    motion = factor.solve(-dt * (stiffness(mesh) @ mesh.points)[free])
+    metric, _ = mollify_mesh(mesh)
+    factor = Factor(second_order_matrix(metric, free, dt))
+    motion = factor.solve(-dt * (stiffness(metric) @ mesh.points)[free])
     return _shifted(mesh, free, motion)
 
 

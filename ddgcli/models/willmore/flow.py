@@ -25,6 +25,7 @@ from ddgcli.models.willmore.descent import (
     Preconditioner,
     descent_motion,
     energy_gradient,
+    folded_area,
     mean_curvature_step,
     moved_along,
     rosenbrock_step,
@@ -289,10 +290,14 @@ class Flow(FlowTerms):
         )  # fmt: skip
 
     def _curvature_step(self, state: FlowState, dt: float) -> FlowState:
-        mesh, singular = self.mesh(state), f"the surface became singular at time {state.time:.6g}"
+        mesh, singular = self.mesh(state), rules.SINGULAR_REASON.format(state.time)
         try:
             moved = mean_curvature_step(mesh, self.free, dt / self.time_unit)
         except SolveError:
+            return replace(state, stopped=singular)
+        collapsed = area(moved) < rules.COLLAPSED_AREA_FRACTION * self.area
+        before, after = (folded_area(surface) / area(surface) for surface in (mesh, moved))
+        if not collapsed and before <= rules.FOLDED_AREA_FRACTION < after:
             return replace(state, stopped=singular)
         if not math.isfinite(energy := self.energy_of(moved)):
             return replace(state, stopped=singular)

@@ -21,6 +21,7 @@ from ddgcli.models.willmore.step_rules import (
     FALSE_REST_REASON,
     FALSE_TORUS_REST_REASON,
     LOWER_BOUND_REASON,
+    SINGULAR_REASON,
     SLOW_NEWTON_REASON,
 )
 
@@ -47,6 +48,7 @@ def summary(
     failure: str,
     *,
     bounded: bool,
+    times: NDArray | None = None,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Results and accuracy of a flow.
 
@@ -61,11 +63,15 @@ def summary(
         Why it ended before, or "".
     bounded : bool
         The caller chose the steps or the duration; else an end before rest is a warning.
+    times : (T,) ndarray, optional
+        Of the frames of a flow in time.
 
     Returns
     -------
     results, accuracy : dict
     """
+    if stopped.startswith(SINGULAR_REASON.split("{")[0]):
+        logging.getLogger("ddgcli").warning("%s", stopped)
     if not (bounded or stopped or failure):
         logging.getLogger("ddgcli").warning(
             "the surface is not at rest after %d steps, the most without `steps` or `duration`; "
@@ -83,6 +89,8 @@ def summary(
         "flips": int(last["flips"]),
         "stopped_because": failure or stopped or f"{limit} steps were taken",
     }
+    if times is not None:
+        results["times"] = times.tolist()
     if "mean_curvature_spread" in last:
         results["mean_curvature_spread"] = last["mean_curvature_spread"]
     if "remeshes" in last:

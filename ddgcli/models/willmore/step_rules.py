@@ -36,6 +36,7 @@ ZERO_ENERGY = 1e-12  # energy at which nothing is left to release
 # relative predicted fall of the energy below which rounding decides: the surface is kept
 PREDICTED_FALL_TOLERANCE = 1e-13
 COLLAPSED_AREA_FRACTION = 1e-3  # share of the area at the start below which a surface counts as gone
+FOLDED_AREA_FRACTION = 0.5  # share of the area on faces that are folded over, above which it is one of lines
 ENERGY_ROUNDING = 1e-13  # relative rise of the energy that counts as one
 # size of the gradient, and relative fall of the energy in a step, at which flows end by default
 REST_GRADIENT, NEWTON_REST_GRADIENT, REST_FALL = 1e-6, 1e-9, 1e-8
@@ -70,6 +71,9 @@ REST_REASONS = (
     SMALL_GRADIENT_REASON.format(REST_GRADIENT),
     SMALL_GRADIENT_REASON.format(NEWTON_REST_GRADIENT),
     SMALL_FALL_REASON.format(REST_FALL),
+)
+SINGULAR_REASON = (
+    "the surface became singular at time {:.6g}: most of it has shrunk to lines, or its faces are too slender"
 )
 CONFORMAL_REASON = "no conformal step lowers the energy, but the curvature is not yet constant"
 CRUMPLING_REASON = "a second energy rises faster than this one falls: the faces crumple"
