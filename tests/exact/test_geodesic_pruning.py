@@ -35,3 +35,14 @@ def test_pruning_leaves_no_gap_between_windows(monkeypatch):
     monkeypatch.setattr(wavefront, "dominate", dominate)
     exact_distance(mesh, [0], dominance_every=3)
     assert len(lost) > 50 and max(lost) < 1e-10
+
+
+def test_windows_are_pruned_in_the_order_of_their_begins_on_large_meshes_too():
+    """Sides of high numbers left 1e-10 of a side for the begin: 81 of 198,300 distances were too long."""
+    side = 3_000_000
+    lines = np.array([[0.3 + 1e-11, 0.8, 0.5, -0.1], [0.3, 0.31, 0.305, -1.0]]).T  # the first is the nearer
+    where = np.array([[side, side], [0, 0]])
+    shape = np.broadcast_to(np.ones(5), (side + 1, 5))
+    pruned, of_side = dominance.dominate(lines.copy(), where, shape, np.zeros(1))
+    assert np.isclose(covered(pruned, of_side * 0)[1], 0.5, rtol=0, atol=1e-15)
+    assert pruned[0].min() == 0.3
