@@ -7,10 +7,14 @@ import pytest
 
 from ddgcli.algorithms.geodesics.exact import bundles as window_bundle
 from ddgcli.algorithms.geodesics.exact import wavefront as window_front
+from ddgcli.algorithms.geodesics.exact.dominance import reaching
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.exact.pool import WindowOrigins
+from ddgcli.algorithms.geodesics.exact.tables import window_tables
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from tests.geodesic_cases import cone, jittered, noisy_torus, on_pillow, pillow, with_holes
 
 
@@ -116,3 +120,30 @@ def test_windows_grow_slower_in_bundles(monkeypatch):
     assert alone[1] > 1.5 * alone[0]
     assert bundled[1] < 1.2 * bundled[0]
     assert bundled[1] < 0.5 * alone[1]
+
+
+@pytest.mark.parametrize("beside", [4e-12, -4e-12])
+def test_bundles_release_the_windows_of_a_vertex_as_far_beside_them_as_single_windows_reach(beside):
+    """Rounding opens gaps of that size; with a narrower margin 7 of 198,300 distances were too long."""
+    mesh = TriangleMesh.from_arrays([[0.0, 0, 0], [0.75, 0, 0], [0.5, 0.5, 0]], [[0, 1, 2]])
+    tables = window_tables(mesh)
+    apex, source = np.array([0.5, 0.5]), np.array([0.25, -4.0])
+    line = apex - source
+    at = source[0] - line[0] * source[1] / line[1]
+    edge = at + beside + np.linspace(0.0, np.sign(beside) * 1e-3, 13)  # `beside` is the gap
+    edge.sort()
+    lines = np.stack([edge[:-1], edge[1:], *np.full((2, 12), source[:, None])])
+
+    def reach_apex(windows):
+        n = windows.shape[1]
+        return reaching(np.full(n, at), windows, np.full(n, line[0]), np.full(n, line[1])).any()
+
+    assert reach_apex(lines)
+    origins = WindowOrigins()
+    origins.add(np.array([0]), np.array([0]), np.array([0.0]))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(window_bundle, "MIN_BOUND_WINDOWS", 0.0)
+        bundles = window_bundle.Bundles(tables, origins, np.full(3, 10.0))
+        bundles.bind(lines, np.zeros((2, 12), dtype=np.int64))
+    assert len(bundles) == 1
+    assert reach_apex(bundles.advance(np.inf)[0])

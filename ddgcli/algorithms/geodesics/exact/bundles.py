@@ -160,18 +160,12 @@ class Bundles:
             bundle[COS] * face_apex[0] + bundle[SIN] * face_apex[1]
         )  # the apex ahead, where the bundle was bound
         y = bundle[COS] * face_apex[1] - bundle[SIN] * face_apex[0]
-        before = y > 0
+        before, margin = y > 0, _margin(bundle, y)
         left = (
-            x
-            > bundle[RIGHT_START]
-            + np.where(before, bundle[RIGHT_SLOPE], bundle[LEFT_SLOPE]) * y
-            + 2 * DOMINANCE_TOLERANCE
+            x > bundle[RIGHT_START] + np.where(before, bundle[RIGHT_SLOPE], bundle[LEFT_SLOPE]) * y + margin
         )
         right = (
-            x
-            < bundle[LEFT_START]
-            + np.where(before, bundle[LEFT_SLOPE], bundle[RIGHT_SLOPE]) * y
-            - 2 * DOMINANCE_TOLERANCE
+            x < bundle[LEFT_START] + np.where(before, bundle[LEFT_SLOPE], bundle[RIGHT_SLOPE]) * y - margin
         )
         halted = ~(left | right | before)
         if self.halt is not None:
@@ -198,10 +192,10 @@ class Bundles:
         self._saved -= TEST_COST * len(rows)
         b0, b1, sx, sy = self.windows.lines[:4].take(rows, axis=1)
         at = sx - (x.repeat(count) - sx) * sy / (y.repeat(count) - sy)  # as in Wavefront._propagate
-        number = np.arange(len(rows))
-        stop = np.minimum.reduceat(np.where(at > b1 + 2 * DOMINANCE_TOLERANCE, len(rows), number), local)
+        number, margin = np.arange(len(rows)), _margin(bundle, y).repeat(count)
+        stop = np.minimum.reduceat(np.where(at > b1 + margin, len(rows), number), local)
         stop = np.minimum(stop, end)  # all before pass on the left
-        begin = np.maximum.reduceat(np.where(at < b0 - 2 * DOMINANCE_TOLERANCE, -1, number), local) + 1
+        begin = np.maximum.reduceat(np.where(at < b0 - margin, -1, number), local) + 1
         begin = np.maximum(np.maximum(begin, local), stop)  # all from here pass on the right
         stop = np.where(stop - local >= MIN_PART_SIZE, stop, local)
         begin = np.where(end - begin >= MIN_PART_SIZE, begin, end)
@@ -262,6 +256,16 @@ def _runs(lines: NDArray, side: NDArray) -> tuple[NDArray, NDArray]:
     count = np.diff(start, append=len(side))
     long = (count >= MIN_BUNDLE_SIZE).nonzero()[0]
     return start.take(long), count.take(long)
+
+
+def _margin(bundle: NDArray, y: NDArray) -> NDArray[np.float64]:
+    """(k,) distance from the rays of each bundle at which a point at height y still counts as between them.
+
+    A window reaches vertices so far beside it (`reaching`): the tolerance times one plus the length of the
+    line, across the line, whose slope is at most `MAX_SLOPE` here. Farther points pass on one side.
+    """
+    length = (1.0 + MAX_SLOPE) * (np.abs(y) + np.abs(bundle[ORIGIN_Y]))
+    return (1.0 + MAX_SLOPE) * DOMINANCE_TOLERANCE * (1.0 + length)
 
 
 def _moved(motion: NDArray, x: NDArray, y: NDArray | float) -> tuple[NDArray, NDArray]:
