@@ -94,6 +94,9 @@ def checked(document: Document, key: Key, model: type[Section], table: dict[str,
         raise SceneError(located(document, (*key, *loc), _sentence(mistake, loc, model, where))) from error
 
 
+ARRAY_MISTAKES = ("list_type", "too_short", "too_long")  # answered with what the key holds
+
+
 def _is_branch(location: str | int) -> bool:
     """Whether pydantic named a branch of a union rather than a key."""
     return isinstance(location, str) and (
@@ -105,6 +108,7 @@ def _sentence(mistake: Any, loc: Key, model: type[BaseModel], where: str) -> str
     kind, value = mistake["type"], mistake.get("input")
     name = ".".join(str(p) for p in loc) or where
     context = mistake.get("ctx", {})
+    shape = f" ({text})" if kind in ARRAY_MISTAKES and (text := _description(model, loc)) else ""
     if kind == "extra_forbidden":
         allowed = _keys_at(model, loc[:-1])
         hint = nearest(str(loc[-1]), allowed)
@@ -122,15 +126,25 @@ def _sentence(mistake: Any, loc: Key, model: type[BaseModel], where: str) -> str
                     "less_than": "less than", "less_than_equal": "at most"}[kind]  # fmt: skip
         return f"{name} of {where} must be {relation} {next(iter(context.values())):g}, found {value}"
     if kind in ("too_short", "too_long"):
-        few = kind == "too_short"
-        count = context["min_length" if few else "max_length"]
-        return f"{name} of {where} must have at {'least' if few else 'most'} {count} entries, found {value!r}"
+        least, most = context.get("min_length"), context.get("max_length")
+        count = f"least {least}" if kind == "too_short" else f"most {most}"
+        return f"{name} of {where} must have at {count} entries{shape}, found {value!r}"
     expected = {"int_type": "a whole number", "bool_type": "true or false", "string_type": "text",
               "list_type": "an array", "dict_type": "a table", "model_type": "a table",
               "int_from_float": "a whole number", "model_attributes_type": "a table"}.get(kind)  # fmt: skip
     if expected:
-        return f"{name} of {where} must be {expected}, found {value!r}"
+        return f"{name} of {where} must be {expected}{shape}, found {value!r}"
     return f"{name} of {where}: {mistake['msg']}, found {value!r}"
+
+
+def _description(model: type[BaseModel], loc: Key) -> str:
+    """Of the key at `loc`, "" within arrays and where it has none."""
+    current: Any = model
+    text = ""
+    for location in loc:
+        field = getattr(current, "model_fields", {}).get(location)
+        current, text = (_inner_model(field.annotation), field.description or "") if field else (None, "")
+    return text
 
 
 def _keys_at(model: type[BaseModel], loc: Key) -> list[str]:

@@ -31,7 +31,7 @@ class Attach(Section):
     name: str | None = Field(None, description="of the reaction force on an obstacle; default attach")
     vertices: list[int] | None = Field(None, description="vertex numbers of the shell")
     box: list[vector("m")] | None = Field(
-        None, min_length=2, max_length=2, description="two opposite corners"
+        None, min_length=2, max_length=2, description="two opposite corners, [[x, y, z], [x, y, z]]"
     )
     to_vertices: list[int] | None = Field(
         None, description="of the other shell, one for each vertex; default: the nearest at the start"

@@ -27,7 +27,7 @@ class Handle(Section):
     name: str | None = Field(None, description="key in results.reaction_forces; default handle")
     vertices: list[int] | None = Field(None, description="vertex numbers")
     box: list[vector("m")] | None = Field(
-        None, min_length=2, max_length=2, description="two opposite corners"
+        None, min_length=2, max_length=2, description="two opposite corners, [[x, y, z], [x, y, z]]"
     )
     times: list[quantity("s")] = Field(min_length=2, description="of the key frames, ascending")
     positions: list[vector("m")] | None = Field(

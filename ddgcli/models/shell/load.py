@@ -35,7 +35,7 @@ class Load(RampSection):
     )
     vertices: list[int] | None = None
     box: list[vector("m")] | None = Field(
-        None, min_length=2, max_length=2, description="two opposite corners"
+        None, min_length=2, max_length=2, description="two opposite corners, [[x, y, z], [x, y, z]]"
     )
     edge: list[int] | None = Field(
         None,

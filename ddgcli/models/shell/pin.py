@@ -29,7 +29,7 @@ class Pin(Section):
     name: str | None = Field(None, description="key in results.reaction_forces; default pin")
     vertices: list[int] | None = Field(None, description="vertex numbers")
     box: list[vector("m")] | None = Field(
-        None, min_length=2, max_length=2, description="two opposite corners"
+        None, min_length=2, max_length=2, description="two opposite corners, [[x, y, z], [x, y, z]]"
     )
     axes: str = Field("xyz", description="directions held; xz for a diaphragm across y")
     clamp: bool = Field(
