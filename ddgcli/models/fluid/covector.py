@@ -75,7 +75,7 @@ class CovectorAdvection:
         self.limits = FlowLimits(space)
         face, corner = corner_of(space, np.arange(space.n))
         self.face, self.at_corner = np.maximum(face, 0), np.eye(3)[corner]
-        to_face = self.transport.to_face
+        to_face = np.conj(space.recovery.to_vertex)
         # from the frame in which a vertex is traced to those of its faces
         self.turn = to_face * np.conj(to_face[self.face, corner])[space.faces]
         # of the basis covector (Whitney form) of each side, at the centre of the face

@@ -11,20 +11,17 @@ volumes B has one value per face of the mesh.
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.sparse import csr_array
 
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
-from ddgcli.models.fluid.recovery import recovery
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.scenes.sections import Section
 from ddgcli.simulation.effects import Effect
@@ -127,15 +124,10 @@ class SurfacePressure(PressurePhase):
             rhs -= sum_by_index(ends, 0.5 * np.repeat(flux[:, None], 2, axis=1), space.n)
         with space.timer():
             head = self.solver.solve(self._outflow_head(state)[self.solver.fixed], rhs)
-        squared_speed = np.abs(self.to_vertices @ side_flux.ravel()) ** 2
+        squared_speed = np.abs(self.space.recovery.matrix @ side_flux.ravel()) ** 2
         speed = self._outflow_speed(state)
         squared_speed[self.open] = self._mean_at_outflows(speed**2)[self.open]  # the square that the head has
         return self._centred(head - 0.5 * squared_speed)
-
-    @cached_property
-    def to_vertices(self) -> csr_array:
-        """(n, 3m) side fluxes to vertex velocities; means of faces are of first order at boundaries."""
-        return recovery(self.space).matrix
 
     def _outflow_head(self, state: FluidState) -> NDArray[np.float64]:
         """(n,) total head at the vertices of natural outflows: the square of what leaves, half of it."""

@@ -33,6 +33,7 @@ from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.models.fluid.boundary_motion import InTime
 from ddgcli.models.fluid.cells import cell_area
 from ddgcli.models.fluid.flow_mesh import require_flow
+from ddgcli.models.fluid.recovery import Recovery, recovery
 from ddgcli.models.fluid.state import TIME, FluidState
 from ddgcli.operators.laplacian import stiffness
 from ddgcli.simulation.model import Observation
@@ -391,8 +392,9 @@ class SurfaceSpace:
         vorticity, coefficients, flow = state["vorticity"], state["coefficients"], self.flow(state)
         edge_flux = self.edge_flux(flow.phi, coefficients)
         vertex = {"vorticity": vorticity * self.inverse_mass, "stream_function": self.centred(flow.phi)}
-        if self.to_space is not None:
-            vertex["velocity"] = self._vertex_means(self.to_space(self.face_velocity(flow.side_flux)))
+        if self.vertex_axes is not None:
+            planar, (x, y) = self.recovery.matrix @ flow.side_flux.ravel(), self.vertex_axes
+            vertex["velocity"] = planar.real[:, None] * x + planar.imag[:, None] * y
             vertex["speed"] = np.linalg.norm(vertex["velocity"], axis=1)
         largest = float(np.abs(flow.side_flux).max(initial=0.0))
         scalar: dict[str, Any] = {
@@ -410,12 +412,26 @@ class SurfaceSpace:
                 scalar[f"{name}_{self.name}"] = values
         return Observation(None, vertex, scalar)
 
-    def _vertex_means(self, of_faces: NDArray) -> NDArray[np.float64]:
-        """(n, 3) means of vectors (m, 3) on the faces of a vertex, by area."""
-        weighted = (self.area[:, None] * of_faces).T
-        summed = np.stack([sum_by_index(self.faces, np.repeat(w, 3), self.n) for w in weighted], axis=1)
+    @cached_property
+    def recovery(self) -> Recovery:
+        """Velocities at the vertices from the fluxes through the edges."""
+        return recovery(self.mesh, self.side)
+
+    @cached_property
+    def vertex_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Axes (n, 3) in space of the frames of `recovery`: means over the faces of a vertex, by area."""
+        to_space = self.to_space
+        if to_space is None:
+            return None
         around = sum_by_index(self.faces, np.repeat(self.area, 3), self.n)[:, None]
-        return np.divide(summed, around, out=np.zeros_like(summed), where=around > 0)
+        turned = self.area[:, None] * np.conj(self.recovery.to_vertex)
+
+        def mean(of_corners: NDArray) -> NDArray[np.float64]:
+            rows = np.stack([to_space(v) for v in of_corners.T], axis=1)  # (m, 3, 3)
+            summed = np.stack([sum_by_index(self.faces, rows[..., a], self.n) for a in range(3)], axis=1)
+            return np.divide(summed, around, out=np.zeros_like(summed), where=around > 0)
+
+        return mean(turned), mean(1j * turned)
 
     def assembled(self) -> dict[str, Any]:
         """Counts for a dry run."""

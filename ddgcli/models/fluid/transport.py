@@ -12,7 +12,6 @@ from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, LineStart
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.crossings import crossed_faces
-from ddgcli.models.fluid.recovery import recovery
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 
 MAX_LEGS = 100  # of a line along walls, about one for each boundary side
@@ -50,13 +49,11 @@ class Transport:
         self.tracer = Tracer(space.mesh)
         self.longest_side = space.mesh.side_length.max(axis=1)
         self.crossed = crossed_faces(space)
-        fit = recovery(space)
-        self.matrix, self.to_face = fit.matrix, np.conj(fit.to_vertex)
         self.slope = 1j * space.side[:, NEXT] / (2.0 * space.area[:, None])  # of the barycentric coordinates
 
     def corners(self, side_flux: NDArray) -> NDArray[np.complex128]:
         """(m, 3) velocity at the corners of every face, in its planar frame."""
-        return (self.matrix @ side_flux.ravel())[self.space.faces] * self.to_face
+        return self.space.recovery.at_corners(side_flux)
 
     def backwards(self, corner: NDArray, face: NDArray, barycentric: NDArray, dt: float) -> BackwardPaths:
         """Points carried by -dt along straight lines, by the velocity half-way that the local slope gives."""
