@@ -8,6 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import counted
+
 log = logging.getLogger("ddgcli")
 
 
@@ -26,8 +28,8 @@ def warn_of_flat_faces(face: Mapping[str, NDArray]) -> None:
     closing = int(np.count_nonzero(face.get("wraps", 0)))
     if closing:
         log.warning(
-            "%d faces close a periodic grid (array wraps), but all faces are treated as flat in space, where "
+            "%s a periodic grid (array wraps), but all faces are treated as flat in space, where "
             "these span it: lengths, and fields on them, are not those of the grid; take a grid that is not "
             "periodic",
-            closing,
+            counted(closing, "face closes", "faces close"),
         )

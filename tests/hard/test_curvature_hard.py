@@ -153,7 +153,7 @@ def test_components_that_a_ball_holds_whole_are_counted(caplog):
     points = np.concatenate([small.points + [3, 0, 0], large.points])
     faces = np.concatenate([small.faces, large.faces + small.n_vertices])
     measure_curvature(TriangleMesh.from_arrays(points, faces), radius=0.5)
-    assert f"1 components of the surface whole ({small.n_vertices} vertices)" in caplog.text
+    assert f"1 component of the surface whole ({small.n_vertices} vertices)" in caplog.text
 
 
 def test_inward_faces_cause_a_warning(caplog):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, counted
 from ddgcli.mesh.ragged import expand_lists, list_starts
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -189,11 +189,11 @@ def check_reach(mesh: TriangleMesh, radius: float) -> None:
     if whole.any():
         vertices = int(whole[mesh.topology.vertex_component[mesh.topology.referenced_vertex]].sum())
         _log.warning(
-            "balls of radius %g hold %d components of the surface whole (%d vertices): their values are no "
+            "balls of radius %g hold %s of the surface whole (%s): values there are no "
             "curvature at a point; use a smaller radius",
             radius,
-            whole.sum(),
-            vertices,
+            counted(int(whole.sum()), "component", "components"),
+            counted(vertices, "vertex", "vertices"),
         )
 
 

@@ -12,6 +12,7 @@ from ddgcli.algorithms.curvature.frames import area_normals, tangent_frame
 from ddgcli.algorithms.curvature.polynomial_fits import local_coordinates
 from ddgcli.algorithms.curvature.regions import Regions, listed
 from ddgcli.algorithms.curvature.rings import two_rings
+from ddgcli.errors import counted
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -98,8 +99,8 @@ def warn_of_spikes(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> None:
     spikes = sharpest[spikes_among(faces.points, area_normals(faces), rings, sharpest, faces.mean_length)]
     if len(spikes):
         logging.getLogger("ddgcli").warning(
-            "%d vertices lie far off the surface around them (first: vertex %d): they decide the "
-            "curvature of their neighbours; correct them in the mesh",
-            len(spikes),
+            "%s far off the surface around (first: vertex %d), which decides the curvature of the "
+            "neighbours; correct this in the mesh",
+            counted(len(spikes), "vertex lies", "vertices lie"),
             spikes[0],
         )

@@ -199,9 +199,8 @@ def _edge_measures(
 def _oriented(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
     if turn.any():
         _log.warning(
-            "%d faces are oriented against their neighbours (first: face %d); they are turned over for the "
-            "measurement",
-            turn.sum(),
+            "%s oriented against the neighbours (first: face %d), and turned over for the measurement",
+            counted(int(turn.sum()), "face is", "faces are"),
             np.flatnonzero(turn)[0],
         )
     return reverse_faces(mesh, turn)
@@ -225,15 +224,16 @@ def _warn_of_defects(
         _log.warning("%s no area (first: face %d)", counted(len(flat), "face has", "faces have"), flat[0])
     if not topology.is_manifold:
         _log.warning(
-            "the surface is not manifold (%d edges with more than two faces, %d vertices with several fans): "
+            "the surface is not manifold (%s with more than two faces, %s with several fans): "
             "curvature there is that of the whole star, and dihedral angles of such edges are 0",
-            len(topology.nonmanifold_edges),
-            len(topology.nonmanifold_vertices),
+            counted(len(topology.nonmanifold_edges), "edge", "edges"),
+            counted(len(topology.nonmanifold_vertices), "vertex", "vertices"),
         )
     warn_of_pieces(mesh)
     spare = int((~topology.referenced_vertex).sum())
     if spare:
-        _log.warning("%d vertices belong to no face of the surface: all their values are 0", spare)
+        words = counted(spare, "vertex belongs", "vertices belong")
+        _log.warning("%s to no face of the surface: all values there are 0", words)
     if volume is not None and volume < -VOLUME_ROUNDING * float(faces.area.sum()):
         _log.warning(
             "the faces point inward (negative volume): mean and principal curvatures change their sign"

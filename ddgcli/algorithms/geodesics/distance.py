@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.edge_distance import downhill_source
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
 from ddgcli.choices import DEFAULT_HEAT_TIME, DISTANCE_METHODS, HEAT_OPERATORS
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.geometry.cures import cure_of_bad_shapes, weld_advice
 from ddgcli.geometry.surface_points import SurfacePoints, face_centroids
 from ddgcli.linalg.residual_gate import within_residuals
@@ -418,5 +418,6 @@ def report_unreachable(mesh: SurfaceMesh, distance: NDArray) -> int:
             f"{weld_advice(mesh, unreached)}"
         )
     if not named.all():
-        log.warning(f"{int(sizes[~named].sum())} vertices belong to no face; their distance is inf")
+        words = counted(int(sizes[~named].sum()), "vertex belongs", "vertices belong")
+        log.warning(f"{words} to no face; the distance there is inf")
     return count

@@ -22,7 +22,7 @@ from ddgcli.algorithms.hodge.decomposition import (
 from ddgcli.algorithms.hodge.harmonic import HarmonicBasis, harmonic_basis
 from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, generator_loops
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.geometry.cures import cure_of_bad_shapes, warn_of_pieces
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -199,9 +199,10 @@ def _warn_of_folds(mesh: TetMesh) -> None:
     counts = np.bincount(of_cells.indices, minlength=of_cells.shape[1])
     folds = np.flatnonzero((counts == 2) & (of_cells.sum(axis=0) != 0))
     if len(folds):
-        log.warning("%d faces have both of their tetrahedra on one side (first: vertices %s): Betti numbers "
+        log.warning("%s both tetrahedra on one side (first: vertices %s): Betti numbers "
                     "are those of a body in space with the same boundary, where none folds over itself",
-                    len(folds), "-".join(map(str, mesh.triangles[folds[0]].tolist())))  # fmt: skip
+                    counted(len(folds), "face has", "faces have"),
+                    "-".join(map(str, mesh.triangles[folds[0]].tolist())))  # fmt: skip
 
 
 def field_place(mesh: SpaceMesh, array: NDArray, place: str) -> str:

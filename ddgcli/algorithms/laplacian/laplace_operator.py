@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.choices import LAPLACE_OPERATORS, MASSES
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.geometry.cures import warn_of_pieces
 from ddgcli.mesh.require import require
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -219,7 +219,9 @@ def _without_repeated_corners(mesh: TriangleMesh) -> TriangleMesh:
     bad = mesh.topology.repeated_vertex_faces
     if not len(bad):
         return mesh
-    log.warning("%d faces name a vertex twice (first: face %d) and are left out", len(bad), bad[0])
+    log.warning(
+        "%s a vertex twice (first: face %d): left out", counted(len(bad), "face names", "faces name"), bad[0]
+    )
     cleaned = TriangleMesh(mesh.points, Topology(np.delete(mesh.faces, bad, axis=0), mesh.n_vertices))
     require(cleaned, "laplacian")
     return cleaned
@@ -229,8 +231,8 @@ def _warn_of_isolated_vertices(referenced: NDArray) -> None:
     isolated = np.flatnonzero(~referenced)
     if len(isolated):
         log.warning(
-            "%d vertices belong to no face (first: vertex %d): their rows are empty and their values 0",
-            len(isolated),
+            "%s to no face (first: vertex %d): rows there are empty and values 0",
+            counted(len(isolated), "vertex belongs", "vertices belong"),
             isolated[0],
         )
 

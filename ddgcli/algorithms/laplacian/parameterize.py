@@ -11,7 +11,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 
 from ddgcli.algorithms.conformal.distortion import angle_distortion, distortion_arrays, planar_area
 from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, counted
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.linalg.factor import Factor
@@ -295,12 +295,13 @@ def _with_quality(
     flipped_input, collapsed_input = _flipped_and_collapsed(uv[mesh.faces])
     if collapsed_input:
         log.warning(
-            "%d triangles of the mesh collapse in the plane: their area is below rounding", collapsed_input
+            "%s in the plane: no area but rounding",
+            counted(collapsed_input, "triangle of the mesh collapses", "triangles of the mesh collapse"),
         )
     if flipped_input:
         log.warning(
-            "%d triangles of the mesh are flipped in the plane: `parameterize=discrete-conformal` flips none",
-            flipped_input,
+            "%s flipped in the plane: `parameterize=discrete-conformal` flips none",
+            counted(flipped_input, "triangle of the mesh is", "triangles of the mesh are"),
         )
     area, stretch = face_area(mesh.side_length), angle_distortion(mesh, uv[mesh.faces])
     good = np.isfinite(stretch)

@@ -19,6 +19,7 @@ from ddgcli.algorithms.laplacian.laplace_operator import (
 )
 from ddgcli.algorithms.laplacian.tasks import LaplacianResult, LaplacianTasks
 from ddgcli.choices import CONFORMAL_BOUNDARIES, ITERATIVE_SOLVERS, SMOOTHING_FLOWS
+from ddgcli.errors import counted
 from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.linalg.residual_gate import within_residuals
@@ -292,8 +293,8 @@ def _warn_of_smoothing(smoothed: SmoothingResult, time: float, flow: str, sensib
     elif smoothed.collapse_time is not None:
         other = "" if flow == "conformalized" else ", or `smooth_flow=conformalized`, which seldom pinches"
         log.warning(
-            "thin parts with %d vertices shrank to lines or points after time %g: %s",
-            smoothed.collapsed,
+            "thin parts with %s shrank to lines or points after time %g: %s",
+            counted(smoothed.collapsed, "vertex", "vertices"),
             smoothed.collapse_time,
             advice + other,
         )

@@ -4,8 +4,8 @@ The velocity of a face is exact to first order only (its error changes sign from
 slopes taken of it do not converge. At a vertex it is the slope of the quadratic stream function that fits the
 fluxes through the edges there best (Zhang and Naga, "A new finite element gradient recovery method", 2005).
 At the boundary it is what the quadratics of the neighbours inside have there. Where that is impossible or
-would amplify noise, the vertex takes the mean value of its neighbours, and at the boundary the mean of its
-faces. All of it is one sparse matrix.
+would amplify noise, the vertex takes the mean value of its neighbours, with half of what their slopes add, and
+at the boundary the mean of its faces. All of it is one sparse matrix.
 """
 
 from __future__ import annotations

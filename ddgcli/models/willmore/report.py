@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import counted
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import folded_faces
@@ -251,8 +252,8 @@ def warn_of_folds(first: TriangleMesh, last: TriangleMesh) -> None:
     before, after = folded_faces(first), folded_faces(last)
     if after > before:
         logging.getLogger("ddgcli").warning(
-            "%d faces are folded over at the end (%d at the start): the energy means little there; begin "
+            "%s folded over at the end (%d at the start): the energy means little there; begin "
             "with a finer or more even mesh",
-            after,
+            counted(after, "face is", "faces are"),
             before,
         )

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import counted
 from ddgcli.geometry.intersections import bounded_intersections
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.state import FlowState
@@ -78,8 +79,8 @@ def report_of(series: Mapping[str, NDArray], times: NDArray, last: TriangleMesh)
     if most > start:
         first = float(times[int(np.argmax(counts > start))])
         logging.getLogger("ddgcli").warning(
-            "the surface passes through itself, which no energy prevents: %d pairs of faces cross at the end "
+            "the surface passes through itself, which no energy prevents: %s at the end "
             "(%d at the start, at most %d; more than at the start first seen at time %.6g)",
-            counts[-1], start, most, first,
+            counted(int(counts[-1]), "pair of faces crosses", "pairs of faces cross"), start, most, first,
         )  # fmt: skip
     return {"start": start, "end": int(counts[-1]), "most": most}
