@@ -63,13 +63,13 @@ def test_the_velocity_by_covector_converges_at_second_order(problem):
 
 def test_steady_cells_on_a_flat_torus_stay_with_second_order():
     error = []
-    for n in (16, 32):
+    for n in (8, 16):
         shape = f'grid = {{ size = [{2 * np.pi}, {2 * np.pi}], cells = [{n}, {n}], periodic = "xy" }}'
         start = 'initial = { vorticity = "2*sin(x)*sin(y)" }'
         first, *_, last = run_fluid(start, TIME.format(1.2, 1.2 / n), shape).observations
         apart = np.linalg.norm(last.vertex["vorticity"] - first.vertex["vorticity"])
         error.append(apart / np.linalg.norm(first.vertex["vorticity"]))
-    assert error[1] < 0.01 and error[0] / error[1] > 3.4  # 3.9 from 32 to 64
+    assert error[1] < 0.04 and error[0] / error[1] > 3.5
 
 
 def test_a_step_of_no_length_changes_the_resolved_flow_little():

@@ -53,7 +53,7 @@ class Transport:
 
     def corners(self, side_flux: NDArray) -> NDArray[np.complex128]:
         """(m, 3) velocity at the corners of every face, in its planar frame."""
-        return self.space.recovery.at_corners(side_flux)
+        return self.space.recovery.smooth_at_corners(side_flux)
 
     def backwards(self, corner: NDArray, face: NDArray, barycentric: NDArray, dt: float) -> BackwardPaths:
         """Points carried by -dt along straight lines, by the velocity half-way that the local slope gives."""
