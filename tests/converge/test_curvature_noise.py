@@ -62,7 +62,7 @@ def test_three_spikes_are_reported_with_the_first_vertex(name, height, caplog):
     points = clean.points.copy()
     points[spikes] += height * clean.side_length.mean() * outward
     measure_curvature(clean.moved(points), full=False)
-    assert f"3 vertices lie far off the surface around (first: vertex {spikes.min()})" in caplog.text
+    assert f"3 vertices lie far off the surrounding surface (first: vertex {spikes.min()})" in caplog.text
 
 
 @pytest.mark.parametrize("scheme", ["normal-cycle", "corrected"])

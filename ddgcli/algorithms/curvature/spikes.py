@@ -99,7 +99,7 @@ def warn_of_spikes(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> None:
     spikes = sharpest[spikes_among(faces.points, area_normals(faces), rings, sharpest, faces.mean_length)]
     if len(spikes):
         logging.getLogger("ddgcli").warning(
-            "%s far off the surface around (first: vertex %d), which decides the curvature of the "
+            "%s far off the surrounding surface (first: vertex %d), which decides the curvature of the "
             "neighbours; correct this in the mesh",
             counted(len(spikes), "vertex lies", "vertices lie"),
             spikes[0],
