@@ -152,10 +152,10 @@ def fuzz(
     reached, whole = b"" if coverage is None else coverage.snapshot, 0.0
     for number in range(count):
         data = input_of(kind, pool, seed, first + number)
-        began = time.monotonic()
+        began = _cpu()
         result = outcome(read, data, kind.cpu_seconds)
         account.count(*result, data)
-        seconds = time.monotonic() - began
+        seconds = _cpu() - began
         account.slowest, whole = max(account.slowest, seconds), whole + seconds
         now = b"" if coverage is None else coverage.snapshot
         if notes is not None:
@@ -278,7 +278,7 @@ class Notes:
 
     @property
     def slowest(self) -> float:
-        """Seconds by the clock of the slowest input."""
+        """Processor seconds of the slowest input."""
         return self.HEAD.unpack(self.memory[: self.HEAD.size])[1]
 
 
