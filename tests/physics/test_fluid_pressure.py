@@ -55,7 +55,7 @@ def test_pressure_at_moving_walls_is_of_second_order():
         difference = out.observations[-1].vertex["pressure"] - exact
         inside = (r > 0.51) & (r < 0.99)
         error.append(np.abs(difference - difference[inside].mean()).max() / np.ptp(exact))
-    assert error[1] < 0.03 and error[0] / error[1] > 3
+    assert error[1] < 0.004 and error[0] / error[1] > 3
 
 
 CHANNEL = """
@@ -114,7 +114,7 @@ def test_pressure_in_a_volume_is_that_of_the_steady_cell():
         exact = (np.cos(2 * x) + np.cos(2 * y)) / 4
         apart = observed[0].vertex["pressure"] - exact
         error.append(np.sqrt(model.space.mass @ apart**2 / (model.space.mass @ exact**2)))
-    assert error[1] < 0.2 and error[0] / error[1] > 1.7
+    assert error[1] < 0.085 and error[0] / error[1] > 2.2  # with the speed of the cells 0.097
 
 
 def test_the_flow_is_the_same_to_the_last_bit_with_pressure():

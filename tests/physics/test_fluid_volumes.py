@@ -19,6 +19,14 @@ from ddgcli.simulation.time_loop import evolve
 CELL = 'initial = { velocity = ["sin(x)*cos(y)", "-cos(x)*sin(y)", 0] }\n'
 SWIRL = 'initial = { velocity = ["sin(x)*cos(y)*cos(z)", "-cos(x)*sin(y)*cos(z)", 0] }\n'
 
+THROUGH = """
+viscosity = { nu = 1 }
+boundary = [
+  { kind = "inflow", velocity = [1, 0, 0], where = "x < 1e-6" },
+  { kind = "outflow", where = "x > 3" },
+]
+"""
+
 
 def run(effects, cells=4, duration=0.4, step=0.1, integrator="energy", size=np.pi, objects=""):
     """(fluid model, observations, checkpoint at the end)."""
@@ -203,6 +211,7 @@ def test_no_slip_walls_slow_a_stream_near_them():
         ('initial = { vorticity = "z" }', "energy", "vorticity is that of surfaces"),
         ('initial = { flow = "rotation" }', "energy", "is one of surfaces; volumes have vortex-ring"),
         (CELL + 'viscosity = { nu = 1, kind = "bochner" }', "energy", "is one of surfaces"),
+        (THROUGH, "covector", "no inflow and outflow; take energy$"),
     ],
 )
 def test_what_a_volume_does_not_have_is_refused(effects, integrator, message):

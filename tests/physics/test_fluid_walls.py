@@ -14,6 +14,7 @@ from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.scenes.shapes import Grid, grid_mesh
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
+from tests.converge.test_hodge import annulus
 from tests.geodesic_cases import jittered
 
 
@@ -51,8 +52,7 @@ def test_a_run_of_the_cavity_ends_in_the_steady_flow_but_for_the_split_steps():
         last = list(evolve({"cavity": model.model()}, model.scene.schedule(), Account()))[-1]
         velocity = last.observations["cavity"].vertex["velocity"]
         assert np.abs(on_middle_lines(velocity, n) - on_middle_lines(steady, n)).max() < 2e-3
-        # on walls beside the corners of the lid, where the velocity jumps, frames have it from a cell inside
-        apart.append(np.abs(velocity - steady).reshape(n + 1, n + 1, 3)[1:-1, 1:-1].max())
+        apart.append(np.abs(velocity - steady).max())
     assert apart[1] < 0.5 * apart[0] < 0.01
 
 
@@ -158,3 +158,66 @@ def test_velocity_of_a_frame_is_of_second_order_on_irregular_triangles_and_at_wa
         at_walls.append(error[mesh.topology.boundary_vertex].max())
     assert inside[1] < 0.4 * inside[0] < 0.02
     assert at_walls[1] < 0.4 * at_walls[0] < 0.02
+
+
+SWIRL = """
+pressure = {}
+viscosity = { nu = 0.1 }
+harmonic = {}
+boundary = [{ kind = "wall", velocity = ["-y", "x", 0], where = "x^2 + y^2 < 2" }, { kind = "no-slip" }]
+"""
+
+
+def test_frames_have_the_velocity_of_walls_without_slip_and_pressures_its_square():
+    """Between turning cylinders; recovered from inside the velocity errs by 4 % there, the pressure by 11."""
+    mesh = annulus(8)
+    out = run_fluid(SWIRL, "duration = 20\nstep = 0.1\nframe_every = 20", mesh=mesh)
+    radius = np.hypot(*mesh.points[:, :2].T)
+    exact = (4.0 / radius - radius) / 3.0
+    turn = np.stack([-mesh.points[:, 1], mesh.points[:, 0], 0.0 * radius], axis=1) / radius[:, None]
+    rim = mesh.topology.boundary_vertex
+    last = out.observations[-1].vertex
+    assert np.abs(last["velocity"] - exact[:, None] * turn)[rim].max() < 1e-14
+    pressure = (radius**2 / 2.0 - 8.0 * np.log(radius) - 8.0 / radius**2) / 9.0
+    apart = last["pressure"] - pressure
+    apart -= np.average(apart, weights=out.fluid.space.mass)
+    assert np.abs(apart[rim]).max() < 0.05 * np.ptp(pressure)
+
+
+CORNERS = """
+viscosity = { nu = 1 }
+boundary = [
+  { kind = "inflow", velocity = ["y*(1-y)", 0, 0], where = "x < 1e-6" },
+  { kind = "outflow", where = "x > 2 - 1e-6" },
+  { kind = "wall", velocity = ["t", 7, 0], where = "y < 1e-6" },
+  { kind = "free-slip" },
+]
+"""
+
+
+def test_vertices_between_two_parts_of_the_boundary_take_walls_before_streams():
+    out = run_fluid(
+        CORNERS, "duration = 0.5\nstep = 0.1\nframe_every = 0.5",
+        'grid = { size = [2, 1], cells = [16, 8], pattern = "right" }',
+    )  # fmt: skip
+    x, y, _ = out.fluid.context.points.T
+    for time, observation in zip((0.0, 0.5), (out.observations[0], out.observations[-1])):
+        velocity = observation.vertex["velocity"]
+        assert np.allclose(velocity[y == 0], [time, 0, 0], atol=1e-15)  # along the wall, at any time
+        stream = (x == 0) & (y > 0) & (y < 1)
+        assert np.allclose(velocity[stream, 0], (y * (1 - y))[stream], atol=1e-15)
+    assert velocity[(x == 2) & (y > 0), 0].min() > 0.01  # natural: what the flow brings
+    assert np.abs(velocity[(y == 1) & (x > 0), 0]).min() > 0.01  # free slip
+
+
+def test_vertices_of_a_turning_wall_of_a_volume_have_its_velocity():
+    mesh = shapes.box_tetrahedra()
+    out = run_fluid(
+        'viscosity = { nu = 1 }\nboundary = [{ kind = "wall", velocity = ["1+y", 2, 5], where = "z > 0.9" }]',
+        'duration = 0.01\nstep = 0.01\nintegrator = "covector"', mesh=mesh,
+    )  # fmt: skip
+    x, y, z = mesh.points.T
+    velocity = out.observations[-1].vertex["velocity"]
+    lid = (z == 1) & (x > 0) & (x < 1) & (y > 0) & (y < 1)
+    assert np.allclose(velocity[lid], np.stack([1 + y, 2 + 0 * y, 0 * y], axis=1)[lid], atol=1e-14)
+    assert np.abs(velocity[z == 0]).max() == 0.0

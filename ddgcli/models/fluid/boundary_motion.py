@@ -49,6 +49,21 @@ def holds_time(section: BoundaryPart) -> bool:
     return any(depends_on_time(text) for text in texts)
 
 
+def rest_kind(sections: Sequence[BoundaryPart]) -> str:
+    """Kind of the boundary that no section covers.
+
+    Parameters
+    ----------
+    sections : sequence of BoundaryPart
+
+    Returns
+    -------
+    str
+        A wall without slip where any section is other than free-slip.
+    """
+    return "no-slip" if any(section.kind != "free-slip" for section in sections) else "free-slip"
+
+
 def crosses_in_time(sections: Sequence[BoundaryPart]) -> bool:
     """Whether a flux through the boundary depends on t.
 

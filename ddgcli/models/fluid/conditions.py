@@ -24,10 +24,12 @@ from ddgcli.models.fluid.boundary_motion import (
     natural_sides,
     refuse_outward_inflow,
     require_outflow,
+    rest_kind,
     sample_times,
     values_at,
     velocity_at,
 )
+from ddgcli.models.fluid.boundary_velocity import BoundaryVelocity
 from ddgcli.models.fluid.boundary_warnings import warn_of_crossed_obstacles, warn_of_still_walls
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart
@@ -55,6 +57,8 @@ class BoundaryConditions:
         What boundary sides with a prescribed velocity add to the circulation around their vertices' cells.
     slip : (n,) ndarray of bool
         Vertices of free-slip walls, but for those of a wall with friction: the vorticity vanishes there.
+    velocity : BoundaryVelocity
+        Prescribed velocities at vertices.
     in_time : BoundaryInTime, or None
         None where no section depends on time.
     """
@@ -65,6 +69,7 @@ class BoundaryConditions:
     open_sides: NDArray[np.int64]
     wall_circulation: NDArray[np.float64]
     slip: NDArray[np.bool_]
+    velocity: BoundaryVelocity
     in_time: BoundaryInTime | None = None
 
     @property
@@ -147,6 +152,7 @@ def boundary_conditions(
         sides.ends[natural],
         sides.wall_circulation(0.0),
         slip,
+        BoundaryVelocity(sections, context.points, sides.ends, sides.side, sides.owner),
         in_time,
     )
 
@@ -162,7 +168,7 @@ class _Sides:
         self.ends = np.stack([self.tail, self.head], axis=1)
         self.side = context.unwrapped(context.points[self.head] - context.points[self.tail])
         self.owner = _owners(context, sections, self.tail, self.head, self.side)
-        self.kind = np.array([section.kind for section in sections] + [_rest(sections)])[self.owner]
+        self.kind = np.array([section.kind for section in sections] + [rest_kind(sections)])[self.owner]
         self.natural = natural_sides(sections, self.owner)
         self.largest_flux = 0.0  # through the whole boundary in the run
         self._constant: NDArray[np.float64] | None = None
@@ -222,10 +228,6 @@ class _Sides:
         """Stream function (n,) on the boundary vertices, and the vertices (n,) inside natural outflows."""
         n = self.context.mesh.n_vertices
         return _stream_function(n, self.tail, self.head, self.flux(time), self.natural, self.largest_flux)
-
-
-def _rest(sections: Sequence[BoundaryPart]) -> str:
-    return "no-slip" if any(section.kind != "free-slip" for section in sections) else "free-slip"
 
 
 def _ends(n: int, tail: NDArray, head: NDArray, selection: NDArray) -> NDArray[np.bool_]:

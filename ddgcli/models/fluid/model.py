@@ -225,6 +225,7 @@ class FluidModel:
                 conditions.open_sides if conditions and conditions.is_open else None,
                 to_space=context.to_space, name=context.name,
                 values_in_time=in_time.boundary_values if in_time else None,
+                prescribed_velocity=conditions.velocity if conditions else None,
             )  # fmt: skip
         except MeshError as error:
             self.scene.refuse(("object", number), f"object {context.name!r}: {error}")
@@ -288,10 +289,9 @@ class FluidModel:
             message = f"{scene.time.integrator} does not exist in {dimension}-D; take {names}"
             scene.refuse(("time", "integrator"), message)
         if self.setting.is_open and scene.time.integrator not in OPEN_TRANSPORTS:
-            scene.refuse(
-                ("time", "integrator"),
-                f"{scene.time.integrator} has no inflow and outflow; take {' or '.join(OPEN_TRANSPORTS)}",
-            )
+            names = " or ".join(name for name in OPEN_TRANSPORTS if dimension in TRANSPORTS[name])
+            message = f"{scene.time.integrator} has no inflow and outflow; take {names}"
+            scene.refuse(("time", "integrator"), message)
         return importlib.import_module(modules[dimension]).transport(self.setting, scene.time)
 
     def _check_time_resolution(self) -> None:

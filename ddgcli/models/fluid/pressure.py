@@ -5,8 +5,8 @@ The flow needs no pressure; it is what its accelerations leave over. The total h
     (grad B, grad q) = (- omega n x u + f + nu laplacian u, grad q)      for all q,
 
 f the accelerations by effects. B is linear in every face; at natural outflows it is the head there,
-elsewhere the mean of p over each component is zero. The velocity at vertices is that of `recovery`. In
-volumes B has one value per face of the mesh.
+elsewhere the mean of p over each component is zero. The velocity at vertices is that of frames
+(`vertex_velocity`). In volumes B has one value per face of the mesh.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class SurfacePressure(PressurePhase):
             rhs -= sum_by_index(ends, 0.5 * np.repeat(flux[:, None], 2, axis=1), space.n)
         with space.timer():
             head = self.solver.solve(self._outflow_head(state)[self.solver.fixed], rhs)
-        squared_speed = np.abs(self.space.recovery.matrix @ side_flux.ravel()) ** 2
+        squared_speed = space.vertex_velocity.squared_speed(side_flux, state.time)
         speed = self._outflow_speed(state)
         squared_speed[self.open] = self._mean_at_outflows(speed**2)[self.open]  # the square that the head has
         return self._centred(head - 0.5 * squared_speed)
@@ -192,9 +192,9 @@ class VolumePressure(PressurePhase):
         on_faces = space.potential(push, inflow=False, head=head)[space.cell_face]
         velocity = space.cell_velocity(state)
         at_corners = on_faces.sum(axis=1, keepdims=True) - 3.0 * on_faces
-        at_corners -= 0.5 * np.einsum("ka,ka->k", velocity, velocity)[:, None]
-        pressure = sum_by_index(space.cells, 0.25 * space.volume[:, None] * at_corners, space.n)
-        pressure *= space.inverse_mass
+        head = sum_by_index(space.cells, 0.25 * space.volume[:, None] * at_corners, space.n)
+        at_vertices = space.vertex_velocity(velocity, state.time)
+        pressure = head * space.inverse_mass - 0.5 * np.einsum("ia,ia->i", at_vertices, at_vertices)
         if space.conditions is None or not space.conditions.natural.any():
             pressure -= float(space.mass @ pressure) / float(space.mass.sum())
         return pressure

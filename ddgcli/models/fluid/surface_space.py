@@ -31,10 +31,12 @@ from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.models.fluid.boundary_motion import InTime
+from ddgcli.models.fluid.boundary_velocity import BoundaryVelocity
 from ddgcli.models.fluid.cells import cell_area
 from ddgcli.models.fluid.flow_mesh import require_flow
 from ddgcli.models.fluid.recovery import Recovery, recovery
 from ddgcli.models.fluid.state import TIME, FluidState
+from ddgcli.models.fluid.vertex_velocity import VertexVelocity
 from ddgcli.operators.laplacian import stiffness
 from ddgcli.simulation.model import Observation
 
@@ -71,6 +73,8 @@ class SurfaceSpace:
     name : str
     values_in_time : InTime, optional
         Boundary values that depend on time; `boundary_values` are those of the start.
+    prescribed_velocity : BoundaryVelocity, optional
+        Velocities at boundary vertices that frames and pressures take.
     """
 
     mesh: SurfaceMesh
@@ -82,6 +86,7 @@ class SurfaceSpace:
     to_space: Callable[[NDArray], NDArray] | None = None
     name: str = ""
     values_in_time: InTime | None = None
+    prescribed_velocity: BoundaryVelocity | None = None
     dimension: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
@@ -392,9 +397,8 @@ class SurfaceSpace:
         vorticity, coefficients, flow = state["vorticity"], state["coefficients"], self.flow(state)
         edge_flux = self.edge_flux(flow.phi, coefficients)
         vertex = {"vorticity": vorticity * self.inverse_mass, "stream_function": self.centred(flow.phi)}
-        if self.vertex_axes is not None:
-            planar, (x, y) = self.recovery.matrix @ flow.side_flux.ravel(), self.vertex_axes
-            vertex["velocity"] = planar.real[:, None] * x + planar.imag[:, None] * y
+        if self.to_space is not None:
+            vertex["velocity"] = self.vertex_velocity.in_space(flow.side_flux, state.time)
             vertex["speed"] = np.linalg.norm(vertex["velocity"], axis=1)
         largest = float(np.abs(flow.side_flux).max(initial=0.0))
         scalar: dict[str, Any] = {
@@ -418,20 +422,9 @@ class SurfaceSpace:
         return recovery(self.mesh, self.side)
 
     @cached_property
-    def vertex_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Axes (n, 3) in space of the frames of `recovery`: means over the faces of a vertex, by area."""
-        to_space = self.to_space
-        if to_space is None:
-            return None
-        around = sum_by_index(self.faces, np.repeat(self.area, 3), self.n)[:, None]
-        turned = self.area[:, None] * np.conj(self.recovery.to_vertex)
-
-        def mean(of_corners: NDArray) -> NDArray[np.float64]:
-            rows = np.stack([to_space(v) for v in of_corners.T], axis=1)  # (m, 3, 3)
-            summed = np.stack([sum_by_index(self.faces, rows[..., a], self.n) for a in range(3)], axis=1)
-            return np.divide(summed, around, out=np.zeros_like(summed), where=around > 0)
-
-        return mean(turned), mean(1j * turned)
+    def vertex_velocity(self) -> VertexVelocity:
+        """Velocities at the vertices for frames and pressures."""
+        return VertexVelocity(self.recovery, self.area, self.to_space, self.prescribed_velocity)
 
     def assembled(self) -> dict[str, Any]:
         """Counts for a dry run."""

@@ -17,10 +17,12 @@ from ddgcli.models.fluid.boundary_motion import (
     natural_sides,
     refuse_outward_inflow,
     require_outflow,
+    rest_kind,
     sample_times,
     values_at,
     velocity_at,
 )
+from ddgcli.models.fluid.boundary_velocity import BoundaryVelocity
 from ddgcli.models.fluid.boundary_warnings import warn_of_crossed_obstacles, warn_of_still_walls
 from ddgcli.models.fluid.effect_parts import BoundaryPart
 from ddgcli.models.fluid.flux_balance import flux_imbalance
@@ -48,6 +50,8 @@ class VolumeConditions:
         Faces with a flux other than 0 at some time; by default those of `flux`.
     flux_in_time, velocity_in_time : InTime, optional
         Both at any time, where they depend on it; else they are those of the start.
+    at_vertices : BoundaryVelocity, optional
+        Prescribed velocities at vertices.
     """
 
     flux: NDArray[np.float64]
@@ -58,6 +62,7 @@ class VolumeConditions:
     crosses: NDArray[np.bool_] | None = None
     flux_in_time: InTime | None = None
     velocity_in_time: InTime | None = None
+    at_vertices: BoundaryVelocity | None = None
 
     def flux_at(self, time: float) -> NDArray[np.float64]:
         """(F,) prescribed fluxes at a time."""
@@ -137,6 +142,7 @@ def volume_conditions(
         np.any(fluxes, axis=0) if in_time else None,
         InTime(rim.balanced_flux, times) if crosses_in_time(sections) else None,
         InTime(rim.velocity, times) if in_time else None,
+        BoundaryVelocity(sections, context.points, rim.vertices, rim.area, rim.owner),
     )  # fmt: skip
 
 
@@ -153,8 +159,7 @@ class _Rim:
         )
         self.vertices = space.cells[cell[:, None], TET_FACES[i]]
         self.owner = self._owners(context)
-        rest = "no-slip" if any(section.kind != "free-slip" for section in sections) else "free-slip"
-        self.kind = np.array([section.kind for section in sections] + [rest])[self.owner]
+        self.kind = np.array([section.kind for section in sections] + [rest_kind(sections)])[self.owner]
         self.natural = natural_sides(sections, self.owner)
         self.largest_flux = 0.0  # through the whole boundary in the run
 

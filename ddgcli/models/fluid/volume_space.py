@@ -171,6 +171,14 @@ class VolumeSpace:
         """(n, 3) values at the vertices of the linear fields that fit cell vectors (k, 3) round them best."""
         return self._recovery @ of_cells
 
+    def vertex_velocity(self, velocity: NDArray, time: float) -> NDArray[np.float64]:
+        """(n, 3) `vertex_means` of cell velocities (k, 3), and what the boundary prescribes at a time."""
+        means = self.vertex_means(velocity)
+        if self._conditions.at_vertices is not None:
+            vertices, there = self._conditions.at_vertices.at(time)
+            means[vertices] = there
+        return means
+
     @cached_property
     def _recovery(self) -> csr_array:
         """(n, k) least squares by volume; means where a fit is impossible or would amplify noise."""
@@ -288,7 +296,7 @@ class VolumeSpace:
             "absolute_vorticity": float(np.abs(circulation).sum()),
             "divergence": float(np.abs(net).max(initial=0.0)) / (size or 1.0),
         }
-        vertex = {"vorticity": omega, "velocity": self.vertex_means(velocity)}
+        vertex = {"vorticity": omega, "velocity": self.vertex_velocity(velocity, state.time)}
         vertex["speed"] = np.linalg.norm(vertex["velocity"], axis=1)
         return Observation(None, vertex, scalar)
 
