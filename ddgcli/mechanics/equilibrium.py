@@ -10,6 +10,7 @@ from ddgcli.linalg.low_rank import negative_eigenvalues_of_sum
 from ddgcli.mechanics.admissible import longest_fraction
 from ddgcli.mechanics.increment import Increment, worst
 from ddgcli.mechanics.objective import MOVE_TOLERANCE, Objective
+from ddgcli.mechanics.rigid_motions import moves_freely, unsupported_fields
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode
 from ddgcli.mechanics.turning import turned
@@ -32,7 +33,7 @@ class Equilibrium:
     """Levenberg's iteration: the Hessian plus a multiple of the masses, less of it as the steps succeed."""
 
     def __init__(self, system: System) -> None:
-        self.system, self.objective = system, Objective(system)
+        self.system, self.objective, self._moves_freely = system, Objective(system), False
 
     def find(self, start: NDArray) -> tuple[NDArray, int]:
         """The equilibrium downhill from `start`, and the iterations.
@@ -46,6 +47,7 @@ class Equilibrium:
         enough = MOVE_TOLERANCE * self.system.size
         point, before = objective.at(increment, start), np.inf
         unit = self._unit(increment, start)
+        self._moves_freely = moves_freely(self.system, start)
         shift, exact_allowed, near, imbalance, moves = unit, False, 0, np.inf, 0
         for iteration in range(1, MAX_EQUILIBRIUM_ITERATIONS + 1):
             if iteration in TURNS_AT:
@@ -142,6 +144,7 @@ class Equilibrium:
                 try:
                     solver.factorise(self.system, matrix, y, self.objective.columns(y))
                     move = self.objective.spread(solver.solve(self.objective.entries(-g)))
+                    move = self._without_free_motion(y, move) if mode == "exact" else move
                 except SolveError:
                     if mode == "exact":
                         continue
@@ -150,6 +153,15 @@ class Equilibrium:
             if np.isfinite(downhill) and downhill <= 0:
                 return move, mode == "exact"
         raise StepRejected("no descent", worst(g), float(np.abs(g).max()))
+
+    def _without_free_motion(self, y: NDArray, move: NDArray) -> NDArray:
+        """A move less the rigid motions that nothing resists: rounding over the shift, without bound."""
+        if not self._moves_freely:
+            return move
+        fields = unsupported_fields(self.system, y).reshape(move.size, -1)
+        root = np.sqrt(np.repeat(self.system.mass, 3))
+        motion = np.linalg.lstsq(root[:, None] * fields, root * move.ravel(), rcond=None)[0]
+        return move - self.system.only_free((fields @ motion).reshape(move.shape))
 
 
 def unstable_directions(system: System, x: NDArray) -> int | None:

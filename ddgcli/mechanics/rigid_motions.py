@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ddgcli.mechanics.system import System
+from ddgcli.mechanics.terms import Potential
 from ddgcli.mesh.vectors import row_cross
 
 NULL_TOLERANCE = 1e-9  # of the largest singular value; supports that act on coordinates have none near it
@@ -29,19 +32,12 @@ def unheld_motions(system: System) -> str:
     """
     if system.barriers:
         return ""
-    x = np.asarray(system.start)
-    center = x.mean(axis=0)
-    arms = (x - center) / system.size
-    fields = np.zeros((len(x), 3, 6))
-    for i, unit in enumerate(np.eye(3)):
-        fields[..., i] = unit
-        fields[..., 3 + i] = row_cross(unit, arms)
-    prevented = fields[~system.free]
-    if not len(prevented):
+    if system.free.all():
         return "nothing holds the shell"
-    _, values, motions = np.linalg.svd(prevented, full_matrices=len(prevented) < 6)
-    rank = int((values > NULL_TOLERANCE * values[0]).sum())
-    unheld = [motion for motion in motions[rank:] if _costs_nothing(system, x, center, motion)]
+    x = np.asarray(system.start)
+    center, _, motions = _unsupported(system, x)
+    elastic = [potential for potential in system.potentials if len(potential.stencil)]
+    unheld = [motion for motion in motions if _costs_nothing(system, elastic, x, motion)]
     if not unheld:
         return ""
     if len(unheld) > 1:
@@ -54,14 +50,70 @@ def unheld_motions(system: System) -> str:
     return f"the supports leave a rotation free, about the axis {axis} through {through}"
 
 
-def _costs_nothing(system: System, x: NDArray, center: NDArray, motion: NDArray) -> bool:
-    """Whether the elements store no energy in a finite rotation: a clamp that holds directions would."""
-    turned = Rotation.from_rotvec(TEST_ANGLE * motion[3:] / max(float(np.linalg.norm(motion[3:])), 1e-300))
-    moved = turned.apply(x - center) + center
-    elastic = [potential for potential in system.potentials if len(potential.stencil)]
-    stored = sum(potential.energy(moved) - potential.energy(x) for potential in elastic)
+def moves_freely(system: System, x: NDArray) -> bool:
+    """Whether supports leave rigid motions free, and none of these changes a potential.
+
+    Parameters
+    ----------
+    system : System
+    x : (n, 3) ndarray of float64
+        Positions in m.
+
+    Returns
+    -------
+    bool
+        False too where contact may prevent them.
+    """
+    if system.barriers:
+        return False
+    _, _, motions = _unsupported(system, x)
+    return len(motions) > 0 and all(_costs_nothing(system, system.potentials, x, m) for m in motions)
+
+
+def unsupported_fields(system: System, x: NDArray) -> NDArray[np.float64]:
+    """Velocities of the rigid motions that fixed coordinates leave free.
+
+    Parameters
+    ----------
+    system : System
+    x : (n, 3) ndarray of float64
+        Positions in m.
+
+    Returns
+    -------
+    (n, 3, k) ndarray of float64
+    """
+    _, fields, motions = _unsupported(system, x)
+    return fields @ motions.T
+
+
+def _unsupported(system: System, x: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Center, velocities (n, 3, 6) of six rigid motions about it, and combinations that move no support.
+
+    Each combination has three translations over the size of the system, and three rotations.
+    """
+    center = x.mean(axis=0)
+    arms = (x - center) / system.size
+    fields = np.zeros((len(x), 3, 6))
+    for i, unit in enumerate(np.eye(3)):
+        fields[..., i] = unit
+        fields[..., 3 + i] = row_cross(unit, arms)
+    prevented = fields[~system.free]
+    if not len(prevented):
+        return center, fields, np.eye(6)
+    _, values, motions = np.linalg.svd(prevented, full_matrices=len(prevented) < 6)
+    return center, fields, motions[int((values > NULL_TOLERANCE * values[0]).sum()) :]
+
+
+def _costs_nothing(system: System, potentials: Sequence[Potential], x: NDArray, motion: NDArray) -> bool:
+    """Whether potentials stay in a finite rigid motion: those of a clamp that holds directions would not."""
+    center, shift, turn = x.mean(axis=0), motion[:3], motion[3:]
+    angles = TEST_ANGLE * turn / max(float(np.linalg.norm(turn)), NULL_TOLERANCE)
+    moved = Rotation.from_rotvec(angles).apply(x - center) + center + TEST_ANGLE * system.size * shift
+    change = sum(potential.energy(moved) - potential.energy(x) for potential in potentials)
     length = system.rounding.length + float(np.finfo(float).eps) * system.size
-    return bool(stored <= ROUNDING_MARGIN * system.rounding.stiffness * length**2)
+    rounding = system.rounding.stiffness * length**2 + system.rounding.force * length
+    return bool(abs(change) <= ROUNDING_MARGIN * rounding)
 
 
 def _triple(vector: NDArray) -> str:

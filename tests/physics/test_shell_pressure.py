@@ -4,6 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
+from scipy.special import gamma
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.shapes import icosphere
@@ -171,3 +173,64 @@ def test_a_gas_near_vacuum_is_advised_load_steps_and_they_help(run, tmp_path):
     path.write_text(text.replace('"static"', '"static"\nload_steps = 10'))
     cured = run("shell-sim", path)
     assert cured.exit_code == 0, cured.stderr
+
+
+def disks(rings, height):
+    """Two disks of radius 1 in rings of triangles, domed by `height` and joined along their rims."""
+    k = np.repeat(np.arange(rings + 1), [1, *6 * np.arange(1, rings + 1)])
+    number = np.arange(len(k)) - np.concatenate([[0], 1 + 3 * np.arange(rings) * np.arange(1, rings + 1)])[k]
+    angle = 2 * np.pi * (number + 0.5 * (k % 2)) / np.maximum(6 * k, 1)
+    plane = k[:, None] / rings * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    faces = Delaunay(plane).simplices
+    size = np.linalg.det(plane[faces[:, 1:]] - plane[faces[:, :1]])
+    faces = np.where(size[:, None] > 0, faces, faces[:, ::-1])[np.abs(size) > 1e-9]
+    dome = height * (1 - (k / rings) ** 2)
+    inner = np.count_nonzero(k < rings)
+    below = np.where(k < rings, np.arange(len(k)) + len(k), np.arange(len(k)))
+    points = np.r_[np.c_[plane, dome], np.c_[plane, -dome][:inner]]
+    return TriangleMesh.from_arrays(points, np.r_[faces, below[faces][:, ::-1]])
+
+
+FILM_BALLOON = """
+[time]
+integrator = "static"
+[[object]]
+name = "s"
+role = "shell"
+mesh = "disks"
+young = 4e9
+poisson = 0.3
+thickness = "12 um"
+density = 0.017
+[effects]
+stretching = {{}}
+pressure = {{ value = {value} }}
+{pins}
+"""
+
+
+def inflated(mesh, value, pins=""):
+    """Volume of two joined disks of film at rest under a pressure in Pa."""
+    text = FILM_BALLOON.format(value=value, pins=pins)
+    run, *_ = shell_run(
+        text, read=lambda path: SimpleNamespace(mesh=mesh, vertex={}, face={}, sha256="", notes=())
+    )
+    return scalar(run, "volume_s")[-1]
+
+
+def test_a_free_balloon_of_film_comes_to_the_rest_of_one_held_without_forces():
+    """Nothing resists its rigid motions: divided by ever smaller shifts, rounding moved it without end."""
+    mesh = disks(6, 0.01)
+    pins = "".join(
+        f'[[effects.pin]]\nvertices = [{vertex}]\naxes = "{axes}"\n'
+        for vertex, axes in ((91, "xyz"), (109, "yz"), (100, "z"))
+    )
+    assert inflated(mesh, 10) == pytest.approx(inflated(mesh, 10, pins), rel=1e-9)
+
+
+def test_a_balloon_of_film_nears_the_one_that_wrinkles_and_does_not_stretch_as_the_mesh_is_refined():
+    """Its volume [Paulsen 1994]. Triangles that keep their sides do not wrinkle at the scale of a side."""
+    meridian = gamma(0.25) ** 2 / (4 * np.sqrt(2 * np.pi))  # length, over the radius of the inflated rim
+    volume = 2 * np.pi / meridian**3 * gamma(1.25) * gamma(0.5) / (4 * gamma(1.75))
+    lacking = [volume - inflated(disks(rings, 0.01), 300) for rings in (3, 6, 12)]
+    assert lacking[0] > lacking[1] > lacking[2] > 0
