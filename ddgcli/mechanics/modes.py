@@ -23,6 +23,9 @@ MECHANISM = (
     "parts of the shell move without resistance, so no load factor is defined: "
     "buckling loads need stretching, bending and pins"
 )
+REST_STEP = 1e-3  # of the size of the object: largest move of the differences on the way to the equilibrium
+FREE_FORCE = 1e-6  # of the largest force: a rigid motion that it drives
+DEPENDENT = 1e-10  # of the largest eigenvalue of normal columns' products: they depend on others
 REST_SHIFT = 1e-3  # of the lowest elastic eigenvalue: bounds rigid motions on the way to the equilibrium
 ZERO_EIGENVALUE = 1e-8  # of the largest eigenvalue: a rigid motion
 SMALLEST_RATIO = 1e-9  # of the largest: below, a load stiffens or does nothing
@@ -39,15 +42,18 @@ class Modes:
     shapes : (k, n, 3) ndarray
         Displacements, the largest of length 1.
     at_equilibrium : (k,) ndarray or None
-        What the values would be at the equilibrium nearby, to first order in the way there.
+        What the values would be at the equilibrium nearby, to second order in the way there.
     way : float
         Largest displacement to that equilibrium by linear theory, over the size of the object.
+    accelerates : bool
+        The forces at the start accelerate the shell as a whole, which has no equilibrium then.
     """
 
     values: NDArray[np.float64]
     shapes: NDArray[np.float64]
     at_equilibrium: NDArray[np.float64] | None = None
     way: float = 0.0
+    accelerates: bool = False
 
 
 def natural_modes(system: System, x: NDArray, k: int, *, equilibrium: bool = False) -> Modes:
@@ -78,8 +84,11 @@ def natural_modes(system: System, x: NDArray, k: int, *, equilibrium: bool = Fal
     force = -objective.entries(system.gradient(x))
     if not (equilibrium and force.any() and values.any()):
         return Modes(_frequency(values), shapes)
-    balanced, way = _at_equilibrium(system, x, matrix, mass, force, values, vectors)
-    return Modes(_frequency(values), shapes, _frequency(balanced), way)
+    rigid = vectors[:, np.abs(values) <= ZERO_EIGENVALUE * np.abs(values).max()]
+    along = mass * (rigid @ (rigid.T @ force))
+    balanced, way = _at_equilibrium(system, x, matrix, mass, force - along, values, vectors)
+    accelerates = bool(np.abs(along).max() > FREE_FORCE * np.abs(force).max())
+    return Modes(_frequency(values), shapes, _frequency(balanced), way, accelerates)
 
 
 def _frequency(eigenvalue: NDArray) -> NDArray[np.float64]:
@@ -92,27 +101,60 @@ def _at_equilibrium(
 ) -> tuple[NDArray[np.float64], float]:  # fmt: skip
     """Eigenvalues about the equilibrium under a force, and the way there over the size of the object.
 
-    First order: by the derivative of the Hessian along the linear displacement. Without balance the Hessian
-    has terms of the force: a free shell under a pressure that its stress does not bear resists, or drives,
-    rotations. What accelerates the shell as a whole has no equilibrium and is left out. The
-    values stay as they are where rounding or a barrier leaves no way.
+    To second order in the way: a flat plate that sags is stiffened by its second order alone. The modes and
+    the static response of other modes to them span the space (a mode of a plate that has sagged stretches it,
+    less where the plate moves in its plane). Without balance the Hessian has terms of the force: a free shell
+    under a pressure that its stress does not bear resists, or drives, rotations. What accelerates the shell
+    as a whole has no equilibrium: `force` is without it. The values stay as they are where rounding or a
+    barrier leaves no way.
     """
-    objective = Objective(system)
-    rigid = np.abs(values) <= ZERO_EIGENVALUE * np.abs(values).max()
-    force = force - mass * (vectors[:, rigid] @ (vectors[:, rigid].T @ force))
-    shift = REST_SHIFT * np.abs(values[~rigid]).min() + 2.0 * max(0.0, -float(values[0]))
+    objective, columns = Objective(system), Objective(system).columns(x)
+    elastic = np.abs(values[np.abs(values) > ZERO_EIGENVALUE * np.abs(values).max()])
+    shift = REST_SHIFT * elastic.min() + 2.0 * max(0.0, -float(values[0]))
     try:
         factor = Factor(csc_array(stiffness + diags_array(shift * mass)))
-        move = objective.spread(low_rank.solver(factor.solve, objective.columns(x))(force))
+        solve = low_rank.solver(factor.solve, columns)
+        move = objective.spread(solve(force))
     except SolveError:
         return values, 0.0
     way = float(np.abs(move).max()) / system.size
-    step = min(1.0, DIFFERENCE_STEP / way) if way else 1.0
-    change = _hessian(system, x + step * move) - _hessian(system, x - step * move)
-    small = vectors.T @ (change @ vectors) / (2 * step)
-    if not np.isfinite(small).all():  # a barrier on the way
+    step = min(1.0, REST_STEP / way) if way else 1.0
+    further = _second_order(system, x, solve, move, step)
+    ahead, behind = (_hessian(system, x + s * move + s * s * further) for s in (step, -step))
+    first, second = (ahead - behind) / (2 * step), (ahead + behind - 2 * stiffness) / (2 * step**2)
+    if not (np.isfinite(first.data).all() and np.isfinite(second.data).all()):  # a barrier on the way
         return values, way
-    return np.linalg.eigvalsh(np.diag(values) + 0.5 * (small + small.T)), way
+    load = first @ vectors
+    load -= mass[:, None] * (vectors @ (vectors.T @ load))
+    responses = np.stack([solve(column) for column in load.T], axis=1)
+    basis = np.concatenate([vectors, _orthonormal(responses, vectors, mass)], axis=1)
+    small = basis.T @ ((stiffness + first + second) @ basis)
+    if columns is not None:
+        dense = basis.T @ columns
+        small += dense @ dense.T
+    return np.linalg.eigvalsh(0.5 * (small + small.T))[: len(values)], way
+
+
+def _second_order(
+    system: System, x: NDArray, solve: low_rank.Operator, move: NDArray, step: float
+) -> NDArray[np.float64]:
+    """Displacement to an equilibrium of second order in `move`, that of first order."""
+    objective = Objective(system)
+    change = system.gradient(x + step * move) + system.gradient(x - step * move) - 2 * system.gradient(x)
+    with np.errstate(invalid="ignore"):
+        further = objective.spread(solve(-objective.entries(change) / (2 * step**2)))
+    return np.where(np.isfinite(further), further, 0.0)
+
+
+def _orthonormal(columns: NDArray, against: NDArray, mass: NDArray) -> NDArray[np.float64]:
+    """M-orthonormal basis of columns without their components along an M-orthonormal basis."""
+    for _ in range(2):  # the second time rounding of the first
+        columns = columns - against @ (against.T @ (mass[:, None] * columns))
+    size = np.sqrt(np.einsum("nk,n,nk->k", columns, mass, columns))
+    columns = columns[:, size > 0] / size[size > 0]
+    gram, turn = np.linalg.eigh(columns.T @ (mass[:, None] * columns))
+    independent = gram > DEPENDENT * gram.max(initial=0.0)
+    return columns @ (turn[:, independent] / np.sqrt(gram[independent]))
 
 
 def buckling_modes(system: System, x: NDArray, k: int) -> Modes:

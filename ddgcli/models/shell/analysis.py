@@ -13,7 +13,9 @@ from ddgcli.errors import SolveError
 from ddgcli.mechanics.modes import Modes, buckling_modes, natural_modes
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import RampedLoad
+from ddgcli.models.shell.equilibrium_advice import rest_advice
 from ddgcli.models.shell.groups import Order
+from ddgcli.scenes.scene import Scene
 
 log = logging.getLogger("ddgcli")
 
@@ -23,7 +25,7 @@ ZERO_FREQUENCY = 1e-4  # of the largest frequency: a rigid motion
 
 
 def vibrations(
-    systems: dict[str, System], points: dict[str, NDArray], order: Order, k: int, *, at_rest: bool = False
+    systems: dict[str, System], points: dict[str, NDArray], order: Order, k: int, scene: Scene
 ) -> tuple[dict[str, Any], dict[str, NDArray]]:
     """Natural frequencies and modes of shells about given positions.
 
@@ -36,8 +38,8 @@ def vibrations(
         Of the shells in the arrays.
     k : int
         Number of modes over all shells.
-    at_rest : bool
-        Whether the positions are equilibria; elsewhere a warning states how far the frequencies are from
+    scene : Scene
+        With `static` the positions are equilibria; else a warning states how far the frequencies are from
         those of the equilibrium.
 
     Returns
@@ -47,12 +49,12 @@ def vibrations(
     arrays : dict of str to ndarray
         `mode_000`, ...
     """
-    balanced = True
+    balanced, at_rest = True, scene.time.integrator == "static"
 
     def modes_of(name: str, system: System) -> Modes:
         nonlocal balanced
         modes = natural_modes(system, points[name], k, equilibrium=not at_rest)
-        balanced &= not _differs_at_equilibrium(name, modes)
+        balanced &= not _differs_at_equilibrium(name, modes, rest_advice(scene, system, modes.accelerates))
         return modes
 
     modes, shapes = _lowest(systems, modes_of, order, k)
@@ -64,7 +66,7 @@ def vibrations(
     return {"frequencies": modes}, {f"mode_{i:03d}": shape for i, shape in enumerate(shapes)}
 
 
-def _differs_at_equilibrium(name: str, modes: Modes) -> bool:
+def _differs_at_equilibrium(name: str, modes: Modes, cure: str) -> bool:
     """Whether frequencies are others about the equilibrium nearby, with a warning."""
     if modes.at_equilibrium is None:
         return False
@@ -75,12 +77,14 @@ def _differs_at_equilibrium(name: str, modes: Modes) -> bool:
         difference = f"by linear theory it moves by {modes.way:.2g} of its size"
     elif changed.any():
         k = int(np.argmax(changed))
-        difference = f"one of {modes.values[k]:.3g} Hz is at rest about {modes.at_equilibrium[k]:.3g}"
+        rest = f"about {modes.at_equilibrium[k]:.3g}, to second order in the displacement"
+        rest = rest if modes.at_equilibrium[k] > 0 else "another"
+        difference = f"one of {modes.values[k]:.3g} Hz is at rest {rest}"
     else:
         return False
     log.warning(
         "%s is not in equilibrium at the start (%s), so its frequencies there are not those of the shell at "
-        "rest under its loads: use `integrator=static`", name, difference,
+        "rest under its loads: %s", name, difference, cure,
     )  # fmt: skip
     return True
 

@@ -9,7 +9,9 @@ import numpy as np
 
 from ddgcli.mechanics.system import System
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.scenes.scene import Scene
 
+NO_EQUILIBRIUM = ("wind", "fracture")  # effects that `static` refuses
 NEEDLE_SIDE = 1e-6  # of the longest side of a face
 
 
@@ -34,6 +36,28 @@ def load_advice(system: System, parameters: Any, meshes: Sequence[TriangleMesh])
         return f"{unheld}: hold it by pins or lessen the loads"
     smaller = "shorten `arc_length`" if parameters.arc_length else "raise `load_steps`"
     return "; ".join(filter(None, [f"lessen the loads or {smaller}", needle_advice(meshes)]))
+
+
+def rest_advice(scene: Scene, system: System, accelerates: bool) -> str:
+    """How to come to the equilibrium of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    system : System
+    accelerates : bool
+        The loads accelerate the shell as a whole.
+
+    Returns
+    -------
+    str
+    """
+    from ddgcli.mechanics.rigid_motions import unheld_motions
+
+    names = [effect.name for effect, _, _ in scene.effects if effect.name in NO_EQUILIBRIUM]
+    steps = ["hold it by pins"] * (accelerates and bool(unheld_motions(system)))
+    steps += [f"leave out {' and '.join(dict.fromkeys(names))}"] * bool(names)
+    return " and ".join([*steps, "use `integrator=static`"])
 
 
 def needle_advice(meshes: Sequence[TriangleMesh]) -> str:

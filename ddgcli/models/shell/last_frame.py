@@ -64,7 +64,8 @@ def final(
     end, time = points_at_end(outcome, systems, order), outcome.end.time
     systems = {name: system.at(time).with_own_account() for name, system in systems.items()}
     yields = _yields(systems)
-    static = next(iter(contexts.values())).scene.time.integrator == "static"
+    scene = next(iter(contexts.values())).scene
+    static = scene.time.integrator == "static"
     twins = _plate_twins(contexts, systems, order) if not yields and (static or n_modes or n_buckling) else {}
     if static:
         factors = [plate_check.deflection_factor(twin, end[name]) for name, twin in twins.items()]
@@ -77,7 +78,7 @@ def final(
         from ddgcli.models.shell import analysis
 
         if n_modes:
-            values, shapes = analysis.vibrations(systems, end, order, n_modes, at_rest=static)
+            values, shapes = analysis.vibrations(systems, end, order, n_modes, scene)
             results, vertex = {**results, **values}, {**vertex, **shapes}
             frequencies = np.array(values["frequencies"])
             factors = [
