@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 WARNING_FACTOR = 1.1  # of deflections, frequencies and loads by hinges over those of the plate, or inverse
 BENT_START = 1e-6  # of the bending energy, that a shell may have at the start
 LEAST_BENDING = 1e-6  # of D / size^2: a shape of less stiffness is a rigid motion
-LEAST_SHIFT = 1e-9  # of the mean stiffness by mass, for motions that pins leave free
+LEAST_SHIFT = 1e-13  # of the mean stiffness by mass, for motions that pins leave free; fine strips have 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,8 @@ def deflection_factor(twin: PlateTwin, points: NDArray) -> float:
     for context, rows in twin.contexts:
         force[rows] = np.sum([term.gradient(points[rows]) for term in context.elastic], axis=0)
     force = twin.hinges.only_free(force)
-    work = float(np.vdot(force, points - twin.hinges.start))
+    # couples turn: after large rotations their forces have no work along the chord from the start
+    work = max(abs(float(np.vdot(force, points - twin.hinges.start))), 2.0 * _elastic_energy(twin, points))
     move = _to_equilibrium(twin, points)
     if move is None or work <= twin.hinges.rounding.energy():
         return 1.0
@@ -158,13 +159,18 @@ def force_factor(twin: PlateTwin, points: NDArray) -> float:
     """
     if not twin.hinges.prescribed or twin.bent_at_start(points):
         return 1.0
-    elastic = sum(term.energy(points[rows]) for context, rows in twin.contexts for term in context.elastic)
+    elastic = _elastic_energy(twin, points)
     move = _to_equilibrium(twin, points)
     if move is None or elastic <= twin.hinges.rounding.energy():
         return 1.0
     more = sum(twin.plate.energies(points).values()) - sum(twin.hinges.energies(points).values())
     of_plate = elastic + more + 0.5 * float(np.vdot(twin.plate.gradient(points), move))
     return elastic / of_plate if of_plate > 0.0 else 1.0
+
+
+def _elastic_energy(twin: PlateTwin, points: NDArray) -> float:
+    """Energy of the shells with hinges in J."""
+    return sum(term.energy(points[rows]) for context, rows in twin.contexts for term in context.elastic)
 
 
 def _to_equilibrium(twin: PlateTwin, points: NDArray) -> NDArray[np.float64] | None:
