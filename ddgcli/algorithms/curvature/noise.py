@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,17 +65,19 @@ class Noise:
     @property
     def dominates_curvature(self) -> bool:
         """Whether fits over the default region are unreliable and the proposed radius is clearly better."""
-        best = self.scales_of(self._settled_scheme)
+        best = self.scales_of(self.best_scheme)
         if not self.kind or best is None:
             return False
-        return self._is_unreliable(best.default_rms, best.default_error, best.error)
+        return self._is_unreliable(
+            best.default_rms, best.default_error, best.own_error * best.stated_size / best.size
+        )
 
     def default_error(self, mean: NDArray) -> float | None:
         """Mean error of the mean curvature (n,) at the default region, over its mean size; None if reliable.
 
         It is the difference to the curvature in balls of the best radius.
         """
-        samples = self._samples(self._settled_scheme)
+        samples = self._samples(self.best_scheme)
         if not self.kind or not samples:
             return None
         size = sum(share * best.size for share, best in samples)
@@ -86,7 +87,7 @@ class Noise:
             difference = np.abs(mean[best.vertices] - best.mean)
             error += share * float(np.hypot(difference.mean(), best.error * best.size)) / size
             square += share * float(np.mean(difference**2))
-            remaining += share * best.error * best.size / size
+            remaining += share * best.own_error * best.stated_size / size
         unreliable = self._is_unreliable(square**0.5 / size, error, remaining)
         return error * size / stated_size if unreliable else None
 
@@ -111,28 +112,14 @@ class Noise:
 
     @property
     def best_scheme(self) -> str:
-        """Scheme with the least error in balls.
-
-        Where deviations extend over several edges, fits err by more than their changes show: what averaged
-        normals differ from them by may be the error of the fits.
-        """
-        if self.kind in CORRELATED_KINDS:
-            return self._settled_scheme
-        return self._scheme_of_least(lambda scales: max(scales.error, scales.apart))
-
-    @property
-    def _settled_scheme(self) -> str:
-        """Scheme whose curvature changes least with the radius, though it may flatten small features."""
-        return self._scheme_of_least(lambda scales: scales.error)
-
-    def _scheme_of_least(self, error_of: Callable[[Scales], float]) -> str:
-        def error(scheme: str) -> float:
-            samples = self._samples(scheme)
-            total = sum(share * error_of(scales) * scales.size for share, scales in samples)
-            return total / sum(share * scales.size for share, scales in samples)
-
+        """Scheme with the least error in balls."""
         if self.scales is None or self.voting is None:
             return "quadric"
+
+        def error(scheme: str) -> float:
+            samples = self._samples(scheme)
+            return sum(share * scales.expected_error * scales.stated_size for share, scales in samples)
+
         return "normal-voting" if error("normal-voting") < MAX_VOTING_SHARE * error("quadric") else "quadric"
 
     def scales_of(self, scheme: str) -> Scales | None:
@@ -184,7 +171,6 @@ KINDS = {
 }
 
 SMOOTHED_KINDS = ("uneven", "lattice")
-CORRELATED_KINDS = (*SMOOTHED_KINDS, "grid")
 UNKNOWN_ERROR = " of what the mesh has (what smoothing steps took from the body cannot be known)"
 
 

@@ -8,6 +8,7 @@ The error of the default region and the radius come from balls around a sample o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature.deviation import MIN_NEIGHBOURS, Deviation, vertex_deviation
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.fit_penalty import cross_validated_penalty
+from ddgcli.algorithms.curvature.hidden_bias import hidden_bias
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.noise import Noise, SizeGroup
 from ddgcli.algorithms.curvature.noise_kind import (
@@ -102,7 +104,7 @@ def estimate_noise(
     noise = replace(noise, voting=balls.voting_scales(scales, pairs, balls.extent()))
     if not noise.dominates_curvature:
         return noise
-    groups = [balls.of_group(vertices, n, pairs) for vertices, n in size_groups(mesh)]
+    groups = [balls.of_group(vertices, n, kind, pairs) for vertices, n in size_groups(mesh)]
     return replace(noise, groups=tuple(group for group in groups if group is not None))
 
 
@@ -133,7 +135,7 @@ def _settled_scales(balls: _Balls, kind: str, deviation: Deviation) -> Scales | 
     def scales_of(n_vertices: int, max_radii: int = MAX_SCALES) -> Scales | None:
         few = np.arange(0, len(deviation.sample), max(1, len(deviation.sample) // n_vertices))
         regions = listed(deviation.regions, few)
-        return balls.scales(regions, deviation.sample[few], balls.extent(), max_radii)
+        return balls.scales(regions, deviation.sample[few], balls.extent(), kind, max_radii)
 
     if kind == "even":
         scales = scales_of(BENDING_SAMPLE_SIZE, 2)
@@ -190,7 +192,7 @@ class _Balls:
         return float(min(np.sqrt(MAX_SURFACE_SHARE * extent.area / np.pi), most))
 
     def scales(
-        self, regions: Regions, few: NDArray, extent: _Extent, max_radii: int = MAX_SCALES
+        self, regions: Regions, few: NDArray, extent: _Extent, kind: str, max_radii: int = MAX_SCALES
     ) -> Scales | None:
         """Mean curvature of a few vertices, over their regions and in balls."""
         points, normal, grid = self.faces.points, self.normal, PointGrid(self.faces.points)
@@ -203,6 +205,7 @@ class _Balls:
             extent.first_radius(regions),
             self.largest_radius(extent),
             QUADRATIC_BIAS_GROWTH,
+            hidden_bias=partial(hidden_bias, independent=kind != "voxels"),
             max_radii=max_radii,
         )
 
@@ -226,7 +229,7 @@ class _Balls:
         )
         return None if voting is None else apart_from(voting, scales, step)
 
-    def of_group(self, vertices: NDArray, n_components: int, pairs: float) -> SizeGroup | None:
+    def of_group(self, vertices: NDArray, n_components: int, kind: str, pairs: float) -> SizeGroup | None:
         """Curvature in balls around some vertices of components of like size."""
         inner = vertices[~self.mesh.topology.boundary_vertex[vertices]]
         few = inner[:: max(1, len(inner) // BENDING_SAMPLE_SIZE)]
@@ -234,7 +237,7 @@ class _Balls:
             return None
         extent = self.extent(vertices, n_components)
         regions = neighbourhoods(self.mesh, self.faces, self.normal, MIN_NEIGHBOURS, few)
-        scales = self.scales(regions, few, extent)
+        scales = self.scales(regions, few, extent, kind)
         return (
             None if scales is None else SizeGroup(vertices, scales, self.voting_scales(scales, pairs, extent))
         )

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,20 @@ MIN_TURNING = 1e-9  # radians over a ball: curvature below is rounding, as where
 MIN_ERROR = 0.01  # relative; all balls share some errors, as of the place of a staircase
 
 
+class HiddenBias(Protocol):
+    """Mean bias of curvature in balls that its changes with the radius do not show."""
+
+    def __call__(
+        self,
+        default: NDArray,
+        at: PrincipalCurvatures,
+        after: PrincipalCurvatures,
+        radius: float,
+        *,
+        bound: float,
+    ) -> float: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Scales:
     """Mean curvature of some vertices over the default region and in balls.
@@ -66,21 +81,21 @@ class Scales:
         default region, and root mean square over the latter.
     bending_error : float
         The first of these over the typical size of the larger principal curvature.
-    expected_error : float
+    own_error : float
         The first of these with the whole bias, of which the change to the next radius is a share, and with
-        bounded changes at rims.
+        bounded changes at rims; over `stated_size`.
     default, first_mean, mean : (k,) ndarray
         Mean curvature over the default region, in the first balls and in those of the best radius.
     size : float
         What the errors are relative to.
     stated_size : float
-        The same without the rims of a body, unless the rest is flat: what `expected_error` and errors in
-        messages are relative to.
+        The same without the rims of a body, unless the rest is flat: what `expected_error`, `own_error` and
+        errors in messages are relative to.
     median_share, kurtosis : float
         Of the difference between the default region and the balls of the best radius: the median of its size
         over the mean, and the mean fourth power over the squared mean square.
     max_change : float
-        Of a vertex over the median one, in `expected_error`.
+        Of a vertex over the median one, in `own_error`.
     apart : float
         Difference from the curvature of other fits surely beyond the error of these (`apart_from`), over
         `size`.
@@ -95,7 +110,7 @@ class Scales:
     bending_error: float
     default_error: float
     default_rms: float
-    expected_error: float
+    own_error: float
     default: NDArray[np.float64]
     first_mean: NDArray[np.float64]
     mean: NDArray[np.float64]
@@ -105,6 +120,11 @@ class Scales:
     kurtosis: float
     max_change: float = MAX_CHANGE
     apart: float = 0.0
+
+    @property
+    def expected_error(self) -> float:
+        """Mean error at the best radius over `stated_size`: the own one, or that seen by other fits."""
+        return max(self.own_error, self.apart * self.size / self.stated_size)
 
     @property
     def fall(self) -> float:
@@ -128,6 +148,7 @@ def measure_scales(
     bias_growth: float,
     *,
     reference: NDArray | None = None,
+    hidden_bias: HiddenBias | None = None,
     max_radii: int = MAX_SCALES,
 ) -> Scales | None:
     """Mean curvature of some vertices in balls whose radii grow by the square root of two.
@@ -146,6 +167,9 @@ def measure_scales(
     reference : (k,) ndarray, optional
         Mean curvature of other fits, which flatten small features less. Without it such fits gave `default`,
         so that their noise there bounds that in the first ball.
+    hidden_bias : callable, optional
+        Mean bias that the changes do not show, from `default`, the fits of a radius and of the next one, the
+        radius, and the largest bias of a vertex over the median one.
     max_radii : int
         At least two.
 
@@ -180,6 +204,9 @@ def measure_scales(
         # the curvature jumps where rims begin: its bias is proportional to the radius
         stated_size, max_change, bias_growth = size, np.inf, min(bias_growth, RADIUS_RATIO)
     whole_error = _whole_error(mean, default, reference, best, bias_growth, max_change)
+    if hidden_bias is not None:
+        hidden = hidden_bias(default, fits[best], fits[best + 1], radii[best], bound=max_change)
+        whole_error = float(np.hypot(whole_error, hidden))
     if not size * radii[best] > MIN_TURNING:
         return None
     relative = max(float(error[best]) / size, MIN_ERROR)
@@ -194,7 +221,7 @@ def measure_scales(
         best_radius=_least_between(np.array(radii), error, best),
         error=relative,
         bending_error=relative * size / max(float(np.median(larger)), size),
-        expected_error=max(whole_error / stated_size, MIN_ERROR),
+        own_error=max(whole_error / stated_size, MIN_ERROR),
         default_error=float(np.hypot(measured / size, relative)),
         default_rms=float(np.sqrt(np.mean(difference**2))) / size,
         mean=mean[best],
@@ -226,11 +253,7 @@ def apart_from(scales: Scales, other: Scales, step: int) -> Scales:
     difference = _mean_size(scales.mean - other.mean[::step], scales.max_change)
     of_other = ERROR_MARGIN * other.expected_error * other.stated_size
     own = float(np.sqrt(max(0.0, difference**2 - of_other**2)))
-    return replace(
-        scales,
-        apart=own / scales.size,
-        expected_error=max(scales.expected_error, own / scales.stated_size),
-    )
+    return replace(scales, apart=own / scales.size)
 
 
 def scale_radii(first: float, largest: float, max_radii: int) -> Iterator[float]:
