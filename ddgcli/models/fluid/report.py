@@ -32,6 +32,8 @@ LOSS_ORDER = 5  # of what Runge-Kutta steps lose over a time, in the step
 IDLE_EFFECTS = {"initial", "boundary", "harmonic", "rotation", "pressure", "dye", "particles"}
 CARRYING_INTEGRATORS = ("circulation", "covector")  # which share circulation among boundary loops by the mesh
 VORTICITY_ROUNDING = 1e-12  # vorticity over the circulations that cancel in it, below which it counts as none
+# of the energy: vorticity with less is what a mesh adds to a flow without, and its losses do not matter
+MESH_VORTICITY_SHARE = 1e-4
 
 
 def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -253,7 +255,8 @@ def _scales(
     """Sizes that drifts of circulations and of enstrophy are relative to.
 
     Their own sizes at the start, or the largest after a start whose vorticity is rounding; or, where that
-    never exceeds the rounding of the flow, what the terms that cancel in it amount to.
+    never exceeds the rounding of the flow, what the terms that cancel in it amount to. Vorticity at the start
+    that has less than `MESH_VORTICITY_SHARE` of the energy counts as if it had this share.
     """
     terms = [model.flows.circulation_terms() for model in models.values()]
     speed = math.sqrt(2.0 * max(float(series["kinetic_energy"].max()), least_energy))
@@ -264,7 +267,28 @@ def _scales(
         return circulation, enstrophy
     if not float(vorticity[0]) > VORTICITY_ROUNDING * circulation:
         return float(vorticity.max()), float(series["enstrophy"].max())
-    return float(vorticity[0]), float(series["enstrophy"][0])
+    growth = _growth_of_mesh_vorticity(models, float(series["enstrophy"][0]))
+    return math.sqrt(growth) * float(vorticity[0]), growth * float(series["enstrophy"][0])
+
+
+def _growth_of_mesh_vorticity(models: Mapping[str, FluidModel], enstrophy: float) -> float:
+    """Factor of the enstrophy at the start with which its vorticity has the least share of the energy, or 1.
+
+    At most that of a flow which turns as a whole. 1 of volumes, and where walls make the vorticity.
+    """
+    rotational = energy = area = 0.0
+    for model in models.values():
+        if model.context.is_volume or model.setting.no_slip:
+            return 1.0
+        vorticity = model.start["vorticity"]
+        rotational += 0.5 * float(model.space.stream_function_change(vorticity) @ vorticity)
+        energy += model.flows.energy(model.start)
+        area += model.flows.measure
+    if not rotational < MESH_VORTICITY_SHARE * energy:
+        return 1.0
+    as_a_whole = energy / (area * enstrophy) if enstrophy else 1.0
+    wanted = MESH_VORTICITY_SHARE * energy / rotational if rotational > 0 else as_a_whole
+    return max(min(wanted, as_a_whole), 1.0)
 
 
 def _drift(values: NDArray, scale: float) -> float:
