@@ -73,7 +73,7 @@ def main(cells: list[int]) -> None:
                 apart, moved = errors(n, reynolds, pattern, grading)
                 rows.append([pattern, grading, n, *map(float, apart), moved, cpu_seconds() - began])
         print_table(
-            f"lid-driven cavity, Re {reynolds}: found minus Botella and Peyret",
+            f"lid-driven cavity, Re {reynolds}: computed minus Botella and Peyret",
             ["pattern", "grading", "cells", "u_min", "v_max", "v_min", "change over a step", "s"], rows,
         )  # fmt: skip
 

@@ -13,7 +13,7 @@ from ddgcli.models.fluid.transport import Transport
 
 
 class SemiLagrangian:
-    """Every face takes the velocity found where its centre comes from; the nearest discrete flow is kept."""
+    """Every face takes the velocity where its centre comes from; the nearest discrete flow is kept."""
 
     def __init__(self, space: SurfaceSpace) -> None:
         self.space, self.transport = space, Transport(space)

@@ -1,4 +1,4 @@
-"""Steady viscous flows by Newton's method on the operators of `fluid-sim`: where its runs end, found at once.
+"""Steady viscous flows by Newton's method on the operators of `fluid-sim`: where its runs end.
 
 The unknowns are those of `VelocityDiffusion`; the equations state that its rate and that of `conservative`
 add up to zero. A run may then take a step from the solution to confirm that it stays.

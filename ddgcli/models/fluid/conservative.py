@@ -72,10 +72,12 @@ def rate(
         closing, at_outflows = space.of_boundary_integrals(coriolis_along_boundary(space, coriolis, flux))
         d_vorticity += closing
         d_coefficients += at_outflows if evolve_harmonic else 0.0
-    outflow = space.outflow_head(phi, coefficients)
-    if outflow is not None:
-        d_vorticity += outflow[0]
-        d_coefficients += outflow[1] if evolve_harmonic else 0.0
+    if space.outflow is not None:
+        by_head, of_coefficients = space.outflow.head_rates(
+            space.edge_flux(phi, coefficients), space.harmonic
+        )
+        d_vorticity += by_head
+        d_coefficients += of_coefficients if evolve_harmonic else 0.0
     return d_vorticity, d_coefficients, flux
 
 

@@ -138,9 +138,10 @@ class SurfacePressure(PressurePhase):
 
     def _outflow_speed(self, state: FluidState) -> NDArray[np.float64]:
         """(s,) speed out of the sides of natural outflows."""
-        if not self.open.any():
+        space = self.space
+        if space.outflow is None:
             return np.zeros(0)
-        return self.space.open_speed(self.space.flow(state).phi, state["coefficients"])
+        return space.outflow.speed(space.edge_flux(space.flow(state).phi, state["coefficients"]))
 
     def _mean_at_outflows(self, values: NDArray) -> NDArray[np.float64]:
         """(n,) mean at the vertices of natural outflows of values (s,) on their sides; 0 elsewhere."""

@@ -287,8 +287,8 @@ def _growth_of_mesh_vorticity(models: Mapping[str, FluidModel], enstrophy: float
     if not rotational < MESH_VORTICITY_SHARE * energy:
         return 1.0
     as_a_whole = energy / (area * enstrophy) if enstrophy else 1.0
-    wanted = MESH_VORTICITY_SHARE * energy / rotational if rotational > 0 else as_a_whole
-    return max(min(wanted, as_a_whole), 1.0)
+    by_share = MESH_VORTICITY_SHARE * energy / rotational if rotational > 0 else as_a_whole
+    return max(min(by_share, as_a_whole), 1.0)
 
 
 def _drift(values: NDArray, scale: float) -> float:

@@ -25,7 +25,6 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.unfolding import corner_position, unfold
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.edge_lookup import edge_numbers
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.scatter import sum_by_index
@@ -34,6 +33,7 @@ from ddgcli.models.fluid.boundary_motion import InTime
 from ddgcli.models.fluid.boundary_velocity import BoundaryVelocity
 from ddgcli.models.fluid.cells import cell_area
 from ddgcli.models.fluid.flow_mesh import require_flow
+from ddgcli.models.fluid.natural_outflow import NaturalOutflow
 from ddgcli.models.fluid.recovery import Recovery, recovery
 from ddgcli.models.fluid.state import TIME, FluidState
 from ddgcli.models.fluid.vertex_velocity import VertexVelocity
@@ -163,39 +163,13 @@ class SurfaceSpace:
         lower = np.linalg.cholesky(flows @ (self.edge_inner * flows).T)
         return np.linalg.solve(lower, flows), np.linalg.solve(lower, phi)
 
-    def outflow_head(self, phi: NDArray, coefficients: NDArray) -> tuple[NDArray, NDArray] | None:
-        """Rates of vorticity (n,) and coefficients (b,) by the kinetic head |u|^2 / 2 at natural outflows.
-
-        There the pressure is constant; where fluid enters, the total head is, so that no energy does
-        (directional do-nothing condition: M. Braack and P. B. Mucha, 2014). None without natural outflows.
-        """
-        if self.open_sides is None or self.open_vertices is None or not len(self.open_sides):
+    @cached_property
+    def outflow(self) -> NaturalOutflow | None:
+        """Sides of natural outflows; None without them."""
+        sides, vertices = self.open_sides, self.open_vertices
+        if sides is None or vertices is None or not len(sides):
             return None
-        tail, head = self.open_sides.T
-        edge, sign = self._open_edges
-        pressure = 0.5 * np.maximum(self.open_speed(phi, coefficients), 0.0) ** 2
-        vorticity = sum_by_index(tail, pressure, self.n) - sum_by_index(head, pressure, self.n)
-        inner = np.where(self.open_vertices, vorticity, 0.0)  # at the ends the flux is prescribed
-        return inner, -(self.harmonic[:, edge] @ (sign * pressure))
-
-    def open_speed(self, phi: NDArray, coefficients: NDArray) -> NDArray[np.float64]:
-        """(s,) speed at which fluid leaves through every side of a natural outflow."""
-        edge, sign = self._open_edges
-        return sign * self.edge_flux(phi, coefficients)[edge] / self._open_length
-
-    @cached_property
-    def _open_edges(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Edge of every open side, and its sign along the side."""
-        ends = self.mesh.topology.edges
-        sides = np.zeros((0, 2), dtype=np.int64) if self.open_sides is None else self.open_sides
-        edge = edge_numbers(ends, sides)
-        return edge, np.where(ends[edge, 0] == sides[:, 0], 1.0, -1.0)
-
-    @cached_property
-    def _open_length(self) -> NDArray[np.float64]:
-        length = np.zeros(self.mesh.topology.n_edges)
-        length[self.side_edge] = self.mesh.side_length
-        return length[self._open_edges[0]]
+        return NaturalOutflow(self.mesh, sides, vertices)
 
     def _pinned(self) -> NDArray[np.bool_]:
         """One vertex of every component without boundary."""
