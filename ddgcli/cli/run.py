@@ -245,6 +245,11 @@ class Run:
                 prediction, size = refined_prediction(self, size, self._source.mesh, prediction)
             self.end_dry_run(as_results(prediction, size))
 
+    def print_warnings(self) -> list[str]:
+        """Print the warnings of the run so far, and return them."""
+        self._messages.print_warnings()
+        return list(self._messages.warnings)
+
     def end_dry_run(self, results: dict[str, Any]) -> None:
         """Print the prediction of a dry run as the summary, and end the run."""
         self.common = replace(self.common, plot=None)
@@ -395,9 +400,9 @@ class Run:
             shown = ", ".join(missing[:5]) + (", ..." if len(missing) > 5 else "")
             log.warning(f"could not be computed and is null: {shown}")
         self.commit_outputs()
-        self._messages.print_warnings()
+        warnings = self.print_warnings()
         body["seconds"] = self.clock.seconds()
-        body |= {"warnings": list(self._messages.warnings), "outputs": list(self.outputs)}
+        body |= {"warnings": warnings, "outputs": list(self.outputs)}
         if self.common.as_json or not self.common.quiet:
             to_error = "-" in self.outputs
             print_summary(body, self.common.as_json, to_error, text, full=self.common.full)

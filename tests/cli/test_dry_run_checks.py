@@ -1,8 +1,11 @@
 """A dry run checks what the run checks: the same refusals, and the names of arrays known before."""
 
+import json
+
 import numpy as np
 import pytest
 
+from ddgcli.cli.simulation import first_steps
 from ddgcli.mesh import shapes
 
 
@@ -125,3 +128,33 @@ def test_the_names_of_arrays_before_the_run_are_those_after_it(run, tmp_path, mo
     assert run(*words.format(**paths, out=tmp_path / "out").split()).exit_code in (0, 1)
     assert names["shown"] == names["of the picture"]
     assert names["written"] == names["of the output"]
+
+
+BURST = """format = "ddgcli-scene/1"
+[time]
+step = 0.01
+duration = 0.1
+[[object]]
+name = "balloon"
+role = "shell"
+sphere = { radius = 0.1, subdivisions = 0 }
+young = 1e5
+poisson = 0.3
+thickness = 0.01
+density = 10
+[effects]
+stretching = {}
+gravity = { acceleration = [0, 0, 0] }
+pressure = { value = 1e7 }
+"""
+
+
+def test_a_dry_run_of_a_scene_gives_its_warnings_and_one_of_steps_in_many_parts(tmp_path, run, monkeypatch):
+    """It collected them, and printed none."""
+    monkeypatch.setattr(first_steps, "MAX_TRIAL_SECONDS", 0.0)
+    path = tmp_path / "burst.toml"
+    path.write_text(BURST)
+    result = run("shell-sim", path, "--dry-run", "--json")
+    strength, division = json.loads(result.stdout)["warnings"]
+    assert "gravity on balloon has no strength" in strength and "divided into many parts" in division
+    assert result.stderr.splitlines() == [f"Warning: {strength}", f"Warning: {division}"]

@@ -349,3 +349,18 @@ def test_edges_that_no_effect_resists_are_warned_of(tmp_path, run, effects, warn
     result = run("shell-sim", path)
     assert result.exit_code == 0
     assert ("no effect of the scene resists it; add `stretching`" in result.stderr) is warned
+
+
+@pytest.mark.parametrize("ratio, warned", [(1.0, False), (4.0, True)])
+def test_strains_far_beyond_small_ones_are_warned_of(tmp_path, summary, ratio, warned):
+    """A sphere of St Venant-Kirchhoff's law stretches by a/2 + sqrt(a^2/4 + 1), a = p R (1 - nu) / E t."""
+    path = tmp_path / "balloon.toml"
+    path.write_text(
+        '[time]\nintegrator = "static"\n[[object]]\nname = "balloon"\nrole = "shell"\nyoung = 1e6\n'
+        "poisson = 0.3\nthickness = 1e-3\ndensity = 1\nsphere = { radius = 0.1, subdivisions = 3 }\n"
+        f"[effects]\nstretching = {{}}\npressure = {{ value = {ratio * 1e3 / 0.1 / 0.7} }}\n"
+    )
+    out = summary("shell-sim", path)
+    stretch = ratio / 2 + np.sqrt(ratio**2 / 4 + 1)
+    assert out["accuracy"]["max_strain"] == pytest.approx(stretch - 1, rel=0.02)
+    assert any("a law of small strains" in warning for warning in out["warnings"]) == warned

@@ -223,12 +223,13 @@ def print_schema(kind: SceneKind) -> None:
 
 
 def print_dry_run(run: Run, scene: Scene, assembled: dict[str, Any], prediction: dict[str, Any]) -> None:
-    """Print the resolved scene, what would be assembled, and the predicted cost."""
+    """Print the resolved scene, what would be assembled, the predicted cost, and the warnings so far."""
     from ddgcli.cli.forecast.prediction import as_text
     from ddgcli.cli.summary import block_lines, plain
 
     content = plain({"command": run.command, "dry_run": True, "scene": scene.resolved(),
-                     "assembled": assembled, "prediction": prediction})  # fmt: skip
+                     "assembled": assembled,
+                     "prediction": prediction, "warnings": run.print_warnings()})  # fmt: skip
     if run.common.as_json:
         click.echo(json.dumps(content, ensure_ascii=False))
         return

@@ -60,6 +60,7 @@ def rounding(outcome: Outcome, systems: dict[str, System], order: Order) -> RunR
     return RunRounding(energy, momentum, angular)
 
 
+MAX_ELASTIC_STRAIN = 2.0  # of an edge, which no material of the presets bears
 UNRESISTED_STRAIN = 0.5  # of an edge, which without the effect `stretching` is hardly meant
 DRIFTS = ("energy_drift", "energy_gain", "momentum_drift", "angular_momentum_drift")
 
@@ -218,8 +219,14 @@ def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str
     if message := _inverted(outcome.series):
         log.warning(message)
         return message
-    strain = outcome.largest.get("strain", 0.0)
-    if strain > UNRESISTED_STRAIN and not {"energy_stretching", "rigid_error"} & set(outcome.series):
+    strain, names = outcome.largest.get("strain", 0.0), set(outcome.series)
+    if strain > MAX_ELASTIC_STRAIN and "energy_stretching" in names and "plastic_work" not in names:
+        log.warning(
+            "an edge changes its length by %.3g times that at rest, where `stretching`, a law of small "
+            "strains, means little: lessen the loads",
+            strain,
+        )
+    if strain > UNRESISTED_STRAIN and not {"energy_stretching", "rigid_error"} & names:
         log.warning(
             "an edge changes its length by %.3g times that at rest, and no effect of the scene resists it; "
             "add `stretching`",
