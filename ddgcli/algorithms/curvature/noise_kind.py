@@ -14,7 +14,7 @@ from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.grid_coordinates import on_grid_edges
 from ddgcli.algorithms.curvature.regions import listed
 from ddgcli.algorithms.curvature.scales import Scales
-from ddgcli.algorithms.curvature.staircase import cancellation
+from ddgcli.algorithms.curvature.staircase import cancellation, sampled_sides
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 # residual of cubic fits over that of quartic ones: stairs that were averaged or cut have 1.2 to 1.7, details
@@ -32,6 +32,9 @@ MIN_MEDIAN_SHARE = 0.1  # median error of grids of voxels over the mean one, whi
 # parts with less correlation 0.4 and more), median share and kurtosis (parts have less, and more)
 MAX_CORRELATION, MIN_UNREPEATED_RATIO, MAX_UNREPEATED_ERROR = 0.55, 3.5, 0.37
 MIN_UNREPEATED_MEDIAN_SHARE, MAX_UNREPEATED_KURTOSIS = 0.5, 6.0
+# slivers with noise have errors of many sizes, of which balls repeat nothing and leave a tenth or less
+MAX_UNRELATED_CORRELATION, MIN_UNRELATED_RATIO = 0.3, 9.0
+MIN_UNRELATED_MEDIAN_SHARE, MAX_UNRELATED_KURTOSIS = 0.35, 20.0
 # smoothed stairs and noise over several edges: the error at the best radius over the larger curvature, that
 # of the default region over it, and the median over the mean of the latter. Scans and modelled surfaces have
 # errors of 0.15 to 0.9, smooth ones with a bias in balls ratios of 1.1 to 1.9, and details that two rings
@@ -61,6 +64,9 @@ MAX_EVEN_DETAIL_RATIO, MAX_WIDE_DETAIL_RATIO = 2.3, 2.8
 # surfaces whose coordinates repeat with voxels: the error of the default region over that at the best radius,
 # the latter, and the median share. Mechanical parts on such a grid have errors of 0.31 and more in places
 MIN_LATTICE_ERROR_RATIO, MAX_LATTICE_ERROR, MIN_LATTICE_MEDIAN_SHARE = 2.2, 0.3, 0.35
+# of a mean edge: marching cubes of 20 bodies have 1.4 to 9.8 % of shorter sides, regular grids with noise of
+# a fifth of an edge along their normals 0.01 %
+SHORT_SIDE, MIN_SHORT_SHARE = 0.3, 0.005
 # rows of a scanner, each at a height of its own: quartics follow five of them. Their errors fall by 12 to 21
 # from the first change to the second, those of waves by up to 6
 MIN_ROWS_RESIDUAL, MIN_ROWS_FALL = 0.03, 8.0
@@ -94,13 +100,19 @@ def noise_kind(
 
     if deviation.kind not in ("noise", "partial"):
         return deviation.kind, deviation
-    if on_grid_edges(faces.points, faces.sorted_coordinates, faces.mean_length):
+    if on_grid_edges(faces.points, faces.sorted_coordinates, faces.mean_length) and _has_slivers(faces):
         return "grid", deviation
     kind, bent = _kind_by_creases(deviation, share_of(deviation)), deviation.of_bent
     doubtful = kind in ("", "uneven", "ruled", "even")
     if doubtful and bent is not None and _kind_by_creases(bent, share_of(bent)) == "rough":
         return "rough", bent
     return kind, deviation
+
+
+def _has_slivers(faces: Faces) -> bool:
+    """Whether some sides are short, as those of marching cubes: faces of regular grids have none."""
+    length = np.sqrt((sampled_sides(faces) ** 2).sum(axis=0))
+    return bool((length < SHORT_SIDE * faces.mean_length).mean() > MIN_SHORT_SHARE)
 
 
 def _kind_by_creases(deviation: Deviation, share: float) -> str:
@@ -169,7 +181,7 @@ def settles(kind: str, deviation: Deviation, scales: Scales) -> bool:
 
 
 def may_err_evenly(scales: Scales) -> bool:
-    """Whether curvature in the first two balls allows errors that are alike everywhere.
+    """Whether curvature in the first two balls allows errors that are alike everywhere, or not repeated.
 
     Parameters
     ----------
@@ -180,7 +192,8 @@ def may_err_evenly(scales: Scales) -> bool:
     -------
     bool
     """
-    return scales.median_share > 0.8 * MIN_EVEN_MEDIAN_SHARE and scales.kurtosis < 2 * MAX_EVEN_KURTOSIS
+    even = scales.median_share > 0.8 * MIN_EVEN_MEDIAN_SHARE and scales.kurtosis < 2 * MAX_EVEN_KURTOSIS
+    return even or (scales.correlation < MAX_UNRELATED_CORRELATION and _is_spread(scales))
 
 
 def _errs_evenly(deviation: Deviation, scales: Scales) -> bool:
@@ -208,10 +221,18 @@ def _errs_evenly(deviation: Deviation, scales: Scales) -> bool:
 
 def _is_not_repeated(scales: Scales) -> bool:
     """Whether balls do not repeat the curvature of the default region, and settle all over the surface."""
+    ratio = scales.default_error / scales.error
+    if scales.correlation > MAX_CORRELATION or scales.error > MAX_UNREPEATED_ERROR:
+        return False
+    if scales.correlation < MAX_UNRELATED_CORRELATION and ratio > MIN_UNRELATED_RATIO:
+        return _is_spread(scales)
     return (
-        scales.correlation < MAX_CORRELATION
-        and scales.default_error > MIN_UNREPEATED_RATIO * scales.error
-        and scales.error < MAX_UNREPEATED_ERROR
+        ratio > MIN_UNREPEATED_RATIO
         and scales.median_share > MIN_UNREPEATED_MEDIAN_SHARE
         and scales.kurtosis < MAX_UNREPEATED_KURTOSIS
     )
+
+
+def _is_spread(scales: Scales) -> bool:
+    """Whether the default region errs all over the surface, though more in places."""
+    return scales.median_share > MIN_UNRELATED_MEDIAN_SHARE and scales.kurtosis < MAX_UNRELATED_KURTOSIS
