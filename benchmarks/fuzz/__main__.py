@@ -5,12 +5,13 @@ kind, or makes random scenes and calls, until this processor time is over. It pr
 tried, accepted, refused, the slowest) and every escape: an exception that is not ours, a message over two
 lines' length, an input that takes too long, or one that ends the process. They are in `build/fuzz/`, and the
 exit code is 1. `--store` adds the counts to the ledger that docs/hard-cases.md shows, with a seed that no
-stored run had. An interrupt (Control-C) ends the run with what was counted, exit code 130.
+stored run had. An interrupt (Control-C, SIGTERM) ends the run with what was counted, exit code 130.
 """
 
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from pathlib import Path
 
@@ -35,6 +36,7 @@ def main() -> int:
     parser.add_argument("--blind", action="store_true", help="mutate the valid inputs only, count no lines")
     parser.add_argument("--unguided", action="store_true", help="mutate the valid inputs only, count lines")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # else its child would not end
     bad = 0
     for kind in kinds().values():
         if options.format not in (None, kind.name):

@@ -20,6 +20,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,7 @@ INPUTS_OF_A_CHILD = 200
 MESSAGE_IN_NOTES, BYTES_OF_AN_ESCAPE = 300, 4096  # a character takes 12 bytes in JSON at most
 MEMORY_OF_A_CHILD = 2 << 30  # bytes beside what the parent has
 KEPT_ESCAPES = 20
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM)  # a child has a group of its own, which they do not reach
 SHARE_OF_ACCEPTED, SHARE_OF_REFUSED = 0.45, 0.1  # of the mutated inputs; the others are the valid ones
 MAX_SLOWNESS = 4  # of an input that joins the pool, in mean times
 QUICK_SECONDS = 0.01  # any input that takes less joins the pool
@@ -312,12 +314,14 @@ def _watched_child(kind: Kind, work: Callable[[Notes], None]) -> tuple[Notes, in
     notes = Notes()
     # an interrupt between the fork and the try would not end the child
     interrupts: list[int] = []
-    handler = signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
+    handlers = {
+        number: signal.signal(number, lambda number, _: interrupts.append(number)) for number in INTERRUPTS
+    }
     child = os.fork()
     if child == 0:
         code = 1
         try:
-            signal.signal(signal.SIGINT, handler)
+            _set_handlers(handlers)
             os.setsid()
             _limit_memory()
             logging.disable()  # of writers of the seeds: what a format cannot hold
@@ -327,7 +331,7 @@ def _watched_child(kind: Kind, work: Callable[[Notes], None]) -> tuple[Notes, in
         finally:
             os._exit(code)
     try:
-        signal.signal(signal.SIGINT, handler)
+        _set_handlers(handlers)
         if interrupts:
             raise KeyboardInterrupt
         return notes, _watch(kind, child, notes)
@@ -337,6 +341,11 @@ def _watched_child(kind: Kind, work: Callable[[Notes], None]) -> tuple[Notes, in
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         raise
+
+
+def _set_handlers(handlers: dict[signal.Signals, Any]) -> None:
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 def _watch(kind: Kind, child: int, notes: Notes) -> int:

@@ -83,20 +83,22 @@ def test_an_interrupted_run_counts_what_it_tried(monkeypatch):
     assert (account.inputs, account.accepted, account.interrupted) == (3, 3, True)
 
 
-def test_an_interrupt_right_after_the_fork_leaves_no_child(monkeypatch):
-    children, fork = [], os.fork
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_right_after_the_fork_leaves_no_child(monkeypatch, number):
+    children, fork, handler = [], os.fork, signal.signal(number, signal.default_int_handler)
 
     def fork_with_interrupt():
         child = fork()
         if child:
             children.append(child)
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), number)
         return child
 
     monkeypatch.setattr(os, "fork", fork_with_interrupt)
     account = run.fuzz_in_processes(
         Kind("any", lambda: [b""], lambda: lambda data: time.sleep(5)), 1e3, seed=0
     )
+    signal.signal(number, handler)
     assert account.interrupted and len(children) == 1
     with pytest.raises(ProcessLookupError):
         os.kill(children[0], 0)
