@@ -68,7 +68,8 @@ class Equilibrium:
                 shift, exact_allowed = max(10 * shift, unit), False
                 continue
             except StepRejected:
-                if self._imbalance(increment, point.y) <= BALANCE_TOLERANCE:
+                rounding = self._is_rounding(increment, point.y, g)
+                if rounding or self._imbalance(increment, point.y) <= BALANCE_TOLERANCE:
                     return point.y, iteration + moves  # what is left has the direction of rounding
                 raise
             size = float(np.abs(move).max())
@@ -102,6 +103,12 @@ class Equilibrium:
         largest = max((float(np.abs(term.gradient(y)).max(initial=0.0)) for term in terms), default=0.0)
         left = float(np.abs(self.objective.gradient(increment, y)).max(initial=0.0))
         return left / largest if left > 0 else 0.0
+
+    def _is_rounding(self, increment: Increment, y: NDArray, g: NDArray) -> bool:
+        """Whether rounding of its position makes the force on every vertex, as of a shell without loads."""
+        stiffness = self.objective.spread(self.objective.hessian(increment, y, "projected").diagonal())
+        largest = self.system.rounding.length * stiffness.sum(axis=1, keepdims=True)
+        return bool((np.abs(g) <= largest).all())
 
     def _check_travel(self, moved: NDArray) -> None:
         farthest = float(np.abs(moved).max())

@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from ddgcli.errors import SolveError
 from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mechanics.equilibrium import Equilibrium
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.simulation.model import StepRejected
 from tests.simulate import scalar, shell_run
 
 CANTILEVER = """
@@ -147,3 +150,37 @@ def test_needles_that_round_off_the_load_are_named_and_the_repair_helps(run, tmp
     assert run("repair", path, *words, "-o", fixed).exit_code == 0
     scene.write_text(PLATE_OF_FILE.format(mesh=fixed))
     assert run("shell-sim", scene).exit_code == 0
+
+
+FREE = """
+[time]
+duration = 1
+step = 1
+integrator = "static"
+[[object]]
+name = "s"
+role = "shell"
+grid = {{ size = [0.7, 0.3], cells = [5, 3] }}
+position = [0.1, 0.2, 0.3]
+young = 1e5
+poisson = 0.4
+density = 1
+thickness = "2 mm"
+[effects]
+stretching = {{}}
+bending = {{ model = "quadratic" }}
+{load}
+"""
+
+
+def test_forces_by_rounding_of_the_positions_are_balanced(monkeypatch):
+    """Of a free shell at rest: on some processors no direction descends from them."""
+
+    def no_direction(*_):
+        raise StepRejected("no descent")
+
+    monkeypatch.setattr(Equilibrium, "_direction", no_direction)
+    run, *_ = shell_run(FREE.format(load=""))
+    assert np.array_equal(run[-1].observations["s"].points, run[0].observations["s"].points)
+    with pytest.raises(SolveError, match="no descent"):
+        shell_run(FREE.format(load="load = { vertices = [0], force = [1e-9, 0, 0] }"))
