@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ddgcli.cli.forecast.kernels import kernels_of
+from ddgcli.cli.forecast.kernels import MEASURED_REFINEMENT_DEGREES, kernels_of
 from ddgcli.cli.forecast.use import InputSize
 from ddgcli.errors import MeshError, ParameterError, excerpt
 from ddgcli.waiting import captured_run
@@ -79,6 +79,8 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         )  # fmt: skip
     edge_length = float(mesh.side_length.mean()) if options.get("radius") and len(mesh.faces) else None
     refine = options.get("refine")
+    if options.get("compared") == "delaunay" and len(mesh.faces) < MIN_CHECKED_ELEMENTS:
+        refine = refine or MEASURED_REFINEMENT_DEGREES
     deficit = angle_deficit(mesh, float(refine)) if refine else None
     n_offset, shown = None, 0.5
     if isinstance(mesh, TriangleMesh):

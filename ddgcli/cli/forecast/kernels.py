@@ -19,7 +19,7 @@ from ddgcli.cli.forecast.simulator_kernels import (
 )
 from ddgcli.cli.forecast.use import KNOWN, EdgePaths, InputSize, Range, Use
 
-__all__ = ["kernels_of"]
+__all__ = ["MEASURED_REFINEMENT_DEGREES", "kernels_of"]
 
 MEASURED_EIGENFORMS = 4
 PAIRS_PER_FACTOR = 40  # eigenforms that take as long as the first four
@@ -44,6 +44,7 @@ MAX_PICTURE_FRAMES, MEASURED_PICTURE_FRAMES, PAGE_SHARE_OF_FRAME = 4, 2, 1 / 6
 PAGE_PIXELS_OF_RUN = 1800 * 2160
 PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
 MAX_COMPARED_FACES, TRADEOFF_RANGE = 14_000, (0.1, 5.0)  # on larger meshes the budget bounds the rows
+REFINED_SHARE = 0.75  # of the rows of triangulations on the measured mesh, that of their refinements
 FIELD_SEEDS, FIELD_RANGE = 16, (0.3, 30.0)  # the default; steps adapt to the field
 FIXED_STEP_RANGE = (0.3, 60.0)  # up to 10,000 steps, whatever the mesh
 # Windows of exact distances: a face has 0.2 (flat strips) to 0.7 (smooth surfaces) times the edges between it
@@ -351,8 +352,12 @@ def _tradeoff(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if compared not in heaviest:  # mechanical examples, which fill no memory
         return
     yield from _KERNELS[compared](heaviest[compared], replace(size, steps=1))
-    elements = min(size.elements, MAX_COMPARED_FACES)
-    yield Use(f"tradeoff {compared}", elements=elements, range=TRADEOFF_RANGE, assumes="rows as of a sphere")
+    elements, times, assumes = min(size.elements, MAX_COMPARED_FACES), 1.0, "rows as of a sphere"
+    if compared == "delaunay" and size.angle_deficit is not None:
+        refined = size.angle_deficit / max(DEFICIT_OF_MEASURED_FACE * size.elements, 1.0)
+        of_measured = 1.0 - REFINED_SHARE + REFINED_SHARE * refined
+        times, assumes = of_measured * size.elements / max(elements, 1), "rows with Steiner points by angles"
+    yield Use(f"tradeoff {compared}", times, elements=elements, range=TRADEOFF_RANGE, assumes=assumes)
 
 
 _KERNELS: dict[str, Callable[[Mapping[str, Any], InputSize], Iterator[Use]]] = {
