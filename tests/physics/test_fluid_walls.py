@@ -16,6 +16,7 @@ from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
 from tests.converge.test_hodge import annulus
 from tests.geodesic_cases import jittered
+from tests.physics.test_fluid_open_forces import ZONE, half_of_a_zone
 
 
 def on_middle_lines(velocity, n):
@@ -221,3 +222,13 @@ def test_vertices_of_a_turning_wall_of_a_volume_have_its_velocity():
     lid = (z == 1) & (x > 0) & (x < 1) & (y > 0) & (y < 1)
     assert np.allclose(velocity[lid], np.stack([1 + y, 2 + 0 * y, 0 * y], axis=1)[lid], atol=1e-14)
     assert np.abs(velocity[z == 0]).max() == 0.0
+
+
+def test_a_stream_onto_a_curved_surface_has_no_velocity_out_of_it():
+    """The radial part of 1 that the section adds moves nothing; normals of faces are off by half a cell."""
+    mesh = half_of_a_zone(16)
+    radial = ZONE.replace('["-y", "x", 0]', '["x - y", "x + y", "z"]')
+    out = run_fluid(f"viscosity = {{ nu = 0.05 }}\n{radial}", "duration = 1e-3\nstep = 1e-3", mesh=mesh)
+    velocity, rim = out.observations[0].vertex["velocity"], mesh.topology.boundary_vertex
+    outside = np.abs(np.einsum("ia,ia->i", velocity, mesh.points))[rim]
+    assert outside.max() < 0.15

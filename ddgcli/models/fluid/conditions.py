@@ -152,7 +152,7 @@ def boundary_conditions(
         sides.ends[natural],
         sides.wall_circulation(0.0),
         slip,
-        BoundaryVelocity(sections, context.points, sides.ends, sides.side, sides.owner),
+        BoundaryVelocity(sections, context.points, sides.ends, sides.outward, sides.owner, sides.side),
         in_time,
     )
 
@@ -202,7 +202,7 @@ class _Sides:
 
     def flux(self, time: float) -> NDArray[np.float64]:
         """(s,) prescribed flux out of every side; 0 on walls and natural outflows."""
-        flux = np.einsum("ijk,ik,j->i", self.velocity(time), self._outward, 0.5 * GAUSS_WEIGHTS)
+        flux = np.einsum("ijk,ik,j->i", self.velocity(time), self.outward, 0.5 * GAUSS_WEIGHTS)
         flux[~np.isin(self.kind, ("inflow", "outflow"))] = 0.0
         length = np.linalg.norm(self.side, axis=1)
         for i, section in enumerate(self.sections):
@@ -212,7 +212,7 @@ class _Sides:
         return flux
 
     @cached_property
-    def _outward(self) -> NDArray[np.float64]:
+    def outward(self) -> NDArray[np.float64]:
         """(s, 3) outward vectors of the length of the sides."""
         context = self.context
         corner = context.points[context.mesh.faces[self.face]]
