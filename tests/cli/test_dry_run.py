@@ -369,6 +369,28 @@ def test_the_trial_ends_within_steps_of_very_many_parts_and_warns(monkeypatch, c
     assert clock.now < 1.2 * first_steps.MAX_TRIAL_SECONDS and "may take far longer" in caplog.text
 
 
+def test_the_trial_ends_within_first_steps_that_take_long_and_counts_them(monkeypatch, caplog):
+    """A shell that shatters: 0.8 s predicted, one of ten steps took 2 s and the run over 200."""
+    seconds = 3.0
+    clock = Clock()
+    monkeypatch.setattr(first_steps.time, "process_time", clock.process_time)
+    monkeypatch.setattr(logging.getLogger("ddgcli"), "propagate", True)
+
+    def advance(state, time, dt):
+        clock.now += seconds
+        return state
+
+    model = Model(0, advance, lambda state: Observation(None), lambda state: {}, lambda arrays: 0)
+    job = Job({"a": model}, [], Schedule(0.01, 90), Account(), moving=False)
+    use = Use("shell-sim implicit step", 90, range=(0.6, 3.0))
+    by_table = predict([use], InputSize("surface", 2000), calibrate=False)
+    trial = first_steps.with_first_steps(by_table, job)
+    assert clock.now == seconds and "may take far longer" in caplog.text
+    assert trial.kernels[0]["seconds"] == pytest.approx(90 * seconds)
+    assert trial.seconds_range[0] == by_table.seconds_range[0]
+    assert trial.seconds_range[1] == pytest.approx(3.0 * 90 * seconds)
+
+
 @pytest.mark.parametrize(
     "call",
     [

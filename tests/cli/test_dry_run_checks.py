@@ -149,12 +149,12 @@ pressure = { value = 1e7 }
 """
 
 
-def test_a_dry_run_of_a_scene_gives_its_warnings_and_one_of_steps_in_many_parts(tmp_path, run, monkeypatch):
+def test_a_dry_run_of_a_scene_gives_its_warnings_and_one_of_long_first_steps(tmp_path, run, monkeypatch):
     """It collected them, and printed none."""
     monkeypatch.setattr(first_steps, "MAX_TRIAL_SECONDS", 0.0)
     path = tmp_path / "burst.toml"
     path.write_text(BURST)
     result = run("shell-sim", path, "--dry-run", "--json")
-    strength, division = json.loads(result.stdout)["warnings"]
-    assert "gravity on balloon has no strength" in strength and "divided into many parts" in division
-    assert result.stderr.splitlines() == [f"Warning: {strength}", f"Warning: {division}"]
+    strength, length = json.loads(result.stdout)["warnings"]
+    assert "gravity on balloon has no strength" in strength and "first steps take long" in length
+    assert result.stderr.splitlines() == [f"Warning: {strength}", f"Warning: {length}"]

@@ -22,16 +22,12 @@ if TYPE_CHECKING:
 __all__ = ["begin_flow", "with_first_steps"]
 
 TRIAL_SECONDS, TRIAL_SHARE, MIN_TRIAL_STEPS = 0.4, 0.1, 3.0  # of a run, whichever is less
-MAX_TRIAL_SECONDS = 2.0  # of steps that are divided into many parts
+MAX_TRIAL_SECONDS = 2.0  # of first steps that take long
 MAX_STEP_SECONDS = 0.15  # of a step by the table, for a trial
 
 
 class _TrialEnd(Exception):
     """Ends a trial."""
-
-
-class _ManyParts(Exception):
-    """Ends a trial within its first steps."""
 
 
 def begin_flow(run: Run, job: Job) -> None:
@@ -51,8 +47,10 @@ def with_first_steps(
     Parameters
     ----------
     prediction : Prediction
-        By the table. It is returned as it is where its steps are long, or a step fails; with a warning where
-        the first steps are divided into so many parts that the trial ends within them.
+        By the table. It is returned as it is where its steps are long, or a step fails. Where the trial ends
+        within the first steps, which take that long, there is a warning, and the range reaches from the
+        table to a run whose steps all take so long. Adaptive steps may grow: of them the trial counts if it
+        reached one whole step.
     job : Job
     steps : int, optional
         Expected number; default that of the schedule.
@@ -67,27 +65,41 @@ def with_first_steps(
     by_table = seconds_of_steps(prediction)
     if steps <= 2 * MIN_TRIAL_STEPS or not 0.0 < by_table < MAX_STEP_SECONDS * steps or not fits(prediction):
         return prediction
-    per_step = _seconds_per_step(job)
-    if per_step is None or (at_least_table and per_step * steps < by_table):
+    trial = _trial(job)
+    if trial is None:
+        return prediction
+    per_step, is_complete = trial
+    if not is_complete:
+        logging.getLogger("ddgcli").warning(
+            "the first steps take long: the run may take far longer than predicted"
+        )
+    if not per_step or (at_least_table and per_step * steps < by_table):
         return prediction
     peak = max(prediction.peak_mib, resident_memory()[1] / MIB)
-    return replace(with_measured_steps(prediction, per_step * steps), peak_mib=peak)
+    measured = replace(with_measured_steps(prediction, per_step * steps), peak_mib=peak)
+    if is_complete:
+        return measured
+    return replace(measured, seconds_range=(prediction.seconds_range[0], measured.seconds_range[1]))
 
 
-def _seconds_per_step(job: Job) -> float | None:
-    """CPU seconds of a step of the schedule, without what the first one prepares; None where it fails."""
+def _trial(job: Job) -> tuple[float, bool] | None:
+    """CPU seconds of a step, and whether the trial ended after its first steps; None where a step fails.
+
+    A complete trial leaves out what the first step prepares. Of one that ended within the first steps, the
+    seconds are 0 where they say nothing of later steps.
+    """
     samples: list[tuple[float, float]] = []
-    many_parts = False
     began = time.process_time()
     enough = max(MIN_TRIAL_STEPS, TRIAL_SHARE * job.schedule.steps)
+    is_complete = True
 
     def progress(done: float, total: float) -> None:
+        nonlocal is_complete
         elapsed = time.process_time() - began
         samples.append((done, elapsed))
-        if done >= enough or (elapsed > TRIAL_SECONDS and done > MIN_TRIAL_STEPS - 1):
+        is_complete = elapsed <= MAX_TRIAL_SECONDS or done >= MIN_TRIAL_STEPS - 1
+        if not is_complete or done >= enough or (elapsed > TRIAL_SECONDS and done > MIN_TRIAL_STEPS - 1):
             raise _TrialEnd
-        if elapsed > MAX_TRIAL_SECONDS and done < MIN_TRIAL_STEPS - 1:
-            raise _ManyParts
 
     try:
         with without_warnings():  # the run itself gives them
@@ -95,14 +107,10 @@ def _seconds_per_step(job: Job) -> float | None:
                 pass
     except (_TrialEnd, SolveError):
         pass
-    except _ManyParts:
-        many_parts, samples = True, []
-    if many_parts:
-        logging.getLogger("ddgcli").warning(
-            "the first steps are divided into many parts: the run takes at least the predicted seconds, and "
-            "may take far longer"
-        )
+    if not is_complete:
+        done, elapsed = samples[-1]
+        return (elapsed / done if done >= 1.0 or job.schedule.tolerance is None else 0.0), False
     if len(samples) < 2 or not samples[-1][0] > samples[0][0]:
         return None
     (first, start), (last, end) = samples[0], samples[-1]
-    return (end - start) / (last - first)
+    return (end - start) / (last - first), True
