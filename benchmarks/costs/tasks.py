@@ -261,13 +261,13 @@ SURFACE = [
         for name in ("circulation", "conservative", "energy", "covector")
     ),
     *(
-        Task(f"tradeoff {words.split()[0]}", f"tradeoff {words} --budget 60", SMALL_SIZES)
-        for words in (
-            "curvature {mesh}",
-            "delaunay {mesh}",
-            "laplacian {mesh}",
-            "geodesic {mesh} --source 0",
-            "willmore-flow {mesh}",
+        Task(f"tradeoff {words.split()[0]}", f"tradeoff {words} --budget 600", sizes)
+        for words, sizes in (
+            ("curvature {mesh}", SMALL_SIZES),
+            ("delaunay {mesh}", SMALL_SIZES),
+            ("laplacian {mesh}", SMALL_SIZES),
+            ("geodesic {mesh} --source 0", SMALL_SIZES),
+            ("willmore-flow {mesh}", (500, 2_000)),
         )
     ),
     Task("view", "view {mesh} -o {out}.html"),

@@ -354,18 +354,21 @@ def _relative(answer: NDArray, truth: NDArray, scale: float) -> NDArray[np.float
     return error
 
 
-def relative_to_each(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
+def relative_to_each(answer: NDArray, truth: NDArray, *, least: float = 0.0) -> NDArray[np.float64]:
     """Errors relative to the truth, entry by entry.
 
     Parameters
     ----------
     answer, truth : (k,) ndarray of float64
+    least : float
+        Scale of the errors of smaller truths, which are rounding.
 
     Returns
     -------
     (k,) ndarray of float64
-        Absolute where the truth is zero.
+        Absolute where the scale is zero.
     """
-    scale = np.where(truth == 0, 1.0, np.abs(truth))
+    scale = np.maximum(np.abs(truth), least)
+    scale = np.where(scale == 0, 1.0, scale)
     with np.errstate(invalid="ignore"):
-        return np.nan_to_num(np.abs(answer - truth) / scale, nan=np.inf)
+        return np.nan_to_num(np.abs(answer - truth) / scale, nan=np.inf, posinf=np.inf)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["check_cost", "dry_run_of", "predict_run", "refined_prediction", "refuse_run", "size_of"]
 
 MIN_CHECKED_ELEMENTS = 100_000  # smaller inputs fit, and their runs need no prediction
+COMPARISON_EXPONENT = 1.1  # growth of the seconds of a comparison with the faces
 DEFAULT_FRAME_COUNT = 50  # of flows with adaptive steps
 CURES = {
     "laplacian": "use fewer eigenpairs, a coarser mesh, or a machine with more memory",
@@ -122,7 +123,7 @@ def predict_run(
     all_options = {**run.options, **(options or {})}
     all_options["solver"] = all_options.get("solver") or os.environ.get("DDGCLI_SOLVER")
 
-    def prediction_of(solver: str | None) -> Prediction:
+    def prediction_of(solver: str | None, size: InputSize = size) -> Prediction:
         uses = kernels_of(
             run.command, all_options | {"solver": solver}, size, common.outputs, common.plot is not None,
             common.exceeds_short_summary, *([math.prod(common.size)] if common.size else []),
@@ -135,7 +136,9 @@ def predict_run(
     if run.command == "tradeoff":  # rows that the budget does not suffice for are left out
         most = prediction.read_seconds + all_options["budget"]
         low, high = (min(most, seconds) for seconds in prediction.seconds_range)
-        return replace(prediction, seconds=min(most, prediction.seconds), seconds_range=(low, high))
+        share = min(1.0, most / prediction.seconds) ** (1.0 / COMPARISON_EXPONENT)
+        fitting = prediction_of(all_options["solver"], replace(size, compared_share=share))
+        return replace(fitting, seconds=min(most, prediction.seconds), seconds_range=(low, high))
     return prediction
 
 

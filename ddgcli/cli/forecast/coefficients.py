@@ -115,7 +115,7 @@ COEFFICIENTS: dict[str, Cost] = {
     "tradeoff delaunay": Cost(2.822, 77.77, 1.05, 31.35, 1517),
     "tradeoff laplacian": Cost(0.1868, 231.5, 1.05, 34.93, 3248),
     "tradeoff geodesic": Cost(0.7091, 54.78, 1.05, 32.14, 827.4),
-    "tradeoff willmore-flow": Cost(22.78, 574.1, 1.05, 38.8, 1196),
+    "tradeoff willmore-flow": Cost(2.5, 3700, 1.15, 52, 1800),
     "willmore-flow remeshing": Cost(0, 19.02, 1.05, 29.55, 335.5),
     "willmore-flow conformal": Cost(0.4562, 68.43, 1.05, 28.4, 1366),
     "shell-sim midedge iteration": Cost(0.005559, 6.249, 1.15, 14.17, 6257),

@@ -346,17 +346,19 @@ def _tradeoff(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         "delaunay": {"refine": MEASURED_REFINEMENT_DEGREES},
         "laplacian": {"eigen": options.get("eigen") or MEASURED_EIGENPAIRS},
         "geodesic": {"method": "exact", "source": [0]},
-        "willmore-flow": {"steps": 1},
+        "willmore-flow": {"duration": 1.0, "flow": options.get("flow")},
     }
     compared = options["compared"]
     if compared not in heaviest:  # mechanical examples, which fill no memory
         return
     yield from _KERNELS[compared](heaviest[compared], replace(size, steps=1))
-    elements, times, assumes = min(size.elements, MAX_COMPARED_FACES), 1.0, "rows as of a sphere"
+    elements = size.compared_share * min(size.elements, MAX_COMPARED_FACES)
+    times, assumes = 1.0, "rows as of a sphere"
     if compared == "delaunay" and size.angle_deficit is not None:
         refined = size.angle_deficit / max(DEFICIT_OF_MEASURED_FACE * size.elements, 1.0)
         of_measured = 1.0 - REFINED_SHARE + REFINED_SHARE * refined
-        times, assumes = of_measured * size.elements / max(elements, 1), "rows with Steiner points by angles"
+        times = of_measured * size.elements / max(elements, 1.0)
+        assumes = "rows with Steiner points by angles"
     yield Use(f"tradeoff {compared}", times, elements=elements, range=TRADEOFF_RANGE, assumes=assumes)
 
 

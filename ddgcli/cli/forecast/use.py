@@ -81,6 +81,8 @@ class InputSize:
     n_curves : int
     betti_number : int
         Of the harmonic fields.
+    compared_share : float
+        Share of the faces that all rows of a comparison would have within its budget.
     """
 
     kind: str
@@ -107,6 +109,7 @@ class InputSize:
     compactness: float = 1.0
     picture_share: float = 0.5
     betti_number: int = 0
+    compared_share: float = 1.0
 
 
 @dataclass(frozen=True)

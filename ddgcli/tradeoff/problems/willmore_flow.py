@@ -13,6 +13,7 @@ from ddgcli.errors import SolveError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import setup
+from ddgcli.models.willmore.report import FLAT_ENERGY
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
 from ddgcli.tradeoff.candidates import (
@@ -57,7 +58,7 @@ def problem(
     else:
         counts = [options["steps"]] if "steps" in options else list(STEPS)
     tolerances = (options["tolerance"],) if "tolerance" in options else TOLERANCES
-    lowered = "area" if curvature else "energy"
+    lowered = _lowered(fixed_options)
     work = 1e-2 + 1e-5 * mesh.n_faces
     flow_options = setup.FlowOptions(flow=flow, timed=True, integrator=options.get("integrator"))
     schemes = (setup.chosen_scheme(flow_options),) if flow_options.integrator else setup.schemes_of(flow)
@@ -77,7 +78,7 @@ def problem(
             (1.875 * steps * work, partial(_reference, mesh, fixed_options, span, steps))
             for steps in REFERENCE_STEPS
         ],
-        error=relative_to_each,
+        error=partial(relative_to_each, least=_least(lowered)),
         error_scale=f"the {lowered} of the reference at t = {span:.6g}",
         place=lowered,
         query=f"run of {span:.3g}",
@@ -92,7 +93,17 @@ def problem(
 def _setup(mesh: TriangleMesh, fixed_options: CommandOptions, span: float, parameters: CommandOptions) -> Any:
     flow, model = setup.build(mesh, setup.FlowOptions(**{"timed": True, **fixed_options}))
     schedule = setup.schedule(flow, {**parameters, "duration": span, "frame_every": span})
-    return model, schedule, "area" if flow.mean_curvature else "energy"
+    return model, schedule, _lowered(fixed_options)
+
+
+def _lowered(fixed_options: CommandOptions) -> str:
+    """Name of what the flow lowers."""
+    return "area" if fixed_options.get("flow") == "mean-curvature" else "energy"
+
+
+def _least(lowered: str) -> float:
+    """Scale of the errors of smaller answers: the energy of flat surfaces is rounding."""
+    return FLAT_ENERGY if lowered == "energy" else 0.0
 
 
 def _answer(state: Any) -> NDArray[np.float64]:
@@ -130,8 +141,10 @@ def _candidate(
 def _reference(mesh: TriangleMesh, fixed_options: CommandOptions, span: float, steps: int) -> Reference:
     counts = [steps // 8, steps // 4, steps // 2, steps]
     runs = [float(_answer(_setup(mesh, fixed_options, span, {"step": span / n}))[0]) for n in counts]
-    order = 1.0 if fixed_options.get("flow") == "mean-curvature" else 2.0
-    gap = remaining_error(*(b - a for a, b in itertools.pairwise(runs)), order=order) / abs(runs[-1])
+    lowered = _lowered(fixed_options)
+    scale = max(abs(runs[-1]), _least(lowered)) or 1.0
+    differences = ((b - a) / scale for a, b in itertools.pairwise(runs))
+    gap = remaining_error(*differences, order=1.0 if lowered == "area" else 2.0)
     name = f"{steps} steps (uncertainty from {counts[2]}, {counts[1]} and {counts[0]} steps)"
     return Reference(name, np.array(runs[-1:]), gap)
 
@@ -147,6 +160,7 @@ def _fine_meshes(mesh: TriangleMesh, fixed_options: CommandOptions, span: float,
     )
     limit, other = mesh_limit(*fine)
     # the error in time of these runs: that of a method of first order, at the least
-    in_time = 2.0 * relative_to_each(coarse[0], fine[0])
-    uncertainty = ErrorNorms.of(relative_to_each(other, limit)) + ErrorNorms.of(in_time)
+    errors = partial(relative_to_each, least=_least(_lowered(fixed_options)))
+    in_time = 2.0 * errors(coarse[0], fine[0])
+    uncertainty = ErrorNorms.of(errors(other, limit)) + ErrorNorms.of(in_time)
     return MeshLimit(f"meshes up to {2**times} times as fine, extrapolated", limit, uncertainty)
