@@ -266,6 +266,22 @@ def test_triangulations_compared_are_predicted_by_the_faces_with_small_angles(tm
     assert 3.0 < seconds[0] / seconds[1] < 4.5
 
 
+def test_flows_compared_are_predicted_as_runs_in_time_within_the_budget(tmp_path, summary, monkeypatch):
+    """They counted flips, as of a flow to rest; a short budget needs less memory: it leaves fine meshes out."""
+    monkeypatch.setattr(prediction, "probe", lambda: PROBE_SECONDS)  # whatever else runs
+    write_mesh(str(tmp_path / "sphere.npz"), AnnotatedMesh(shapes.icosphere(4)))
+    short, long = (
+        summary("tradeoff", "willmore-flow", tmp_path / "sphere.npz", "--budget", seconds, "--dry-run")
+        for seconds in (10, 1000)
+    )
+    assert [row["kernel"] for row in long["results"]["kernels"]] == [
+        "willmore-flow", "willmore-flow quadratic step", "tradeoff willmore-flow",
+    ]  # fmt: skip
+    assert short["results"]["peak_mib"] < 0.8 * long["results"]["peak_mib"]
+    assert short["results"]["seconds"] == pytest.approx(10, abs=3)
+    assert long["results"]["seconds"] > 50
+
+
 def test_models_and_contact_of_a_shell_change_what_is_predicted(inputs, tmp_path, summary):
     scene = """
         [time]

@@ -306,6 +306,20 @@ def test_the_error_of_the_willmore_energy_falls_with_the_step(tmp_path, summary)
     assert report["accuracy"]["reference_uncertainty"] < 1e-3
 
 
+@pytest.mark.parametrize("flow", ["quadratic", "mean-curvature"])
+@pytest.mark.parametrize("degrees", [0.0, 40.0])
+def test_a_flat_surface_stays_so_and_its_rows_are_level(degrees, flow, tmp_path, summary):
+    """An internal error where the energy is zero, and where it is rounding errors of 98 % of that."""
+    grid = shapes.grid(4, 4)
+    sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
+    path = tmp_path / "flat.npz"
+    write_mesh(str(path), AnnotatedMesh(grid.moved(grid.points @ turn + [3.0, 4.0, 5.0])))
+    report = summary("tradeoff", "willmore-flow", path, "--flow", flow, "--repeat", 1)
+    assert all(row["max_error"] < 1e-12 for row in report["results"]["rows"])
+    assert report["accuracy"]["reference_uncertainty"] < 1e-12
+
+
 def test_truth_is_refused_for_simulators(tmp_path, run):
     path = tmp_path / "sheet.toml"
     path.write_text(CLOTH)
