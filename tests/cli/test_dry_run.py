@@ -267,7 +267,7 @@ def test_triangulations_compared_are_predicted_by_the_faces_with_small_angles(tm
 
 
 def test_flows_compared_are_predicted_as_runs_in_time_within_the_budget(tmp_path, summary, monkeypatch):
-    """They counted flips, as of a flow to rest; a short budget needs less memory: it leaves fine meshes out."""
+    """They counted flips, as of flows to rest; a short budget leaves fine meshes out: less memory."""
     monkeypatch.setattr(prediction, "probe", lambda: PROBE_SECONDS)  # whatever else runs
     write_mesh(str(tmp_path / "sphere.npz"), AnnotatedMesh(shapes.icosphere(4)))
     short, long = (
