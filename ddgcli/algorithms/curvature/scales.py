@@ -178,20 +178,8 @@ def measure_scales(
     Scales or None
         None where fewer than two radii could be measured, or the surface hardly bends in the balls.
     """
-    radii: list[float] = []
-    fits: list[PrincipalCurvatures] = []
-    growth: list[float] = []  # mean change from each radius to the next
-    for radius in scale_radii(first, largest, max_radii):
-        fit = fits_at_radius(radius)
-        if fit is None:
-            break
-        fits.append(fit)
-        radii.append(radius)
-        if len(fits) > 1:
-            growth.append(_mean_size(fits[-1].mean - fits[-2].mean))
-        if len(fits) > 3 and growth[-1] > MAX_GROWTH * min(growth):
-            break
-    if not growth:
+    radii, fits = _fits_of_scales(fits_at_radius, first, largest, max_radii)
+    if len(fits) < 2:
         return None
     mean = np.stack([fit.mean for fit in fits])
     error = error_of_radii(mean, default, reference)
@@ -232,6 +220,29 @@ def measure_scales(
         kurtosis=_kurtosis(difference),
         max_change=max_change,
     )
+
+
+def _fits_of_scales(
+    fits_at_radius: Callable[[float], PrincipalCurvatures | None],
+    first: float,
+    largest: float,
+    max_radii: int,
+) -> tuple[list[float], list[PrincipalCurvatures]]:
+    """Radii and fits, until the change from one radius to the next grows."""
+    radii: list[float] = []
+    fits: list[PrincipalCurvatures] = []
+    growth: list[float] = []  # mean change from each radius to the next
+    for radius in scale_radii(first, largest, max_radii):
+        fit = fits_at_radius(radius)
+        if fit is None:
+            break
+        fits.append(fit)
+        radii.append(radius)
+        if len(fits) > 1:
+            growth.append(_mean_size(fits[-1].mean - fits[-2].mean))
+        if len(fits) > 3 and growth[-1] > MAX_GROWTH * min(growth):
+            break
+    return radii, fits
 
 
 def apart_from(scales: Scales, other: Scales, step: int) -> Scales:
