@@ -79,9 +79,10 @@ def sphere_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
     N. Max, "Weights for computing vertex normals from facet normals", 1999.
     """
     scale = float(mesh.side_length.max(initial=0.0)) or 1.0
-    squared = (mesh.side_length / scale) ** 2
+    unit = mesh.moved((mesh.points - mesh.points[:1]) / scale)  # squares stay in the range of numbers
+    squared = unit.side_length**2
     weight = ratio(1.0, squared * squared[:, PREVIOUS])
-    star = face_area_vector(mesh)[:, None, :] / scale**2 * weight[:, :, None]
+    star = face_area_vector(unit)[:, None, :] * weight[:, :, None]
     return unit_vectors(sum_by_index(mesh.faces.ravel(), star.reshape(-1, 3), mesh.n_vertices))
 
 

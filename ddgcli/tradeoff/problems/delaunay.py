@@ -11,6 +11,7 @@ from ddgcli.algorithms.delaunay.refine import refine
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.constrain import Poisson
+from ddgcli.mesh.require import require
 from ddgcli.mesh.shapes import midpoint_subdivided
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import lumped_mass, stiffness
@@ -36,6 +37,7 @@ def problem(
 
     `options` may contain `refine`, `max_points` and `subdivide`.
     """
+    require(mesh, "a comparison of triangulations", faces=True, sized=True)
     work = 1e-2 + 1e-5 * mesh.n_vertices
     max_points = options.get("max_points")
     level = options.get("subdivide")
