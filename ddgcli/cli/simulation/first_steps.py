@@ -85,8 +85,8 @@ def with_first_steps(
 def _trial(job: Job) -> tuple[float, bool] | None:
     """CPU seconds of a step, and whether the trial ended after its first steps; None where a step fails.
 
-    A complete trial leaves out what the first step prepares. Of one that ended within the first steps, the
-    seconds are 0 where they say nothing of later steps.
+    A complete trial leaves out what the first step prepares. The seconds of one that ended within the first
+    steps are 0 if adaptive steps may grow from there.
     """
     samples: list[tuple[float, float]] = []
     began = time.process_time()
