@@ -34,6 +34,14 @@ COMMANDS: dict[str, list[str]] = {
     "repair": ["--drop-unused"],
     "dec": [],
 }
+# compared command -> words after the input
+COMPARISONS: dict[str, list[str]] = {
+    "curvature": [],
+    "delaunay": [],
+    "laplacian": ["--eigen", "2"],
+    "geodesic": ["--source", "VERTEX"],
+    "willmore-flow": [],
+}
 # (command, file) whose result is right but too large for the time limit: 117 million entries of a Laplacian
 TOO_LARGE = {("dec", "gen_fan_high_valence.ply")}
 pytestmark = pytest.mark.timeout(30)  # a reader that hangs must not hang the suite
@@ -72,15 +80,15 @@ def assert_honest(result, path: Path, output: Path) -> None:
 FLOW_IN_A_BODY = "--flow vortex-ring --integrator energy --dt 0.01 --steps 1"
 
 
-def words_of(command: str, path: Path) -> list[str]:
+def words_of(command: str, path: Path, words: list[str] | None = None) -> list[str]:
     """Words of a command, with a vertex of the surface where one is required."""
-    vertex = "0"
+    words, vertex = COMMANDS[command] if words is None else words, "0"
     with contextlib.suppress(InputError, IndexError, AttributeError):  # the command itself will report it
-        if "VERTEX" in COMMANDS[command]:
+        if "VERTEX" in words:
             vertex = str(read_mesh(str(path)).mesh.faces[0, 0])
         if command == "fluid-sim" and read_mesh(str(path)).kind == "tetrahedra":
             return FLOW_IN_A_BODY.split()
-    return [vertex if word == "VERTEX" else word for word in COMMANDS[command]]
+    return [vertex if word == "VERTEX" else word for word in words]
 
 
 @pytest.mark.parametrize("path", hard_files(), ids=lambda p: p.name)
@@ -148,6 +156,10 @@ def generated_meshes() -> dict[str, TriangleMesh]:
         "two pieces far apart": two(ball, grid.moved(grid.points + 1e6)),
         "tiny": ball.moved(ball.points * 1e-8),
         "huge": ball.moved(ball.points * 1e8),
+        "squares overflow": ball.moved(ball.points * 1e192),
+        "squares underflow": ball.moved(ball.points * 1e-192),
+        "flat": grid,
+        "no face": of(corner, np.zeros((0, 3), dtype=int)),
     }
 
 
@@ -158,6 +170,35 @@ def test_a_generated_hard_mesh_has_a_finite_result_or_one_error_line(run, tmp_pa
     write_mesh(str(path), AnnotatedMesh(generated_meshes()[name]))
     result = run(command, path, *words_of(command, path), "-o", output, "--json")
     assert_honest(result, path, output)
+
+
+def assert_compared(run, command: str, path: Path, output: Path) -> None:
+    """A comparison has finite rows, or one error line."""
+    result = run("tradeoff", command, path, *words_of(command, path, COMPARISONS[command]),
+                 "--repeat", 1, "--budget", 2, "-o", output, "--json")  # fmt: skip
+    assert result.exit_code in (0, 1, 2) and "internal error" not in result.stderr, result.stderr
+    errors = [line for line in result.stderr.splitlines() if line.startswith("Error: ")]
+    if result.exit_code:
+        assert len(errors) == 1 and not output.exists(), result.stderr
+        return
+    rows = json.loads(output.read_text(encoding="utf-8"))
+    assert errors == [] and rows
+
+
+@pytest.mark.parametrize("name", generated_meshes())
+@pytest.mark.parametrize("command", COMPARISONS)
+def test_a_comparison_on_a_generated_hard_mesh_has_rows_or_one_error_line(run, tmp_path, command, name):
+    """Internal errors: `delaunay` without faces, `geodesic` where squares overflow, flows of a plane."""
+    path = tmp_path / "mesh.ply"
+    write_mesh(str(path), AnnotatedMesh(generated_meshes()[name]))
+    assert_compared(run, command, path, tmp_path / "rows.json")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", hard_files(), ids=lambda p: p.name)
+@pytest.mark.parametrize("command", COMPARISONS)
+def test_a_comparison_on_a_hard_file_has_rows_or_one_error_line(run, tmp_path, command, path):
+    assert_compared(run, command, path, tmp_path / "rows.json")
 
 
 @pytest.mark.parametrize("name", expectations())
