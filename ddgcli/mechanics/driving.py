@@ -58,9 +58,11 @@ def driving_work(
         if is_active(dissipation):
             lagged = dissipation.lagged(before.time) if hasattr(dissipation, "lagged") else dissipation
             with system.account.within(dissipation.name):
-                smooth = getattr(dissipation, "smooth", False)
-                acting = at_half.frozen(middle, dt) if smooth else lagged.frozen(before.x, dt)
-                drag = acting.gradient(move / dt)
+                if getattr(dissipation, "smooth", False):
+                    drag = at_half.frozen(middle, dt).gradient(move / dt)
+                else:
+                    drag = 0.5 * lagged.frozen(before.x, dt).gradient(move / dt)
+                    drag += 0.5 * dissipation.frozen(after.x, dt).gradient(move / dt)
             work -= float(np.vdot(system.only_free(drag), move))
     return work
 

@@ -15,8 +15,12 @@ from ddgcli.simulation.model import StepRejected
 
 if TYPE_CHECKING:
     from ddgcli.mechanics.increment import Increment, Point
+    from ddgcli.mechanics.terms import Potential
 
 Step = Callable[[System, Motion, float, Any], Motion]
+
+FRICTION_TOLERANCE = 0.03  # of the largest force, by which friction may differ from that of its normal forces
+MAX_FRICTION_PASSES = 3  # solutions of a step with friction
 
 
 @dataclass(frozen=True)
@@ -123,6 +127,32 @@ def _obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> 
     return obstacle_work(system, before, replace(after, time=before.time + dt), dt)
 
 
+def _solved(
+    system: System, increment: Increment, guess: Point, dt: float, ahead: NDArray | None = None
+) -> tuple[NDArray, int, Increment]:
+    """Minimum of the function of a step, its Newton iterations, and the function with the final friction.
+
+    Friction takes its normal forces from the start of the step at first. Where those of the minimum differ,
+    as where a body lands, it is sought again with them. Smooth dissipation stays as it is at `ahead`; by
+    default it is taken at the minimum too.
+    """
+    from ddgcli.mechanics.newton import minimise
+    from ddgcli.mechanics.objective import Objective
+
+    y, count = minimise(system, increment, guess)
+    if not (increment.frozen and system.barriers):
+        return y, count, increment
+    for _ in range(MAX_FRICTION_PASSES - 1):
+        frozen = system.frozen(y, dt, ahead=y if ahead is None else ahead)
+        before, after = (system.drag_of(f, increment.velocity(y)) for f in (increment.frozen, frozen))
+        if np.abs(after - before).max() <= FRICTION_TOLERANCE * np.abs(after).max():
+            break
+        increment = replace(increment, frozen=frozen)
+        y, more = minimise(system, increment, Objective(system).at(increment, y))
+        count += more
+    return y, count, increment
+
+
 def _undamped_guess(system: System, increment: Increment, motion: Motion) -> Point:
     """First guess of the schemes that do not damp.
 
@@ -142,17 +172,19 @@ def _undamped_guess(system: System, increment: Increment, motion: Motion) -> Poi
 def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     from ddgcli.mechanics.energy_balance import StoredEnergy, without_gain
     from ddgcli.mechanics.increment import Increment
-    from ddgcli.mechanics.newton import first_guess, minimise
+    from ddgcli.mechanics.newton import first_guess
 
     system = system.at(motion.time + dt)
     # first: it shares what the last step computed at its end
     start = None if system.linear else StoredEnergy.at(_at_start(system, motion), motion.x)
     target = motion.x + dt * motion.v
-    frozen = system.frozen(motion.x, dt, motion.time, motion.x + 0.5 * dt * motion.v)
-    increment = Increment(1 / dt**2, target, 1 / dt, motion.x, frozen)
+    ahead = motion.x + 0.5 * dt * motion.v
+    increment = Increment(
+        1 / dt**2, target, 1 / dt, motion.x, system.frozen(motion.x, dt, motion.time, ahead)
+    )
     guesses = (target + dt**2 * motion.a, target)
     guess = first_guess(system, increment, motion.x, guesses, motion.time)
-    y, count = minimise(system, increment, guess)
+    y, count, _ = _solved(system, increment, guess, dt, ahead)
     v = (y - motion.x) / dt
     after = _after(system, y, v, system.only_free((v - motion.v) / dt), motion.newton + count)
     checked(system, after)
@@ -166,8 +198,6 @@ def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: An
     """The unknown is the middle position; the end is its mirror image of the start."""
     from ddgcli.mechanics.energy_balance import StoredEnergy, balanced
     from ddgcli.mechanics.increment import Increment
-    from ddgcli.mechanics.newton import minimise
-    from ddgcli.mechanics.objective import Objective
 
     system, end = system.at(motion.time + 0.5 * dt), system.at(motion.time + dt)
     # first: it shares what the last step computed at its end
@@ -175,13 +205,9 @@ def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: An
     target = motion.x + 0.5 * dt * motion.v
     frozen = system.frozen(motion.x, dt, motion.time, target)
     increment = Increment(4 / dt**2, target, 2 / dt, motion.x, frozen)
-    middle, count = minimise(system, increment, _undamped_guess(system, increment, motion))
-    if increment.frozen and system.barriers:
-        # barriers push at the middle, so friction takes their forces there: at the ends, about which stiff
-        # contact vibrates farther, they are 6 % larger
-        increment = replace(increment, frozen=system.frozen(middle, dt, ahead=middle))
-        middle, more = minimise(system, increment, Objective(system).at(increment, middle))
-        count += more
+    # barriers push at the middle, so friction takes their forces there: at the ends, about which stiff
+    # contact vibrates farther, they are 6 % larger
+    middle, count, _ = _solved(system, increment, _undamped_guess(system, increment, motion), dt)
     x = end.prescribed_state(2 * middle - motion.x, middle, middle)[0]
     v = 2 * (x - motion.x) / dt - motion.v
     a = system.only_free((v - motion.v) / dt)
@@ -205,11 +231,11 @@ def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Moti
         speed = v + dt * ((1 - gamma) * a + gamma * new)
         return checked(system, _after(system, target, speed, new, motion.newton))
     if system.linear or np.isfinite(_newmark_reach(parameters)):
-        return _implicit_newmark(system, motion, dt, beta, gamma)
+        return _implicit_newmark(system, motion, dt, beta, gamma)[0]
     from ddgcli.mechanics.energy_balance import StoredEnergy, balanced, kinetic
 
     start = StoredEnergy.at(_at_start(system, motion), x)  # first: it shares what the last step found there
-    after = _implicit_newmark(system, motion, dt, beta, gamma)
+    after, _ = _implicit_newmark(system, motion, dt, beta, gamma)
     end = StoredEnergy.at(system, after.x)
     path = after.x - x
     work = -0.5 * float(np.vdot(start.gradient + end.gradient, path))
@@ -220,9 +246,11 @@ def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Moti
     return balanced(system, motion, after, start, end, work, dt)
 
 
-def _implicit_newmark(system: System, motion: Motion, dt: float, beta: float, gamma: float) -> Motion:
+def _implicit_newmark(
+    system: System, motion: Motion, dt: float, beta: float, gamma: float
+) -> tuple[Motion, Increment]:
+    """A step, not judged, and the function that it minimises."""
     from ddgcli.mechanics.increment import Increment
-    from ddgcli.mechanics.newton import minimise
 
     x, v, a = motion.x, motion.v, motion.a
     target = (dt**2 * (0.5 - beta)) * a
@@ -231,13 +259,15 @@ def _implicit_newmark(system: System, motion: Motion, dt: float, beta: float, ga
     speed = (dt * (1 - gamma)) * a
     speed += v
     c = gamma / (beta * dt)
-    frozen = system.frozen(x, dt, motion.time, x + dt * v)
+    ahead = x + dt * v
+    frozen = system.frozen(x, dt, motion.time, ahead)
     increment = Increment(1 / (beta * dt**2), target, c, target - speed / c if frozen else None, frozen)
-    y, count = minimise(system, increment, _undamped_guess(system, increment, motion))
+    guess = _undamped_guess(system, increment, motion)
+    y, count, increment = _solved(system, increment, guess, dt, ahead)
     new = system.only_free(y - target)
     new *= increment.a
     speed += (dt * gamma) * new
-    return checked(system, _after(system, y, speed, new, motion.newton + count))
+    return checked(system, _after(system, y, speed, new, motion.newton + count)), increment
 
 
 def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
@@ -250,23 +280,26 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     """
     from ddgcli.mechanics.energy_balance import MAX_ENERGY_FALL, StoredEnergy, balanced, kinetic
     from ddgcli.mechanics.increment import Increment
-    from ddgcli.mechanics.newton import minimise
 
     x, v = motion.x, motion.v
     begin = Motion(x, v, system.at(motion.time).acceleration(x, v, dt), motion.newton, time=motion.time)
     half, system = system.at(motion.time + 0.5 * dt), system.at(motion.time + dt)
     start = StoredEnergy.at(_at_start(system, motion), x)
-    middle = _implicit_newmark(half, begin, 0.5 * dt, 0.25, 0.5)
+    middle, first = _implicit_newmark(half, begin, 0.5 * dt, 0.25, 0.5)
+    at_start = system.at(motion.time).frozen(x, 0.5 * dt)
     middle = replace(middle, time=half.time)
     target = (12 * middle.x - 3 * x + dt * (4 * middle.v - v)) / 9
-    frozen = system.frozen(middle.x, 0.5 * dt, half.time, middle.x + 0.5 * dt * middle.v)
+    ahead = middle.x + 0.5 * dt * middle.v
+    frozen = system.frozen(middle.x, 0.5 * dt, half.time, ahead)
     increment = Increment(9 / dt**2, target, 3 / dt, (4 * middle.x - x) / 3, frozen)
-    y, count = minimise(system, increment, _undamped_guess(system, increment, middle))
+    guess = _undamped_guess(system, increment, middle)
+    y, count, increment = _solved(system, increment, guess, 0.5 * dt, ahead)
     speed = (x - 4 * middle.x + 3 * y) / dt
     a = np.where(system.free, (v - 4 * middle.v + 3 * speed) / dt, 0.0)
     after = checked(system, _after(system, y, speed, a, middle.newton + count))
     change = kinetic(system, speed) - kinetic(system, v)
-    work = change - half.external_work((x, middle.x, y), 0.5 * dt)
+    acting = [(at_start, first.frozen), (increment.frozen,)]
+    work = change - half.external_work((x, middle.x, y), 0.5 * dt, acting)
     work -= _obstacle_work(system, motion, after, dt)
     most = MAX_ENERGY_FALL * max(kinetic(system, v), kinetic(system, speed))
     # judged alone: where the balance is a hundredth too high, any further step would fail
@@ -285,35 +318,39 @@ def _bdf2(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     system, x, v = system.at(motion.time + dt), motion.x, motion.v
     # first: it shares what the last step computed at its end
     start = None if system.linear else StoredEnergy.at(_at_start(system, motion), x)
-    after = _backward_difference(system, motion, dt)
+    after, acting = _backward_difference(system, motion, dt)
     if start is None:
         return after
     end = StoredEnergy.at(system, after.x)
-    work = kinetic(system, after.v) - kinetic(system, v) - system.external_work((x, after.x), dt)
+    work = kinetic(system, after.v) - kinetic(system, v) - system.external_work((x, after.x), dt, [acting])
     work -= _obstacle_work(system, motion, after, dt)
     after = balanced(system, motion, after, start, end, work, dt, np.inf)
     return without_excess(system, motion, after, end, dt)
 
 
-def _backward_difference(system: System, motion: Motion, dt: float) -> Motion:
-    """A step of `bdf2`, not judged."""
+def _backward_difference(
+    system: System, motion: Motion, dt: float
+) -> tuple[Motion, list[tuple[Potential, ...]]]:
+    """A step of `bdf2`, not judged, and the dissipation that acted, of a first step that of both ends."""
     from ddgcli.mechanics.increment import Increment
-    from ddgcli.mechanics.newton import minimise
 
     x, v = motion.x, motion.v
     if not motion.past or not motion.past[2][0] > 0:
-        return _implicit_newmark(system, motion, dt, 0.25, 0.5)
+        first, increment = _implicit_newmark(system, motion, dt, 0.25, 0.5)
+        return first, [system.at(motion.time).frozen(x, dt), increment.frozen]
     past_x, past_v, past_dt = motion.past
     ratio = dt / float(past_dt[0])
     new, now, old = (1 + 2 * ratio) / (1 + ratio), -(1 + ratio), ratio**2 / (1 + ratio)
     origin, speed = -(now * x + old * past_x) / new, -(now * v + old * past_v) / new
     c = new / dt
-    frozen = system.frozen(x, dt, motion.time, x + dt * v)
+    ahead = x + dt * v
+    frozen = system.frozen(x, dt, motion.time, ahead)
     increment = Increment(c * c, origin + speed / c, c, origin, frozen)
-    y, count = minimise(system, increment, _undamped_guess(system, increment, motion))
+    guess = _undamped_guess(system, increment, motion)
+    y, count, increment = _solved(system, increment, guess, dt, ahead)
     after = c * (y - origin)
     a = system.only_free(c * (after - speed))
-    return checked(system, _after(system, y, after, a, motion.newton + count))
+    return checked(system, _after(system, y, after, a, motion.newton + count)), [increment.frozen]
 
 
 def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:

@@ -4,7 +4,7 @@ Every scheme needs the minimiser y of
 
     a/2 |y - target|_M^2 + V(y) + R(c (y - origin)) / c,
 
-V the potentials and R the dissipation frozen at the start of the step: its stationarity is the equation.
+V the potentials and R the frozen dissipation: its stationarity is the equation.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -245,28 +245,40 @@ class System:
 
     def full_drag(self, x: NDArray, v: NDArray, dt: float) -> NDArray[np.float64]:
         """(n, 3) gradient of the dissipation in the velocities at (x, v), also at fixed coordinates."""
-        total = np.zeros_like(x)
-        for dissipation in self.dissipations:
-            with self.account.within(dissipation.name):
-                total += dissipation.frozen(x, dt).gradient(v)
+        return self.drag_of(self.frozen(x, dt), v)
+
+    def drag_of(self, frozen: Iterable[Potential], v: NDArray) -> NDArray[np.float64]:
+        """(n, 3) gradient of frozen dissipation at velocities v (n, 3), also at fixed coordinates."""
+        total = np.zeros_like(v)
+        for term in frozen:
+            with self.account.within(term.name):
+                total += term.gradient(v)
         return total
 
-    def external_work(self, path: Sequence[NDArray], dt: float) -> float:
+    def external_work(
+        self, path: Sequence[NDArray], dt: float, frozen: Sequence[Sequence[tuple[Potential, ...]]]
+    ) -> float:
         """Joules that dead loads and handles add, less those that dissipation takes.
 
-        `path` holds positions that are dt apart. The kinetic energy of prescribed vertices does not count.
+        `path` holds positions that are dt apart. Of each part of it `frozen` holds the dissipation that
+        acted, or that of both ends, whose mean counts; what is smooth is taken at the middle instead. The
+        kinetic energy of prescribed vertices does not count.
         """
         work = 0.0
         for potential in self.potentials:
             if is_dead(potential):
                 with self.account.within(potential.name):
                     work += potential.energy(path[0]) - potential.energy(path[-1])
-        if self.dissipations:
-            for before, after in pairwise(path):
-                move = self.only_free(after - before)
-                for term in self.frozen(before, dt, ahead=0.5 * (before + after)):
-                    with self.account.within(term.name):
-                        work -= float(np.vdot(term.gradient((after - before) / dt), move))
+        for k, dissipation in enumerate(self.dissipations):
+            smooth = getattr(dissipation, "smooth", False)
+            with self.account.within(dissipation.name):
+                for (before, after), acting in zip(pairwise(path), frozen, strict=True):
+                    move = self.only_free(after - before)
+                    terms = (
+                        [dissipation.frozen(0.5 * (before + after), dt)] if smooth else [f[k] for f in acting]
+                    )
+                    for term in terms:
+                        work -= float(np.vdot(term.gradient((after - before) / dt), move)) / len(terms)
         if self.prescribed:
             for before, after in pairwise(path):
                 force = 0.5 * (self.full_gradient(before) + self.full_gradient(after))

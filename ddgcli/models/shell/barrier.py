@@ -197,7 +197,7 @@ def slip_speed(slip: float | None, contexts: list[ShellContext], velocity: NDArr
 
 
 class Friction:
-    """Coulomb friction of a barrier: normal force and tangent plane are those at the start of the step."""
+    """Coulomb friction of a barrier: normal force and tangent plane are those where it is frozen."""
 
     name = "contact"
 

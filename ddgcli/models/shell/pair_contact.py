@@ -311,7 +311,7 @@ class MovingPairBarrier(PairBarrier):
 
 
 class PairFriction:
-    """Coulomb friction of a pair barrier: normal forces and planes are those at the start of a step."""
+    """Coulomb friction of a pair barrier: normal forces and planes are those where it is frozen."""
 
     name = "contact"
 
