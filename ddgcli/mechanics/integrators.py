@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Step = Callable[[System, Motion, float, Any], Motion]
 
-FRICTION_TOLERANCE = 0.03  # of the largest force, by which friction may differ from that of its normal forces
+FRICTION_TOLERANCE = 0.05  # of the sum of its forces: how far friction may be from its normal forces
 MAX_FRICTION_PASSES = 3  # solutions of a step with friction
 
 
@@ -145,7 +145,7 @@ def _solved(
     for _ in range(MAX_FRICTION_PASSES - 1):
         frozen = system.frozen(y, dt, ahead=y if ahead is None else ahead)
         before, after = (system.drag_of(f, increment.velocity(y)) for f in (increment.frozen, frozen))
-        if np.abs(after - before).max() <= FRICTION_TOLERANCE * np.abs(after).max():
+        if np.abs(after - before).sum() <= FRICTION_TOLERANCE * np.abs(after).sum():
             break
         increment = replace(increment, frozen=frozen)
         y, more = minimise(system, increment, Objective(system).at(increment, y))
