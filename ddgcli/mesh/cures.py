@@ -90,7 +90,9 @@ def with_repair(
         if step == "split_fans" and _has_duplicates(topology):
             steps.insert(0, "drop_duplicates")
         if step == "fill_holes":
-            steps = [f"fill_holes={len(topology.boundary_edges)}"]
+            steps = [f"fill_holes={max(3, len(topology.boundary_edges))}"]
+        if step in STEPS_ON_MANIFOLDS and len(topology.repeated_vertex_faces):
+            steps.insert(0, "drop_degenerate")
         if manifold and step in STEPS_ON_MANIFOLDS and not topology.is_manifold:
             steps.append("split_fans")
         if oriented and step != "orient" and (len(topology.misoriented_edges) or "drop_duplicates" in steps):

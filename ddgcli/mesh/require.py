@@ -231,6 +231,27 @@ def require_manifold_cells(mesh: TetMesh) -> None:
         )
 
 
+def refuse_repeated_vertices(mesh: SurfaceMesh) -> None:
+    """Raise an error for faces that name a vertex twice, or for no face with an area where that is all.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Raises
+    ------
+    MeshError
+    """
+    twice = mesh.topology.repeated_vertex_faces
+    if not len(twice):
+        return
+    if isinstance(mesh, TriangleMesh):
+        require_area(mesh)  # the cure would leave no face
+    raise MeshError(
+        f"face {twice[0]} names a vertex twice ({len(twice)} such faces); {cure('repeated vertex')}"
+    )
+
+
 def require_area(mesh: TriangleMesh) -> None:
     """Raise an error for a surface none of whose faces has an area.
 

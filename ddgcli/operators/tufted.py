@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.require import refuse_repeated_vertices
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross, row_dot, unit_vectors
@@ -38,7 +38,8 @@ def tufted_cover(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
         When a face names a vertex twice, or three faces meet in an edge of a mesh without positions, which
         determine their order.
     """
-    refuse_repeated_vertices(mesh)
+    if mesh.topology.gluing is None:
+        refuse_repeated_vertices(mesh)
     m = mesh.n_faces
     faces = np.concatenate([mesh.faces, mesh.faces[:, BACK_CORNERS]])
     length = np.concatenate([mesh.side_length, mesh.side_length[:, ::-1]])
@@ -49,24 +50,6 @@ def tufted_cover(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
     gluing = np.empty(6 * m, dtype=np.int64)
     gluing[upper], gluing[lower] = lower, upper
     return IntrinsicMesh(Topology(faces, mesh.n_vertices, gluing.reshape(-1, 3)), length, mesh.points)
-
-
-def refuse_repeated_vertices(mesh: TriangleMesh | IntrinsicMesh) -> None:
-    """Raise an error for a face that names a vertex twice, unless the mesh has a gluing.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh or IntrinsicMesh
-
-    Raises
-    ------
-    MeshError
-    """
-    twice = mesh.topology.repeated_vertex_faces
-    if mesh.topology.gluing is None and len(twice):
-        raise MeshError(
-            f"face {twice[0]} names a vertex twice ({len(twice)} such faces); {cure('repeated vertex')}"
-        )
 
 
 def _on_back(side: NDArray, m: int) -> NDArray[np.int64]:

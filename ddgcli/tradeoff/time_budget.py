@@ -58,20 +58,28 @@ class TimeBudget:
     def limit_time(self, seconds: float) -> Iterator[None]:
         """Raise `BudgetExceeded` in the body after some seconds (where the system has interval timers).
 
-        A call into compiled code is not interrupted.
+        A call into compiled code is not interrupted. What such code makes of the exception, as pydantic does
+        in the first use of a scene, counts as `BudgetExceeded` too.
         """
         here = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
         if self.seconds is None or not here:
             yield
             return
-        before = signal.signal(signal.SIGALRM, _raise_budget_exceeded)
+        is_over = False
+
+        def stop(*_: Any) -> None:
+            nonlocal is_over
+            is_over = True
+            raise BudgetExceeded
+
+        before = signal.signal(signal.SIGALRM, stop)
         signal.setitimer(signal.ITIMER_REAL, min(max(seconds, 1e-3), MAX_TIMER_SECONDS), 0.1)
         try:
             yield
+        except Exception as error:
+            if is_over:
+                raise BudgetExceeded from error
+            raise
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
             signal.signal(signal.SIGALRM, before)
-
-
-def _raise_budget_exceeded(*_: Any) -> None:
-    raise BudgetExceeded

@@ -124,6 +124,7 @@ def plane() -> Truth:
     )
 
 
+RADIUS_RANGE = (1e-50, 1e50)  # products of six do not overflow
 SHAPES: dict[str, tuple[Callable[..., Truth], int]] = {
     "sphere": (sphere, 1),
     "torus": (torus, 2),
@@ -159,15 +160,16 @@ def parse_truth(text: str, points: NDArray) -> Truth:
         radii = [float(x) for x in numbers.split(",")] if numbers else []
     except ValueError:
         radii = []
-    if len(radii) != count or not all(np.isfinite(r) and r > 0 for r in radii):
+    low, high = RADIUS_RANGE
+    if len(radii) != count or not all(low <= r <= high for r in radii):
         raise ParameterError(
-            f"{text!r}: {name} takes {count} positive numbers; known: {', '.join(_forms())}",
+            f"{text!r}: {name} takes {count} numbers from {low:g} to {high:g}; known: {', '.join(_forms())}",
             parameter="truth",
         )
     truth = shape(*radii)
     off = truth.residual(points)
     worst = int(off.argmax())
-    if off[worst] > 0.05:
+    if not off[worst] <= 0.05:
         raise ParameterError(
             f"{text!r}: vertex {worst} lies {off[worst]:.2g} of its size off the {truth.name}; "
             "use the right shape, or none",

@@ -99,6 +99,12 @@ def repeated_vertex():
     return with_faces(grid, np.concatenate([grid.faces, [[0, 0, 1]]]))
 
 
+def repeated_vertex_of_a_ball():
+    """A closed surface with a face that names a vertex twice: a boundary of one edge."""
+    sphere = shapes.icosphere(1)
+    return with_faces(sphere, np.concatenate([sphere.faces, [[1, 1, 2]]]))
+
+
 def message_parts():
     """Two sheets, one of them larger."""
     small, large = shapes.grid(2, 2), shapes.grid(4, 4)
@@ -143,6 +149,7 @@ REFUSALS = [
     (flat_faces, ("willmore-flow", "--steps", "1"), "no area"),
     (flat_faces, ("dec",), "no area"),
     (repeated_vertex, ("delaunay",), "names a vertex twice"),
+    (repeated_vertex_of_a_ball, ("willmore-flow", "--flow", "conformal"), "needs a closed surface"),
     (message_parts, FLATTEN, "2 components"),
     (lambda: shapes.icosphere(1), FLATTEN, "is closed"),
     (lambda: shapes.torus(8, 6), FLATTEN, "is closed"),

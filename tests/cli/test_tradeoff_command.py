@@ -239,6 +239,9 @@ def test_rows_and_summary_are_written_to_files(tmp_path, summary, rows_run_twice
     [
         (["--truth", "sphere:3"], "off the sphere"),
         (["--truth", "torus:1,2"], "torus"),
+        (["--truth", "sphere:1e200"], "numbers from 1e-50 to 1e+50"),
+        (["--truth", "sphere:1e-200"], "numbers from 1e-50 to 1e+50"),
+        (["--truth", "sphere:nan"], "numbers from 1e-50 to 1e+50"),
         (["--within", "0"], "0"),
     ],
 )

@@ -29,6 +29,7 @@ from ddgcli.tradeoff.pareto import assign_verdicts, break_even, cheapest_within
 from ddgcli.tradeoff.problems import curvature
 from ddgcli.tradeoff.report import chart_of, csv_of, results_of
 from ddgcli.tradeoff.richardson import richardson_limit
+from ddgcli.tradeoff.time_budget import BudgetExceeded, TimeBudget
 from ddgcli.tradeoff.truths import SHAPES, ellipsoid, parse_truth
 
 TRUTH = np.linspace(1.0, 2.0, 11)
@@ -392,3 +393,14 @@ def test_a_line_of_the_plot_joins_rows_that_differ_in_numbers_alone():
     np.testing.assert_array_equal(x, [1.0, 3.0, np.nan, 2.0])
     assert chart["labels"]["conformal"] == ["cotan 0", "cotan 1", "", "tufted 0"]
     assert chart["ringed"]["conformal"] == [1]
+
+
+def test_what_compiled_code_makes_of_the_end_of_a_budget_counts_as_that_end():
+    """Pydantic made an error of its own of it in the first use of a scene: an internal error."""
+    with pytest.raises(BudgetExceeded), TimeBudget(1.0).limit_time(0.01):
+        try:
+            time.sleep(1.0)
+        except BudgetExceeded:
+            raise ValueError("schema") from None
+    with pytest.raises(ValueError, match="schema"), TimeBudget(1.0).limit_time(1.0):
+        raise ValueError("schema")

@@ -157,8 +157,10 @@ def generated_meshes() -> dict[str, TriangleMesh]:
         "tiny": ball.moved(ball.points * 1e-8),
         "huge": ball.moved(ball.points * 1e8),
         "squares overflow": ball.moved(ball.points * 1e192),
+        "fourth powers overflow": ball.moved(ball.points * 1e100),
         "squares underflow": ball.moved(ball.points * 1e-192),
         "flat": grid,
+        "no area, a vertex twice": of([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2], [0, 1, 1]]),
         "no face": of(corner, np.zeros((0, 3), dtype=int)),
     }
 

@@ -18,7 +18,7 @@ from ddgcli.geometry.intrinsic import corner_cotan, half_angle_tangent
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.double_cover import CoverVertices, cover_vertices
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-from ddgcli.mesh.require import require
+from ddgcli.mesh.require import refuse_repeated_vertices, require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -215,12 +215,7 @@ def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str, *, one_sided:
     ------
     MeshError
     """
-    topology = mesh.topology
-    twice = topology.repeated_vertex_faces
-    if len(twice):
-        raise MeshError(
-            f"face {twice[0]} names a vertex twice ({len(twice)} such faces); {cure('repeated vertex')}"
-        )
+    refuse_repeated_vertices(mesh)
     try:
         need = {"sized": False, "manifold_edges": True, "oriented": True, "one_sided": one_sided}
         require(mesh, verb, **need)

@@ -273,12 +273,12 @@ def check_heat(mesh: SurfaceMesh, operator: str | None, heat_time: float | None 
     """
     from ddgcli.algorithms.delaunay.triangulation import glue
     from ddgcli.algorithms.geodesics.heat import diffusion_time
-    from ddgcli.operators.tufted import refuse_repeated_vertices
+    from ddgcli.mesh.require import refuse_repeated_vertices
 
     name = _heat_operator(mesh, operator)
     if name == "intrinsic-delaunay":
         glue(mesh)
-    elif name == "tufted":
+    elif name == "tufted" and mesh.topology.gluing is None:
         refuse_repeated_vertices(mesh)
     diffusion_time(mesh, DEFAULT_HEAT_TIME if heat_time is None else heat_time)
     if all_flat(mesh.side_length):

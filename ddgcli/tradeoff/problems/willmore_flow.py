@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.geometry.intrinsic import face_area
+from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import setup
 from ddgcli.models.willmore.report import FLAT_ENERGY
@@ -47,11 +48,12 @@ def problem(
     `options` may contain `duration`, `steps`, `step`, `tolerance`, `integrator`, `flow`, `energy`,
     `boundary`, `fix_area`, `fix_volume`.
     """
+    require(mesh, "willmore-flow", faces=True, sized=True)
     radius = float(np.sqrt(face_area(mesh.side_length).sum() / (4 * np.pi)))
     fixed_options = {name: options[name] for name in FLOW_OPTIONS if name in options}
     flow = fixed_options.get("flow", "quadratic")
     curvature = flow == "mean-curvature"
-    span = options.get("duration") or (1e-2 * radius**2 if curvature else 1e-3 * radius**4)
+    span = options.get("duration") or (1e-2 * radius**2 if curvature else 1e-3 * radius**2 * radius**2)
     if "step" in options:
         span = options["step"] * options["steps"] if "steps" in options else options.get("duration", span)
         counts = sorted({max(1, round(span / (options["step"] * f))) for f in (4.0, 2.0, 1.0, 0.5)})
