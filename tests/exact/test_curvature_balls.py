@@ -210,6 +210,22 @@ def test_balls_do_not_depend_on_their_blocks(monkeypatch):
         assert np.array_equal(balls.start, other.start) and np.array_equal(balls.member, other.member)
 
 
+@pytest.mark.parametrize("before, after", [(200, 0), (0, 200), (3, 2)])
+def test_vertices_of_no_face_have_empty_balls_wherever_they_stand(before, after):
+    """A block of such vertices alone ended `curvature --radius` with an internal error."""
+    mesh = shapes.icosphere(2)
+    apart = [np.zeros((count, 3)) for count in (before, after)]
+    padded = TriangleMesh.from_arrays(np.concatenate([apart[0], mesh.points, apart[1]]), mesh.faces + before)
+    plain, extended = (areas_of_whole_faces(FaceBalls(one, 0.4)) for one in (mesh, padded))
+    on_surface = np.arange(before, before + mesh.n_vertices)
+    assert np.allclose(extended[on_surface], plain, rtol=1e-12) and plain.min() > 0.0
+    assert not np.delete(extended, on_surface).any()
+
+
+def areas_of_whole_faces(balls):
+    return np.concatenate([ball.whole @ balls.face_area for ball in balls])
+
+
 @pytest.mark.parametrize("block", [40, 1 << 21])
 def test_balls_by_cubes_hold_the_points_within_the_radius(block, monkeypatch):
     monkeypatch.setattr("ddgcli.algorithms.curvature.point_grid.MAX_CANDIDATES", block)

@@ -122,7 +122,7 @@ class FaceBalls:
         self._state.fill(0)
         owner, fan = expand_lists(np.arange(end - begin), np.arange(begin, end), self._fans_of_vertex)
         self._state[owner * self.n_fans + fan] = _INSIDE_STATE
-        owners, fans = [], []
+        owners, fans = [owner[:0]], [fan[:0]]  # none where no vertex of the range belongs to a face
         while True:
             for ring_owner, ring_fan in self._growth(begin, owner, fan):
                 owners.append(ring_owner)
