@@ -196,7 +196,6 @@ def test_a_comparison_on_a_generated_hard_mesh_has_rows_or_one_error_line(run, t
     assert_compared(run, command, path, tmp_path / "rows.json")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("path", hard_files(), ids=lambda p: p.name)
 @pytest.mark.parametrize("command", COMPARISONS)
 def test_a_comparison_on_a_hard_file_has_rows_or_one_error_line(run, tmp_path, command, path):
