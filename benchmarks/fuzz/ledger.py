@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import tempfile
 from pathlib import Path
 from typing import Any
 
 from benchmarks.fuzz.run import Account
 
 LEDGER = Path(__file__).parent / "ledger.json"
+LOCK = Path(tempfile.gettempdir()) / "ddgcli-fuzz-ledger.lock"
 
 
 def ledger() -> dict[str, dict[str, Any]]:
@@ -22,7 +25,16 @@ def next_seed(name: str) -> int:
 
 
 def add_to_ledger(name: str, account: Account, guided: bool = False) -> None:
-    """Add the counts of one run of a kind; `guided` by the lines that inputs reach."""
+    """Add the counts of one run of a kind; `guided` by the lines that inputs reach.
+
+    Runs that end at the same time wait for each other.
+    """
+    with LOCK.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        _add(name, account, guided)
+
+
+def _add(name: str, account: Account, guided: bool) -> None:
     every = ledger()
     row = every.setdefault(name, {})
     counts = {"runs": 1, "inputs": account.inputs, "accepted": account.accepted, "refused": account.refused}
