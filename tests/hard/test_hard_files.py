@@ -183,7 +183,8 @@ def assert_compared(run, command: str, path: Path, output: Path) -> None:
     if result.exit_code:
         assert len(errors) == 1 and not output.exists(), result.stderr
         return
-    rows = json.loads(output.read_text(encoding="utf-8"))
+    table = output.read_text(encoding="utf-8")
+    rows = json.loads(table, parse_constant=lambda word: pytest.fail(f"{word} in the table"))["rows"]
     assert errors == [] and rows
 
 
