@@ -104,6 +104,11 @@ def voxel_gyroid(cells: float) -> Arrays:
     x, y, z = 2.0 * np.stack(np.meshgrid(*[np.linspace(-1, 1, n)] * 3, indexing="ij"))
     wave = [np.sin(2 * np.pi * a / 2) * np.cos(2 * np.pi * b / 2) for a, b in ((x, y), (y, z), (z, x))]
     solid = np.pad((wave[0] + wave[1] + wave[2] > 0) & (x**2 + y**2 + z**2 < 4), 1)
+    return voxel_surface(solid)
+
+
+def voxel_surface(solid: NDArray[np.bool_]) -> Arrays:
+    """Boundary of the unit voxels of an (i, j, k) mask with an empty border, normals outwards."""
     quads = []
     for axis in range(3):
         step = np.roll(np.eye(3, dtype=np.int64), -axis, axis=0)  # rows: the axis, then the two across

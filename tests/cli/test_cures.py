@@ -7,6 +7,7 @@ import shlex
 import numpy as np
 import pytest
 
+from benchmarks.hardcases.meshes import voxel_surface
 from ddgcli.algorithms.repair.pipeline import RepairSteps
 from ddgcli.algorithms.repair.solid import repair_solid
 from ddgcli.io.mesh_file import read_mesh, write_mesh
@@ -29,6 +30,13 @@ def fin():
     grid = shapes.grid(3, 3)
     a, b = grid.faces[4, :2]
     return with_faces(grid, np.concatenate([grid.faces, [[a, b, grid.n_vertices]]]), [[0.5, 0.5, 1.0]])
+
+
+def touching_voxels():
+    """Two cubes that share an edge."""
+    solid = np.zeros((4, 4, 3), dtype=bool)
+    solid[1, 1, 1] = solid[2, 2, 1] = True
+    return TriangleMesh.from_arrays(*voxel_surface(solid))
 
 
 def duplicates():
@@ -130,6 +138,7 @@ REFUSALS = [
     (fin, ("delaunay",), "more than two faces"),
     (fin, ("hodge",), "more than two faces"),
     (fin, ("willmore-flow", "--steps", "1"), "more than two faces"),
+    (touching_voxels, ("willmore-flow", "--fix-volume", "--steps", "1"), "more than two faces"),
     (duplicates, ("delaunay",), "more than two faces"),
     (duplicates, ("dec",), "more than two faces"),
     (two_fans, ("hodge",), "several fans"),

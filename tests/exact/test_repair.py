@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from benchmarks.hardcases.meshes import voxel_surface
 from ddgcli.algorithms.repair.pipeline import RepairSteps, repair_mesh, steps_for
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
+from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume, folded_edges
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh import repair, shapes
 from ddgcli.mesh.requirements import unmet_need
@@ -72,6 +74,51 @@ def test_split_fans_parts_a_fin_from_a_sphere_and_two_cones_at_their_tip():
     )
     parted, changes = repair_mesh(twins, RepairSteps(split_fans=True, drop_unused=True))
     assert changes == {"split_fans": 1, "drop_unused": 1} and parted.mesh.topology.n_components == 2
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_voxel_bodies_that_touch_along_edges_stay_closed(seed):
+    random = np.random.default_rng(seed)
+    n = int(random.integers(2, 6))
+    solid = np.pad(random.random((n, n, n)) < random.choice([0.2, 0.4, 0.6]), 1)
+    solid[1, 1, 1] = solid[2, 2, 1] = True
+    solid[1, 2, 1] = solid[2, 1, 1] = False
+    points, faces = voxel_surface(solid)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    mesh = TriangleMesh.from_arrays(points @ turn.T, random.permutation(faces))
+    assert len(mesh.topology.nonmanifold_edges)
+    repaired, changes = repair_mesh(mesh, RepairSteps(split_fans=True))
+    topology = repaired.mesh.topology
+    assert topology.is_manifold and topology.is_oriented and topology.is_closed
+    assert enclosed_volume(repaired.mesh) == pytest.approx(solid.sum(), rel=1e-12)
+    assert np.array_equal(repaired.mesh.points[repaired.mesh.faces], mesh.points[mesh.faces])
+    assert changes["split_fans"] == repaired.mesh.n_vertices - mesh.n_vertices
+    again, changes = repair_mesh(repaired.mesh, RepairSteps(split_fans=True))
+    assert changes == {"split_fans": 0}
+
+
+def test_two_bodies_that_touch_along_an_edge_become_two_and_one_that_touches_itself_stays_one():
+    solid = np.zeros((4, 4, 4), dtype=bool)
+    solid[1, 1, 1] = solid[2, 2, 1] = True
+    repaired, _ = repair_mesh(TriangleMesh.from_arrays(*voxel_surface(solid)), RepairSteps(split_fans=True))
+    assert repaired.mesh.topology.n_components == 2 and repaired.mesh.topology.is_closed
+    solid[1:3, 1:3, 2] = True
+    bridge = np.pad(solid, 1)
+    bridge[2:4, 2:4, 1] = True  # the edge has a full layer above it and below it
+    for body in (solid, bridge):  # legs below a plate; a block with two notches
+        mesh = TriangleMesh.from_arrays(*voxel_surface(body))
+        repaired, _ = repair_mesh(mesh, RepairSteps(split_fans=True))
+        topology = repaired.mesh.topology
+        assert topology.n_components == 1 and topology.is_closed and len(mesh.topology.nonmanifold_edges) == 1
+        assert topology.euler_characteristic == 2
+
+
+def test_faces_that_lie_on_each_other_at_an_edge_are_all_parted():
+    points, faces = shapes.box().points, shapes.box().faces
+    pair = np.array([faces[0], faces[0][::-1]])  # of no thickness, on a face of the box
+    mesh = TriangleMesh.from_arrays(points, np.concatenate([faces, pair]))
+    repaired, _ = repair_mesh(mesh, RepairSteps(split_fans=True))
+    assert repaired.mesh.topology.is_manifold and len(repaired.mesh.topology.boundary_edges)
 
 
 def test_split_fans_ends_on_random_soups_of_few_vertices():

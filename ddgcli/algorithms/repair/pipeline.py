@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ddgcli.algorithms.repair import steps
+from ddgcli.algorithms.repair.fans import split_fans
 from ddgcli.algorithms.repair.holes import fill_holes
 from ddgcli.algorithms.repair.steps import RepairedMesh
 from ddgcli.errors import MeshError, ParameterError
@@ -107,7 +108,7 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
         ("drop_degenerate", chosen_steps.drop_degenerate, steps.drop_degenerate),
         ("drop_duplicates", chosen_steps.drop_duplicates, steps.drop_duplicates),
         ("largest", chosen_steps.largest, steps.keep_largest),
-        ("split_fans", chosen_steps.split_fans, steps.split_fans),
+        ("split_fans", chosen_steps.split_fans, split_fans),
         ("orient", chosen_steps.orient, steps.orient),
         ("split_folds", chosen_steps.split_folds, steps.split_folds),
         (

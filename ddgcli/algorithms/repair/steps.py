@@ -168,14 +168,31 @@ def orient(repaired: RepairedMesh) -> RepairedMesh:
     return RepairedMesh(mesh, repaired.input_vertex, repaired.input_face, int(turn.sum()))
 
 
-def separated(repaired: RepairedMesh, joined: NDArray[np.bool_]) -> RepairedMesh:
-    """The mesh with one vertex for each set of corners that meet across edges of an (e,) mask.
+def separated(
+    repaired: RepairedMesh, joined: NDArray[np.bool_], pairs: NDArray[np.int64] | None = None
+) -> RepairedMesh:
+    """The mesh with one vertex for each set of corners that meet across joined edges.
 
-    The first set of a vertex keeps its number; the others follow behind all vertices. `changes` counts them.
+    The first set of a vertex keeps its number; the others follow behind all vertices.
+
+    Parameters
+    ----------
+    repaired : RepairedMesh
+    joined : (e,) ndarray of bool
+        Edges of two faces to keep.
+    pairs : (k, 2) ndarray of int64, optional
+        Flat numbers of two sides of an edge of more faces, which stay joined.
+
+    Returns
+    -------
+    RepairedMesh
+        `changes` counts the new vertices.
     """
     mesh, topology = repaired.mesh, repaired.mesh.topology
     side = np.flatnonzero((topology.side_twin.ravel() >= 0) & joined[topology.side_edge.ravel()])
     twin = topology.side_twin.ravel()[side]
+    if pairs is not None:
+        side, twin = np.concatenate([side, pairs[:, 0]]), np.concatenate([twin, pairs[:, 1]])
     head = 3 * (np.arange(3 * mesh.n_faces) // 3) + NEXT[np.arange(3 * mesh.n_faces) % 3]
     opposite = topology.side_tail[side] != topology.side_tail[twin]
     rows = np.concatenate([side, head[side]])
@@ -190,33 +207,6 @@ def separated(repaired: RepairedMesh, joined: NDArray[np.bool_]) -> RepairedMesh
     source = np.concatenate([np.arange(mesh.n_vertices), vertex[further]])
     split = TriangleMesh.from_arrays(mesh.points[source], number[fan].reshape(-1, 3))
     return RepairedMesh(split, repaired.input_vertex[source], repaired.input_face, len(further))
-
-
-def split_fans(repaired: RepairedMesh) -> RepairedMesh:
-    """Give every fan of faces its own vertices, so that no vertex joins two fans and no edge three faces.
-
-    Faces at an edge of three or more faces are parted there. An edge whose faces also meet around both of
-    its ends is parted by giving each face its own copy of one end.
-
-    Parameters
-    ----------
-    repaired : RepairedMesh
-
-    Returns
-    -------
-    RepairedMesh
-    """
-    changes = 0
-    while True:
-        two_faces = np.asarray(repaired.mesh.topology.edge_face_count == 2)
-        repaired = separated(repaired, two_faces)
-        changes += repaired.changes
-        topology = repaired.mesh.topology
-        if len(topology.nonmanifold_edges) == 0:
-            break
-        repaired = _separated_at(repaired, topology.edges[topology.nonmanifold_edges, 0])
-        changes += repaired.changes
-    return RepairedMesh(repaired.mesh, repaired.input_vertex, repaired.input_face, changes)
 
 
 def split_folds(repaired: RepairedMesh) -> RepairedMesh:
@@ -235,13 +225,23 @@ def split_folds(repaired: RepairedMesh) -> RepairedMesh:
     changes = repaired.changes
     folded = folded_edges(dihedral_angle(repaired.mesh))
     if len(folded):  # edges whose faces also meet around both ends
-        repaired = _separated_at(repaired, repaired.mesh.topology.edges[folded, 0])
+        repaired = separated_at(repaired, repaired.mesh.topology.edges[folded, 0])
         changes += repaired.changes
     return RepairedMesh(repaired.mesh, repaired.input_vertex, repaired.input_face, changes)
 
 
-def _separated_at(repaired: RepairedMesh, vertices: NDArray[np.int64]) -> RepairedMesh:
-    """The mesh with a copy of these vertices for each of their faces."""
+def separated_at(repaired: RepairedMesh, vertices: NDArray[np.int64]) -> RepairedMesh:
+    """The mesh with a copy of some vertices for each of their faces.
+
+    Parameters
+    ----------
+    repaired : RepairedMesh
+    vertices : (k,) ndarray of int64
+
+    Returns
+    -------
+    RepairedMesh
+    """
     is_end = np.zeros(repaired.mesh.n_vertices, dtype=bool)
     is_end[vertices] = True
     low, high = repaired.mesh.topology.edges.T
