@@ -34,6 +34,7 @@ from benchmarks.hardcases.checks import (
 from benchmarks.hardcases.judge import ABSENT_AS_NAN, INFINITE_ARRAYS
 from benchmarks.hardcases.meshes import truths_of
 from ddgcli.cli.main import main as command_line
+from ddgcli.cli.main import start_time
 from ddgcli.errors import DdgError
 
 MAX_CURES = 4
@@ -119,6 +120,7 @@ def _reject(name: str) -> None:
 def read_call() -> Callable[[bytes], object]:
     """Runs calls; a refusal becomes DdgError, a fault CallError."""
     folder = scratch_folder() / "call"
+    start_time()  # budgets of calls begin when they are made, not at the import of the program
 
     def read(data: bytes) -> object:
         shutil.rmtree(folder, ignore_errors=True)

@@ -43,7 +43,7 @@ KINDS = {  # cells that a command accepts, the most frequent first
 OTHER_KIND = 0.04  # of the calls have cells of any kind
 WEIGHTS = {
     "info": 3, "repair": 6, "curvature": 9, "delaunay": 7, "laplacian": 12, "dec": 5, "hodge": 6,
-    "geodesic": 16, "shell-sim": 6, "fluid-sim": 6, "willmore-flow": 8, "curve-flow": 5, "tradeoff": 1.5,
+    "geodesic": 16, "shell-sim": 6, "fluid-sim": 6, "willmore-flow": 8, "curve-flow": 5, "tradeoff": 4,
     "frames": 3, "view": 2, "batch": 0.7, "check": 0.7,
 }  # fmt: skip
 MEASURES = ("info", "repair", "curvature", "delaunay", "laplacian", "dec", "hodge", "geodesic")
