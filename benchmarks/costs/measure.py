@@ -17,6 +17,7 @@ from ddgcli.cli.forecast.coefficients import Cost
 from ddgcli.cli.forecast.prediction import fill, probe
 
 REPETITIONS = 3
+BEYOND_SHORT_SUMMARY = ("curvature further arrays", "curvature energies")
 NOTHING = Cost(0.0, 0.0, 1.0, 0.0, 0.0)  # of a kernel that is measured later
 
 
@@ -97,8 +98,7 @@ def _rest(
     own = next(use for use in uses if use["kernel"] == task.kernel)
     shared = 0.0
     for use in uses:
-        short = task.short and use["kernel"] == "curvature further results"
-        if use is own or short:
+        if use is own or (task.short and use["kernel"] in BEYOND_SHORT_SUMMARY):
             continue
         cost = table.get(f"{use['kernel']} {task.suffix}".strip(), NOTHING)
         filled = fill(use["kernel"], round(n * 1e5))

@@ -52,7 +52,13 @@ SURFACE = [
         )
         for scheme in ("normal-cycle", "corrected", "quadric")
     ),
-    Task("curvature further results", "curvature {mesh} --scheme corrected", LARGE_SIZES),
+    Task(
+        "curvature further arrays",
+        "curvature {mesh} --scheme corrected -o {out}.ply",
+        LARGE_SIZES,
+        short=True,
+    ),
+    Task("curvature energies", "curvature {mesh} --scheme corrected", LARGE_SIZES),
     Task("curvature sheared", "curvature {mesh}", (80_000, 250_000, 500_000), mesh="sheared", exponent=1.3),
     Task("curvature wide fits", "curvature {mesh}", mesh="detailed"),
     Task("curvature noise", "curvature {mesh}", (800, 10_000), mesh="noisy"),

@@ -40,9 +40,14 @@ class CommonOptions:
     dry_run: bool = False
 
     @property
+    def shows_all_results(self) -> bool:
+        """Whether the summary has all results, not the short list alone."""
+        return self.as_json or self.full
+
+    @property
     def exceeds_short_summary(self) -> bool:
         """Whether the run writes a file or draws a picture, or shows more than the short summary."""
-        return self.as_json or self.full or bool(self.outputs) or self.plot is not None
+        return self.shows_all_results or bool(self.outputs) or self.plot is not None
 
 
 class Real(click.ParamType):

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME, SCHEME_PROMISES
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
@@ -184,3 +185,13 @@ def test_options_for_surfaces_are_refused_together_for_a_curve(run, tmp_path):
         run("curvature", curve, *words), "--offset and --offset-output are for surfaces", "leave them out"
     )
     refused(run("curvature", curve, "--jobs", 2), "--jobs is for surfaces", "leave it out")
+
+
+def test_energies_are_computed_where_the_summary_has_them(run, torus, tmp_path, monkeypatch):
+    calls = []
+    energies = totals.willmore_energies
+    monkeypatch.setattr(totals, "willmore_energies", lambda *a: calls.append(1) or energies(*a))
+    for options, count in (((), 0), (("-o", str(tmp_path / "a.vtu")), 0), (("--full",), 1), (("--json",), 1)):
+        calls.clear()
+        assert run("curvature", torus, *options).exit_code == 0
+        assert len(calls) == count

@@ -100,9 +100,10 @@ def test_options_change_what_is_predicted():
         "delaunay overlay",
     ]
     assert names("delaunay", transfer=["f"])[1:] == ["delaunay overlay", "laplacian poisson"]
-    *_, ball, further = kernels_of("curvature", {"scheme": "quadric", "radius": 0.3}, size)
-    assert further.kernel == "curvature further results"
-    assert kernels_of("curvature", {"scheme": "cotan"}, size, full=False) == [Use("curvature cotan")]
+    *_, ball, arrays, energies = kernels_of("curvature", {"scheme": "quadric", "radius": 0.3}, size)
+    assert (arrays.kernel, energies.kernel) == ("curvature further arrays", "curvature energies")
+    short = kernels_of("curvature", {"scheme": "cotan"}, size, full=False, energies=False)
+    assert short == [Use("curvature cotan")]
     assert ball.kernel == "curvature quadric radius" and math.isclose(ball.elements, 5000 * (30 + 9 * 4.15))
     loaded = InputSize("surface", 10_000, steps=11)
     rest = kernels_of("shell-sim", {"integrator": "static"}, loaded)[1:]

@@ -96,6 +96,7 @@ def measure_curvature(
     image: NDArray | None = None,
     jobs: int = 1,
     full: bool = True,
+    energies: bool | None = None,
 ) -> CurvatureResult:
     """Measure the curvature of a surface by one scheme.
 
@@ -113,7 +114,10 @@ def measure_curvature(
         Threads of the fits of 'quadric'; the result does not depend on it.
     full : bool
         False: only the pointwise mean and Gaussian curvature, the chief integrals and all residuals, without
-        directions, energies, arrays on edges and further statistics.
+        directions, arrays on edges and further statistics.
+    energies : bool, optional
+        Willmore energies, intrinsic volumes and Steiner's polynomial, vector area and the other results that
+        are sums over the surface; as `full` by default.
 
     Returns
     -------
@@ -138,7 +142,7 @@ def measure_curvature(
     results: dict[str, Any] = {"scheme": scheme, "promise": SCHEME_PROMISES[scheme]}
     results |= measured.region(scheme, surface.scale)
     results |= cheap_integrals(surface, principal)
-    if full:
+    if full if energies is None else energies:
         results |= further_integrals(surface, results)
     if image is not None:
         results |= totals.nonconformality(surface.faces, image)

@@ -56,12 +56,13 @@ def measure_surface(
     offset_angle: float = 6.0,
     jobs: int = 1,
     full: bool = True,
+    energies: bool | None = None,
 ) -> SurfaceMeasurement:
     """Measure the curvature of a surface, and the further quantities of a query.
 
     Parameters
     ----------
-    mesh, scheme, radius, image, jobs, full
+    mesh, scheme, radius, image, jobs, full, energies
         Of `measure_curvature`.
     regions : sequence of (array, place)
         Labels on faces or vertices; an empty place is inferred from the length, faces first.
@@ -77,8 +78,9 @@ def measure_surface(
     -------
     SurfaceMeasurement
     """
-    full = full or offset is not None  # the volume of an offset body needs Steiner's polynomial
-    measured = measure_curvature(mesh, scheme, radius, image=image, jobs=jobs, full=full)
+    if offset is not None:  # its volume needs Steiner's polynomial
+        full = energies = True
+    measured = measure_curvature(mesh, scheme, radius, image=image, jobs=jobs, full=full, energies=energies)
     vertex, results, accuracy = dict(measured.vertex), dict(measured.results), dict(measured.accuracy)
     if regions or balls:
         results["regions"], accuracy["region_residual"] = _regions(mesh, regions, balls)

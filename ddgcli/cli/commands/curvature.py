@@ -155,7 +155,10 @@ def _surface(
     check_query(mesh, scheme, radius, image=image, **arguments)
     names = array_names(full=full or measures.offset is not None, vertex_vectors=measures.vertex_vectors)
     run.begin(names, names)
-    measured = measure_surface(mesh, scheme, radius, image=image, jobs=jobs, full=full, **arguments)
+    energies = run.common.shows_all_results
+    measured = measure_surface(
+        mesh, scheme, radius, image=image, jobs=jobs, full=full, energies=energies, **arguments
+    )
     name, values = run.picture_array(measured.vertex, "mean_curvature")
     annotated = AnnotatedMesh(mesh, vertex=measured.vertex, edge=measured.edge)
     run.write(annotated, converged=measured.converged)

@@ -126,7 +126,8 @@ def predict_run(
     def prediction_of(solver: str | None, size: InputSize = size) -> Prediction:
         uses = kernels_of(
             run.command, all_options | {"solver": solver}, size, common.outputs, common.plot is not None,
-            common.exceeds_short_summary, *([math.prod(common.size)] if common.size else []),
+            common.exceeds_short_summary, common.shows_all_results,
+            *([math.prod(common.size)] if common.size else []),
         )  # fmt: skip
         return predict(uses, size, calibrate=common.dry_run, earlier=earlier)
 

@@ -76,6 +76,7 @@ def kernels_of(
     outputs: tuple[str, ...] = (),
     plot: bool = False,
     full: bool = True,
+    energies: bool = True,
     pixels: int = PAGE_PIXELS,
 ) -> list[Use]:
     """Kernels of a command.
@@ -90,8 +91,8 @@ def kernels_of(
         Paths of the result; their extensions choose the cost of writing.
     plot : bool
         Whether a picture is drawn.
-    full : bool
-        Whether the run computes more than the short summary of `curvature`.
+    full, energies : bool
+        Whether a run of `curvature` computes more arrays than its short summary shows, and all integrals.
     pixels : int
         Of a picture.
     """
@@ -99,8 +100,10 @@ def kernels_of(
         uses = _picture(size, pixels, size.frame_count) if options.get("pictures") else []
     else:
         uses = list(_KERNELS[command](options, size))
-    if command == "curvature" and full and size.kind != "curve":
-        uses.append(Use("curvature further results"))
+    if command == "curvature" and size.kind != "curve":
+        offset = options.get("offset") is not None  # its volume is that of Steiner's polynomial
+        uses += [Use("curvature further arrays")] * (full or offset)
+        uses += [Use("curvature energies")] * (energies or offset)
     if command not in ("view", "dec", "tradeoff"):
         meshes = [path for path in outputs if Path(path).suffix.lower() not in PICTURES]
         uses += [Use(f"write {_written_as(path)}", size.frame_count) for path in meshes]
