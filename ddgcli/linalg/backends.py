@@ -38,7 +38,7 @@ MIN_CHOLMOD_UNKNOWNS = 3000
 # entries below which dissection costs more than minimum degree (8,600 vertices of a mesh, 350 of a shell)
 MIN_MULTIFRONTAL_ENTRIES = 100_000
 # eigenpairs and entries from which a shift among the eigenvalues costs less
-MIN_SHIFTED_PAIRS, MIN_SHIFTED_ENTRIES = 20, 50_000
+MIN_SHIFTED_PAIRS, MIN_SHIFTED_ENTRIES = 30, 10_000
 
 
 class Backend(Protocol):

@@ -34,6 +34,7 @@ SHIFTED_WIDTH = 8  # vectors of a block: the multifrontal solver takes as long f
 MIN_MULTIFRONTAL_COUNT = 50_000  # entries of a matrix, from which the multifrontal factor counts cheaper
 SMALL = 1e-2  # eigenvalue relative to the shift, below which two and more of its digits are lost
 MAX_SCALE_RATIO = 1e6  # of the mean eigenvalues of components that are solved together
+EQUAL = 1e-6  # relative difference of values that are copies of one: far above the tolerance of Lanczos
 ROUNDING = 1e-9  # of a zero eigenvalue, relative to the shift
 
 
@@ -51,9 +52,10 @@ class Eigenpairs:
         Norm of L x - lambda M x relative to that of |L| |x|, the terms that L x is summed from, plus that of
         lambda M x: the relative change of L that would make the pair exact.
     complete : bool
-        Whether a count by inertia finds no eigenvalue missing below the last one. Of a multiple last
-        eigenvalue only as many copies are returned as k allows. True, with a warning, where the count does
-        not fit into memory.
+        Whether no eigenvalue is missing below the last one: by a count by inertia, where as many are equal as
+        a block of Lanczos has vectors (4 for few pairs); fewer copies have all come in once they converge. Of
+        a multiple last eigenvalue only as many copies are returned as k allows. True, with a warning, where
+        the count does not fit into memory.
     solver : str
         Name of the linear solver.
     """
@@ -302,7 +304,7 @@ def _lanczos(
     inner = M if root is None else None
     search = BlockLanczos(apply, inner, excluded, seed, lambda theta: _ascending(theta, shift), inverse.width)
     theta, vectors, complete = search.first(
-        k, lambda theta: _none_missing(shift + 1.0 / theta, inverse, n_null), progress
+        k, lambda theta: _none_missing(theta, inverse, n_null, search.width), progress
     )
     if not complete:
         log.warning("eigenvalues below the last one are missing; compute fewer, or check the list")
@@ -315,8 +317,16 @@ def _ascending(theta: NDArray, shift: float) -> NDArray[np.int64]:
     return np.lexsort((value, value < -ROUNDING * shift))
 
 
-def _none_missing(values: NDArray, inverse: _Inverse, n_null: int) -> bool:
-    """Whether inertia counts no more eigenvalues than `values` below the cluster of the last one."""
+def _none_missing(theta: NDArray, inverse: _Inverse, n_null: int, width: int) -> bool:
+    """Whether no eigenvalue is missing below the cluster of the last one of converged 1 / (lambda - shift).
+
+    A block of random vectors has as many independent components in an eigenspace as it has vectors, so that
+    only more equal eigenvalues than those can lack copies; others that converge are eigenvectors, which no
+    smaller part of the space of a cluster contains. Where as many are equal, inertia counts.
+    """
+    if _most_equal(theta) < width:
+        return True
+    values = inverse.shift + 1.0 / theta
     last = values[-1]
     smaller = values[values < last * (1 - 1e-6)]
     count = inverse.count_below(0.5 * (last + (smaller[-1] if len(smaller) else 0.0)))
@@ -327,6 +337,13 @@ def _none_missing(values: NDArray, inverse: _Inverse, n_null: int) -> bool:
         )
         return True
     return count <= len(smaller) + n_null
+
+
+def _most_equal(theta: NDArray) -> int:
+    """Largest number of values that each differ from the next by rounding."""
+    theta = np.sort(theta)
+    apart = np.flatnonzero(np.diff(theta) > EQUAL * np.abs(theta[1:]))
+    return int(np.diff(np.concatenate([[-1], apart, [len(theta) - 1]])).max())
 
 
 def count_below(L: sparray, M: sparray, shift: float, order: NDArray | None = None) -> int:

@@ -228,7 +228,26 @@ def test_eigenpairs_with_the_extra_equal_those_with_a_shift(monkeypatch):
     monkeypatch.delenv("DDGCLI_SOLVER", raising=False)
     mesh = shapes.random_sphere(7300, seed=1)
     L, M = stiffness(mesh), lumped_mass(mesh)
-    few, many = smallest_eigenpairs(L, M, 10), smallest_eigenpairs(L, M, 20)
+    few, many = smallest_eigenpairs(L, M, 10), smallest_eigenpairs(L, M, 30)
     assert few.solver == "cholmod" and many.solver == "multifrontal"
     assert many.complete and few.complete and max(few.residuals.max(), many.residuals.max()) < 1e-10
     assert few.values == pytest.approx(many.values[:10], rel=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_copies_are_complete_with_a_count_and_without(seed, monkeypatch):
+    """Fewer equal values than a block has vectors are not counted, and none of them is missing."""
+    random = np.random.default_rng(seed)
+    n, k, gap = 600, int(random.integers(3, 40)), 10.0 ** random.uniform(-14, -3)
+    most = 3 if seed % 2 else 9
+    sizes = random.integers(1, most + 1, n)
+    levels = np.repeat(np.cumprod(1 + 10 ** random.uniform(-2, -0.3, 60)), sizes[:60])
+    values = np.concatenate([levels, levels[-1] * np.linspace(1.1, 1e4, n)])[:n]
+    values *= 1 + gap * random.random(n)
+    counts = []
+    monkeypatch.setattr(eigen, "count_below", lambda *a: counts.append(a[2]) or count_below(*a))
+    L = csr_array(diags_array(random.permutation(values)))
+    pairs = smallest_eigenpairs(L, eye_array(n), k, seed=seed)
+    np.testing.assert_allclose(pairs.values, np.sort(values)[:k], rtol=1e-7)
+    if most == 3:
+        assert pairs.complete and not counts
