@@ -15,6 +15,7 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.linalg.modes import largest_ratios, lowest_eigenpairs
 from ddgcli.mechanics.increment import Increment
 from ddgcli.mechanics.objective import Objective
+from ddgcli.mechanics.rigid_motions import ROUNDING_MARGIN, unheld_motions
 from ddgcli.mechanics.system import System
 
 DIFFERENCE_STEP = 1e-4  # of the size of the object: largest move of the difference of Hessians
@@ -28,6 +29,9 @@ FREE_FORCE = 1e-6  # of the largest force: a rigid motion that it drives
 DEPENDENT = 1e-10  # of the largest eigenvalue of normal columns' products: they depend on others
 REST_SHIFT = 1e-3  # of the lowest elastic eigenvalue: bounds rigid motions on the way to the equilibrium
 ZERO_EIGENVALUE = 1e-8  # of the largest eigenvalue: a rigid motion
+ZERO_FREQUENCY = 1e-4  # of the largest frequency: a rigid motion at the equilibrium nearby
+RIGID_MOTIONS = 6  # of one body, at most
+DRIVEN_MOVE = 0.1  # of the size of the object: test move along the rigid motions that loads drive
 SMALLEST_RATIO = 1e-9  # of the largest: below, a load stiffens or does nothing
 
 
@@ -46,7 +50,9 @@ class Modes:
     way : float
         Largest displacement to that equilibrium by linear theory, over the size of the object.
     accelerates : bool
-        The forces at the start accelerate the shell as a whole, which has no equilibrium then.
+        The forces at the start drive motions that nothing resists.
+    swings : bool
+        Those motions are no translations: what they lead to has other forces.
     """
 
     values: NDArray[np.float64]
@@ -54,6 +60,7 @@ class Modes:
     at_equilibrium: NDArray[np.float64] | None = None
     way: float = 0.0
     accelerates: bool = False
+    swings: bool = False
 
 
 def natural_modes(system: System, x: NDArray, k: int, *, equilibrium: bool = False) -> Modes:
@@ -76,19 +83,42 @@ def natural_modes(system: System, x: NDArray, k: int, *, equilibrium: bool = Fal
     """
     matrix, objective = _hessian(system, x), Objective(system)
     mass = objective.entries(np.repeat(system.mass[:, None], 3, axis=1))
-    k = min(k, int(np.count_nonzero(mass)))
+    count = int(np.count_nonzero(mass))
+    k = min(k, count)
     if k == 0:
         return Modes(np.zeros(0), np.zeros((0, *x.shape)))
-    values, vectors = lowest_eigenpairs(matrix, mass, k, columns=objective.columns(x))
+    columns = objective.columns(x)
+    values, vectors = lowest_eigenpairs(matrix, mass, k, columns=columns)
+    frequencies = _frequency(values)
     shapes = np.stack([_shape(objective.spread(column)) for column in vectors.T])
     force = -objective.entries(system.gradient(x))
-    if not (equilibrium and force.any() and values.any()):
-        return Modes(_frequency(values), shapes)
-    rigid = vectors[:, np.abs(values) <= ZERO_EIGENVALUE * np.abs(values).max()]
-    along = mass * (rigid @ (rigid.T @ force))
-    balanced, way = _at_equilibrium(system, x, matrix, mass, force - along, values, vectors)
-    accelerates = bool(np.abs(along).max() > FREE_FORCE * np.abs(force).max())
-    return Modes(_frequency(values), shapes, _frequency(balanced), way, accelerates)
+    if not (equilibrium and force.any()):
+        return Modes(frequencies, shapes)
+    if _is_zero(values)[-1]:  # rigid motions may be missing, and the estimate needs an elastic mode
+        values, vectors = lowest_eigenpairs(matrix, mass, min(k + RIGID_MOTIONS, count), columns=columns)
+    rigid = vectors[:, _is_zero(values)]
+    drive = rigid @ (rigid.T @ force)
+    balanced, way = values, 0.0
+    if not _is_zero(values).all():
+        balanced, way = _at_equilibrium(system, x, matrix, mass, force - mass * drive, values, vectors)
+    accelerates = bool(np.abs(mass * drive).max() > FREE_FORCE * np.abs(force).max())
+    swings = accelerates and _changes_forces(system, x, objective.spread(drive))
+    at_rest = _frequency(balanced)
+    at_rest[np.abs(at_rest) <= ZERO_FREQUENCY * np.abs(at_rest).max()] = 0.0
+    return Modes(frequencies, shapes, at_rest[:k], way, accelerates, swings)
+
+
+def _is_zero(values: NDArray) -> NDArray[np.bool_]:
+    """Which eigenvalues, some of them, are those of rigid motions."""
+    return np.abs(values) <= ZERO_EIGENVALUE * np.abs(values).max()
+
+
+def _changes_forces(system: System, x: NDArray, motion: NDArray) -> bool:
+    """Whether elastic forces resist a motion in its second order: a rotation, not a translation."""
+    move = DRIVEN_MOVE * system.size / np.abs(motion).max() * motion
+    elastic = [potential for potential in system.potentials if len(potential.stencil)]
+    change = sum(np.abs(p.gradient(x + move) - p.gradient(x)).sum() for p in elastic)
+    return bool(change > ROUNDING_MARGIN * system.rounding.stiffness * system.rounding.length)
 
 
 def _frequency(eigenvalue: NDArray) -> NDArray[np.float64]:
@@ -184,8 +214,6 @@ def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
     The stress grows in proportion to the load, and the shape stays that at rest: K0 + s K1 is singular, K1
     the derivative of the stress part of the Hessian along the small displacement that the loads cause.
     """
-    from ddgcli.mechanics.rigid_motions import unheld_motions
-
     if system.low_rank(x) is not None:
         raise SolveError("buckling loads of a shell with a gas are not implemented; use pressure without gas")
     unheld = unheld_motions(system)

@@ -60,10 +60,24 @@ clamp = true
 PENDULUM = jn_zeros(0, 1)[0] / (4 * np.pi) * np.sqrt(9.81 / 0.3)  # Hz, of a hanging chain of 0.3 m
 
 
-def frequencies(tmp_path, summary, scene, *options):
+SHEET = """format = "ddgcli-scene/1"
+[[object]]
+name = "sheet"
+role = "shell"
+grid = {{ size = ["30 cm", "30 cm"], cells = [{cells}, {cells}] }}
+material = "rubber"
+[effects]
+stretching = {{}}
+bending = {{ model = "midedge" }}
+{effects}
+"""
+GRAVITY = "gravity = { acceleration = [0, 0, -9.81] }\n"
+
+
+def frequencies(tmp_path, summary, scene, *options, count=7):
     path = tmp_path / "scene.toml"
     path.write_text(scene)
-    out = summary("shell-sim", path, "--modes", 7, *options)
+    out = summary("shell-sim", path, "--modes", count, *options)
     return np.array(out["results"]["frequencies"]), [w for w in out["warnings"] if "hinges" not in w]
 
 
@@ -140,3 +154,51 @@ def test_a_free_ball_that_falls_under_a_pressure_is_to_be_held(tmp_path, summary
     scene += "pin = { vertices = [0, 1, 2] }\n"
     rest, warnings = frequencies(tmp_path, summary, scene, "--integrator", "static")
     assert (rest > 0).all() and not warnings
+
+
+@pytest.mark.parametrize(
+    "cells", [1, 4]
+)  # 1: in linear theory its loads move it as a rigid body, and no more
+@pytest.mark.parametrize("count", [1, 3, 6])
+def test_a_sheet_that_its_weight_turns_about_a_pin_warns_for_every_number_of_modes(
+    tmp_path, summary, cells, count
+):
+    scene = SHEET.format(cells=cells, effects=GRAVITY + "pin = { vertices = [0] }")
+    start, (warning,) = frequencies(tmp_path, summary, scene, count=count)
+    assert (start[:3] == 0).all() and "not in equilibrium" in warning
+    rest, warnings = frequencies(
+        tmp_path, summary, scene, *warning.split("use ")[1].split(), count=max(count, 2)
+    )
+    assert abs(rest[0]) < 1e-3 < rest[1] and not warnings  # it turns about the vertical, and swings
+
+
+@pytest.mark.parametrize("count", [1, 6, 8])
+@pytest.mark.parametrize("effects", [
+    "pin = { vertices = [0] }",  # no load
+    GRAVITY,  # in free fall it is without stress
+    GRAVITY + 'pin = { vertices = [0, 1, 2, 3, 4], axes = "xy" }',  # it falls along rails
+    "load = { traction = [1, 0, 0] }",
+])  # fmt: skip
+def test_rigid_motions_that_no_load_turns_are_without_a_warning(tmp_path, summary, effects, count):
+    start, warnings = frequencies(tmp_path, summary, SHEET.format(cells=2, effects=effects), count=count)
+    assert start[0] == 0 and not warnings
+
+
+def test_a_strip_upright_on_a_hinge_is_reported_as_unstable_at_rest(tmp_path, summary):
+    """An inverted pendulum, in equilibrium; its weight compresses it."""
+    scene = STRIP.format(cells=12, degrees=90, young=3e6).replace(", clamp = true", "")
+    start, (warning,) = frequencies(tmp_path, summary, scene, count=1)
+    assert start[0] == 0 and "one of 0 Hz is unstable at rest" in warning
+
+
+@pytest.mark.parametrize("analysis", ["--modes", "--buckling"])
+def test_options_of_time_steps_are_errors_beside_an_analysis_that_takes_none(
+    tmp_path, run, summary, analysis
+):
+    path = tmp_path / "scene.toml"
+    path.write_text(PLATE.format(gravity=-9.81, effects=""))
+    for option in ("--steps 2", "--duration 1", "--dt 0.1", "--frame-every 0.1", "--tolerance 1e-3"):
+        result = run("shell-sim", path, analysis, 2, *option.split())
+        assert result.exit_code == 2, option
+        assert f"{option.split()[0]}: {analysis} takes no time steps" in result.output + result.stderr
+    assert summary("shell-sim", path, "--modes", 1, "--steps", 2, "--integrator", "static")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,7 +14,10 @@ from ddgcli.errors import ParameterError
 if TYPE_CHECKING:
     from ddgcli.cli.simulation.plot import Picture
     from ddgcli.models.shell.shell_scene import ShellScene
+    from ddgcli.scenes.scene import Scene
     from ddgcli.simulation.outcome import Outcome
+
+TIME_STEP_OPTIONS = ("steps", "duration", "step", "frame_every", "tolerance")
 
 
 @click.command(
@@ -69,7 +71,23 @@ def command(call: SceneCall, modes: int | None, buckling: int | None, **quick: A
     lines, extra = quick_lines({"effect_lines": call.effect_lines, **quick})
     if call.resume and (modes or buckling):
         raise ParameterError("modes are computed from a scene; leave --resume out", parameter="resume")
-    run_scene(call, KIND, partial(ShellScene, modes=modes, buckling=buckling), _picture, lines, extra)
+
+    def build(scene: Scene, *arguments: Any) -> ShellScene:
+        if (modes or buckling) and scene.time.integrator != "static":
+            _require_no_steps(call, "modes" if modes else "buckling")
+        return ShellScene(scene, *arguments, modes=modes, buckling=buckling)
+
+    run_scene(call, KIND, build, _picture, lines, extra)
+
+
+def _require_no_steps(call: SceneCall, analysis: str) -> None:
+    """Refuse options of time steps beside an analysis that takes none."""
+    for name in TIME_STEP_OPTIONS:
+        if name in call.overrides:
+            raise ParameterError(
+                f"`{analysis}` takes no time steps; leave this out, or use `integrator=static`",
+                parameter="dt" if name == "step" else name,
+            )
 
 
 def quick_lines(options: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, Any]]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
-from ddgcli.mechanics.modes import Modes, buckling_modes, natural_modes
+from ddgcli.mechanics.modes import ZERO_FREQUENCY, Modes, buckling_modes, natural_modes
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import RampedLoad
 from ddgcli.models.shell.equilibrium_advice import rest_advice
@@ -21,7 +21,6 @@ log = logging.getLogger("ddgcli")
 
 MAX_FREQUENCY_CHANGE = 0.1  # between the start and the equilibrium, of a frequency, without a warning
 MAX_WAY = 0.1  # to the equilibrium by linear theory, of the size of the shell, without a warning
-ZERO_FREQUENCY = 1e-4  # of the largest frequency: a rigid motion
 
 
 def vibrations(
@@ -73,13 +72,15 @@ def _differs_at_equilibrium(name: str, modes: Modes, cure: str) -> bool:
     largest = np.maximum(np.abs(modes.values), np.abs(modes.at_equilibrium))
     change = np.abs(modes.at_equilibrium - modes.values)
     changed = change > MAX_FREQUENCY_CHANGE * np.maximum(largest, ZERO_FREQUENCY * largest.max())
-    if modes.way > MAX_WAY:
+    if modes.swings:
+        difference = "its loads move it in ways that nothing resists at first"
+    elif modes.way > MAX_WAY:
         difference = f"by linear theory it moves by {modes.way:.2g} of its size"
     elif changed.any():
         k = int(np.argmax(changed))
-        rest = f"about {modes.at_equilibrium[k]:.3g}, to second order in the displacement"
-        rest = rest if modes.at_equilibrium[k] > 0 else "another"
-        difference = f"one of {modes.values[k]:.3g} Hz is at rest {rest}"
+        at_rest = modes.at_equilibrium[k]
+        rest = f"is about {at_rest:.3g} Hz" if at_rest >= 0 else "is unstable"
+        difference = f"one of {modes.values[k]:.3g} Hz {rest} at rest, by a second-order estimate"
     else:
         return False
     log.warning(
