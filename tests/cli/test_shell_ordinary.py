@@ -97,7 +97,7 @@ def test_the_gain_of_energy_is_that_of_the_frames(summary, tmp_path):
 def test_what_cannot_act_is_reported(integrator, effects, message, summary, tmp_path):
     scene = strip_scene(tmp_path, effects, integrator, 1e-3)
     out = summary("shell-sim", scene, "-o", tmp_path / "end.npz")
-    assert sum(message in warning for warning in out["warnings"]) == 1
+    assert [message in w for w in out["warnings"] if "nothing" in w or "held" in w] == [True]
     assert out["accuracy"]["energy_drift"] == (None if integrator == "static" else 0.0)
 
 

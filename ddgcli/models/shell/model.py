@@ -305,9 +305,9 @@ def _own_terms(scene: Scene, context: ShellContext) -> list[Any]:
 
 
 def _moves_nothing(any_term: Any, fixed: NDArray) -> bool:
-    """Whether a term is a dead force, and all of it acts on held coordinates."""
+    """Whether a term is a dead force other than zero, and all of it acts on held coordinates."""
     force = getattr(getattr(any_term, "potential", any_term), "force", None)
-    return isinstance(force, np.ndarray) and not np.any(force[~fixed])
+    return isinstance(force, np.ndarray) and bool(np.any(force)) and not np.any(force[~fixed])
 
 
 def _require_face_arrays(scene: Scene, context: ShellContext) -> None:
