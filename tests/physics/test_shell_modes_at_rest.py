@@ -60,9 +60,9 @@ clamp = true
 PENDULUM = jn_zeros(0, 1)[0] / (4 * np.pi) * np.sqrt(9.81 / 0.3)  # Hz, of a hanging chain of 0.3 m
 
 
-SHEET = """format = "ddgcli-scene/1"
+SQUARE = """format = "ddgcli-scene/1"
 [[object]]
-name = "sheet"
+name = "square"
 role = "shell"
 grid = {{ size = ["30 cm", "30 cm"], cells = [{cells}, {cells}] }}
 material = "rubber"
@@ -160,10 +160,10 @@ def test_a_free_ball_that_falls_under_a_pressure_is_to_be_held(tmp_path, summary
     "cells", [1, 4]
 )  # 1: in linear theory its loads move it as a rigid body, and no more
 @pytest.mark.parametrize("count", [1, 3, 6])
-def test_a_sheet_that_its_weight_turns_about_a_pin_warns_for_every_number_of_modes(
+def test_a_square_that_its_weight_turns_about_a_pin_warns_for_every_number_of_modes(
     tmp_path, summary, cells, count
 ):
-    scene = SHEET.format(cells=cells, effects=GRAVITY + "pin = { vertices = [0] }")
+    scene = SQUARE.format(cells=cells, effects=GRAVITY + "pin = { vertices = [0] }")
     start, (warning,) = frequencies(tmp_path, summary, scene, count=count)
     assert (start[:3] == 0).all() and "not in equilibrium" in warning
     rest, warnings = frequencies(
@@ -180,7 +180,7 @@ def test_a_sheet_that_its_weight_turns_about_a_pin_warns_for_every_number_of_mod
     "load = { traction = [1, 0, 0] }",
 ])  # fmt: skip
 def test_rigid_motions_that_no_load_turns_are_without_a_warning(tmp_path, summary, effects, count):
-    start, warnings = frequencies(tmp_path, summary, SHEET.format(cells=2, effects=effects), count=count)
+    start, warnings = frequencies(tmp_path, summary, SQUARE.format(cells=2, effects=effects), count=count)
     assert start[0] == 0 and not warnings
 
 

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from ddgcli.cli.simulation.plot import Picture
     from ddgcli.models.shell.shell_scene import ShellScene
     from ddgcli.scenes.scene import Scene
+    from ddgcli.scenes.scene_model import ReadArray, ReadMesh
+    from ddgcli.simulation.account import Account
     from ddgcli.simulation.outcome import Outcome
 
 TIME_STEP_OPTIONS = ("steps", "duration", "step", "frame_every", "tolerance")
@@ -72,10 +74,10 @@ def command(call: SceneCall, modes: int | None, buckling: int | None, **quick: A
     if call.resume and (modes or buckling):
         raise ParameterError("modes are computed from a scene; leave --resume out", parameter="resume")
 
-    def build(scene: Scene, *arguments: Any) -> ShellScene:
+    def build(scene: Scene, account: Account, read_mesh: ReadMesh, read_array: ReadArray) -> ShellScene:
         if (modes or buckling) and scene.time.integrator != "static":
             _require_no_steps(call, "modes" if modes else "buckling")
-        return ShellScene(scene, *arguments, modes=modes, buckling=buckling)
+        return ShellScene(scene, account, read_mesh, read_array, modes, buckling)
 
     run_scene(call, KIND, build, _picture, lines, extra)
 
