@@ -24,6 +24,7 @@ MECHANISM = (
     "parts of the shell move without resistance, so no load factor is defined: "
     "buckling loads need stretching, bending and pins"
 )
+PINS = "pin more vertices: three that are not on one line hold all motions"
 REST_STEP = 1e-3  # of the size of the object: largest move of the differences on the way to the equilibrium
 FREE_FORCE = 1e-6  # of the largest force: a rigid motion that it drives
 DEPENDENT = 1e-10  # of the largest eigenvalue of normal columns' products: they depend on others
@@ -214,16 +215,12 @@ def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
     The stress grows in proportion to the load, and the shape stays that at rest: K0 + s K1 is singular, K1
     the derivative of the stress part of the Hessian along the small displacement that the loads cause.
     """
-    if system.low_rank(x) is not None:
-        raise SolveError("buckling loads of a shell with a gas are not implemented; use pressure without gas")
-    unheld = unheld_motions(system)
-    if unheld:  # rounding can leave the singular stiffness positive definite
-        raise SolveError(f"{unheld}: buckling loads need pins")
+    reason = no_buckling(system, x)
+    if reason:  # rounding can leave a singular stiffness positive definite
+        raise SolveError(reason)
     unloaded, objective = _with_loads(system, 0.0), Objective(system)
     stiffness = _hessian(unloaded, x)
     force = -objective.entries(system.gradient(x) - unloaded.gradient(x))
-    if not np.abs(force).max(initial=0.0) > 0:
-        raise SolveError("no load acts on a free vertex, so nothing buckles; add a load, gravity or pressure")
     try:
         move = objective.spread(Factor(stiffness, pivot=False).solve(force))
     except SolveError as error:
@@ -246,6 +243,30 @@ def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
         1 / ratio[significant],
         np.stack([_shape(objective.spread(column)) for column in vectors.T[significant]]),
     )
+
+
+def no_buckling(system: System, x: NDArray) -> str:
+    """Why no load factor of a system is computed, as far as that is known without a factorisation.
+
+    Parameters
+    ----------
+    system : System
+    x : (n, 3) ndarray of float64
+        Positions in m.
+
+    Returns
+    -------
+    str
+        With a cure; "" where nothing prevents it.
+    """
+    if system.low_rank(x) is not None:
+        return "buckling loads of a shell with a gas are not implemented; use pressure without gas"
+    unheld = unheld_motions(system)
+    if unheld:
+        return f"{unheld}, so no load factor is defined; {PINS}"
+    if not np.any(system.gradient(x) - _with_loads(system, 0.0).gradient(x)):
+        return "no load acts on a free vertex, so nothing buckles; add a load, gravity or pressure"
+    return ""
 
 
 def _hessian(system: System, x: NDArray) -> csc_array:

@@ -305,6 +305,24 @@ def test_modes_of_a_held_shell_are_refused_without_a_file(tmp_path, run):
     assert list(tmp_path.iterdir()) == [scene]
 
 
+@pytest.mark.parametrize("dry", [[], ["--dry-run"]])
+@pytest.mark.parametrize("integrator", ["newmark", "static"])
+@pytest.mark.parametrize("pin, message", [
+    ("vertices = [0]", "plate: the supports leave 3 of 6 rigid motions free"),
+    ("vertices = [0, 6]", "plate: the supports leave a rotation free, about the axis"),
+    ("vertices = [0, 6, 42]", ""),  # the cure
+])  # fmt: skip
+def test_buckling_of_a_shell_that_can_turn_is_refused_before_it_runs(
+    tmp_path, run, pin, message, integrator, dry
+):
+    scene = tmp_path / "plate.toml"
+    text = PLATE.format(integrator=integrator).replace("-0.5, 0, 0.01", "-1e-3, 0, 0")
+    scene.write_text(text.replace("box = [[0, 0, 0], [0, 1, 0]], clamp = true", pin))
+    result = run("shell-sim", scene, "--buckling", 1, *dry)
+    assert result.exit_code == (2 if message else 0), result.stderr
+    assert message in result.stderr and ("pin more vertices" in result.stderr) == bool(message)
+
+
 def test_a_shell_without_load_or_freedom_leaves_the_modes_of_the_others(tmp_path, summary):
     """The second plate is held as a whole, and no load acts on it."""
     scene, text = tmp_path / "plates.toml", PLATE.format(integrator="newmark")

@@ -15,17 +15,19 @@ from ddgcli.models.shell.groups import Order, points_at_end
 from ddgcli.simulation.outcome import Outcome
 
 
-def check_analysis(systems: dict[str, System]) -> None:
+def check_analysis(systems: dict[str, System], buckling_time: float | None = None) -> None:
     """Raise an error for shells whose modes are not computed.
 
     Parameters
     ----------
     systems : dict of str to System
+    buckling_time : float, optional
+        Of the loads whose factors are computed, in s; None where none are.
 
     Raises
     ------
     ParameterError
-        For rigid edges, plasticity, or shells without a free vertex.
+        For rigid edges, plasticity, or shells without a free vertex; for shells none of which can buckle.
     """
     if any(system.constraints for system in systems.values()):
         raise ParameterError("modes of shells with rigid edges are not computed; leave rigid out")
@@ -33,6 +35,13 @@ def check_analysis(systems: dict[str, System]) -> None:
         raise ParameterError("modes of shells with plasticity are not computed; leave plasticity out")
     if not any(system.free.any() for system in systems.values()):
         raise ParameterError("every vertex is held, so nothing vibrates or buckles; pin fewer vertices")
+    if buckling_time is not None:
+        from ddgcli.mechanics.modes import no_buckling
+
+        at_time = {name: system.at(buckling_time).with_own_account() for name, system in systems.items()}
+        reasons = [f"{name}: {no_buckling(system, system.start)}" for name, system in at_time.items()]
+        if not any(reason.endswith(": ") for reason in reasons):
+            raise ParameterError(reasons[0])
 
 
 def final(

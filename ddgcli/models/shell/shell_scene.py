@@ -108,7 +108,9 @@ class ShellScene:
         if self.n_modes or self.n_buckling:
             from ddgcli.models.shell import last_frame
 
-            last_frame.check_analysis(self.systems)
+            at_end = self.scene.time.integrator == "static"
+            time = self.scene.time.duration if at_end else 0.0
+            last_frame.check_analysis(self.systems, time if self.n_buckling else None)
         return model.models(self.scene, self.contexts, self.systems)
 
     def _at_end(
