@@ -198,6 +198,7 @@ def resolve(document: Document, kind: SceneKind, overrides: Mapping[str, Any] | 
     data = document.data
     _check_top(document)
     objects = _objects(document, kind)
+    stated = dict(overrides)
     time = _time(document, kind, overrides)
     roles = {o.role for o in objects}
     effects = _effects(document, kind, roles)
@@ -206,7 +207,7 @@ def resolve(document: Document, kind: SceneKind, overrides: Mapping[str, Any] | 
             located(document, ("format",), f"format {data['format']!r} is not known; write {FORMAT!r}")
         )
     scene = Scene(kind, time, objects, effects, document, _is_default(document, kind, overrides, time))
-    _check_clock(scene, is_step_overridden=overrides.get("step") is not None)
+    _check_clock(scene, {name for name, value in stated.items() if value is not None})
     return scene
 
 
@@ -230,23 +231,32 @@ def _with_models(document: Document, kind: SceneKind, models: Sequence[str]) -> 
     return replace(document, data=data)  # type: ignore[type-var]
 
 
-def _check_clock(scene: Scene, *, is_step_overridden: bool) -> None:
+def _check_clock(scene: Scene, overridden: set[str]) -> None:
     """Refuse runs without end; warn where the clock does not meet the times that the scene names."""
     time = scene.time
+
+    def refuse(key: str, value: str, reason: str) -> NoReturn:
+        if key not in overridden:
+            scene.refuse(("time", key), f"{key} = {value} {reason}")
+        # no line of the scene holds it
+        raise ParameterError(f"{value} {reason}", parameter="dt" if key == "step" else key)
+
     each = (time.frame_every or time.duration / 50) if time.tolerance is not None else time.step
     count = time.duration / each
     if not count <= MAX_STEP_COUNT:
         what = "step" if time.tolerance is None else "frame_every"
-        scene.refuse(("time", what), f"{what} = {each:g} s makes {count:.3g} of them; lengthen it")
+        if what not in overridden and "duration" in overridden:
+            refuse("duration", f"{time.duration:g} s", f"is {count:.3g} times {what}; shorten it")
+        refuse(what, f"{each:g} s", f"makes {count:.3g} of them; lengthen it")
     for what in ("step", "frame_every", "duration"):
         span = getattr(time, what)
         if span is not None and not TIME_RANGE[0] < span < TIME_RANGE[1]:
-            scene.refuse(("time", what), f"{what} = {span:g} s squared leaves the range of numbers")
+            refuse(what, f"{span:g} s", "squared leaves the range of numbers; write 1e-149 to 1e149")
     schedule = scene.schedule()
     if time.tolerance is not None or time.integrator == "static":
         return
     if time.step > time.duration * (1 + 1e-6):
-        if is_step_overridden:  # no line of the scene holds it
+        if "step" in overridden:
             raise ParameterError(
                 f"{time.step:g} is longer than the duration of {time.duration:g}; "
                 f"give {time.duration:g} or less",

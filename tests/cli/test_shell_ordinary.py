@@ -185,3 +185,12 @@ def test_the_default_step_is_no_longer_than_the_run(run, tmp_path):
     path.write_text(path.read_text().replace("step = 0.001\n", ""))
     done = run("shell-sim", path, "--json")
     assert done.exit_code == 0 and json.loads(done.stdout)["results"]["time"] == 1e-3
+
+
+@pytest.mark.parametrize("options", [
+    "--dt 1e-300 --steps 1", "--duration 1e-300 --dt 1e-300", "--duration 1e300", "--frame-every 1e-300",
+])  # fmt: skip
+def test_a_time_beyond_the_range_of_numbers_is_refused_at_its_option(options, run, tmp_path):
+    refused = run("shell-sim", strip_scene(tmp_path, CLAMPED, "newmark", 1e-3), *options.split())
+    named = "--dt" if "--dt" in options else options.split()[0]
+    assert refused.exit_code == 2 and f".toml: {named}: 1e" in refused.stderr
