@@ -6,7 +6,7 @@ import math
 
 from ddgcli.errors import SolveError
 from ddgcli.simulation.active_model import ActiveModel
-from ddgcli.simulation.model import MAX_HALVINGS, Schedule, StepRejected
+from ddgcli.simulation.model import MAX_HALVINGS, STABILITY_LIMIT, Schedule, StepRejected
 
 # Rejected steps of a run: some of its steps may need many shorter ones, but if all of them do, the run takes
 # hundreds of times what its scene and its prediction state.
@@ -38,12 +38,14 @@ def step_advice(active: ActiveModel, rejected: StepRejected, dt: float, solvable
     return f"weaken the forces and velocities, or {shorter}" if infinite else shorter
 
 
-def largest_solvable(active: ActiveModel, time: float, dt: float) -> float:
+def largest_solvable(active: ActiveModel, rejected: StepRejected, time: float, dt: float) -> float:
     """Half, quarter, ... of a step that failed, which the scheme can take from here; dt / 2 if none.
 
     Parameters
     ----------
     active : ActiveModel
+    rejected : StepRejected
+        Of the step that failed; one beyond a stability limit states how far.
     time, dt : float
 
     Returns
@@ -52,6 +54,8 @@ def largest_solvable(active: ActiveModel, time: float, dt: float) -> float:
     """
     if active.model.advice is not None:  # the model's own advice names no step
         return dt / 2
+    if rejected.cause == STABILITY_LIMIT and 1 < rejected.value < math.inf:
+        return dt / rejected.value
     for depth in range(1, MAX_HALVINGS + 1):
         try:
             active.model.advance(active.state, time, dt / 2**depth)

@@ -17,6 +17,7 @@ Arrays = dict[str, NDArray]
 
 MAX_STEP_COUNT = 1e9  # of a run
 MAX_HALVINGS = 12  # a step is halved at most so often: dt / 4096
+STABILITY_LIMIT = "stability limit"  # cause; `value` is the step times the largest rate, 1 or more
 STEP_GROWTH = 1.1  # see `Model.growth`
 
 

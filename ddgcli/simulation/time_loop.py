@@ -245,10 +245,8 @@ def _step_or_halves(
         active.n_rejected += 1
         check_rejected(active, step, time, schedule.dt)
         if schedule.on_failure == "stop" or depth >= rejected.halvings:
-            raise SolveError(
-                f"t = {time:.6g} {active.model.time_unit}, {detail}; "
-                f"{step_advice(active, rejected, schedule.dt, largest_solvable(active, time, dt))}"
-            ) from rejected
+            advice = step_advice(active, rejected, schedule.dt, largest_solvable(active, rejected, time, dt))
+            raise SolveError(f"t = {time:.6g} {active.model.time_unit}, {detail}; {advice}") from rejected
         log_event = log.info if active.divided else log.warning
         unit = active.model.time_unit
         log_event(
@@ -365,10 +363,10 @@ def _advance_adaptively(
         except StepRejected as rejected:
             detail = _logged(active, rejected, first, time, dt, events)
             if schedule.on_failure == "stop" or dt < shortest:
-                raise SolveError(
-                    f"t = {time:.6g} {active.model.time_unit}, {detail}; "
-                    f"{step_advice(active, rejected, schedule.dt, largest_solvable(active, time, dt))}"
-                ) from rejected
+                advice = step_advice(
+                    active, rejected, schedule.dt, largest_solvable(active, rejected, time, dt)
+                )
+                raise SolveError(f"t = {time:.6g} {active.model.time_unit}, {detail}; {advice}") from rejected
             active.next_dt = doubling.failed() or dt / 4
             continue
         growth = 0.9 * (tolerance / error) ** (1 / (model.order + 1))

@@ -436,3 +436,19 @@ def test_a_dry_run_counts_the_evaluations_of_asynchronous_steps(tmp_path, summar
     effects = summary(*words)["results"]["effects"]
     calls = max(effects[name]["evaluations"] for name in ("stretching", "bending"))
     assert 8 < times < 0.8 * calls  # the calls are those of batches of elements
+
+
+def test_a_flow_of_a_stated_duration_counts_the_steps_of_its_schedule(run, tmp_path):
+    turn = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    path = tmp_path / "circle.csv"
+    np.savetxt(path, np.stack([np.cos(turn), np.sin(turn)], axis=1), delimiter=",", header="x,y", comments="")
+    until = ("curve-flow", str(path), "--duration", "0.02")
+    steps = json.loads(run(*until, "--json").stdout)["results"]["stopped_because"].split()[0]
+    step = lambda *words: next(  # noqa: E731
+        row
+        for row in json.loads(run(*words, "--dry-run", "--json").stdout)["results"]["kernels"]
+        if "step" in row["kernel"]
+    )
+    assert step(*until)["times"] == int(steps) and "times_range" not in step(*until)
+    at_rest = step("curve-flow", str(path))
+    assert at_rest["times_range"][1] == 2000 and at_rest["assumes"]

@@ -137,6 +137,18 @@ def test_steps_far_too_long_end_early_with_a_step_that_works(run, tmp_path, inte
     assert cured["results"]["rejected_steps"] == 0 and not cured["warnings"]
 
 
+@pytest.mark.parametrize("speed", ["1e4", "1e12"])
+def test_a_flow_beyond_every_halving_names_a_step_that_works(run, tmp_path, speed):
+    effects = f'initial = {{ vorticity = "{speed}*z" }}'
+    time = 'duration = 300\nstep = 100\nintegrator = "conservative"'
+    path = scene(tmp_path / "s.toml", BALL, effects, time)
+    refused = run("fluid-sim", path, "--json")
+    because = json.loads(refused.stdout)["results"]["stopped_because"]
+    step = float(re.search(r"make the step (\S+) s", because)[1])
+    cured = run("fluid-sim", path, "--json", "--dt", step, "--duration", 3 * step)
+    assert cured.exit_code == 0 and json.loads(cured.stdout)["results"]["rejected_steps"] == 0
+
+
 def test_boundary_circulation_is_kept(summary, tmp_path):
     shape = 'grid = { size = [2, 1], cells = [24, 12], periodic = "x", pattern = "right" }'
     effects = (

@@ -130,6 +130,15 @@ def test_steiner_points_are_counted_after_the_flips_and_up_to_their_limit():
     assert few.elements * few.times > 0.2 * many.elements * many.times  # flips, of the input too
 
 
+def test_rows_of_needles_may_take_many_more_flips():
+    size = InputSize("surface", 2000)
+    needles, others = (
+        kernels_of("delaunay", {"refine": 25.0}, replace(size, angle_deficit=deficit))[-1]
+        for deficit in (1999.0, 500.0)
+    )
+    assert needles.range[1] > 4 * others.range[1]
+
+
 @pytest.mark.parametrize(
     ("method", "rows", "processes"), [("exact", 2, 2), ("heat", 9, 4), ("fast-marching", 9, 4)]
 )

@@ -89,7 +89,7 @@ def command(
         texts={"scene_source": "", "scene_resolved": resolved},
         failure_reason=lambda outcome: "a fold" if report.folds_back(outcome.series) else "",
     )  # fmt: skip
-    begin_flow(run, job)
+    begin_flow(run, job, bounded=bounded)
     outcome = simulate(run, job)
     results, accuracy = report.summary(
         curve_flow, outcome.times, outcome.series, schedule.steps, outcome.stopped, outcome.failure

@@ -138,7 +138,7 @@ def command(
         changing_vertices=flow.remesh is not None,
         failure_reason=lambda outcome: report.failure_reason(outcome.stopped, mesh, flow_options),
     )  # fmt: skip
-    begin_flow(run, job)
+    begin_flow(run, job, bounded=bounded)
     outcome = simulate(run, job)
     results, accuracy = report.summary(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure, bounded=bounded,

@@ -9,14 +9,17 @@ from typing import Any
 from ddgcli.choices import EXPLICIT_INTEGRATORS, ITERATIVE_SOLVERS
 from ddgcli.cli.forecast.use import KNOWN, InputSize, Range, Use
 
-__all__ = ["curve_flow_kernels", "fluid_kernels", "shell_kernels", "willmore_kernels"]
+__all__ = ["curve_flow_kernels", "expected_steps", "fluid_kernels", "shell_kernels", "willmore_kernels"]
 
-DEFAULT_FLOW_STEPS = 100  # a guess: flows end at rest
 # iterations to an equilibrium, and to one after a further load step: stiff parts need few, cloth many
 ITERATIONS_TO_REST, REST_RANGE = 120, (0.06, 8.0)
 ITERATIONS_PER_LOAD_STEP, LOAD_STEP_RANGE = 30, (0.1, 3.0)
 TIMED_RANGE: Range = (0.7, 20.0)  # steps that raise the energy are divided again and again
-FLOW_RANGE: Range = (0.01, 10.0)  # of DEFAULT_FLOW_STEPS, where a flow ends at rest
+# steps of a flow that ends at rest, and their range; curve flows end after 2,000 by default
+FLOW_STEPS: dict[str, tuple[int, Range]] = {
+    "willmore-flow": (100, (0.01, 10.0)),
+    "curve-flow": (1000, (0.01, 2.0)),
+}
 TRIED_STEPS = 3  # of an adaptive step: one, and two of half its length
 ADAPTIVE_RANGE: Range = (1.0, 10.0)  # adaptive steps of a frame
 CONTACT_STEPS = 3.2  # steps without contact that cost as much as one with it, for its Newton iterations
@@ -51,9 +54,14 @@ def _step_uses(
         factor, unknown = attempts * factor, _product(unknown, ADAPTIVE_RANGE)
         assumes = "one adaptive step a frame"
     if size.steps is None:
-        unknown, assumes = _product(unknown, FLOW_RANGE), f"{DEFAULT_FLOW_STEPS} steps"
-        return Use(kernel, factor * DEFAULT_FLOW_STEPS, range=unknown, assumes=assumes)
+        steps, to_rest = FLOW_STEPS[kernel.split()[0]]
+        return Use(kernel, factor * steps, range=_product(unknown, to_rest), assumes=f"{steps} steps")
     return Use(kernel, factor * size.steps, range=unknown, assumes=assumes)
+
+
+def expected_steps(command: str) -> int:
+    """Steps of a flow until it is at rest."""
+    return FLOW_STEPS[command][0]
 
 
 def _product(first: Range, second: Range) -> Range:
@@ -72,7 +80,7 @@ def willmore_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Us
         assumes = "flips and slides as of uneven triangles"
         yield Use("willmore-flow improvement", range=IMPROVEMENT_RANGE, assumes=assumes)
     if options.get("remesh"):
-        steps = DEFAULT_FLOW_STEPS if size.steps is None else size.steps
+        steps = expected_steps("willmore-flow") if size.steps is None else size.steps
         count = min(1 + max(steps - 1, 0) // REMESHING_INTERVAL, MAX_REMESHES)
         assumes = f"{count} remeshes, as those of even triangles"
         low, high = REMESHING_RANGE

@@ -7,8 +7,9 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from ddgcli.cli.forecast.check_cost import predict_run
 from ddgcli.cli.forecast.prediction import MIB, fits, seconds_of_steps, with_measured_steps
-from ddgcli.cli.forecast.simulator_kernels import DEFAULT_FLOW_STEPS
+from ddgcli.cli.forecast.simulator_kernels import expected_steps
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.simulate import Job, check_job
 from ddgcli.errors import SolveError, without_warnings
@@ -18,6 +19,7 @@ from ddgcli.simulation.time_loop import evolve
 
 if TYPE_CHECKING:
     from ddgcli.cli.forecast.prediction import Prediction
+    from ddgcli.cli.forecast.use import InputSize
 
 __all__ = ["begin_flow", "with_first_steps"]
 
@@ -30,12 +32,20 @@ class _TrialEnd(Exception):
     """Ends a trial."""
 
 
-def begin_flow(run: Run, job: Job) -> None:
-    """Check a flow, and end its dry run with what its first steps cost."""
+def begin_flow(run: Run, job: Job, *, bounded: bool) -> None:
+    """Check a flow, and end its dry run with what its first steps cost.
+
+    A `bounded` flow, of a stated duration, takes the steps of its schedule; others end at rest.
+    """
     check_job(run, job)
-    run.refine_prediction(
-        lambda prediction, size: with_first_steps(prediction, job, steps=size.steps or DEFAULT_FLOW_STEPS)
-    )
+
+    def refine(prediction: Prediction, size: InputSize) -> Prediction:
+        if bounded and size.steps is None:
+            size = replace(size, steps=job.schedule.steps)
+            prediction = predict_run(run, size, earlier=prediction)
+        return with_first_steps(prediction, job, steps=size.steps or expected_steps(run.command))
+
+    run.refine_prediction(refine)
     run.begin()
 
 
