@@ -250,12 +250,14 @@ class Run:
         self._messages.print_warnings()
         return list(self._messages.warnings)
 
-    def end_dry_run(self, results: dict[str, Any]) -> None:
-        """Print the prediction of a dry run as the summary, and end the run."""
+    def end_dry_run(
+        self, results: dict[str, Any], text: Sequence[str] = (), *, converged: bool = True
+    ) -> None:
+        """Print `text` and the prediction of a dry run as the summary, and end the run."""
         self.common = replace(self.common, plot=None)
         from ddgcli.cli.forecast.prediction import as_text
 
-        self.finish(results, {}, text=as_text(results))
+        self.finish(results, {}, converged=converged, text=[*text, *as_text(results)])
         self._context.exit(0)
 
     def set_input(self, path: str, sha256: str, **facts: Any) -> None:

@@ -88,6 +88,23 @@ def test_a_batch_and_a_check_predict_the_command_that_they_run(inputs, tmp_path,
     assert [row["kernel"] for row in checked["kernels"]] == ["info"]
 
 
+@pytest.mark.parametrize("accepted", [1, 0])
+def test_a_dry_run_of_a_batch_names_the_refused_runs_and_exits_as_the_run(accepted, inputs, tmp_path, run):
+    """Two triangles of a book with a third page: `hodge` refuses the edge that three faces share."""
+    book = tmp_path / "book.obj"
+    book.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 0 -1 0\nf 1 2 3\nf 1 2 4\nf 1 2 5\n")
+    words = ("batch", *[inputs["mesh"]] * accepted, book, "--jobs", 2, "--json")
+    real = run(*words, "--", "hodge")
+    row = json.loads(real.stdout)["results"]["rows"][accepted]
+    dry = run(*words, "--dry-run", "--", "hodge")
+    results = json.loads(dry.stdout)["results"]
+    assert dry.exit_code == real.exit_code == 1
+    assert results["runs"] == results["checked"] == accepted + 1 and results["refused"] == 1
+    assert [(r["index"], r["input"]) for r in results["refused_runs"]] == [(accepted, str(book))]
+    assert row["status"] == "failed" and row["message"] == f"Error: {results['refused_runs'][0]['message']}"
+    assert ("seconds" in results) == bool(accepted)
+
+
 def test_a_batch_adds_up_its_inputs_and_swept_values(tmp_path, monkeypatch):
     """Runs of one file size cost the same, runs between two sizes in proportion, a refused run none."""
     for name, size in (("a", 1000), ("b", 2000), ("c", 5000), ("refused", 9000)):
@@ -125,6 +142,17 @@ def test_a_batch_adds_up_its_inputs_and_swept_values(tmp_path, monkeypatch):
     assert cost(["a", "refused"])["largest_run"]["peak_mib"] == 10
     with pytest.raises(ParameterError, match="manifold"):
         cost(["refused"])
+    monkeypatch.setattr(batch_cost, "MAX_DRY_RUNS", 2)
+    tasks = [
+        Task(i, f"{tmp_path / name}", {}, None, ("info", name))
+        for i, name in enumerate(("a", "b", "refused", "c"))
+    ]
+    checked = batch_cost.dry_runs(tasks, 2)
+    results, text = batch_cost.with_refused_runs(batch_cost.batch_cost(tasks, 1, checked), tasks, checked)
+    assert (
+        results["runs"] == 4 and results["refused"] == 1 and results["seconds"] == pytest.approx(10 + 20 + 50)
+    )
+    assert text[0].split() == ["refused", "1", "of", "2", "checked"]
     batch_cost.refuse_batch(cost("ccc", 3), 3)
     with pytest.raises(ParameterError, match="4 runs at a time need about 0.195 GiB.* use fewer --jobs"):
         batch_cost.refuse_batch(cost("cccc", 4), 4)

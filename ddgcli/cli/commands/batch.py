@@ -11,13 +11,20 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.forecast.batch_cost import batch_cost, may_not_fit, refuse_batch
+from ddgcli.cli.forecast.batch_cost import (
+    batch_cost,
+    dry_runs,
+    may_not_fit,
+    refuse_batch,
+    with_refused_runs,
+)
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
     from ddgcli.batch.process import TaskRow
+    from ddgcli.batch.tasks import Task
 
 log = logging.getLogger("ddgcli")
 
@@ -92,12 +99,7 @@ def command(
     tasks = make_tasks(expanded_inputs(inputs), sweeps, template, call, output_options)
     tasks = shard_of(tasks, shard)
     run.input = {"path": ", ".join(inputs), "runs": len(tasks)}
-    if common.dry_run or (cluster is None and may_not_fit(tasks, jobs)):
-        cost = batch_cost([task.in_existing_folder() for task in tasks], jobs)
-        if cluster is None:
-            refuse_batch(cost, jobs)
-        if common.dry_run:
-            run.end_dry_run(cost)
+    predict_batch(run, tasks, jobs, on_cluster=cluster is not None)
     rows = run_batch(
         tasks, TaskLimits(timeout, memory), jobs=jobs, collect=collect, table=table, resume=resume,
         cluster=cluster, progress=run.progress("batch"),
@@ -117,6 +119,21 @@ def command(
     text = [f"runs    {len(rows)}", *(f"{status:<8}{count}" for status, count in counts.items())]
     text += [f"{row.status}: {row.input} {row.message}".rstrip() for row in failed]
     run.finish(results, {}, converged=not failed, text=text)
+
+
+def predict_batch(run: Run, tasks: Sequence[Task], jobs: int, *, on_cluster: bool) -> None:
+    """Refuse a batch that does not fit into memory; end a dry run, with the runs that are refused."""
+    dry_run = run.common.dry_run
+    if not dry_run and (on_cluster or not may_not_fit(tasks, jobs)):
+        return
+    placed = [task.in_existing_folder() for task in tasks]
+    checked = dry_runs(placed, jobs) if dry_run else {}
+    cost = batch_cost(placed, jobs, checked)
+    if not on_cluster:
+        refuse_batch(cost, jobs)
+    if dry_run:
+        results, text = with_refused_runs(cost, placed, checked)
+        run.end_dry_run(results, text, converged=not results["refused"])
 
 
 def warn_of_empty_columns(rows: Sequence[TaskRow], collect: Sequence[str]) -> None:

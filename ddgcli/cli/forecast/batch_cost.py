@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +14,15 @@ from ddgcli.errors import ParameterError
 if TYPE_CHECKING:
     from ddgcli.batch.tasks import Task
 
-__all__ = ["batch_cost", "may_not_fit", "refuse_batch"]
+__all__ = ["batch_cost", "dry_runs", "may_not_fit", "refuse_batch", "with_refused_runs"]
 
 MIN_CHECKED_BYTES = 5e6  # of a file of some 100,000 faces: smaller ones fit
 MAX_PREDICTED_VALUES = 4  # combinations of swept values with dry runs of their own
+MAX_DRY_RUNS = 100  # of a batch; of more tasks, as many evenly spaced ones
 MAX_REFUSED = 3  # dry runs that refuse their input, before the batch is refused
 MIN_SIZE_RATIO = 1.3  # of files whose costs are predicted apart
 _Facts = tuple[int, dict[str, Any]]  # bytes of an input and its dry run
+DryRuns = Mapping[tuple[str, ...], dict[str, Any] | ParameterError]  # by the words of a task
 COSTS = ("peak_mib", "seconds", "least seconds", "most seconds")
 
 
@@ -28,12 +31,50 @@ def may_not_fit(tasks: Sequence[Task], jobs: int) -> bool:
     return min(jobs, len(tasks)) > 1 and max(map(_bytes, tasks)) >= MIN_CHECKED_BYTES
 
 
-def batch_cost(tasks: Sequence[Task], jobs: int) -> dict[str, Any]:
+def dry_runs(tasks: Sequence[Task], jobs: int) -> DryRuns:
+    """Predictions of the tasks of a batch, or their refusals; of many tasks, of `MAX_DRY_RUNS`."""
+    checked = tasks[:: -(-len(tasks) // MAX_DRY_RUNS) or 1]
+    words = [task.words for task in checked]
+    with ThreadPoolExecutor(jobs) as pool:
+        return dict(zip(words, pool.map(_prediction_or_refusal, words)))
+
+
+def with_refused_runs(
+    cost: dict[str, Any], tasks: Sequence[Task], checked: DryRuns
+) -> tuple[dict[str, Any], list[str]]:
+    """Results of a dry run with the runs that are refused, and the lines of its summary about them."""
+    rows = [
+        {"index": task.index, "input": task.input, "message": str(answer)}
+        for task in tasks
+        if isinstance(answer := checked.get(task.words), ParameterError)
+    ]
+    results = {
+        **cost,
+        "runs": len(tasks),
+        "checked": len(checked),
+        "refused": len(rows),
+        "refused_runs": rows,
+    }
+    of_some = f" of {len(checked)} checked" if len(checked) < len(tasks) else ""
+    text = [f"refused      {len(rows)}{of_some}"] if rows else []
+    for row in rows:
+        path, message = str(row["input"]), str(row["message"])
+        text.append(f"refused: {message if message.startswith(path) else f'{path} {message}'}")
+    return results, text
+
+
+def batch_cost(tasks: Sequence[Task], jobs: int, checked: DryRuns | None = None) -> dict[str, Any]:
     """Prediction of a batch: seconds of all tasks, and memory of the `jobs` largest side by side.
 
     The largest and the smallest input with each combination of swept values (of some, where there are many)
-    have dry runs of their own; the cost of an input between them grows in proportion to its file.
+    have dry runs of their own; the cost of an input between them grows in proportion to its file. `checked`:
+    dry runs that are there already; the runs that they refuse cost nothing.
     """
+    checked = checked or {}
+    n_tasks = len(tasks)
+    tasks = [task for task in tasks if not isinstance(checked.get(task.words), ParameterError)]
+    if n_tasks and not tasks:
+        return {"dry_run": True, "runs": n_tasks}
     if not tasks:
         return {"dry_run": True, "runs": 0, "peak_mib": 0.0, "available_mib": 0.0, "seconds": 0.0}
     groups: dict[tuple[tuple[str, str], ...], list[Task]] = {}
@@ -44,7 +85,7 @@ def batch_cost(tasks: Sequence[Task], jobs: int) -> dict[str, Any]:
     largest_run: dict[str, Any] = {}
     for number, group in enumerate(groups.values()):
         if number % every == 0:
-            low, high = _ends(group)
+            low, high = _ends(group, checked)
             largest_run = max(largest_run, high[1], key=lambda facts: facts.get("peak_mib", 0.0))
         costs += [_between(_bytes(task), low, high) for task in group]
     start = time.process_time()
@@ -64,7 +105,7 @@ def refuse_batch(cost: dict[str, Any], jobs: int) -> None:
     """Raise ParameterError for tasks that do not fit into memory side by side."""
     from ddgcli.cli.forecast.prediction import UNCERTAINTY
 
-    if cost["peak_mib"] > (1 + UNCERTAINTY) * cost["available_mib"]:
+    if "peak_mib" in cost and cost["peak_mib"] > (1 + UNCERTAINTY) * cost["available_mib"]:
         required, available = (cost[name] / 1024 for name in ("peak_mib", "available_mib"))
         raise ParameterError(
             f"{min(jobs, cost['runs'])} runs at a time need about {required:.3g} GiB of memory, and "
@@ -76,27 +117,34 @@ def _bytes(task: Task) -> int:
     return Path(task.input).stat().st_size if Path(task.input).is_file() else 0
 
 
-def _ends(group: Sequence[Task]) -> tuple[_Facts, _Facts]:
+def _ends(group: Sequence[Task], checked: DryRuns) -> tuple[_Facts, _Facts]:
     """Bytes and predictions of the smallest and of the largest input that a command accepts."""
     ordered = sorted(group, key=_bytes)
-    high = _accepted(ordered[::-1])
+    high = _accepted(ordered[::-1], checked)
     if _bytes(ordered[0]) * MIN_SIZE_RATIO > high[0]:
         return high, high
     try:
-        return _accepted(ordered), high
+        return _accepted(ordered, checked), high
     except ParameterError:
         return high, high
 
 
-def _accepted(tasks: Sequence[Task]) -> _Facts:
+def _accepted(tasks: Sequence[Task], checked: DryRuns) -> _Facts:
     """Bytes and prediction of the first task whose input is accepted; others fail and do not stop a batch."""
     refusal = None
     for task in tasks[:MAX_REFUSED]:
-        try:
-            return _bytes(task), dry_run_of(task.words)
-        except ParameterError as error:
-            refusal = refusal or error
+        answer = checked.get(task.words) or _prediction_or_refusal(task.words)
+        if not isinstance(answer, ParameterError):
+            return _bytes(task), answer
+        refusal = refusal or answer
     raise refusal or ParameterError("no runs")
+
+
+def _prediction_or_refusal(words: Sequence[str]) -> dict[str, Any] | ParameterError:
+    try:
+        return dry_run_of(words)
+    except ParameterError as refusal:
+        return refusal
 
 
 def _between(size: int, low: _Facts, high: _Facts) -> dict[str, float]:

@@ -206,6 +206,8 @@ def dry_run_of(words: Sequence[str]) -> dict[str, Any]:
     import json
     import sys
 
+    from ddgcli.batch.process import MESSAGE_LENGTH
+
     call = [sys.executable, "-m", "ddgcli", *words, "--dry-run", "--json"]
     process = captured_run(call)
     try:
@@ -213,4 +215,4 @@ def dry_run_of(words: Sequence[str]) -> dict[str, Any]:
         return answer.get("prediction") or answer["results"]
     except (ValueError, KeyError, AttributeError):
         last = (process.stderr.strip().splitlines() or ["no prediction"])[-1]
-        raise ParameterError(excerpt(last.removeprefix("Error: "), 300)) from None
+        raise ParameterError(excerpt(last.removeprefix("Error: "), MESSAGE_LENGTH)) from None

@@ -242,7 +242,9 @@ def as_results(prediction: Prediction, size: InputSize) -> dict[str, Any]:
 
 
 def as_text(results: Mapping[str, Any]) -> list[str]:
-    """Lines of the summary of a dry run."""
+    """Lines of the summary of a dry run; none where no run of a batch is accepted."""
+    if "seconds" not in results:
+        return []
     low, high = results.get("seconds_range") or 2 * (results["seconds"],)
     known = high <= (1 + UNCERTAINTY) * results["seconds"] and low >= (1 - UNCERTAINTY) * results["seconds"]
     assumed = "; ".join(row["assumes"] for row in results.get("kernels", ()) if "assumes" in row)
