@@ -62,7 +62,7 @@ class MessageHandler(logging.Handler):
                 click.echo(f"Warning: {message}", err=True)
 
 
-def _from_here(path: str) -> str:
+def path_from_here(path: str) -> str:
     """A path inside the working folder without that folder."""
     place, here = Path(path), Path.cwd()
     return str(place.relative_to(here) if place.is_relative_to(here) else place)
@@ -84,7 +84,7 @@ def error_line(error: DdgError, context: click.Context) -> str:
     message = error_text(error, context.meta.get("ddgcli.options", {}))
     mesh, meta = getattr(error, "mesh", None), context.meta
     if mesh:
-        message = with_repair_command(message, _read_words(meta, _from_here(mesh)))
+        message = with_repair_command(message, _read_words(meta, path_from_here(mesh)))
     else:
         message = with_repair_of_input(message, meta)
     path = context.meta.get("ddgcli.input")

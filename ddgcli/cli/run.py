@@ -16,7 +16,7 @@ import click
 from ddgcli import __version__
 from ddgcli.cli.clock import RunClock
 from ddgcli.cli.input_facts import input_facts, reason_of_no_genus
-from ddgcli.cli.messages import MessageHandler, with_repair_of_input
+from ddgcli.cli.messages import MessageHandler, path_from_here, with_repair_of_input
 from ddgcli.cli.options import CommonOptions, page_size
 from ddgcli.cli.output_checks import check_mesh, check_outputs, check_picture
 from ddgcli.cli.parameters import option_names
@@ -265,6 +265,11 @@ class Run:
         self.input = {"path": path, **facts}
         self._inputs[path] = lambda: sha256
         self._context.meta["ddgcli.input"] = path
+
+    def name_mesh(self, path: str | None) -> None:
+        """Name the mesh file that messages are about, where the input is another file; ignore None."""
+        if path is not None:
+            self._context.meta["ddgcli.mesh"] = path_from_here(path)
 
     @property
     def command_line(self) -> str:

@@ -118,7 +118,7 @@ class MeshInput:
             return self.mesh.boundary
         if isinstance(self.mesh, TriangleMesh):
             return self.mesh
-        raise MeshError(f"{self.path}: {kind_error(self.mesh, ('surface',))}")
+        raise MeshError(f"{self.path}: {kind_error(self.mesh, ('surface',), path=self.path)}")
 
 
 def read_mesh(path: str, input_format: str | None = None) -> MeshInput:

@@ -110,11 +110,22 @@ class Scene:
         raise SceneError(located(self.document, key, message), mesh=self._mesh_path(key))
 
     def _mesh_path(self, key: Key) -> str | None:
-        """Mesh file of the object that a key belongs to."""
+        """Mesh file of the object that a key belongs to, or that the effect of the key names."""
         if len(key) < 2 or key[0] != "object":
-            return None
-        path = getattr(self.objects[int(key[1])], "mesh", None)
+            effect = next((parameters for _, parameters, place in self.effects if place == key), None)
+            name = getattr(effect, "object", None)
+            return next((self._file(o) for o in self.objects if name is not None and o.name == name), None)
+        return self._file(self.objects[int(key[1])])
+
+    def _file(self, section: Any) -> str | None:
+        path = getattr(section, "mesh", None)
         return path and str(Path(self.document.path).parent / path)
+
+    @property
+    def only_mesh_path(self) -> str | None:
+        """Mesh file of the one object of the scene that is no obstacle; None where there are several."""
+        main_objects = [section for section in self.objects if section.role != "obstacle"]
+        return self._file(main_objects[0]) if len(main_objects) == 1 else None
 
     def find(self, name: str, key: Key, roles: tuple[str, ...] = ()) -> Any:
         """The object of that name, or a refusal at `key`."""

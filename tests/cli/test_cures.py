@@ -356,3 +356,67 @@ def test_cures_name_steps_of_the_repair():
     for defect in CURES:
         steps = re.search("`repair(?:_cells)?=(.*)`", cure(defect)).group(1).split()
         assert all(hasattr(RepairSteps(), step) for step in steps), defect
+
+
+PRESSURE_SCENE = """
+[time]
+duration = 0.01
+step = 0.01
+[[object]]
+name = "s"
+role = "shell"
+mesh = "sub/bad mesh.ply"
+material = "rubber"
+[effects]
+stretching = {}
+pressure = { value = 10 }
+"""
+
+
+def klein_bottle():
+    """A grid of 6 x 6 quads, glued along one direction with a flip."""
+    i, j = np.meshgrid(np.arange(6), np.arange(6), indexing="ij")
+    corner = [np.stack([(i + a) % 6, np.where(i + a == 6, -(j + b), j + b) % 6]) for a, b in
+              ((0, 0), (1, 0), (1, 1), (0, 1))]  # fmt: skip
+    number = np.stack([6 * row + column for row, column in corner], axis=-1).reshape(-1, 4)
+    u, v = (2 * np.pi / 6 * angle.ravel() for angle in (i, j))
+    across = 3 + np.cos(u / 2) * np.sin(v) - np.sin(u / 2) * np.sin(2 * v)
+    height = np.sin(u / 2) * np.sin(v) + np.cos(u / 2) * np.sin(2 * v)
+    points = np.stack([across * np.cos(u), across * np.sin(u), height], axis=1)
+    return TriangleMesh.from_arrays(points, number[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3))
+
+
+def test_refusals_of_an_effect_name_the_mesh_file_of_the_scene(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "s.toml").write_text(PRESSURE_SCENE)
+    write_mesh("sub/bad mesh.ply", AnnotatedMesh(turned()))
+    refused = run("shell-sim", "s.toml")
+    assert refused.exit_code == 2 and "opposite orientation" in refused.stderr
+    _, *repair = shlex.split(REPAIR.search(refused.stderr).group())
+    assert repair[1] == "sub/bad mesh.ply" and run(*repair).exit_code == 0
+    (tmp_path / "s.toml").write_text(PRESSURE_SCENE.replace("sub/bad mesh.ply", repair[-1]))
+    assert run("shell-sim", "s.toml").exit_code == 0
+    other = (
+        '[[object]]\nrole = "shell"\nname = "t"\nmaterial = "rubber"\n'
+        "sphere = { radius = 1, subdivisions = 1, center = [5, 0, 0] }\n"
+    )
+    two = PRESSURE_SCENE.replace("[effects]", f"{other}[effects]")
+    (tmp_path / "s.toml").write_text(two.replace("value = 10", 'object = "s", value = 10'))
+    assert "ddgcli repair 'sub/bad mesh.ply'" in run("shell-sim", "s.toml").stderr
+
+
+def test_pressure_in_a_one_sided_shell_has_no_repair(run, tmp_path, monkeypatch):
+    """Cut open, it would have a boundary, and no repair gives it an inside."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "s.toml").write_text(PRESSURE_SCENE)
+    mesh = klein_bottle()
+    assert mesh.topology.is_closed and mesh.topology.is_manifold and mesh.topology.one_sided_face.all()
+    write_mesh("sub/bad mesh.ply", AnnotatedMesh(mesh))
+    refused = run("shell-sim", "s.toml")
+    assert refused.exit_code == 2 and "is one-sided: it has no inside" in refused.stderr
+    assert "ddgcli repair" not in refused.stderr
+    text = PRESSURE_SCENE.replace("pressure = { value = 10 }", "load = { traction = [0, 0, 10] }")
+    (tmp_path / "s.toml").write_text(text)
+    assert run("shell-sim", "s.toml").exit_code == 0

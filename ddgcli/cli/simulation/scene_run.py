@@ -71,6 +71,7 @@ def run_scene(
     document, recorded = scene_document(call.path, role, lines, extra, call.resume, call.common.input_format)
     overrides = {**recorded, **call.overrides}
     scene, account = resolve(document, kind, overrides), Account()
+    run.name_mesh(scene.only_mesh_path)
     if not scene.effects:
         log.warning("the scene has no effects, so nothing acts on its objects; --effects lists the effects")
     read = mesh_reader(run, document)

@@ -179,6 +179,11 @@ def build(parameters: Pressure, context: ShellContext) -> list[Any]:
             f"{name!r} is open, with {len(topology.boundary_edges)} boundary edges: pressure needs a closed "
             "shell; use a load with a traction"
         )
+    if topology.one_sided_face.any():
+        raise ValueError(
+            f"{name!r} is one-sided: it has no inside and encloses no volume; leave pressure out, or use a "
+            "load with a traction"
+        )
     if topology.n_components > 1 and parameters.gas:
         raise ValueError(f"{name!r} has {topology.n_components} components; make each of them an object")
     if not parameters.gas and parameters.value == 0:
