@@ -164,6 +164,52 @@ def test_an_inflow_through_an_obstacle_warns_and_the_cure_works(shape, flows, ca
         assert ("boundary of obstacle 'ball'" in caplog.text) == crosses
 
 
+CHANNEL = "grid = { size = [2, 1], cells = [24, 12] }"
+DUCT = "box = { size = [2, 1, 1], cells = [6, 3, 3] }"
+NATURAL = '{ kind = "outflow", where = "x > 2 - 1e-6" }'
+
+
+def ball_in_the_middle(radius):
+    return (
+        f'[[object]]\nname = "b"\nrole = "obstacle"\nsphere = {{ center = [1, 0.5, 0], radius = {radius} }}\n'
+    )
+
+
+def test_an_obstacle_that_touches_the_walls_is_refused_with_a_cure_that_works():
+    """No repair of a mesh could help: the grid has no file, and is sound without the obstacle."""
+    effects = f"viscosity = {{ nu = 1 }}\nharmonic = {{}}\nboundary = [{INFLOW}, {NATURAL}]"
+    message = refusal(effects, CHANNEL, objects=ball_in_the_middle(0.5))
+    assert "at 2 vertices (first: (1, 0, 0)) an obstacle touches the boundary" in message
+    assert "change the size or the place" in message and "repair" not in message
+    run_fluid(effects, TIME, CHANNEL, objects=ball_in_the_middle(0.4))
+
+
+@pytest.mark.parametrize("shape", [CHANNEL, DUCT], ids=["surface", "volume"])
+def test_flux_into_a_component_that_obstacles_cut_off_is_refused(shape, caplog):
+    """A volume ran: the outflow of one component balanced the inflow of the other."""
+    plate = (
+        '[[object]]\nname = "p"\nrole = "obstacle"\nbox = { corner = [0.6, -1, -1], size = [0.8, 3, 3] }\n'
+    )
+    message = refusal(f"viscosity = {{ nu = 1 }}\nboundary = [{INFLOW}, {NATURAL}]", shape, objects=plate)
+    unit = "m^2/s" if shape == CHANNEL else "m^3/s"
+    assert f"1 {unit} more flow in than out" in message
+    assert "the obstacles divide" in message and "into 2 components" in message and "balance" not in message
+    caplog.clear()
+    run_fluid("viscosity = { nu = 1 }", TIME, shape, objects=plate)
+    assert "into 2 components, between which nothing flows" in caplog.text
+
+
+def test_flux_balances_in_every_component_of_a_volume():
+    box = shapes.box_tetrahedra(2, 2, 2)
+    two = TetMesh(np.vstack([box.points, box.points + [2, 0, 0]]),
+                  np.vstack([box.tetrahedra, box.tetrahedra + len(box.points)]))  # fmt: skip
+    last = '{ kind = "outflow", where = "x > 3 - 1e-6" }'
+    message = refusal(f"viscosity = {{ nu = 1 }}\nboundary = [{INFLOW}, {last}]", mesh=two)
+    assert "1 m^3/s more flow in than out through the component at (0" in message and "balance" in message
+    own = '{ kind = "outflow", where = "abs(x - 1) < 1e-6" }'
+    run_fluid(f"viscosity = {{ nu = 1 }}\nboundary = [{INFLOW}, {own}]", TIME, mesh=two)
+
+
 @pytest.mark.parametrize("shape", [SQUARE, BOX], ids=["surface", "volume"])
 @pytest.mark.parametrize(
     "effect", ["viscosity = { nu = -1 }", 'buoyancy = { temperature = "x", diffusivity = -1 }']

@@ -227,7 +227,9 @@ class _Sides:
     def stream_function(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Stream function (n,) on the boundary vertices, and the vertices (n,) inside natural outflows."""
         n = self.context.mesh.n_vertices
-        return _stream_function(n, self.tail, self.head, self.flux(time), self.natural, self.largest_flux)
+        return _stream_function(
+            n, self.tail, self.head, self.flux(time), self.natural, self.largest_flux, self.context.division
+        )
 
 
 def _ends(n: int, tail: NDArray, head: NDArray, selection: NDArray) -> NDArray[np.bool_]:
@@ -260,7 +262,7 @@ def _owners(
 
 
 def _stream_function(
-    n: int, tail: NDArray, head: NDArray, flux: NDArray, natural: NDArray, largest: float
+    n: int, tail: NDArray, head: NDArray, flux: NDArray, natural: NDArray, largest: float, division: str
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Stream function (n,) on the boundary vertices, and the vertices (n,) inside natural outflows."""
     values, free = np.zeros(n), np.zeros(n, dtype=bool)
@@ -276,7 +278,7 @@ def _stream_function(
         while (following := int(leaving[head[loop[-1]]])) != start:
             loop.append(following)
         visited[loop] = True
-        _refuse_imbalance(tail[loop], flux[loop], natural[loop], largest)
+        _refuse_imbalance(tail[loop], flux[loop], natural[loop], largest, division)
         share = np.where(natural[loop], 0.0, np.abs(flux[loop]))
         excess = 0.0 if natural[loop].any() or not share.any() else float(flux[loop].sum() / share.sum())
         values[head[loop]] = np.cumsum(np.where(natural[loop], 0.0, flux[loop] - excess * share))
@@ -285,7 +287,7 @@ def _stream_function(
     return np.where(free, 0.0, values), free
 
 
-def _refuse_imbalance(loop: NDArray, flux: NDArray, natural: NDArray, largest: float) -> None:
+def _refuse_imbalance(loop: NDArray, flux: NDArray, natural: NDArray, largest: float, division: str) -> None:
     segments = int(np.sum(natural & ~np.roll(natural, 1)))
     if segments > 1:
         raise ValueError(
@@ -296,7 +298,8 @@ def _refuse_imbalance(loop: NDArray, flux: NDArray, natural: NDArray, largest: f
         raise ValueError("the whole boundary loop is a natural outflow; prescribe its flux or velocity")
     imbalance = flux_imbalance(flux, natural, largest)
     if imbalance:
+        cure = "balance the fluxes, or leave velocity and flux out of an outflow there"
         raise ValueError(
-            f"{imbalance.format(unit='m^2/s')} through the boundary loop of "
-            f"vertex {loop[0]}; balance the fluxes, or leave velocity and flux out of an outflow there"
+            f"{imbalance.format(unit='m^2/s')} through the boundary loop of vertex {loop[0]}; "
+            f"{division or cure}"
         )

@@ -32,6 +32,8 @@ class FluidContext:
         Read a `.npy` relative to the scene.
     obstacles : dict of str to (n,) ndarray of bool
         Vertices on the boundary that each obstacle cuts.
+    division : str
+        Into how many components the obstacles divide the fluid, for messages; "" where they do not.
     triangulation : dict
         Facts for the report: what the flow is computed on, and why.
     """
@@ -43,6 +45,7 @@ class FluidContext:
     period: NDArray[np.float64]
     load: Callable[[str], NDArray]
     obstacles: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
+    division: str = ""
     triangulation: dict[str, Any] = field(default_factory=dict)
 
     @property

@@ -126,7 +126,7 @@ def _cut(scene: Scene, number: int, context: FluidContext, read: Callable[[str],
     sections = [(k, section) for k, section in enumerate(scene.objects) if section.role == "obstacle"]
     if not sections:
         return context
-    from ddgcli.models.fluid.obstacles import signed_distance, without_obstacles
+    from ddgcli.models.fluid.obstacles import require_apart, signed_distance, without_obstacles
 
     place: Key = ("object", number)
     try:
@@ -140,9 +140,12 @@ def _cut(scene: Scene, number: int, context: FluidContext, read: Callable[[str],
                 context = refined(context, obstacles[-1][1], section.refine)
         place = ("object", number)
         cut = without_obstacles(context, obstacles)
+        require_apart(cut)
         _require_mesh(cut.mesh)
     except ValueError as error:
         scene.refuse(place, f"object {scene.objects[int(place[1])].name!r}: {error}")
+    if cut.division:
+        log.warning("%s", cut.division)
     return cut
 
 

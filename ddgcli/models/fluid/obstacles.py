@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, counted
 from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -26,6 +27,7 @@ SMOOTHING_PASSES = 12
 PROJECTION_STEPS = 4
 MIN_SEPARATION = 0.3  # of two vertices on the outline, over the edge between them before
 DIFFERENCE_STEP = 1e-6  # of the fluid's size, for the slope of a signed distance
+OBSTACLE_CURE = "change the size or the place of an obstacle"
 WINDING_CHUNK = 4_000_000  # pairs of points and faces at a time
 SignedDistance = Callable[[NDArray], NDArray[np.float64]]
 
@@ -145,8 +147,40 @@ def without_obstacles(
         context.name, _mesh(context, points[referenced], number[faces[outside]]),
         {name: values[referenced] for name, values in context.vertex.items()},
         {name: values[outside] for name, values in context.face.items()},
-        context.period, context.load, marks,
+        context.period, context.load, marks, _division(context, faces[outside]),
     )  # fmt: skip
+
+
+def require_apart(context: FluidContext) -> None:
+    """Raise MeshError where obstacles touch each other, or the boundary, in vertices of a surface.
+
+    Parameters
+    ----------
+    context : FluidContext
+        Without its obstacles.
+    """
+    bad = [] if context.is_volume else context.mesh.topology.nonmanifold_vertices
+    if len(bad):
+        place = ", ".join(f"{value:.4g}" for value in context.points[bad[0]])
+        raise MeshError(
+            f"at {counted(len(bad), 'vertex', 'vertices')} (first: ({place})) an obstacle touches the "
+            f"boundary, another obstacle or itself, which leaves no room: {OBSTACLE_CURE}, or refine the mesh"
+        )
+
+
+def _division(context: FluidContext, cells: NDArray) -> str:
+    """Into how many components the cells that are left divide the fluid, in words; "" if none is added."""
+    n = len(context.points)
+    before, after = (
+        len(unique_keys(connected_labels(c, np.roll(c, 1, axis=1), n)[1][c])) for c in (context.cells, cells)
+    )
+    if after <= before:
+        return ""
+    whole = "" if before == 1 else f" instead of {before}"
+    return (
+        f"the obstacles divide {context.name!r} into {after} components{whole}, between which nothing flows; "
+        f"{OBSTACLE_CURE} to connect them"
+    )
 
 
 def _mesh(context: FluidContext, points: NDArray, faces: NDArray) -> Any:

@@ -150,7 +150,7 @@ class _Rim:
     """The boundary faces of a volume, and what the sections prescribe there at any time."""
 
     def __init__(self, context: Any, sections: Sequence[BoundaryPart], space: Any) -> None:
-        self.sections, self.n_faces = sections, space.n_faces
+        self.sections, self.n_faces, self.division = sections, space.n_faces, context.division
         cell, i = space.boundary
         self.face, self.centre, self.area = (
             space.cell_face[cell, i],
@@ -158,6 +158,7 @@ class _Rim:
             space.area[cell, i],
         )
         self.vertices = space.cells[cell[:, None], TET_FACES[i]]
+        self.component = space.face_component[self.face]
         self.owner = self._owners(context)
         self.kind = np.array([section.kind for section in sections] + [rest_kind(sections)])[self.owner]
         self.natural = natural_sides(sections, self.owner)
@@ -204,12 +205,14 @@ class _Rim:
     def balanced_flux(self, time: float) -> NDArray[np.float64]:
         """(F,) these fluxes, 0 inside; ValueError where they do not balance."""
         flux = self.flux(time)
-        imbalance = flux_imbalance(flux, self.natural, self.largest_flux)
-        if imbalance:
-            raise ValueError(
-                f"{imbalance.format(unit='m^3/s')}; balance the fluxes, or leave "
-                "velocity and flux out of an outflow"
-            )
+        for number in np.unique(self.component):
+            own = self.component == number
+            imbalance = flux_imbalance(flux[own], self.natural[own], self.largest_flux)
+            if imbalance:
+                place = "({:.4g}, {:.4g}, {:.4g})".format(*self.centre[own][0])
+                where = "" if own.all() else f" through the component at {place}"
+                cure = "balance the fluxes, or leave velocity and flux out of an outflow there"
+                raise ValueError(f"{imbalance.format(unit='m^3/s')}{where}; {self.division or cure}")
         on_faces = np.zeros(self.n_faces)
         on_faces[self.face] = flux
         return on_faces

@@ -100,16 +100,20 @@ class VolumeSpace:
 
     def _fixed_potentials(self) -> NDArray[np.bool_]:
         """Faces of natural outflows, and one face of every component without."""
-        fixed = np.array(self._conditions.natural)
-        rows = np.repeat(self.cell_face[:, 0], 3)
-        links = coo_array(
-            (np.ones(len(rows)), (rows, self.cell_face[:, 1:].ravel())), shape=(self.n_faces,) * 2
-        )
-        _, label = components(links)
+        fixed, label = np.array(self._conditions.natural), self.face_component
         names, first = np.unique(label, return_index=True)
         closed = ~np.isin(names, label[fixed])
         fixed[first[closed]] = True
         return fixed
+
+    @cached_property
+    def face_component(self) -> NDArray[np.int64]:
+        """(F,) number of the component of every face; cells that share a face are connected."""
+        rows = np.repeat(self.cell_face[:, 0], 3)
+        links = coo_array(
+            (np.ones(len(rows)), (rows, self.cell_face[:, 1:].ravel())), shape=(self.n_faces,) * 2
+        )
+        return components(links)[1]
 
     @property
     def _conditions(self) -> VolumeConditions:
