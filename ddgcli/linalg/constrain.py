@@ -183,8 +183,8 @@ class Poisson:
     ----------
     imbalance : float
         Of the last `solve`: the largest |sum of the right-hand side| over a component, relative to the sum of
-        its absolute values. Where it is not zero the problem has no solution, and the part of the right-hand
-        side that has was solved instead.
+        the absolute values of its terms. Where it is not zero the problem has no solution, and the part of
+        the right-hand side that has was solved instead.
     """
 
     def __init__(self, stiffness: sparray, mass: sparray | NDArray | None = None, **options: Any) -> None:
@@ -214,25 +214,29 @@ class Poisson:
         """(count, ...) sum over each floating component."""
         return self._indicator @ values
 
-    def balanced(self, rhs: NDArray) -> NDArray:
-        """The right-hand side without its mean on each component (a multiple of the mass is subtracted)."""
+    def balanced(self, rhs: NDArray, size: NDArray | None = None) -> NDArray:
+        """The right-hand side without its mean on each component (a multiple of the mass is subtracted).
+
+        `size`: sums of the absolute values of the terms of each entry, by default |rhs|.
+        """
         rhs = np.array(rhs, dtype=np.float64)
         if not np.isfinite(rhs).all():
             raise SolveError("the right-hand side holds values that are not finite")
-        total, size = self._sums(rhs), self._sums(np.abs(rhs))
-        self.imbalance = float((np.abs(total) / np.where(size > 0, size, 1.0)).max(initial=0.0))
+        total, whole = self._sums(rhs), self._sums(np.abs(rhs) if size is None else size)
+        self.imbalance = float((np.abs(total) / np.where(whole > 0, whole, 1.0)).max(initial=0.0))
         rhs -= self._spread(total)
         isolated = self.pinned[self._sums(self.weight) == 0]
         rhs[isolated] = 0.0
         return rhs
 
-    def solve(self, rhs: NDArray, *, refine: bool = True) -> NDArray[np.float64]:
+    def solve(self, rhs: NDArray, *, refine: bool = True, size: NDArray | None = None) -> NDArray[np.float64]:
         """Solution of mean zero per component, for integrated (n,) or (n, c) right-hand sides.
 
         With a sum other than zero over a component there is no solution: the mean is subtracted first, and a
-        warning reports its size.
+        warning reports its size. Where terms of the right-hand side cancel, `size` holds the sums of their
+        absolute values: the sum over a component has rounding errors of their size.
         """
-        b = self.balanced(rhs)
+        b = self.balanced(rhs, size)
         if self.imbalance > BALANCE_TOLERANCE:
             log.warning(
                 "the right-hand side does not sum to zero on every component (%.2g of its size): "

@@ -418,3 +418,13 @@ def test_an_extra_whose_import_fails_is_not_used(monkeypatch, tmp_path, caplog):
         assert "libopenblas.so: cannot open" in caplog.text and "--force-reinstall" in caplog.text
     finally:
         importable.cache_clear()
+
+
+def test_the_sum_of_a_right_hand_side_is_compared_with_its_terms(caplog):
+    """Terms of size 1 leave sums of rounding; a sum of a tenth of them is none."""
+    path = csr_array(np.array([[1.0, -1, 0], [-1, 2, -1], [0, -1, 1]]))
+    problem = Poisson(path)
+    problem.solve(np.array([1e-16, 3e-16, 1e-16]), size=np.ones(3))
+    assert not caplog.records and problem.imbalance < 1e-15
+    problem.solve(np.array([0.1, 0.1, 0.1]), size=np.ones(3))
+    assert problem.imbalance == pytest.approx(0.1) and "0.1 of its size" in caplog.text

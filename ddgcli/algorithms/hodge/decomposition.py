@@ -94,7 +94,8 @@ def decompose_form(mesh: SpaceMesh, form: NDArray, boundary: Boundary = "tangent
     closed = projection.closed_part(load)
     harmonic = closed - exact
     flux = star1 @ (form - closed)
-    copotential = _copotential(projection.complex, flux, boundary)
+    size = np.abs(star1) @ (np.abs(form) + np.abs(closed))
+    copotential = _copotential(projection.complex, flux, size, boundary)
     coexact = _coexact(projection, copotential, flux, boundary)
     return _assembled(
         lambda a, b: float(a @ (star1 @ b)),
@@ -280,15 +281,18 @@ def finite_field(values: NDArray, count: int, place: str) -> NDArray[np.float64]
     return values
 
 
-def _copotential(complex_: Complex, flux: NDArray, boundary: Boundary) -> NDArray[np.float64]:
-    """Face values b with d1' b = flux; for `normal` at interior edges only, boundary edges are free."""
+def _copotential(complex_: Complex, flux: NDArray, size: NDArray, boundary: Boundary) -> NDArray[np.float64]:
+    """Face values b with d1' b = flux; for `normal` at interior edges only, boundary edges are free.
+
+    `size`: sums of the absolute values of the terms of the fluxes.
+    """
     curl = complex_.derivatives[1].astype(np.float64)
     if boundary == "normal":
         interior = np.flatnonzero(~complex_.boundary_edge)
-        curl, flux = csr_array(curl[:, interior]), flux[interior]
+        curl, flux, size = csr_array(curl[:, interior]), flux[interior], size[interior]
     system, load = (curl @ curl.T).tocsr(), curl @ flux
     if complex_.dimension == 2:
-        return Poisson(system).solve(load)
+        return Poisson(system).solve(load, size=np.abs(curl) @ size)
     return _conjugate_gradients(system, load)
 
 
@@ -332,7 +336,8 @@ def _turned_gradient(
     if boundary == "tangential" and complex_.boundary_edge.any():
         copotential = _zero_on_rim(system, load, complex_)
     else:
-        copotential = Poisson(system).solve(load)
+        terms = area[:, None] * np.einsum("mid,md->mi", np.abs(turned), np.abs(vectors))
+        copotential = Poisson(system).solve(load, size=sum_by_index(index, terms, n))
     return copotential, np.einsum("mi,mid->md", copotential[index], turned)
 
 
