@@ -10,7 +10,9 @@ from ddgcli.algorithms.hodge.decomposition import (
     tangent_part,
 )
 from ddgcli.algorithms.hodge.harmonic import harmonic_basis
+from ddgcli.algorithms.hodge.hodge_analysis import hodge_analysis
 from ddgcli.algorithms.hodge.homology import betti_numbers
+from ddgcli.errors import ParameterError
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import complex_of
@@ -174,3 +176,47 @@ def test_interior_product_of_the_area_form_is_the_turned_field():
     contraction = interior_product(mesh, field, c.metric.measure)
     turned = np.tile([-1.0, 2.0, 0.0], (mesh.n_vertices, 1))
     assert contraction == pytest.approx(flat(mesh, turned), abs=1e-12)
+
+
+@pytest.mark.parametrize("place", ["cell", "edge"])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_harmonic_field_leaves_no_warning_of_rounding(place, seed, caplog):
+    """On a cylinder the field along the axis is harmonic for `normal`: its copotential is rounding."""
+    mesh = shapes.cylinder(24, 8)
+    turned = rotated(mesh, seed)
+    axis = (
+        turned.points[-1]
+        - turned.points[np.argmin(((mesh.points - mesh.points[-1] * [1, 1, 0]) ** 2).sum(1))]
+    )
+    if place == "edge":
+        ends = turned.points[complex_of(turned).edges]
+        split = decompose_form(turned, (ends[:, 1] - ends[:, 0]) @ axis, "normal")
+    else:
+        vectors = np.tile(axis, (turned.n_faces, 1))
+        split = decompose_cell_vectors(turned, tangent_part(turned, vectors)[0], "normal")
+    assert split.norms["coexact"] < 1e-12 * split.norms["field"]
+    assert split.norms["harmonic"] == pytest.approx(split.norms["field"], rel=1e-12)
+    assert "does not sum to zero" not in caplog.text
+
+
+@pytest.mark.parametrize("place", ["vertex", "cell", "edge"])
+@pytest.mark.parametrize("name", ["torus", "solid"])
+def test_parts_of_tiny_and_huge_fields_are_those_of_the_field_to_the_last_digit(place, name):
+    """Squares of sizes below 1e-162 or above 1e154 leave double precision; powers of two change no digit."""
+    mesh = rotated(shapes.torus(12, 8)) if name == "torus" else shapes.box_tetrahedra(2, 2, 2)
+    c = complex_of(mesh)
+    shape = {"vertex": (mesh.n_vertices, 3), "cell": (len(c.corners), 3), "edge": c.counts[1]}[place]
+    field = np.random.default_rng(1).normal(size=shape)
+    truth = hodge_analysis(mesh, (field, place), "tangential", False)
+    kind = "face" if place == "cell" else place
+    for exponent in (-900, -565, 600, 1000):
+        run = hodge_analysis(mesh, (np.ldexp(field, exponent), place), "tangential", False)
+        assert run.converged == truth.converged and run.accuracy == truth.accuracy
+        for name_of_norm, norm in truth.results["norms"].items():
+            assert run.results["norms"][name_of_norm] == np.ldexp(norm, exponent) > 0 or norm == 0
+        for array in ("exact", "coexact", "harmonic"):
+            values = getattr(truth.annotated, kind)[array]
+            assert np.array_equal(getattr(run.annotated, kind)[array], np.ldexp(values, exponent))
+    if place != "edge":  # vectors of length 1.7e308 over an area or a volume of 1 and more
+        with pytest.raises(ParameterError, match="norms are beyond 1e308; rescale"):
+            hodge_analysis(mesh, (np.full(shape, np.ldexp(0.99, 1024)), place), "tangential", False)

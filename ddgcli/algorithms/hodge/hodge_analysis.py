@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -78,7 +78,7 @@ def hodge_analysis(
     MeshError
         For a mesh that is not manifold, or orientable but not oriented.
     ParameterError
-        For a field that fits neither vertices, cells nor edges.
+        For a field that fits neither vertices, cells nor edges, or whose parts are beyond 1e308.
     """
     place = check_query(mesh, field, with_basis)
     progress(0, 3)
@@ -242,12 +242,35 @@ def field_place(mesh: SpaceMesh, array: NDArray, place: str) -> str:
 
 
 def _decomposed(mesh: SpaceMesh, array: NDArray, place: str, boundary: Boundary) -> HodgeDecomposition:
+    """Decomposition of a field, computed at a size of about 1, whose squares are in the range of numbers."""
+    array = finite_field(array, len(array), place)
+    exponent = int(np.frexp(np.abs(array).max(initial=0.0))[1])
+    split = _decomposed_at_unit_size(mesh, np.ldexp(array, -exponent), place, boundary)
+
+    def scaled(values: NDArray) -> NDArray[np.float64]:
+        with np.errstate(over="ignore"):
+            result = np.ldexp(values, exponent)
+        if not np.isfinite(result).all():
+            raise ParameterError("its parts or their norms are beyond 1e308; rescale it", parameter="field")
+        return result
+
+    copotential = split.copotential
+    return replace(
+        split, exact=scaled(split.exact), coexact=scaled(split.coexact), harmonic=scaled(split.harmonic),
+        potential=scaled(split.potential), copotential=None if copotential is None else scaled(copotential),
+        norms={name: float(scaled(np.array(norm))) for name, norm in split.norms.items()},
+    )  # fmt: skip
+
+
+def _decomposed_at_unit_size(
+    mesh: SpaceMesh, array: NDArray, place: str, boundary: Boundary
+) -> HodgeDecomposition:
     if place == "edge":
         return decompose_form(mesh, array, boundary)
     if place == "vertex":
         return decompose_vertex_vectors(mesh, array, boundary)
     if isinstance(mesh, TriangleMesh):
-        array, removed = tangent_part(mesh, np.asarray(array, dtype=np.float64))
+        array, removed = tangent_part(mesh, array)
         if removed > 1e-6:
             log.warning("the field has normal components of up to %.2g of its size: only its tangent part "
                         "is decomposed", removed)  # fmt: skip
