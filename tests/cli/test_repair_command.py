@@ -132,4 +132,4 @@ def test_wrong_calls_are_refused_in_one_line(run, bad, words, text):
 
 def test_weld_takes_a_distance_or_none(summary, bad):
     assert summary("repair", bad, "--weld")["results"]["changes"] == {"weld": 0}
-    assert summary("repair", bad, "--weld", "0.5")["results"]["changes"]["weld"] > 0
+    assert summary("repair", bad, "--weld", "0.28")["results"]["changes"]["weld"] > 0

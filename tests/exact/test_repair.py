@@ -256,6 +256,28 @@ def test_what_cannot_be_repaired_is_refused():
         repair_mesh(turned(sphere, 3), RepairSteps(cut_to_disk=True))
 
 
+def test_a_weld_that_collapses_faces_warns_with_a_cure_that_works(caplog):
+    """Both faces beside a short edge name one vertex twice once its ends are one."""
+    grid = shapes.grid(4, 4)
+    points = grid.points.copy()
+    ends = next(edge for edge in grid.topology.edges if not grid.topology.boundary_vertex[edge].any())
+    points[ends[1]] = points[ends[0]] + 1e-3 * (points[ends[1]] - points[ends[0]])
+    mesh = grid.moved(points)
+    repaired, changes = repair_mesh(mesh, RepairSteps(weld=0.01))
+    assert changes == {"weld": 1} and len(repaired.mesh.topology.repeated_vertex_faces) == 2
+    assert "the weld makes 2 faces name a vertex twice" in caplog.text and "drop_degenerate" in caplog.text
+    caplog.clear()
+    repaired, _ = repair_mesh(mesh, RepairSteps(weld=0.01, drop_degenerate=True))
+    assert repaired.mesh.n_faces == grid.n_faces - 2 and unmet_need(repaired.mesh, "hodge") is None
+    repair_mesh(soup(grid), RepairSteps(weld=0.0))
+    assert not caplog.records
+
+
+def test_a_weld_that_leaves_no_face_is_refused():
+    with pytest.raises(MeshError, match="the weld leaves no face with three different vertices; weld by a"):
+        repair_mesh(shapes.icosphere(1), RepairSteps(weld=10.0))
+
+
 @pytest.mark.parametrize("n_hashes", [None, 1, 7])
 def test_merged_points_are_the_unique_positions_whatever_their_hashes(monkeypatch, n_hashes):
     points = np.random.default_rng(3).integers(-4, 5, (2000, 3)) / 4

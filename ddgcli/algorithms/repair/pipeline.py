@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -13,12 +14,13 @@ from ddgcli.algorithms.repair import steps
 from ddgcli.algorithms.repair.fans import split_fans
 from ddgcli.algorithms.repair.holes import fill_holes
 from ddgcli.algorithms.repair.steps import RepairedMesh
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.mesh.require import require
 from ddgcli.mesh.requirements import REQUIREMENTS, kind_of, unmet_need
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
+log = logging.getLogger("ddgcli")
 MANIFOLD_STEPS = ("fill_holes", "cut_to_disk")
 
 
@@ -101,7 +103,7 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
         No step is chosen.
     MeshError
         A step needs what the mesh does not have: filling and cutting take oriented manifold surfaces, cutting
-        one-sided ones too.
+        one-sided ones too. Or no face is left with three different vertices.
     """
     plan: list[tuple[str, Any, Callable[[RepairedMesh], RepairedMesh]]] = [
         ("weld", chosen_steps.weld is not None, lambda r: steps.weld(r, chosen_steps.weld or 0.0)),
@@ -130,7 +132,24 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
             changes[name] = repaired.changes
     if repaired.mesh.n_faces == 0 and mesh.n_faces:
         raise MeshError("the repair leaves no face; choose fewer steps")
+    if changes.get("weld"):
+        _check_weld(mesh, repaired)
     return repaired, changes
+
+
+def _check_weld(mesh: TriangleMesh, repaired: RepairedMesh) -> None:
+    """Warn of faces that a weld collapsed; raise MeshError where it collapsed all of them."""
+    after, before = repaired.mesh.topology.repeated_vertex_faces, mesh.topology.repeated_vertex_faces
+    n_collapsed = int((~np.isin(repaired.input_face[after], before)).sum())
+    if n_collapsed and len(after) == repaired.mesh.n_faces:
+        raise MeshError(
+            "the weld leaves no face with three different vertices; weld by a smaller distance, or not at all"
+        )
+    if n_collapsed:
+        log.warning(
+            "the weld makes %s a vertex twice: remove such faces with `drop_degenerate`, or weld by a "
+            "smaller distance", counted(n_collapsed, "face name", "faces name"),
+        )  # fmt: skip
 
 
 def check_steps(mesh: TriangleMesh, chosen_steps: RepairSteps) -> None:
