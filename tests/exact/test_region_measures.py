@@ -161,6 +161,20 @@ def test_offsets_and_regions_that_do_not_exist_are_refused():
         measure_surface(CUBE, "cotan", regions=[(np.zeros(5), "")])
 
 
+def test_a_ball_that_misses_the_surface_warns_with_the_distance(caplog):
+    cube = CUBE.moved(CUBE.points - CUBE.points.min(axis=0))
+    side = cube.points.max()
+    centre = np.array([-3.0, 0, 0])
+    missed = measures_in_ball(cube, centre, 2.0)
+    assert missed.phi_k == missed.phi_h == 0 and missed.area < 1e-13
+    assert "holds no part of the surface; its nearest vertex is 3 from the centre" in caplog.text
+    caplog.clear()
+    assert measures_in_ball(cube, centre, 3.5).area > 0 and side > 0.5
+    face = cube.points[cube.faces[0]].mean(axis=0)
+    assert measures_in_ball(cube, face, 1e-6).area == pytest.approx(np.pi * 1e-12, rel=1e-9)  # in a face
+    assert not caplog.records
+
+
 @pytest.fixture
 def cube(tmp_path):
     path = tmp_path / "cube.vtu"

@@ -8,6 +8,7 @@ or a ball, which cuts edges and faces. Measures of disjoint cells add up to thos
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -26,6 +27,8 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio, row_cross, unit_vectors, vector_length
 from ddgcli.representation import short_repr
 
+log = logging.getLogger("ddgcli")
+CLIP_ROUNDING = 1e-12  # of an area cut by a sphere, over its radius squared
 MAX_REGIONS = 100_000
 
 
@@ -168,7 +171,7 @@ def measures_in_ball(mesh: TriangleMesh, centre: NDArray, radius: float) -> Regi
     Returns
     -------
     RegionMeasures
-        Of one region. Vertices on the sphere count.
+        Of one region. Vertices on the sphere count; a ball without any part of the surface has a warning.
     """
     if not (np.isfinite(radius) and radius > 0 and np.isfinite(centre).all()):
         raise ParameterError(f"the ball needs a finite centre and a positive radius, not {radius}")
@@ -188,6 +191,13 @@ def measures_in_ball(mesh: TriangleMesh, centre: NDArray, radius: float) -> Regi
     centres = np.repeat(np.asarray(centre, dtype=float)[:, None], mesh.n_faces, axis=1)
     area, _ = planes.clip(np.arange(mesh.n_faces), centres, radius)
     phi_k = np.array([angle_defect(mesh)[inside].sum()])
+    if not (inside.any() or chord.any()) and area.sum() <= CLIP_ROUNDING * radius**2:
+        nearest = vector_length(offset[topology.referenced_vertex]).min(initial=np.inf)
+        place = ", ".join(f"{x:g}" for x in np.asarray(centre, dtype=float))
+        log.warning(
+            "the ball of radius %g around (%s) holds no part of the surface; its nearest vertex is %.4g from "
+            "the centre: move the ball, or enlarge it", radius, place, nearest,
+        )  # fmt: skip
     return RegionMeasures(np.array([area.sum()]), phi_k, phi_h, anisotropic, cycle)
 
 
