@@ -263,6 +263,12 @@ def test_a_moved_point_a_missing_array_and_other_cells_fail(two_files, tmp_path,
     ] == ["cells"]
 
 
+def test_a_comparison_of_nothing_is_refused(stored, run):
+    """It would pass whatever the run does."""
+    refused = run("check", stored, "--ignore", "*")
+    assert refused.exit_code == 2 and "--ignore: leaves out every value" in refused.stderr
+
+
 def test_tolerances_hold_by_array(two_files):
     _, vertex, compared = two_files
     noise = 1e-4 * np.cos(np.arange(len(vertex["height"])))

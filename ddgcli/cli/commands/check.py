@@ -161,6 +161,8 @@ def compare_with_stored(
         moved, compared = [*moved, *further["moved"]], compared + further["compared"]
         names += of_arrays
     warn_of_unmatched(limits, names)
+    if not compared:  # such a check would pass whatever the run does
+        raise ParameterError("leaves out every value, so that nothing is compared", parameter="ignore")
     results = {"run": list(words), "run_exit_code": exit_code, "compared": compared, "moved": moved}
     run.finish(results, {}, converged=not moved)
 
