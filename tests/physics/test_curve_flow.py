@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
+from ddgcli.errors import MeshError
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh.curve import CurveSet
@@ -43,6 +44,16 @@ def flow_series(curves, dt, steps, **options):
     first, *_, last = evolve({"curve": model}, Schedule(dt, steps, steps), Account())
     ends = [s.observations["curve"] for s in (first, last)]
     return ends[0].scalar, ends[1].scalar, ends[1].points
+
+
+@pytest.mark.parametrize(
+    "closed, needs", [(True, "a closed curve needs 3"), (False, "an open curve needs 2")]
+)
+def test_points_in_one_place_are_one_different_point(closed, needs):
+    at = np.arange(4)
+    curve = CurveSet(np.ones((4, 3)), np.stack([at, np.roll(at, -1)], axis=1)[: 4 if closed else 3])
+    with pytest.raises(MeshError, match=f"has 1 different point; {needs}"):
+        without_repeated_points(curve)
 
 
 @pytest.mark.parametrize("kind", ["length", "area", "elastic"])

@@ -86,8 +86,10 @@ def without_repeated_points(curves: CurveSet) -> CurveSet:
         distinct_points = points[distinct]
         least = 3 if closed else 2
         if len(distinct_points) < least:
+            # of a closed curve in one place, each point repeats its predecessor
+            places = counted(max(1, len(distinct_points)), "different point", "different points")
             raise MeshError(
-                f"curve {number} (first point {path[0]}) has {len(distinct_points)} different points; "
+                f"curve {number} (first point {path[0]}) has {places}; "
                 f"{'a closed' if closed else 'an open'} curve needs {least}: remove it or correct its points"
             )
         at = start + np.arange(len(distinct_points))
