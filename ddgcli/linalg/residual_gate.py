@@ -33,7 +33,8 @@ def within_residuals(
     cure : str or callable
         What the caller can do, for the warning; a function is called for the first one only.
     warning, largest : float
-        Residuals above `warning` are reported; above `largest`, or not finite, the answer is False.
+        Residuals above `warning` are reported; above `largest`, or not finite, the answer is False, as
+        the warning states.
 
     Returns
     -------
@@ -47,6 +48,9 @@ def within_residuals(
         worst = float(values.max()) if np.isfinite(values).all() else np.inf
         if worst > warning:
             cure = cure if isinstance(cure, str) else cure()
-            log.warning(f"{name} is {worst:.2g}, above {warning:g}: {cure}")
+            limit = (
+                f"{largest:g}, so that the result has not converged" if worst > largest else f"{warning:g}"
+            )
+            log.warning(f"{name} is {worst:.2g}, above {limit}: {cure}")
         converged &= worst <= largest
     return converged

@@ -17,8 +17,10 @@ def test_residuals_warn_above_one_bound_and_fail_above_another(caplog):
         return within_residuals(accuracy, tuple(accuracy), "repair the mesh")
 
     assert judge(a=1e-7, b=None, c=[0.0, 1e-9]) and not caplog.records
-    assert judge(small_residual=1e-5) and "small_residual" in caplog.text
-    assert not judge(big_residual=1e-2) and "big_residual" in caplog.text
+    assert judge(small_residual=1e-5) and "small_residual is 1e-05, above 1e-06: repair" in caplog.text
+    assert "not converged" not in caplog.text
+    assert not judge(big_residual=1.4e-3) and "big_residual is 0.0014, above 0.001, so that" in caplog.text
+    assert "not converged: repair the mesh" in caplog.text
     assert not judge(a=float("nan"))
 
 

@@ -369,6 +369,7 @@ def measure_distance(
         "heat smooths distances along boundaries and where shortest paths meet; `method=fast-marching` and "
         "`method=exact` do not",
         warning=WARNING_ESTIMATE,
+        largest=np.inf,
     )
     converged &= within_residuals(
         accuracy, ("heat_residual", "poisson_residual"), "rounding on thin triangles; use `method=exact`"
