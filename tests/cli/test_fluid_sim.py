@@ -326,6 +326,9 @@ def test_every_effect_is_listed(run):
         "particles",
     }  # fmt: skip
     assert json.loads(run("fluid-sim", "--schema").stdout)
+    assert listing["rotation"]["parameters"]["angular_velocity"]["numbers"] == 3
+    assert listing["dye"]["parameters"]["amount"]["numbers"] is None
+    assert "angular_velocity [rad/s, 3 numbers]: " in run("fluid-sim", "--effects").stdout
 
 
 SAMPLES = Path(__file__).parents[2] / "sample_scenes"

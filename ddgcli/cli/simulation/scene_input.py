@@ -194,7 +194,9 @@ def print_effects(table: EffectTable, as_json: bool) -> None:
             default = (
                 "needed" if p["default"] is None and p["required"] else f"default {json.dumps(p['default'])}"
             )
-            unit = f" [{p['unit']}]" if p["unit"] else ""
+            numbers = f"{p['numbers']} numbers" if p["numbers"] else ""
+            unit = ", ".join(filter(None, (p["unit"], numbers)))
+            unit = f" [{unit}]" if unit else ""
             choices = f" ({' | '.join(map(str, p['choices']))})" if p["choices"] else ""
             click.echo(f"    {key}{unit}{choices}: {p['description'] or '-'}; {default}")
 
@@ -207,6 +209,7 @@ def _effect_entry(table: EffectTable, name: str, line: str) -> dict[str, Any]:
         branches = [entry, *entry.get("anyOf", [])]
         parameters[key] = {
             "unit": next((b["unit"] for b in branches if "unit" in b), ""),
+            "numbers": next((len(b["prefixItems"]) for b in branches if "prefixItems" in b), None),
             "choices": next((b["enum"] for b in branches if "enum" in b), []),
             "default": entry.get("default"),
             "required": key in schema.get("required", []),
