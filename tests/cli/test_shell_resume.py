@@ -201,3 +201,15 @@ def test_a_process_that_is_ended_leaves_whole_frames(tmp_path, sign):
     if sign == signal.SIGKILL:  # what it was laying out again goes with the next output
         temporary_name(partial_file)  # removes leftovers
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+def test_a_resumed_run_takes_its_name_and_a_second_resume_names_it(tmp_path, run, summary, monkeypatch):
+    path = scene(tmp_path, text=SHORT_SCENE)
+    target, partial = tmp_path / "run.vtkhdf", tmp_path / "run.vtkhdf.part"
+    with interrupted_after(monkeypatch, 3):
+        assert run("shell-sim", path, "-o", target).exit_code == 130
+    last = tmp_path / "last.ply"
+    report = summary("shell-sim", "--resume", partial, "-o", last)
+    assert set(report["outputs"]) == {str(target), str(last)} and target.exists() and not partial.exists()
+    refused = run("shell-sim", "--resume", partial, "-o", last)
+    assert refused.exit_code == 2 and f"no such file; the run is complete: {target}" in refused.stderr

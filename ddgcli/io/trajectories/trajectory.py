@@ -43,7 +43,10 @@ class Trajectory:
 
     def __init__(self, path: str) -> None:
         if not Path(path).is_file():
-            raise MeshFileError(f"{path}: no such file; check the path")
+            complete = path.removesuffix(".part")
+            is_complete = complete != path and Path(complete).is_file()
+            advice = f"the run is complete: {complete}" if is_complete else "check the path"
+            raise MeshFileError(f"{path}: no such file; {advice}")
         check_trajectory(path)
         try:
             self._file = h5py.File(path, "r")
