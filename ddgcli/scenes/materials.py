@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 # volume density [kg/m^3], Young's modulus [Pa], Poisson's ratio, thickness [m]
@@ -47,3 +48,33 @@ def filled(values: dict[str, Any]) -> dict[str, Any]:
     if out.get("density") is None:
         out["density"] = preset["volume_density"] * out["thickness"]
     return out
+
+
+def usable_stiffness(value: float, name: str, unit: str, keys: str) -> float:
+    """A stiffness that numbers can represent.
+
+    Parameters
+    ----------
+    value : float
+        Computed from the material or written.
+    name, unit : str
+        Of the stiffness.
+    keys : str
+        Keys that it follows from.
+
+    Returns
+    -------
+    float
+        `value`.
+
+    Raises
+    ------
+    ValueError
+        It is zero, infinite or so small that it has lost digits.
+    """
+    if not sys.float_info.min <= value <= sys.float_info.max:
+        raise ValueError(
+            f"its {name} is {value:.3g} {unit}, outside of the range of numbers (2.3e-308 to 1.7e308); "
+            f"change {keys}, or use other units"
+        )
+    return value

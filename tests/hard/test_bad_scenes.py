@@ -145,7 +145,9 @@ BAD = [
     ("contact = {", "damping = {} # contact = {", 22, ["mass", "stiffness"]),
     ("contact = {", "contact = { pairs = 3 3 # {", 22, ["TOML"]),
     ("[effects]", "[effects", 18, ["TOML"]),
-    ('"felt"', '"felt"\nthickness = 1e150', 21, ["bending", "beyond 1e308", "other units"]),
+    ('"felt"', '"felt"\nthickness = 1e150', 21, ["bending", "inf N m", "change `thickness`", "other units"]),
+    ('"felt"', '"felt"\ndensity = 1\nthickness = 1e-200', 22, ["bending", "0 N m", "change `thickness`"]),
+    ('"felt"', '"felt"\ndensity = 1\nyoung = 1e-320', 21, ["stretching", "e-32", "change `young`"]),
     ('name = "hat"', 'name = "hat"\nname = "cap"', 10, ["TOML"]),
 ]  # fmt: skip
 

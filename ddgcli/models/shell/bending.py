@@ -23,6 +23,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.scenes.materials import usable_stiffness
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
@@ -249,13 +250,14 @@ def rigidity_of(parameters: Bending, context: ShellContext) -> float:
     float
     """
     shell = context.shell
-    return parameters.stiffness or plate_rigidity(shell.young, shell.thickness, shell.poisson)
+    rigidity = parameters.stiffness or plate_rigidity(shell.young, shell.thickness, shell.poisson)
+    return usable_stiffness(rigidity, "flexural rigidity", "N m", "`thickness` or `young`")
 
 
 def plate_rigidity(young: float | None, thickness: float | None, poisson: float | None) -> float:
     """D = E t^3 / (12 (1 - nu^2)) in N m."""
     e, t, nu = float(young or 0), float(thickness or 0), float(poisson or 0)
-    return e * t**3 / (12 * (1 - nu**2))
+    return e * t * t * t / (12 * (1 - nu**2))  # infinite where a power raises OverflowError
 
 
 EFFECT = Effect(

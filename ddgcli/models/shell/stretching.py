@@ -17,6 +17,7 @@ from ddgcli.mesh.scatter import columns_at, sum_by_index, sum_columns_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot, row_cross
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.scenes.materials import usable_stiffness
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
@@ -293,7 +294,10 @@ def face_basis(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 def build(parameters: Stretching, context: ShellContext) -> list[Potential]:
     shell, mesh = context.shell, context.mesh
-    young = float(parameters.stiffness or (shell.young or 0) * (shell.thickness or 0))
+    young = usable_stiffness(
+        float(parameters.stiffness or (shell.young or 0) * (shell.thickness or 0)),
+        "Young's modulus times thickness", "N/m", "`young` or `thickness`",
+    )  # fmt: skip
     if parameters.model == "edges":
         return [_springs(context, 3 * young)]
     nu = float(shell.poisson or 0)
