@@ -194,3 +194,47 @@ def test_a_time_beyond_the_range_of_numbers_is_refused_at_its_option(options, ru
     refused = run("shell-sim", strip_scene(tmp_path, CLAMPED, "newmark", 1e-3), *options.split())
     named = "--dt" if "--dt" in options else options.split()[0]
     assert refused.exit_code == 2 and f".toml: {named}: 1e" in refused.stderr
+
+
+LIGHT = """format = "ddgcli-scene/1"
+[time]
+integrator = "static"
+[[object]]
+name = "ball"
+role = "shell"
+sphere = {{ subdivisions = 1 }}
+material = "steel"
+[effects]
+stretching = {{}}
+bending = {{ model = "midedge" }}
+gravity = {{ acceleration = [0, 0, {gravity}] }}
+pin = {{ vertices = {pins} }}
+"""
+
+
+def reactions(summary, path, gravity, pins):
+    """Reaction force at an equilibrium, and the warnings about loads below rounding."""
+    path.write_text(LIGHT.format(gravity=gravity, pins=pins))
+    out = summary("shell-sim", path)
+    force = np.array(out["results"]["reaction_forces"]["pin"]["force"])
+    return force, [w for w in out["warnings"] if "below the rounding" in w]
+
+
+def test_an_equilibrium_under_loads_below_rounding_warns_with_loads_that_are_not(summary, tmp_path):
+    """The pins bear the weight to the tenth that the warning allows, vertices below rounding do not."""
+    path, gravity, pins = tmp_path / "ball.toml", -1e-9, [0, 1, 2]
+    _, (warning,) = reactions(summary, path, gravity, pins)
+    gravity *= float(warning.split("apply loads ")[1].split()[0])
+    force, warnings = reactions(summary, path, gravity, pins)
+    assert not warnings
+    full, warnings = reactions(summary, path, -9.81, pins)
+    assert not warnings
+    weight = full[2] / 9.81 * -gravity
+    assert force == pytest.approx([0, 0, weight], abs=0.1 * weight)
+
+
+def test_a_shell_that_turns_freely_under_a_load_below_rounding_is_to_be_held(summary, tmp_path):
+    _, (warning,) = reactions(summary, tmp_path / "ball.toml", -1e-30, [0])
+    assert "3 of 6 rigid motions free, hold it by pins" in warning
+    _, warnings = reactions(summary, tmp_path / "ball.toml", 0, [0])
+    assert not warnings

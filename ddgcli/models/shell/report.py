@@ -62,6 +62,7 @@ def rounding(outcome: Outcome, systems: dict[str, System], order: Order) -> RunR
 
 MAX_ELASTIC_STRAIN = 2.0  # of an edge, which no material of the presets bears
 UNRESISTED_STRAIN = 0.5  # of an edge, which without the effect `stretching` is hardly meant
+MAX_UNBALANCED = 0.1  # of the largest load on a vertex: what an equilibrium may leave without a warning
 DRIFTS = ("energy_drift", "energy_gain", "momentum_drift", "angular_momentum_drift")
 
 
@@ -89,6 +90,7 @@ def summary(
     if static and not outcome.failure:
         end = points_at_end(outcome, systems, order)
         accuracy["negative_eigenvalues"] = _instability(end, systems)
+        warn_of_small_loads(end, systems, outcome.end.time)
     return _results(outcome), accuracy
 
 
@@ -188,6 +190,39 @@ def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | N
                 else "give it a small load in the direction in which it should buckle",
             )  # fmt: skip
     return total
+
+
+def warn_of_small_loads(end: dict[str, NDArray], systems: dict[str, System], time: float) -> None:
+    """Warn of equilibria at which rounding of elastic forces leaves as much as the loads.
+
+    Parameters
+    ----------
+    end : dict of str to (n, 3) ndarray
+        Positions of each system in m.
+    systems : dict of str to System
+    time : float
+        Of the loads, in s.
+    """
+    from ddgcli.mechanics.rigid_motions import unheld_motions
+
+    for name, system in systems.items():
+        if system.memories:  # the forces of what has yielded are not known here
+            continue
+        at_end, x = system.at(time).with_own_account(), end[name]
+        loads = sum((p.gradient(x) for p in at_end.potentials if hasattr(p, "scaled")), np.zeros_like(x))
+        largest = float(np.abs(at_end.only_free(loads)).max())
+        left = float(np.abs(at_end.gradient(x)).max())
+        if left > MAX_UNBALANCED * largest > 0:
+            unheld, least = unheld_motions(system), system.rounding
+            level = max(left, least.length * least.stiffness / len(x))  # nothing moves below it
+            times = level / (MAX_UNBALANCED * largest)
+            log.warning(
+                "object %s: forces of %.3g N are left on vertices, whose loads are at most %.3g N: the loads "
+                "are below the rounding of the elastic forces, and so are the reactions; %s",
+                name, left, largest,
+                f"{unheld}, hold it by pins" if unheld
+                else f"apply loads {times:.1g} times as large, or take a softer material",
+            )  # fmt: skip
 
 
 def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str:
