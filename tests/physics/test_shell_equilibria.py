@@ -146,7 +146,7 @@ def test_needles_that_round_off_the_load_are_named_and_the_repair_helps(run, tmp
     scene.write_text(text)
     failed = run("shell-sim", scene)
     assert failed.exit_code == 1 and "16 faces (first: face 48)" in failed.stderr
-    words = failed.stderr.split("ddgcli repair MESH ")[1].split(" -o ")[0].split()
+    words = failed.stderr.split(f"ddgcli repair {path} ")[1].split(" -o ")[0].split()
     assert run("repair", path, *words, "-o", fixed).exit_code == 0
     scene.write_text(PLATE_OF_FILE.format(mesh=fixed))
     assert run("shell-sim", scene).exit_code == 0
