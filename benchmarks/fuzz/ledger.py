@@ -15,7 +15,10 @@ LOCK = Path(tempfile.gettempdir()) / "ddgcli-fuzz-ledger.lock"
 
 
 def ledger() -> dict[str, dict[str, Any]]:
-    """Runs, inputs (`guided` of them by coverage), results, lines, cpu_seconds and slowest."""
+    """Runs, inputs (`guided` of them by coverage), results, lines, seconds and slowest.
+
+    `seconds_without_escape` are those of the runs since the last one with an escape.
+    """
     return json.loads(LEDGER.read_text(encoding="utf-8")) if LEDGER.is_file() else {}
 
 
@@ -44,6 +47,8 @@ def _add(name: str, account: Account, guided: bool) -> None:
     for key, value in counts.items():
         row[key] = row.get(key, 0) + value
     row["cpu_seconds"] = round(row.get("cpu_seconds", 0.0) + account.cpu_seconds, 1)
+    earlier = row.get("seconds_without_escape", 0.0)
+    row["seconds_without_escape"] = 0.0 if counts["escapes"] else round(earlier + account.cpu_seconds, 1)
     row["slowest"] = max(row.get("slowest", 0.0), round(account.slowest, 2))
     for key in ("lines_of_seeds", "lines"):  # of the latest run that counted them: they belong to its code
         if getattr(account, key):

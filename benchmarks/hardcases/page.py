@@ -17,7 +17,7 @@ MARKS = {RIGHT_VERDICT: "✓", DEGRADED_VERDICT: "~", REFUSED_VERDICT: "–", WR
 PEER_COUNTS = ("right", "refused", "crashed", "hung", "over memory", "silently wrong")
 FUZZ_COLUMNS = (
     "kind", "runs", "inputs", "coverage-guided", "accepted", "refused", "escapes", "lines", "processor s",
-    "slowest s",
+    "since an escape s", "slowest s",
 )  # fmt: skip
 UNKNOWN_MARK, BLANK_MARK, TOO_LARGE_MARK = "?", "", "▫"
 
@@ -182,7 +182,8 @@ def _fuzz(runs: dict[str, dict[str, Any]]) -> str:
         "a field with steps of 1e-6, a Willmore flow of 20 s and one whose steps fail.\n\n"
         "Coverage-guided inputs are mutations of the valid files and of inputs that reached a line of the "
         "package first; the others are mutations of the valid files. Lines: of functions of the package, by "
-        "the valid files and by all inputs of the latest run that counted them. The slowest input is in "
+        "the valid files and by all inputs of the latest run that counted them. Processor "
+        "seconds since the last run with an escape are a column of their own. The slowest input is in "
         "processor seconds; in runs before 27 November 2026 it is by the clock, with pauses of the run (of "
         "`array.npz` almost all of it).\n\n"
         "Valid scenes and valid calls are not mutated but made from random numbers. A call is a command with "
@@ -198,7 +199,12 @@ def _fuzz(runs: dict[str, dict[str, Any]]) -> str:
     for name, row in runs.items():
         counts = [row.get(key, 0) for key in ("runs", "inputs", "guided", "accepted", "refused", "escapes")]
         reached = f"{row.get('lines_of_seeds', 0)}, {row['lines']}" if "lines" in row else ""
-        lines.append(_row([name, *counts, reached, f"{row['cpu_seconds']:.0f}", f"{row['slowest']:.2f}"]))
+        lines.append(
+            _row(
+                [name, *counts, reached, f"{row['cpu_seconds']:.0f}"]
+                + [f"{row.get('seconds_without_escape', 0):.0f}", f"{row['slowest']:.2f}"]
+            )
+        )
     return "\n".join(lines)
 
 

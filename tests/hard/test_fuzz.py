@@ -115,6 +115,15 @@ def test_stored_runs_add_up_and_take_another_seed_each(monkeypatch, tmp_path):
     assert (row["inputs"], row["escapes"], row["cpu_seconds"]) == (10, 2, 3.5)
 
 
+def test_an_escape_ends_the_hours_without_one(monkeypatch, tmp_path):
+    monkeypatch.setattr(ledger, "LEDGER", tmp_path / "ledger.json")
+    hours = []
+    for accepted, seconds in ((3, 1.0), (3, 2.5), (2, 4.0), (3, 8.0)):
+        ledger.add_to_ledger("ply", run.Account(3, accepted, 0, 0.5, seconds, []))
+        hours.append(ledger.ledger()["ply"]["seconds_without_escape"])
+    assert hours == [1.0, 3.5, 0.0, 8.0]
+
+
 def test_the_same_number_gives_the_same_input_and_another_seed_another_one():
     kind = kinds()["npz"]
     pool = run.Pool(kind.seeds())

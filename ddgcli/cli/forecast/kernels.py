@@ -65,10 +65,7 @@ MAX_BRUTE_FORCE_STARTS = 16  # that of `ddgcli.algorithms.geodesics.certificate`
 # is measured; they grow as exp(degrees / 12). A point takes three flips, and the input four for its deficit
 STEINER_POINTS_PER_DEFICIT, STEINER_SATURATION = 4.8, 2.0
 STEINER_RANGE, STEINER_DEGREES = (0.4, 2.5), 12.0
-NEEDLE_SHARE, NEEDLE_RANGE = (
-    0.9,
-    (0.4, 12.0),
-)  # where nearly all faces are needles, rows of which flip one by one
+NEEDLE_SHARE, NEEDLE_RANGE = 0.9, (0.4, 12.0)  # nearly all faces are needles, whose rows flip one by one
 STEINER_POINTS_OF_MEASURED_FACE, DEFICIT_OF_MEASURED_FACE = 0.78, 0.12
 FLIPS_PER_POINT, FLIPS_PER_DEFICIT = 3.0, 4.0
 
