@@ -1,9 +1,7 @@
 """`--dry-run` of every command: nothing is written, cost is predicted, and what cannot fit is refused."""
 
 import json
-import logging
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,19 +10,13 @@ from ddgcli.batch.tasks import Task
 from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.cli.forecast import batch_cost, check_cost, prediction
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
-from ddgcli.cli.forecast.prediction import predict
 from ddgcli.cli.forecast.simulator_kernels import CONTACT_STEPS
-from ddgcli.cli.forecast.use import InputSize, Use
-from ddgcli.cli.simulation import first_steps
-from ddgcli.cli.simulation.simulate import Job
 from ddgcli.errors import ParameterError
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.linalg import backends
 from ddgcli.mesh import shapes
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
-from ddgcli.simulation.account import Account
-from ddgcli.simulation.model import Model, Observation, Schedule, StepRejected
 
 MIB = 2.0**20
 MEASURED_KERNELS = {name.removesuffix(" curve").removesuffix(" tetrahedra") for name in COEFFICIENTS}
@@ -363,88 +355,6 @@ def test_models_and_contact_of_a_shell_change_what_is_predicted(inputs, tmp_path
     assert both["pairs step"] == pytest.approx(10 * (128 + 236) / 128)
 
 
-class Clock:
-    """Stands for the CPU clock: a first step takes 0.5 s, later ones 0.01 s."""
-
-    now, calls = 0.0, 0
-
-    def advance(self, state, time, dt):
-        if time > 0.985:
-            raise StepRejected("newton")
-        self.calls += 1
-        self.now += 0.5 if self.calls == 1 else 0.01
-        return state
-
-    def process_time(self):
-        return self.now
-
-
-@pytest.mark.parametrize(
-    ("steps", "times", "expected"),
-    [(100, 100.0, 1.0), (1000, 1000.0, 10.0), (5, 5.0, None), (100, 1e5, None)],
-)
-def test_steps_cost_what_the_first_ones_of_the_run_cost(steps, times, expected, monkeypatch):
-    """The first alone prepares; few steps, and long ones, are left to the table."""
-    clock = Clock()
-    monkeypatch.setattr(first_steps.time, "process_time", clock.process_time)
-    model = Model(0, clock.advance, lambda state: Observation(None), lambda state: {}, lambda arrays: 0)
-    job = Job({"a": model}, [], Schedule(0.98 / steps, steps), Account(), moving=False)
-    range_ = (0.6, 3.0)
-    size = InputSize("surface", 2000)
-    kernels = [Use("shell-sim"), Use("shell-sim implicit step", times, range=range_)]
-    by_table = predict(kernels, size, calibrate=False)
-    trial = first_steps.with_first_steps(by_table, job)
-    if expected is None:
-        assert trial == by_table and clock.calls == 0
-        return
-    assert clock.calls <= max(10, 0.1 * steps)
-    assert trial.kernels[1]["seconds"] == pytest.approx(expected) and trial.kernels[1]["times"] == times
-    others = trial.seconds - expected
-    assert trial.seconds_range == pytest.approx((others + 0.6 * expected, others + 3 * expected))
-    # before contact steps are a free fall
-    assert first_steps.with_first_steps(by_table, job, at_least_table=True) == by_table
-    failing = replace(job, schedule=replace(job.schedule, on_failure="stop", dt=0.99))
-    assert first_steps.with_first_steps(by_table, failing) == by_table
-
-
-def test_the_trial_ends_within_steps_of_very_many_parts_and_warns(monkeypatch, caplog):
-    """Adaptive steps of a flow that relaxes in 1e-8 s: the dry run took as long as the run."""
-    clock = Clock()
-    monkeypatch.setattr(first_steps.time, "process_time", clock.process_time)
-    monkeypatch.setattr(logging.getLogger("ddgcli"), "propagate", True)
-    model = Model(
-        0, clock.advance, lambda state: Observation(None), lambda state: {}, lambda arrays: 0,
-        distance=lambda a, b: 0.81e-3, order=1, largest_step=1e-6,
-    )  # fmt: skip
-    schedule = Schedule(0.01, 90, 1, 1e-3, first_dt=1e-6)
-    job = Job({"a": model}, [], schedule, Account(), moving=False)
-    by_table = predict([Use("shell-sim implicit step", 90)], InputSize("surface", 2000), calibrate=False)
-    assert first_steps.with_first_steps(by_table, job) == by_table
-    assert clock.now < 1.2 * first_steps.MAX_TRIAL_SECONDS and "may take far longer" in caplog.text
-
-
-def test_the_trial_ends_within_first_steps_that_take_long_and_counts_them(monkeypatch, caplog):
-    """A shell that shatters: 0.8 s predicted, one of ten steps took 2 s and the run over 200."""
-    seconds = 3.0
-    clock = Clock()
-    monkeypatch.setattr(first_steps.time, "process_time", clock.process_time)
-    monkeypatch.setattr(logging.getLogger("ddgcli"), "propagate", True)
-
-    def advance(state, time, dt):
-        clock.now += seconds
-        return state
-
-    model = Model(0, advance, lambda state: Observation(None), lambda state: {}, lambda arrays: 0)
-    job = Job({"a": model}, [], Schedule(0.01, 90), Account(), moving=False)
-    use = Use("shell-sim implicit step", 90, range=(0.6, 3.0))
-    by_table = predict([use], InputSize("surface", 2000), calibrate=False)
-    trial = first_steps.with_first_steps(by_table, job)
-    assert clock.now == seconds and "may take far longer" in caplog.text
-    assert trial.kernels[0]["seconds"] == pytest.approx(90 * seconds)
-    assert trial.seconds_range[0] == by_table.seconds_range[0]
-    assert trial.seconds_range[1] == pytest.approx(3.0 * 90 * seconds)
-
-
 @pytest.mark.parametrize(
     "call",
     [
@@ -480,11 +390,11 @@ def test_a_flow_of_a_stated_duration_counts_the_steps_of_its_schedule(run, tmp_p
     np.savetxt(path, np.stack([np.cos(turn), np.sin(turn)], axis=1), delimiter=",", header="x,y", comments="")
     until = ("curve-flow", str(path), "--duration", "0.02")
     steps = json.loads(run(*until, "--json").stdout)["results"]["stopped_because"].split()[0]
-    step = lambda *words: next(  # noqa: E731
-        row
-        for row in json.loads(run(*words, "--dry-run", "--json").stdout)["results"]["kernels"]
-        if "step" in row["kernel"]
-    )
+
+    def step(*words):
+        rows = json.loads(run(*words, "--dry-run", "--json").stdout)["results"]["kernels"]
+        return next(row for row in rows if "step" in row["kernel"])
+
     assert step(*until)["times"] == int(steps) and "times_range" not in step(*until)
     at_rest = step("curve-flow", str(path))
     assert at_rest["times_range"][1] == 2000 and at_rest["assumes"]

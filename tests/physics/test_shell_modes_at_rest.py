@@ -156,9 +156,7 @@ def test_a_free_ball_that_falls_under_a_pressure_is_to_be_held(tmp_path, summary
     assert (rest > 0).all() and not warnings
 
 
-@pytest.mark.parametrize(
-    "cells", [1, 4]
-)  # 1: in linear theory its loads move it as a rigid body, and no more
+@pytest.mark.parametrize("cells", [1, 4])  # of one, linear theory has a rigid motion and no more
 @pytest.mark.parametrize("count", [1, 3, 6])
 def test_a_square_that_its_weight_turns_about_a_pin_warns_for_every_number_of_modes(
     tmp_path, summary, cells, count

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.repair.steps import RepairedMesh, separated, separated_at
+from ddgcli.mesh.topology import PREVIOUS_OFFSET
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross, row_dot
 
@@ -18,8 +19,7 @@ def split_fans(repaired: RepairedMesh) -> RepairedMesh:
     Where the faces at an edge bound bodies (their orientations alternate around it), the two faces of each
     body stay together, so that closed surfaces that touch stay closed; where a body touches itself so that
     its faces also meet around both ends of the edge, those of each gap. Other edges of three and more faces
-    part their faces. An edge whose faces also meet around both of its ends is parted by giving each face its
-    own copy of one end.
+    part their faces; one whose faces still meet around both ends by a copy of one end for each of its faces.
 
     Parameters
     ----------
@@ -84,12 +84,12 @@ def pairs_of_sides(mesh: TriangleMesh, of_bodies: bool) -> NDArray[np.int64]:
 
 
 def _angle_around_edge(mesh: TriangleMesh, side: NDArray, first: NDArray) -> NDArray[np.float64]:
-    """Angle around the edge between the face of each side and that of the side at place `first`.
+    """(k,) angles in (-pi, pi] around the edge, from the face at place `first` to the face of each side.
 
-    NaN for faces without an area.
+    Positive counterclockwise about the edge's direction; NaN for faces without an area.
     """
     tail, head = mesh.points[mesh.topology.edges[mesh.topology.side_edge.ravel()[side]]].transpose(1, 0, 2)
-    apex = mesh.points[mesh.faces.ravel()[3 * (side // 3) + (side + 2) % 3]]
+    apex = mesh.points[mesh.faces.ravel()[side + PREVIOUS_OFFSET[side % 3]]]
     along, across = head - tail, apex - tail
     with np.errstate(invalid="ignore", divide="ignore"):
         along /= np.linalg.norm(along, axis=1, keepdims=True)
