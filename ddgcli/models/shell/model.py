@@ -32,6 +32,7 @@ from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.equilibrium_advice import load_advice, needle_advice
 from ddgcli.models.shell.groups import Group, groups, terms_between
 from ddgcli.models.shell.observations import observed
+from ddgcli.models.shell.stretch_limit import StretchLimit, has_stretch_limit
 from ddgcli.scenes.scene import Scene
 from ddgcli.scenes.sections import Key
 from ddgcli.scenes.shapes import PlacedMesh, place
@@ -340,6 +341,7 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
     start = _constrained(scene, system, start)
     size, reach = system.size, integrator.reach(parameters)
     in_balance = integrator.order == 0 and any(isinstance(term, PlasticMemory) for term in system.memories)
+    stretch_limit = StretchLimit(group) if has_stretch_limit(system) else None
 
     def advanced(step: Step, motion: Motion, time: float, dt: float) -> Motion:
         before = motion if integrator.own_time else replace(motion, time=time)
@@ -358,6 +360,8 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
             system.cache[LINEAR_SOLVER].release()  # the next step has a matrix of its own
         past = (before.x, before.v, np.array([dt])) if integrator.multistep else ()
         end = after.time if integrator.own_time else time + dt
+        if stretch_limit is not None:
+            stretch_limit.check(after.x, end)
         later = system.with_memory_at(memory) if in_balance else current
         work = driving_work(current, before, replace(after, time=end), dt, later) if system.driven else 0.0
         if not in_balance and any(

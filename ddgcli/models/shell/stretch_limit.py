@@ -1,0 +1,70 @@
+"""The end of runs whose shells stretch further than any material."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import SolveError
+from ddgcli.mechanics.system import System
+from ddgcli.mechanics.terms import PlasticMemory
+from ddgcli.mesh.vectors import vector_length
+from ddgcli.models.shell.groups import Group
+
+MAX_STRETCH = 100.0  # length of an edge by that at rest: rubber breaks at 10
+
+
+def has_stretch_limit(system: System) -> bool:
+    """Whether lengths of edges are bounded: a law of small strains resists, and rest lengths do not grow."""
+    resisted = any(potential.name == "stretching" for potential in system.potentials)
+    return resisted and not any(isinstance(term, PlasticMemory) for term in system.memories)
+
+
+class StretchLimit:
+    """Ends a run where an edge is longer than MAX_STRETCH times its rest length.
+
+    Laws of small strains mean nothing there, and steps become shorter and shorter. Lengths are computed again
+    only when vertices have moved by half of what the closest edge was below its limit, so most steps cost no
+    more than one difference of positions.
+
+    Parameters
+    ----------
+    group : Group
+    """
+
+    def __init__(self, group: Group) -> None:
+        edges = {name: rows[context.mesh.topology.edges] for name, (context, rows) in group.rows().items()}
+        self.tail, self.head = np.concatenate(list(edges.values())).T
+        self.names = np.repeat(list(edges), [len(rows) for rows in edges.values()])
+        self.checked = np.concatenate([np.asarray(context.mesh.points) for context in group.shells.values()])
+        self.longest = MAX_STRETCH * self._lengths(self.checked)
+        self.allowed_move = 0.0  # of each vertex from the positions that were checked, before the next check
+
+    def _lengths(self, x: NDArray) -> NDArray[np.float64]:
+        return vector_length(x[self.head] - x[self.tail])
+
+    def check(self, x: NDArray, time: float) -> None:
+        """Raise an error with the shell whose edge is too long.
+
+        Parameters
+        ----------
+        x : (n, 3) ndarray
+            Positions in m.
+        time : float
+            In s.
+
+        Raises
+        ------
+        SolveError
+        """
+        if np.sqrt(3.0) * np.abs(x - self.checked).max() <= self.allowed_move:
+            return
+        length = self._lengths(x)
+        worst = int(np.argmax(length / self.longest))
+        if length[worst] > self.longest[worst]:
+            raise SolveError(
+                f"t = {time:.6g} s, object {self.names[worst]}: an edge is "
+                f"{MAX_STRETCH * length[worst] / self.longest[worst]:.3g} times as long as at rest, which no "
+                "material bears; lessen the loads, velocities and motions of handles, or take a stiffer one"
+            )
+        self.checked, self.allowed_move = x, 0.5 * float((self.longest - length).min())
