@@ -366,12 +366,15 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
         if getattr(parameters, "load_steps", 1) > 1:
             raise  # the loop halves the load step
         from ddgcli.mechanics.rigid_motions import unheld_motions
+        from ddgcli.mechanics.small_loads import force_rounding, larger_loads, largest_load
 
         unheld = unheld_motions(system)
         cause, cure = f"{rejected}; {unheld}" if unheld else str(rejected), "hold the shell by pins"
         if rejected.cause == "not finite":  # the first move leads too far
             cure = "apply the load in steps (`load_steps=10`)"
-        raise SolveError(f"no equilibrium was found ({cause}): {cure} or lessen the load") from rejected
+        load, least = largest_load(system, motion.x), force_rounding(system)
+        other = larger_loads(load, least) if 0.0 < load < least else "lessen the load"
+        raise SolveError(f"no equilibrium was found ({cause}): {cure} or {other}") from rejected
     still = np.zeros_like(y)
     return checked(system, Motion(y, still, still, motion.newton + count))
 

@@ -220,6 +220,34 @@ def reactions(summary, path, gravity, pins):
     return force, [w for w in out["warnings"] if "below the rounding" in w]
 
 
+HANGING = """[time]
+integrator = "static"
+[[object]]
+name = "cloth"
+role = "shell"
+material = "cotton"
+grid = {{ size = [1, 1], cells = [6, 6] }}
+[effects]
+stretching = {{}}
+bending = {{}}
+gravity = {{ acceleration = [0, 0, {gravity}] }}
+pin = {{ vertices = [0, 1, 2, 3, 4, 5, 6], clamp = {clamp} }}
+"""
+
+
+@pytest.mark.parametrize("gravity", [-1e-12, -1e-16])
+def test_a_cloth_on_hinges_under_loads_below_rounding_asks_for_larger_ones(run, tmp_path, gravity):
+    """Once the cure was to lessen them. Both cures of the message let it come to rest."""
+    path = tmp_path / "cloth.toml"
+    path.write_text(HANGING.format(gravity=gravity, clamp="false"))
+    result = run("shell-sim", path)
+    assert result.exit_code == 1 and "hold the shell by pins or apply loads" in result.stderr
+    times = float(result.stderr.split("apply loads ")[1].split()[0])
+    for cure in ({"gravity": times * gravity, "clamp": "false"}, {"gravity": gravity, "clamp": "true"}):
+        path.write_text(HANGING.format(**cure))
+        assert run("shell-sim", path).exit_code == 0
+
+
 def test_an_equilibrium_under_loads_below_rounding_warns_with_loads_that_are_not(summary, tmp_path):
     """The pins bear the weight to the tenth that the warning allows, vertices below rounding do not."""
     path, gravity, pins = tmp_path / "ball.toml", -1e-9, [0, 1, 2]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mechanics.rounding import Rounding
+from ddgcli.mechanics.small_loads import MAX_UNBALANCED, force_rounding, larger_loads, largest_load
 from ddgcli.mechanics.system import LINEAR_SOLVER, System
 from ddgcli.models.shell.groups import Order, points_at_end
 from ddgcli.simulation.outcome import Outcome
@@ -62,7 +63,6 @@ def rounding(outcome: Outcome, systems: dict[str, System], order: Order) -> RunR
 
 MAX_ELASTIC_STRAIN = 2.0  # of an edge, which no material of the presets bears
 UNRESISTED_STRAIN = 0.5  # of an edge, which without the effect `stretching` is hardly meant
-MAX_UNBALANCED = 0.1  # of the largest load on a vertex: what an equilibrium may leave without a warning
 DRIFTS = ("energy_drift", "energy_gain", "momentum_drift", "angular_momentum_drift")
 
 
@@ -209,19 +209,17 @@ def warn_of_small_loads(end: dict[str, NDArray], systems: dict[str, System], tim
         if system.memories:  # the forces of what has yielded are not known here
             continue
         at_end, x = system.at(time).with_own_account(), end[name]
-        loads = sum((p.gradient(x) for p in at_end.potentials if hasattr(p, "scaled")), np.zeros_like(x))
-        largest = float(np.abs(at_end.only_free(loads)).max())
+        largest = largest_load(at_end, x)
         left = float(np.abs(at_end.gradient(x)).max())
         if left > MAX_UNBALANCED * largest > 0:
-            unheld, least = unheld_motions(system), system.rounding
-            level = max(left, least.length * least.stiffness / len(x))  # nothing moves below it
-            times = level / (MAX_UNBALANCED * largest)
+            unheld = unheld_motions(system)
+            more = larger_loads(largest, max(left, force_rounding(system)))
             log.warning(
                 "object %s: forces of %.3g N are left on vertices, whose loads are at most %.3g N: the loads "
                 "are below the rounding of the elastic forces, and so are the reactions; %s",
                 name, left, largest,
                 f"{unheld}, hold it by pins" if unheld
-                else f"apply loads {times:.1g} times as large, or take a softer material",
+                else f"{more}, or take a softer material",
             )  # fmt: skip
 
 
