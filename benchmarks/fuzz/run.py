@@ -27,6 +27,7 @@ import numpy as np
 from benchmarks.fuzz.coverage import LineCoverage, tokens_of
 from benchmarks.fuzz.inputs import SECONDS_FOR_ONE, Kind
 from benchmarks.fuzz.mutate import WORDS, mutated
+from benchmarks.fuzz.scratch import remove_scratch_folders
 from ddgcli.errors import DdgError
 
 LONGEST_MESSAGE = 600  # characters, beside the path
@@ -216,6 +217,7 @@ def fuzz_in_processes(
     total.cpu_seconds = _cpu() - began
     total.lines = coverage.count if coverage is not None else 0
     total.pool = pool.size
+    remove_scratch_folders()
     return total
 
 
@@ -329,6 +331,7 @@ def _watched_child(kind: Kind, work: Callable[[Notes], None]) -> tuple[Notes, in
             work(notes)
             code = 0
         finally:
+            remove_scratch_folders()
             os._exit(code)
     try:
         _set_handlers(handlers)

@@ -19,13 +19,27 @@ def largest_load(system: System, x: NDArray) -> float:
         At the time of the loads.
     x : (n, 3) ndarray
         Positions in m.
+
+    Returns
+    -------
+    float
     """
     loads = [potential.gradient(x) for potential in system.potentials if hasattr(potential, "scaled")]
     return float(np.abs(system.only_free(np.sum([np.zeros_like(x), *loads], axis=0))).max())
 
 
 def force_rounding(system: System) -> float:
-    """Elastic force on a vertex in N that rounded positions give: nothing moves by less."""
+    """Elastic force on a vertex that rounded positions give: nothing moves by less.
+
+    Parameters
+    ----------
+    system : System
+
+    Returns
+    -------
+    float
+        In N.
+    """
     rounding = system.rounding
     return rounding.length * rounding.stiffness / len(system.start)
 
@@ -39,5 +53,9 @@ def larger_loads(largest: float, left: float) -> str:
         Largest load on a vertex in N.
     left : float
         Force in N that no load balances.
+
+    Returns
+    -------
+    str
     """
     return f"apply loads {left / (MAX_UNBALANCED * largest):.1g} times as large"

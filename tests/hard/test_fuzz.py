@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from benchmarks.fuzz import ledger, run
+from benchmarks.fuzz import ledger, run, scratch
 from benchmarks.fuzz.inputs import Kind, kinds
 from ddgcli.errors import DdgError, InputError
 
@@ -81,6 +81,13 @@ def test_an_interrupted_run_counts_what_it_tried(monkeypatch):
     kind = Kind("any", lambda: [b""], lambda: read)
     account = run.fuzz_in_processes(kind, 1000.0, seed=0)
     assert (account.inputs, account.accepted, account.interrupted) == (3, 3, True)
+
+
+def test_a_trial_leaves_no_folder_behind(monkeypatch, tmp_path):
+    """An hour of meshes left thousands in memory: each child has one of its own."""
+    monkeypatch.setattr(scratch, "MEMORY", str(tmp_path))
+    account = run.fuzz_in_processes(kinds()["array.npy"], 0.5, seed=0)
+    assert account.inputs > run.INPUTS_OF_A_CHILD and not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

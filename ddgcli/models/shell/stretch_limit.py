@@ -15,7 +15,16 @@ MAX_STRETCH = 100.0  # length of an edge by that at rest: rubber breaks at 10
 
 
 def has_stretch_limit(system: System) -> bool:
-    """Whether lengths of edges are bounded: a law of small strains resists, and rest lengths do not grow."""
+    """Whether lengths of edges are bounded: a law of small strains resists, and rest lengths do not grow.
+
+    Parameters
+    ----------
+    system : System
+
+    Returns
+    -------
+    bool
+    """
     resisted = any(potential.name == "stretching" for potential in system.potentials)
     return resisted and not any(isinstance(term, PlasticMemory) for term in system.memories)
 
