@@ -22,6 +22,7 @@ __all__ = [
     "pair_blocks",
     "rigid_motions",
     "rounding",
+    "small_loads",
     "stability",
     "system",
     "terms",

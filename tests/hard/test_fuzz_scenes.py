@@ -1,5 +1,6 @@
 """Random valid scenes of the fuzz: every effect occurs, scenes run or are refused, faults are detected."""
 
+import json
 import tomllib
 from random import Random
 
@@ -34,6 +35,27 @@ def test_a_random_scene_runs_or_is_refused_in_one_line(name):
         except inputs.DdgError as refusal:
             assert str(refusal).startswith("Error: ") and "\n" not in str(refusal)
     assert accepted
+
+
+BALLOON = b"""[[object]]
+name = "balloon"
+role = "shell"
+sphere = { radius = 0.1, subdivisions = 0 }
+material = "rubber"
+young = "9223372036854775808 MPa"
+[effects]
+stretching = {}
+pressure = { value = 9223372036854775807, times = [0, 0.3], factors = [0, 1] }
+"""
+
+
+@pytest.mark.parametrize("young, is_run", [("9223372036854775808 MPa", False), ("1 MPa", True)])
+def test_a_scene_that_is_predicted_to_take_long_is_a_dry_run(young, is_run):
+    """A run that takes as long as its dry run states is no escape."""
+    text = BALLOON.replace(b"9223372036854775808 MPa", young.encode())
+    text = text.replace(b"9223372036854775807", b"10") if is_run else text
+    summary = json.loads(inputs.kinds()["scene"].reader()(text).stdout)
+    assert ("prediction" in summary) is not is_run
 
 
 def test_an_output_after_a_refusal_and_a_point_that_is_not_finite_are_escapes(tmp_path, monkeypatch):
