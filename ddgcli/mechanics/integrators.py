@@ -373,7 +373,8 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
         if rejected.cause == "not finite":  # the first move leads too far
             cure = "apply the load in steps (`load_steps=10`)"
         load, least = largest_load(system, motion.x), force_rounding(system)
-        other = larger_loads(load, least) if 0.0 < load < least else "lessen the load"
+        # what pins hold comes to rest under any small load, unless its faces are needles
+        other = larger_loads(load, least) if unheld and 0.0 < load < least else "lessen the load"
         raise SolveError(f"no equilibrium was found ({cause}): {cure} or {other}") from rejected
     still = np.zeros_like(y)
     return checked(system, Motion(y, still, still, motion.newton + count))
