@@ -167,3 +167,11 @@ def test_free_films_and_gauss_map_energies_are_refused(run, tmp_path):
     ):
         result = run("willmore-flow", path, "--boundary", "free", *words, "--json")
         assert result.exit_code == 2 and message in result.stderr
+
+
+def test_a_loop_with_an_edge_of_rounding_is_refused():
+    """Two of its three vertices lie on one point of the circle: once an internal error."""
+    points = [[0, 0, 0], [1e-20, 0, 0], [1, 0, 0], [0.5, 0.5, 1]]
+    cone = TriangleMesh.from_arrays(points, [[0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    with pytest.raises(MeshError, match="runs back along itself"):
+        fill_loops(cone)

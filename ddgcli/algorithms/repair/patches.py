@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay
+from scipy.spatial import Delaunay, QhullError
 
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
@@ -63,10 +63,7 @@ def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMes
         inner, patch = _patch(mesh, vertices[::-1])
         corners = np.concatenate([mesh.points[vertices[::-1]], inner])
         if len(TriangleMesh.from_arrays(corners, patch).flat_faces):
-            raise MeshError(
-                f"the boundary loop through vertex {vertices[0]} runs back along itself: its patch has faces "
-                "without area; leave `fill` out, or name another loop by one of its vertices"
-            )
+            raise _without_area(vertices)
         numbers = np.concatenate([vertices[::-1], sum(map(len, points)) + np.arange(len(inner))])
         points.append(inner)
         faces.append(numbers[patch])
@@ -74,6 +71,13 @@ def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMes
     closed = TriangleMesh(all_points, Topology(np.concatenate(faces), len(all_points)))
     _refuse_folded_patches(mesh, closed, loops)
     return closed, np.arange(len(all_points)) >= n
+
+
+def _without_area(vertices: NDArray) -> MeshError:
+    return MeshError(
+        f"the boundary loop through vertex {vertices[0]} runs back along itself: its patch has faces "
+        "without area; leave `fill` out, or name another loop by one of its vertices"
+    )
 
 
 def _refuse_folded_patches(mesh: TriangleMesh, closed: TriangleMesh, loops: list[NDArray]) -> None:
@@ -106,7 +110,11 @@ def _patch(mesh: TriangleMesh, loop: NDArray) -> tuple[NDArray[np.float64], NDAr
     inner = _lattice(2.0 * np.pi / len(loop))
     for _ in range(MAX_CHORD_ROUNDS):
         flat = np.concatenate([circle, inner])
-        patch = _oriented(flat, Delaunay(flat, qhull_options="Qbb Qc Qz Qt").simplices.astype(np.int64))
+        try:
+            simplices = Delaunay(flat, qhull_options="Qbb Qc Qz Qt").simplices
+        except QhullError:  # vertices of an edge without length lie on one point of the circle
+            raise _without_area(loop[::-1]) from None
+        patch = _oriented(flat, simplices.astype(np.int64))
         chords = _chords(patch, len(loop))
         double = edge_numbers(mesh.topology.edges, loop[chords]) >= 0
         if not double.any():
