@@ -12,7 +12,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.scenes.scene import Scene
 
 NO_EQUILIBRIUM = ("wind", "fracture")  # effects that `static` refuses
-NEEDLE_SIDE = 1e-6  # of the longest side of a face
+NEEDLE_SIDE = 1e-5  # of the longest side of a face
 
 
 def load_advice(system: System, parameters: Any, meshes: Sequence[TriangleMesh]) -> str:

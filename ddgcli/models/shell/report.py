@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mechanics.rounding import Rounding
-from ddgcli.mechanics.small_loads import MAX_UNBALANCED, force_rounding, larger_loads, largest_load
 from ddgcli.mechanics.system import LINEAR_SOLVER, System
 from ddgcli.models.shell.groups import Order, points_at_end
 from ddgcli.simulation.outcome import Outcome
@@ -90,7 +89,6 @@ def summary(
     if static and not outcome.failure:
         end = points_at_end(outcome, systems, order)
         accuracy["negative_eigenvalues"] = _instability(end, systems)
-        warn_of_small_loads(end, systems, outcome.end.time)
     return _results(outcome), accuracy
 
 
@@ -190,37 +188,6 @@ def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | N
                 else "give it a small load in the direction in which it should buckle",
             )  # fmt: skip
     return total
-
-
-def warn_of_small_loads(end: dict[str, NDArray], systems: dict[str, System], time: float) -> None:
-    """Warn of equilibria at which rounding of elastic forces leaves as much as the loads.
-
-    Parameters
-    ----------
-    end : dict of str to (n, 3) ndarray
-        Positions of each system in m.
-    systems : dict of str to System
-    time : float
-        Of the loads, in s.
-    """
-    from ddgcli.mechanics.rigid_motions import unheld_motions
-
-    for name, system in systems.items():
-        if system.memories:  # the forces of what has yielded are not known here
-            continue
-        at_end, x = system.at(time).with_own_account(), end[name]
-        largest = largest_load(at_end, x)
-        left = float(np.abs(at_end.gradient(x)).max())
-        if left > MAX_UNBALANCED * largest > 0:
-            unheld = unheld_motions(system)
-            more = larger_loads(largest, max(left, force_rounding(system)))
-            log.warning(
-                "object %s: forces of %.3g N are left on vertices, whose loads are at most %.3g N: the loads "
-                "are below the rounding of the elastic forces, and so are the reactions; %s",
-                name, left, largest,
-                f"{unheld}, hold it by pins" if unheld
-                else f"{more}, or take a softer material",
-            )  # fmt: skip
 
 
 def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str:

@@ -163,9 +163,18 @@ class ShellScene:
     def failure_reason(self, outcome: Outcome) -> str:
         from ddgcli.models.shell import report
 
-        _, systems, order = self._at_end(outcome)
+        contexts, systems, order = self._at_end(outcome)
+        static = self.scene.time.integrator == "static"
         least = report.rounding(outcome, systems, order)
-        return report.failure_reason(outcome, least, static=self.scene.time.integrator == "static")
+        reason = report.failure_reason(outcome, least, static=static)
+        if static and not outcome.failure:
+            from ddgcli.models.shell.groups import points_at_end
+            from ddgcli.models.shell.load_rounding import load_rounding_reason
+
+            end = points_at_end(outcome, systems, order)
+            meshes = [context.mesh for context in contexts.values()]
+            reason = load_rounding_reason(end, systems, meshes, outcome.end.time) or reason
+        return reason
 
     def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
         from ddgcli.models.shell import report
