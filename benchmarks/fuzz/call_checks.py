@@ -166,6 +166,7 @@ def run_call(call: dict[str, Any], folder: Path) -> CallOutcome:
     outcome = judged_outcome(words)
     place = place_of(Random(json.dumps(words)), words, mesh)
     refusals: list[str] = []
+    is_input = True
     for _ in range(MAX_CURES):
         if outcome.exit_code != 2 or words[0] in ("batch", "check"):
             break
@@ -177,8 +178,9 @@ def run_call(call: dict[str, Any], folder: Path) -> CallOutcome:
             repair = checked_outcome(cure.before)
             if repair.exit_code == 2:
                 raise CallError(f"{outcome.line}: {outcome.error}: the repair: {repair.error}")
-        words = cure.words
-        outcome = judged_outcome(words, is_input=not cure.before)
+            name = Path(cure.before[-1]).name
+        words, is_input = cure.words, is_input and not cure.before
+        outcome = judged_outcome(words, is_input)
         if outcome.exit_code == 2 and _same_refusal(outcome.error, refusals):
             raise CallError(f"{outcome.line}: the cure {cure.reason!r} fails; refusals: {refusals}")
     if outcome.exit_code == 2:

@@ -18,7 +18,8 @@ ADVICE = re.compile(
 )
 REPAIR = re.compile(r"ddgcli repair (?:[^;]|;(?! ))*?-o (?:\S+-)?repaired\.(?:ply|vtu)")
 DROPS = re.compile(
-    r"leave (?:it|them|this|that|one|--[a-z-]+) out|leave out|drop|exclude each other|give one|keep one"
+    r"leave (?:it|them|this|that|one|--[a-z-]+) out|leave out|(?<!-)drop\b|exclude each other"
+    r"|give one|keep one"
 )
 LEAVE = re.compile(r"(?:leave|drop) (--[a-z-]+(?:(?:, | and | or )--[a-z-]+)*)")
 ADDS = re.compile(r"add |give that|give it|give both|needs? ")
@@ -81,10 +82,13 @@ def cures(words: list[str], message: str, place: Place, mesh_name: str) -> Itera
         repair = shlex.split(match.group(0))[1:]
         output = "{folder}/" + repair[-1].rpartition("-")[2]
         if repair[1] == mesh_name:
-            before = ("repair", "{input}", *repair[2:-1], output)
+            mesh_word = "{input}" if "{input}" in words else f"{{folder}}/{mesh_name}"
+            if mesh_word == output:  # a second repair
+                output = f"{{folder}}/twice_{mesh_name}"
+            before = ("repair", mesh_word, *repair[2:-1], output)
             superfluous = OPTION.findall(" ".join(LEAVE.findall(message[match.end() :])))
             rest = without(words, command, *superfluous)
-            yield Cure("repair", [output if word == "{input}" else word for word in rest], before)
+            yield Cure("repair", [output if word == mesh_word else word for word in rest], before)
             return
         if words[1] == "-":  # the message names what standard input holds MESH
             before = ("repair", "-", *repair[2:-1], output)

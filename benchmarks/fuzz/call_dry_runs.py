@@ -12,7 +12,9 @@ OTHER_PROCESSES = ("batch", "check", "tradeoff")  # their dry runs are processes
 TOO_LARGE = "GiB of memory"
 # refusals that only a computation shows, by command
 FROM_RESULTS = {
-    "repair": re.compile(r"--(?:fill-holes|cut-to-disk): |the repair leaves no face"),  # of repaired meshes
+    "repair": re.compile(
+        r"--(?:fill-holes|cut-to-disk): |the (?:repair|weld) leaves no face"
+    ),  # of repaired meshes
     "dec": re.compile(r"leave the range of numbers"),  # of entries of the stars
     "view": re.compile(r"the page would have"),
     "geodesic": re.compile(r"is lost to rounding"),  # heat, after it is solved

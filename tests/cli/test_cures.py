@@ -266,6 +266,33 @@ def test_steps_of_surfaces_are_refused_for_tetrahedra(run, tmp_path):
     np.savez(tmp_path / "one.npz", points=np.eye(4, 3), tetrahedra=[[0, 1, 2, 3]])
     result = run("repair", tmp_path / "one.npz", "--weld", "-o", tmp_path / "out.vtu")
     assert result.exit_code == 2 and "--weld: is a step of surfaces" in result.stderr
+    assert "--drop-unused; name one of them" in result.stderr
+    words = (
+        "repair",
+        tmp_path / "one.npz",
+        "--weld",
+        "--drop-unused",
+        "--largest",
+        "-o",
+        tmp_path / "out.vtu",
+    )
+    assert run(*words).stderr.strip().endswith("; leave --weld, --largest out")
+    assert run(*(word for word in words if word not in ("--weld", "--largest"))).exit_code == 0
+
+
+def test_tetrahedra_that_are_flat_by_position_or_by_length_are_refused_alike(run, tmp_path):
+    """Volumes of 1.7e-8 and 0.92e-8 of the longest edge cubed: hodge saw one, its repair and `info` both.
+
+    The dry run of that repair was accepted.
+    """
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0.4, 0.9, 0], [0.5, 0.3, 0]])
+    points = np.concatenate([corners + [0, 0, z] for z in (0, 2)])
+    points[[3, 7], 2] += 1.07e-7, 0.66e-7  # volumes: a sixth of 0.9 times that, the longest edge 1.08
+    mesh = tmp_path / "flat.npz"
+    np.savez(mesh, points=points, tetrahedra=[[0, 1, 2, 3], [4, 5, 6, 7]])
+    for words in (["hodge", mesh], ["repair", mesh, "--drop-degenerate", "--dry-run"]):
+        result = run(*words)
+        assert result.exit_code == 2 and "none of the 2 tetrahedra has a volume" in result.stderr
 
 
 def test_a_scene_is_cured_by_the_command_for_its_mesh(run, tmp_path, monkeypatch):

@@ -10,9 +10,12 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.temporary import temporary_name
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mechanics.integrators import INTEGRATORS
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
 from tests.simulate import FALLING_CLOTH
 from tests.simulate import scene_file as scene
 
@@ -56,6 +59,21 @@ def interrupted_after(monkeypatch, n_frames):
     with monkeypatch.context() as patch:
         patch.setattr(trajectory_writer.TrajectoryWriter, "append", interrupted)
         yield
+
+
+def test_modes_about_an_equilibrium_are_computed_when_a_run_is_resumed(run, summary, tmp_path, monkeypatch):
+    """Once the continuation was refused that the interrupted run had named."""
+    mesh, out = tmp_path / "sheet.ply", tmp_path / "r.vtkhdf"
+    write_mesh(str(mesh), AnnotatedMesh(shapes.grid(3, 3)))
+    words = ("shell-sim", mesh, "--material", "rubber", "--pin", "0,3,12", "--modes", "3")
+    words += ("--effect", "stretching", "--effect", "bending", "--integrator", "static")
+    whole = summary(*words)["results"]["frequencies"]
+    with interrupted_after(monkeypatch, 1):
+        assert run(*words, "-o", out).exit_code == 130
+    result = run(*words, "--integrator", "newmark", "--resume", f"{out}.part")
+    assert result.exit_code == 2 and "takes no time steps; leave --resume out" in result.stderr
+    resumed = summary(*words, "-o", out, "--resume", f"{out}.part")
+    assert resumed["results"]["frequencies"] == whole
 
 
 PINNED = """pin = {{ vertices = [0], axes = "xz" }}

@@ -188,3 +188,7 @@ def test_a_repair_that_a_refusal_names_is_a_call():
     cure = next(cures(words, message, place_of(Random(0), words, MESH), "mesh.ply"))
     assert cure.before == ("repair", "{input}", "--drop-degenerate", "-o", "{folder}/repaired.ply")
     assert cure.words == ["shell-sim", "{folder}/repaired.ply"]
+    message = "one-sided; cut it open with ddgcli repair repaired.ply --cut-to-disk -o repaired-repaired.ply"
+    second = next(cures(cure.words, message, place_of(Random(0), words, MESH), "repaired.ply"))
+    assert second.before[1] == "{folder}/repaired.ply" and second.before[-1] == "{folder}/twice_repaired.ply"
+    assert second.words == ["shell-sim", "{folder}/twice_repaired.ply"]

@@ -51,11 +51,12 @@ def solid_steps_for(command: str) -> RepairSteps:
     return RepairSteps(drop_degenerate=True, orient=True, split_fans=boundary.get("manifold", False))
 
 
-def check_solid_steps(chosen_steps: RepairSteps) -> list[str]:
-    """Names of the chosen steps, if tetrahedra have them.
+def check_solid_steps(mesh: TetMesh, chosen_steps: RepairSteps) -> list[str]:
+    """Names of the chosen steps, if tetrahedra have them and they leave some.
 
     Parameters
     ----------
+    mesh : TetMesh
     chosen_steps : RepairSteps
 
     Returns
@@ -66,15 +67,25 @@ def check_solid_steps(chosen_steps: RepairSteps) -> list[str]:
     ------
     ParameterError
         For no step, or for one that tetrahedra do not have.
+    MeshError
+        Where no cell would be left.
     """
     values = asdict(chosen_steps).items()
     steps = [name for name, value in values if value is not None and value is not False]
     if not steps:
         raise ParameterError("no repair is chosen; name one, such as `drop_degenerate`")
-    for name in steps:
-        if name not in SOLID_STEPS:
-            names = ", ".join(f"`{step}`" for step in SOLID_STEPS)
-            raise ParameterError(f"is a step of surfaces; tetrahedra have {names}", parameter=name)
+    others = [name for name in steps if name not in SOLID_STEPS]
+    if others:
+        names = ", ".join(f"`{step}`" for step in SOLID_STEPS)
+        cure = (
+            f"leave {', '.join(f'`{step}`' for step in others)} out"
+            if len(others) < len(steps)
+            else ("name one of them")
+        )
+        raise ParameterError(f"is a step of surfaces, tetrahedra have {names}; {cure}", parameter=others[0])
+    flat = mesh.flat_tetrahedra if "drop_degenerate" in steps else ()
+    if len(flat) == len(mesh.tetrahedra):
+        refuse_flat_cells(mesh.flat_tetrahedra, len(flat))
     return steps
 
 
@@ -99,14 +110,11 @@ def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
     MeshError
         Where no cell is left.
     """
-    steps, changes = check_solid_steps(chosen_steps), {}
+    steps, changes = check_solid_steps(mesh, chosen_steps), {}
     cell, vertex = np.arange(len(mesh.tetrahedra)), np.arange(mesh.n_vertices)
     corners, points = mesh.tetrahedra, mesh.points
     if "drop_degenerate" in steps:
-        flat = mesh.flat_tetrahedra
-        if len(flat) == len(corners):
-            refuse_flat_cells(flat, len(corners))
-        cell = np.setdiff1d(cell, flat)
+        cell = np.setdiff1d(cell, mesh.flat_tetrahedra)
         changes["drop_degenerate"] = len(corners) - len(cell)
         corners = corners[cell]
     if "split_fans" in steps:

@@ -120,9 +120,10 @@ def _repair_cells(run: Run, source: MeshInput, for_command: str | None, flags: d
     from ddgcli.plots.array import draw_array
 
     steps = solid_steps_for(for_command) if for_command else RepairSteps(**flags)
-    check_solid_steps(steps)
+    mesh = cast(TetMesh, source.mesh)
+    check_solid_steps(mesh, steps)
     run.begin((*source.vertex, "input_vertex"), (*source.vertex, *source.face, "input_vertex", "input_cell"))
-    repaired = repair_solid(cast(TetMesh, source.mesh), steps)
+    repaired = repair_solid(mesh, steps)
     vertex = {name: values[repaired.input_vertex] for name, values in source.vertex.items()}
     cell = {name: values[repaired.input_cell] for name, values in source.face.items()}
     annotated = AnnotatedMesh(

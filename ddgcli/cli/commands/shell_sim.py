@@ -71,8 +71,6 @@ def command(call: SceneCall, modes: int | None, buckling: int | None, **quick: A
     from ddgcli.models.shell.shell_scene import ShellScene
 
     lines, extra = quick_lines({"effect_lines": call.effect_lines, **quick})
-    if call.resume and (modes or buckling):
-        raise ParameterError("modes are computed from a scene; leave --resume out", parameter="resume")
 
     def build(scene: Scene, account: Account, read_mesh: ReadMesh, read_array: ReadArray) -> ShellScene:
         if (modes or buckling) and scene.time.integrator != "static":
@@ -83,7 +81,9 @@ def command(call: SceneCall, modes: int | None, buckling: int | None, **quick: A
 
 
 def _require_no_steps(call: SceneCall, analysis: str) -> None:
-    """Refuse options of time steps beside an analysis that takes none."""
+    """Refuse options of time steps, and of their continuation, beside an analysis that takes none."""
+    if call.resume:
+        raise ParameterError(f"`{analysis}` takes no time steps; leave --resume out", parameter="resume")
     for name in TIME_STEP_OPTIONS:
         if name in call.overrides:
             raise ParameterError(
