@@ -7,6 +7,7 @@ import pytest
 
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.trajectories.trajectory import Trajectory
+from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.shapes import random_sphere
 from ddgcli.models.shell.report import DRIFTS
@@ -259,6 +260,21 @@ def test_an_equilibrium_under_loads_below_rounding_warns_with_loads_that_are_not
     assert not warnings
     weight = full[2] / 9.81 * -gravity
     assert force == pytest.approx([0, 0, weight], abs=0.1 * weight)
+
+
+def test_needles_of_another_shell_are_no_fault_of_a_load_below_rounding(summary, tmp_path):
+    """The run failed for the needles of a plate that is held."""
+    mesh = shapes.grid(3, 3)
+    points = mesh.points.copy()
+    points[4:8, 0] = points[0, 0] + 1e-6
+    write_mesh(str(tmp_path / "needles.npz"), AnnotatedMesh(mesh.moved(points)))
+    plate = '[[object]]\nname = "plate"\nrole = "shell"\nmesh = "needles.npz"\nmaterial = "steel"\n'
+    pins = '[[effects.pin]]\nobject = "ball"\nvertices = [0, 1, 2]\n'
+    pins += '[[effects.pin]]\nobject = "plate"\nbox = [[-9, -9, -9], [9, 9, 9]]\n'
+    text = LIGHT.format(gravity=-1e-9, pins=[]).replace("[effects]", plate + "[effects]")
+    (tmp_path / "two.toml").write_text(text.replace("pin = { vertices = [] }\n", pins))
+    (warning,) = [w for w in summary("shell-sim", tmp_path / "two.toml")["warnings"] if "object ball" in w]
+    assert "apply loads" in warning and "sides below" not in warning
 
 
 def test_a_shell_that_turns_freely_under_a_load_below_rounding_is_to_be_held(summary, tmp_path):

@@ -18,7 +18,10 @@ log = logging.getLogger("ddgcli")
 
 
 def load_rounding_reason(
-    end: Mapping[str, NDArray], systems: Mapping[str, System], meshes: Sequence[TriangleMesh], time: float
+    end: Mapping[str, NDArray],
+    systems: Mapping[str, System],
+    meshes: Mapping[str, Sequence[TriangleMesh]],
+    time: float,
 ) -> str:
     """Reason why equilibria under loads below the rounding of elastic forces are unreliable.
 
@@ -31,8 +34,8 @@ def load_rounding_reason(
     end : mapping of str to (n, 3) ndarray
         Positions of each system in m.
     systems : mapping of str to System
-    meshes : sequence of TriangleMesh
-        Of the shells.
+    meshes : mapping of str to sequence of TriangleMesh
+        Of the shells of each system.
     time : float
         Of the loads, in s.
 
@@ -49,7 +52,7 @@ def load_rounding_reason(
         largest = largest_load(at_end, x)
         left = float(np.abs(at_end.gradient(x)).max())
         if left > MAX_UNBALANCED * largest > 0:
-            needles = needle_advice(meshes)
+            needles = needle_advice(meshes[name])
             message = (
                 f"object {name}: forces of {left:.3g} N are left on vertices, whose loads are at most "
                 f"{largest:.3g} N: the loads are below the rounding of the elastic forces, and so are the "

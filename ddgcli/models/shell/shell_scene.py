@@ -17,6 +17,7 @@ from ddgcli.simulation.outcome import Outcome
 
 if TYPE_CHECKING:
     from ddgcli.mechanics.system import System
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
     from ddgcli.models.shell.context import ShellContext
 
 # of an evaluation of all elements, what a shortest step of `avi` costs besides those of its elements
@@ -172,7 +173,9 @@ class ShellScene:
             from ddgcli.models.shell.load_rounding import load_rounding_reason
 
             end = points_at_end(outcome, systems, order)
-            meshes = [context.mesh for context in contexts.values()]
+            meshes: dict[str, list[TriangleMesh]] = {name: [] for name in systems}
+            for (owner, _), context in zip(order, contexts.values()):
+                meshes[owner].append(context.mesh)
             reason = load_rounding_reason(end, systems, meshes, outcome.end.time) or reason
         return reason
 
