@@ -77,10 +77,23 @@ SURFACE = [
     Task("laplacian", "laplacian {mesh}"),
     Task("laplacian matrix", "laplacian {mesh} --matrix {out}.npz"),
     Task("laplacian poisson", "laplacian {mesh} --poisson f", LARGE_SIZES, exponent=1.25),
-    Task(
-        "laplacian poisson multigrid",
-        exponent=1.15,
-        words="laplacian {mesh} --poisson f --solver multigrid",
+    *(
+        Task(
+            f"laplacian {kernel} {solver}",
+            f"laplacian {{mesh}} {words} --solver {solver}",
+            sizes,
+            exponent=exponent,
+        )
+        for solver, steeper in (("multigrid", 0.0), ("conjugate-gradients", 0.3))
+        for kernel, words, sizes, least in (
+            ("poisson", "--poisson f", SIZES, 1.15),
+            ("eigen", "--eigen 8", SMALL_SIZES, 1.15),
+            ("eigenpair", "--eigen 40", SMALL_SIZES, 1.15),
+            ("smooth", "--smooth 1e-4", SIZES, 1.15),
+            ("form-eigen", "--form-eigen 4", (500, 3_000), 1.4),
+            ("evolution", "--heat f --duration 1 --dt 0.01", SMALL_SIZES, 1.3),
+        )
+        for exponent in (max(least, 1.15 + steeper),)
     ),
     Task("laplacian eigen", exponent=1.1, words="laplacian {mesh} --eigen 8"),
     Task("laplacian eigenpair", exponent=1.1, words="laplacian {mesh} --eigen 150"),
@@ -101,6 +114,20 @@ SURFACE = [
         "geodesic fast-marching",
         "geodesic {mesh} --source 0 --method fast-marching",
         (5_000, 20_000, 80_000, 320_000),
+    ),
+    *(
+        Task(
+            f"geodesic {kernel} {solver}",
+            f"geodesic {{mesh}} --method heat {words} --solver {solver}",
+            sizes,
+            exponent=exponent,
+        )
+        for solver, exponent in (("multigrid", 1.15), ("conjugate-gradients", 1.45))
+        for kernel, words, sizes in (
+            ("heat", "--source 0", SIZES),
+            ("heat solve", "--source 0,9,99,999 --each-source", SMALL_SIZES),
+            ("vector-heat", "--source 0 --log-map", SIZES),
+        )
     ),
     Task("geodesic dijkstra", "geodesic {mesh} --source 0 --method dijkstra"),
     *(

@@ -36,6 +36,7 @@ SMALL = 1e-2  # eigenvalue relative to the shift, below which two and more of it
 MAX_SCALE_RATIO = 1e6  # of the mean eigenvalues of components that are solved together
 EQUAL = 1e-6  # relative difference of values that are copies of one: far above the tolerance of Lanczos
 ROUNDING = 1e-9  # of a zero eigenvalue, relative to the shift
+ITERATIVE_RESIDUAL = 1e-13  # of solutions by conjugate gradients, a thousandth of what Lanczos tolerates
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,6 +260,8 @@ def _shifted(L: csr_array, M: csr_array, k: int, solver: str | None = None) -> _
 def _pinned(L: csr_array, M: csr_array, weight: NDArray, options: dict[str, Any]) -> _Inverse:
     """Inverse of L in the complement of its null space, with the solver of `Factor`."""
     problem = Poisson(L, weight, **options)
+    if problem.factor.iterative:
+        problem.factor.iterative.sufficient_residual = ITERATIVE_RESIDUAL
 
     @functools.cache
     def counter() -> ShiftInvert:  # its analysis serves all counts

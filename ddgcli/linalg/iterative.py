@@ -29,6 +29,7 @@ __all__ = [
     "preferred_iterative_solver",
     "require_multigrid",
     "v_cycle",
+    "without_single_blocks",
 ]
 
 ROUND_REDUCTION = 1e-10  # of the residual in one round of conjugate gradients
@@ -85,6 +86,8 @@ class Iterative:
         Of one solution since the start.
     residual : float
         Largest |A x - b| / |b| of all solves, Euclidean norms.
+    sufficient_residual : float
+        Of a solution that needs no further round; 0, the default: only rounding is left in each row.
 
     Raises
     ------
@@ -98,7 +101,7 @@ class Iterative:
     def __init__(self, matrix: csc_array, name: str) -> None:
         require_multigrid(name)
         self.name = name
-        self.most_iterations, self.residual = 0, 0.0
+        self.most_iterations, self.residual, self.sufficient_residual = 0, 0.0, 0.0
         self._order = _local_order(matrix)
         self.refactor(matrix)
 
@@ -129,22 +132,24 @@ class Iterative:
         x = np.zeros(b.shape, dtype=np.result_type(b, self._matrix.dtype))
         least, best, before = np.inf, x, self.iterations
         norm, left = float(np.linalg.norm(b)) or 1.0, np.inf
+        sufficient = self.sufficient_residual * norm
         for _ in range(MAX_ROUNDS):
             residual = b - self._matrix @ x
             size = self._magnitude @ np.abs(x) + np.abs(b)
             # rows whose terms are all negligible carry no information
             size = np.maximum(size, np.finfo(float).tiny / np.finfo(float).eps)
             inexact = np.abs(residual) > BACKWARD_ERROR * size
-            error = float((np.abs(residual) / size).max(initial=0.0))
-            ends = (
-                not inexact.any() or not np.isfinite(error) or (error <= SMALL_ERROR and error > 0.5 * least)
-            )
+            error, length = float((np.abs(residual) / size).max(initial=0.0)), float(np.linalg.norm(residual))
+            ends = not inexact.any() or not np.isfinite(error)
+            ends |= error <= SMALL_ERROR and (error > 0.5 * least or sufficient > 0)
+            ends |= length <= sufficient
             if error < least:
-                least, best, left = error, x, float(np.linalg.norm(residual)) / norm
+                least, best, left = error, x, length / norm
             if ends:
                 break
             unit = float(np.abs(residual[inexact]).max())
-            step = self._round(np.where(inexact, residual, 0.0) / unit)
+            reduction = max(ROUND_REDUCTION, 0.5 * sufficient / length)
+            step = self._round(np.where(inexact, residual, 0.0) / unit, reduction)
             if step is None:
                 break
             x = x + unit * step
@@ -157,12 +162,12 @@ class Iterative:
         self.residual = max(self.residual, left)
         return best
 
-    def _round(self, b: NDArray) -> NDArray | None:
-        """Conjugate gradients until the residual is ROUND_REDUCTION of the first; None without progress."""
+    def _round(self, b: NDArray, reduction: float) -> NDArray | None:
+        """Conjugate gradients until the residual is `reduction` times the first; None without progress."""
         x, r = np.zeros_like(b), b.copy()
         z = self._precondition(r)
         rz = np.vdot(r, z).real
-        p, allowed = z.copy(), ROUND_REDUCTION**2 * np.vdot(b, b).real
+        p, allowed = z.copy(), reduction**2 * np.vdot(b, b).real
         for k in range(MAX_ITERATIONS):
             ap = self._matrix @ p
             curvature = np.vdot(p, ap).real
@@ -221,4 +226,22 @@ def v_cycle(matrix: Any, **options: Any) -> Callable[[NDArray], NDArray]:
         np.random.set_state(before)  # noqa: NPY002
     for level in hierarchy.levels:
         level.B = None  # of the setup alone
+        for name in ("A", "P", "R"):
+            setattr(level, name, without_single_blocks(getattr(level, name, None)))
     return hierarchy.aspreconditioner(cycle="V").matvec
+
+
+def without_single_blocks(matrix: Any) -> Any:
+    """A matrix without blocks where those of it are single entries, which pyamg smooths more slowly.
+
+    Parameters
+    ----------
+    matrix : sparse matrix or None
+
+    Returns
+    -------
+    sparse matrix or None
+        In the format `csr`, or `matrix` itself.
+    """
+    single = getattr(matrix, "format", "") == "bsr" and matrix.blocksize == (1, 1)
+    return matrix.tocsr() if single else matrix

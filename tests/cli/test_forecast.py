@@ -11,6 +11,7 @@ from ddgcli.algorithms.geodesics import certificate
 from ddgcli.algorithms.hodge.homology import betti_numbers
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.algorithms.laplacian.spectrum import signature_pairs
+from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.cli.forecast import prediction
 from ddgcli.cli.forecast.check_cost import size_of
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
@@ -94,6 +95,15 @@ def test_options_change_what_is_predicted():
     assert names("laplacian", eigen=8) == ["laplacian", "laplacian eigen"]
     assert names("laplacian", operator="intrinsic-delaunay")[1:] == ["delaunay"]
     assert names("laplacian", eigen=9)[-1] == "laplacian eigenpair"
+    tasks = ["poisson", "eigen", "smooth", "form-eigen"]
+    arguments = {"poisson": "f", "eigen": 8, "smooth": 1.0, "form_eigen": 4}
+    for solver in ITERATIVE_SOLVERS:
+        kernels = [f"laplacian {task} {solver}" for task in tasks]
+        assert names("laplacian", solver=solver, **arguments)[1:] == kernels
+        assert set(kernels) <= set(COEFFICIENTS)
+        heat = {"method": "heat", "source": [0], "solver": solver, "log_map": True}
+        assert names("geodesic", **heat) == [f"geodesic heat {solver}", f"geodesic vector-heat {solver}"]
+        assert names("geodesic", source=[0], solver=solver) == ["geodesic exact"]
     assert names("delaunay", refine=25.0, overlay="x") == [
         *2 * ["delaunay"],
         "delaunay refine",

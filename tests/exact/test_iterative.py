@@ -4,17 +4,17 @@ import logging
 
 import numpy as np
 import pytest
-from scipy.sparse import csc_array, diags_array
+from scipy.sparse import csc_array, csr_matrix, diags_array
 
 from ddgcli.algorithms.geodesics.heat import HeatSolver
 from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.errors import SolveError
 from ddgcli.io.mesh_file import write_mesh
-from ddgcli.linalg import backends
+from ddgcli.linalg import backends, eigen
 from ddgcli.linalg.constrain import Poisson
 from ddgcli.linalg.eigen import smallest_eigenpairs
 from ddgcli.linalg.factor import Factor
-from ddgcli.linalg.iterative import Iterative
+from ddgcli.linalg.iterative import Iterative, without_single_blocks
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
@@ -57,6 +57,39 @@ def test_eigenvalues_equal_the_direct_ones(solver):
     direct, iterative = (smallest_eigenpairs(L, M, 4, solver=name) for name in ("superlu", solver))
     assert iterative.solver == solver and iterative.complete
     assert np.abs(iterative.values - direct.values).max() <= 1e-10 * direct.values[-1]
+
+
+@SOLVERS
+def test_eigenpairs_take_fewer_iterations_than_solutions_to_rounding(solver, monkeypatch):
+    """Lanczos tolerates a residual of 1e-10: solutions to 1e-13 of the load take half of the iterations."""
+    iterations = []
+
+    class Counting(Iterative):
+        def solve(self, rhs):
+            before = self.iterations
+            x = super().solve(rhs)
+            iterations.append(self.iterations - before)
+            return x
+
+    monkeypatch.setattr(backends, "Iterative", Counting)
+    mesh = shapes.random_sphere(450, 2)
+    L, M = stiffness(mesh), diags_array(lumped_vertex_area(mesh))
+    pairs = smallest_eigenpairs(L, M, 4, solver=solver)
+    few = sum(iterations)
+    monkeypatch.setattr(eigen, "ITERATIVE_RESIDUAL", 0.0)
+    iterations.clear()
+    to_rounding = smallest_eigenpairs(L, M, 4, solver=solver)
+    assert 0 < few < 0.7 * sum(iterations)
+    assert np.abs(pairs.values - to_rounding.values).max() <= 1e-12 * pairs.values[-1]
+    assert pairs.residuals.max() < 1e-12
+
+
+def test_coarse_matrices_have_no_blocks_of_single_entries():
+    """pyamg stores the levels of a scalar problem in blocks of one entry, which it smooths more slowly."""
+    matrix = csr_matrix(stiffness(shapes.icosphere(3)))
+    single, double = matrix.tobsr((1, 1)), matrix.tobsr((2, 2))
+    assert without_single_blocks(single).format == "csr" and without_single_blocks(double) is double
+    assert (without_single_blocks(single) != matrix).nnz == 0 and without_single_blocks(None) is None
 
 
 @SOLVERS

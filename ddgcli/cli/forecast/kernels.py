@@ -23,6 +23,7 @@ __all__ = ["MEASURED_REFINEMENT_DEGREES", "kernels_of"]
 
 MEASURED_EIGENFORMS = 4
 PAIRS_PER_FACTOR = 40  # eigenforms that take as long as the first four
+PAIRS_PER_SOLUTIONS = 8.0  # the same, where each solution is iterative
 MEASURED_EIGENPAIRS = 8  # of the kernel `laplacian eigen`
 # between the powers of the factors' memory (0.45: a mat of one layer has 0.54 of a cube's) and seconds (0.15)
 COMPACTNESS_POWER = 0.3
@@ -204,30 +205,36 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         yield Use("laplacian matrix")
     if options.get("mass_matrix"):
         yield Use("laplacian matrix", 0.2)
+    solver = _iterative_suffix(options)
     if options.get("poisson") or options.get("harmonic"):
-        way = " multigrid" if options.get("solver") in ITERATIVE_SOLVERS else ""
-        yield Use(f"laplacian poisson{way}")
+        yield Use(f"laplacian poisson{solver}")
     pairs = max(options.get("eigen") or 0, size.signature_pairs)
     if pairs:
         computed = pairs - size.n_components + 1  # the constants of the components are known
-        yield Use("laplacian eigen", elements=None if computed > 0 else 0)
+        yield Use(f"laplacian eigen{solver}", elements=None if computed > 0 else 0)
         if (further := computed - MEASURED_EIGENPAIRS) > 0:
-            use = Use("laplacian eigenpair", further, added=pairs - MEASURED_EIGENPAIRS)
+            use = Use(f"laplacian eigenpair{solver}", further, added=pairs - MEASURED_EIGENPAIRS)
             copies = size.equal_components > MAX_FAST_COPIES
             yield replace(use, times=COPIES_FACTOR * further, **COPIES) if copies else use
     if options.get("smooth"):
         steps = (options.get("smooth_steps") or MEASURED_SMOOTHING_STEPS) / MEASURED_SMOOTHING_STEPS
-        yield Use("laplacian smooth", steps, once=True)
+        yield Use(f"laplacian smooth{solver}", steps, once=True)
     if options.get("parameterize"):
         yield Use(f"laplacian {options['parameterize']}")
     if options.get("form_eigen"):
         # the factor and the count of what is missing are most of the cost
         further = options["form_eigen"] - MEASURED_EIGENFORMS
         elements = None if size.compactness == 1.0 else size.elements * size.compactness**COMPACTNESS_POWER
-        yield Use("laplacian form-eigen", 1.0 + further / PAIRS_PER_FACTOR, elements=elements)
+        per_pair = PAIRS_PER_SOLUTIONS if solver else PAIRS_PER_FACTOR
+        yield Use(f"laplacian form-eigen{solver}", 1.0 + further / per_pair, elements=elements)
     if options.get("heat") or options.get("wave"):
         steps = (size.steps or MEASURED_EVOLUTION_STEPS) / MEASURED_EVOLUTION_STEPS
-        yield Use("laplacian evolution", steps, once=True)
+        yield Use(f"laplacian evolution{solver}", steps, once=True)
+
+
+def _iterative_suffix(options: Mapping[str, Any]) -> str:
+    """End of the names of kernels that solve linear systems, by the solver: nothing for factorisations."""
+    return f" {options['solver']}" if options.get("solver") in ITERATIVE_SOLVERS else ""
 
 
 def _hodge(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
@@ -248,6 +255,7 @@ def _dec(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
 
 def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     method = options.get("method", "exact")
+    solver = _iterative_suffix(options) if method == "heat" else ""
     sources = max(1, len(options.get("source") or ()))
     exact = method == "exact"
     windows, assumes = (WINDOW_RANGE, "windows as on scans") if exact else (KNOWN, "")
@@ -257,7 +265,7 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if any(options.get(name) for name in SOURCE_OPTIONS):
         share = _wavefront_share(method, size.paths, size.elements)
         times, further = (share, 0.0) if exact else (1.0, max(0.0, share - 1.0))
-        yield Use(f"geodesic {method}", times, range=windows, assumes=assumes, once=exact)
+        yield Use(f"geodesic {method}{solver}", times, range=windows, assumes=assumes, once=exact)
         reach_all = size.paths is None or size.paths.reach_all
         if exact and (not reach_all or any(options.get(name) for name in SOURCE_OPTIONS[1:])):
             yield Use("geodesic dijkstra", added=1.0)  # the certificate compares with distances along edges
@@ -267,14 +275,14 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if (jobs := min(options.get("jobs", 1), runs)) > 1:
         yield Use("geodesic job", jobs)
         if method in ("heat", "fast-marching"):  # each process factorises, or makes the stencils
-            yield Use(f"geodesic {method}", jobs)
+            yield Use(f"geodesic {method}{solver}", jobs)
     if options.get("certify"):
         runs += CERTIFICATE_RUNS
     starts = sum(len(options.get(name) or ()) for name in ("source", "source_point", "source_face"))
     if starts > MAX_BRUTE_FORCE_STARTS or any(options.get(name) for name in CURVE_SOURCES):
         yield Use("geodesic many sources")  # the certificate searches the nearest one in a tree
     if further := further + runs * _wavefront_share(method, size.paths_of_one, size.elements):
-        yield Use(f"geodesic {method} solve", further, range=windows, assumes=assumes)
+        yield Use(f"geodesic {method} solve{solver}", further, range=windows, assumes=assumes)
     for other in options.get("compare") or ():
         yield Use(f"geodesic {other}")
     if options.get("source_point") or options.get("target_point"):
@@ -286,12 +294,12 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
             seconds_range, assumes = (FIXED_STEP_RANGE, "about a step for each face that a curve crosses")
         yield Use("geodesic field", seeds, range=seconds_range, assumes=assumes)
     if options.get("log_map"):
-        log_maps = {"heat": "vector-heat", "fast-marching": "marching log-map"}
+        log_maps = {"heat": f"vector-heat{solver}", "fast-marching": "marching log-map"}
         yield Use(f"geodesic {log_maps.get(method, 'log-map')}")
     if options.get("transport"):
         yield Use("geodesic transport")
     if options.get("signed_distance") or options.get("spread_vector"):
-        yield Use("geodesic vector-heat")
+        yield Use(f"geodesic vector-heat{_iterative_suffix(options)}")
     if options.get("trace"):
         yield Use("geodesic trace")
         reflects = options.get("at_boundary") == "reflect"
