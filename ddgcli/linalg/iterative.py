@@ -143,17 +143,17 @@ class Iterative:
             ends = not inexact.any() or not np.isfinite(error)
             ends |= error <= SMALL_ERROR and (error > 0.5 * least or sufficient > 0)
             ends |= length <= sufficient
-            if error < least:
+            if error < least or length <= sufficient:
                 least, best, left = error, x, length / norm
             if ends:
                 break
             unit = float(np.abs(residual[inexact]).max())
-            reduction = max(ROUND_REDUCTION, 0.5 * sufficient / length)
+            reduction = max(ROUND_REDUCTION, 0.5 * sufficient / length) if sufficient else ROUND_REDUCTION
             step = self._round(np.where(inexact, residual, 0.0) / unit, reduction)
             if step is None:
                 break
             x = x + unit * step
-        if not least <= FAILURE_ERROR:
+        if not (least <= FAILURE_ERROR or left <= self.sufficient_residual):
             raise SolveError(
                 f"{self.name} did not converge (backward error {least:.2g}); use a direct solver, or repair "
                 "degenerate faces"

@@ -161,3 +161,19 @@ def test_the_option_chooses_the_solver_and_the_accuracy_names_it(summary, tmp_pa
         named = {name: v for name, v in iterative["accuracy"].items() if name.endswith("_solver")}
         assert list(named.values()) == ["conjugate-gradients"]
         assert not [name for name in direct["accuracy"] if name.endswith("_solver")]
+
+
+def test_a_sufficient_residual_accepts_rows_whose_terms_are_far_below_it():
+    """Componentwise errors of such rows are near 1; to rounding, more rounds follow."""
+    chain = csc_array(
+        diags_array([np.full(199, -1.0), np.full(200, 4.0), np.full(199, -1.0)], offsets=[-1, 0, 1])
+    )
+    load = np.zeros(200)
+    load[0] = 1.0  # the solution falls by 3.7 from each unknown to the next
+    solver = Iterative(chain, "conjugate-gradients")
+    exact = solver.solve(load)
+    assert abs(exact[-1] / Factor(chain, solver="superlu").solve(load)[-1] - 1) < 1e-9
+    solver.sufficient_residual, solver.residual = 1e-13, 0.0
+    rough = solver.solve(load)
+    assert 0 < solver.residual <= 1e-13 and np.linalg.norm(rough - exact) <= 1e-13
+    assert abs(rough[-1]) < 0.5 * exact[-1]
