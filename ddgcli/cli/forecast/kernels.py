@@ -23,7 +23,7 @@ __all__ = ["MEASURED_REFINEMENT_DEGREES", "kernels_of"]
 
 MEASURED_EIGENFORMS = 4
 PAIRS_PER_FACTOR = 40  # eigenforms that take as long as the first four
-PAIRS_PER_SOLUTIONS = 8.0  # the same, where each solution is iterative
+PAIRS_PER_SOLUTIONS = 17.0  # the same, where each solution is iterative
 MEASURED_EIGENPAIRS = 8  # of the kernel `laplacian eigen`
 # between the powers of the factors' memory (0.45: a mat of one layer has 0.54 of a cube's) and seconds (0.15)
 COMPACTNESS_POWER = 0.3
