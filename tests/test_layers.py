@@ -10,7 +10,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "ddgcli"
 
-BASE = {"errors", "choices", "memory", "progress", "representation", "waiting"}
+BASE = {"errors", "choices", "memory", "progress", "representation", "waiting", "workers"}
 CORE = BASE | {"mesh", "geometry", "operators", "linalg"}
 SIMULATORS = CORE | {"algorithms", "simulation", "mechanics", "scenes"}
 # package or module of ddgcli -> the others that it may import, inside functions too
@@ -24,6 +24,7 @@ MAY_IMPORT = {
     "progress": set(),
     "representation": set(),
     "waiting": set(),
+    "workers": {"errors", "waiting"},
     "mesh": BASE,
     "io": BASE | {"mesh"},
     "geometry": BASE | {"mesh"},

@@ -4,6 +4,7 @@ The only place that imports matplotlib. `page` lays out a figure, `raster` draws
 """
 
 __all__ = [
+    "animation",
     "array",
     "chart",
     "colour",

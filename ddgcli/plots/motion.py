@@ -1,19 +1,15 @@
-"""Pictures of a motion: a few frames with the chart of energies, sequences, animations."""
+"""Pictures of a motion: a few frames with the chart of energies, and sequences."""
 
 from __future__ import annotations
 
-import importlib.util
-import os
 import tempfile
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MissingExtraError, ParameterError
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import frames_of_equal_change
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -24,16 +20,19 @@ from ddgcli.plots.glyphs import Glyphs
 from ddgcli.plots.page import cells, page
 from ddgcli.plots.raster import flat_view, view_axes
 from ddgcli.plots.surface import draw_surface
+from ddgcli.workers import results_in_order
 
 MAX_PICTURE_FRAMES = 4
-MIN_RATE, MAX_RATE, MAX_GIF_RATE = (
-    0.01,
-    1000.0,
-    50.0,
-)  # frames per second; viewers slow shorter GIF frames down
 CHART_HEIGHT = 0.3  # of the page of a motion
 FRAMES_WIDTH = 0.9  # beside the colour bar
 BAR_PLACE = (0.91, 0.42, 0.016, 0.46)
+DRAWING_MODULES = (
+    "matplotlib.figure",
+    "matplotlib.collections",
+    "matplotlib.backends.backend_agg",
+    "matplotlib.mathtext",
+    "PIL.PngImagePlugin",
+)
 NEAR_SHARE = 0.15  # of the diagonal of all frames: how far beyond them obstacles are shown
 
 
@@ -205,6 +204,7 @@ def draw_frames(
     suffix: str,
     page_size: Mapping[str, float],
     jobs: int = 1,
+    palette_size: tuple[int, int] | None = None,
 ) -> Iterator[str]:
     """Draw frames to numbered files in a folder.
 
@@ -219,6 +219,8 @@ def draw_frames(
         `width`, `height` and `dpi` of `draw_frame`.
     jobs : int
         Processes; the files have the same bytes for any number.
+    palette_size : (int, int), optional
+        Width and height in pixels of .png files in 256 colours; default: as drawn, in all colours.
 
     Yields
     ------
@@ -228,23 +230,28 @@ def draw_frames(
     numbered = ((f"{folder}/{k}{suffix}", plot_frame) for k, plot_frame in enumerate(plot_frames))
     if jobs <= 1:
         for path, plot_frame in numbered:
-            draw_frame(path, plot_frame, style, **page_size)
-            yield path
+            yield _draw_file(path, plot_frame, style, page_size, palette_size)
         return
-    from concurrent.futures import Future, ProcessPoolExecutor
-    from multiprocessing import get_context
+    tasks = ((path, plot_frame, style, page_size, palette_size) for path, plot_frame in numbered)
+    yield from results_in_order(_draw_file, tasks, jobs, modules=(__name__, *DRAWING_MODULES))
 
-    waiting: deque[tuple[str, Future[None]]] = deque()
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        for path, plot_frame in numbered:
-            waiting.append((path, pool.submit(draw_frame, path, plot_frame, style, **page_size)))
-            if len(waiting) > 2 * jobs:  # the frames that wait fill memory
-                path, future = waiting.popleft()
-                future.result()
-                yield path
-        for path, future in waiting:
-            future.result()
-            yield path
+
+def _draw_file(
+    path: str,
+    plot_frame: PlotFrame,
+    style: SequenceStyle,
+    page_size: Mapping[str, float],
+    palette_size: tuple[int, int] | None,
+) -> str:
+    """Path of one file of `draw_frames`, written here: to choose colours takes as long as to draw."""
+    draw_frame(path, plot_frame, style, **page_size)
+    if palette_size:
+        from PIL import Image
+
+        with Image.open(path) as drawn:
+            picture = drawn.convert("RGB").crop((0, 0, *palette_size))
+        picture.convert("P", palette=Image.Palette.ADAPTIVE).save(path, compress_level=1)
+    return path
 
 
 def draw_motion(
@@ -305,114 +312,3 @@ def draw_motion(
             axes.set_axis_off()
         if style.limits is not None:
             colour_bar(figure, colour_scale(*style.limits, style.signed), style.label, style.ends, BAR_PLACE)
-
-
-def draw_animation(
-    path: str,
-    plot_frames: Iterable[PlotFrame],
-    style: SequenceStyle,
-    frames_per_second: float,
-    size: tuple[int, int] | None = None,
-    progress: Callable[[int], None] = lambda n_frames: None,
-    jobs: int = 1,
-) -> None:
-    """Write a looping animated GIF or an MP4 (H.264).
-
-    Parameters
-    ----------
-    path : str
-        .gif or .mp4.
-    plot_frames : iterable of PlotFrame
-        One at least.
-    style : SequenceStyle
-    frames_per_second : float
-    size : (int, int), optional
-        Width and height in pixels; default 1280 x 960.
-    progress : callable (n_frames) -> None
-        Called after each frame with the number of frames so far.
-    jobs : int
-        Processes that draw.
-    """
-    across, down = size or (1280, 960)
-    pictures = _pictures(plot_frames, style, across, down, progress, jobs)
-    if path.lower().endswith(".mp4"):
-        _write_mp4(path, pictures, frames_per_second, across, down)
-        return
-    from PIL import Image
-
-    images = [Image.fromarray(p).convert("P", palette=Image.Palette.ADAPTIVE) for p in pictures]
-    images[0].save(
-        path, format="GIF", save_all=True, append_images=images[1:], loop=0,
-        duration=round(1000 / frames_per_second), optimize=False,
-    )  # fmt: skip
-
-
-def check_animation(path: str, size: tuple[int, int] | None, frames_per_second: float | None = None) -> None:
-    """Raise an error for an animation that cannot be written.
-
-    Parameters
-    ----------
-    path : str
-        .gif or .mp4.
-    size : (int, int) or None
-        Width and height in pixels.
-    frames_per_second : float, optional
-
-    Raises
-    ------
-    MissingExtraError
-        The package that writes the format is not installed.
-    ParameterError
-        A rate that the format does not allow, or an odd side of an .mp4.
-    """
-    most = MAX_RATE if path.lower().endswith(".mp4") else MAX_GIF_RATE
-    if frames_per_second is not None and not MIN_RATE <= frames_per_second <= most:
-        suffix = path[path.rindex(".") :]
-        raise ParameterError(
-            f"{frames_per_second:g}: a {suffix} shows {MIN_RATE:g} to {most:g} frames per second",
-            parameter="fps",
-        )
-    if path.lower().endswith(".mp4"):
-        if importlib.util.find_spec("imageio_ffmpeg") is None:
-            raise MissingExtraError(f"{path}: .mp4 needs imageio-ffmpeg; pip install 'ddgcli[video]'")
-        if size is not None and any(side % 2 for side in size):
-            raise ParameterError("sides of an .mp4 are even numbers of pixels", parameter="size")
-    elif importlib.util.find_spec("PIL") is None:
-        raise MissingExtraError(f"{path}: animations need pillow; pip install 'ddgcli[plot]'")
-
-
-def _pictures(
-    plot_frames: Iterable[PlotFrame],
-    style: SequenceStyle,
-    across: int,
-    down: int,
-    progress: Callable[[int], None],
-    jobs: int,
-) -> Iterator[NDArray[np.uint8]]:
-    """(down, across, 3) pixels of each frame."""
-    from matplotlib.image import imread
-
-    page_size = {"width": 7.0, "height": 7.0 * down / across, "dpi": across / 7.0}
-    with tempfile.TemporaryDirectory() as folder:
-        for k, path in enumerate(draw_frames(plot_frames, style, folder, ".png", page_size, jobs)):
-            pixels = np.rint(255 * imread(path)[:down, :across, :3]).astype(np.uint8)
-            os.unlink(path)
-            yield np.ascontiguousarray(pixels)
-            progress(k + 1)
-
-
-def _write_mp4(path: str, pictures: Iterable[NDArray], rate: float, across: int, down: int) -> None:
-    import imageio_ffmpeg
-
-    # one thread and no dates, so that equal pictures give equal bytes
-    exact = ["-threads", "1", "-fflags", "+bitexact", "-flags:v", "+bitexact", "-map_metadata", "-1"]
-    writer = imageio_ffmpeg.write_frames(
-        path, (across, down), fps=rate, codec="libx264", pix_fmt_out="yuv420p", quality=8,
-        macro_block_size=2, output_params=[*exact, "-movflags", "+faststart"],
-    )  # fmt: skip
-    writer.send(None)
-    try:
-        for picture in pictures:
-            writer.send(picture)
-    finally:
-        writer.close()

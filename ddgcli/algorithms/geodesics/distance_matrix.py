@@ -14,6 +14,7 @@ from ddgcli.choices import SYMMETRIC_METHODS
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.progress import ProgressCallback
+from ddgcli.workers import results_in_order
 
 _worker: dict[str, Any] = {}  # solver and targets of a worker process
 
@@ -100,12 +101,11 @@ def distance_rows(
         for sources in starts:
             yield _row(solver, targets, sources)
         return
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
+    tasks = ((sources,) for sources in starts)
     arguments = mesh, method, options, targets
-    with ProcessPoolExecutor(jobs, get_context("spawn"), _start_worker, arguments) as pool:
-        yield from pool.map(_worker_row, starts, chunksize=max(1, len(starts) // (4 * jobs)))
+    yield from results_in_order(
+        _worker_row, tasks, jobs, prepare=_start_worker, arguments=arguments, modules=(__name__,)
+    )
 
 
 def _row(solver: Solver, targets: NDArray | None, sources: Sources) -> NDArray[np.float64]:

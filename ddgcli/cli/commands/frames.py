@@ -139,7 +139,7 @@ def _check_selection(settings: dict[str, Any]) -> None:
 
 def _check_picture_options(common: CommonOptions, settings: dict[str, Any]) -> None:
     """Raise ParameterError for options of pictures if no picture is drawn."""
-    from ddgcli.plots.motion import check_animation
+    from ddgcli.plots.animation import check_animation
     from ddgcli.plots.page import FORMATS
 
     outputs = {Path(output).suffix.lower() for output in (*common.outputs, common.plot or "")}
@@ -194,7 +194,7 @@ def _export(
     if suffix == ".pvd":
         _series(run, source, output, frame_numbers)
     elif suffix in ANIMATIONS:
-        from ddgcli.plots.motion import draw_animation
+        from ddgcli.plots.animation import draw_animation
 
         progress = run.progress("frames")
         with run.drawing(output, progress=False) as partial:

@@ -1,0 +1,113 @@
+"""Processes of `--jobs`: results in order, errors as of one process, and none that outlives a signal."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from ddgcli.errors import SolveError
+from ddgcli.workers import TASKS_PER_JOB, results_in_order
+
+_state: dict[str, int] = {}
+
+
+def add_to_results(value):
+    _state["value"] = value
+
+
+def slow_first(k):
+    time.sleep(0.2 if k == 0 else 0.0)
+    return k * k + _state.get("value", 0)
+
+
+def odd_is_an_error(k):
+    if k % 2:
+        raise SolveError(f"task {k}")
+    return k
+
+
+def vanish(k):
+    os._exit(3)
+
+
+def test_results_come_in_the_order_of_the_tasks():
+    tasks = [(k,) for k in range(9)]
+    assert list(results_in_order(slow_first, tasks, 2)) == [k * k for k in range(9)]
+    assert list(results_in_order(slow_first, tasks, 3, prepare=add_to_results, arguments=(100,))) == [
+        k * k + 100 for k in range(9)
+    ]
+    assert list(results_in_order(slow_first, [], 2)) == []
+
+
+def test_tasks_are_drawn_a_few_ahead():
+    drawn = []
+    results = results_in_order(slow_first, ((drawn.append(k) or k,) for k in range(50)), 2)
+    assert next(results) == 0
+    assert len(drawn) <= TASKS_PER_JOB * 2 + 2
+    results.close()
+
+
+def test_an_error_of_a_task_is_raised_where_its_result_is_awaited():
+    results = results_in_order(odd_is_an_error, [(0,), (1,), (2,)], 1)
+    assert next(results) == 0
+    with pytest.raises(SolveError, match="task 1"):
+        next(results)
+    with pytest.raises(SolveError, match="task 5"):
+        list(results_in_order(slow_first, [(0,)], 1, prepare=odd_is_an_error, arguments=(5,)))
+
+
+def test_a_process_that_ends_is_reported():
+    with pytest.raises(SolveError, match="use one job"):
+        list(results_in_order(vanish, [(0,), (1,)], 2))
+
+
+SCRIPT = """
+import sys, time
+from ddgcli.workers import results_in_order
+if __name__ == "__main__":
+    for pid in results_in_order(__import__("tests.hard.test_workers", fromlist=["own_number"]).own_number,
+                                ((k,) for k in range(1000)), 2):
+        print(pid, flush=True)
+"""
+
+
+def own_number(k):
+    time.sleep(0.05)
+    return os.getpid()
+
+
+def is_running(pid):
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+@pytest.mark.parametrize("end", ["interrupt", "terminate", "kill"])
+def test_no_process_outlives_the_one_that_started_it(end, tmp_path):
+    """Nor writes a traceback: Ctrl-C reaches all processes of a terminal, other signals the first alone."""
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT)
+    root = os.path.dirname(os.path.dirname(os.path.dirname(__file__)))
+    environment = os.environ | {"PYTHONPATH": root}
+    process = subprocess.Popen(
+        [sys.executable, str(path)], env=environment, start_new_session=True, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    workers = {int(process.stdout.readline()) for _ in range(6)}
+    assert workers and process.pid not in workers
+    if end == "interrupt":
+        os.killpg(process.pid, signal.SIGINT)
+    else:
+        os.kill(process.pid, signal.SIGTERM if end == "terminate" else signal.SIGKILL)
+    _, error = process.communicate(timeout=60)
+    assert error.count("Traceback") == (1 if end == "interrupt" else 0)  # of the script itself
+    until = time.monotonic() + 60
+    while any(map(is_running, workers)) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert not any(map(is_running, workers))
