@@ -2,10 +2,11 @@
 
 python -m benchmarks.peers.jobs [NAME OF A CASE ...]
 
-Wall-clock seconds of a loaded machine mean nothing, so the speed-up is that of the longest chain of work: CPU
+Wall-clock seconds of a loaded machine mean little, so the speed-up is that of the longest chain of work: CPU
 seconds of the run with one job, over the CPU seconds of the main thread and of the busiest worker with two
 (or half of all workers, if that is more: a batch has a process for each task).
-It is what two quiet cores show, up to waiting for locks. Workers are the threads and processes below the
+It is what two quiet cores show, up to waiting for locks; the wall-clock speed-up of the run stands beside it.
+Workers are the threads and processes below the
 command; their CPU seconds are sampled from /proc as they run. Start-up, reading and writing are included.
 """
 
@@ -65,23 +66,27 @@ def cpu_of_threads(root: int) -> dict[tuple[int, int], float]:
     return seconds
 
 
-def measured(words: list[str]) -> tuple[float, float]:
-    """CPU seconds of `ddgcli WORDS`: of all, and of the longest chain of work on two cores."""
+def measured(words: list[str]) -> tuple[float, float, float]:
+    """Seconds of `ddgcli WORDS`: CPU of all, CPU of the longest chain of work on two cores, wall-clock."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "ddgcli", *words]
     process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     seconds: dict[tuple[int, int], float] = {}
+    began = time.perf_counter()
     while True:
         seconds |= cpu_of_threads(process.pid)
         done, status, usage = os.wait4(process.pid, os.WNOHANG)
         if done:
             break
         time.sleep(POLL_SECONDS)
+    wall = time.perf_counter() - began
     if os.waitstatus_to_exitcode(status):
         raise SystemExit(f"failed: {' '.join(words)}")
     main = seconds.pop((process.pid, process.pid), 0.0)
-    workers = max(max(seconds.values(), default=0.0), sum(seconds.values()) / 2)
-    return usage.ru_utime + usage.ru_stime, main + workers
+    of_workers = sum(seconds.values())
+    longest = max(max(seconds.values(), default=0.0), of_workers / 2)
+    # workers that are copies of another process are not among the children that the usage counts
+    return max(usage.ru_utime + usage.ru_stime, main + of_workers), main + longest, wall
 
 
 def content(path: Path) -> bytes:
@@ -121,7 +126,7 @@ def main() -> None:
                 words = [first, rest[0], "--jobs", str(jobs), *rest[1:]]
                 chains.append(measured(words))
                 files.append(content(folder / (out.name + suffix)) if suffix else b"")
-            (serial, _), (both, longest) = chains
+            (serial, _, serial_wall), (both, longest, wall) = chains
             same = "yes" if files[0] == files[1] else ("-" if not suffix else "no")
             rows.append(
                 [
@@ -131,6 +136,7 @@ def main() -> None:
                     longest,
                     serial / longest,
                     "yes" if serial / longest >= AIM else "no",
+                    serial_wall / wall,
                     same,
                 ]
             )
@@ -144,6 +150,7 @@ def main() -> None:
             "longest chain s",
             "speed-up",
             f"at least {AIM}",
+            "of wall-clock",
             "same bytes",
         ],
         rows,
