@@ -130,6 +130,7 @@ def _interrupts_held() -> Iterator[None]:
 
 def _serve(pipe: Connection, prepare: Callable[..., None] | None, arguments: tuple) -> None:
     """Answer the tasks of a pipe until its other end is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where signals cannot be held
     failure: Exception | None = None
     try:
         if prepare is not None:
