@@ -6,7 +6,8 @@ Wall-clock seconds of a loaded machine mean little, so the speed-up is that of t
 seconds of the run with one job, over the CPU seconds of the main thread and of the busiest worker with two
 (or half of all workers, if that is more: a batch has a process for each task).
 It is what two quiet cores show, up to waiting for locks; a further column has the wall-clock speed-up.
-Workers are the threads and processes below the command; their CPU seconds are sampled from /proc as they run. Start-up, reading and writing are included.
+Workers are the threads and processes below the command; their CPU seconds are sampled from /proc as they run.
+Start-up, reading and writing are included.
 """
 
 from __future__ import annotations
