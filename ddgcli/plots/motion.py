@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import starmap
 from typing import Any
 
 import numpy as np
@@ -227,13 +228,14 @@ def draw_frames(
     str
         Path of each file, in order, as soon as it is written.
     """
-    numbered = ((f"{folder}/{k}{suffix}", plot_frame) for k, plot_frame in enumerate(plot_frames))
+    tasks = (
+        (f"{folder}/{k}{suffix}", plot_frame, style, page_size, palette_size)
+        for k, plot_frame in enumerate(plot_frames)
+    )
     if jobs <= 1:
-        for path, plot_frame in numbered:
-            yield _draw_file(path, plot_frame, style, page_size, palette_size)
-        return
-    tasks = ((path, plot_frame, style, page_size, palette_size) for path, plot_frame in numbered)
-    yield from results_in_order(_draw_file, tasks, jobs, modules=(__name__, *DRAWING_MODULES))
+        yield from starmap(_draw_file, tasks)
+    else:
+        yield from results_in_order(_draw_file, tasks, jobs, modules=(__name__, *DRAWING_MODULES))
 
 
 def _draw_file(
