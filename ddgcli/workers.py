@@ -23,7 +23,7 @@ def results_in_order(
     tasks: Iterable[tuple],
     jobs: int,
     *,
-    prepare: Callable[..., None] | None = None,
+    prepare: Callable[..., Any] | None = None,
     arguments: tuple = (),
     modules: Sequence[str] = (),
 ) -> Iterator[Any]:
@@ -38,9 +38,9 @@ def results_in_order(
     tasks : iterable of tuple
         Arguments of `function`; drawn a few ahead of the results.
     jobs : int
-        Number of processes.
+        Number of processes. With one, this process computes each result when it is drawn.
     prepare : callable, optional
-        Called once in each process, with `arguments`.
+        Called once in each process, with `arguments`; what it returns is the first argument of `function`.
     arguments : tuple
     modules : sequence of str
         Modules that are imported once for all processes, where the system can copy a process.
@@ -57,10 +57,14 @@ def results_in_order(
     Exception
         What `function` or `prepare` raises.
     """
+    if jobs <= 1:
+        shared = _shared(prepare, arguments)
+        yield from (function(*shared, *task) for task in tasks)
+        return
     from multiprocessing.connection import wait
 
     numbered = enumerate(tasks)
-    done: dict[int, Any] = {}
+    done: dict[int, tuple[Any, Exception | None]] = {}
     running: dict[Connection, int] = {}
     following = 0  # number of the next result
     with _workers(jobs, prepare, arguments, modules) as pipes:
@@ -72,28 +76,56 @@ def results_in_order(
                     break
                 running[idle[-1]] = number
                 _send(idle.pop(), (function, task))
+            patience = WAIT_SECONDS
             if following in done:
-                yield done.pop(following)
+                result, error = done.pop(following)
+                if error is not None:  # that of the first task with one, as from one process
+                    raise error
+                yield result
                 following += 1
+                patience = 0.0
             elif not running:
                 return
-            ready = wait(list(running), WAIT_SECONDS if following not in done else 0.0)
+            ready = wait(list(running), patience)
             for pipe in [pipe for pipe in running if pipe in ready]:
                 done[running.pop(pipe)] = _received(pipe)
                 idle.append(pipe)
 
 
-@contextmanager
-def _workers(
-    jobs: int, prepare: Callable[..., None] | None, arguments: tuple, modules: Sequence[str]
-) -> Iterator[list[Connection]]:
-    """Pipes to new processes, which are ended at the end."""
+def start_early(jobs: int, modules: Sequence[str]) -> None:
+    """Import the modules of later tasks in the process that workers are copies of, while this one computes.
+
+    Parameters
+    ----------
+    jobs : int
+        Nothing starts for one.
+    modules : sequence of str
+        As in `results_in_order`.
+    """
+    if jobs > 1 and _context(modules).get_start_method() == "forkserver":
+        from multiprocessing import forkserver
+
+        with _interrupts_held():
+            forkserver.ensure_running()
+
+
+def _context(modules: Sequence[str]) -> Any:
+    """How processes start: as copies of one with these modules, where the system allows it."""
     from multiprocessing import get_all_start_methods, get_context
 
     copies = "forkserver" in get_all_start_methods()
     context: Any = get_context("forkserver" if copies else "spawn")
     if copies:
         context.set_forkserver_preload([__name__, *modules])
+    return context
+
+
+@contextmanager
+def _workers(
+    jobs: int, prepare: Callable[..., Any] | None, arguments: tuple, modules: Sequence[str]
+) -> Iterator[list[Connection]]:
+    """Pipes to new processes, which are ended at the end."""
+    context = _context(modules)
     workers: list[Worker] = []
     try:
         with _interrupts_held():
@@ -128,21 +160,36 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(pipe: Connection, prepare: Callable[..., None] | None, arguments: tuple) -> None:
+def _serve(pipe: Connection, prepare: Callable[..., Any] | None, arguments: tuple) -> None:
     """Answer the tasks of a pipe until its other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where signals cannot be held
+    _keep_freed_memory()
+    shared: tuple = ()
     failure: Exception | None = None
     try:
-        if prepare is not None:
-            prepare(*arguments)
+        shared = _shared(prepare, arguments)
     except Exception as error:  # that of the first task, in the process that awaits it
         failure = error
     try:
         while True:
             function, task = pipe.recv()
-            pipe.send(_answer(function, task) if failure is None else (None, failure))
+            pipe.send(_answer(function, (*shared, *task)) if failure is None else (None, failure))
     except (EOFError, OSError):
         return
+
+
+def _keep_freed_memory() -> None:
+    """Let the C library keep memory that arrays free: a third of a worker's time would go into new pages.
+
+    glibc returns freed blocks to the system that are larger than any it has freed before, up to 32 MiB; the
+    process that reads a mesh has freed large ones.
+    """
+    bytearray(31 << 20)
+
+
+def _shared(prepare: Callable[..., Any] | None, arguments: tuple) -> tuple:
+    """The first arguments of all calls in a process."""
+    return () if prepare is None else (prepare(*arguments),)
 
 
 def _answer(function: Callable[..., Any], task: tuple) -> tuple[Any, Exception | None]:
@@ -159,14 +206,11 @@ def _send(pipe: Connection, task: tuple) -> None:
         raise _lost() from None
 
 
-def _received(pipe: Connection) -> Any:
+def _received(pipe: Connection) -> tuple[Any, Exception | None]:
     try:
-        result, error = pipe.recv()
+        return pipe.recv()
     except (EOFError, OSError):
         raise _lost() from None
-    if error is not None:
-        raise error
-    return result
 
 
 def _lost() -> SolveError:

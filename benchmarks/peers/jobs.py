@@ -30,7 +30,8 @@ CASES = {
     "sources": (
         "geodesic {sphere} --source {sources} --target {sources} --distance-matrix {out}.npz", ".npz"
     ),
-    "curvature blocks": ("curvature {sphere} --radius {radius} -o {out}.npz", ".npz"),
+    "curvature blocks": ("curvature {large} --radius {radius} -o {out}.npz", ".npz"),
+    "curvature blocks of a small mesh": ("curvature {sphere} --radius {small_radius} -o {out}.npz", ".npz"),
     "frames": ("frames {run} -o {out}.gif", ".gif"),
     "batch": ("batch {sphere} --sweep heat-time=0.01,0.02,0.03,0.04,0.05,0.06 --table {out}.jsonl -- "
               "geodesic --source 0 --method heat --heat-refine 0", ""),
@@ -41,9 +42,10 @@ import sys
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
-sphere = shapes.random_sphere(20_002, 0)
-write_mesh(sys.argv[1], AnnotatedMesh(sphere))
-print(12 * float(sphere.side_length.mean()))
+for path, n_vertices in zip(sys.argv[1:], (20_002, 80_002)):
+    sphere = shapes.random_sphere(n_vertices, 0)
+    write_mesh(path, AnnotatedMesh(sphere))
+    print(12 * float(sphere.side_length.mean()))
 """
 
 
@@ -99,15 +101,16 @@ def content(path: Path) -> bytes:
 
 def make_inputs(folder: Path) -> dict[str, str]:
     """Files and numbers that the calls name."""
-    sphere, run = folder / "sphere.ply", folder / "run.vtkhdf"
+    sphere, large, run = folder / "sphere.ply", folder / "large.ply", folder / "run.vtkhdf"
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    call = [sys.executable, "-c", MAKE, str(sphere)]
-    radius = subprocess.run(call, env=environment, check=True, capture_output=True, text=True).stdout.strip()
+    call = [sys.executable, "-c", MAKE, str(sphere), str(large)]
+    radii = subprocess.run(call, env=environment, check=True, capture_output=True, text=True).stdout.split()
     scene = ROOT / "sample_scenes" / "twisted_strip.toml"
-    words = ["shell-sim", str(scene), "--steps", "12", "--frame-every", "1e-9", "-o", str(run)]
+    words = ["shell-sim", str(scene), "--steps", "24", "--frame-every", "1e-9", "-o", str(run)]
     subprocess.run([sys.executable, "-m", "ddgcli", *words], env=environment, check=True, capture_output=True)
     sources = " ".join(str(200 * k) for k in range(24))
-    return {"sphere": str(sphere), "run": str(run), "radius": radius, "sources": sources}
+    files = {"sphere": str(sphere), "large": str(large), "run": str(run), "sources": sources}
+    return files | {"small_radius": radii[0], "radius": radii[1]}
 
 
 def main() -> None:

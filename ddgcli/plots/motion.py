@@ -5,7 +5,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import starmap
 from typing import Any
 
 import numpy as np
@@ -232,10 +231,7 @@ def draw_frames(
         (f"{folder}/{k}{suffix}", plot_frame, style, page_size, palette_size)
         for k, plot_frame in enumerate(plot_frames)
     )
-    if jobs <= 1:
-        yield from starmap(_draw_file, tasks)
-    else:
-        yield from results_in_order(_draw_file, tasks, jobs, modules=(__name__, *DRAWING_MODULES))
+    yield from results_in_order(_draw_file, tasks, jobs, modules=(__name__, *DRAWING_MODULES))
 
 
 def _draw_file(

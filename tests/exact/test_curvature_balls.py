@@ -205,8 +205,8 @@ def test_balls_do_not_depend_on_their_blocks(monkeypatch):
     monkeypatch.setattr("ddgcli.algorithms.curvature.vertex_balls.BALLS_PER_BLOCK", 7)
     monkeypatch.setattr("ddgcli.algorithms.curvature.vertex_balls.MAX_BLOCK_CELLS", 100)
     small = vertex_balls(mesh, 0.7)
-    threads = vertex_balls(mesh, 0.7, jobs=3)
-    for other in (small, threads):
+    processes = vertex_balls(mesh, 0.7, jobs=3)
+    for other in (small, processes):
         assert np.array_equal(balls.start, other.start) and np.array_equal(balls.member, other.member)
 
 

@@ -1,5 +1,6 @@
 """Processes of `--jobs`: results in order, errors as of one process, and none that outlives a signal."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -11,16 +12,15 @@ import pytest
 from ddgcli.errors import SolveError
 from ddgcli.workers import TASKS_PER_JOB, results_in_order
 
-_state: dict[str, int] = {}
+
+def doubled(value):
+    return 2 * value
 
 
-def add_to_results(value):
-    _state["value"] = value
-
-
-def slow_first(k):
+def slow_first(*numbers):
+    *shared, k = numbers
     time.sleep(0.2 if k == 0 else 0.0)
-    return k * k + _state.get("value", 0)
+    return k * k + sum(shared)
 
 
 def odd_is_an_error(k):
@@ -36,9 +36,9 @@ def vanish(k):
 def test_results_come_in_the_order_of_the_tasks():
     tasks = [(k,) for k in range(9)]
     assert list(results_in_order(slow_first, tasks, 2)) == [k * k for k in range(9)]
-    assert list(results_in_order(slow_first, tasks, 3, prepare=add_to_results, arguments=(100,))) == [
-        k * k + 100 for k in range(9)
-    ]
+    for jobs in (1, 3):
+        results = results_in_order(slow_first, tasks, jobs, prepare=doubled, arguments=(50,))
+        assert list(results) == [k * k + 100 for k in range(9)]
     assert list(results_in_order(slow_first, [], 2)) == []
 
 
@@ -51,12 +51,43 @@ def test_tasks_are_drawn_a_few_ahead():
 
 
 def test_an_error_of_a_task_is_raised_where_its_result_is_awaited():
-    results = results_in_order(odd_is_an_error, [(0,), (1,), (2,)], 1)
-    assert next(results) == 0
-    with pytest.raises(SolveError, match="task 1"):
-        next(results)
-    with pytest.raises(SolveError, match="task 5"):
-        list(results_in_order(slow_first, [(0,)], 1, prepare=odd_is_an_error, arguments=(5,)))
+    for jobs in (1, 2):
+        results = results_in_order(odd_is_an_error, [(0,), (1,), (2,)], jobs)
+        assert next(results) == 0
+        with pytest.raises(SolveError, match="task 1"):
+            next(results)
+        with pytest.raises(SolveError, match="task 5"):
+            list(results_in_order(slow_first, [(0,)], jobs, prepare=odd_is_an_error, arguments=(5,)))
+
+
+def test_the_last_result_ends_the_iteration(monkeypatch):
+    """It waited once more, for tasks that there were none of: a quarter of a second for every call."""
+    monkeypatch.setattr("ddgcli.workers.WAIT_SECONDS", 20.0)
+    began = time.monotonic()
+    assert list(results_in_order(doubled, [(k,) for k in range(3)], 2)) == [0, 2, 4]
+    assert time.monotonic() - began < 20.0
+
+
+EARLY = """
+from ddgcli.workers import results_in_order, start_early
+from tests.hard.test_workers import imported
+if __name__ == "__main__":
+    for early in (False, True):
+        if early:
+            start_early(1, ("wave",))
+            start_early(2, ("wave",))
+        print(*results_in_order(imported, [("wave",)], 2 if early else 1))
+"""
+
+
+def imported(name):
+    return name in sys.modules
+
+
+@pytest.mark.skipif("forkserver" not in multiprocessing.get_all_start_methods(), reason="nothing to copy")
+def test_modules_are_imported_before_the_first_task():
+    printed = subprocess.run([sys.executable, "-c", EARLY], capture_output=True, text=True, check=True).stdout
+    assert printed.split() == ["False", "True"]
 
 
 def test_a_process_that_ends_is_reported():

@@ -9,20 +9,22 @@ from __future__ import annotations
 
 from functools import cached_property
 from math import comb
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, eigen_2x2, tangent_frame
 from ddgcli.algorithms.curvature.regions import Regions, chunks
-from ddgcli.algorithms.curvature.vertex_balls import map_blocks
 from ddgcli.mesh.ragged import list_starts
+from ddgcli.workers import results_in_order
 
 LOW_TERM_PENALTY = 1e-12  # of the low terms, so that three neighbours determine a fit too
 _MIN_PIVOT = 1e-7  # of the low terms, a share of the number of neighbours, below which a fit is repeated
 _MIN_SINGULAR_VALUE = 1e-6  # relative: coefficients that the neighbours determine less are the least ones
 _RIGHT_ANGLE = 1e-9  # cosine of normals at a right angle, whatever their rounding
 _MAX_PAIRS = 40_000  # neighbours handled at once: the working arrays stay in the cache
+_PAIRS_PER_TASK = 200_000  # of a process
 
 
 class Basis:
@@ -93,7 +95,7 @@ def fit_forms(
     penalty : float
         Weight of the squared coefficients of degree three and four, a share of the number of neighbours.
     jobs : int
-        Threads; each fits a block of vertices, and the blocks do not depend on their number.
+        Processes; each fits blocks of vertices, which do not depend on their number.
     basis : Basis
         Terms of the polynomials: without high ones the penalty has no effect.
 
@@ -106,30 +108,63 @@ def fit_forms(
     """
     n = columns.shape[1]
     gradient, hessian = np.zeros((2, n)), np.zeros((3, n))
-    vertex_frame = np.concatenate([*tangent_frame(normal), normal])
-
-    def fit(block: tuple[int, int]) -> None:
-        begin, end = block
-        start, member = _same_side(vertex_frame[6:9], begin, end, regions)
-        x, y, z = local_coordinates(columns, columns[:, begin:end], vertex_frame[:, begin:end], start, member)
-        x, y, axes = scaled(x, y, start)
-        matrix, right = normal_equations(x, y, z, start, basis)
-        count = np.diff(start)
-        # fewer data than terms: the low terms have precedence
-        share = np.where(count > len(basis.terms), penalty, np.maximum(penalty, 1.0))
-        _add_penalty(matrix, share, count, basis)
-        low, pivot = _solve_low(matrix, right, basis.n_high)
-        singular = pivot < _MIN_PIVOT * count
-        for size in np.unique(count[singular]):
-            some = np.flatnonzero(singular & (count == size))
-            own = start[some, None] + np.arange(size)
-            low[:, some] = _least_coefficients(x[own], y[own], z[own], share[some], basis)
-        gradient[:, begin:end], hessian[:, begin:end] = _unscaled(low, axes)
-
-    blocks = chunks(regions, _MAX_PAIRS)
-    for _ in map_blocks(fit, list(blocks), jobs):
-        pass
+    ranges = list(chunks(regions, _PAIRS_PER_TASK))
+    fits = results_in_order(
+        _fits,
+        ((begin, _regions_of_range(regions, begin, end)) for begin, end in ranges),
+        jobs,
+        prepare=_Surface,
+        arguments=(columns, np.concatenate([*tangent_frame(normal), normal]), penalty, basis),
+        modules=(__name__,),
+    )
+    for (begin, end), fit in zip(ranges, fits, strict=True):
+        gradient[:, begin:end], hessian[:, begin:end] = fit
     return gradient, hessian
+
+
+class _Surface(NamedTuple):
+    """What all blocks of fits share."""
+
+    columns: NDArray
+    vertex_frame: NDArray  # (9, n)
+    penalty: float
+    basis: Basis
+
+
+def _regions_of_range(regions: Regions, begin: int, end: int) -> Regions:
+    """Regions of a range of vertices."""
+    first, last = regions.start[begin], regions.start[end]
+    return Regions(regions.start[begin : end + 1] - first, regions.member[first:last])
+
+
+def _fits(surface: _Surface, first: int, regions: Regions) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gradient (2, c) and Hessian (3, c) of the fits over the regions of c vertices, from `first` on."""
+    blocks = chunks(regions, _MAX_PAIRS)
+    fits = [_fit(surface, first + begin, _regions_of_range(regions, begin, end)) for begin, end in blocks]
+    gradients, hessians = zip(*fits)
+    return np.concatenate(gradients, axis=1), np.concatenate(hessians, axis=1)
+
+
+def _fit(surface: _Surface, first: int, regions: Regions) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """As `_fits`, of vertices that are fitted at once."""
+    columns, basis = surface.columns, surface.basis
+    own = slice(first, first + len(regions.start) - 1)
+    start, member = _same_side(surface.vertex_frame[6:9], own, regions)
+    x, y, z = local_coordinates(columns, columns[:, own], surface.vertex_frame[:, own], start, member)
+    x, y, axes = scaled(x, y, start)
+    matrix, right = normal_equations(x, y, z, start, basis)
+    count = np.diff(start)
+    # fewer data than terms: the low terms have precedence
+    penalty = surface.penalty
+    share = np.where(count > len(basis.terms), penalty, np.maximum(penalty, 1.0))
+    _add_penalty(matrix, share, count, basis)
+    low, pivot = _solve_low(matrix, right, basis.n_high)
+    singular = pivot < _MIN_PIVOT * count
+    for size in np.unique(count[singular]):
+        some = np.flatnonzero(singular & (count == size))
+        place = start[some, None] + np.arange(size)
+        low[:, some] = _least_coefficients(x[place], y[place], z[place], share[some], basis)
+    return _unscaled(low, axes)
 
 
 def local_coordinates(
@@ -164,19 +199,18 @@ def local_coordinates(
     return local
 
 
-def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple[NDArray, NDArray]:
+def _same_side(normal: NDArray, own: slice, regions: Regions) -> tuple[NDArray, NDArray]:
     """Neighbours whose normals are less than a right angle from their vertex's: heights are a function.
 
     A vertex left with fewer than the six terms of a quadratic polynomial, as at the corners of a tetrahedron
     and on tubes of four sides, keeps those below 120 degrees.
     """
     # whole indices once, as each np.take would convert them
-    member = regions.member[regions.start[begin] : regions.start[end]].astype(np.intp, copy=False)
-    start = regions.start[begin : end + 1] - regions.start[begin]
+    start, member = regions.start, regions.member.astype(np.intp, copy=False)
     count = np.diff(start)
-    cosine = np.take(normal[0], member) * np.repeat(normal[0, begin:end], count)
-    cosine += np.take(normal[1], member) * np.repeat(normal[1, begin:end], count)
-    cosine += np.take(normal[2], member) * np.repeat(normal[2, begin:end], count)
+    cosine = np.take(normal[0], member) * np.repeat(normal[0, own], count)
+    cosine += np.take(normal[1], member) * np.repeat(normal[1, own], count)
+    cosine += np.take(normal[2], member) * np.repeat(normal[2, own], count)
     keep = cosine > _RIGHT_ANGLE
     if keep.all():
         return start, member

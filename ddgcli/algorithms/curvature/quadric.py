@@ -25,6 +25,7 @@ from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 _PENALTY_SAMPLE_SIZE = 96  # vertices whose fits choose among the penalties
+JOB_MODULES = (vertex_balls.__module__, fit_forms.__module__)  # of `quadric`, as of `start_early`
 _MIN_NEIGHBOURS = 15  # below which a third ring is added
 
 
@@ -53,7 +54,7 @@ def quadric(
         Whether noise is averaged in balls: by quadratic fits, over planes normal to the area vectors of the
         balls, as single normals are far off and stairs are no noise of single vertices.
     jobs : int
-        Threads that fit blocks of vertices; the result does not depend on it.
+        Processes that fit blocks of vertices; the result does not depend on it.
 
     Returns
     -------

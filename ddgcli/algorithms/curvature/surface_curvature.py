@@ -26,7 +26,7 @@ from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals
 from ddgcli.algorithms.curvature.noise import Noise, warn_of_better_scheme, warn_of_noise
 from ddgcli.algorithms.curvature.noise_estimate import Effort, estimate_noise
 from ddgcli.algorithms.curvature.one_sided import of_copies, unsigned_normals
-from ddgcli.algorithms.curvature.quadric import quadric
+from ddgcli.algorithms.curvature.quadric import JOB_MODULES, quadric
 from ddgcli.algorithms.curvature.regions import check_radius, check_reach
 from ddgcli.algorithms.curvature.spikes import warn_of_spikes
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
@@ -43,6 +43,7 @@ from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.require import require, surely_has_area
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.workers import start_early
 
 _log = logging.getLogger("ddgcli")
 
@@ -111,7 +112,7 @@ def measure_curvature(
     image : (n, 2) or (n, 3) ndarray, optional
         A map whose non-conformality is to be measured.
     jobs : int
-        Threads of the fits of 'quadric'; the result does not depend on it.
+        Processes of the fits of 'quadric'; the result does not depend on it.
     full : bool
         False: only the pointwise mean and Gaussian curvature, the chief integrals and all residuals, without
         directions, arrays on edges and further statistics.
@@ -132,6 +133,8 @@ def measure_curvature(
         Unknown scheme; a radius for 'cotan'.
     """
     check_curvature(mesh, scheme, radius, image=image)
+    if scheme == "quadric":
+        start_early(jobs, JOB_MODULES)
     surface = prepare_surface(mesh, scheme)
     measured = _measured(mesh, surface, scheme, radius, jobs, full)
     principal = measured.principal

@@ -7,8 +7,8 @@ within the radius and those that are connected: one operation grows 64 balls by 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,23 @@ from ddgcli.algorithms.curvature.regions import Regions
 from ddgcli.algorithms.curvature.rings import adjacency
 from ddgcli.mesh.ragged import list_starts, ranges
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.workers import results_in_order
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 BALLS_PER_BLOCK = 256
 MAX_BLOCK_CELLS = 4_000_000  # pairs of a ball and a vertex that may lie in it, handled at once
 BITS_PER_WORD = 64
+
+
+class _Vertices(NamedTuple):
+    """What the balls of all blocks share."""
+
+    points: NDArray
+    radii: NDArray
+    first_neighbour: NDArray
+    neighbour: NDArray
 
 
 def vertex_balls(mesh: TriangleMesh, radius: float | NDArray, *, jobs: int = 1) -> Regions:
@@ -32,7 +45,7 @@ def vertex_balls(mesh: TriangleMesh, radius: float | NDArray, *, jobs: int = 1) 
     radius : float or (n,) ndarray
         Of all balls, or of that around each vertex.
     jobs : int
-        Threads that handle blocks; the result does not depend on it.
+        Processes that handle blocks; the result does not depend on it.
 
     Returns
     -------
@@ -42,22 +55,19 @@ def vertex_balls(mesh: TriangleMesh, radius: float | NDArray, *, jobs: int = 1) 
     from scipy.spatial import cKDTree  # a sixth of a small run's time, needed by wide radii only
 
     near = adjacency(mesh.topology)
-    lists = near.indptr.astype(np.int64), near.indices.astype(np.int64)
     tree = cKDTree(mesh.points, leafsize=BALLS_PER_BLOCK)
     radii = np.broadcast_to(radius, mesh.n_vertices)
-
-    def balls(leaf: NDArray) -> list[tuple[NDArray, NDArray, NDArray]]:
-        """(vertices, sizes of their balls, members) of pieces of a leaf."""
-        results = []
-        for owner, candidate in _pieces(tree, mesh.points, leaf, radii):
-            inside = _within(mesh.points, owner, candidate, radii[owner])
-            reached = _connected(inside, owner, candidate, *_neighbours_among(candidate, lists))
-            row, column = np.nonzero(reached)
-            sizes = np.bincount(row, minlength=len(owner))
-            results.append((owner, sizes, candidate[column].astype(np.int32)))
-        return results
-
-    blocks = [block for results in map_blocks(balls, list(_leaves(tree)), jobs) for block in results]
+    arguments = mesh.points, radii, near.indptr.astype(np.int64), near.indices.astype(np.int64)
+    blocks = list(
+        results_in_order(
+            _balls,
+            _blocks(tree, mesh.points, radii),
+            jobs,
+            prepare=_Vertices,
+            arguments=arguments,
+            modules=(__name__,),
+        )
+    )
     count = np.zeros(mesh.n_vertices, dtype=np.int64)
     for owner, sizes, _ in blocks:
         count[owner] = sizes
@@ -68,31 +78,21 @@ def vertex_balls(mesh: TriangleMesh, radius: float | NDArray, *, jobs: int = 1) 
     return Regions(start, member)
 
 
-def map_blocks(function: Callable[[Any], Any], blocks: Sequence[Any], jobs: int) -> Iterator[Any]:
-    """Apply a function to independent blocks, in threads; numpy computes outside the interpreter's lock.
-
-    Parameters
-    ----------
-    function : callable
-    blocks : sequence
-    jobs : int
-        Number of threads.
-
-    Yields
-    ------
-    object
-        The results in the order of the blocks.
-    """
-    if jobs == 1:
-        yield from map(function, blocks)
-        return
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(jobs) as pool:
-        yield from pool.map(function, blocks)
+def _blocks(tree: cKDTree, points: NDArray, radii: NDArray) -> Iterator[tuple[NDArray, NDArray]]:
+    """Vertices of parts of each leaf, and all vertices that their balls may hold; both in order."""
+    for leaf in _leaves(tree):
+        owner = np.sort(leaf)
+        corner = points[owner].min(axis=0), points[owner].max(axis=0)
+        middle = corner[0] / 2 + corner[1] / 2
+        # longer by a few roundings, so that no member of a ball is lost
+        reach = (radii[owner].max() + np.linalg.norm(corner[1] - middle)) * (1 + 1e-9)
+        candidate = np.array(tree.query_ball_point(middle, reach, return_sorted=True), dtype=np.int64)
+        n_balls = max(1, min(BALLS_PER_BLOCK, MAX_BLOCK_CELLS // len(candidate)))
+        for first in range(0, len(owner), n_balls):
+            yield owner[first : first + n_balls], candidate
 
 
-def _leaves(tree: Any) -> Iterator[NDArray]:
+def _leaves(tree: cKDTree) -> Iterator[NDArray]:
     """Points of each leaf of a KD-tree."""
     nodes = [tree.tree]
     while nodes:
@@ -103,17 +103,13 @@ def _leaves(tree: Any) -> Iterator[NDArray]:
             yield node.indices
 
 
-def _pieces(tree: Any, points: NDArray, leaf: NDArray, radii: NDArray) -> Iterator[tuple[NDArray, NDArray]]:
-    """Vertices of pieces of a leaf, and all vertices that their balls may hold; both in order."""
-    owner = np.sort(leaf)
-    corner = points[owner].min(axis=0), points[owner].max(axis=0)
-    middle = corner[0] / 2 + corner[1] / 2
-    # longer by a few roundings, so that no member of a ball is lost
-    reach = (radii[owner].max() + np.linalg.norm(corner[1] - middle)) * (1 + 1e-9)
-    candidate = np.array(tree.query_ball_point(middle, reach, return_sorted=True), dtype=np.int64)
-    n_balls = max(1, min(BALLS_PER_BLOCK, MAX_BLOCK_CELLS // len(candidate)))
-    for first in range(0, len(owner), n_balls):
-        yield owner[first : first + n_balls], candidate
+def _balls(vertices: _Vertices, owner: NDArray, candidate: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """The vertices, the sizes of their balls, and the members of these."""
+    inside = _within(vertices.points, owner, candidate, vertices.radii[owner])
+    start, neighbour = _neighbours_among(candidate, vertices.first_neighbour, vertices.neighbour)
+    reached = _connected(inside, owner, candidate, start, neighbour)
+    row, column = np.nonzero(reached)
+    return owner, np.bincount(row, minlength=len(owner)), candidate[column].astype(np.int32)
 
 
 def _within(points: NDArray, owner: NDArray, candidate: NDArray, radius: NDArray) -> NDArray[np.bool_]:
@@ -126,9 +122,8 @@ def _within(points: NDArray, owner: NDArray, candidate: NDArray, radius: NDArray
     return squared <= radius * radius
 
 
-def _neighbours_among(candidate: NDArray, lists: tuple[NDArray, NDArray]) -> tuple[NDArray, NDArray]:
-    """Neighbours of the candidates among the candidates, by their places; lists as (start, neighbour)."""
-    start, neighbour = lists
+def _neighbours_among(candidate: NDArray, start: NDArray, neighbour: NDArray) -> tuple[NDArray, NDArray]:
+    """Neighbours of the candidates among the candidates, by their places, as ragged lists."""
     count = start[candidate + 1] - start[candidate]
     neighbour = neighbour[ranges(start[candidate], count)[0]]
     place = np.minimum(np.searchsorted(candidate, neighbour), len(candidate) - 1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +14,6 @@ from ddgcli.errors import ParameterError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.progress import ProgressCallback
 from ddgcli.workers import results_in_order
-
-_worker: dict[str, Any] = {}  # solver and targets of a worker process
 
 
 def distance_matrix(
@@ -96,26 +93,24 @@ def distance_rows(
         For each element of `starts`.
     """
     jobs = min(jobs, len(starts))
-    if jobs <= 1:
-        solver = solver or prepare_solver(mesh, method, options)
-        for sources in starts:
-            yield _row(solver, targets, sources)
+    if solver is not None and jobs <= 1:
+        yield from (_row((solver, targets), sources) for sources in starts)
         return
     tasks = ((sources,) for sources in starts)
     arguments = mesh, method, options, targets
     yield from results_in_order(
-        _worker_row, tasks, jobs, prepare=_start_worker, arguments=arguments, modules=(__name__,)
+        _row, tasks, jobs, prepare=_prepared, arguments=arguments, modules=(__name__,)
     )
 
 
-def _row(solver: Solver, targets: NDArray | None, sources: Sources) -> NDArray[np.float64]:
+def _prepared(
+    mesh: SurfaceMesh, method: str, options: DistanceOptions, targets: NDArray | None
+) -> tuple[Solver, NDArray | None]:
+    """What all rows of a process share."""
+    return prepare_solver(mesh, method, options), targets
+
+
+def _row(shared: tuple[Solver, NDArray | None], sources: Sources) -> NDArray[np.float64]:
+    solver, targets = shared
     distance = solver(sources).distance
     return distance if targets is None else distance[targets]
-
-
-def _start_worker(mesh: SurfaceMesh, method: str, options: DistanceOptions, targets: NDArray | None) -> None:
-    _worker["solver"], _worker["targets"] = prepare_solver(mesh, method, options), targets
-
-
-def _worker_row(sources: Sources) -> NDArray[np.float64]:
-    return _row(_worker["solver"], _worker["targets"], sources)

@@ -87,7 +87,7 @@ FRAME_COLOURS = {"frenet_normal": "#c03030", "frenet_binormal": "#3060c0"}
     "--jobs",
     type=click.IntRange(min=1),
     metavar="N",
-    help="quadric: threads that fit blocks of vertices; the result does not depend on N.  [default: 1]",
+    help="quadric: processes that fit blocks of vertices; the result does not depend on N.  [default: 1]",
 )
 @measure_options
 @options.common
