@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 SIZES, SMALL_SIZES, SHELL_SIZES = (10_000, 80_000), (2_000, 14_000), (10_000, 100_000)
 SOLID_SIZES = (2_000, 14_000, 60_000)  # of tetrahedra, whose factors fill more
+CURVE_SIZES = (*SMALL_SIZES, 60_000)  # points
 LARGE_SIZES = (10_000, 80_000, 500_000)  # where caches and fill give an exponent above 1.05
 PIECE_SIZES = (10_000, 100_000, 600_000)  # of shells, whose elements are summed in pieces beyond 350,000
 SHELL = "--material felt --set thickness=1e-3 --effect stretching --effect gravity"
@@ -73,9 +74,12 @@ SURFACE = [
     Task("delaunay", "delaunay {mesh}", LARGE_SIZES, exponent=1.15),
     Task("delaunay refine", "delaunay {mesh} --refine 25", (1_000, *SIZES)),
     Task("delaunay overlay", "delaunay {mesh} --overlay {out}.ply"),
+    Task("delaunay further faces", "delaunay {mesh} --overlay {out}.ply", mesh="sheared"),
+    Task("delaunay transfer", "delaunay {mesh} --transfer f", LARGE_SIZES, exponent=1.25),
     Task("delaunay dual", "delaunay {mesh} --dual {out}.npz"),
     Task("delaunay condition", "delaunay {mesh} --condition", LARGE_SIZES, exponent=1.3),
     Task("laplacian", "laplacian {mesh}"),
+    Task("laplacian tufted", "laplacian {mesh} --operator tufted", LARGE_SIZES),
     Task("laplacian matrix", "laplacian {mesh} --matrix {out}.npz"),
     Task("laplacian poisson", "laplacian {mesh} --poisson f", LARGE_SIZES, exponent=1.25),
     *(
@@ -151,6 +155,7 @@ SURFACE = [
     Task("geodesic field", "geodesic {mesh} --field wind"),
     Task("geodesic transport", "geodesic {mesh} --source 0 --path-to 9 --transport"),
     Task("geodesic vector-heat", "geodesic {mesh} --source 0 --spread-vector 0.3,0.5,1"),
+    Task("geodesic heat log-map", "geodesic {mesh} --source 0 --method heat --log-map"),
     Task("geodesic marching log-map", "geodesic {mesh} --source 0 --method fast-marching --log-map"),
     Task("geodesic trace", "geodesic {mesh} --trace 0:1,0,0:1,0.3,0:1"),
     Task("geodesic crossings", "geodesic {mesh} --trace 0:1,0,0:1,0.3,0:1000", (2_000, 10_000)),
@@ -328,8 +333,9 @@ TETRAHEDRA = [
     ),
     Task(
         "laplacian eigenpair",
+        "laplacian {mesh} --eigen 100",
+        (1_500, *SIZES),
         exponent=1.1,
-        words="laplacian {mesh} --eigen 40",
         mesh="box",
         suffix="tetrahedra",
     ),
@@ -385,11 +391,11 @@ CURVES = [
     Task("curvature", "curvature {mesh}", mesh="circle", suffix="curve"),
     Task("curvature frames", "curvature {mesh} --frames", LARGE_SIZES, mesh="circle", suffix="curve"),
     Task("picture", "info {mesh} --plot {out}.png", mesh="circle", suffix="curve"),
-    Task("curve-flow", "curve-flow {mesh} --steps 1 --dt 1e-9", SMALL_SIZES, mesh="circle", suffix="curve"),
+    Task("curve-flow", "curve-flow {mesh} --steps 1 --dt 1e-9", CURVE_SIZES, mesh="circle", suffix="curve"),
     Task(
         "curve-flow step",
         "curve-flow {mesh} --steps 20 --dt 1e-9",
-        SMALL_SIZES,
+        CURVE_SIZES,
         mesh="circle",
         suffix="curve",
     ),

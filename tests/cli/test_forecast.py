@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from ddgcli import memory
+from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation, common_subdivision
+from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.algorithms.geodesics import certificate
 from ddgcli.algorithms.hodge.homology import betti_numbers
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
@@ -17,7 +19,6 @@ from ddgcli.cli.forecast.check_cost import size_of
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
 from ddgcli.cli.forecast.kernels import COPIES_FACTOR, kernels_of
 from ddgcli.cli.forecast.mesh_facts import (
-    angle_deficit,
     compactness,
     edge_paths,
     handles,
@@ -109,7 +110,10 @@ def test_options_change_what_is_predicted():
         "delaunay refine",
         "delaunay overlay",
     ]
-    assert names("delaunay", transfer=["f"])[1:] == ["delaunay overlay", "laplacian poisson"]
+    assert names("delaunay", transfer=["f"])[1:] == ["delaunay overlay", "delaunay transfer"]
+    assert names("laplacian", operator="tufted")[1:] == ["laplacian tufted"]
+    log_map = {"method": "heat", "source": [0], "log_map": True}
+    assert names("geodesic", **log_map) == ["geodesic heat", "geodesic heat log-map"]
     *_, ball, arrays, energies = kernels_of("curvature", {"scheme": "quadric", "radius": 0.3}, size)
     assert (arrays.kernel, energies.kernel) == ("curvature further arrays", "curvature energies")
     short = kernels_of("curvature", {"scheme": "cotan"}, size, full=False, energies=False)
@@ -131,13 +135,25 @@ def test_options_change_what_is_predicted():
 def test_steiner_points_are_counted_after_the_flips_and_up_to_their_limit():
     grid = shapes.grid(30, 30)
     sheared = grid.moved(grid.points + grid.points[:, 1:2] * [5.0, 0, 0])  # flips make it square again
-    assert angle_deficit(sheared, 25.0) < 0.1 * sheared.n_faces  # but at the boundary
+    size = size_of(sheared, {"refine": 25.0})
+    assert size.angle_deficit < 0.1 * sheared.n_faces  # but at the boundary
     size = replace(InputSize("surface", 2000), angle_deficit=500.0)
     few, many = (
         kernels_of("delaunay", {"refine": 25.0, "max_points": most}, size)[-1] for most in (100, None)
     )
     assert few.elements < 0.1 * many.elements  # points, and memory
     assert few.elements * few.times > 0.2 * many.elements * many.times  # flips, of the input too
+
+
+@pytest.mark.parametrize("stretch", [1.0, 3.0, 30.0])
+def test_faces_of_overlays_are_counted(stretch):
+    sphere = shapes.random_sphere(1002, 0)
+    mesh = sphere.moved(sphere.points * [1.0, 1.0, stretch])
+    size = size_of(mesh, {"overlay": "x"})
+    cut = common_subdivision(flip_to_delaunay(mesh, track=True), BaseTriangulation.itself(mesh))
+    assert mesh.n_faces + size.further_overlay_faces == cut.mesh.n_faces
+    kernels = kernels_of("delaunay", {"overlay": "x"}, size)
+    assert [use.kernel for use in kernels[2:]] == (["delaunay further faces"] if stretch > 1.0 else [])
 
 
 def test_rows_of_needles_may_take_many_more_flips():

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ddgcli.cli.forecast.kernels import MEASURED_REFINEMENT_DEGREES, kernels_of
+from ddgcli.cli.forecast.kernels import MEASURED_REFINEMENT_DEGREES, kernels_of, needs_overlay
 from ddgcli.cli.forecast.use import InputSize
 from ddgcli.errors import MeshError, ParameterError, excerpt
 from ddgcli.waiting import captured_run
@@ -49,6 +49,7 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         compactness,
         component_counts,
         crossings_per_length,
+        delaunay_mesh,
         handles,
         harmonic_fields,
         mean_chord,
@@ -82,7 +83,8 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     refine = options.get("refine")
     if options.get("compared") == "delaunay" and len(mesh.faces) < MIN_CHECKED_ELEMENTS:
         refine = refine or MEASURED_REFINEMENT_DEGREES
-    deficit = angle_deficit(mesh, float(refine)) if refine else None
+    overlaid = needs_overlay(options)
+    delaunay, further_faces = delaunay_mesh(mesh) if refine or overlaid else (mesh, 0)
     n_offset, shown = None, 0.5
     if isinstance(mesh, TriangleMesh):
         n_offset = offset_faces(mesh, options) if options.get("offset") else None
@@ -91,7 +93,9 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     of_spectrum = options.get("hks") or options.get("eigen")
     n_components, equal_components = component_counts(mesh) if of_spectrum else (1, 1)
     return InputSize(
-        "surface", len(mesh.faces), edge_length, steps, angle_deficit=deficit, adaptive=adaptive,
+        "surface", len(mesh.faces), edge_length, steps, adaptive=adaptive,
+        angle_deficit=angle_deficit(delaunay, float(refine)) if refine else None,
+        further_overlay_faces=further_faces if overlaid else 0,
         signature_pairs=signature_pairs(mesh, options["hks"]) if options.get("hks") else 0,
         crossings_per_length=crossings_per_length(mesh) if traces else 0.0,
         mean_chord=mean_chord(mesh) if traces else math.inf,

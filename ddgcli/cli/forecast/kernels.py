@@ -169,10 +169,19 @@ def _delaunay(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         yield Use("delaunay", added=1.0)  # the input, in which the points are inserted too
         yield _refinement(float(options["refine"]), options.get("max_points"), size)
     for name in ("overlay", "dual", "condition"):
-        if options.get(name) or (name == "overlay" and options.get("transfer")):
+        if name == "overlay" and needs_overlay(options):
+            yield Use("delaunay overlay")
+            if size.further_overlay_faces:
+                yield Use("delaunay further faces", elements=size.further_overlay_faces)
+        elif options.get(name):
             yield Use(f"delaunay {name}")
-    if options.get("transfer"):  # a solve with the mass matrix
-        yield Use("laplacian poisson")
+    if options.get("transfer"):
+        yield Use("delaunay transfer")
+
+
+def needs_overlay(options: Mapping[str, Any]) -> bool:
+    """Whether `delaunay` computes the overlay of both triangulations."""
+    return bool(options.get("overlay") or options.get("transfer"))
 
 
 def _refinement(degrees: float, most: int | None, size: InputSize) -> Use:
@@ -201,6 +210,8 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("laplacian")
     if options.get("operator") == "intrinsic-delaunay":
         yield Use("delaunay")
+    if options.get("operator") == "tufted":
+        yield Use("laplacian tufted")
     if options.get("matrix"):
         yield Use("laplacian matrix")
     if options.get("mass_matrix"):
@@ -294,7 +305,8 @@ def _geodesic(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
             seconds_range, assumes = (FIXED_STEP_RANGE, "about a step for each face that a curve crosses")
         yield Use("geodesic field", seeds, range=seconds_range, assumes=assumes)
     if options.get("log_map"):
-        log_maps = {"heat": f"vector-heat{solver}", "fast-marching": "marching log-map"}
+        of_heat = f"vector-heat{solver}" if solver else "heat log-map"
+        log_maps = {"heat": of_heat, "fast-marching": "marching log-map"}
         yield Use(f"geodesic {log_maps.get(method, 'log-map')}")
     if options.get("transport"):
         yield Use("geodesic transport")

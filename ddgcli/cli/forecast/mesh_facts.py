@@ -21,6 +21,7 @@ __all__ = [
     "compactness",
     "component_counts",
     "crossings_per_length",
+    "delaunay_mesh",
     "edge_paths",
     "handles",
     "has_sheared_fits",
@@ -102,20 +103,31 @@ def _unit_surface(mesh: TriangleMesh) -> tuple[TriangleMesh | None, float]:
 def angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
     """Sum over the faces of 1 - (smallest angle / degrees), where that is positive.
 
-    The faces are those of the intrinsic Delaunay triangulation, which a refinement starts from.
+    The faces are those of an intrinsic Delaunay triangulation, which a refinement starts from.
+    """
+    import numpy as np
+
+    from ddgcli.geometry.intrinsic import corner_angle
+
+    smallest = np.degrees(corner_angle(mesh.side_length)).min(axis=1, initial=180.0)
+    return float(np.maximum(1.0 - smallest / degrees, 0.0).sum())
+
+
+def delaunay_mesh(mesh: TriangleMesh | IntrinsicMesh) -> tuple[TriangleMesh | IntrinsicMesh, int]:
+    """The intrinsic Delaunay triangulation, and how many faces its overlay has beyond those of the mesh.
+
+    The mesh itself where the run refuses it.
     """
     from contextlib import suppress
 
-    import numpy as np
-
     from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
     from ddgcli.errors import InputError, without_warnings
-    from ddgcli.geometry.intrinsic import corner_angle
 
     with without_warnings(), suppress(InputError):  # which the run itself gives
-        mesh = flip_to_delaunay(mesh).mesh
-    smallest = np.degrees(corner_angle(mesh.side_length)).min(axis=1, initial=180.0)
-    return float(np.maximum(1.0 - smallest / degrees, 0.0).sum())
+        flipped = flip_to_delaunay(mesh, track=True)
+        crossings = 0 if flipped.crossings is None else int(flipped.crossings.clip(min=0).sum())
+        return flipped.mesh, crossings  # of both sides of each edge: two faces for each crossing
+    return mesh, 0
 
 
 def ball_work(mesh: TriangleMesh, radius: float, scheme: str) -> float:

@@ -51,6 +51,9 @@ class InputSize:
         Elements of the largest connected component; default all.
     angle_deficit : float, optional
         Sum over the faces of 1 - (smallest angle / angle of --refine), where that is positive.
+    further_overlay_faces : int
+        Of the common subdivision of the mesh and its intrinsic Delaunay triangulation, beyond those of the
+        mesh.
     noise : str
         Kind of the noise of the vertices that curvature searches, '' of none.
     fitted_pairs : tuple of float
@@ -92,6 +95,7 @@ class InputSize:
     frame_count: int = 1
     component_elements: int | None = None
     angle_deficit: float | None = None
+    further_overlay_faces: int = 0
     noise: str = ""
     fitted_pairs: tuple[float, ...] = ()
     sheared: bool = False
