@@ -145,6 +145,27 @@ def test_singular_is_refused(solver):
         Factor(L, solver=solver).solve(np.ones(L.shape[0]))
 
 
+@pytest.mark.skipif("cholmod" not in SOLVERS, reason="needs the extra `fast`")
+@pytest.mark.parametrize("kind", [np.float64, np.complex128])
+@pytest.mark.parametrize("most", [0, 10_000])
+def test_cholmod_by_columns_and_by_blocks(kind, most, monkeypatch):
+    """Both give the solution, one analysis serves both kinds of values, and negative pivots are refused."""
+    monkeypatch.setattr("ddgcli.linalg.cholmod.MAX_COLUMNWISE_UNKNOWNS", most)
+    A = definite(3).astype(kind)
+    if kind is np.complex128:
+        turn = diags_array(np.exp(1j * np.arange(A.shape[0])))
+        A = csc_array(turn @ A @ turn.conj())
+    x = np.random.default_rng(0).normal(size=(A.shape[0], 6)).astype(kind)
+    factor = Factor(A, solver="cholmod", pivot=False)
+    assert np.abs(factor.solve(A @ x) - x).max() < 1e-12
+    assert np.abs(Factor(A, solver="cholmod", like=factor).solve(A @ x[:, 0]) - x[:, 0]).max() < 1e-12
+    assert sorted(factor.order) == list(range(factor.n))
+    low = diags_array(np.where(np.arange(factor.n) == 5, -0.99, 0.0) * A.diagonal())
+    with pytest.raises(SolveError, match="not positive definite"):
+        factor.refactor(csc_array(A + low))
+    assert np.abs(factor.refactor(2 * A).solve(A @ x) - x / 2).max() < 1e-12
+
+
 def test_wrong_systems_are_refused():
     A = definite(1)
     with pytest.raises(SolveError, match="not square"):
