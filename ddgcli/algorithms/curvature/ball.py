@@ -87,17 +87,21 @@ def normal_cycle_in_balls(
     x, y, z = np.moveaxis(ratio(side, length[..., None]), -1, 0)
     # every edge is visited from both of its faces: half from each
     turn = 0.5 * dihedral[mesh.topology.side_edge]
-    of_side = np.stack([turn * e for e in (x * x, y * y, z * z, y * z, z * x, x * y)], axis=-1)
+    of_side = [
+        np.stack([t * e for e in (a * a, b * b, c * c, b * c, c * a, a * b)], axis=-1)
+        for t, a, b, c in zip(turn.T, x.T, y.T, z.T)
+    ]
     balls = FaceBalls(mesh, radius)
-    of_face = np.column_stack([(of_side * length[..., None]).sum(axis=1), balls.face_area])
+    of_whole = sum(values * long[:, None] for values, long in zip(of_side, length.T))
+    of_face = np.column_stack([of_whole, balls.face_area])
     of_fan = _defect_of_fans(mesh, defect, balls)
     tensor, area, gauss = np.zeros((mesh.n_vertices, 6)), np.zeros(mesh.n_vertices), np.zeros(mesh.n_vertices)
     for ball in balls:
         ball_rows = slice(ball.begin, ball.end)
         whole = ball.whole @ of_face
         tensor[ball_rows], area[ball_rows] = whole[:, :6], whole[:, 6]
-        for chord, values in zip(ball.chord, np.moveaxis(of_side, 1, 0)):
-            tensor[ball_rows] += _cut(ball, chord, mesh.n_faces) @ np.ascontiguousarray(values)
+        for chord, values in zip(ball.chord, of_side):
+            tensor[ball_rows] += _cut(ball, chord, mesh.n_faces) @ values
         area[ball_rows] += sum_by_index(ball.owner, ball.area, ball.end - ball.begin)
         gauss[ball_rows] = ball.fans @ of_fan
     return swapped_principal(ratio(np.ascontiguousarray(tensor.T), area), normal, ratio(gauss, area))
