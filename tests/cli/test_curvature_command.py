@@ -162,18 +162,28 @@ def test_the_same_call_gives_the_same_bytes(run, torus, tmp_path):
     assert a["results"] == b["results"] and a["accuracy"] == b["accuracy"]
 
 
-def test_fits_in_blocks_are_the_same_bits_for_any_number_of_jobs(run, torus, tmp_path, monkeypatch):
-    from ddgcli.algorithms.curvature import polynomial_fits
-
-    monkeypatch.setattr(polynomial_fits, "_MAX_PAIRS", 900)  # several blocks
+@pytest.mark.parametrize(
+    "options",
+    [
+        (),
+        ("--radius", 0.4),
+        *(("--scheme", name, "--radius", 0.4) for name in ("corrected", "normal-cycle", "normal-voting")),
+    ],
+)
+def test_blocks_are_the_same_bits_for_any_number_of_jobs(options, run, torus, tmp_path):
     arrays = []
     for jobs in (1, 3):
-        result = run("curvature", torus, "--jobs", jobs, "-o", tmp_path / f"{jobs}.npz")
+        result = run("curvature", torus, *options, "--jobs", jobs, "-o", tmp_path / f"{jobs}.npz")
         assert result.exit_code == 0, result.stderr
         arrays.append(np.load(tmp_path / f"{jobs}.npz"))
     assert all(np.array_equal(arrays[0][name], arrays[1][name]) for name in VERTEX)
-    refusal = run("curvature", torus, "--jobs", 2, "--scheme", "cotan")
-    assert refusal.exit_code == 2 and "--jobs: is for --scheme quadric" in refusal.stderr
+
+
+@pytest.mark.parametrize("options", [("--scheme", "cotan"), ("--scheme", "corrected")])
+def test_jobs_are_refused_where_there_are_no_blocks(options, run, torus):
+    refusal = run("curvature", torus, "--jobs", 2, *options)
+    assert refusal.exit_code == 2
+    assert "--jobs: is for --scheme quadric and for balls of a --radius" in refusal.stderr
 
 
 def test_options_for_surfaces_are_refused_together_for_a_curve(run, tmp_path):

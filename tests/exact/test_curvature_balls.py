@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.curvature.ball_blocks import ball_blocks
 from ddgcli.algorithms.curvature.clip import FacePlanes
 from ddgcli.algorithms.curvature.face_balls import FaceBalls
 from ddgcli.algorithms.curvature.point_grid import PointGrid
@@ -135,13 +136,14 @@ def test_balls_hold_the_faces_and_chords_of_a_direct_search(name, reach, every):
     radius = reach * mesh.side_length.mean()
     length = mesh.side_length
     balls, n_balls = FaceBalls(mesh, radius), 0
-    for ball in balls:
-        n_balls += ball.end - ball.begin
-        for k in range(ball.begin, ball.end, every):
+    for vertex, near in ball_blocks(mesh.points, radius):
+        ball = balls.around(vertex, near)
+        n_balls += len(vertex)
+        for at, k in list(enumerate(vertex))[::every]:
             expected = plain_ball(mesh, k, radius)
-            row = ball.whole[[k - ball.begin]].tocoo()
+            row = ball.whole[[at]].tocoo()
             chords_by_face = {int(f): length[f] for f, one in zip(row.coords[1], row.data) if one}
-            for i in np.flatnonzero(ball.owner == k - ball.begin):
+            for i in np.flatnonzero(ball.owner == at):
                 chords_by_face[int(ball.face[i])] = ball.chord[:, i]
             assert chords_by_face.keys() == expected.keys()
             for face, chords in expected.items():
@@ -152,7 +154,7 @@ def test_balls_hold_the_faces_and_chords_of_a_direct_search(name, reach, every):
                 for j in range(3)
                 if np.linalg.norm(mesh.points[mesh.faces[f, j]] - mesh.points[k]) <= radius
             }
-            assert set(ball.fans[[k - ball.begin]].indices.tolist()) == inside
+            assert set(ball.fans[[at]].indices.tolist()) == inside
     assert n_balls == mesh.n_vertices
 
 
@@ -202,8 +204,8 @@ def test_vertices_of_balls_are_those_of_a_direct_search(build, reach):
 def test_balls_do_not_depend_on_their_blocks(monkeypatch):
     mesh = crumpled()
     balls = vertex_balls(mesh, 0.7)
-    monkeypatch.setattr("ddgcli.algorithms.curvature.vertex_balls.BALLS_PER_BLOCK", 7)
-    monkeypatch.setattr("ddgcli.algorithms.curvature.vertex_balls.MAX_BLOCK_CELLS", 100)
+    monkeypatch.setattr("ddgcli.algorithms.curvature.ball_blocks.BALLS_PER_BLOCK", 7)
+    monkeypatch.setattr("ddgcli.algorithms.curvature.ball_blocks.MAX_BLOCK_CELLS", 100)
     small = vertex_balls(mesh, 0.7)
     processes = vertex_balls(mesh, 0.7, jobs=3)
     for other in (small, processes):
@@ -223,7 +225,10 @@ def test_vertices_of_no_face_have_empty_balls_wherever_they_stand(before, after)
 
 
 def areas_of_whole_faces(balls):
-    return np.concatenate([ball.whole @ balls.face_area for ball in balls])
+    areas = np.zeros(balls.mesh.n_vertices)
+    for vertex, near in ball_blocks(balls.mesh.points, balls.radius):
+        areas[vertex] = balls.around(vertex, near).whole @ balls.face_area
+    return areas
 
 
 @pytest.mark.parametrize("block", [40, 1 << 21])

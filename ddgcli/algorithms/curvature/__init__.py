@@ -6,6 +6,7 @@
 
 __all__ = [
     "ball",
+    "ball_blocks",
     "clip",
     "curve_frames",
     "deviation",

@@ -6,10 +6,14 @@ vertex inside the ball; other parts nearby do not count.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from ddgcli.algorithms.curvature.ball_blocks import ball_blocks
 from ddgcli.algorithms.curvature.face_balls import Ball, FaceBalls
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
@@ -18,10 +22,11 @@ from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio
+from ddgcli.workers import results_in_order
 
 
 def corrected_in_balls(
-    mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float
+    mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float, *, jobs: int = 1
 ) -> PrincipalCurvatures:
     """Principal curvatures from corrected measures of the faces in balls around the vertices.
 
@@ -36,6 +41,8 @@ def corrected_in_balls(
         Unit vertex normals.
     radius : float
         Of the balls, in the length unit of the mesh.
+    jobs : int
+        Processes that handle blocks; the result does not depend on it.
 
     Returns
     -------
@@ -47,18 +54,34 @@ def corrected_in_balls(
     """
     # a face without area has no share inside
     of_face = np.where(faces.area > 0, corrected_measures(faces, normal), 0.0).T
-    of_face = np.ascontiguousarray(of_face)
-    measures = np.zeros((mesh.n_vertices, of_face.shape[1]))
-    for ball in FaceBalls(mesh, radius):
-        share = _cut(ball, ratio(ball.area, faces.area[ball.face]), mesh.n_faces)
-        measures[ball.begin : ball.end] = ball.whole @ of_face + share @ of_face
-    return corrected_principal(np.ascontiguousarray(measures.T), normal)
+    surface = np.ascontiguousarray(of_face), faces.area
+    measures = _sums(_Corrected, _corrected_sums, mesh, radius, surface, of_face.shape[1], jobs)
+    return corrected_principal(measures, normal)
+
+
+class _Corrected(NamedTuple):
+    """A surface, whose balls sum corrected measures."""
+
+    balls: FaceBalls
+    of_face: NDArray
+    area: NDArray
+
+
+def _corrected_sums(surface: _Corrected, ball: Ball) -> NDArray[np.float64]:
+    share = _cut(ball, ratio(ball.area, surface.area[ball.face]), len(surface.area))
+    return ball.whole @ surface.of_face + share @ surface.of_face
 
 
 def normal_cycle_in_balls(
-    mesh: TriangleMesh, normal: NDArray, defect: NDArray, dihedral: NDArray, radius: float
+    mesh: TriangleMesh,
+    normal: NDArray,
+    defect: NDArray,
+    dihedral: NDArray,
+    radius: float,
+    *,
+    jobs: int = 1,
 ) -> PrincipalCurvatures:
-    """Principal curvatures from the normal cycle of the edges in balls around the vertices.
+    """Principal curvatures from the normal cycle of the edges in balls around every vertex.
 
     The tensor of the clipped edges is divided by the clipped area of the ball.
 
@@ -73,6 +96,8 @@ def normal_cycle_in_balls(
         Dihedral angles in radians, positive where convex.
     radius : float
         Of the balls, in the length unit of the mesh.
+    jobs : int
+        Processes that handle blocks; the result does not depend on it.
 
     Returns
     -------
@@ -82,7 +107,22 @@ def normal_cycle_in_balls(
     ----------
     CohenSteinerMorvan2003 in docs/references.bib.
     """
-    side = mesh.side_vector
+    sums = _sums(_normal_cycle, _normal_cycle_sums, mesh, radius, (defect, dihedral), 8, jobs)
+    area, gauss = sums[6:]
+    return swapped_principal(ratio(sums[:6], area), normal, ratio(gauss, area))
+
+
+class _NormalCycle(NamedTuple):
+    """A surface, whose balls sum the normal cycle of edges and the defects of vertices."""
+
+    balls: FaceBalls
+    of_side: list[NDArray]
+    of_whole: NDArray
+    of_fan: NDArray
+
+
+def _normal_cycle(balls: FaceBalls, defect: NDArray, dihedral: NDArray) -> _NormalCycle:
+    mesh, side = balls.mesh, balls.mesh.side_vector
     length = np.sqrt(np.einsum("fki,fki->fk", side, side))
     x, y, z = np.moveaxis(ratio(side, length[..., None]), -1, 0)
     # every edge is visited from both of its faces: half from each
@@ -91,20 +131,50 @@ def normal_cycle_in_balls(
         np.stack([t * e for e in (a * a, b * b, c * c, b * c, c * a, a * b)], axis=-1)
         for t, a, b, c in zip(turn.T, x.T, y.T, z.T)
     ]
-    balls = FaceBalls(mesh, radius)
     of_whole = sum(values * long[:, None] for values, long in zip(of_side, length.T))
-    of_face = np.column_stack([of_whole, balls.face_area])
-    of_fan = _defect_of_fans(mesh, defect, balls)
-    tensor, area, gauss = np.zeros((mesh.n_vertices, 6)), np.zeros(mesh.n_vertices), np.zeros(mesh.n_vertices)
-    for ball in balls:
-        ball_rows = slice(ball.begin, ball.end)
-        whole = ball.whole @ of_face
-        tensor[ball_rows], area[ball_rows] = whole[:, :6], whole[:, 6]
-        for chord, values in zip(ball.chord, of_side):
-            tensor[ball_rows] += _cut(ball, chord, mesh.n_faces) @ values
-        area[ball_rows] += sum_by_index(ball.owner, ball.area, ball.end - ball.begin)
-        gauss[ball_rows] = ball.fans @ of_fan
-    return swapped_principal(ratio(np.ascontiguousarray(tensor.T), area), normal, ratio(gauss, area))
+    of_whole = np.column_stack([of_whole, balls.face_area])
+    return _NormalCycle(balls, of_side, of_whole, _defect_of_fans(mesh, defect, balls))
+
+
+def _normal_cycle_sums(surface: _NormalCycle, ball: Ball) -> NDArray[np.float64]:
+    """Six entries of the tensors, areas, and sums of the defects, (b, 8)."""
+    n_balls, n_faces = len(ball.vertex), len(surface.of_whole)
+    sums = np.column_stack([ball.whole @ surface.of_whole, ball.fans @ surface.of_fan])
+    for chord, values in zip(ball.chord, surface.of_side):
+        sums[:, :6] += _cut(ball, chord, n_faces) @ values
+    sums[:, 6] += sum_by_index(ball.owner, ball.area, n_balls)
+    return sums
+
+
+def _sums(
+    prepare: Callable, of_ball: Callable, mesh: TriangleMesh, radius: float, surface: tuple, k: int, jobs: int
+) -> NDArray[np.float64]:
+    """(k, n) sums over all balls: of each block `of_ball(prepare(balls, *surface), ball)`."""
+    sums = np.zeros((mesh.n_vertices, k))
+    results = results_in_order(
+        _block_sums,
+        ball_blocks(mesh.points, radius),
+        jobs,
+        prepare=_prepared,
+        arguments=(prepare, of_ball, mesh, radius, surface),
+        modules=(__name__,),
+    )
+    for vertex, values in results:
+        sums[vertex] = values
+    return np.ascontiguousarray(sums.T)
+
+
+def _prepared(
+    prepare: Callable, of_ball: Callable, mesh: TriangleMesh, radius: float, surface: tuple
+) -> tuple[Callable, NamedTuple]:
+    return of_ball, prepare(FaceBalls(mesh, radius), *surface)
+
+
+def _block_sums(
+    shared: tuple[Callable, _Corrected | _NormalCycle], vertex: NDArray, near: NDArray
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    of_ball, surface = shared
+    return vertex, of_ball(surface, surface.balls.around(vertex, near))
 
 
 def _defect_of_fans(mesh: TriangleMesh, defect: NDArray, balls: FaceBalls) -> NDArray[np.float64]:
@@ -116,6 +186,6 @@ def _defect_of_fans(mesh: TriangleMesh, defect: NDArray, balls: FaceBalls) -> ND
 
 def _cut(ball: Ball, values: NDArray, n_faces: int) -> csr_array:
     """Values of the faces that the sphere cuts, as a matrix from faces to owners."""
-    count = np.bincount(ball.owner, minlength=ball.end - ball.begin)
-    start = list_starts(count)
-    return csr_array((values, ball.face, start), shape=(ball.end - ball.begin, n_faces))
+    n_balls = len(ball.vertex)
+    start = list_starts(np.bincount(ball.owner, minlength=n_balls))
+    return csr_array((values, ball.face, start), shape=(n_balls, n_faces))

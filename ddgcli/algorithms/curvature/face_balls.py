@@ -1,40 +1,43 @@
 """The part of a surface in the ball around every vertex: faces inside, and faces that the sphere cuts.
 
-The balls grow over vertices along edges inside them; sparse products then give the faces. Balls grow face by
-face only where the sphere cuts a side with both ends outside.
+The balls grow over vertices along edges inside them; the bits of the corners then give the faces. Balls grow
+face by face only where the sphere cuts a side with both ends outside.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, eye_array
 
+from ddgcli.algorithms.curvature.ball_blocks import (
+    connected,
+    lists_of,
+    neighbours_among,
+    packed,
+    unpacked,
+    within,
+)
 from ddgcli.algorithms.curvature.clip import FacePlanes
 from ddgcli.mesh.ragged import contains, expand_lists, group_by_key, unique_keys
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-_MAX_TABLE_CELLS = 4_000_000  # entries of the table of vertices and fans
-_MAX_PAIRS = 100_000  # pairs of a vertex and a face handled at once
-_OUTSIDE_STATE, _INSIDE_STATE = 1, 2  # state of a fan; 0 is unknown
-
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """Contents of the balls around a range of vertices.
+    """Contents of the balls around some vertices.
 
     Parameters
     ----------
-    begin, end : int
-        The range; owners count from begin.
-    fans : (end - begin, n_fans) csr_array
+    vertex : (b,) ndarray of int64
+        Centres, ascending; owners are their places.
+    fans : (b, n_fans) csr_array
         Ones at the vertices inside, each counted once a fan of faces that is inside.
-    whole : (end - begin, m) csr_array
-        Ones at the faces that are wholly inside (zeros may be stored).
+    whole : (b, m) csr_array
+        Ones at the faces that are wholly inside.
     owner, face : (k,) ndarray
         Faces that the sphere cuts, by owner.
     area : (k,) ndarray
@@ -43,14 +46,29 @@ class Ball:
         Lengths of their sides inside.
     """
 
-    begin: int
-    end: int
+    vertex: NDArray[np.int64]
     fans: csr_array
     whole: csr_array
     owner: NDArray[np.int64]
     face: NDArray[np.int64]
     area: NDArray[np.float64]
     chord: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """What the balls of a block may hold, by local numbers; fans elsewhere have the number -1.
+
+    `inside` and `reached` are bits of the fans (`packed`), with a last row of zeros for those elsewhere.
+    """
+
+    vertex: NDArray[np.int64]
+    centres: NDArray[np.float64]
+    fan: NDArray[np.int64]
+    face: NDArray[np.int64]
+    corner: NDArray[np.int64]  # (k, 3) local fans of the faces
+    inside: NDArray[np.uint64]
+    lists: tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 class FaceBalls:
@@ -63,15 +81,13 @@ class FaceBalls:
 
     Attributes
     ----------
-    max_balls : int
-        That the table of their fans has room for at once.
-    n_tested, n_clipped : int
-        Pairs of a ball with a vertex, and with a face, that were computed so far: the work.
+    n_inside, n_clipped : int
+        Pairs of a ball with a face that it contains, and with a face that was clipped, so far: the work.
     """
 
     def __init__(self, mesh: TriangleMesh, radius: float) -> None:
         self.mesh, self.radius = mesh, radius
-        self.n_tested = self.n_clipped = 0
+        self.n_inside = self.n_clipped = 0
         # a vertex with several fans counts once for each fan: other fans count only where they are connected
         fan = mesh.topology.corner_fans
         self.n_fans = n = int(fan.max(initial=-1)) + 1
@@ -80,128 +96,122 @@ class FaceBalls:
         self.fan_vertex[fan.ravel()] = mesh.faces.ravel()
         self._fan_point = np.take(self._columns, self.fan_vertex, axis=1)
         self._fans_of_vertex = group_by_key(self.fan_vertex, np.arange(n), mesh.n_vertices)
+        corner_face = np.arange(fan.size) // 3
         self._faces_of_edge = group_by_key(
-            mesh.topology.side_edge.ravel(), np.arange(fan.size) // 3, mesh.topology.n_edges
+            mesh.topology.side_edge.ravel(), corner_face, mesh.topology.n_edges
         )
+        self._faces_of_fan = group_by_key(fan.ravel(), corner_face, n)
         tail, head = fan.ravel(), fan[:, NEXT].ravel()
         ones = np.ones(2 * len(tail), dtype=np.int8)
         ends = np.concatenate([tail, head]), np.concatenate([head, tail])
-        joined = csr_array((ones, ends), shape=(n, n))
+        joined = csr_array(csr_array((ones, ends), shape=(n, n)) + eye_array(n, dtype=np.int8, format="csr"))
         self._neighbours = joined.indptr.astype(np.int64), joined.indices.astype(np.int64)
-        self._faces_of_fan = csr_array(
-            (np.ones(fan.size, dtype=np.int32), (fan.ravel(), np.arange(fan.size) // 3)),
-            shape=(n, mesh.n_faces),
-        )
         self._planes = FacePlanes.of(self._columns[:, mesh.faces].transpose(2, 0, 1))
         self.face_area = self._planes.area
-        self.max_balls = max(8, _MAX_TABLE_CELLS // max(n, 1))
-        self._state = np.zeros(min(self.max_balls, mesh.n_vertices) * n, dtype=np.int8)
-        self._stamp = np.empty(len(self._state), dtype=np.int32)
+        self._place = np.full(n, -1)
 
-    def __iter__(self) -> Iterator[Ball]:
-        begin, step = 0, 64
-        while begin < self.mesh.n_vertices:
-            end = min(begin + min(step, self.max_balls), self.mesh.n_vertices)
-            ball = self.around(begin, end)
-            yield ball
-            step = max(1, int((end - begin) * _MAX_PAIRS / max(ball.whole.nnz + len(ball.face), 1)))
-            begin = end
-
-    def around(self, begin: int, end: int) -> Ball:
-        """Balls around a range of vertices.
+    def around(self, vertex: NDArray, near: NDArray) -> Ball:
+        """Balls around some vertices.
 
         Parameters
         ----------
-        begin, end : int
-            The range [begin, end), of at most `max_balls`.
+        vertex : (b,) ndarray of int64
+        near : (k,) ndarray of int64
+            All vertices that may lie in these balls, ascending.
 
         Returns
         -------
         Ball
         """
-        self._state.fill(0)
-        owner, fan = expand_lists(np.arange(end - begin), np.arange(begin, end), self._fans_of_vertex)
-        self._state[owner * self.n_fans + fan] = _INSIDE_STATE
-        owners, fans = [owner[:0]], [fan[:0]]  # none where no vertex of the range belongs to a face
-        while True:
-            for ring_owner, ring_fan in self._growth(begin, owner, fan):
-                owners.append(ring_owner)
-                fans.append(ring_fan)
-            inside = np.concatenate(owners), np.concatenate(fans)
-            ball, owner, fan = self._faces(begin, end, *inside)
-            if not len(owner):
-                return ball
+        block = self._block(vertex, near)
+        owner, fan = expand_lists(np.arange(len(vertex)), vertex, self._fans_of_vertex)
+        seed = np.zeros((len(block.fan) + 1, len(vertex)), dtype=bool)
+        try:
+            while True:
+                seed[self._place[fan], owner] = True
+                words = block.inside.copy()
+                words[:-1] = connected(packed(seed)[:-1], block.inside[:-1], *block.lists)
+                reached = unpacked(words, len(vertex))
+                ball, owner, fan = self._faces(block, words, reached)
+                if not len(owner):
+                    return ball
+        finally:
+            self._place[block.fan] = -1
 
-    def _growth(self, begin: int, owner: NDArray, fan: NDArray) -> Iterator[tuple[NDArray, NDArray]]:
-        """Yield the starting fans and those connected to them by edges inside, ring by ring."""
-        while len(owner):
-            yield owner, fan
-            owner, fan = expand_lists(owner, fan, self._neighbours)
-            key = owner * self.n_fans + fan
-            unseen = np.flatnonzero(self._state[key] == 0)
-            key = key[unseen]
-            number = np.arange(len(key), dtype=np.int32)
-            self._stamp[key] = number
-            once = np.flatnonzero(self._stamp[key] == number)
-            key, owner, fan = key[once], owner[unseen[once]], fan[unseen[once]]
-            inside = self._within(begin + owner, fan)
-            self._state[key] = np.where(inside, _INSIDE_STATE, _OUTSIDE_STATE)
-            owner, fan = owner[inside], fan[inside]
+    def _block(self, vertex: NDArray, near: NDArray) -> _Block:
+        fan = np.sort(expand_lists(near, near, self._fans_of_vertex)[1])
+        self._place[fan] = np.arange(len(fan))
+        face = unique_keys(expand_lists(fan, fan, self._faces_of_fan)[1])
+        centres = np.take(self._columns, vertex, axis=1)
+        flags = np.zeros((len(fan) + 1, len(vertex)), dtype=bool)
+        flags[:-1] = within(self._fan_point, fan, centres, self.radius)
+        corner = self._place[self._fan[face]]
+        lists = neighbours_among(fan, *self._neighbours)
+        return _Block(vertex, centres, fan, face, corner, packed(flags), lists)
 
-    def _within(self, vertex: NDArray, fan: NDArray) -> NDArray[np.bool_]:
-        self.n_tested += len(fan)
-        squared = np.zeros(len(fan))
-        for column, place in zip(self._columns, self._fan_point):
-            squared += (np.take(place, fan) - np.take(column, vertex)) ** 2
-        return squared <= self.radius * self.radius
+    def _faces(self, block: _Block, words: NDArray, reached: NDArray) -> tuple[Ball, NDArray, NDArray]:
+        """The balls with these fans inside, and further fans connected to them by cut faces.
 
-    def _faces(self, begin: int, end: int, owner: NDArray, fan: NDArray) -> tuple[Ball, NDArray, NDArray]:
-        """The balls with these fans inside, and further fans connected to them by cut faces."""
-        ones = np.ones(len(fan), dtype=np.int32)
-        fans = csr_array((ones, (owner, fan)), shape=(end - begin, self.n_fans))
-        count = (fans @ self._faces_of_fan).tocsr()
-        row = np.repeat(np.arange(end - begin), np.diff(count.indptr))
-        cut = np.flatnonzero(count.data < 3)
-        whole = csr_array(((count.data >= 3).astype(np.float64), count.indices, count.indptr), count.shape)
-        owner, face = row[cut], count.indices[cut].astype(np.int64)
-        pieces = [(owner, face, *self._clip(begin, owner, face))]
-        few = np.flatnonzero(count.data[cut] == 1)
+        `words` are the bits of the fans, `reached` (b, k + 1) the same as flags.
+        """
+        count = len(block.vertex)
+        first, second, third = (np.take(words, corner, axis=0) for corner in block.corner.T)
+        all_inside = first & second & third
+        some_inside = (first | second | third) & ~all_inside
+        start, place = lists_of(unpacked(some_inside, count))
+        owner = np.repeat(np.arange(count), np.diff(start))
+        face = block.face[place]
+        pieces = [(owner, face, *self._clip(block, owner, face))]
+        few = np.flatnonzero(reached[owner[:, None], block.corner[place]].sum(axis=1) == 1)
         outermost = owner[few], face[few], pieces[0][3][:, few]
         visited = np.zeros(0, dtype=np.int64)
         while True:
-            beyond = self._beyond(*outermost)
+            beyond = self._beyond(reached, *outermost)
             beyond = beyond[~contains(visited, beyond)]
             if not len(beyond):
                 break
             visited = np.sort(np.concatenate([visited, beyond]))
             owner, face = np.divmod(beyond, self.mesh.n_faces)
             corner = self._fan[face]
-            inside = self._within(np.repeat(begin + owner, 3), corner.ravel()).reshape(-1, 3)
+            inside = self._within(block, np.repeat(owner, 3), corner.ravel()).reshape(-1, 3)
             if inside.any():
                 key = unique_keys((owner[:, None] * self.n_fans + corner)[inside])
-                self._state[key] = _INSIDE_STATE
-                return self._ball(begin, end, fans, whole, pieces), *np.divmod(key, self.n_fans)
-            pieces.append((owner, face, *self._clip(begin, owner, face)))
+                return self._ball(block, all_inside, reached, pieces), *np.divmod(key, self.n_fans)
+            pieces.append((owner, face, *self._clip(block, owner, face)))
             outermost = owner, face, pieces[-1][3]
-        return self._ball(begin, end, fans, whole, pieces), visited[:0], visited[:0]
+        return self._ball(block, all_inside, reached, pieces), visited[:0], visited[:0]
 
-    def _clip(self, begin: int, owner: NDArray, face: NDArray) -> tuple[NDArray, NDArray]:
+    def _within(self, block: _Block, owner: NDArray, fan: NDArray) -> NDArray[np.bool_]:
+        offset = np.take(self._fan_point, fan, axis=1) - np.take(block.centres, owner, axis=1)
+        offset *= offset
+        return offset[0] + offset[1] + offset[2] <= self.radius * self.radius
+
+    def _clip(self, block: _Block, owner: NDArray, face: NDArray) -> tuple[NDArray, NDArray]:
         self.n_clipped += len(face)
-        return self._planes.clip(face, np.take(self._columns, begin + owner, axis=1), self.radius)
+        return self._planes.clip(face, np.take(block.centres, owner, axis=1), self.radius)
 
-    def _beyond(self, owner: NDArray, face: NDArray, chord: NDArray) -> NDArray[np.int64]:
+    def _beyond(self, reached: NDArray, owner: NDArray, face: NDArray, chord: NDArray) -> NDArray[np.int64]:
         """Faces without corners inside, across sides whose ends are outside but some part is not."""
-        out = self._state[owner[:, None] * self.n_fans + self._fan[face]] != _INSIDE_STATE
+        out = ~reached[owner[:, None], self._place[self._fan[face]]]
         row, side = np.nonzero(out & out[:, NEXT] & (chord.T > 0))
         owner, face = expand_lists(
             owner[row], self.mesh.topology.side_edge[face[row], side], self._faces_of_edge
         )
-        unknown = (self._state[owner[:, None] * self.n_fans + self._fan[face]] != _INSIDE_STATE).all(axis=1)
+        unknown = ~reached[owner[:, None], self._place[self._fan[face]]].any(axis=1)
         return unique_keys(owner[unknown] * self.mesh.n_faces + face[unknown])
 
-    def _ball(self, begin: int, end: int, fans: csr_array, whole: csr_array, pieces: list) -> Ball:
+    def _ball(self, block: _Block, all_inside: NDArray, reached: NDArray, pieces: list) -> Ball:
         owner, face, area, chord = (np.concatenate(p, axis=-1) for p in zip(*pieces))
         if len(pieces) > 1:
             order = np.argsort(owner, kind="stable")
             owner, face, area, chord = owner[order], face[order], area[order], chord[:, order]
-        return Ball(begin, end, fans, whole, owner, face, area, chord)
+        fans = _ones(reached[:, :-1], block.fan, self.n_fans)
+        whole = _ones(unpacked(all_inside, len(block.vertex)), block.face, self.mesh.n_faces)
+        self.n_inside += whole.nnz
+        return Ball(block.vertex, fans, whole, owner, face, area, chord)
+
+
+def _ones(flags: NDArray, column: NDArray, n_columns: int) -> csr_array:
+    """(b, n_columns) ones where flags (b, k) are set; column k of these has the number `column[k]`."""
+    start, place = lists_of(flags)
+    return csr_array((np.ones(len(place)), column[place], start), shape=(len(flags), n_columns))

@@ -25,7 +25,6 @@ from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 _PENALTY_SAMPLE_SIZE = 96  # vertices whose fits choose among the penalties
-JOB_MODULES = (vertex_balls.__module__, fit_forms.__module__)  # of `quadric`, as of `start_early`
 _MIN_NEIGHBOURS = 15  # below which a third ring is added
 
 

@@ -64,7 +64,7 @@ def chunks(regions: Regions, members: int) -> Iterator[tuple[int, int]]:
 
 
 # pairs of a vertex and a face of its ball; more would take more than about three minutes
-MAX_BALL_PAIRS = {"quadric": 5e8, "normal-voting": 1e9, "corrected": 2e8, "normal-cycle": 2e8, "cotan": 2e8}
+MAX_BALL_PAIRS = {"quadric": 5e8, "normal-voting": 1e9, "corrected": 1e9, "normal-cycle": 1e9, "cotan": 2e8}
 
 
 def largest_radius(mesh: TriangleMesh, area: float, scheme: str) -> float:

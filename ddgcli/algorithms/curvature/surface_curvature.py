@@ -26,7 +26,7 @@ from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals
 from ddgcli.algorithms.curvature.noise import Noise, warn_of_better_scheme, warn_of_noise
 from ddgcli.algorithms.curvature.noise_estimate import Effort, estimate_noise
 from ddgcli.algorithms.curvature.one_sided import of_copies, unsigned_normals
-from ddgcli.algorithms.curvature.quadric import JOB_MODULES, quadric
+from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.regions import check_radius, check_reach
 from ddgcli.algorithms.curvature.spikes import warn_of_spikes
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
@@ -112,7 +112,7 @@ def measure_curvature(
     image : (n, 2) or (n, 3) ndarray, optional
         A map whose non-conformality is to be measured.
     jobs : int
-        Processes of the fits of 'quadric'; the result does not depend on it.
+        Processes of the fits of 'quadric' and of balls; the result does not depend on it.
     full : bool
         False: only the pointwise mean and Gaussian curvature, the chief integrals and all residuals, without
         directions, arrays on edges and further statistics.
@@ -133,8 +133,7 @@ def measure_curvature(
         Unknown scheme; a radius for 'cotan'.
     """
     check_curvature(mesh, scheme, radius, image=image)
-    if scheme == "quadric":
-        start_early(jobs, JOB_MODULES)
+    start_early(jobs, JOB_MODULES[scheme])
     surface = prepare_surface(mesh, scheme)
     measured = _measured(mesh, surface, scheme, radius, jobs, full)
     principal = measured.principal
@@ -155,6 +154,17 @@ def measure_curvature(
     advice = f"faces without area or folded onto others leave curvatures undetermined; {remedy}"
     converged = within_residuals(accuracy, tuple(accuracy), advice)
     return CurvatureResult(vertex, edge, results, accuracy, converged)
+
+
+_PACKAGE = "ddgcli.algorithms.curvature"
+# that the processes of several jobs import
+JOB_MODULES = {
+    "quadric": (f"{_PACKAGE}.vertex_balls", f"{_PACKAGE}.polynomial_fits"),
+    "normal-voting": (f"{_PACKAGE}.vertex_balls",),
+    "corrected": (f"{_PACKAGE}.ball",),
+    "normal-cycle": (f"{_PACKAGE}.ball",),
+    "cotan": (),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,19 +329,19 @@ def _pointwise(
     elif scheme == "normal-cycle" and isinstance(radius, float):
         from ddgcli.algorithms.curvature.ball import normal_cycle_in_balls  # imports scipy.sparse
 
-        principal = normal_cycle_in_balls(mesh, normal, defect, surface.dihedral, radius)
+        principal = normal_cycle_in_balls(mesh, normal, defect, surface.dihedral, radius, jobs=jobs)
     elif scheme == "normal-cycle":
         principal = normal_cycle(faces, mesh.topology.edges, normal, area, defect, surface.dihedral)
     elif scheme == "corrected" and isinstance(radius, float):
         from ddgcli.algorithms.curvature.ball import corrected_in_balls  # imports scipy.sparse
 
-        principal = corrected_in_balls(mesh, faces, normal, radius)
+        principal = corrected_in_balls(mesh, faces, normal, radius, jobs=jobs)
     elif scheme == "corrected":
         principal = corrected(faces, normal)
     elif scheme == "normal-voting":
         from ddgcli.algorithms.curvature.voting import normal_voting  # imports scipy.sparse
 
-        principal = normal_voting(mesh, faces, normal, radius)
+        principal = normal_voting(mesh, faces, normal, radius, jobs=jobs)
     else:
         principal = quadric(mesh, faces, normal, radius, noisy=noisy, jobs=jobs)
     undefined = (area <= 0) | ~mesh.topology.referenced_vertex

@@ -25,7 +25,12 @@ MIN_DETERMINANT = 1e-12  # of the scatter of a region over its squared trace: be
 
 
 def normal_voting(
-    mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | NDArray | None = None
+    mesh: TriangleMesh,
+    faces: Faces,
+    normal: NDArray,
+    radius: float | NDArray | None = None,
+    *,
+    jobs: int = 1,
 ) -> PrincipalCurvatures:
     """Principal curvatures of the change of averaged normals over rings of neighbours or a ball.
 
@@ -44,6 +49,8 @@ def normal_voting(
     radius : float or (n,) ndarray, optional
         Of the ball, or of that of each vertex; a vertex whose ball holds fewer neighbours than its two rings
         keeps the rings.
+    jobs : int
+        Processes that search the balls; the result does not depend on it.
 
     Returns
     -------
@@ -56,7 +63,7 @@ def normal_voting(
     """
     regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS)
     if radius is not None:
-        regions = larger(regions, vertex_balls(mesh, radius))
+        regions = larger(regions, vertex_balls(mesh, radius, jobs=jobs))
     averaged = averaged_normals(faces, normal, regions)
     hessian = _differential(faces.points, averaged, _weights(faces), regions, averaged)
     return principal_of_forms(np.zeros((2, mesh.n_vertices)), hessian, averaged)

@@ -87,7 +87,8 @@ FRAME_COLOURS = {"frenet_normal": "#c03030", "frenet_binormal": "#3060c0"}
     "--jobs",
     type=click.IntRange(min=1),
     metavar="N",
-    help="quadric: processes that fit blocks of vertices; the result does not depend on N.  [default: 1]",
+    help="quadric, and balls of --radius: processes that handle blocks of vertices; the result is the same.  "
+    "[default: 1]",
 )
 @measure_options
 @options.common
@@ -116,8 +117,10 @@ def command(
     measures.check()
     extra: dict[str, Any] = {"frames": with_frames, "resample": resample} if with_frames or resample else {}
     extra |= measures.changed()
-    if jobs is not None and scheme != "quadric":
-        raise ParameterError("is for `scheme=quadric`; leave it out", parameter="jobs")
+    if jobs is not None and scheme != "quadric" and (radius is None or scheme == "cotan"):
+        raise ParameterError(
+            "is for `scheme=quadric` and for balls of a `radius`; leave it out", parameter="jobs"
+        )
     run = Run("curvature", common, scheme=scheme, radius=radius, map=map_name, **extra)
     run.plan_output(measures.offset_output, OFFSET_FORMATS)
     for name in measures.region:

@@ -6,15 +6,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from ddgcli.cli.forecast.mesh_facts import CLIPPING_SCHEMES
+from ddgcli.cli.forecast.mesh_facts import CLIPPING_SCHEMES, clipping_work
 from ddgcli.cli.forecast.use import KNOWN, InputSize, Range, Use
 
 __all__ = ["curvature_kernels"]
 
 MAX_RINGS = 1e9  # of a ball, in edge lengths; its square is a number
 BALL_SEARCH, VERTICES_PER_SQUARED_RING = 30.0, 4.15  # of a ball on a sphere
-CLIPPING_SEARCH, MEASURED_RINGS = 100.0, 3.0  # of balls that clip faces
-PAIRS_OF_MEASURED_FACE = 34.0  # in balls of three edges on a sphere
+CLIPPED_PER_RING, FACES_PER_SQUARED_RING = 15.3, 7.3  # of a ball on a sphere
+MEASURED_RINGS = 3.0  # of balls that clip faces
 # kinds of noise over which normals are averaged; the balls of fits grow until they err more than smaller ones
 AVERAGED_NOISE = ("voxels", "rounded", "grid", "spikes", "noise")
 WIDE_FITS_RANGE: Range = (0.3, 1.6)
@@ -82,10 +82,12 @@ def _ball_work(radius: float, size: InputSize) -> float:
 
 def _clipping_share(radius: float, size: InputSize) -> float:
     """Work of clipping faces by balls over that of balls of three edges on a sphere."""
+    measured = clipping_work(CLIPPED_PER_RING * MEASURED_RINGS, FACES_PER_SQUARED_RING * MEASURED_RINGS**2)
     if size.ball_work is not None:
-        return size.ball_work / (PAIRS_OF_MEASURED_FACE * max(size.elements, 1))
-    measured = CLIPPING_SEARCH + VERTICES_PER_SQUARED_RING * MEASURED_RINGS**2
-    return (CLIPPING_SEARCH + _in_ball(radius, size)) / measured
+        return size.ball_work / (0.5 * measured * max(size.elements, 1))
+    rings = min(radius / (size.edge_length or 1.0), MAX_RINGS)
+    clipped = min(CLIPPED_PER_RING * rings, size.elements)
+    return clipping_work(clipped, min(FACES_PER_SQUARED_RING * rings**2, size.elements)) / measured
 
 
 def _in_ball(radius: float, size: InputSize) -> float:

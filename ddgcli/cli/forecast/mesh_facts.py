@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = [
     "angle_deficit",
     "ball_work",
+    "clipping_work",
     "compactness",
     "component_counts",
     "crossings_per_length",
@@ -43,7 +44,7 @@ CURVE_SOURCES = ("source_edges", "source_boundary")
 POINTS_OF_MEASURED_FACE = 2.1  # of offset bodies of spheres: each arc has one step
 SAME_AREA_DECIMALS = 6  # of the logarithm
 PICTURE_PIXELS = (1290, 1050)  # without a colour bar; only their ratio counts
-CLIPS_PER_TEST = 0.35  # clipped faces that cost as much as the test of a vertex
+CLIPS_PER_BALL, CLIPS_PER_FACE_INSIDE = 27.0, 0.035  # clipped faces that cost as much
 
 
 def noise_of_vertices(mesh: TriangleMesh, scheme: str) -> tuple[str, tuple[float, ...]]:
@@ -159,17 +160,22 @@ def _ball_counts(mesh: TriangleMesh, radii: Sequence[float], n_balls: int) -> li
 
 
 def _clipped_faces(mesh: TriangleMesh, radius: float) -> float:
-    """Mean work of clipping the ball around a vertex, from a sample: faces, and a share of the vertices."""
+    """Mean work of clipping the ball around a vertex, from a sample."""
+    from ddgcli.algorithms.curvature.ball_blocks import ball_blocks
     from ddgcli.algorithms.curvature.face_balls import FaceBalls
 
     balls = FaceBalls(mesh, radius)
     wide = int(SAMPLED_PAIRS / (SAMPLED_BLOCKS * _ball_vertices(mesh, radius)))
-    n_balls, block = 0, max(1, min(BALLS_PER_BLOCK, balls.max_balls, wide))
-    for begin in range(0, mesh.n_vertices, max(block, mesh.n_vertices // SAMPLED_BLOCKS)):
-        end = min(begin + block, mesh.n_vertices)
-        balls.around(begin, end)
-        n_balls += end - begin
-    return (balls.n_clipped + CLIPS_PER_TEST * balls.n_tested) / n_balls
+    n_balls, block = 0, max(1, min(BALLS_PER_BLOCK, wide))
+    for vertex, near in ball_blocks(mesh.points, radius, SAMPLED_BLOCKS):
+        balls.around(vertex[:block], near)
+        n_balls += len(vertex[:block])
+    return clipping_work(balls.n_clipped / n_balls, balls.n_inside / n_balls)
+
+
+def clipping_work(clipped: float, inside: float) -> float:
+    """Work of a ball with numbers of faces that it clips and that it contains, in clipped faces."""
+    return CLIPS_PER_BALL + clipped + CLIPS_PER_FACE_INSIDE * inside
 
 
 def edge_paths(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[EdgePaths, EdgePaths]:
