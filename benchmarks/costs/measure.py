@@ -54,7 +54,7 @@ def measured_kernel(
     rows, start, start_mib = [], 0.0, 0.0
     for elements in task.sizes:
         path, radius = make_input(folder, task.mesh, elements)
-        words = shlex.split(task.words.format(mesh=path, out=folder / "out", radius=radius))
+        words = shlex.split(task.words.format(mesh=path, out=folder / "out", radius=radius, wide=3 * radius))
         run_seconds, run_mib, uses = repeated_run(words, folder, probe_seconds, task)
         read = read_facts(path, folder)
         first, facts = not facts, dry_run(words, folder)  # the kernels as the command itself counts them

@@ -52,7 +52,7 @@ SURFACE = [
             f"curvature {{mesh}} --scheme {scheme} --radius {{radius}}",
             short=True,
         )
-        for scheme in ("normal-cycle", "corrected", "quadric")
+        for scheme in ("normal-cycle", "corrected")
     ),
     Task(
         "curvature further arrays",
@@ -65,10 +65,13 @@ SURFACE = [
     Task("curvature wide fits", "curvature {mesh}", mesh="detailed"),
     Task("curvature noise", "curvature {mesh}", (800, 10_000), mesh="noisy"),
     Task("curvature normal-voting", "curvature {mesh} --scheme normal-voting", short=True),
-    Task(
-        "curvature normal-voting radius",
-        "curvature {mesh} --scheme normal-voting --radius {radius}",
-        short=True,
+    *(
+        Task(
+            f"curvature {scheme} radius",
+            f"curvature {{mesh}} --scheme {scheme} --radius {{wide}}",
+            short=True,
+        )
+        for scheme in ("quadric", "normal-voting")
     ),
     Task("curvature offset", "curvature {mesh} --scheme cotan --offset 0.01", (2_000, 20_000)),
     Task("delaunay", "delaunay {mesh}", LARGE_SIZES, exponent=1.15),

@@ -245,12 +245,13 @@ def select_regions(one: Regions, other: Regions, takes_other: NDArray[np.bool_])
     """
     if takes_other.all():
         return other
-    n = len(one.start) - 1
-    both = Regions(
-        np.concatenate([one.start, one.start[-1] + other.start[1:]]),
-        np.concatenate([one.member, other.member]),
-    )
-    return listed(both, np.arange(n) + np.where(takes_other, n, 0))
+    count = np.where(takes_other, other.count, one.count)
+    member = np.empty(count.sum(), dtype=np.result_type(one.member, other.member))
+    # masks of a byte for each member: wide balls have hundreds of millions
+    takes = np.repeat(takes_other, count)
+    member[takes] = other.member[np.repeat(takes_other, other.count)]
+    member[~takes] = one.member[np.repeat(~takes_other, one.count)]
+    return Regions(list_starts(count), member)
 
 
 def balls_around(points: NDArray, few: NDArray, tree: cKDTree, radius: float) -> Regions:

@@ -48,7 +48,7 @@ def curvature_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[U
         if scheme in CLIPPING_SCHEMES:  # in blocks, whose memory does not grow with them
             yield replace(use, times=_clipping_share(length, size))
         else:
-            yield replace(use, elements=_ball_work(length, size))
+            yield replace(use, elements=_ball_work(length, size), added=1.0)
     if size.noise and (not stated or scheme == "quadric"):
         yield from _noise_search(scheme, radius, size, averages=noisy and not stated)
 
