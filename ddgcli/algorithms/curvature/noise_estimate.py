@@ -199,7 +199,7 @@ class _Balls:
         penalty = cross_validated_penalty(points, normal, regions, few)
         default = fits_at(points, normal, few, normal[:, few], regions, penalty).mean
         return measure_scales(
-            lambda radius: fits_in_balls(points, grid, normal, few, radius),
+            lambda radius: fits_in_balls(self.faces, grid, normal, few, radius),
             few,
             default,
             extent.first_radius(regions),

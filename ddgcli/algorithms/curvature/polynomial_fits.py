@@ -81,6 +81,7 @@ def fit_forms(
     *,
     jobs: int = 1,
     basis: Basis = QUARTIC,
+    member_normal: NDArray | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """First and second derivatives of the surface as heights over approximate tangent planes.
 
@@ -98,6 +99,9 @@ def fit_forms(
         Processes; each fits blocks of vertices, which do not depend on their number.
     basis : Basis
         Terms of the polynomials: without high ones the penalty has no effect.
+    member_normal : (3, n) ndarray, optional
+        Unit normals of the vertices as neighbours, of which a fit takes those on its own side; default
+        `normal`.
 
     Returns
     -------
@@ -108,13 +112,14 @@ def fit_forms(
     """
     n = columns.shape[1]
     gradient, hessian = np.zeros((2, n)), np.zeros((3, n))
+    frame = np.concatenate([*tangent_frame(normal), normal])
     ranges = list(chunks(regions, _PAIRS_PER_TASK))
     fits = results_in_order(
         _fits,
         ((begin, _regions_of_range(regions, begin, end)) for begin, end in ranges),
         jobs,
         prepare=_Surface,
-        arguments=(columns, np.concatenate([*tangent_frame(normal), normal]), penalty, basis),
+        arguments=(columns, frame, normal if member_normal is None else member_normal, penalty, basis),
         modules=(__name__,),
     )
     for (begin, end), fit in zip(ranges, fits, strict=True):
@@ -127,6 +132,7 @@ class _Surface(NamedTuple):
 
     columns: NDArray
     vertex_frame: NDArray  # (9, n)
+    member_normal: NDArray  # (3, n)
     penalty: float
     basis: Basis
 
@@ -149,7 +155,7 @@ def _fit(surface: _Surface, first: int, regions: Regions) -> tuple[NDArray[np.fl
     """As `_fits`, of vertices that are fitted at once."""
     columns, basis = surface.columns, surface.basis
     own = slice(first, first + len(regions.start) - 1)
-    start, member = _same_side(surface.vertex_frame[6:9], own, regions)
+    start, member = _same_side(surface.vertex_frame[6:9, own], surface.member_normal, regions)
     x, y, z = local_coordinates(columns, columns[:, own], surface.vertex_frame[:, own], start, member)
     x, y, axes = scaled(x, y, start)
     matrix, right = normal_equations(x, y, z, start, basis)
@@ -199,7 +205,7 @@ def local_coordinates(
     return local
 
 
-def _same_side(normal: NDArray, own: slice, regions: Regions) -> tuple[NDArray, NDArray]:
+def _same_side(centre: NDArray, normal: NDArray, regions: Regions) -> tuple[NDArray, NDArray]:
     """Neighbours whose normals are less than a right angle from their vertex's: heights are a function.
 
     A vertex left with fewer than the six terms of a quadratic polynomial, as at the corners of a tetrahedron
@@ -208,9 +214,9 @@ def _same_side(normal: NDArray, own: slice, regions: Regions) -> tuple[NDArray, 
     # whole indices once, as each np.take would convert them
     start, member = regions.start, regions.member.astype(np.intp, copy=False)
     count = np.diff(start)
-    cosine = np.take(normal[0], member) * np.repeat(normal[0, own], count)
-    cosine += np.take(normal[1], member) * np.repeat(normal[1, own], count)
-    cosine += np.take(normal[2], member) * np.repeat(normal[2, own], count)
+    cosine = np.take(normal[0], member) * np.repeat(centre[0], count)
+    cosine += np.take(normal[1], member) * np.repeat(centre[1], count)
+    cosine += np.take(normal[2], member) * np.repeat(centre[2], count)
     keep = cosine > _RIGHT_ANGLE
     if keep.all():
         return start, member

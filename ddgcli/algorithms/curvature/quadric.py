@@ -51,7 +51,7 @@ def quadric(
         keeps the rings.
     noisy : bool
         Whether noise is averaged in balls: by quadratic fits, over planes normal to the area vectors of the
-        balls, as single normals are far off and stairs are no noise of single vertices.
+        balls (`same_side`), as single normals are far off and stairs are no noise of single vertices.
     jobs : int
         Processes that fit blocks of vertices; the result does not depend on it.
 
@@ -62,15 +62,16 @@ def quadric(
     regions = neighbourhoods(mesh, faces, normal, _MIN_NEIGHBOURS)
     if radius is not None:
         regions = larger(regions, vertex_balls(mesh, radius, jobs=jobs))
-    columns = faces.points
+    columns, member_normal = faces.points, normal
     if noisy and radius is not None:
-        from ddgcli.algorithms.curvature.area_vectors import averaged_normals  # imports scipy.sparse
+        from ddgcli.algorithms.curvature.area_vectors import averaged_normals, same_side  # scipy.sparse
 
-        normal, penalty = averaged_normals(faces, normal, regions), QUADRATIC_PENALTY
+        normal = averaged_normals(faces, normal, same_side(normal, normal, regions))
+        penalty = QUADRATIC_PENALTY
     else:
         penalty = _sampled_penalty(columns, normal, regions)
     logging.getLogger("ddgcli").info("quadric: penalty %g on the terms of degree three and four", penalty)
-    gradient, hessian = fit_forms(columns, normal, regions, penalty, jobs=jobs)
+    gradient, hessian = fit_forms(columns, normal, regions, penalty, jobs=jobs, member_normal=member_normal)
     return principal_of_forms(gradient, hessian, normal)
 
 

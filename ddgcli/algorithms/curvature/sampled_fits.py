@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
 from ddgcli.algorithms.curvature.point_grid import PointGrid
 from ddgcli.algorithms.curvature.polynomial_fits import (
@@ -15,17 +16,16 @@ from ddgcli.algorithms.curvature.polynomial_fits import (
     principal_of_forms,
 )
 from ddgcli.algorithms.curvature.regions import Regions
-from ddgcli.mesh.vectors import unit_vectors as unit_rows
 
 
 def fits_in_balls(
-    points: NDArray, grid: PointGrid, normal: NDArray, few: NDArray, radius: float
+    faces: Faces, grid: PointGrid, normal: NDArray, few: NDArray, radius: float
 ) -> PrincipalCurvatures:
-    """Principal curvatures of quadratic fits in the balls around a few vertices.
+    """Principal curvatures of quadratic fits in the balls around a few vertices, as of noisy surfaces.
 
     Parameters
     ----------
-    points : (3, n) ndarray of float64
+    faces : Faces
     grid : PointGrid
         Of all points.
     normal : (3, n) ndarray of float64
@@ -39,13 +39,12 @@ def fits_in_balls(
     PrincipalCurvatures
         Of the k vertices.
     """
+    from ddgcli.algorithms.curvature.area_vectors import averaged_normals, same_side  # scipy.sparse
+
     regions = grid.balls(few, radius)
-    start, member = regions.start, regions.member
-    # the mean normal of the ball: single normals of noise and of voxels are far off
-    around = np.take(normal, member, axis=1)
-    same = np.einsum("ij,ij->j", around, np.repeat(normal[:, few], np.diff(start), axis=1)) > 0
-    mean = unit_rows(np.add.reduceat(np.where(same, around, 0.0), start[:-1], axis=1).T).T
-    return fits_at(points, normal, few, mean, regions, basis=QUADRATIC)
+    own = normal[:, few]
+    averaged = averaged_normals(faces, own, same_side(normal, own, regions))
+    return fits_at(faces.points, normal, few, averaged, regions, basis=QUADRATIC)
 
 
 def fits_at(
