@@ -197,7 +197,7 @@ def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> flo
     # a scheme that measures in balls stays, unless the stairs or the noise suit the averaged normals better
     best = "normal-voting" if scheme == "normal-voting" else noise.best_scheme
     cure = "use" if best == scheme else f"use `scheme={best}` with"
-    radius = f"`radius={noise.radius_of(best) * scale:.3g}` (or `radius=auto`)"
+    radius = f"`radius={noise.radius_of(best) * scale:.3g}` or `radius=auto`"
     if noise.groups:
         radii = [group.scales_of(best).best_radius * scale for group in noise.groups]
         radius = f"`radius=auto` ({min(radii):.3g} to {max(radii):.3g} by the sizes of the components)"

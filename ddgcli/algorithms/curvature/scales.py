@@ -30,6 +30,10 @@ MAX_NOISE_RATIO = (
 # distance of curvature to that in much wider balls over its change to the next radius, where noise dominates:
 # the changes of independent vertices and of voxels have 1.0 to 1.2
 MAX_NOISE_DISTANCE = 1.3
+# of the error over a change of the mean of all vertices that has grown, as bias does: twice it where the bias
+# goes on to double, but on tubes it stops in balls wider than them
+MIN_SHARED_RATIO = 1.25
+MAX_CHANCE = 2.5  # standard errors of the mean change of some vertices
 MIN_SIGNIFICANCE = 3.0  # of a squared difference, over that which noise leaves by chance
 # of the bias from one radius to the next: quadratic fits of smooth surfaces double it, and averaged normals
 # multiply it by 1.3 (rounded boxes) to 1.7 (tori)
@@ -293,8 +297,9 @@ def error_of_radii(
     """(r - 1,) error of curvatures (r, k) of k vertices at each radius but the last, by their changes.
 
     The mean change to the next radius; or, if that is more, the distance to the curvature at a smaller radius
-    beyond the noise of that; or the flattening of `reference` (k,); or a share of the change from the radius
-    before, at the first one from the default region (k,), if there is one and no reference.
+    beyond the noise of that; or the error that all vertices share (`_shared_error`); or the flattening of
+    `reference` (k,); or a share of the change from the radius before, at the first one from the default
+    region (k,), if there is one and no reference.
 
     Notes
     -----
@@ -307,9 +312,28 @@ def error_of_radii(
     for j in range(1, len(error)):
         distance = np.array([_mean_size(before - mean[j], bound) for before in mean[:j]])
         error[j] = max(error[j], float((distance - MAX_NOISE_DISTANCE * change[:j]).max()))
+    error = np.maximum(error, _shared_error(mean))
     if reference is None:
         return error
     return np.maximum(error, [flattening(reference, at) for at in mean[:-1]])
+
+
+def _shared_error(mean: NDArray) -> NDArray[np.float64]:
+    """(r - 1,) error at each radius but the last of the mean of all k vertices, in which noise averages.
+
+    The distance to that mean at a smaller radius, beyond the noise of that; or a multiple of the change from
+    the radius before, where this is larger than the change before it, as that of noise is not.
+    """
+    step = np.diff(mean, axis=0)
+    drift, chance = step.mean(axis=1), MAX_CHANCE * step.std(axis=1) / mean.shape[1] ** 0.5
+    size = np.abs(drift)
+    error = np.zeros(len(step))
+    for j in range(1, len(step)):
+        distance = np.abs((mean[:j] - mean[j]).mean(axis=1))
+        error[j] = (distance - MAX_NOISE_DISTANCE * size[:j] - chance[:j]).max()
+        if j > 1 and drift[j - 1] * drift[j - 2] > 0 and size[j - 1] >= size[j - 2]:
+            error[j] = max(error[j], MIN_SHARED_RATIO * size[j - 1])
+    return error
 
 
 def flattening(reference: NDArray, mean: NDArray) -> float:
