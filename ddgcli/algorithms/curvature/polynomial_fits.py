@@ -112,14 +112,14 @@ def fit_forms(
     """
     n = columns.shape[1]
     gradient, hessian = np.zeros((2, n)), np.zeros((3, n))
-    frame = np.concatenate([*tangent_frame(normal), normal])
+    vertex_frame = np.concatenate([*tangent_frame(normal), normal])
     ranges = list(chunks(regions, _PAIRS_PER_TASK))
     fits = results_in_order(
         _fits,
         ((begin, _regions_of_range(regions, begin, end)) for begin, end in ranges),
         jobs,
         prepare=_Surface,
-        arguments=(columns, frame, normal if member_normal is None else member_normal, penalty, basis),
+        arguments=(columns, vertex_frame, normal if member_normal is None else member_normal, penalty, basis),
         modules=(__name__,),
     )
     for (begin, end), fit in zip(ranges, fits, strict=True):

@@ -31,7 +31,7 @@ MAX_NOISE_RATIO = (
 # the changes of independent vertices and of voxels have 1.0 to 1.2
 MAX_NOISE_DISTANCE = 1.3
 # of the error over a change of the mean of all vertices that has grown, as bias does: twice it where the bias
-# goes on to double, but on tubes it stops in balls wider than them
+# doubles once more, as it does not on tubes, in balls wider than these
 MIN_SHARED_RATIO = 1.25
 MAX_CHANCE = 2.5  # standard errors of the mean change of some vertices
 MIN_SIGNIFICANCE = 3.0  # of a squared difference, over that which noise leaves by chance
