@@ -7,15 +7,17 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.regions import Regions, chunks
+from ddgcli.algorithms.curvature.regions import Regions, chunks, regions_of_range
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.vectors import dot, ratio
 
-MEMBERS_PER_BLOCK = 4_000_000
+MEMBERS_PER_BLOCK = 1_000_000
 MIN_TOTAL_SHARE = 1e-12  # of the total area vector over the area: below, its direction is rounding
 
 
-def averaged_normals(faces: Faces, normal: NDArray, regions: Regions) -> NDArray[np.float64]:
+def averaged_normals(
+    faces: Faces, normal: NDArray, regions: Regions, *, member_normal: NDArray | None = None
+) -> NDArray[np.float64]:
     """Directions of the total area vectors of regions.
 
     Parameters
@@ -25,51 +27,38 @@ def averaged_normals(faces: Faces, normal: NDArray, regions: Regions) -> NDArray
         Unit normals to return where the total is zero, as that of a closed surface.
     regions : Regions
         k regions of vertices.
+    member_normal : (3, n) ndarray of float64, optional
+        Unit normals of all vertices: only members whose normals are less than a right angle from that of
+        their region count. The ball around a vertex of a thin body holds the other side too, whose area
+        vectors would cancel those of this side.
 
     Returns
     -------
     (3, k) ndarray of float64
         Unit vectors.
     """
-    sums = region_sums(regions, faces.stars(np.vstack([faces.doubled, faces.doubled_area])))
+    columns = faces.stars(np.vstack([faces.doubled, faces.doubled_area]))
+    sums = np.empty((4, normal.shape[1]))
+    for first, last in chunks(regions, MEMBERS_PER_BLOCK):
+        block, own = regions_of_range(regions, first, last), slice(first, last)
+        if member_normal is not None:
+            block = _same_side(member_normal, normal[:, own], block)
+        sums[:, own] = region_sums(block, columns)
     total, size = sums[:3], sums[3]
     length = np.sqrt(dot(total, total))
     return np.where(length > MIN_TOTAL_SHARE * size, ratio(total, length), normal)
 
 
-def same_side(normal: NDArray, centre_normal: NDArray, regions: Regions) -> Regions:
-    """Members of regions whose normals are less than a right angle from that of the centre.
-
-    The ball around a vertex of a thin body holds the other side too, whose area vectors would cancel those
-    of this side. A region without such members stays as it is.
-
-    Parameters
-    ----------
-    normal : (3, n) ndarray of float64
-        Unit normals of all vertices.
-    centre_normal : (3, k) ndarray of float64
-        Of the centres of the regions.
-    regions : Regions
-        k regions of vertices, none of them empty.
-
-    Returns
-    -------
-    Regions
-    """
-    keep = np.ones(len(regions.member), dtype=bool)
+def _same_side(normal: NDArray, centre_normal: NDArray, regions: Regions) -> Regions:
+    """Members whose normals are less than a right angle from that of the centre of their region."""
     count = regions.count
-    for first, last in chunks(regions, MEMBERS_PER_BLOCK):
-        own = slice(regions.start[first], regions.start[last])
-        member = regions.member[own].astype(np.intp, copy=False)
-        cosine = np.zeros(len(member))
-        for of_all, of_centre in zip(normal, centre_normal):
-            cosine += np.take(of_all, member) * np.repeat(of_centre[first:last], count[first:last])
-        keep[own] = cosine > 0
-    n_kept = np.add.reduceat(keep, regions.start[:-1], dtype=np.int64)
-    if not n_kept.all():
-        keep |= np.repeat(n_kept == 0, count)
-        n_kept = np.where(n_kept == 0, count, n_kept)
-    return Regions(list_starts(n_kept), regions.member[keep])
+    member = regions.member.astype(np.intp, copy=False)
+    cosine = np.zeros(len(member))
+    for of_all, of_centre in zip(normal, centre_normal):
+        cosine += np.take(of_all, member) * np.repeat(of_centre, count)
+    keep = cosine > 0
+    row = np.repeat(np.arange(len(count), dtype=np.int32), count)[keep]
+    return Regions(list_starts(np.bincount(row, minlength=len(count))), regions.member[keep])
 
 
 def region_sums(regions: Regions, columns: NDArray) -> NDArray[np.float64]:

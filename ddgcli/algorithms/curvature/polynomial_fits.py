@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, eigen_2x2, tangent_frame
-from ddgcli.algorithms.curvature.regions import Regions, chunks
+from ddgcli.algorithms.curvature.regions import Regions, chunks, regions_of_range
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.workers import results_in_order
 
@@ -116,7 +116,7 @@ def fit_forms(
     ranges = list(chunks(regions, _PAIRS_PER_TASK))
     fits = results_in_order(
         _fits,
-        ((begin, _regions_of_range(regions, begin, end)) for begin, end in ranges),
+        ((begin, regions_of_range(regions, begin, end)) for begin, end in ranges),
         jobs,
         prepare=_Surface,
         arguments=(columns, vertex_frame, normal if member_normal is None else member_normal, penalty, basis),
@@ -137,16 +137,10 @@ class _Surface(NamedTuple):
     basis: Basis
 
 
-def _regions_of_range(regions: Regions, begin: int, end: int) -> Regions:
-    """Regions of a range of vertices."""
-    first, last = regions.start[begin], regions.start[end]
-    return Regions(regions.start[begin : end + 1] - first, regions.member[first:last])
-
-
 def _fits(surface: _Surface, first: int, regions: Regions) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Gradient (2, c) and Hessian (3, c) of the fits over the regions of c vertices, from `first` on."""
     blocks = chunks(regions, _MAX_PAIRS)
-    fits = [_fit(surface, first + begin, _regions_of_range(regions, begin, end)) for begin, end in blocks]
+    fits = [_fit(surface, first + begin, regions_of_range(regions, begin, end)) for begin, end in blocks]
     gradients, hessians = zip(*fits)
     return np.concatenate(gradients, axis=1), np.concatenate(hessians, axis=1)
 

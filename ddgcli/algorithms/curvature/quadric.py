@@ -51,7 +51,8 @@ def quadric(
         keeps the rings.
     noisy : bool
         Whether noise is averaged in balls: by quadratic fits, over planes normal to the area vectors of the
-        balls (`same_side`), as single normals are far off and stairs are no noise of single vertices.
+        balls on the side of each vertex, as single normals are far off and stairs are no noise of single
+        vertices.
     jobs : int
         Processes that fit blocks of vertices; the result does not depend on it.
 
@@ -64,9 +65,9 @@ def quadric(
         regions = larger(regions, vertex_balls(mesh, radius, jobs=jobs))
     columns, member_normal = faces.points, normal
     if noisy and radius is not None:
-        from ddgcli.algorithms.curvature.area_vectors import averaged_normals, same_side  # scipy.sparse
+        from ddgcli.algorithms.curvature.area_vectors import averaged_normals  # imports scipy.sparse
 
-        normal = averaged_normals(faces, normal, same_side(normal, normal, regions))
+        normal = averaged_normals(faces, normal, regions, member_normal=normal)
         penalty = QUADRATIC_PENALTY
     else:
         penalty = _sampled_penalty(columns, normal, regions)

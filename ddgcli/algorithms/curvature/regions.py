@@ -63,6 +63,23 @@ def chunks(regions: Regions, members: int) -> Iterator[tuple[int, int]]:
         first = last
 
 
+def regions_of_range(regions: Regions, first: int, last: int) -> Regions:
+    """Regions of a range of vertices.
+
+    Parameters
+    ----------
+    regions : Regions
+    first, last : int
+        The range [first, last).
+
+    Returns
+    -------
+    Regions
+    """
+    begin, end = regions.start[first], regions.start[last]
+    return Regions(regions.start[first : last + 1] - begin, regions.member[begin:end])
+
+
 # pairs of a vertex and a face of its ball; more would take more than about three minutes
 MAX_BALL_PAIRS = {"quadric": 5e8, "normal-voting": 1e9, "corrected": 1e9, "normal-cycle": 1e9, "cotan": 2e8}
 

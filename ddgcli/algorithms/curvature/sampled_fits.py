@@ -39,11 +39,10 @@ def fits_in_balls(
     PrincipalCurvatures
         Of the k vertices.
     """
-    from ddgcli.algorithms.curvature.area_vectors import averaged_normals, same_side  # scipy.sparse
+    from ddgcli.algorithms.curvature.area_vectors import averaged_normals  # imports scipy.sparse
 
     regions = grid.balls(few, radius)
-    own = normal[:, few]
-    averaged = averaged_normals(faces, own, same_side(normal, own, regions))
+    averaged = averaged_normals(faces, normal[:, few], regions, member_normal=normal)
     return fits_at(faces.points, normal, few, averaged, regions, basis=QUADRATIC)
 
 
