@@ -59,7 +59,7 @@ class Ball:
 class _Block:
     """What the balls of a block may hold, by local numbers; fans elsewhere have the number -1.
 
-    `inside` and `reached` are bits of the fans (`packed`), with a last row of zeros for those elsewhere.
+    `inside` holds the bits of the fans (`packed`), with a last row of zeros for those elsewhere.
     """
 
     vertex: NDArray[np.int64]
