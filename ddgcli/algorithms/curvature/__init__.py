@@ -1,8 +1,8 @@
 """Curvature of surfaces and polylines.
 
-`surface_curvature.measure_curvature` is the entry point for surfaces, `polyline.measure_curves` for curves. The
-schemes are in `star` (vertex star), `ball` (balls of a radius), `quadric` and `voting`; `measures` and `totals`
-hold the integrals.
+`surface_curvature.measure_curvature` is the entry point for surfaces, `polyline.measure_curves` for curves.
+The schemes are in `star` (vertex star), `ball` (balls of a radius), `quadric` and `voting`; `measures` and
+`totals` hold the integrals.
 """
 
 __all__ = [
