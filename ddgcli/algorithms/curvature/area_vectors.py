@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.regions import Regions, chunks, regions_of_range
+from ddgcli.algorithms.curvature.regions import Regions, chunks, cosines, regions_of_range
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.vectors import dot, ratio
 
@@ -52,11 +52,7 @@ def averaged_normals(
 def _same_side(normal: NDArray, centre_normal: NDArray, regions: Regions) -> Regions:
     """Members whose normals are less than a right angle from that of the centre of their region."""
     count = regions.count
-    member = regions.member.astype(np.intp, copy=False)
-    cosine = np.zeros(len(member))
-    for of_all, of_centre in zip(normal, centre_normal):
-        cosine += np.take(of_all, member) * np.repeat(of_centre, count)
-    keep = cosine > 0
+    keep = cosines(centre_normal, normal, count, regions.member.astype(np.intp, copy=False)) > 0
     row = np.repeat(np.arange(len(count), dtype=np.int32), count)[keep]
     return Regions(list_starts(np.bincount(row, minlength=len(count))), regions.member[keep])
 

@@ -54,22 +54,26 @@ def corrected_in_balls(
     """
     # a face without area has no share inside
     of_face = np.where(faces.area > 0, corrected_measures(faces, normal), 0.0).T
-    surface = np.ascontiguousarray(of_face), faces.area
-    measures = _sums(_Corrected, _corrected_sums, mesh, radius, surface, of_face.shape[1], jobs)
+    values = np.ascontiguousarray(of_face), faces.area
+    measures = _sums(_corrected, mesh, radius, values, of_face.shape[1], jobs)
     return corrected_principal(measures, normal)
 
 
 class _Corrected(NamedTuple):
-    """A surface, whose balls sum corrected measures."""
+    """Corrected measures (m, k) and areas (m,) of faces, which balls sum."""
 
     balls: FaceBalls
     of_face: NDArray
     area: NDArray
 
+    def sums(self, ball: Ball) -> NDArray[np.float64]:
+        """(b, k) measures."""
+        share = _cut(ball, ratio(ball.area, self.area[ball.face]), len(self.area))
+        return ball.whole @ self.of_face + share @ self.of_face
 
-def _corrected_sums(surface: _Corrected, ball: Ball) -> NDArray[np.float64]:
-    share = _cut(ball, ratio(ball.area, surface.area[ball.face]), len(surface.area))
-    return ball.whole @ surface.of_face + share @ surface.of_face
+
+def _corrected(mesh: TriangleMesh, radius: float, of_face: NDArray, area: NDArray) -> _Corrected:
+    return _Corrected(FaceBalls(mesh, radius), of_face, area)
 
 
 def normal_cycle_in_balls(
@@ -81,7 +85,7 @@ def normal_cycle_in_balls(
     *,
     jobs: int = 1,
 ) -> PrincipalCurvatures:
-    """Principal curvatures from the normal cycle of the edges in balls around every vertex.
+    """Principal curvatures from the normal cycle of the edges in balls around the vertices.
 
     The tensor of the clipped edges is divided by the clipped area of the ball.
 
@@ -107,22 +111,34 @@ def normal_cycle_in_balls(
     ----------
     CohenSteinerMorvan2003 in docs/references.bib.
     """
-    sums = _sums(_normal_cycle, _normal_cycle_sums, mesh, radius, (defect, dihedral), 8, jobs)
+    sums = _sums(_normal_cycle, mesh, radius, (defect, dihedral), 8, jobs)
     area, gauss = sums[6:]
     return swapped_principal(ratio(sums[:6], area), normal, ratio(gauss, area))
 
 
 class _NormalCycle(NamedTuple):
-    """A surface, whose balls sum the normal cycle of edges and the defects of vertices."""
+    """Normal cycle of a length 1 of each side, three of (m, 6), and of whole faces with their areas (m, 7).
+
+    And the angle defects of fans. Balls sum all of them.
+    """
 
     balls: FaceBalls
     of_side: list[NDArray]
     of_whole: NDArray
     of_fan: NDArray
 
+    def sums(self, ball: Ball) -> NDArray[np.float64]:
+        """(b, 8) six entries of the tensors, areas, and sums of the defects."""
+        n_balls, n_faces = len(ball.vertex), len(self.of_whole)
+        sums = np.column_stack([ball.whole @ self.of_whole, ball.fans @ self.of_fan])
+        for chord, values in zip(ball.chord, self.of_side):
+            sums[:, :6] += _cut(ball, chord, n_faces) @ values
+        sums[:, 6] += sum_by_index(ball.owner, ball.area, n_balls)
+        return sums
 
-def _normal_cycle(balls: FaceBalls, defect: NDArray, dihedral: NDArray) -> _NormalCycle:
-    mesh, side = balls.mesh, balls.mesh.side_vector
+
+def _normal_cycle(mesh: TriangleMesh, radius: float, defect: NDArray, dihedral: NDArray) -> _NormalCycle:
+    balls, side = FaceBalls(mesh, radius), mesh.side_vector
     length = np.sqrt(np.einsum("fki,fki->fk", side, side))
     x, y, z = np.moveaxis(ratio(side, length[..., None]), -1, 0)
     # every edge is visited from both of its faces: half from each
@@ -136,45 +152,27 @@ def _normal_cycle(balls: FaceBalls, defect: NDArray, dihedral: NDArray) -> _Norm
     return _NormalCycle(balls, of_side, of_whole, _defect_of_fans(mesh, defect, balls))
 
 
-def _normal_cycle_sums(surface: _NormalCycle, ball: Ball) -> NDArray[np.float64]:
-    """Six entries of the tensors, areas, and sums of the defects, (b, 8)."""
-    n_balls, n_faces = len(ball.vertex), len(surface.of_whole)
-    sums = np.column_stack([ball.whole @ surface.of_whole, ball.fans @ surface.of_fan])
-    for chord, values in zip(ball.chord, surface.of_side):
-        sums[:, :6] += _cut(ball, chord, n_faces) @ values
-    sums[:, 6] += sum_by_index(ball.owner, ball.area, n_balls)
-    return sums
-
-
 def _sums(
-    prepare: Callable, of_ball: Callable, mesh: TriangleMesh, radius: float, surface: tuple, k: int, jobs: int
+    prepare: Callable[..., _Corrected | _NormalCycle],
+    mesh: TriangleMesh,
+    radius: float,
+    values: tuple,
+    k: int,
+    jobs: int,
 ) -> NDArray[np.float64]:
-    """(k, n) sums over all balls: of each block `of_ball(prepare(balls, *surface), ball)`."""
+    """(k, n) sums of `prepare(mesh, radius, *values)` over the balls around all vertices."""
     sums = np.zeros((mesh.n_vertices, k))
-    results = results_in_order(
-        _block_sums,
-        ball_blocks(mesh.points, radius),
-        jobs,
-        prepare=_prepared,
-        arguments=(prepare, of_ball, mesh, radius, surface),
-        modules=(__name__,),
-    )
-    for vertex, values in results:
-        sums[vertex] = values
+    blocks = ball_blocks(mesh.points, radius)
+    arguments = mesh, radius, *values
+    for vertex, of_balls in results_in_order(_block_sums, blocks, jobs, prepare=prepare, arguments=arguments):
+        sums[vertex] = of_balls
     return np.ascontiguousarray(sums.T)
 
 
-def _prepared(
-    prepare: Callable, of_ball: Callable, mesh: TriangleMesh, radius: float, surface: tuple
-) -> tuple[Callable, NamedTuple]:
-    return of_ball, prepare(FaceBalls(mesh, radius), *surface)
-
-
 def _block_sums(
-    shared: tuple[Callable, _Corrected | _NormalCycle], vertex: NDArray, near: NDArray
+    surface: _Corrected | _NormalCycle, vertex: NDArray, near: NDArray
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    of_ball, surface = shared
-    return vertex, of_ball(surface, surface.balls.around(vertex, near))
+    return vertex, surface.sums(surface.balls.around(vertex, near))
 
 
 def _defect_of_fans(mesh: TriangleMesh, defect: NDArray, balls: FaceBalls) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, eigen_2x2, tangent_frame
-from ddgcli.algorithms.curvature.regions import Regions, chunks, regions_of_range
+from ddgcli.algorithms.curvature.regions import Regions, chunks, cosines, regions_of_range
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.workers import results_in_order
 
@@ -120,7 +120,6 @@ def fit_forms(
         jobs,
         prepare=_Surface,
         arguments=(columns, vertex_frame, normal if member_normal is None else member_normal, penalty, basis),
-        modules=(__name__,),
     )
     for (begin, end), fit in zip(ranges, fits, strict=True):
         gradient[:, begin:end], hessian[:, begin:end] = fit
@@ -208,9 +207,7 @@ def _same_side(centre: NDArray, normal: NDArray, regions: Regions) -> tuple[NDAr
     # whole indices once, as each np.take would convert them
     start, member = regions.start, regions.member.astype(np.intp, copy=False)
     count = np.diff(start)
-    cosine = np.take(normal[0], member) * np.repeat(centre[0], count)
-    cosine += np.take(normal[1], member) * np.repeat(centre[1], count)
-    cosine += np.take(normal[2], member) * np.repeat(centre[2], count)
+    cosine = cosines(centre, normal, count, member)
     keep = cosine > _RIGHT_ANGLE
     if keep.all():
         return start, member

@@ -80,6 +80,30 @@ def regions_of_range(regions: Regions, first: int, last: int) -> Regions:
     return Regions(regions.start[first : last + 1] - begin, regions.member[begin:end])
 
 
+def cosines(centre: NDArray, normal: NDArray, count: NDArray, member: NDArray) -> NDArray[np.float64]:
+    """Cosines of the angles between the normals of regions and those of their members.
+
+    Parameters
+    ----------
+    centre : (3, k) ndarray of float64
+        Unit normals of the regions.
+    normal : (3, n) ndarray of float64
+        Unit normals of all vertices.
+    count : (k,) ndarray of int64
+        Members of each region.
+    member : (p,) ndarray of intp
+        Vertices, one region after the other.
+
+    Returns
+    -------
+    (p,) ndarray of float64
+    """
+    cosine = np.take(normal[0], member) * np.repeat(centre[0], count)
+    cosine += np.take(normal[1], member) * np.repeat(centre[1], count)
+    cosine += np.take(normal[2], member) * np.repeat(centre[2], count)
+    return cosine
+
+
 # pairs of a vertex and a face of its ball; more would take more than about three minutes
 MAX_BALL_PAIRS = {"quadric": 5e8, "normal-voting": 1e9, "corrected": 1e9, "normal-cycle": 1e9, "cotan": 2e8}
 

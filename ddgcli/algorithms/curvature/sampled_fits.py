@@ -21,7 +21,7 @@ from ddgcli.algorithms.curvature.regions import Regions
 def fits_in_balls(
     faces: Faces, grid: PointGrid, normal: NDArray, few: NDArray, radius: float
 ) -> PrincipalCurvatures:
-    """Principal curvatures of quadratic fits in the balls around a few vertices, as of noisy surfaces.
+    """Principal curvatures of fits in the balls around a few vertices, as `quadric` fits noisy surfaces.
 
     Parameters
     ----------

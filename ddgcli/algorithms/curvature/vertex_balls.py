@@ -51,15 +51,8 @@ def vertex_balls(mesh: TriangleMesh, radius: float | NDArray, *, jobs: int = 1) 
     near = adjacency(mesh.topology)
     columns, radii = np.ascontiguousarray(mesh.points.T), np.broadcast_to(radius, mesh.n_vertices)
     arguments = columns, radii, near.indptr.astype(np.int64), near.indices.astype(np.int64)
-    results = results_in_order(
-        _balls,
-        ball_blocks(mesh.points, radius),
-        jobs,
-        prepare=_Vertices,
-        arguments=arguments,
-        modules=(__name__,),
-    )
-    blocks = list(results)
+    tasks = ball_blocks(mesh.points, radius)
+    blocks = list(results_in_order(_balls, tasks, jobs, prepare=_Vertices, arguments=arguments))
     count = np.zeros(mesh.n_vertices, dtype=np.int64)
     for owner, sizes, _ in blocks:
         count[owner] = sizes

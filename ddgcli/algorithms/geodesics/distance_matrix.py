@@ -93,21 +93,22 @@ def distance_rows(
         For each element of `starts`.
     """
     jobs = min(jobs, len(starts))
-    if solver is not None and jobs <= 1:
-        yield from (_row((solver, targets), sources) for sources in starts)
-        return
     tasks = ((sources,) for sources in starts)
-    arguments = mesh, method, options, targets
+    arguments = mesh, method, options, targets, solver if jobs <= 1 else None
     yield from results_in_order(
         _row, tasks, jobs, prepare=_prepared, arguments=arguments, modules=(__name__,)
     )
 
 
 def _prepared(
-    mesh: SurfaceMesh, method: str, options: DistanceOptions, targets: NDArray | None
+    mesh: SurfaceMesh,
+    method: str,
+    options: DistanceOptions,
+    targets: NDArray | None,
+    solver: Solver | None,
 ) -> tuple[Solver, NDArray | None]:
     """What all rows of a process share."""
-    return prepare_solver(mesh, method, options), targets
+    return solver or prepare_solver(mesh, method, options), targets
 
 
 def _row(shared: tuple[Solver, NDArray | None], sources: Sources) -> NDArray[np.float64]:

@@ -168,12 +168,12 @@ def _delaunay(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if options.get("refine"):
         yield Use("delaunay", added=1.0)  # the input, in which the points are inserted too
         yield _refinement(float(options["refine"]), options.get("max_points"), size)
-    for name in ("overlay", "dual", "condition"):
-        if name == "overlay" and needs_overlay(options):
-            yield Use("delaunay overlay")
-            if size.further_overlay_faces:
-                yield Use("delaunay further faces", elements=size.further_overlay_faces)
-        elif options.get(name):
+    if needs_overlay(options):
+        yield Use("delaunay overlay")
+        if size.further_overlay_faces:
+            yield Use("delaunay further faces", elements=size.further_overlay_faces)
+    for name in ("dual", "condition"):
+        if options.get(name):
             yield Use(f"delaunay {name}")
     if options.get("transfer"):
         yield Use("delaunay transfer")
