@@ -90,7 +90,8 @@ def with_repair(
         if step == "split_fans" and _has_duplicates(topology):
             steps.insert(0, "drop_duplicates")
         if step == "fill_holes":
-            steps = [f"fill_holes={max(3, len(topology.boundary_edges))}"]
+            n_sides = int(topology.edge_face_count[topology.nonmanifold_edges].sum())  # a split may open all
+            steps = [f"fill_holes={max(3, len(topology.boundary_edges) + n_sides)}"]
         if step in STEPS_ON_MANIFOLDS and len(topology.repeated_vertex_faces):
             steps.insert(0, "drop_degenerate")
         if manifold and step in STEPS_ON_MANIFOLDS and not topology.is_manifold:

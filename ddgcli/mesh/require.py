@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError, counted
 from ddgcli.mesh.cures import cure, with_repair
 from ddgcli.mesh.ragged import unique_keys
+from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
-from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import FLAT_AREA_TOLERANCE, TriangleMesh
 from ddgcli.mesh.vectors import row_cross
 
@@ -106,12 +107,8 @@ def how_to_close(mesh: SurfaceMesh) -> str:
         return "no repair closes this one, which is one-sided"
     if mesh.points is None:
         return cure("boundary", topology)
-    seam = _is_seam(topology, mesh.points)
-    if seam.all():
-        return cure("equal positions")
-    if seam.any():
-        n_edges = int((~seam).sum())
-        return f"join vertices at equal positions and fill the holes with `repair=weld fill_holes={n_edges}`"
+    if weld := _weld_cure(mesh):
+        return weld
     component = topology.face_component
     is_open = np.zeros(topology.n_components, dtype=bool)
     is_open[topology.vertex_component[topology.edges[topology.boundary_edges, 0]]] = True
@@ -126,14 +123,31 @@ def how_to_close(mesh: SurfaceMesh) -> str:
     return cure("boundary", topology)
 
 
-def _is_seam(topology: Topology, points: NDArray) -> NDArray[np.bool_]:
-    """(b,) whether each boundary edge has the positions of another one."""
-    ends = topology.edges[topology.boundary_edges]
-    vertices, number = np.unique(ends, return_inverse=True)
-    _, place = np.unique(points[vertices], axis=0, return_inverse=True)
-    pairs = np.sort(place.ravel()[number.reshape(-1, 2)], axis=1)
-    _, edge, count = np.unique(pairs, axis=0, return_inverse=True, return_counts=True)
-    return count[edge.ravel()] > 1
+def _weld_cure(mesh: TriangleMesh) -> str:
+    """Part of the message: how to join vertices and close what is open then; '' where that joins nothing."""
+    points, place = merged_points(mesh.points)
+    faces, fill = place[mesh.faces], ""
+    is_triangle = (faces != faces[:, NEXT]).all(axis=1)
+    joined = Topology(faces[is_triangle], len(points))
+    n_open = len(joined.boundary_edges) + _n_sides_without_pair(joined)
+    if n_open >= len(mesh.topology.boundary_edges) or joined.one_sided_face.any():
+        return ""
+    steps = ["weld"] if is_triangle.all() else ["weld", "drop_degenerate"]
+    if not joined.is_manifold:
+        steps.append("split_fans")
+    if len(joined.misoriented_edges):
+        steps.append("orient")
+    if n_open:
+        fill = " and fill the holes"
+        steps.append(f"fill_holes={max(3, n_open)}")
+    return f"join vertices at equal positions{fill} with `repair={' '.join(steps)}`"
+
+
+def _n_sides_without_pair(topology: Topology) -> int:
+    """Number of sides at edges of three and more faces that a split leaves open: orientations do not pair."""
+    side_edge, sign = topology.side_edge.ravel(), topology.side_sign.ravel()
+    balance = np.bincount(side_edge, weights=sign, minlength=topology.n_edges)
+    return int(topology.edge_face_count[(balance != 0) & (topology.edge_face_count > 2)].sum())
 
 
 def _orientation_cure(mesh: SurfaceMesh, one_sided: bool = False) -> str:

@@ -186,7 +186,7 @@ def _circle_angle(faces: Faces, topology: Topology, inside: NDArray) -> float | 
             return None
         angle[block] = _angle_between_circles(*(v / np.sqrt(size) for v, size in zip(quad, squared)))
     total = sum_by_index(i, angle, n) + sum_by_index(j, angle, n)
-    return float(0.5 * (total[inside] - 2 * np.pi).sum())
+    return max(float(0.5 * (total[inside] - 2 * np.pi).sum()), 0.0)  # below zero is rounding
 
 
 def _angle_between_circles(a: NDArray, b: NDArray, c: NDArray, d: NDArray) -> NDArray[np.float64]:

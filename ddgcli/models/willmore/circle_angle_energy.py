@@ -49,7 +49,7 @@ class CircleAngleEnergy:
         vertices, weight, constant = self._hinges
         sides = _sides(points, vertices)[1]
         real, imaginary = _product(sides)
-        return float((weight * np.arctan2(vector_length(imaginary), real)).sum()) + constant
+        return _energy(weight, np.arctan2(vector_length(imaginary), real), constant)
 
     def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]:
         """Energy and its exact gradient (n, 3)."""
@@ -57,7 +57,7 @@ class CircleAngleEnergy:
         length, sides = _sides(points, vertices)
         real, imaginary = _product(sides)
         sine = vector_length(imaginary)
-        value = float((weight * np.arctan2(sine, real)).sum()) + constant
+        value = _energy(weight, np.arctan2(sine, real), constant)
         with np.errstate(divide="ignore", invalid="ignore"):
             direction = np.where(sine[:, None] > COCIRCULAR_SINE, imaginary / sine[:, None], 0.0)
         # the product has length 1: d(angle) = real d|imaginary| - |imaginary| d(real)
@@ -67,6 +67,11 @@ class CircleAngleEnergy:
         # side k leads from vertex k to the next one
         by_vertex = np.roll(by_vector, 1, axis=1) - by_vector
         return value, sum_by_index(vertices, by_vertex, self.topology.n_vertices)
+
+
+def _energy(weight: NDArray, angle: NDArray, constant: float) -> float:
+    """Energy, which rounding makes negative where it is zero."""
+    return float(np.maximum((weight * angle).sum() + constant, 0.0))
 
 
 def _sides(points: NDArray, vertices: NDArray) -> tuple[NDArray, NDArray]:
