@@ -326,7 +326,7 @@ def _watched_child(kind: Kind, work: Callable[[Notes], None]) -> tuple[Notes, in
             _set_handlers(handlers)
             os.setsid()
             _limit_memory()
-            logging.disable()  # of writers of the seeds: what a format cannot hold
+            logging.lastResort = None  # the command line has its own handler
             warnings.simplefilter("ignore")  # the command line captures them
             work(notes)
             code = 0

@@ -95,6 +95,17 @@ def test_the_cure_of_a_step_repeats_the_steps_before_it(run, moebius, tmp_path, 
     assert run(*words).exit_code == 0, run(*words).stderr
 
 
+def test_a_step_that_needs_an_earlier_one_names_it(run, tmp_path):
+    """A repair of its own would not do: the weld joins the parted sheets again."""
+    points = [[0, 0, 0], [0, 0, 1], [1, 0, 0.5], [-0.5, 0.8, 0.5], [-0.5, -0.8, 0.5]]
+    path = tmp_path / "book.npz"
+    np.savez(path, points=np.array(points, dtype=float), faces=[[0, 1, 2], [0, 1, 3], [0, 1, 4]])
+    words = ("repair", path, "--weld", "1e-6", "--fill-holes", 7, "-o", tmp_path / "out.ply")
+    refused = run(*words)
+    assert refused.exit_code == 2 and refused.stderr.endswith("split the surface there: add --split-fans\n")
+    assert run(*words, "--split-fans").exit_code == 0
+
+
 def test_a_dry_run_of_frames_along_isolines_knows_one_sided_surfaces(run, moebius):
     words = ("geodesic", moebius, "--source", 0, "--isolines", 3)
     assert run(*words, "--dry-run").exit_code == 0

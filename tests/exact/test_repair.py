@@ -196,6 +196,41 @@ def test_a_square_hole_is_filled_by_its_shorter_diagonal():
     assert np.isclose(area(repaired.mesh), area(grid))
 
 
+def with_vertex_on_edge(mesh):
+    """A vertex on an edge of a closed surface that the face on one side has, and a face without area."""
+    a, b, c = mesh.faces[0].tolist()
+    x = mesh.n_vertices
+    points = np.concatenate([mesh.points, [0.5 * (mesh.points[a] + mesh.points[b])]])
+    return TriangleMesh.from_arrays(
+        points, np.concatenate([mesh.faces[1:], [[a, x, c], [x, b, c], [a, b, x]]])
+    )
+
+
+def with_vertex_on_line(mesh):
+    """A vertex of three faces on the line along an edge: one of them has no area."""
+    a, c, x = mesh.faces[0].tolist()
+    b = mesh.n_vertices
+    points = np.concatenate([mesh.points, [2 * mesh.points[x] - mesh.points[a]]])
+    return TriangleMesh.from_arrays(
+        points, np.concatenate([mesh.faces[1:], [[x, a, b], [a, c, b], [c, x, b]]])
+    )
+
+
+@pytest.mark.parametrize("disturbed, n_further", [(with_vertex_on_edge, 2), (with_vertex_on_line, 0)])
+def test_the_hole_of_a_face_without_area_is_closed_by_faces_with_area(disturbed, n_further):
+    sphere = shapes.icosphere(1)
+    mesh = disturbed(sphere)
+    assert len(mesh.flat_faces) == 1 and mesh.topology.is_closed
+    repaired, changes = repair_mesh(mesh, RepairSteps(drop_degenerate=True, fill_holes=3))
+    assert changes == {"drop_degenerate": 1, "fill_holes": 1}
+    closed = repaired.mesh
+    assert closed.topology.is_closed and closed.topology.is_oriented and not len(closed.flat_faces)
+    assert closed.n_faces == sphere.n_faces + n_further and (repaired.input_face >= 0).all()
+    assert np.isclose(enclosed_volume(closed), enclosed_volume(sphere)) and np.isclose(
+        area(closed), area(sphere)
+    )
+
+
 def test_a_loop_with_straight_parts_is_filled_by_triangles_with_area():
     """A rim of a square has collinear vertices; every sum of triangles with area has the square's own."""
     bowl = shapes.grid(6, 6)
@@ -252,7 +287,7 @@ def test_what_cannot_be_repaired_is_refused():
         repair_mesh(sphere, RepairSteps())
     with pytest.raises(ParameterError, match="takes no surface"):
         steps_for("frames")
-    with pytest.raises(MeshError, match="`repair=orient`"):
+    with pytest.raises(MeshError, match="add `orient`"):
         repair_mesh(turned(sphere, 3), RepairSteps(cut_to_disk=True))
 
 

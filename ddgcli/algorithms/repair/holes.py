@@ -2,7 +2,8 @@
 
 The triangulation of a boundary loop is the one of least total area among all without new vertices, by dynamic
 programming over the loop [G. Barequet and M. Sharir, "Filling gaps in the boundary of a polyhedron", 1995].
-Triangles without area are the last choice: a loop with straight parts has others.
+Triangles without area are the last choice: a loop with straight parts has others. Where a loop is straight as
+a whole, such as that of a removed face without area, the face beyond its longest edge is divided instead.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.repair.steps import RepairedMesh
 from ddgcli.mesh.boundary import boundary_vertex_loops
+from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross
 
@@ -22,7 +24,8 @@ SHAPE_WEIGHT = 1e-6  # of the squared sides beside twice the area: decides where
 def fill_holes(repaired: RepairedMesh, most_edges: int) -> RepairedMesh:
     """Fill every boundary loop of at most `most_edges` edges.
 
-    A loop that cannot be closed without an edge that exists already stays open.
+    A loop that cannot be closed without an edge that exists already stays open. Of a triangle without area
+    the longest edge is flipped, so that both new faces have one, or a vertex of three faces left out.
 
     Parameters
     ----------
@@ -46,7 +49,60 @@ def fill_holes(repaired: RepairedMesh, most_edges: int) -> RepairedMesh:
             added += [triangles] if triangles is not None else []
     faces = np.concatenate(added)
     source = np.concatenate([repaired.input_face, np.full(len(faces) - mesh.n_faces, -1)])
-    return RepairedMesh(TriangleMesh.from_arrays(mesh.points, faces), repaired.input_vertex, source, filled)
+    closed = TriangleMesh.from_arrays(mesh.points, faces)
+    if filled and len(closed.flat_faces):
+        faces, number = _without_flat_faces(closed, mesh.n_faces)
+        closed, source = TriangleMesh.from_arrays(mesh.points, faces), source[number]
+    return RepairedMesh(closed, repaired.input_vertex, source, filled)
+
+
+def _without_flat_faces(mesh: TriangleMesh, first: int) -> tuple[NDArray, NDArray[np.int64]]:
+    """Faces with the longest edge flipped of each face from `first` on without area; the old number of each.
+
+    Where the new edge exists as the third one of a vertex, the three faces of this vertex become one. A face
+    stays where it has no neighbour there, or a new face would have no area either.
+    """
+    faces, number = mesh.faces.copy(), np.arange(mesh.n_faces)
+    flat = mesh.flat_faces[mesh.flat_faces >= first]
+    beside = np.flatnonzero(np.isin(faces, faces[flat]).sum(axis=1) > 1)
+    face_of = {side: face for face in beside.tolist() for side in _sides(faces[face])}
+    changed: set[int] = set()
+    for face in flat.tolist():
+        old, new = ([], []) if face in changed else _replacement(mesh.points, faces, face, face_of)
+        if not new or len(TriangleMesh.from_arrays(mesh.points, np.array(new)).flat_faces):
+            continue
+        changed.update(old)
+        for side in [side for k in old for side in _sides(faces[k])]:
+            del face_of[side]
+        for k, corners in zip(old, new):
+            faces[k], number[k] = corners, old[0]
+            face_of |= dict.fromkeys(_sides(faces[k]), k)
+        number[old[len(new) :]] = -1
+    return faces[number >= 0], number[number >= 0]
+
+
+def _replacement(
+    points: NDArray, faces: NDArray, face: int, face_of: dict[tuple[int, int], int]
+) -> tuple[list[int], list[list[int]]]:
+    """Numbers of faces, first the one beyond the longest edge of `face`, and what takes their place."""
+    j = int(np.linalg.norm(points[faces[face, NEXT]] - points[faces[face]], axis=1).argmax())
+    a, b, x = np.roll(faces[face], -j).tolist()
+    if (other := face_of.get((b, a))) is None:
+        return [], []
+    c = next(int(v) for v in faces[other] if v not in (a, b))
+    ahead, behind = face_of.get((c, x)), face_of.get((x, c))
+    if ahead is None and behind is None:
+        return [other, face], [[x, a, c], [c, b, x]]
+    if ahead is not None and ahead == face_of.get((x, b)):  # b has no other face
+        return [other, face, ahead], [[x, a, c]]
+    if behind is not None and behind == face_of.get((a, x)):
+        return [other, face, behind], [[c, b, x]]
+    return [], []
+
+
+def _sides(face: NDArray) -> list[tuple[int, int]]:
+    a, b, c = face.tolist()
+    return [(a, b), (b, c), (c, a)]
 
 
 def least_area_triangles(

@@ -22,6 +22,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 log = logging.getLogger("ddgcli")
 MANIFOLD_STEPS = ("fill_holes", "cut_to_disk")
+EARLY_STEPS = {"drop_degenerate", "drop_duplicates", "split_fans", "orient"}  # which run before those
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,10 @@ def _words(chosen_steps: RepairSteps, names: Iterable[str]) -> dict[str, str]:
 def _require_manifold(
     mesh: TriangleMesh, parameter: str, *, oriented: bool = True, before: Mapping[str, str] | None = None
 ) -> None:
-    """Raise an error for what the step does not take; its cure repeats the steps before."""
+    """Raise an error for what the step does not take.
+
+    Its cure adds steps that run before this one, or is a repair of its own that repeats the steps before.
+    """
     one_sided = parameter == "cut_to_disk"
     try:
         require(mesh, "this step", manifold=True, oriented=oriented, one_sided=one_sided)
@@ -195,13 +199,16 @@ def _require_manifold(
         if "`repair=cut_to_disk" in str(error) and earlier_steps.pop("weld", None) is not None:
             advice = ", and drop `weld` then, which closes the cut"
 
-        def with_steps_before(match: re.Match[str]) -> str:
-            names = {word.partition("=")[0] for word in match[1].split()}
+        def cure(match: re.Match[str]) -> str:
+            steps = match[1].split()
+            names = {word.partition("=")[0] for word in steps}
+            if names <= EARLY_STEPS:
+                return f": add {' and '.join(f'`{name}`' for name in steps)}"
             earlier = [word for name, word in earlier_steps.items() if name not in names]
-            return f"`repair={' '.join([*earlier, match[1]])}`"
+            return f" with `repair={' '.join([*earlier, *steps])}`"
 
         raise MeshError(
-            f"`{parameter}`: {re.sub('`repair=([^`]*)`', with_steps_before, str(error))}{advice}"
+            f"`{parameter}`: {re.sub(' with `repair=([^`]*)`', cure, str(error))}{advice}"
         ) from None
 
 
