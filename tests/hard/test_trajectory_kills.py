@@ -25,8 +25,8 @@ for k in range(100000):
     points = mesh.points + k
     scalars = {"energy": k * 1.5, "momentum": np.full(3, k)}
     frame = TrajectoryFrame(k, 0.5 * k, points, {"velocity": points * 2}, scalars)
-    writer.append(frame, {"m/x": points, "m/v": np.arange(1000.0) + k}, [("solver", k, 0.1)],
-                  [(k, 0.5 * k, "event", "", float(k), "")])
+    checkpoint = {"m/x": points, "m/v": np.arange(1000.0) + k, "m/none": np.zeros((0, 2))}
+    writer.append(frame, checkpoint, [("solver", k, 0.1)], [(k, 0.5 * k, "event", "", float(k), "")])
     print(k, flush=True)
 """
 
@@ -56,6 +56,7 @@ def check_whole(partial_file):
         checkpoint = run.checkpoint()
         assert np.array_equal(checkpoint["m/x"], base + last)
         assert np.array_equal(checkpoint["m/v"], np.arange(1000.0) + last)
+        assert checkpoint["m/none"].shape == (0, 2)
         assert run.log_rows == last + 2
         assert run.log["value"][run.log_rows - 1] == last
         return run.n_frames

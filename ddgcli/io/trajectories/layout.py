@@ -32,6 +32,41 @@ EFFECT_DTYPE = np.dtype([("name", "S48"), ("calls", "i8"), ("seconds", "f8")])
 LARGEST_ROOM = 1 << 40  # bytes of holes in a file; beyond, the file is laid out again as it grows
 NSTEPS_MARK = 0x5E7_0F_57E95_C0DE  # replaced in place once the file is laid out
 STATUS_MARK = "@status@@@@"
+EMPTY = ".empty"  # behind the name of an array without rows, whose dataset has one
+
+
+def checkpoint_name(name: str, array: NDArray) -> str:
+    """Name of the dataset of an array in a checkpoint.
+
+    Parameters
+    ----------
+    name : str
+        With at most one slash.
+    array : ndarray
+
+    Returns
+    -------
+    str
+    """
+    return name.replace("/", ".") + (EMPTY if np.size(array) == 0 else "")
+
+
+def checkpoint_array(dataset_name: str, values: NDArray) -> tuple[str, NDArray]:
+    """Name and array of a dataset in a checkpoint.
+
+    Parameters
+    ----------
+    dataset_name : str
+        Of `checkpoint_name`.
+    values : ndarray
+
+    Returns
+    -------
+    name : str
+    array : ndarray
+    """
+    name = dataset_name.removesuffix(EMPTY)
+    return name.replace(".", "/", 1), values if name == dataset_name else values[:0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +317,7 @@ def room_for(
     for slot in ("slot_0", "slot_1"):
         for name, array in checkpoint.items():
             array = np.atleast_1d(array)
-            rows[f"ddgcli/checkpoint/{slot}/{name.replace('/', '.')}"] = RowLayout(
+            rows[f"ddgcli/checkpoint/{slot}/{checkpoint_name(name, array)}"] = RowLayout(
                 array.dtype, array.shape[1:], max(len(array), 1)
             )
         rows[f"ddgcli/checkpoint/{slot}/frame"] = RowLayout(np.dtype(np.int64), (), 2)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
-from ddgcli.io.trajectories.layout import EFFECT_DTYPE, TOPOLOGIES
+from ddgcli.io.trajectories.layout import EFFECT_DTYPE, TOPOLOGIES, checkpoint_array
 from ddgcli.io.trajectories.layout_check import CHANGING_CELL, OBSTACLE_POSE, check_trajectory, part_counts
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import TrajectoryFrame
@@ -203,9 +203,8 @@ class Trajectory:
 
     def checkpoint(self) -> dict[str, NDArray]:
         """State behind the last whole frame."""
-        return {
-            name.replace(".", "/", 1): values[...] for name, values in self._slot().items() if name != "frame"
-        }
+        rows = self._slot().items()
+        return dict(checkpoint_array(name, values[...]) for name, values in rows if name != "frame")
 
 
 def _mesh_of_cells(

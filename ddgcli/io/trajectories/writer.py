@@ -27,6 +27,7 @@ from ddgcli.io.trajectories.layout import (
     Header,
     RowCount,
     by_face,
+    checkpoint_name,
     frame_rows,
     room_for,
     shapes_of,
@@ -130,7 +131,7 @@ class TrajectoryWriter:
         self._put_log()
         slot = f"ddgcli/checkpoint/slot_{k % 2}"
         for name, values in checkpoint.items():
-            file.write(f"{slot}/{name.replace('/', '.')}", 0, np.atleast_1d(values))
+            file.write(f"{slot}/{checkpoint_name(name, values)}", 0, np.atleast_1d(values))
         file.write(f"{slot}/frame", 0, np.array([k, self._whole], dtype=np.int64))
         if len(effects):
             file.write("ddgcli/effects", 0, effects)
