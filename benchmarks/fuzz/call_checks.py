@@ -40,7 +40,7 @@ from ddgcli.errors import DdgError
 MAX_CURES = 4
 MAX_LENGTH = 600  # characters of an error, beside the paths
 CALL_SECONDS = 20.0  # of processor time, for one call on a mesh of at most some hundred cells
-PICTURE_SECONDS = 1.5  # of one file of many; lines are counted meanwhile
+PICTURE_SECONDS, STEP_SECONDS = 1.5, 1e-3  # of one of many; lines are counted meanwhile
 ROUNDING = 1e-7  # of the largest distance, for needles too
 
 
@@ -233,13 +233,15 @@ def check_form(outcome: CallOutcome) -> None:
         raise CallError(f"{line}: {len(lines)} lines, {len(outcome.error)} characters: {lines[:2]}")
     if "out of memory" in outcome.error:
         raise CallError(f"{line}: {outcome.error}")
-    n_pictures = sum(name.endswith(".png") for name in outcome.new_files)
-    if outcome.seconds > CALL_SECONDS + PICTURE_SECONDS * n_pictures:
-        raise CallError(f"{line}: took {outcome.seconds:.0f} s")
     try:
         summary = outcome.summary
     except ValueError as error:
         raise CallError(f"{line}: no strict JSON: {error}") from None
+    results = (summary or {}).get("results", {})
+    results = results if isinstance(results, dict) else {}
+    limit = CALL_SECONDS + PICTURE_SECONDS * results.get("exported_frames", 0)
+    if outcome.seconds > limit + STEP_SECONDS * results.get("steps", 0):
+        raise CallError(f"{line}: took {outcome.seconds:.0f} s")
     if outcome.exit_code == 0 and summary is None and not outcome.is_listing:
         raise CallError(f"{line}: no summary")
 

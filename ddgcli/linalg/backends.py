@@ -125,7 +125,7 @@ def choose_solver(
     if name == "pivoted" or not definite:
         return "pivoted", None
     if name != "auto":
-        return name, None
+        return (name if matrix.shape[0] else "superlu"), None  # multigrid has no empty level
     iterative, analysis = _solver_of_little_memory(matrix, entries)
     return (iterative, None) if iterative else (_by_size(matrix), analysis)
 

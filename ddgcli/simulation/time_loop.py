@@ -33,6 +33,7 @@ from ddgcli.simulation.model import (
 log = logging.getLogger("ddgcli")
 RECOVERY_FACTOR = 8.0  # of the shortest part of a step, what the next one tries first
 ROUNDING = 2.0**-52  # relative error of a step below which states do not differ
+MAX_STABLE_PARTS = 2**20  # of the time between frames, where the error of a step sets its length
 FIRST_DOUBLING = 16  # accepted steps before a step of twice the length is tried
 
 
@@ -226,10 +227,7 @@ def _step_or_halves(
     model = active.model
     if dt > model.largest_step:
         if depth >= MAX_HALVINGS:
-            raise SolveError(
-                f"{active.name}: the stability limit, {model.largest_step:.3g} s, is over "
-                f"{2**MAX_HALVINGS} times shorter than the step; shorten it, or take an implicit scheme"
-            )
+            raise _unstable(active, 2**MAX_HALVINGS, "the step; shorten it, or")
         if not active.divided:
             active.divided = True
             detail = f"{active.name}: dt above the stability limit {model.largest_step:.3g} s is divided"
@@ -262,6 +260,12 @@ def _step_or_halves(
     active.allowed *= active.model.growth
     check_parts(active, schedule, step, time + dt)
     return state
+
+
+def _unstable(active: ActiveModel, n_parts: int, step: str) -> SolveError:
+    """Error of a stability limit that divides a step into too many parts."""
+    limit = f"{active.name}: the stability limit, {active.model.largest_step:.3g} s"
+    return SolveError(f"{limit}, is over {n_parts} times shorter than {step} take an implicit scheme")
 
 
 def _logged(
@@ -350,6 +354,8 @@ def _advance_adaptively(
     if model.distance is None:
         raise ParameterError("this model has no error measure: give a step instead of a tolerance")
     time, end = first * schedule.dt, last * schedule.dt
+    if end - time > MAX_STABLE_PARTS * model.largest_step:
+        raise _unstable(active, MAX_STABLE_PARTS, "the time between frames;")
     shortest = (end - time) * 0.5**40
     doubling = _Doubling()
     while time < end:

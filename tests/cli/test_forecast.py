@@ -13,6 +13,7 @@ from ddgcli.algorithms.geodesics import certificate
 from ddgcli.algorithms.hodge.homology import betti_numbers
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.algorithms.laplacian.spectrum import signature_pairs
+from ddgcli.algorithms.laplacian.weyl import MAX_SIGNATURE_PAIRS, pairs_for_times
 from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.cli.forecast import prediction
 from ddgcli.cli.forecast.check_cost import size_of
@@ -400,3 +401,8 @@ def test_triangles_that_a_flow_improves_before_its_first_step_are_counted():
     assert is_counted() and not is_counted(step=1e-9) and not is_counted(flow="newton")
     for name, energy in ENERGIES.items():
         assert is_counted(energy=name) == energy.keeps_triangles
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_times_of_signatures_near_the_smallest_number_take_all_pairs(dimension):
+    assert pairs_for_times(1.0, dimension, [1.0, 1e-300], 5000) == MAX_SIGNATURE_PAIRS

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 __all__ = ["pairs_for_times"]
 
 MAX_SIGNATURE_PAIRS, SIGNATURE_TAIL = 300, 1e-6
+LARGEST_EIGENVALUE = 1e200  # whose powers are numbers
 
 
 def pairs_for_times(measure: float, dimension: int, times: Sequence[float], n_vertices: int) -> int:
@@ -27,6 +28,6 @@ def pairs_for_times(measure: float, dimension: int, times: Sequence[float], n_ve
     int
         At most `MAX_SIGNATURE_PAIRS`, and at most `n_vertices`.
     """
-    largest = -math.log(SIGNATURE_TAIL) / min(times)
+    largest = min(-math.log(SIGNATURE_TAIL) / min(times), LARGEST_EIGENVALUE)
     n_pairs = measure * (largest / (4 * math.pi) if dimension == 2 else largest**1.5 / (6 * math.pi**2))
     return min(math.ceil(min(n_pairs, MAX_SIGNATURE_PAIRS)) + 10, MAX_SIGNATURE_PAIRS, n_vertices)
