@@ -229,8 +229,8 @@ def check_kinetic_energy_falls(evidence: Evidence) -> Iterator[Violation]:
 def check_willmore(evidence: Evidence) -> Iterator[Violation]:
     """The energy never grows but by remeshing, and is never negative but for a volume with a minus.
 
-    Of a spontaneous curvature it is a sum of three integrals, negative on coarse surfaces; with int K it falls
-    below zero on open ones.
+    Of a spontaneous curvature it is a sum of three integrals, negative on coarse surfaces; with int K it is
+    negative on open ones.
     """
     energy = evidence.results.get("energy") or []
     remeshing = max(evidence.results.get("remesh_energy_change") or 0.0, 0.0)

@@ -33,7 +33,7 @@ def open_boxes_on_an_edge():
 
 
 def ball_with_wall():
-    """A sphere without a face; a cone inside it stands on the ring around a vertex."""
+    """A sphere without a face; a cone inside it has the ring of edges around a vertex."""
     sphere = shapes.icosphere(1)
     ring = sphere.faces[(sphere.faces == 0).any(axis=1)]
     sides = np.stack([np.roll(face, -int(np.argmax(face == 0)))[1:] for face in ring])
