@@ -39,6 +39,7 @@ class ErrorNorms:
 
 
 ROUNDING = 1e-9  # an uncertainty of a reference below this does not matter to any comparison
+ROUNDING_ERROR = 1e-11  # of answers that differ by rounding alone
 UNKNOWN = ErrorNorms(float("inf"), float("inf"))
 
 
@@ -66,6 +67,8 @@ class Candidate:
         Models that differ from the problem's own; "" where none does.
     model_reference : callable, optional
         Answer of these models with small steps, the reference of the time error.
+    step_taken : callable, optional
+        Of the result of the set-up, the step of its runs, in seconds.
     """
 
     method: str
@@ -77,6 +80,7 @@ class Candidate:
     program: str = ""
     model: str = ""
     model_reference: Callable[[], Reference] | None = None
+    step_taken: Callable[[Any], float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,6 +180,8 @@ class Problem:
         Part of the error that rows are compared by; "" where the error has no parts.
     mesh_limits : sequence of (work, callable)
         As `references`: limits of fine meshes.
+    remark : str
+        What the errors do not contain.
     smooth : (work, callable), optional
         Estimate of the answer on a smooth surface through the vertices, where the rows' errors are those on
         the polyhedron.
@@ -190,6 +196,7 @@ class Problem:
     left_out: tuple[tuple[str, str], ...] = ()
     error_part: str = ""
     mesh_limits: Sequence[tuple[float, Callable[[], MeshLimit]]] = ()
+    remark: str = ""
     smooth: tuple[float, Callable[[], NDArray]] | None = None
 
 
@@ -215,6 +222,7 @@ class Row:
     """Cost and error of one candidate, as measured.
 
     The errors of a row whose answer is the reference (`is_reference`) are the reference's uncertainty.
+    `step_taken` is the step of its runs, which a scheme of limited stability shortens.
     """
 
     method: str
@@ -235,6 +243,8 @@ class Row:
     mesh_error: ErrorNorms | None = None
     uncertainty: ErrorNorms = ErrorNorms(0.0, 0.0)
     is_reference: bool = False
+    setup_spread: tuple[float, float] | None = None
+    step_taken: float | None = None
     deviation: AnswerDeviation | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -260,13 +270,14 @@ class Row:
         if uncertainty and (pair := self._deviations(other)):
             return is_surely_nearer(*pair, 0.5 * uncertainty, norm)
         own = 0.0 if uncertainty and self.is_reference else self.error(norm)
-        return own + uncertainty < other.error(norm)
+        return own + uncertainty < other.error(norm) > ROUNDING_ERROR
 
     def has_same_error(self, other: Row, norm: str = "max") -> bool:
         """Whether its error is that of another row, whatever the uncertainty hides."""
         if self.significant_uncertainty(norm) and (pair := self._deviations(other)):
             return not pair[0].lengths_between(pair[1]).any()
-        return self.error(norm) == other.error(norm)
+        own, others = self.error(norm), other.error(norm)
+        return own == others or max(own, others) <= ROUNDING_ERROR
 
     def _deviations(self, other: Row) -> tuple[AnswerDeviation, AnswerDeviation] | None:
         """Those of both rows, where they are from the same reference."""
@@ -311,7 +322,7 @@ class Table:
 
     def uncertainty(self, norm: str = "max") -> float:
         """Uncertainty of what the errors are measured against: the largest of the rows."""
-        own = self.reference.error_bound(norm) if self.reference else 0.0
+        own = self.reference.error_bound(norm) if self.reference and self.mesh_limit is None else 0.0
         return max([own, *(row.uncertainty.at(norm) for row in self.rows)])
 
 

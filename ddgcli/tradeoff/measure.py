@@ -180,7 +180,7 @@ def _reference(problem: Problem, time_budget: TimeBudget, table: Table) -> Refer
         estimate = (
             time_budget.estimate_like(problem.candidates[0], work) if work and problem.candidates else work
         )
-        why = f"estimated {estimate:.3g} s of the {time_budget.seconds or 0:g} s budget"
+        why = f"estimated {estimate:.3g} s, and may take {max(share, 0):.3g} s"
         if estimate <= share:
             try:
                 with time_budget.limit_time(share):
@@ -229,6 +229,7 @@ def measure_candidate(
         memory = cold_setup + first < 0.1 * time_budget.seconds_left()
         if 1e-4 < cold_setup < 0.1 * time_budget.seconds_left():  # the first also included imports
             setups = [_timed(candidate.setup, clock)[1] for _ in range(min(3, repeats))]
+    step_taken = None if candidate.step_taken is None else candidate.step_taken(state)
     whole = whole_error(problem, np.asarray(answer), errors, reference, mesh_limit)
     return Row(
         method=candidate.method,
@@ -245,6 +246,8 @@ def measure_candidate(
         mesh_error=whole.mesh_error,
         uncertainty=whole.uncertainty,
         is_reference=whole.is_reference,
+        setup_spread=(min(setups), max(setups)),
+        step_taken=step_taken,
         deviation=whole.deviation,
         arguments=candidate.arguments,
         program=candidate.program,

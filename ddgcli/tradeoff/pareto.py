@@ -9,6 +9,8 @@ from ddgcli.choices import NO_VERDICT
 from ddgcli.tradeoff.candidates import ROUNDING, Row, Table
 
 MAX_ERROR_RATIO = 2.0  # of two rows of like error
+MIN_SETUP_RATIO = 2.0  # of their set-ups: a few measurements show smaller ones by accident
+MIN_REPEATS = 3  # of queries, without which nothing is known of the spread of their seconds
 
 
 def mark_pareto_front(rows: list[Row], norm: str = "max") -> None:
@@ -143,10 +145,19 @@ def _like(other: float, error: float) -> bool:
     )
 
 
+def _shortest_setup(row: Row) -> float:
+    return row.setup_spread[0] if row.setup_spread else row.setup_seconds
+
+
+def _longest_setup(row: Row) -> float:
+    return row.setup_spread[1] if row.setup_spread else row.setup_seconds
+
+
 def break_even(rows: list[Row], norm: str = "max") -> list[dict[str, Any]]:
     """Number of queries from which a set-up saves time against a row of less set-up and like error.
 
-    The other row is at least as accurate, and at most `MAX_ERROR_RATIO` times as accurate.
+    The other row is at least as accurate, and at most `MAX_ERROR_RATIO` times as accurate. In all repetitions
+    it is slower, and its set-up takes less than half of the time.
 
     Parameters
     ----------
@@ -163,8 +174,9 @@ def break_even(rows: list[Row], norm: str = "max") -> list[dict[str, Any]]:
             r
             for r in rows
             if _like(r.error(norm), row.error(norm))
-            and r.setup_seconds < row.setup_seconds
-            and r.seconds_spread[0] > row.seconds_spread[1]  # surely slower
+            and MIN_SETUP_RATIO * _longest_setup(r) <= _shortest_setup(row)
+            and r.seconds_spread[0] > row.seconds_spread[1]
+            and min(r.repeats, row.repeats) >= MIN_REPEATS
         ]
         if not others or row.setup_seconds < row.seconds:  # a set-up below one query does not matter
             continue

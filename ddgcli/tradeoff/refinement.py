@@ -22,7 +22,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.scenes.scene import SceneKind, resolve
 from ddgcli.scenes.sections import Document
 from ddgcli.scenes.shapes import on_cylinder, periodic_grid, shape_mesh
-from ddgcli.tradeoff.smooth_surface import smoothly_subdivided
+from ddgcli.tradeoff.smooth_surface import smooth_midpoint_values, smoothly_subdivided
 
 PREFIX = "refined:"  # of the names of refined meshes
 SAME_POINT = 1e-6  # distance over the size of the mesh
@@ -148,9 +148,16 @@ def _split(mesh: TriangleMesh, section: Any) -> TriangleMesh:
 
 
 def prolonged(values: NDArray, meshes: list[TriangleMesh]) -> NDArray:
-    """Values on the vertices of the first mesh as those of the last: means at the midpoints of edges."""
+    """Values on the vertices of the first mesh as those of the last: of a smooth function through them.
+
+    Whole numbers are interpolated linearly.
+    """
     for mesh in meshes[:-1]:
-        values = np.concatenate([values, values[mesh.topology.edges].mean(axis=1)])
+        is_smooth = np.issubdtype(values.dtype, np.floating) and np.isfinite(values).all()
+        middle = (
+            smooth_midpoint_values(mesh, values) if is_smooth else values[mesh.topology.edges].mean(axis=1)
+        )
+        values = np.concatenate([values, middle])
     return values
 
 

@@ -58,6 +58,7 @@ def results_of(
         "mesh_reference": limit.name if limit else None,
         "mesh_uncertainty": limit.uncertainty.at(norm) if limit else None,
         "mesh_failure": table.mesh_failure or None,
+        "remark": problem.remark or None,
         "polyhedron_error": table.polyhedron_error.at(norm) if table.polyhedron_error else None,
         "undecided": table.undecided or None,
         "error_scale": problem.error_scale,
@@ -194,13 +195,15 @@ def _remarks(results: dict[str, Any]) -> list[str]:
     if both:
         lines.append(
             f"mesh error: from {results['mesh_reference']}, uncertainty {results['mesh_uncertainty']:.1e}; "
-            f"of both {_number(results['reference_uncertainty'])}"
+            f"of the errors {_number(results['reference_uncertainty'])}"
         )
     if (results["polyhedron_error"] or 0.0) > max(results["reference_uncertainty"] or 0.0, ROUNDING):
         lines.append(
             "errors are those on the polyhedron; a smooth surface through its vertices differs from it by "
             f"about {results['polyhedron_error']:.1e}"
         )
+    if results["remark"]:
+        lines.append(results["remark"])
     if results["mesh_bound_methods"]:
         names = ", ".join(results["mesh_bound_methods"])
         lines.append(f"time errors that do not fall with dt are errors of the method on this mesh: {names}")

@@ -30,13 +30,15 @@ def richardson_limit(coarse: NDArray, middle: NDArray, fine: NDArray) -> tuple[N
     return limit, np.abs(limit - fine)
 
 
-def mesh_limit(*answers: NDArray) -> tuple[NDArray, NDArray]:
+def mesh_limit(*answers: NDArray, converges: bool = True) -> tuple[NDArray, NDArray]:
     """Limit of answers on meshes each twice as fine as the last, and a second answer as far off as it may be.
 
     Parameters
     ----------
     *answers : ndarray
         Two or three, of the same shape, coarse ones first.
+    converges : bool
+        Whether they have a limit at all.
 
     Returns
     -------
@@ -46,17 +48,18 @@ def mesh_limit(*answers: NDArray) -> tuple[NDArray, NDArray]:
     other : ndarray
         An answer whose distance from the limit is its uncertainty: the last difference; half of the one
         before where differences fall faster than methods of second order converge, which is an accident (a
-        slow part of the error shows in neither); where they do not fall, five times the larger.
+        slow part of the error shows in neither); where they do not fall, or have no limit, five times the
+        larger, from the finest.
     """
     differences = [fine - coarse for coarse, fine in itertools.pairwise(answers)]
     last = differences[-1]
+    sizes = [float(np.sqrt(np.mean(d**2))) for d in differences]
+    falls = len(sizes) == 1 or sizes[-1] * MIN_DIFFERENCE_RATIO <= sizes[-2]
+    if not (converges and falls):
+        return answers[-1], answers[-1] + UNSETTLED_FACTOR * np.abs(differences).max(axis=0)
     if len(differences) == 1:
         limit = answers[-1] + last / 3.0
         return limit, limit + last
-    sizes = [float(np.sqrt(np.mean(d**2))) for d in differences]
-    if sizes[-1] * MIN_DIFFERENCE_RATIO > sizes[-2]:
-        largest = np.maximum(*(np.abs(d) for d in differences))
-        return answers[-1], answers[-1] + UNSETTLED_FACTOR * largest
     ratio = min(max(sizes[-2] / sizes[-1], 2**0.5), 2.0**4) if sizes[-1] > 0 else 2.0**4
     limit = answers[-1] + last / (ratio - 1.0)
     return limit, limit + (last if ratio <= MAX_DIFFERENCE_RATIO else differences[-2] / 2.0)

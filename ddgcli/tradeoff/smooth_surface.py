@@ -7,12 +7,16 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.curvature.polynomial_fits import fitted_gradient
+from ddgcli.algorithms.curvature.rings import two_rings
 from ddgcli.algorithms.geodesics.darboux import sphere_normals
 from ddgcli.geometry.extrinsic import dihedral_angle
 from ddgcli.mesh.shapes import midpoint_subdivided
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_dot
 
+MIN_FITTED_NEIGHBOURS = 14  # of a cubic fit; below, a third ring is added
+MAX_OVERSHOOT = 0.1  # of the range of the values around an edge
 CREASE_ANGLE = np.pi / 4  # dihedral angle above which an edge stays a crease
 
 
@@ -48,6 +52,36 @@ def smoothly_subdivided(mesh: TriangleMesh) -> TriangleMesh:
     points = np.array(finer.points)
     points[mesh.n_vertices :] += lift
     return finer.moved(points)
+
+
+def smooth_midpoint_values(mesh: TriangleMesh, values: NDArray) -> NDArray[np.float64]:
+    """Values of a smooth function at the midpoints of edges, given those at the vertices.
+
+    Along each edge the function is a cubic with the gradients at the ends, of cubic fits. Where the values
+    jump it may leave those around both ends by a tenth of their range.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    values : (n,) or (n, d) ndarray of float64
+
+    Returns
+    -------
+    (e,) or (e, d) ndarray of float64
+    """
+    if values.ndim == 2:
+        return np.stack([smooth_midpoint_values(mesh, column) for column in values.T], axis=1)
+    tail, head = mesh.topology.edges.T
+    columns = np.ascontiguousarray(mesh.points.T)
+    regions = two_rings(mesh.topology, MIN_FITTED_NEIGHBOURS)
+    gradient = fitted_gradient(columns, sphere_normals(mesh).T, regions, values)
+    along = columns[:, head] - columns[:, tail]
+    lift = (along * (gradient[:, tail] - gradient[:, head])).sum(axis=0) / 8.0
+    around, ends = values[regions.member], mesh.topology.edges
+    low = np.minimum.reduceat(around, regions.start[:-1])[ends].min(axis=1)
+    high = np.maximum.reduceat(around, regions.start[:-1])[ends].max(axis=1)
+    room = MAX_OVERSHOOT * (high - low)
+    return np.clip(0.5 * (values[tail] + values[head]) + lift, low - room, high + room)
 
 
 def is_plain_surface(mesh: TriangleMesh) -> bool:

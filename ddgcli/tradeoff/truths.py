@@ -125,12 +125,12 @@ def plane() -> Truth:
 
 
 RADIUS_RANGE = (1e-50, 1e50)  # products of six do not overflow
-SHAPES: dict[str, tuple[Callable[..., Truth], int]] = {
-    "sphere": (sphere, 1),
-    "torus": (torus, 2),
-    "ellipsoid": (ellipsoid, 3),
-    "cylinder": (cylinder, 1),
-    "plane": (plane, 0),
+SHAPES: dict[str, tuple[Callable[..., Truth], str]] = {  # and the names of their radii
+    "sphere": (sphere, "R"),
+    "torus": (torus, "R,r"),
+    "ellipsoid": (ellipsoid, "a,b,c"),
+    "cylinder": (cylinder, "R"),
+    "plane": (plane, ""),
 }
 
 
@@ -155,7 +155,8 @@ def parse_truth(text: str, points: NDArray) -> Truth:
     name, _, numbers = text.partition(":")
     if name not in SHAPES:
         raise ParameterError(f"{text!r}: unknown shape; known: {', '.join(_forms())}", parameter="truth")
-    shape, count = SHAPES[name]
+    shape, names = SHAPES[name]
+    count = len(names.split(",")) if names else 0
     try:
         radii = [float(x) for x in numbers.split(",")] if numbers else []
     except ValueError:
@@ -179,4 +180,4 @@ def parse_truth(text: str, points: NDArray) -> Truth:
 
 
 def _forms() -> list[str]:
-    return [f"{name}:{','.join('R' * count)}" if count else name for name, (_, count) in SHAPES.items()]
+    return [f"{name}:{radii}" if radii else name for name, (_, radii) in SHAPES.items()]

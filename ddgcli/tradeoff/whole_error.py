@@ -83,6 +83,8 @@ def whole_error(
     if problem.error_part == "mesh":
         uncertainty = reference.bounds + mesh_limit.uncertainty
         return WholeError(second, uncertainty, first, second, int(distance.argmax()))
+    if first.max == 0.0 and reference.uncertainty > ROUNDING:  # the answer is the reference in time
+        first = reference.bounds
     whole = np.asarray(problem.error(answer, mesh_limit.values), dtype=np.float64)
     return WholeError(
         ErrorNorms.of(whole), mesh_limit.uncertainty, first, second, int(whole.argmax()),
@@ -152,7 +154,7 @@ def find_polyhedron_error(
 
 
 def mesh_bound_methods(table: Table, norm: str) -> list[str]:
-    """Methods whose time error does not fall with their step: it is their own error on this mesh.
+    """Methods whose time error does not fall with the step taken: it is their own error on this mesh.
 
     Parameters
     ----------
@@ -167,7 +169,8 @@ def mesh_bound_methods(table: Table, norm: str) -> list[str]:
     lines: dict[str, list[tuple[float, float]]] = {}
     for row in table.rows:
         if row.time_error is not None and "dt" in row.parameters:
-            lines.setdefault(row.method, []).append((row.parameters["dt"], row.time_error.at(norm)))
+            step = row.step_taken or row.parameters["dt"]
+            lines.setdefault(row.method, []).append((step, row.time_error.at(norm)))
     names = []
     for method, line in lines.items():
         (shortest, least), (longest, most) = min(line), max(line)

@@ -159,7 +159,7 @@ def test_errors_are_relative_to_the_largest_or_rms_truth():
 
 
 def row(method: str, setup: float, seconds: float, error: float) -> Row:
-    return Row(method, {}, setup, seconds, (seconds, seconds), 1, 1.0, error, 0, error, {"method": method})
+    return Row(method, {}, setup, seconds, (seconds, seconds), 3, 1.0, error, 0, error, {"method": method})
 
 
 @pytest.mark.parametrize(

@@ -268,7 +268,7 @@ def test_limits_of_planted_sequences_cover_their_own_error():
 
 def row(method, seconds, error, uncertainty=0.0):
     norms = ErrorNorms(uncertainty, uncertainty)
-    one = Row(method, {}, 0.0, seconds, (seconds, seconds), 1, 1.0, error, 0, error, {})
+    one = Row(method, {}, 0.0, seconds, (seconds, seconds), 3, 1.0, error, 0, error, {})
     one.uncertainty = norms
     return one
 
@@ -314,6 +314,17 @@ def test_break_even_compares_rows_of_like_error():
     direct.max_error = 0.06
     assert [pair["queries"] for pair in break_even([direct, factored])] == [5]
     direct.seconds_spread = (0.9, 3.5)  # not always slower
+    assert break_even([direct, factored]) == []
+
+
+def test_break_even_needs_repeated_queries_and_set_ups_that_surely_differ():
+    direct, factored = row("direct", 3.0, 0.06), row("factored", 1.0, 0.1)
+    direct.setup_seconds, direct.setup_spread = 1.0, (1.0, 4.9)
+    factored.setup_seconds, factored.setup_spread = 11.0, (10.0, 12.0)
+    assert [pair["queries"] for pair in break_even([direct, factored])] == [5]
+    direct.setup_spread = (1.0, 5.1)
+    assert break_even([direct, factored]) == []
+    direct.setup_spread, direct.repeats = (1.0, 1.0), 2
     assert break_even([direct, factored]) == []
 
 

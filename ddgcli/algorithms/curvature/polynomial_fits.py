@@ -70,6 +70,7 @@ class Basis:
 
 LOW_TERMS = [(2, 0), (1, 1), (0, 2), (1, 0), (0, 1), (0, 0)]
 QUADRATIC = Basis([], LOW_TERMS)
+CUBIC = Basis([(3, 0), (2, 1), (1, 2), (0, 3)], LOW_TERMS)
 QUARTIC = Basis([(4, 0), (3, 1), (2, 2), (1, 3), (0, 4), (3, 0), (2, 1), (1, 2), (0, 3)], LOW_TERMS)
 
 
@@ -124,6 +125,37 @@ def fit_forms(
     for (begin, end), fit in zip(ranges, fits, strict=True):
         gradient[:, begin:end], hessian[:, begin:end] = fit
     return gradient, hessian
+
+
+def fitted_gradient(
+    columns: NDArray, normal: NDArray, regions: Regions, values: NDArray
+) -> NDArray[np.float64]:
+    """Tangential gradients at vertices of a function with known values, by cubic fits to it.
+
+    Parameters
+    ----------
+    columns, normal : (3, n) ndarray
+        As in `fit_forms`.
+    regions : Regions
+        Neighbour vertices of each vertex, itself included.
+    values : (n,) ndarray
+
+    Returns
+    -------
+    (3, n) ndarray of float64
+        Zero where the neighbours determine no cubic polynomial.
+    """
+    first, second = tangent_frame(normal)
+    start, member = regions.start, regions.member.astype(np.intp, copy=False)
+    count = np.diff(start)
+    x, y, _ = local_coordinates(columns, columns, np.concatenate([first, second, normal]), start, member)
+    x, y, axes = scaled(x, y, start)
+    rise = values[member] - np.repeat(values, count)
+    matrix, right = normal_equations(x, y, rise, start, CUBIC)
+    has_fit = count >= len(CUBIC.terms)
+    low, pivot = _solve_low(matrix, right, CUBIC.n_high)
+    along, across = _unscaled(low, axes)[0]
+    return np.where(has_fit & (pivot >= _MIN_PIVOT * count), along * first + across * second, 0.0)
 
 
 class _Surface(NamedTuple):

@@ -43,12 +43,15 @@ class EnergyDefinition:
         Flips and slides of vertices change it little, so that a flow may take them.
     of_surface : bool
         It approximates a function of the surface; else its gradient along the surface is no error.
+    converges : bool
+        On fine meshes it is that function however the edges lie.
     """
 
     builder: Callable[[TriangleMesh], EnergyBuilder]
     convention: str
     keeps_triangles: bool = True
     of_surface: bool = True
+    converges: bool = True
 
     def of(self, mesh: TriangleMesh) -> Energy:
         """The energy on the faces of a surface, which is its own reference."""
@@ -94,6 +97,7 @@ ENERGIES = {
         f"{_SMOOTH_TERM} (equilateral triangles); sum over inner edges of |e|^2 theta^2 / (4 (A1 + A2)), "
         "plus 4 pi chi / 3 on a closed surface",
         keeps_triangles=False,
+        converges=False,
     ),
     "quadratic": EnergyDefinition(
         _quadratic,
@@ -102,11 +106,13 @@ ENERGIES = {
         "surface",
         keeps_triangles=False,
         of_surface=False,
+        converges=False,
     ),
     "circle-angle": EnergyDefinition(
         _of_topology(CircleAngleEnergy),
         "int (H^2 - K) dA with H = (k1 + k2)/2 (a round sphere has 0); half the sum over inner "
         "vertices of the angles between circumcircles less 2 pi; larger where edges do not follow curvature "
         "lines",
+        converges=False,
     ),
 }

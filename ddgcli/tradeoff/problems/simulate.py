@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import SolveError
 from ddgcli.scenes.scene import resolve
 from ddgcli.scenes.sections import Document
 from ddgcli.tradeoff.candidates import (
@@ -38,6 +40,7 @@ from ddgcli.tradeoff.richardson import mesh_limit, remaining_error
 STEP_FACTORS = (4.0, 2.0, 1.0, 0.5)
 REFERENCE_STEP_FACTORS = (1 / 8, 1 / 2, 2.0)
 TOLERANCES = (1e-3, 1e-5)
+SETTLED_PATTERNS = ("right", "left", "cross")  # of grids beside walls without slip
 MAX_STEPS = 16  # of the scene's own length: later, chaos dominates the errors
 MESH_STEP_FACTOR = 1 / 2  # step on them, in units of the scene's step
 
@@ -121,9 +124,19 @@ def fluid_problem(
     names = [name for name, modules in TRANSPORTS.items() if dimensions <= set(modules)]
     reference = "conservative" if "conservative" in names else "energy"  # the scheme of volumes
     simulator = Simulator(
-        document, KIND, read, array, contexts, models, names, reference, _vorticity, "vorticity"
-    )
+        document, KIND, read, array, contexts, models, names, reference, _vorticity, "vorticity",
+        converges=_wall_vorticity_converges(resolve(document, KIND, {})),
+    )  # fmt: skip
     return _problem(simulator, options, error_part)
+
+
+def _wall_vorticity_converges(scene: Any) -> bool:
+    """Whether no wall is without slip, or all fluids are grids on which the vorticity there converges."""
+    kinds = [parameters.kind for effect, parameters, _ in scene.effects if effect.name == "boundary"]
+    if set(kinds) <= {"free-slip"}:
+        return True
+    fluids = [section for section in scene.objects if section.role == "fluid"]
+    return all(section.grid is not None and section.grid.pattern in SETTLED_PATTERNS for section in fluids)
 
 
 def _displacement(
@@ -182,6 +195,11 @@ class _Runs:
     def reference(self, finest: float, models: Sequence[str]) -> Reference:
         """Run with `finest` of the scene's step; two with longer steps give its uncertainty."""
         coarse, middle, limit = (self.answer(f, models) for f in (4 * finest, 2 * finest, finest))
+        if not limit.any():
+            raise SolveError(
+                f"the {self.simulator.noun} is zero throughout, so that no row has an error; give the scene "
+                "a motion or a force"
+            )
         first, second = relative_lengths(coarse, middle), relative_lengths(middle, limit)
         short, *longer = (f"{self.step(factor):.3g} s" for factor in (finest, 2 * finest, 4 * finest))
         name = f"{self.simulator.reference_integrator} with steps of {short}"
@@ -195,7 +213,7 @@ class _Runs:
         integrator = self.simulator.reference_integrator
         run = self.overrides(integrator, models, step=self.step(MESH_STEP_FACTOR))
         answers = [self.simulator.finer_answer(run, level) for level in range(times + 1)]
-        limit, other = mesh_limit(*answers)
+        limit, other = mesh_limit(*answers, converges=self.simulator.converges)
         # the error in time of these runs: that of a method of first order, at the least
         in_time = 2.0 * relative_lengths(self.answer(MESH_STEP_FACTOR / 2, models), answers[0])
         finest = f"{2**times} times as fine" if times == 1 else f"2 and {2**times} times as fine"
@@ -225,7 +243,16 @@ class _Runs:
             work,
             model=varied,
             model_reference=partial(self.reference, 1 / 2, models) if varied else None,
+            step_taken=None if option == "tolerance" else _step_taken,
         )
+
+
+def _step_taken(state: Any) -> float:
+    """Step of the runs of a set-up, halved down to the limits of stability."""
+    models, schedule, _ = state
+    largest = min((model.largest_step for model in models.values()), default=math.inf)
+    halvings = math.ceil(math.log2(schedule.dt / largest)) if schedule.dt > largest else 0
+    return float(schedule.dt * 0.5**halvings)
 
 
 def _problem(simulator: Simulator, options: CommandOptions, error_part: str) -> Problem:

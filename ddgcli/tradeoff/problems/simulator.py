@@ -49,6 +49,8 @@ class Simulator:
         Observations, and the vertices of each object to compare (None for all) -> answer.
     noun : str
         What the answer is.
+    converges : bool
+        Whether answers on finer meshes have a limit.
     """
 
     document: Document
@@ -61,6 +63,7 @@ class Simulator:
     reference_integrator: str
     answer: Callable[[ObservationSeries, InputVertices | None], NDArray]
     noun: str
+    converges: bool = True
 
     def setup(self, overrides: Mapping[str, Any]) -> Any:
         """Models, schedule and account of a run."""
