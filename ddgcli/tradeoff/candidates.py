@@ -67,6 +67,8 @@ class Candidate:
         Models that differ from the problem's own; "" where none does.
     model_reference : callable, optional
         Answer of these models with small steps, the reference of the time error.
+    is_other_law : bool
+        The models include another law of physics than the scene's: its row is shown, and not ranked.
     step_taken : callable, optional
         Of the result of the set-up, the step of its runs, in seconds.
     """
@@ -80,6 +82,7 @@ class Candidate:
     program: str = ""
     model: str = ""
     model_reference: Callable[[], Reference] | None = None
+    is_other_law: bool = False
     step_taken: Callable[[Any], float] | None = None
 
 
@@ -243,6 +246,7 @@ class Row:
     mesh_error: ErrorNorms | None = None
     uncertainty: ErrorNorms = ErrorNorms(0.0, 0.0)
     is_reference: bool = False
+    is_other_law: bool = False
     setup_spread: tuple[float, float] | None = None
     step_taken: float | None = None
     deviation: AnswerDeviation | None = field(default=None, repr=False, compare=False)

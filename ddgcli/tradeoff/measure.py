@@ -246,6 +246,7 @@ def measure_candidate(
         mesh_error=whole.mesh_error,
         uncertainty=whole.uncertainty,
         is_reference=whole.is_reference,
+        is_other_law=candidate.is_other_law,
         setup_spread=(min(setups), max(setups)),
         step_taken=step_taken,
         deviation=whole.deviation,

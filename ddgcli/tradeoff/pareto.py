@@ -16,17 +16,18 @@ MIN_REPEATS = 3  # of queries, without which nothing is known of the spread of t
 def mark_pareto_front(rows: list[Row], norm: str = "max") -> None:
     """Set `on_front` of the rows on the Pareto front of total seconds and error.
 
-    A row is on it if its error is surely below that of every faster row on it.
+    A row is on it if its error is surely below that of every faster row on it. Rows of other laws are not.
     """
     best: Row | None = None
-    for row in sorted(rows, key=lambda r: (r.total_seconds, r.error(norm))):
+    own = [row for row in rows if not row.is_other_law]
+    for row in sorted(own, key=lambda r: (r.total_seconds, r.error(norm))):
         row.on_front = best is None or row.is_surely_better(best, norm)
         best = row if row.on_front else best
 
 
 def cheapest_within(rows: list[Row], within: float, norm: str = "max") -> Row | None:
     """The row of least total seconds whose error and uncertainty are at most `within`; None if none is."""
-    good = [row for row in rows if is_within(row, within, norm)]
+    good = [row for row in rows if is_within(row, within, norm) and not row.is_other_law]
     return min(good, key=lambda r: r.total_seconds) if good else None
 
 
@@ -82,11 +83,12 @@ def assign_verdicts(table: Table, within: float | None, norm: str = "max") -> Ro
 
 def _no_ranking(table: Table, norm: str, limit: float) -> str:
     """Reason why no two rows are distinguished, or ""."""
-    errors = [row.error(norm) for row in table.rows]
+    own = [row for row in table.rows if not row.is_other_law]
+    errors = [row.error(norm) for row in own]
     if table.mesh_failure and math.isinf(limit):
         why = table.mesh_failure
         return f"the mesh error is not known ({why}); use `error=time` for the error in time alone"
-    if len(errors) > 1 and limit > 0 and not _ranks_any(table.rows, norm):
+    if len(errors) > 1 and limit > 0 and not _ranks_any(own, norm):
         return (
             f"the reference is uncertain by {limit:.1e}, which may hide the order of the rows, whose errors "
             f"differ by at most {max(errors) - min(errors):.1e}"
@@ -103,6 +105,8 @@ def _ranks_any(rows: list[Row], norm: str) -> bool:
 def _verdict(
     row: Row, table: Table, cheapest: Row | None, within: float | None, norm: str, limit: float, ranked: bool
 ) -> str:
+    if row.is_other_law:
+        return "another law: not ranked"
     if row is cheapest:
         return f"cheapest within {within:g}"
     inside = is_within(row, within, norm) if within is not None else True
@@ -124,7 +128,8 @@ def _verdict(
 
 def _dominating_row(row: Row, rows: list[Row], norm: str) -> Row:
     """Fastest row that is surely not worse, else the fastest that is not surely worse."""
-    faster = [r for r in rows if r is not row and r.total_seconds <= row.total_seconds]
+    own = [r for r in rows if r is not row and not r.is_other_law]
+    faster = [r for r in own if r.total_seconds <= row.total_seconds]
     sure = [r for r in faster if r.is_surely_better(row, norm) or r.has_same_error(row, norm)]
     better = sure or [r for r in faster if not row.is_surely_better(r, norm)]
     return min(better, key=lambda r: r.total_seconds)
@@ -169,10 +174,11 @@ def break_even(rows: list[Row], norm: str = "max") -> list[dict[str, Any]]:
     list of dict
     """
     pairs = []
-    for row in rows:
+    own = [row for row in rows if not row.is_other_law]
+    for row in own:
         others = [
             r
-            for r in rows
+            for r in own
             if _like(r.error(norm), row.error(norm))
             and MIN_SETUP_RATIO * _longest_setup(r) <= _shortest_setup(row)
             and r.seconds_spread[0] > row.seconds_spread[1]

@@ -10,8 +10,9 @@ from ddgcli.errors import SolveError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.tradeoff.candidates import ErrorNorms, MeshLimit, Problem, Reference
+from ddgcli.tradeoff.candidates import ErrorNorms, MeshLimit, Problem, Reference, Row, Table
 from ddgcli.tradeoff.measure import run_problem
+from ddgcli.tradeoff.pareto import assign_verdicts, break_even
 from ddgcli.tradeoff.problems import simulate, willmore_flow
 from ddgcli.tradeoff.refinement import prolonged
 from ddgcli.tradeoff.richardson import mesh_limit
@@ -179,3 +180,23 @@ def test_errors_are_as_uncertain_as_the_limit_that_they_are_measured_against():
 def test_energies_that_depend_on_the_edges_are_remarked_on(energy, is_remarked):
     problem = willmore_flow.problem(shapes.torus(10, 6), options={"energy": energy})
     assert ("energy hinge depends on how the edges lie" in problem.remark) == is_remarked
+
+
+def test_rows_of_another_law_are_shown_and_not_ranked():
+    def row(name, seconds, error, setup=0.0, **more):
+        return Row(name, {}, setup, seconds, (seconds, seconds), 3, 1.0, error, 0, error, {}, **more)
+
+    own, other = row("own", 9.0, 0.2), row("other", 1.0, 0.1, setup=3.0, is_other_law=True)
+    table = Table([own, other], Reference("r", np.ones(1), 1e-15))
+    assert assign_verdicts(table, 0.15) is None and break_even(table.rows) == []
+    assert assign_verdicts(table, None) is None
+    assert own.on_front and own.verdict == "no other beats it"
+    assert not other.on_front and other.verdict == "another law: not ranked"
+
+
+def test_kinds_of_viscosity_are_other_laws_and_models_of_bending_are_not():
+    scene = CHANNEL.replace("PATTERN", "right").replace("KIND", "free-slip")
+    fluid = simulate.fluid_problem(parse_scene(scene), None, None)
+    shell = simulate.shell_problem(parse_scene(PLATE), None)
+    names = {c.model for problem in (fluid, shell) for c in problem.candidates if c.is_other_law}
+    assert names == {"viscosity=bochner", "viscosity=deformation"}

@@ -24,6 +24,7 @@ __all__ = [
     "one_sided",
     "point_grid",
     "polyline",
+    "polynomial_fits",
     "quadric",
     "regions",
     "rings",

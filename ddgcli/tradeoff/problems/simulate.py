@@ -25,6 +25,7 @@ from ddgcli.tradeoff.candidates import (
 )
 from ddgcli.tradeoff.problems.equilibrium import equilibrium_problem
 from ddgcli.tradeoff.problems.simulator import (
+    LAWS,
     REFINEMENTS,
     TIME_OPTIONS,
     InputVertices,
@@ -243,6 +244,7 @@ class _Runs:
             work,
             model=varied,
             model_reference=partial(self.reference, 1 / 2, models) if varied else None,
+            is_other_law=effect in LAWS,
             step_taken=None if option == "tolerance" else _step_taken,
         )
 
