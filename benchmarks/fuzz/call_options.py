@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from functools import cache
 from random import Random
@@ -31,6 +32,7 @@ SHARE_OF_RARE = 0.06
 SHARE_OF_OUTPUTS = 0.7
 SHARE_OF_RESUMED, SHARE_OF_STREAMS = 0.2, 0.04
 MAX_STEPS = 50  # of a simulation
+NUMBER = re.compile(r"[0-9.]+(e[-+]?[0-9]+)?")
 MAX_SUBDIVISIONS = 3  # each makes four times as many faces
 OPTION_COUNTS = (0, 1, 1, 2, 2, 3, 3, 4, 6)
 KINDS = {  # cells that a command accepts, the most frequent first
@@ -128,15 +130,18 @@ def _integer(place: Place, low: int, high: int | None) -> str:
     return str(value if high is None else min(value, high))
 
 
-def _bounded(words: list[str]) -> list[str]:
+def bounded(words: list[str]) -> list[str]:
     """The words with a duration of at most MAX_STEPS steps or frames."""
-    value = {word: float(text) for word, text in zip(words, words[1:], strict=False)
-             if word in ("--dt", "--duration", "--frame-every")}  # fmt: skip
-    longest = MAX_STEPS * min(value.get("--dt", 1e300), value.get("--frame-every", 1e300))
-    if value.get("--duration", 0.0) <= longest:
-        return words
-    return [repr(longest) if before == "--duration" else word
-            for before, word in zip(["", *words], words, strict=False)]  # fmt: skip
+    names = "--dt", "--duration", "--frame-every", "--steps"
+    pairs = zip(words, words[1:], strict=False)
+    value = {word: float(text) for word, text in pairs if word in names and NUMBER.fullmatch(text)}
+    step, between = (value.get(name, 1e300) for name in ("--dt", "--frame-every"))
+    new = {}
+    if value.get("--duration", 0.0) > MAX_STEPS * min(step, between):
+        new["--duration"] = repr(MAX_STEPS * min(step, between))
+    if step < 1e300 and value.get("--steps", 0.0) * step > MAX_STEPS * between:
+        new["--frame-every"] = repr(step)
+    return [new.get(before, word) for before, word in zip(["", *words], words, strict=False)]
 
 
 def _effect(place: Place) -> str:
@@ -291,7 +296,7 @@ def default_words(name: str, place: Place, words: list[str]) -> list[str]:
         words = words if bounded else [*words, "--steps", rng.choice("123")]
         if "--dt" not in words and name != "willmore-flow":
             words = [*words, "--dt", rng.choice(["1e-3", "1e-2", repr(1e-3 * place.size**2)])]
-    words = _bounded(words)
+    words = bounded(words)
     if name == "willmore-flow" and "--tolerance" in words:  # its first steps are short
         words = [repr(1e-6 * place.size**4) if before == "--duration" else word
                  for before, word in zip(["", *words], words, strict=False)]  # fmt: skip
