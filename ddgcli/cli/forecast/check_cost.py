@@ -44,6 +44,7 @@ def _step_count(duration: float, each: float) -> int:
 
 def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     """Size of a mesh and of the steps that the options name."""
+    from ddgcli.cli.forecast.curvature_kernels import compared_work
     from ddgcli.cli.forecast.mesh_facts import (
         angle_deficit,
         compactness,
@@ -85,8 +86,9 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         refine = refine or MEASURED_REFINEMENT_DEGREES
     overlaid = needs_overlay(options)
     delaunay, further_faces = delaunay_mesh(mesh) if refine or overlaid else (mesh, 0)
-    n_offset, shown = None, 0.5
+    n_offset, shown, balls = None, 0.5, 1.0
     if isinstance(mesh, TriangleMesh):
+        balls = compared_work(mesh) if options.get("compared") == "curvature" and len(mesh.faces) else balls
         n_offset = offset_faces(mesh, options) if options.get("offset") else None
         shown = picture_share(mesh) if options.get("plot") else shown
     traces = options.get("trace") or options.get("fan")
@@ -102,7 +104,7 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         betti_number=harmonic_fields(mesh) if options.get("basis") else 0,
         n_components=n_components, equal_components=equal_components,
         offset_faces=n_offset,
-        picture_share=shown,
+        picture_share=shown, compared_work=balls,
     )  # fmt: skip
 
 

@@ -112,7 +112,7 @@ COEFFICIENTS: dict[str, Cost] = {
     "picture curve": Cost(0.6487, 2.089, 1.05, 40.38, 130.9),
     "geodesic job": Cost(0.385, 0.03431, 1.05, 12.5, 1.25),
     "shell-sim modes": Cost(0.04656, 71.08, 1.15, 21.21, 4720),
-    "tradeoff curvature": Cost(2.579, 102.9, 1.05, 47.27, 235),
+    "tradeoff curvature": Cost(3.423, 139.4, 1.05, 37.26, 134),
     "tradeoff delaunay": Cost(2.822, 77.77, 1.05, 31.35, 1517),
     "tradeoff laplacian": Cost(0.1868, 231.5, 1.05, 34.93, 3248),
     "tradeoff geodesic": Cost(0.7091, 54.78, 1.05, 32.14, 827.4),

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ddgcli.cli.forecast.mesh_facts import CLIPPING_SCHEMES, clipping_work
+from ddgcli.cli.forecast.mesh_facts import CLIPPING_SCHEMES, ball_work, clipping_work
 from ddgcli.cli.forecast.use import KNOWN, InputSize, Range, Use
 
-__all__ = ["curvature_kernels"]
+if TYPE_CHECKING:
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+__all__ = ["compared_work", "curvature_kernels"]
 
 MAX_RINGS = 1e9  # of a ball, in edge lengths; its square is a number
 BALL_SEARCH, VERTICES_PER_SQUARED_RING = 30.0, 4.15  # of a ball on a sphere
 CLIPPED_PER_RING, FACES_PER_SQUARED_RING = 15.3, 7.3  # of a ball on a sphere
 MEASURED_RINGS = 3.0  # of balls that clip faces
+COMPARED_RINGS = (2.0, 4.0)  # of those of a comparison
 # kinds of noise over which normals are averaged; the balls of fits grow until they err more than smaller ones
 AVERAGED_NOISE = ("voxels", "rounded", "grid", "spikes", "noise")
 WIDE_FITS_RANGE: Range = (0.3, 1.6)
@@ -73,6 +77,18 @@ def _noise_search(scheme: str, radius: Any, size: InputSize, *, averages: bool) 
         yield Use("curvature noise", added=1.0, elements=min(most, n * n))
 
 
+def compared_work(mesh: TriangleMesh) -> float:
+    """Work of clipping faces by the balls of a comparison over that on a sphere with edges alike."""
+    edge = float(mesh.side_length.mean())
+    own = sum(ball_work(mesh, rings * edge, CLIPPING_SCHEMES[0]) for rings in COMPARED_RINGS)
+    return own / (mesh.n_vertices * sum(map(_work_on_sphere, COMPARED_RINGS)))
+
+
+def _work_on_sphere(rings: float) -> float:
+    """Work of clipping faces by a ball of so many edges on a sphere."""
+    return clipping_work(CLIPPED_PER_RING * rings, FACES_PER_SQUARED_RING * rings**2)
+
+
 def _ball_work(radius: float, size: InputSize) -> float:
     """Pairs of a ball and a vertex in it; unless counted, those of a sphere with edges alike."""
     if size.ball_work is not None:
@@ -82,7 +98,7 @@ def _ball_work(radius: float, size: InputSize) -> float:
 
 def _clipping_share(radius: float, size: InputSize) -> float:
     """Work of clipping faces by balls over that of balls of three edges on a sphere."""
-    measured = clipping_work(CLIPPED_PER_RING * MEASURED_RINGS, FACES_PER_SQUARED_RING * MEASURED_RINGS**2)
+    measured = _work_on_sphere(MEASURED_RINGS)
     if size.ball_work is not None:
         return size.ball_work / (0.5 * measured * max(size.elements, 1))
     rings = min(radius / (size.edge_length or 1.0), MAX_RINGS)

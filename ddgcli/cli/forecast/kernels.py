@@ -44,6 +44,7 @@ PAGE_PIXELS = 1400 * 1050  # of a picture without --size
 MAX_PICTURE_FRAMES, MEASURED_PICTURE_FRAMES, PAGE_SHARE_OF_FRAME = 4, 2, 1 / 6
 PAGE_PIXELS_OF_RUN = 1800 * 2160
 PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
+BALL_SHARE = 0.65  # of the seconds of a comparison of curvature on a sphere: rows that clip faces
 MAX_COMPARED_FACES, TRADEOFF_RANGE = 14_000, (0.1, 5.0)  # on larger meshes the budget bounds the rows
 REFINED_SHARE = 0.75  # of the rows of triangulations on the measured mesh, that of their refinements
 FIELD_SEEDS, FIELD_RANGE = 16, (0.3, 30.0)  # the default; steps adapt to the field
@@ -383,6 +384,8 @@ def _tradeoff(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         of_measured = 1.0 - REFINED_SHARE + REFINED_SHARE * refined
         times = of_measured * size.elements / max(elements, 1.0)
         assumes = "rows with Steiner points by angles"
+    if compared == "curvature":
+        times, assumes = 1.0 - BALL_SHARE + BALL_SHARE * size.compared_work, "no noise to search"
     yield Use(f"tradeoff {compared}", times, elements=elements, range=TRADEOFF_RANGE, assumes=assumes)
 
 

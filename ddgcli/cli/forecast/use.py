@@ -84,6 +84,8 @@ class InputSize:
     n_curves : int
     betti_number : int
         Of the harmonic fields.
+    compared_work : float
+        Seconds of the rows of a comparison with balls over those on a sphere.
     compared_share : float
         Share of the faces that all rows of a comparison would have within its budget.
     """
@@ -113,6 +115,7 @@ class InputSize:
     compactness: float = 1.0
     picture_share: float = 0.5
     betti_number: int = 0
+    compared_work: float = 1.0
     compared_share: float = 1.0
 
 
