@@ -61,6 +61,7 @@ def require(
     if (sized or extent) and topology.n_faces and not _surely_sized(mesh):
         check_size(float(mesh.side_length.max()), in_range=sized)
     if (manifold or manifold_edges) and len(topology.nonmanifold_edges):
+        refuse_repeated_vertices(mesh)
         bad = topology.nonmanifold_edges
         a, b = topology.edges[bad[0]]
         raise MeshError(
@@ -105,7 +106,7 @@ def how_to_close(mesh: SurfaceMesh) -> str:
     topology = mesh.topology
     if topology.one_sided_face.any():
         return "no repair closes this one, which is one-sided"
-    if mesh.points is None:
+    if not isinstance(mesh, TriangleMesh):
         return cure("boundary", topology)
     if weld := _weld_cure(mesh):
         return weld
@@ -262,7 +263,8 @@ def refuse_repeated_vertices(mesh: SurfaceMesh) -> None:
     if isinstance(mesh, TriangleMesh):
         require_area(mesh)  # the cure would leave no face
     raise MeshError(
-        f"face {twice[0]} names a vertex twice ({len(twice)} such faces); {cure('repeated vertex')}"
+        f"face {twice[0]} names a vertex twice ({counted(len(twice), 'such face', 'such faces')}); "
+        f"{cure('repeated vertex')}"
     )
 
 

@@ -100,7 +100,7 @@ def test_lines_among_sides_without_length_end_soon(run, tmp_path):
     faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
     np.savez(tmp_path / "a.npz", points=points, faces=faces)
     result = run("geodesic", tmp_path / "a.npz", "--fan", 5, "--fan-length", 1, "--source", 3)
-    assert "stopped short of their length" in result.stderr
+    assert "stopped short of the length" in result.stderr
 
 
 def test_a_tolerance_below_the_smallest_error_ends_with_a_message(run, tmp_path):

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 
 from ddgcli.algorithms.conformal.ptolemy import DecoratedTriangulation, flip_by_ptolemy
 from ddgcli.algorithms.conformal.targets import ConformalTargets
-from ddgcli.errors import SolveError
+from ddgcli.errors import SolveError, without_warnings
 from ddgcli.geometry.intrinsic import corner_angle, corner_cotan, triangle_excess
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.scatter import sum_by_index
@@ -168,7 +168,8 @@ class _Newton:
 
     def _direction(self, excess: NDArray) -> NDArray[np.float64]:
         """Step of Newton's method: the cotangent Laplacian of the scaled metric times it is the excess."""
-        L = stiffness(self.state.mesh(self.length.ravel(), self.n))
+        with without_warnings():  # the lengths are those of an iterate
+            L = stiffness(self.state.mesh(self.length.ravel(), self.n))
         if self.degenerate.any():  # angles of degenerate faces are constant, others keep the matrix definite
             L = _without_faces(L, self.state, self.length, self.degenerate)
         problem = Dirichlet(L, np.flatnonzero(self.fixed))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.geometry.intrinsic import corner_cotan, face_area
+from ddgcli.geometry.face_frames import face_frame
+from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 DISTORTION_ARRAYS = ("conformal_distortion", "area_distortion")
 MAX_DISTORTION = 1e16  # reported where a triangle collapses
@@ -32,7 +32,7 @@ def planar_area(corners: NDArray) -> NDArray[np.float64]:
 def angle_distortion(mesh: SurfaceMesh, corners: NDArray) -> NDArray[np.float64]:
     """Ratio of the singular values of a map of faces to the plane, 1 where conformal.
 
-    From K + 1/K = 2 (Dirichlet energy) / area.
+    Of a linear map f(z) = a z + b conj(z) they are | |a| + |b| | and | |a| - |b| |.
 
     Parameters
     ----------
@@ -45,11 +45,13 @@ def angle_distortion(mesh: SurfaceMesh, corners: NDArray) -> NDArray[np.float64]
     (m,) ndarray of float64
         Infinite or undefined where a triangle collapses.
     """
-    squared = ((corners[:, NEXT] - corners) ** 2).sum(axis=2)
+    before, after = (c[:, 1:] - c[:, :1] for c in (face_frame(mesh.side_length), corners))
+    z, f = before[..., 0] + 1j * before[..., 1], after[..., 0] + 1j * after[..., 1]
+    # both parts, times twice the area of the face before the map
+    direct = np.abs(f[:, 0] * z[:, 1].conj() - f[:, 1] * z[:, 0].conj())
+    mirrored = np.abs(f[:, 0] * z[:, 1] - f[:, 1] * z[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):
-        energy = 0.25 * (corner_cotan(mesh.side_length)[:, PREVIOUS] * squared).sum(axis=1)
-        half = np.maximum(energy / (0.5 * np.abs(planar_area(corners))), 1.0)
-        return half + np.sqrt(half * half - 1.0)
+        return (direct + mirrored) / np.abs(direct - mirrored)
 
 
 def distortion_arrays(mesh: SurfaceMesh, corners: NDArray) -> dict[str, NDArray[np.float64]]:

@@ -105,7 +105,8 @@ def conformal_targets(
         )
     fixed = edge & (boundary != "angles")
     if not fixed.any():
-        _check_total(mesh, angle)
+        values_alone = boundary == "angles" and boundary_values is not None and not degrees
+        _check_total(mesh, angle, "boundary_values" if values_alone else "cone")
     return ConformalTargets(angle, fixed, scale, ~edge & (np.abs(angle - 2 * np.pi) > GAUSS_BONNET_TOLERANCE))
 
 
@@ -161,7 +162,7 @@ def _turning(mesh: TriangleMesh, angle: NDArray) -> NDArray[np.float64]:
     return share * total
 
 
-def _check_total(mesh: TriangleMesh, angle: NDArray) -> None:
+def _check_total(mesh: TriangleMesh, angle: NDArray, parameter: str) -> None:
     """Raise ParameterError where the angle sums contradict Gauss-Bonnet."""
     topology = mesh.topology
     full = np.where(topology.boundary_vertex, np.pi, 2 * np.pi)
@@ -178,6 +179,6 @@ def _check_total(mesh: TriangleMesh, angle: NDArray) -> None:
         where = "vertices" if topology.is_closed else "vertices, 180 minus it on the boundary,"
         raise ParameterError(
             f"360 minus the angle sum, over all {where} is {np.degrees(total):.6g} degrees in total; it must "
-            f"be {360 * euler} (Gauss-Bonnet); change the angles of `cone`",
-            parameter="cone",
+            f"be {360 * euler} (Gauss-Bonnet); change the angles of `{parameter}`",
+            parameter=parameter,
         )

@@ -18,6 +18,7 @@ from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.choices import DEFAULT_HEAT_TIME
 from ddgcli.geometry.surface_points import SurfacePoints, nearest_points
+from ddgcli.mesh.require import refuse_repeated_vertices
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import bounding_box
 from ddgcli.progress import ProgressCallback, StageProgress, no_stage_progress
@@ -65,7 +66,9 @@ def query_sources(mesh: TriangleMesh, query: DistanceQuery, source_edges: EdgeSe
     """
     points = surface_points(mesh, query.source_point, query.source_face)
     sets = [source_edges] if source_edges is not None else []
-    sets += [boundary_set(mesh)] if query.source_boundary else []
+    if query.source_boundary:
+        refuse_repeated_vertices(mesh)  # which have a boundary of their own
+        sets.append(boundary_set(mesh))
     edges, curves, count = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], 0
     for source_set in sets:
         curve = source_set.curves(mesh)

@@ -21,6 +21,7 @@ from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.ragged import list_starts
+from ddgcli.mesh.require import refuse_repeated_vertices
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 _log = logging.getLogger("ddgcli")
@@ -42,7 +43,7 @@ class _Segment:
 
 
 def check_targets(mesh: SurfaceMesh, targets: list[int]) -> None:
-    """Raise an error for a target vertex that does not exist.
+    """Raise an error for a target vertex that does not exist, or faces that paths cannot cross.
 
     Parameters
     ----------
@@ -51,8 +52,9 @@ def check_targets(mesh: SurfaceMesh, targets: list[int]) -> None:
 
     Raises
     ------
-    ParameterError
+    ParameterError, MeshError
     """
+    refuse_repeated_vertices(mesh)
     bad = [t for t in targets if not 0 <= t < mesh.n_vertices]
     if bad:
         raise ParameterError(f"target vertex {bad[0]} does not exist; vertices are 0..{mesh.n_vertices - 1}")

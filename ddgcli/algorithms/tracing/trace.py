@@ -15,12 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from ddgcli.algorithms.tracing.batch import VERTEX_TOLERANCE, TraceBatch
 from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, END_STATUS, FAILURE_STATUS, LineStart, Traces
 from ddgcli.choices import MAX_CROSSINGS, TRACE_BOUNDARIES
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.geometry.face_frames import to_face_frame, to_space
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import APEX, Fans, Unfolding, unfold, vertex_fans
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.require import refuse_repeated_vertices
 from ddgcli.mesh.vectors import row_cross, vector_length
 from ddgcli.progress import ProgressCallback
 
@@ -55,6 +56,7 @@ class Tracer:
         topology = mesh.topology
         if topology.n_faces == 0:
             raise MeshError("no triangles; tracing needs a surface")
+        refuse_repeated_vertices(mesh)  # their sides would end lines
         if not topology.is_oriented:
             bad = topology.misoriented_edges
             a, b = topology.edges[bad[0]]
@@ -108,6 +110,7 @@ class Tracer:
     ) -> Traces:  # fmt: skip
         """Trace lines from checked starts (unit directions in the planar frames of the faces)."""
         batches, finished_length, total = [], 0.0, float(start.length.sum())
+        is_idle = False
         for first in range(0, max(len(start.face), 1), BATCH_SIZE):
             starts = start.subset(first, first + BATCH_SIZE)
             batch = TraceBatch(self.unfolding, lambda: self.fans, starts, at_boundary == "reflect", record)
@@ -119,6 +122,7 @@ class Tracer:
                     if batch.traced_length() > traced:
                         traced, since = batch.traced_length(), batch.steps
                     elif batch.steps - since > max_idle_crossings:
+                        is_idle = True
                         break
                     batch.advance(min(PROGRESS_INTERVAL, max_crossings - batch.steps))
                     if progress is not None:
@@ -130,9 +134,10 @@ class Tracer:
         lines = Traces.concatenate(batches)
         abandoned = np.flatnonzero(lines.status == FAILURE_STATUS)
         if len(abandoned):
+            where = ", among sides without length or at a vertex without angles" if is_idle else ""
+            lines_text = f"{counted(len(abandoned), 'line', 'lines')} (first: line {abandoned[0]})"
             _log.warning(
-                f"{len(abandoned)} lines (first: line {abandoned[0]}) stopped short of their length, after "
-                f"{max_crossings} crossings, among sides without length or at a vertex without angles; give "
+                f"{lines_text} stopped short of the length, after {max_crossings} crossings{where}; give "
                 "shorter lengths"
             )
         return lines
