@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import counted
 from ddgcli.geometry.intrinsic import signed_excess
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.require import no_area_error
@@ -40,10 +41,12 @@ class Mollification:
     largest_change: float = 0.0
 
     def __str__(self) -> str:
-        return (
-            f"{len(self.faces)} degenerate faces (first: face {self.faces[0]}) were mollified: {self.edges} "
-            f"edges lengthened by at most {self.largest_change:.1e} of the mean edge length"
+        faces = counted(len(self.faces), "degenerate face", "degenerate faces")
+        mollified = (
+            f"{faces} (first: face {self.faces[0]}) {'was' if len(self.faces) == 1 else 'were'} mollified"
         )
+        edges = counted(self.edges, "edge", "edges")
+        return f"{mollified}: {edges} lengthened by at most {self.largest_change:.1e} of the mean edge length"
 
 
 def mollify_lengths(length: NDArray, side_edge: NDArray) -> Mollification:

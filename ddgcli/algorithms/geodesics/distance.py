@@ -208,8 +208,8 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
         heat = solver.distance(sources)
         if not heat.heat_residual <= MAX_HEAT_RESIDUAL:
             raise ParameterError(
-                f"heat of time {solver.time:g} is lost to rounding (residual {heat.heat_residual:.2g}); give "
-                "a shorter `heat_time`, or use another method"
+                f"heat of `heat_time={options.heat_time:g}` is lost to rounding (residual "
+                f"{heat.heat_residual:.2g}); give a shorter `heat_time`, or use another method"
             )
         accuracy: dict[str, Any] = {
             "error_estimate": gradient_error(base, heat.distance),

@@ -17,6 +17,7 @@ from ddgcli.algorithms.geodesics.query import DistanceQuery
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.choices import DEFAULT_HEAT_TIME
+from ddgcli.errors import counted
 from ddgcli.geometry.surface_points import SurfacePoints, nearest_points
 from ddgcli.mesh.require import refuse_repeated_vertices
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -125,8 +126,9 @@ def _warn_of_far_points(mesh: TriangleMesh, in_space: Sequence[list[float]], awa
     if len(far):
         first = ",".join(f"{x:g}" for x in in_space[far[0]])
         log.warning(
-            f"{len(far)} points in space lie farther from the surface than its extent of {extent:.3g} "
-            f"(first: {first}, {away[far[0]]:.3g} away): their nearest points are taken; check the unit"
+            f"{counted(len(far), 'point in space lies', 'points in space lie')} farther from the surface "
+            f"than its extent of {extent:.3g} (first: {first}, {away[far[0]]:.3g} away): the nearest point "
+            "on it is taken; check the unit"
         )
 
 

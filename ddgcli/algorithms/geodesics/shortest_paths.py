@@ -16,7 +16,7 @@ from ddgcli.algorithms.geodesics.paths import SurfacePaths, barycentric_in, reve
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.algorithms.tracing.trace import BOUNDARY_STATUS, Tracer, Traces
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, counted
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
 from ddgcli.mesh.cures import cure
@@ -133,8 +133,8 @@ def _add_distances(entries: list[dict[str, Any]], exact: ExactDistance, targets:
         residual = max(residual, abs(entry["length"] - distance) / (distance or 1.0))
     if missing:
         _log.warning(
-            f"no path to {len(missing)} vertices (first: {missing[0]}): the traced line meets an edge with "
-            "three or more faces, or a face without width; the distance is valid"
+            f"no path to {counted(len(missing), 'vertex', 'vertices')} (first: {missing[0]}): the traced "
+            "line meets an edge with three or more faces, or a face without width; the distance is valid"
         )
     if residual > LENGTH_TOLERANCE:
         _log.warning(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, counted
 from ddgcli.linalg.constrain import Dirichlet, Poisson, components
 from ddgcli.representation import short_repr
 
@@ -185,6 +185,7 @@ def refuse_floating(label: NDArray, vertices: NDArray, fixed: Mapping[int, float
     if len(missing):
         first = vertices[label[vertices] == missing[0]][0]
         raise ParameterError(
-            f"{len(missing)} components of the mesh have no fixed value (one holds vertex {first}); "
+            f"{counted(len(missing), 'component has', 'components have')} no fixed value (one holds vertex "
+            f"{first}); "
             f"add `fix={first}=VALUE`"
         )
