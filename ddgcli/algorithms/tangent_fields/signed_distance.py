@@ -85,7 +85,8 @@ def signed_distance(mesh: TriangleMesh, curves: EdgeSet, method: str = "auto") -
     """
     sign = check_query(mesh, curves, method)
     if sign is None:
-        return _heat(mesh, curves, warn=method == "auto")
+        closed = method == "heat" and region_signs(mesh, curves) is not None
+        return _heat(mesh, curves, warn=method == "auto", closed=closed)
     zero = np.zeros(len(curves), dtype=np.int64)
     distance = exact_distance(mesh, Sources(no_numbers(), SurfacePoints.none(), curves.edge, zero)).distance
     of_vertex = np.ones(mesh.n_vertices)
@@ -169,7 +170,7 @@ def region_signs(mesh: TriangleMesh, curves: EdgeSet) -> NDArray[np.float64] | N
     return np.asarray(sign * flip[face_component])
 
 
-def _heat(mesh: TriangleMesh, curves: EdgeSet, *, warn: bool) -> SignedDistance:
+def _heat(mesh: TriangleMesh, curves: EdgeSet, *, warn: bool, closed: bool) -> SignedDistance:
     """Signed heat method: diffuse the curves' normals, normalise on faces, integrate; zero on the curves."""
     if warn:
         _log.warning("the curves do not separate the surface: signed distance by the signed heat method")
@@ -191,7 +192,7 @@ def _heat(mesh: TriangleMesh, curves: EdgeSet, *, warn: bool) -> SignedDistance:
     rhs = -(divergence(mesh) @ vectors.ravel())
     distance = system.solve(np.zeros(len(system.fixed)), rhs)
     residual = max(transported.residual, float(system.residual(distance, rhs)))
-    return SignedDistance(np.where(reached, distance, np.inf), "heat", False, residual)
+    return SignedDistance(np.where(reached, distance, np.inf), "heat", closed, residual)
 
 
 def _curve_normals(mesh: TriangleMesh, curves: EdgeSet) -> tuple[NDArray[np.int64], NDArray[np.complex128]]:
