@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ddgcli.errors import SolveError
+from ddgcli.errors import ParameterError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -156,7 +156,7 @@ def test_explicit_schemes_that_take_the_same_stable_steps_are_not_bound_to_the_m
 
 def test_a_scene_at_rest_has_no_errors_to_compare():
     problem = simulate.shell_problem(parse_scene(PLATE), None, options={"tolerance": 1e-3})
-    with pytest.raises(SolveError, match="displacement is zero throughout.*a motion or a force"):
+    with pytest.raises(ParameterError, match="displacement is zero throughout.*a motion or a force"):
         run_problem(problem, repeat=0)
 
 

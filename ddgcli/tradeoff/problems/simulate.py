@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import SolveError
+from ddgcli.errors import ParameterError
 from ddgcli.scenes.scene import resolve
 from ddgcli.scenes.sections import Document
 from ddgcli.tradeoff.candidates import (
@@ -197,7 +197,7 @@ class _Runs:
         """Run with `finest` of the scene's step; two with longer steps give its uncertainty."""
         coarse, middle, limit = (self.answer(f, models) for f in (4 * finest, 2 * finest, finest))
         if not limit.any():
-            raise SolveError(
+            raise ParameterError(
                 f"the {self.simulator.noun} is zero throughout, so that no row has an error; give the scene "
                 "a motion or a force"
             )
