@@ -270,7 +270,7 @@ def test_log_maps_of_hard_meshes_have_no_nan_and_hit_their_vertices(shared_meshe
             np.testing.assert_array_equal(exact.distance, exact_distance(mesh, source).distance)
             try:
                 curves = log_map(mesh, exact, source)
-            except ParameterError:  # several fans at the vertex
+            except (ParameterError, MeshError):  # several fans at the vertex; a face that names one twice
                 continue
             assert not np.isnan(curves.log_map).any() and curves.miss < 1e-9, path
             approximate = fast_marching_distance(mesh, source)
