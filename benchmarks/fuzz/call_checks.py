@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from benchmarks.fuzz.call_cures import cures, place_of
 from benchmarks.fuzz.call_dry_runs import disagreement, has_dry_run
 from benchmarks.fuzz.call_meshes import SURFACE, mesh_arrays, mesh_file
-from benchmarks.fuzz.call_options import limited
+from benchmarks.fuzz.call_options import with_few_steps
 from benchmarks.fuzz.call_resume import resume_fault
 from benchmarks.fuzz.scratch import scratch_folder
 from benchmarks.hardcases.checks import (
@@ -181,7 +181,7 @@ def run_call(call: dict[str, Any], folder: Path) -> CallOutcome:
             if repair.exit_code == 2:
                 raise CallError(f"{outcome.line}: {outcome.error}: the repair: {repair.error}")
             name = Path(cure.before[-1]).name
-        words, is_input = limited(cure.words), is_input and not cure.before
+        words, is_input = with_few_steps(cure.words), is_input and not cure.before
         outcome = judged_outcome(words, is_input)
         if outcome.exit_code == 2 and _same_refusal(outcome.error, refusals):
             raise CallError(f"{outcome.line}: the cure {cure.reason!r} fails; refusals: {refusals}")

@@ -130,7 +130,7 @@ def _integer(place: Place, low: int, high: int | None) -> str:
     return str(value if high is None else min(value, high))
 
 
-def limited(words: list[str]) -> list[str]:
+def with_few_steps(words: list[str]) -> list[str]:
     """The words with a duration of at most MAX_STEPS steps or frames."""
     names = "--dt", "--duration", "--frame-every", "--steps"
     pairs = zip(words, words[1:], strict=False)
@@ -296,7 +296,7 @@ def default_words(name: str, place: Place, words: list[str]) -> list[str]:
         words = words if bounded else [*words, "--steps", rng.choice("123")]
         if "--dt" not in words and name != "willmore-flow":
             words = [*words, "--dt", rng.choice(["1e-3", "1e-2", repr(1e-3 * place.size**2)])]
-    words = limited(words)
+    words = with_few_steps(words)
     if name == "willmore-flow" and "--tolerance" in words:  # its first steps are short
         words = [repr(1e-6 * place.size**4) if before == "--duration" else word
                  for before, word in zip(["", *words], words, strict=False)]  # fmt: skip

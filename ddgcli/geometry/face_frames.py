@@ -1,4 +1,4 @@
-"""Planar frames of faces: corners, directions, and their conversion to and from space."""
+"""Directions in the planar frames of faces, and their conversion to and from space."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
-from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.unfolding import Unfolding, corner_position
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -148,25 +147,3 @@ def planar_difference(
         In the length unit of the mesh.
     """
     return np.einsum("ij,ijk->ik", head - tail, corner_position(unfolding, face))
-
-
-def face_frame(side_length: NDArray) -> NDArray[np.float64]:
-    """Corners of each face in its plane: corner 0 at the origin, corner 1 on the x axis, corner 2 above it.
-
-    Parameters
-    ----------
-    side_length : (m, 3) ndarray of float64
-
-    Returns
-    -------
-    (m, 3, 2) ndarray of float64
-    """
-    a, b, c = side_length.T
-    flat_corners = np.zeros((len(side_length), 3, 2))
-    flat_corners[:, 1, 0] = a
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x = 0.5 * (a + (c - b) * (c + b) / a)
-        y = 2.0 * face_area(side_length) / a
-    flat_corners[:, 2, 0] = np.where(a > 0, x, 0.0)
-    flat_corners[:, 2, 1] = np.where(a > 0, y, c)
-    return flat_corners

@@ -249,6 +249,8 @@ def require_manifold_cells(mesh: TetMesh) -> None:
 def refuse_repeated_vertices(mesh: SurfaceMesh) -> None:
     """Raise an error for faces that name a vertex twice, or for no face with an area where that is all.
 
+    In a Delta-complex such faces are legal: its gluing joins their sides.
+
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
@@ -258,7 +260,7 @@ def refuse_repeated_vertices(mesh: SurfaceMesh) -> None:
     MeshError
     """
     twice = mesh.topology.repeated_vertex_faces
-    if not len(twice):
+    if not len(twice) or mesh.topology.gluing is not None:
         return
     if isinstance(mesh, TriangleMesh):
         require_area(mesh)  # the cure would leave no face

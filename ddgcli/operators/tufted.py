@@ -38,8 +38,7 @@ def tufted_cover(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
         When a face names a vertex twice, or three faces meet in an edge of a mesh without positions, which
         determine their order.
     """
-    if mesh.topology.gluing is None:
-        refuse_repeated_vertices(mesh)
+    refuse_repeated_vertices(mesh)
     m = mesh.n_faces
     faces = np.concatenate([mesh.faces, mesh.faces[:, BACK_CORNERS]])
     length = np.concatenate([mesh.side_length, mesh.side_length[:, ::-1]])

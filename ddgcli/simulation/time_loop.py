@@ -21,6 +21,7 @@ from ddgcli.simulation.active_model import ActiveModel, reason_text
 from ddgcli.simulation.failed_steps import check_parts, check_rejected, largest_solvable, step_advice
 from ddgcli.simulation.model import (
     MAX_HALVINGS,
+    MAX_STEP_COUNT,
     Arrays,
     Event,
     Model,
@@ -33,7 +34,6 @@ from ddgcli.simulation.model import (
 log = logging.getLogger("ddgcli")
 RECOVERY_FACTOR = 8.0  # of the shortest part of a step, what the next one tries first
 ROUNDING = 2.0**-52  # relative error of a step below which states do not differ
-MAX_STABLE_PARTS = 2**20  # of the time between frames, where the error of a step sets its length
 FIRST_DOUBLING = 16  # accepted steps before a step of twice the length is tried
 
 
@@ -262,10 +262,10 @@ def _step_or_halves(
     return state
 
 
-def _unstable(active: ActiveModel, n_parts: int, step: str) -> SolveError:
+def _unstable(active: ActiveModel, n_parts: float, step: str) -> SolveError:
     """Error of a stability limit that divides a step into too many parts."""
     limit = f"{active.name}: the stability limit, {active.model.largest_step:.3g} s"
-    return SolveError(f"{limit}, is over {n_parts} times shorter than {step} take an implicit scheme")
+    return SolveError(f"{limit}, is over {n_parts:,.0f} times shorter than {step} take an implicit scheme")
 
 
 def _logged(
@@ -354,8 +354,8 @@ def _advance_adaptively(
     if model.distance is None:
         raise ParameterError("this model has no error measure: give a step instead of a tolerance")
     time, end = first * schedule.dt, last * schedule.dt
-    if end - time > MAX_STABLE_PARTS * model.largest_step:
-        raise _unstable(active, MAX_STABLE_PARTS, "the time between frames;")
+    if schedule.steps * schedule.dt > MAX_STEP_COUNT * model.largest_step:
+        raise _unstable(active, MAX_STEP_COUNT, "the run;")
     shortest = (end - time) * 0.5**40
     doubling = _Doubling()
     while time < end:

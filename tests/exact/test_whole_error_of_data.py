@@ -9,7 +9,6 @@ import pytest
 from ddgcli.errors import ParameterError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh import shapes
-from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.tradeoff.candidates import ErrorNorms, MeshLimit, Problem, Reference, Row, Table
 from ddgcli.tradeoff.measure import run_problem
 from ddgcli.tradeoff.pareto import assign_verdicts, break_even
@@ -60,25 +59,13 @@ initial = { vorticity = "sin(3*x)" }
 """
 
 
-def irregular_sphere(n=300, seed=0):
-    """Convex hull of points that repel each other a little."""
-    from scipy.spatial import ConvexHull
-
-    points = np.random.default_rng(seed).normal(size=(n, 3))
-    for _ in range(20):
-        points /= np.linalg.norm(points, axis=1)[:, None]
-        offset = points[:, None] - points[None]
-        points = points + 0.3 / n * (offset / (1e-3 + (offset**2).sum(axis=2))[..., None] ** 1.5).sum(axis=1)
-    points /= np.linalg.norm(points, axis=1)[:, None]
-    faces = ConvexHull(points).simplices
-    inward = np.linalg.det(points[faces]) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    return TriangleMesh.from_arrays(points, faces)
+def wave(points):
+    """A spherical harmonic of degree three."""
+    return 6 * points.prod(axis=1)
 
 
 def test_smooth_data_stay_smooth_on_finer_meshes():
-    mesh = irregular_sphere()
-    wave = lambda p: 6 * p[:, 0] * p[:, 1] * p[:, 2]  # noqa: E731
+    mesh = shapes.random_sphere(300)
     values, edges = wave(mesh.points), mesh.topology.edges
     middle = mesh.points[edges].mean(axis=1)
     truth = wave(middle / np.linalg.norm(middle, axis=1)[:, None])
@@ -106,8 +93,8 @@ def test_data_that_jump_leave_their_range_by_a_tenth_at_most_and_whole_numbers_a
 
 
 def test_a_vorticity_at_vertices_has_the_mesh_error_of_its_formula():
-    mesh = irregular_sphere()
-    vorticity = 6 * mesh.points.prod(axis=1)
+    mesh = shapes.random_sphere(300)
+    vorticity = wave(mesh.points)
     errors = []
     for initial in ('"6*x*y*z"', '"wave.npy"'):
         problem = simulate.fluid_problem(

@@ -5,9 +5,12 @@ import shlex
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.tracing.trace import END_STATUS, trace
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 CALLS = [
@@ -43,3 +46,12 @@ def test_one_repair_is_named_and_cures_it(run, path, monkeypatch, words, dry):
 
 def test_distances_from_a_vertex_do_without_it(summary, path):
     assert summary("geodesic", path, "--source", 0)["results"]["max_distance"] == pytest.approx(2**0.5)
+
+
+def test_lines_cross_such_faces_of_a_delta_complex():
+    """A square torus of two triangles and one vertex, along its diagonal."""
+    gluing = np.array([[4, 5, 3], [2, 0, 1]])
+    topology = Topology(np.zeros((2, 3), dtype=int), 1, gluing)
+    torus = IntrinsicMesh(topology, np.array([[1, 1, 2**0.5], [2**0.5, 1, 1]]))
+    line = trace(torus, [0], [[0.5, 0.3, 0.2]], [[1.0, 0.0]], [2.5])
+    assert line.length[0] == pytest.approx(2.5) and line.status[0] == END_STATUS

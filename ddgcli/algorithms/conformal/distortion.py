@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.geometry.face_frames import face_frame
 from ddgcli.geometry.intrinsic import face_area
+from ddgcli.geometry.unfolding import corner_position, unfold
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 
 DISTORTION_ARRAYS = ("conformal_distortion", "area_distortion")
@@ -32,7 +32,7 @@ def planar_area(corners: NDArray) -> NDArray[np.float64]:
 def angle_distortion(mesh: SurfaceMesh, corners: NDArray) -> NDArray[np.float64]:
     """Ratio of the singular values of a map of faces to the plane, 1 where conformal.
 
-    Of a linear map f(z) = a z + b conj(z) they are | |a| + |b| | and | |a| - |b| |.
+    Of a linear map f(z) = a z + b conj(z) they are |a| + |b| and the size of |a| - |b|.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def angle_distortion(mesh: SurfaceMesh, corners: NDArray) -> NDArray[np.float64]
     (m,) ndarray of float64
         Infinite or undefined where a triangle collapses.
     """
-    before, after = (c[:, 1:] - c[:, :1] for c in (face_frame(mesh.side_length), corners))
+    before, after = (c[:, 1:] - c[:, :1] for c in (corner_position(unfold(mesh)), corners))
     z, f = before[..., 0] + 1j * before[..., 1], after[..., 0] + 1j * after[..., 1]
     # both parts, times twice the area of the face before the map
     direct = np.abs(f[:, 0] * z[:, 1].conj() - f[:, 1] * z[:, 0].conj())

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.edge_distance import edge_distance
-from ddgcli.algorithms.geodesics.sources import Sources, edge_lengths
-from ddgcli.geometry.face_frames import face_frame
+from ddgcli.algorithms.geodesics.sources import Sources, edge_lengths, face_frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.triangle_mesh import TriangleMesh

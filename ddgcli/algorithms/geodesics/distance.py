@@ -278,7 +278,7 @@ def check_heat(mesh: SurfaceMesh, operator: str | None, heat_time: float | None 
     name = _heat_operator(mesh, operator)
     if name == "intrinsic-delaunay":
         glue(mesh)
-    elif name == "tufted" and mesh.topology.gluing is None:
+    elif name == "tufted":
         refuse_repeated_vertices(mesh)
     diffusion_time(mesh, DEFAULT_HEAT_TIME if heat_time is None else heat_time)
     if all_flat(mesh.side_length):

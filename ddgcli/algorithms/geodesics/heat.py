@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, diags_array
 
-from ddgcli.algorithms.geodesics.sources import Sources, check_sources, corner_distance
+from ddgcli.algorithms.geodesics.sources import Sources, check_sources, corner_distance, face_frame
 from ddgcli.choices import DEFAULT_HEAT_TIME
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.face_frames import face_frame
 from ddgcli.linalg.constrain import Dirichlet, Poisson
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh

@@ -214,6 +214,30 @@ def check_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | in
     return sources
 
 
+def face_frame(side_length: NDArray) -> NDArray[np.float64]:
+    """Corners of each face in its plane: corner 0 at the origin, corner 1 on the x axis, corner 2 above it.
+
+    Parameters
+    ----------
+    side_length : (m, 3) ndarray of float64
+
+    Returns
+    -------
+    (m, 3, 2) ndarray of float64
+    """
+    from ddgcli.geometry.intrinsic import face_area
+
+    a, b, c = side_length.T
+    flat_corners = np.zeros((len(side_length), 3, 2))
+    flat_corners[:, 1, 0] = a
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = 0.5 * (a + (c - b) * (c + b) / a)
+        y = 2.0 * face_area(side_length) / a
+    flat_corners[:, 2, 0] = np.where(a > 0, x, 0.0)
+    flat_corners[:, 2, 1] = np.where(a > 0, y, c)
+    return flat_corners
+
+
 def corner_distance(side_length: NDArray, barycentric: NDArray) -> NDArray[np.float64]:
     """Straight distances from points in faces to the corners.
 
@@ -227,8 +251,6 @@ def corner_distance(side_length: NDArray, barycentric: NDArray) -> NDArray[np.fl
     -------
     (k, 3) ndarray of float64
     """
-    from ddgcli.geometry.face_frames import face_frame
-
     flat_corners = face_frame(side_length)
     position = np.einsum("kc,kcd->kd", barycentric, flat_corners)
     return np.linalg.norm(flat_corners - position[:, None], axis=2)

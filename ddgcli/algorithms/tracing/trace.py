@@ -49,7 +49,7 @@ class Tracer:
     Raises
     ------
     MeshError
-        When the faces are not consistently oriented, or there are none.
+        When the faces are not consistently oriented, one names a vertex twice, or there are none.
     """
 
     def __init__(self, mesh: SurfaceMesh) -> None:
