@@ -153,11 +153,15 @@ def _label_few_decades(axis: Any) -> None:
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+    from ddgcli.plots.ticks import decade_formatter
+
     low, high = axis.get_view_interval()
     axis.set_minor_formatter(NullFormatter())
     if high < 100 * low:
         axis.set_major_locator(LogLocator(10, subs=(1, 2, 5)) if high > 5 * low else MaxNLocator(5))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    else:
+        axis.set_major_formatter(decade_formatter())
 
 
 def _drawable(x: ArrayLike, y: ArrayLike, log: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

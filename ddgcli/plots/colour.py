@@ -208,11 +208,12 @@ def colour_bar(
     place : (float, float, float, float)
         Left, bottom, width and height, as shares of the page.
     """
-    bar = figure.colorbar(mappable, cax=figure.add_axes(place), extend=ends, label=label)
+    from ddgcli.plots.ticks import CommonPowerFormatter
+
+    bar = figure.colorbar(
+        mappable, cax=figure.add_axes(place), extend=ends, label=label, format=CommonPowerFormatter()
+    )
     bar.ax.tick_params(labelsize=8)
-    bar.formatter.set_useOffset(False)  # an offset such as 0.9999 + 1e-5 x is hard to read
-    bar.formatter.set_powerlimits((-3, 4))
-    bar.formatter.set_useMathText(True)
     bar.ax.yaxis.set_offset_position(
         "left"
     )  # the power of ten starts there and is over the bar and its numbers

@@ -30,7 +30,6 @@ DRAWING_MODULES = (
     "matplotlib.figure",
     "matplotlib.collections",
     "matplotlib.backends.backend_agg",
-    "matplotlib.mathtext",
     "PIL.PngImagePlugin",
 )
 NEAR_SHARE = 0.15  # of the diagonal of all frames: how far beyond them obstacles are shown
@@ -204,7 +203,6 @@ def draw_frames(
     suffix: str,
     page_size: Mapping[str, float],
     jobs: int = 1,
-    palette_size: tuple[int, int] | None = None,
 ) -> Iterator[str]:
     """Draw frames to numbered files in a folder.
 
@@ -214,13 +212,11 @@ def draw_frames(
     style : SequenceStyle
     folder : str
     suffix : str
-        .png, .svg or .pdf.
+        As for `page`.
     page_size : mapping
         `width`, `height` and `dpi` of `draw_frame`.
     jobs : int
         Processes; the files have the same bytes for any number.
-    palette_size : (int, int), optional
-        Width and height in pixels of .png files in 256 colours; default: as drawn, in all colours.
 
     Yields
     ------
@@ -228,27 +224,14 @@ def draw_frames(
         Path of each file, in order, as soon as it is written.
     """
     tasks = (
-        (f"{folder}/{k}{suffix}", plot_frame, style, page_size, palette_size)
-        for k, plot_frame in enumerate(plot_frames)
+        (f"{folder}/{k}{suffix}", plot_frame, style, page_size) for k, plot_frame in enumerate(plot_frames)
     )
     yield from results_in_order(_draw_file, tasks, jobs, modules=(__name__, *DRAWING_MODULES))
 
 
-def _draw_file(
-    path: str,
-    plot_frame: PlotFrame,
-    style: SequenceStyle,
-    page_size: Mapping[str, float],
-    palette_size: tuple[int, int] | None,
-) -> str:
-    """Path of one file of `draw_frames`, written here: to choose colours takes as long as to draw."""
+def _draw_file(path: str, plot_frame: PlotFrame, style: SequenceStyle, page_size: Mapping[str, float]) -> str:
+    """Path of one file of `draw_frames`, written here."""
     draw_frame(path, plot_frame, style, **page_size)
-    if palette_size:
-        from PIL import Image
-
-        with Image.open(path) as drawn:
-            picture = drawn.convert("RGB").crop((0, 0, *palette_size))
-        picture.convert("P", palette=Image.Palette.ADAPTIVE).save(path, compress_level=1)
     return path
 
 

@@ -16,8 +16,9 @@ from ddgcli.errors import MissingExtraError
 Box = tuple[float, float, float, float]  # left, bottom, width and height, as shares of the page
 WHOLE_PAGE: Box = (0.0, 0.0, 1.0, 1.0)
 FORMATS = (".png", ".svg", ".pdf")
+RAW = ".rgba"  # bytes of the pixels alone, for pictures that are read again at once
 # dates and versions are omitted, because they differ between equal pictures
-_NO_DATE = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+_NO_DATE = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}, RAW: None}
 _STYLE = {
     "svg.hashsalt": "ddgcli",
     "svg.fonttype": "none",
@@ -26,6 +27,7 @@ _STYLE = {
     "axes.titlesize": 10.0,
     "axes.linewidth": 0.6,
     "figure.facecolor": "white",
+    "text.parse_math": False,  # dollars in the names of files and arrays are dollars
 }
 
 
@@ -42,7 +44,7 @@ def page(path: str, width: float = 7.0, height: float = 5.25, dpi: float = 200) 
     Parameters
     ----------
     path : str
-        Ends in .png, .svg or .pdf.
+        Ends in .png, .svg, .pdf or `RAW`.
     width, height : float
         Inches.
     dpi : float
@@ -65,17 +67,7 @@ def page(path: str, width: float = 7.0, height: float = 5.25, dpi: float = 200) 
         # a hundredth of a pixel more, because the number of pixels is rounded down
         figure = Figure(figsize=(width + 0.01 / dpi, height + 0.01 / dpi), dpi=dpi)
         yield figure
-        _keep_dollars(figure)
         figure.savefig(path, dpi=dpi, metadata=_NO_DATE[Path(path).suffix.lower()])
-
-
-def _keep_dollars(figure: Any) -> None:
-    """Draw dollars in the names of files and arrays as dollars; only ticks of powers are formulas."""
-    from matplotlib.text import Text
-
-    for text in figure.findobj(Text):
-        if "$" in text.get_text() and not text.get_text().startswith("$\\mathdefault"):
-            text.set_parse_math(False)
 
 
 def cells(count: int, extents: NDArray, area: Box, page_ratio: float) -> list[Box]:

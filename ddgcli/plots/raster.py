@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,20 +149,33 @@ class PixelFaces:
 
     Parameters
     ----------
-    pixel : (k,) ndarray of int64
-        Flat numbers of the pixels that show a face.
-    face : (k,) ndarray of int64
-        Visible face of each pixel.
-    barycentric : (k, 3) ndarray of float64
-        Position on the face.
-    depth : (height, width) ndarray of float64
+    corners : (m, 3, 3) ndarray of float64
+        Pixel column, pixel row and depth of the corners of all faces.
+    face_image : (height, width) ndarray of int32
+        Visible face of each pixel; -1 where there is none.
+    depth : (height, width) ndarray of float32
         Depth in pixels; inf where no face is visible.
     """
 
-    pixel: NDArray[np.int64]
-    face: NDArray[np.int64]
-    barycentric: NDArray[np.float64]
-    depth: NDArray[np.float64]
+    corners: NDArray[np.float64]
+    face_image: NDArray[np.int32]
+    depth: NDArray[np.float32]
+
+    @cached_property
+    def pixel(self) -> NDArray[np.int64]:
+        """(k,) flat numbers of the pixels that show a face."""
+        return np.flatnonzero(self.face_image >= 0)
+
+    @cached_property
+    def face(self) -> NDArray[np.int32]:
+        """(k,) visible face of each of these pixels."""
+        return self.face_image.ravel()[self.pixel]
+
+    @cached_property
+    def barycentric(self) -> NDArray[np.float64]:
+        """(k, 3) position of their centres on the faces."""
+        row, column = np.divmod(self.pixel, self.face_image.shape[1])
+        return barycentric_at(self.corners, self.face, column + 0.5, row + 0.5)
 
 
 def rasterise(camera: Camera, points: NDArray, faces: NDArray) -> PixelFaces:
@@ -187,14 +201,20 @@ def rasterise(camera: Camera, points: NDArray, faces: NDArray) -> PixelFaces:
     bounds = np.flatnonzero(np.diff(np.concatenate([[-1], chunk, last])))
     for start, stop in zip(bounds[:-1], bounds[1:]):
         pixel, face, depth = _fragments(corners[start:stop], camera.width, camera.height)
-        key = ((depth - low) * to_step).astype(np.int64) << 32
-        np.minimum.at(nearest, pixel, key | (face + start))
-    pixel = np.flatnonzero(nearest != _EMPTY_PIXEL)
-    face = nearest[pixel] & 0xFFFFFFFF
-    weights = _barycentric(corners, face, pixel, camera.width)
-    depth_image = np.full(camera.width * camera.height, np.inf)
-    depth_image[pixel] = interpolated(weights, face, corners[..., 2])
-    return PixelFaces(pixel, face, weights, depth_image.reshape(camera.height, camera.width))
+        depth -= low
+        depth *= to_step
+        key = depth.astype(np.int64)
+        key <<= 32
+        key |= face + start
+        np.minimum.at(nearest, pixel, key)
+    shape = camera.height, camera.width
+    empty = nearest == _EMPTY_PIXEL
+    face_image = nearest.astype(np.int32)  # the lower half of the key
+    face_image[empty] = -1
+    nearest >>= 32
+    depth_image = (nearest / to_step + low).astype(np.float32)
+    depth_image[empty] = np.inf
+    return PixelFaces(corners, face_image.reshape(shape), depth_image.reshape(shape))
 
 
 def interpolated(barycentric: NDArray, face: NDArray, corner_values: NDArray) -> NDArray[np.float64]:
@@ -245,33 +265,50 @@ def _fragments(corners: NDArray, width: int, height: int) -> tuple[NDArray, NDAr
     )
     left = np.clip(np.ceil(np.minimum(on_long, on_short) - 0.5), 0, width).astype(np.int64)
     right = np.clip(np.ceil(np.maximum(on_long, on_short) - 0.5), 0, width).astype(np.int64)
-    span, column = _expanded(left, right)
-    face, row = face[span], row[span]
-    depth = _plane_depth(corners, face, column + 0.5, row + 0.5)
-    return row * width + column, face, depth
+    count = np.maximum(right - left, 0)
+    pixel, _ = ranges(row * width + left, count)
+    return pixel, np.repeat(face, count), _plane_depth(corners, face, left, y, count)
 
 
-def _plane_depth(corners: NDArray, face: NDArray, x: NDArray, y: NDArray) -> NDArray[np.float64]:
-    """Depth of faces at pixel positions; within the depths of their corners, also on slivers."""
+def _plane_depth(
+    corners: NDArray, face: NDArray, left: NDArray, y: NDArray, count: NDArray
+) -> NDArray[np.float64]:
+    """Depth of faces at `count` pixels from `left` on; within that of their corners, also on slivers."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     determinant = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     inverse = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=np.abs(determinant) > 1e-9)
     in_x = (a[:, 2] * b[:, 1] - a[:, 1] * b[:, 2]) * inverse
     in_y = (a[:, 0] * b[:, 2] - a[:, 2] * b[:, 0]) * inverse
     base = corners[:, 0, 2] - in_x * corners[:, 0, 0] - in_y * corners[:, 0, 1]
-    depth = base[face] + in_x[face] * x + in_y[face] * y
+    first = base[face] + in_y[face] * y + in_x[face] * (left + 0.5)
+    step = ranges(np.zeros_like(left), count)[0]
+    depth: NDArray[np.float64] = np.repeat(in_x[face], count) * step
+    depth += np.repeat(first, count)
     near, far = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
-    return np.clip(depth, near[face], far[face])
+    return np.clip(depth, np.repeat(near[face], count), np.repeat(far[face], count))
 
 
-def _barycentric(corners: NDArray, face: NDArray, pixel: NDArray, width: int) -> NDArray[np.float64]:
-    """(k, 3) weights, whose columns are contiguous."""
+def barycentric_at(corners: NDArray, face: NDArray, x: NDArray, y: NDArray) -> NDArray[np.float64]:
+    """Positions on faces of points of the picture.
+
+    Parameters
+    ----------
+    corners : (m, 3, 3) ndarray
+        As in `PixelFaces`.
+    face : (k,) ndarray of int
+    x, y : (k,) ndarray
+        In pixels from the left and from above.
+
+    Returns
+    -------
+    (k, 3) ndarray of float64
+        Weights of the corners, in [0, 1]; the columns are contiguous.
+    """
     (x0, y0), (x1, y1), (x2, y2) = corners[..., :2].transpose(1, 2, 0)
     ax, ay, bx, by = x1 - x0, y1 - y0, x2 - x0, y2 - y0
     determinant = ax * by - ay * bx
     inverse = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=np.abs(determinant) > 1e-9)
-    row, column = np.divmod(pixel, width)
-    x, y = column + 0.5 - x0[face], row + 0.5 - y0[face]
+    x, y = x - x0[face], y - y0[face]
     second = x * (by * inverse)[face] - y * (bx * inverse)[face]
     third = y * (ax * inverse)[face] - x * (ay * inverse)[face]
     weights = np.clip(np.stack([1 - second - third, second, third]), 0.0, 1.0)

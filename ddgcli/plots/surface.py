@@ -9,10 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.geometry.extrinsic import face_area_vector, face_normal
-from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.sides import next_side
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import beyond, colour_bar, colour_scale, extremes, robust_limits
@@ -20,11 +16,9 @@ from ddgcli.plots.glyphs import ARROW_LENGTH, Arrows, Glyphs, draw_arrows, draw_
 from ddgcli.plots.page import WHOLE_PAGE, Box, cells, draw_texts, page, picture_axes
 from ddgcli.plots.raster import (
     MARGIN,
-    OUTLINE_DEPTH_STEP,
     Camera,
     PixelFaces,
     View,
-    altitude,
     fitted_camera,
     interpolated,
     rasterise,
@@ -32,16 +26,14 @@ from ddgcli.plots.raster import (
     view_axes,
     visible_runs,
 )
+from ddgcli.plots.shading import SAMPLES, ShadingSpots, brightness, picture_of_spots, shading_spots
 from ddgcli.plots.viewpoint import best_view, up_axis_of
 
 _PLAIN_COLOUR = np.array([0.78, 0.81, 0.86])
 _CONTEXT = np.array([0.86, 0.83, 0.76])
 _UNKNOWN_COLOUR = np.array([0.62, 0.62, 0.62])
-_LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
 LIGHT_SQUARE_COLOUR, BLUE_SQUARE_COLOUR = np.array([0.93, 0.91, 0.85]), np.array([0.30, 0.48, 0.68])
 N_SQUARES = 24  # along the larger side of a flat layout
-CREASE_COSINE = np.cos(np.radians(40.0))  # faces with a larger angle are shaded separately
-_SAMPLES = 2  # each way within a pixel
 
 
 def draw_surface(
@@ -212,7 +204,7 @@ def _sampled_size(figure: Any, axes: Any) -> list[int]:
     """Width and height of axes in samples."""
     box = axes.get_position()
     return [
-        int(round(share * inches * figure.dpi * _SAMPLES))
+        int(round(share * inches * figure.dpi * SAMPLES))
         for share, inches in zip((box.width, box.height), figure.get_size_inches())
     ]
 
@@ -231,13 +223,17 @@ def _surface_image(
     if context:
         mesh, values = _with_context(mesh, values, context)
     visible = rasterise(camera, mesh.points, mesh.faces)
-    if values is not None and values.ndim == 2:
-        colour, mappable = _squares(mesh, visible, values), None
+    flat = values if values is not None and values.ndim == 2 else None
+    spots = shading_spots(visible, every_sample=flat is not None or edges)
+    if flat is not None:
+        colour, mappable = _squares(mesh, spots, flat), None
     else:
-        colour, mappable = _colours(mesh, visible, values, signed, limits)
+        colour, mappable = _colours(mesh, spots, values, signed, limits)
     if context:
-        colour = np.where((visible.face < n_faces)[:, None], colour, _CONTEXT)
-    return _picture(camera, mesh, visible, colour, edges), visible, mappable
+        colour = np.where((spots.face < n_faces)[:, None], colour, _CONTEXT)
+    light = brightness(camera, mesh, spots, edges=edges)
+    shown = np.clip(colour * light[:, None], 0, 1)
+    return picture_of_spots(visible, spots, shown), visible, mappable
 
 
 def _with_context(
@@ -267,11 +263,11 @@ def _interest(
     return np.clip(size, 0.0, 1.0)
 
 
-def _squares(mesh: TriangleMesh, visible: PixelFaces, flat: NDArray) -> NDArray[np.float64]:
-    """(k, 3) colours of a chessboard over flat coordinates; conformal maps preserve the squares."""
+def _squares(mesh: TriangleMesh, spots: ShadingSpots, flat: NDArray) -> NDArray[np.float64]:
+    """(s, 3) colours of a chessboard over flat coordinates; conformal maps preserve the squares."""
     corners = flat[mesh.topology.referenced_vertex]
     side = float(np.ptp(corners, axis=0).max()) / N_SQUARES or 1.0
-    at = np.einsum("fki,fk->fi", flat[mesh.faces[visible.face]], visible.barycentric) / side
+    at = np.einsum("fki,fk->fi", flat[mesh.faces[spots.face]], spots.barycentric) / side
     odd = np.floor(at - corners.min(axis=0) / side).sum(axis=1) % 2 == 1
     return np.where(odd[:, None], BLUE_SQUARE_COLOUR, LIGHT_SQUARE_COLOUR)
 
@@ -294,89 +290,26 @@ def _relevant(mesh: TriangleMesh, values: NDArray) -> NDArray[np.float64]:
 
 def _colours(
     mesh: TriangleMesh,
-    visible: PixelFaces,
+    spots: ShadingSpots,
     values: NDArray | None,
     signed: bool | None,
     limits: Sequence[float] | None,
 ) -> tuple[NDArray, Any]:
-    """(k, 3) colour of each visible pixel, and the mappable of the colour bar."""
+    """(s, 3) colour of each spot, and the mappable of the colour bar."""
     if values is None or limits is None:
-        return np.broadcast_to(_PLAIN_COLOUR, (len(visible.pixel), 3)), None
+        return np.broadcast_to(_PLAIN_COLOUR, (len(spots.face), 3)), None
     values = np.asarray(values, dtype=np.float64)
     low, high = limits
     if len(values) == mesh.n_vertices:
-        shown = interpolated(visible.barycentric, visible.face, values[mesh.faces])
+        shown = interpolated(spots.barycentric, spots.face, values[mesh.faces])
     else:
-        shown = values[visible.face]
+        shown = values[spots.face]
     mappable = colour_scale(low, high, bool(signed))
     finite = np.isfinite(shown)
     table = mappable.cmap(np.linspace(0, 1, 1024))[:, :3]
     with np.errstate(over="ignore"):
         place = np.clip((np.where(finite, shown, low) - low) / (high - low), 0, 1)
     return np.where(finite[:, None], table[(place * 1023).astype(np.int64)], _UNKNOWN_COLOUR), mappable
-
-
-def _corner_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(m, 3, 3) normals for shading: mean over the faces of a vertex between creases."""
-    area_vector = face_area_vector(mesh)
-    area_vector = area_vector / (np.abs(area_vector).max(initial=0.0) or 1.0)
-    flat, topology, n = face_normal(mesh), mesh.topology, 3 * mesh.n_faces
-    twin, side = topology.side_twin.ravel(), topology.interior_sides
-    smooth = side[np.einsum("ij,ij->i", flat[side // 3], flat[twin[side] // 3]) > CREASE_COSINE]
-    # corners of two faces that meet across a smooth side, at both of its ends
-    a, b = (np.stack([s, next_side(s)], axis=1) for s in (smooth, twin[smooth]))
-    corner = mesh.faces.ravel()
-    b = np.where((corner[a[:, :1]] == corner[b[:, :1]]), b, b[:, ::-1])
-    count, group = connected_labels(a, b, n)
-    total = sum_by_index(group, np.repeat(area_vector, 3, axis=0), count)
-    size = np.linalg.norm(total, axis=1, keepdims=True)
-    mean = (total / np.maximum(size, 1e-300))[group].reshape(-1, 3, 3)
-    return np.where((size[group] > 0).reshape(-1, 3, 1), mean, flat[:, None, :])
-
-
-def _picture(
-    camera: Camera, mesh: TriangleMesh, visible: PixelFaces, colour: NDArray, edges: bool
-) -> NDArray:
-    """(h, w, 3) shaded picture, averaged over the samples of each pixel, as bytes."""
-    corner_normals = _corner_normals(mesh) @ camera.axes.T
-    x, y, z = (
-        interpolated(visible.barycentric, visible.face, corner_normals[..., axis]) for axis in range(3)
-    )
-    length = np.sqrt(x * x + y * y + z * z)
-    behind = z < 0
-    towards_light = (_LIGHT[0] * x + _LIGHT[1] * y + _LIGHT[2] * z) / np.maximum(length, 1e-300)
-    shade = 0.60 + 0.45 * np.maximum(np.where(behind, -towards_light, towards_light), 0.0)
-    if not mesh.topology.is_closed:
-        shade[behind] *= 0.8
-    if edges:
-        height = altitude(camera, mesh.points, mesh.faces)
-        a, b, c = (visible.barycentric[:, k] * height[:, k][visible.face] for k in range(3))
-        reach = np.minimum(np.minimum(a, b), c)
-        shade *= 0.45 + 0.55 * np.clip(reach / (0.6 * _SAMPLES), 0, 1)
-    flat_image = np.ones((camera.height * camera.width, 3), dtype=np.float32)
-    flat_image[visible.pixel] = np.clip(colour * shade[:, None], 0, 1)
-    image = flat_image.reshape(camera.height, camera.width, 3)
-    image[_outline(visible.depth)] *= np.float32(0.35)
-    h, w = camera.height // _SAMPLES, camera.width // _SAMPLES
-    total = np.zeros((h, w, 3), dtype=np.float32)
-    for row in range(_SAMPLES):
-        for column in range(_SAMPLES):
-            total += image[row : h * _SAMPLES : _SAMPLES, column : w * _SAMPLES : _SAMPLES]
-    return np.rint(total * (255 / _SAMPLES**2)).astype(np.uint8)
-
-
-def _outline(depth: NDArray) -> NDArray[np.bool_]:
-    """Mask of the outlines, where the depth jumps."""
-    step = OUTLINE_DEPTH_STEP * max(depth.shape)
-    edge = np.zeros(depth.shape, dtype=bool)
-    with np.errstate(invalid="ignore"):
-        for axis in (0, 1):
-            jump = np.diff(depth, axis=axis)
-            ahead, back = [slice(None)] * 2, [slice(None)] * 2
-            ahead[axis], back[axis] = slice(1, None), slice(None, -1)
-            edge[tuple(back)] |= jump > step
-            edge[tuple(ahead)] |= jump < -step
-    return edge
 
 
 def _overlay(

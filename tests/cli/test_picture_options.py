@@ -13,7 +13,8 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import robust_limits
 from ddgcli.plots.glyphs import SPACING, Glyphs, thin_glyphs
 from ddgcli.plots.raster import fitted_camera, rasterise, view_axes
-from ddgcli.plots.surface import _corner_normals, _squares
+from ddgcli.plots.shading import _corner_normals, shading_spots
+from ddgcli.plots.surface import _squares
 from ddgcli.plots.viewpoint import best_view, up_axis_of
 
 
@@ -148,6 +149,7 @@ def test_the_picture_looks_at_the_side_of_the_values(up):
 def test_squares_change_colour_across_the_flat_layout():
     grid = shapes.grid(10, 10)
     camera = fitted_camera(grid.points, view_axes(grid.points, "z"), 240, 240)
-    colour = _squares(grid, rasterise(camera, grid.points, grid.faces), grid.points[:, :2])
+    visible = rasterise(camera, grid.points, grid.faces)
+    colour = _squares(grid, shading_spots(visible, every_sample=True), grid.points[:, :2])
     is_black = colour[:, 0] < 0.5
     assert 0.45 < is_black.mean() < 0.55

@@ -1,0 +1,75 @@
+"""Colours of pixels from their samples, and of animations from a palette."""
+
+import numpy as np
+import pytest
+
+from ddgcli.mesh import shapes
+from ddgcli.plots.animation import _in_256_colours
+from ddgcli.plots.raster import fitted_camera, rasterise, view_axes
+from ddgcli.plots.shading import OUTLINE_LIGHT, SAMPLES, brightness, picture_of_spots, shading_spots
+from ddgcli.plots.ticks import CommonPowerFormatter
+
+
+def samples_of(mesh, size=(240, 180), view="iso"):
+    camera = fitted_camera(mesh.points, view_axes(mesh.points, view), *size)
+    return camera, rasterise(camera, mesh.points, mesh.faces)
+
+
+@pytest.mark.parametrize("n", [3, 40])
+def test_one_colour_for_a_pixel_of_one_face_is_that_of_its_samples(n):
+    torus = shapes.torus(3 * n, n)
+    camera, visible = samples_of(torus, (241, 181))
+    pictures = []
+    for every_sample in (False, True):
+        spots = shading_spots(visible, every_sample=every_sample)
+        light = brightness(camera, torus, spots)[:, None]
+        pictures.append(picture_of_spots(visible, spots, light * spots.barycentric).astype(int))
+    assert pictures[0].shape == (90, 120, 4)
+    change = np.abs(pictures[0] - pictures[1])
+    assert change.max() <= 40 and np.quantile(change, 0.999) <= 8  # barycentric coordinates run over faces
+
+
+def test_a_face_of_one_colour_has_it_whatever_the_spots():
+    square = shapes.grid(2, 2)
+    _, visible = samples_of(square, (100, 100), "z")
+    whole, single = shading_spots(visible), shading_spots(visible, every_sample=True)
+    assert len(whole.face) < 0.35 * len(single.face)
+    grey = [picture_of_spots(visible, s, np.full((len(s.face), 3), 0.4)) for s in (whole, single)]
+    assert np.array_equal(*grey) and np.all(grey[0][10:40, 10:40, :3] == 102)
+
+
+def test_the_share_of_samples_is_the_grey_of_a_rim():
+    square = shapes.grid(2, 2)
+    _, visible = samples_of(square, (101, 101), "z")
+    spots = shading_spots(visible)
+    picture = picture_of_spots(visible, spots, np.zeros((len(spots.face), 3)))[..., 0]
+    half = visible.face_image[: 2 * len(picture), : 2 * len(picture)] < 0
+    share = half.reshape(len(picture), SAMPLES, -1, SAMPLES).sum(axis=(1, 3)) / SAMPLES**2
+    outline = picture < 255 * share - 1  # outlines of the paper
+    assert np.all(picture[~outline] == np.rint(255 * share[~outline]))
+    assert np.all(picture >= np.floor(255 * share * OUTLINE_LIGHT)) and (share % 1 > 0).any()
+
+
+def test_the_palette_of_an_animation_has_no_visible_steps():
+    """Each of a ramp of 1,000 colours is within three of 255 steps of its own."""
+    ramp = np.linspace(0, 255, 1000)
+    colours = np.stack([ramp, 255 - ramp, 0.5 * ramp + 60], axis=1).astype(np.uint8)
+    pixels = np.broadcast_to(colours, (120, 1000, 3)).copy()
+    picture = _in_256_colours(pixels)
+    shown = np.asarray(picture.convert("RGB")).astype(int)
+    assert len(np.unique(np.asarray(picture))) > 200
+    assert np.abs(shown - pixels).max() <= 3
+
+
+@pytest.mark.parametrize(
+    "low, high, offset", [(0, 1, ""), (0, 3e-7, "×10⁻⁷"), (-2e6, 2e6, "×10⁶"), (0.9999, 1.0001, "")]
+)
+def test_the_common_power_of_a_colour_bar_is_plain_text(low, high, offset):
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    axis = figure.add_subplot().yaxis
+    axis.set_view_interval(low, high, ignore=True)
+    axis.set_major_formatter(CommonPowerFormatter())
+    texts = axis.get_major_formatter().format_ticks(np.linspace(low, high, 5))
+    assert axis.get_major_formatter().get_offset() == offset and not any("$" in text for text in texts)
