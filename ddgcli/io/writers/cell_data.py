@@ -259,7 +259,7 @@ def surface_only(data: CellData, suffix: str) -> CellData:
     Returns
     -------
     CellData
-        The same for triangles. Of tetrahedra, with a warning, the boundary with the arrays on vertices.
+        The same for triangles. Of tetrahedra, with a warning, the boundary and its vertices with their arrays.
 
     Raises
     ------
@@ -275,4 +275,7 @@ def surface_only(data: CellData, suffix: str) -> CellData:
     log.warning(
         f"{suffix} holds surfaces: the boundary of the tetrahedra is written; write .vtu to keep them"
     )
-    return CellData(data.points, "faces", boundary.faces, data.vertex, {}, {}, data.whole, data.metadata)
+    is_outer = boundary.topology.referenced_vertex
+    number, outer = np.cumsum(is_outer) - 1, {name: values[is_outer] for name, values in data.vertex.items()}
+    faces = number[boundary.faces]
+    return CellData(data.points[is_outer], "faces", faces, outer, {}, {}, data.whole, data.metadata)
