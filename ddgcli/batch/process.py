@@ -80,8 +80,7 @@ def run_task(
         `status` is `done` (exit code 0), `failed` (another exit code), `timeout`, `memory` or `killed` (by a
         signal, or because `stop` was set).
     """
-    if task.output is not None:
-        Path(task.output).parent.mkdir(parents=True, exist_ok=True)
+    task.make_folders()
     command = [*PROGRAM, *task.words, "--json", "--no-progress"]
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         began, began_at = time.perf_counter(), time.time()
@@ -92,8 +91,9 @@ def run_task(
         seconds = time.perf_counter() - began
         summary, message = _content(out), _content(err).strip().splitlines()
     code = process.returncode
-    if code < 0 and task.output is not None:
-        _remove_partial_output(Path(task.output), began_at)
+    if code < 0:
+        for path in task.written_files:
+            _remove_partial_output(path, began_at)
     status = reason or ("done" if code == 0 else "killed" if code < 0 else "failed")
     if status == "failed" and any("out of memory" in line for line in message):
         status = "memory"

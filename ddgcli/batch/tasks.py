@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import itertools
+import os
 import re
 import shlex
 import string
@@ -34,6 +35,8 @@ class Task:
     output : str or None
     words : tuple of str
         Command line behind `ddgcli`.
+    written : tuple of int
+        Places of files to write among the words.
     """
 
     index: int
@@ -41,20 +44,32 @@ class Task:
     parameters: dict[str, str]
     output: str | None
     words: tuple[str, ...]
+    written: tuple[int, ...] = ()
 
     @property
     def command(self) -> str:
         """Command line of the task, by which a resumed batch recognises it."""
         return shlex.join(["ddgcli", *self.words])
 
-    def in_existing_folder(self) -> Task:
-        """The task with its output in a folder that exists: a run makes the folder, a dry run does not."""
-        if self.output is None or Path(self.output).parent.is_dir():
-            return self
-        target = Path(self.output)
-        folder = next(parent for parent in target.parents if parent.is_dir())
-        output = str(folder / f"dry-run-{target.name}")  # not the name of an input
-        return replace(self, output=output, words=(*self.words[:-1], output))
+    @property
+    def written_files(self) -> list[Path]:
+        """Files that the command line names for output."""
+        return [Path(self.words[place]) for place in self.written]
+
+    def make_folders(self) -> None:
+        """Make the folders of the files to write."""
+        for path in self.written_files:
+            path.parent.mkdir(parents=True, exist_ok=True)
+
+    def in_existing_folders(self) -> Task:
+        """The task with its outputs in folders that exist: a run makes the folders, a dry run does not."""
+        words = list(self.words)
+        for place, target in zip(self.written, self.written_files):
+            if not target.parent.is_dir():
+                folder = next(parent for parent in target.parents if parent.is_dir())
+                words[place] = str(folder / f"dry-run-{target.name}")  # not the name of an input
+        output = words[-1] if self.output is not None else None
+        return replace(self, output=output, words=tuple(words))
 
 
 def expanded_inputs(patterns: Sequence[str]) -> list[str]:
@@ -154,22 +169,67 @@ def make_tasks(
         words = [command[0], place, *(_with_fields(word, fields) for word in command[1:])]
         words += [word for name, value in parameters.items() for word in (f"--{name}", value)]
         words += ["-o", output] if output is not None else []
-        task = Task(index, path, dict(parameters), output, tuple(words))
-        for written in _written(words, output_options):
-            if (other := owner.setdefault(written, task)) is not task:
-                raise _shared_output_error(other, task, written)
+        words, written = _output_places(words, output_options)
+        task = Task(index, path, dict(parameters), output, tuple(words), written)
+        for file in written:
+            if (other := owner.setdefault(words[file], task)) is not task:
+                raise _shared_output_error(other, task, words[file])
         tasks.append(task)
     return tasks
 
 
-def _written(words: Sequence[str], output_options: Collection[str]) -> Iterator[str]:
-    """Files that a command line names for output."""
-    for word, following in itertools.pairwise([*words, ""]):
+def refuse_written_inputs(tasks: Sequence[Task], table: str | None = None) -> None:
+    """Raise an error if a run would write an input, its own or that of another run, or the table.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+        All of the batch.
+    table : str, optional
+        Path of the table of the batch.
+
+    Raises
+    ------
+    ParameterError
+    """
+    inputs = {key: task.input for task in tasks if (key := _file_key(Path(task.input)))}
+    for task in tasks:
+        for path in task.written_files:
+            if (key := _file_key(path)) in inputs:
+                own = inputs[key] == task.input
+                raise ParameterError(
+                    f"{path}: is the input itself; write to another file"
+                    if own
+                    else f"{path}: is the input of another run, and that of {task.input} would write it; "
+                    "write to another file or folder",
+                    parameter="output",
+                )
+            if table is not None and os.path.abspath(path) == os.path.abspath(table):
+                raise ParameterError(f"{path}: is the table of the batch too; write to another file",
+                                     parameter="output")  # fmt: skip
+    if table is not None and (key := _file_key(Path(table))) in inputs:
+        raise ParameterError(f"{table}: is an input; write to another file", parameter="table")
+
+
+def _file_key(path: Path) -> tuple[int, int] | None:
+    """What equals for two names of one file; None of a file that does not exist."""
+    try:
+        facts = path.stat()
+    except (OSError, ValueError):
+        return None
+    return facts.st_dev, facts.st_ino
+
+
+def _output_places(
+    words: Sequence[str], output_options: Collection[str]
+) -> tuple[list[str], tuple[int, ...]]:
+    """The words of a command line with options and their files apart, and where files to write are named."""
+    apart: list[str] = []
+    for word in words:
         name, equals, path = word.partition("=")
-        if word in output_options and following != "-":
-            yield following
-        elif equals and name in output_options:
-            yield path
+        apart += [name, path] if equals and name in output_options else [word]
+    pairs = enumerate(itertools.pairwise(apart), start=1)
+    return apart, tuple(k for k, (word, following) in pairs if word in output_options and following != "-")
 
 
 def _shared_output_error(first: Task, second: Task, output: str) -> ParameterError:

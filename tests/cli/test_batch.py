@@ -96,6 +96,40 @@ def test_words_of_the_command_have_the_fields_of_the_outputs():
     assert tasks[1].words[6] == "--to=1" and tasks[1].input == "-b.vtkhdf"
 
 
+def test_no_run_writes_the_input_of_another_or_the_table(run, tmp_path, monkeypatch):
+    """Once a run replaced the input of the next, which then computed with it (exit code 0)."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("x.ply", "0.vtu", "linked.ply"):
+        write_mesh(name, AnnotatedMesh(shapes.icosphere(0)))
+    Path("link.ply").symlink_to("x.ply")
+    before = Path("0.vtu").read_bytes()
+    for words, message in (
+        (
+            ["x.ply", "0.vtu", "-o", "{index}.vtu", "--"],
+            "0.vtu: is the input of another run, and that of x.ply",
+        ),
+        (["x.ply", "-o", "x.{suffix}", "--"], "x.ply: is the input itself"),
+        (["0.vtu", "x.ply", "-o", "{index}.vtp", "--", "--plot", "p.png"], "would both be written"),
+        (["0.vtu", "link.ply", "-o", "x.ply", "--shard", "2/2", "--"], "would both be written"),
+        (["linked.ply", "link.ply", "-o", "{index}.ply", "--"], None),
+        (["link.ply", "-o", "x.ply", "--"], "x.ply: is the input itself"),
+        (["x.ply", "-o", "t.csv", "--table", "t.csv", "--"], "t.csv: is the table of the batch too"),
+    ):
+        command = words[: words.index("--") + 1] + ["info"] + words[words.index("--") + 1 :]
+        result = run("batch", *command)
+        assert result.exit_code == (0 if message is None else 2), command
+        assert message is None or message in result.stderr
+    assert Path("0.vtu").read_bytes() == before
+
+
+def test_folders_are_made_for_every_file_of_a_run(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_mesh("a.ply", AnnotatedMesh(shapes.icosphere(0)))
+    words = ["batch", "a.ply", "-o", "out/{stem}.vtu", "--", "info", "--plot=pictures/{stem}.png"]
+    assert run("batch", "--dry-run", *words[1:]).exit_code == 0 and not Path("pictures").exists()
+    assert run(*words).exit_code == 0 and Path("pictures/a.png").exists() and Path("out/a.vtu").exists()
+
+
 @pytest.mark.parametrize("words", [["--plot", "p.png"], ["--plot=p.png"], ["-o", "p.png"]])
 def test_runs_that_would_write_one_file_are_refused(words, run, tmp_path):
     """Once the last run's file replaced the others."""
@@ -189,8 +223,10 @@ def test_a_killed_run_leaves_no_temporary_file(monkeypatch, tmp_path):
     code = """
 import pathlib, sys, time
 from ddgcli.io.output_file import atomic_output
-with atomic_output(sys.argv[-3]) as partial:
+plot = sys.argv[sys.argv.index("--plot") + 1]
+with atomic_output(sys.argv[-3]) as partial, atomic_output(plot) as picture:
     open(partial, "w").write("half")
+    open(picture, "w").write("half")
     pathlib.Path(sys.argv[-3] + ".began").touch()
     time.sleep(60)
 """
@@ -198,16 +234,19 @@ with atomic_output(sys.argv[-3]) as partial:
     (tmp_path / "a.ply").write_text("a")
     other = tmp_path / ".a-x.vtu"
     other.write_text("of another user")
-    tasks = make_tasks([str(tmp_path / "a.ply")], {}, str(tmp_path / "{stem}.vtu"), ["info"])
+    command = ["info", "--plot", str(tmp_path / "pictures" / "{stem}.png")]
+    options = ("-o", "--plot")
+    tasks = make_tasks([str(tmp_path / "a.ply")], {}, str(tmp_path / "{stem}.vtu"), command, options)
     stop, began = threading.Event(), tmp_path / "a.vtu.began"
     with ThreadPoolExecutor() as pool:
         row = pool.submit(process.run_task, tasks[0], TaskLimits(seconds=60.0), stop=stop)
         while not (began.exists() or row.done()):
             time.sleep(0.02)
-        partial = [path.name for path in tmp_path.iterdir() if path.name.startswith(".a-")]
+        partial = [path.name for path in tmp_path.rglob(".a-*")]
         stop.set()
-    assert row.result().status == "killed" and len(partial) == 2
-    assert {path.name for path in tmp_path.iterdir()} == {"a.ply", other.name, began.name}
+    assert row.result().status == "killed" and len(partial) == 3
+    left = {path.name for path in tmp_path.rglob("*")}
+    assert left == {"a.ply", other.name, began.name, "pictures"}
 
 
 def test_an_interrupted_batch_leaves_no_process(inputs, tmp_path):

@@ -84,7 +84,13 @@ def command(
     from ddgcli.batch.process import TaskLimits
     from ddgcli.batch.run import run_batch
     from ddgcli.batch.table import TABLE_FORMATS, journal_path, table_bytes
-    from ddgcli.batch.tasks import expanded_inputs, make_tasks, parsed_sweeps, shard_of
+    from ddgcli.batch.tasks import (
+        expanded_inputs,
+        make_tasks,
+        parsed_sweeps,
+        refuse_written_inputs,
+        shard_of,
+    )
 
     inputs, call = split_words(words)
     if len(common.outputs) > 1:
@@ -97,6 +103,7 @@ def command(
     sweeps = parsed_sweeps(sweep)
     output_options = check_call(call, sweeps)
     tasks = make_tasks(expanded_inputs(inputs), sweeps, template, call, output_options)
+    refuse_written_inputs(tasks, table)
     tasks = shard_of(tasks, shard)
     run.input = {"path": ", ".join(inputs), "runs": len(tasks)}
     predict_batch(run, tasks, jobs, on_cluster=cluster is not None)
@@ -126,7 +133,7 @@ def predict_batch(run: Run, tasks: Sequence[Task], jobs: int, *, on_cluster: boo
     dry_run = run.common.dry_run
     if not dry_run and (on_cluster or not may_not_fit(tasks, jobs)):
         return
-    placed = [task.in_existing_folder() for task in tasks]
+    placed = [task.in_existing_folders() for task in tasks]
     checked = dry_runs(placed, jobs) if dry_run else {}
     cost = batch_cost(placed, jobs, checked)
     if not on_cluster:

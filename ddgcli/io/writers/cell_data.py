@@ -259,7 +259,7 @@ def surface_only(data: CellData, suffix: str) -> CellData:
     Returns
     -------
     CellData
-        The same for triangles. Of tetrahedra, with a warning, the boundary and its vertices with their arrays.
+        The same for triangles. Of tetrahedra, with a warning, the boundary and the arrays of its vertices.
 
     Raises
     ------
