@@ -83,14 +83,17 @@ def step(system: System, motion: Motion, dt: float) -> tuple[NDArray, NDArray]:
     x, v = motion.x, motion.v
     for k in range(count + 1):
         here = system.at(motion.time + k * small)
+        impulse = np.zeros_like(v)  # of half a short step
         for level, batches in enumerate(levels.batches):
             every = 2 ** (finest - level)
             if k % every == 0 and batches:
-                half = 0.5 if k in (0, count) else 1.0
-                v = v - (half * every * small) * weight * _gradient(here, batches, x, k, count)
-        if system.dissipations:
+                impulse += (0.5 * every * small) * weight * _gradient(here, batches, x, k, count)
+        if k > 0:
+            v = v - impulse
+        if system.dissipations:  # between both halves, also of two steps: the scheme is symmetric
             v = _dragged(here, x, v, small * (0.5 if k in (0, count) else 1.0), weight)
         if k < count:
+            v = v - impulse
             x = system.at(motion.time + (k + 1) * small).prescribed_state(x + small * v, v, v)[0]
     return x, v
 

@@ -61,6 +61,10 @@ class _Term:
         return getattr(self.own_term, "obstacle", "")
 
     @property
+    def exact_energy(self) -> bool:
+        return bool(getattr(self.own_term, "exact_energy", True))
+
+    @property
     def active(self) -> bool:
         return bool(getattr(self.own_term, "active", False))
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.mechanics.objective import MOVE_TOLERANCE
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mechanics.terms import is_dead
+from ddgcli.mechanics.terms import has_exact_energy, is_dead
 from ddgcli.simulation.model import StepRejected
 
 # of the available energy: how far the balance may exceed its minimum, and how far a step may drop it
@@ -26,6 +26,7 @@ MAX_GAIN_OF_IMPULSES = 1e-3
 class StoredEnergy:
     """Energy in J of the nonlinear potentials at given positions, and its gradient (n, 3).
 
+    Moments, whose energy is approximate, count as loads.
     `scale` is the sum of the absolute energies: that of a pressure is negative.
     """
 
@@ -37,7 +38,7 @@ class StoredEnergy:
     def at(cls, system: System, x: NDArray) -> StoredEnergy:
         energy, scale, gradient = 0.0, 0.0, np.zeros_like(x)
         for potential in system.potentials:
-            if not is_dead(potential):
+            if not is_dead(potential) and has_exact_energy(potential):
                 with system.account.within(potential.name):
                     own_energy = potential.energy(x)
                     energy, scale = energy + own_energy, scale + abs(own_energy)

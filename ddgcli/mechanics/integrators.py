@@ -113,9 +113,9 @@ def checked(system: System, motion: Motion, before: NDArray | None = None) -> Mo
     return motion
 
 
-def _at_start(system: System, motion: Motion) -> System:
-    """The system at the start of a step where its stored energy depends on time, else as it is."""
-    return system.at(motion.time) if system.pushed else system
+def _obstacles_at(system: System, time: float) -> System:
+    """The system with its obstacles where they are at a time, as before a step."""
+    return system.with_obstacles_at(time) if system.pushed else system
 
 
 def _obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> float:
@@ -176,7 +176,7 @@ def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) 
 
     system = system.at(motion.time + dt)
     # first: it shares what the last step computed at its end
-    start = None if system.linear else StoredEnergy.at(_at_start(system, motion), motion.x)
+    start = None if system.linear else StoredEnergy.at(_obstacles_at(system, motion.time), motion.x)
     target = motion.x + dt * motion.v
     ahead = motion.x + 0.5 * dt * motion.v
     increment = Increment(
@@ -201,7 +201,7 @@ def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: An
 
     system, end = system.at(motion.time + 0.5 * dt), system.at(motion.time + dt)
     # first: it shares what the last step computed at its end
-    start = None if system.linear else StoredEnergy.at(_at_start(system, motion), motion.x)
+    start = None if system.linear else StoredEnergy.at(_obstacles_at(system, motion.time), motion.x)
     target = motion.x + 0.5 * dt * motion.v
     frozen = system.frozen(motion.x, dt, motion.time, target)
     increment = Increment(4 / dt**2, target, 2 / dt, motion.x, frozen)
@@ -216,7 +216,7 @@ def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: An
         return after
     work = -float(np.vdot(StoredEnergy.at(system, middle).gradient, x - motion.x))
     work -= _obstacle_work(system, motion, after, dt)
-    last = StoredEnergy.at(end if system.pushed else system, x)
+    last = StoredEnergy.at(_obstacles_at(system, end.time), x)
     return balanced(system, motion, after, start, last, work, dt)
 
 
@@ -234,7 +234,9 @@ def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Moti
         return _implicit_newmark(system, motion, dt, beta, gamma)[0]
     from ddgcli.mechanics.energy_balance import StoredEnergy, balanced, kinetic
 
-    start = StoredEnergy.at(_at_start(system, motion), x)  # first: it shares what the last step found there
+    start = StoredEnergy.at(
+        _obstacles_at(system, motion.time), x
+    )  # first: it shares what the last step found there
     after, _ = _implicit_newmark(system, motion, dt, beta, gamma)
     end = StoredEnergy.at(system, after.x)
     path = after.x - x
@@ -284,7 +286,7 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     x, v = motion.x, motion.v
     begin = Motion(x, v, system.at(motion.time).acceleration(x, v, dt), motion.newton, time=motion.time)
     half, system = system.at(motion.time + 0.5 * dt), system.at(motion.time + dt)
-    start = StoredEnergy.at(_at_start(system, motion), x)
+    start = StoredEnergy.at(_obstacles_at(system, motion.time), x)
     middle, first = _implicit_newmark(half, begin, 0.5 * dt, 0.25, 0.5)
     at_start = system.at(motion.time).frozen(x, 0.5 * dt)
     middle = replace(middle, time=half.time)
@@ -300,7 +302,7 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     change = kinetic(system, speed) - kinetic(system, v)
     acting = [(at_start, first.frozen), (increment.frozen,)]
     work = change - half.external_work((x, middle.x, y), 0.5 * dt, acting)
-    work -= _obstacle_work(system, motion, after, dt)
+    work -= _obstacle_work(system, motion, after, dt) + system.later_work(motion.time, x, y)
     most = MAX_ENERGY_FALL * max(kinetic(system, v), kinetic(system, speed))
     # judged alone: where the balance is a hundredth too high, any further step would fail
     fresh = replace(motion, balance_excess=0.0)
@@ -317,13 +319,14 @@ def _bdf2(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
 
     system, x, v = system.at(motion.time + dt), motion.x, motion.v
     # first: it shares what the last step computed at its end
-    start = None if system.linear else StoredEnergy.at(_at_start(system, motion), x)
+    start = None if system.linear else StoredEnergy.at(_obstacles_at(system, motion.time), x)
     after, acting = _backward_difference(system, motion, dt)
     if start is None:
         return after
     end = StoredEnergy.at(system, after.x)
-    work = kinetic(system, after.v) - kinetic(system, v) - system.external_work((x, after.x), dt, [acting])
-    work -= _obstacle_work(system, motion, after, dt)
+    half = system.at(motion.time + 0.5 * dt)
+    work = kinetic(system, after.v) - kinetic(system, v) - half.external_work((x, after.x), dt, [acting])
+    work -= _obstacle_work(system, motion, after, dt) + system.later_work(motion.time, x, after.x)
     after = balanced(system, motion, after, start, end, work, dt, np.inf)
     return without_excess(system, motion, after, end, dt)
 

@@ -23,6 +23,7 @@ from ddgcli.mechanics.terms import (
     Potential,
     PrescribedMotion,
     TimeDependent,
+    has_exact_energy,
     has_kind,
     is_dead,
 )
@@ -128,9 +129,13 @@ class System:
         self.varies = timed or bool(self.prescribed)
         self.pushed = any(hasattr(any_term, "power") for any_term in self.all_terms)
 
-    def _choose(self, all_terms: Sequence[Any]) -> None:
-        """Sort the terms by kind, those that depend on time at `self.time`."""
-        terms = [p.at(self.time) if has_kind(p, TimeDependent) else p for p in all_terms]
+    def _choose(self, all_terms: Sequence[Any], obstacle_time: float | None = None) -> None:
+        """Sort the terms by kind, those that depend on time at `self.time`, obstacles at their own."""
+        of_obstacles = self.time if obstacle_time is None else obstacle_time
+        terms = [
+            p.at(of_obstacles if hasattr(p, "power") else self.time) if has_kind(p, TimeDependent) else p
+            for p in all_terms
+        ]
         self.potentials: list[Potential] = [in_pieces(p) for p in terms if has_kind(p, Potential)]
         self.dissipations: list[Dissipation] = [p for p in terms if has_kind(p, Dissipation)]
         self.barriers: list[BarrierPotential] = [p for p in terms if has_kind(p, BarrierPotential)]
@@ -145,6 +150,12 @@ class System:
         system = copy.copy(self)
         system.time = time
         system._choose(self.all_terms)
+        return system
+
+    def with_obstacles_at(self, time: float) -> System:
+        """The system whose moving obstacles are where they are at a time in s, and all else as it is."""
+        system = copy.copy(self)
+        system._choose(self.all_terms, time)
         return system
 
     def with_own_account(self) -> System:
@@ -255,20 +266,40 @@ class System:
                 total += term.gradient(v)
         return total
 
+    def later_work(self, since: float, before: NDArray, after: NDArray) -> float:
+        """Joules that stored energies which depend on time give along a path more at `time` than in the mean.
+
+        The mean is that of `since`, when the path begins, and `time`, when it ends. Obstacles do not count.
+        """
+        work = 0.0
+        for p in self.all_terms:
+            if not has_kind(p, TimeDependent) or hasattr(p, "power"):
+                continue
+            now, then = p.at(self.time), p.at(since)
+            if hasattr(now, "energy") and not is_dead(now) and has_exact_energy(now):
+                work += 0.5 * (now.energy(after) - now.energy(before))
+                work -= 0.5 * (then.energy(after) - then.energy(before))
+        return work
+
     def external_work(
         self, path: Sequence[NDArray], dt: float, frozen: Sequence[Sequence[tuple[Potential, ...]]]
     ) -> float:
-        """Joules that dead loads and handles add, less those that dissipation takes.
+        """Joules that dead loads, moments and handles add, less those that dissipation takes.
 
-        `path` holds positions that are dt apart. Of each part of it `frozen` holds the dissipation that
-        acted, or that of both ends, whose mean counts; what is smooth is taken at the middle instead. The
-        kinetic energy of prescribed vertices does not count.
+        `path` holds positions that are dt apart; loads and wind have the forces of `time`. Of each part of it
+        `frozen` holds the dissipation that acted, or that of both ends, whose mean counts; what is smooth is
+        taken at the middle instead. The kinetic energy of prescribed vertices does not count.
         """
         work = 0.0
         for potential in self.potentials:
             if is_dead(potential):
                 with self.account.within(potential.name):
                     work += potential.energy(path[0]) - potential.energy(path[-1])
+            elif not has_exact_energy(potential):
+                with self.account.within(potential.name):
+                    for before, after in pairwise(path):
+                        force = potential.gradient(before) + potential.gradient(after)
+                        work -= 0.5 * float(np.vdot(force, after - before))
         for k, dissipation in enumerate(self.dissipations):
             smooth = getattr(dissipation, "smooth", False)
             with self.account.within(dissipation.name):

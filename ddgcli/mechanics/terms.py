@@ -86,6 +86,21 @@ def is_dead(potential: Any) -> bool:
     return len(potential.stencil) == 0 and not hasattr(potential, "hessian")
 
 
+def has_exact_energy(potential: Any) -> bool:
+    """Whether the gradient of a potential is that of its energy.
+
+    Parameters
+    ----------
+    potential : Potential
+
+    Returns
+    -------
+    bool
+        False where its attribute `exact_energy` is: its work is that of its force along the path.
+    """
+    return bool(getattr(potential, "exact_energy", True))
+
+
 @runtime_checkable
 class BarrierPotential(Protocol):
     """A potential that is infinite outside an admissible set (a barrier)."""

@@ -41,6 +41,7 @@ class EdgeMoment:
     """
 
     name = "load"
+    exact_energy = False
 
     def __init__(
         self,
