@@ -27,7 +27,7 @@ stretching = {{}}
 bending = {{}}
 {effects}
 """
-SHEET = "grid = { size = [0.3, 0.2], cells = [3, 2] }"
+GRID = "grid = { size = [0.3, 0.2], cells = [3, 2] }"
 BALL = "sphere = { center = [0, 0, 0], radius = 0.2, subdivisions = 1 }"
 PINS = "pin = { vertices = [0, 1] }\n"
 MOVING_PLATE = """
@@ -38,18 +38,18 @@ plane = { point = [0, 0, -0.5], normal = [0, 0, 1] }
 velocity = [0, 0, -0.1]
 """
 DRIVING = {
-    "a load that falls": (SHEET, PINS + "load = {traction=[0,0,20], times=[0,0.1], factors=[1,0]}"),
+    "a load that falls": (GRID, PINS + "load = {traction=[0,0,20], times=[0,0.1], factors=[1,0]}"),
     "a load beside gravity": (
-        SHEET, PINS + "gravity = {}\nload = {traction=[0,0,20], times=[0,0.1], factors=[1,0]}"
+        GRID, PINS + "gravity = {}\nload = {traction=[0,0,20], times=[0,0.1], factors=[1,0]}"
     ),
-    "wind in time": (SHEET, PINS + 'wind = {velocity=["0","0","3*cos(30*t)"], density=5}'),
+    "wind in time": (GRID, PINS + 'wind = {velocity=["0","0","3*cos(30*t)"], density=5}'),
     "pressure": (BALL, "pressure = {value=40, times=[0,0.1], factors=[1,-0.5]}"),
     "gas": (BALL, "pressure = {value=40, gas=true, ambient=100, times=[0,0.1], factors=[1,3]}"),
     "a constant moment": (
-        SHEET, "pin = {vertices=[0,1,2], clamp=true}\nload = {moment=0.01, vertices=[9,10,11]}"
+        GRID, "pin = {vertices=[0,1,2], clamp=true}\nload = {moment=0.01, vertices=[9,10,11]}"
     ),
     "a moment": (
-        SHEET,
+        GRID,
         "pin = {vertices=[0,1,2], clamp=true}\n"
         "load = {moment=0.01, vertices=[9,10,11], times=[0,0.1], factors=[1,0]}",
     ),
@@ -77,9 +77,9 @@ def test_what_drives_a_shell_does_not_lower_the_order(integrator, driving, caplo
                                      PINS + "damping = {stiffness=5e-3}"])  # fmt: skip
 def test_asynchronous_steps_keep_their_order_beside_drag(driving):
     effects = "gravity = {}\n" + driving
-    truth = end("verlet", 2e-5, SHEET, effects)
+    truth = end("verlet", 2e-5, GRID, effects)
     errors = [
-        np.abs(end("avi", h, SHEET, effects).vertex["velocity"] - truth.vertex["velocity"]).max()
+        np.abs(end("avi", h, GRID, effects).vertex["velocity"] - truth.vertex["velocity"]).max()
         for h in (1e-3, 5e-4)
     ]
     assert errors[1] < 2e-4 and 3.0 < errors[0] / errors[1] < 5.0

@@ -6,9 +6,10 @@ The vorticity w of a flow u is the Whitney form with
 
 and the flow changes by - nu curl w, which is a discrete flow again. An implicit step of both is one symmetric
 positive definite system, (M + dt nu curl' curl) w = curl' u, and lowers the energy of any flow between walls
-at rest. Two of them make a step of second order between walls of free slip, where the edges have no
-vorticity. Elsewhere the velocity along the boundary is prescribed by the integral, and the projection takes
-off what would cross a wall: of first order in time.
+at rest. Two of them make a step of second order. Between walls of free slip the edges have no vorticity.
+Elsewhere the velocity along the boundary is prescribed by the integral, and curl w also crosses the wall: a
+pressure holds that back, so that P curl takes the place of curl, with the projection P on flows between the
+walls, and conjugate gradients solve the system with the factors of the one without pressure.
 
 J. C. Nedelec, "A new family of mixed finite elements in R^3", Numerische Mathematik, 1986.
 """
@@ -19,6 +20,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, cg
 
 from ddgcli.geometry.cells import TET_EDGES
 from ddgcli.linalg.constrain import Dirichlet
@@ -30,8 +32,10 @@ from ddgcli.models.fluid.diffusion import GAMMA
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.operators.stars import hodge_star
+from ddgcli.simulation.model import StepRejected
 
 MAX_FACTORS = 4  # of step lengths, kept at a time
+TOLERANCE, MAX_ROUNDS = 1e-9, 1000  # of conjugate gradients beside walls without slip
 
 
 class VolumeDiffusion(FlowPhase):
@@ -49,7 +53,6 @@ class VolumeDiffusion(FlowPhase):
         self.has_friction, self.slip_edges, self.wall = self._boundary()
         if self.in_time is not None:
             self.wall_in_time = InTime(lambda time: self._boundary(time)[2], self.in_time.times)
-        self.order = 1 if self.has_friction else 2  # what crosses a wall is projected off after each stage
         self._factors: dict[float, Dirichlet] = {}
 
     def _boundary(self, time: float = 0.0) -> tuple[bool, NDArray[np.int64], NDArray[np.float64]]:
@@ -88,7 +91,7 @@ class VolumeDiffusion(FlowPhase):
     def _implicit_euler(self, state: FluidState, dt: float, time: float) -> FluidState:
         """The state after dt, with the walls of a `time`."""
         space = self.space
-        change = -dt * self.nu * (self.curl @ self._vorticity(state, self._factor(dt), time))
+        change = -dt * self.nu * (self.curl @ self._vorticity(state, dt, time))
         if self.has_friction:
             return space.accelerated(state, space.velocity(change))
         return state.replaced(flux=state["flux"] + change)
@@ -100,14 +103,39 @@ class VolumeDiffusion(FlowPhase):
             self._factors[dt] = Dirichlet(self.mass + dt * self.nu * self.stiffness, self.slip_edges)
         return self._factors[dt]
 
-    def _vorticity(self, state: FluidState, solver: Dirichlet, time: float) -> NDArray[np.float64]:
-        """(e,) vorticity along the edges, by a factorisation of their mass or of a step."""
+    def _vorticity(self, state: FluidState, dt: float, time: float) -> NDArray[np.float64]:
+        """(e,) vorticity along the edges: with dt > 0, that after an implicit step."""
         space, velocity = self.space, self.space.cell_velocity(state)
         wall, stream = self.wall if self.in_time is None else self.wall_in_time.at(time), space.stream_in_time
         if stream is not None:  # walls without slip would stop the difference of two times at once
             velocity = velocity + space.velocity(stream.at(time) - stream.at(state.time))
         circulation = space.edge_circulation(velocity) + wall
-        return solver.solve_held_at_zero(circulation, refine=False)
+        if not dt:
+            return self._mass_factor.solve_held_at_zero(circulation, refine=False)
+        if not self.has_friction:
+            return self._factor(dt).solve_held_at_zero(circulation, refine=False)
+        return self._vorticity_with_pressure(circulation, dt)
+
+    def _vorticity_with_pressure(self, circulation: NDArray, dt: float) -> NDArray[np.float64]:
+        """(e,) solution of (M + dt nu curl' P curl) w = circulation."""
+        space, n = self.space, len(circulation)
+        factor, load = self._factor(dt), circulation.copy()
+        load[self.slip_edges] = 0.0
+
+        def stepped(w: NDArray) -> NDArray:
+            flux = space.projected(space.velocity(self.curl @ w), inflow=False)
+            product = self.mass @ w + dt * self.nu * space.edge_circulation(space.velocity(flux))
+            product[self.slip_edges] = 0.0
+            return product
+
+        operator = LinearOperator((n, n), stepped, dtype=np.float64)
+        inverse = LinearOperator(
+            (n, n), lambda rest: factor.solve_held_at_zero(rest, refine=False), dtype=np.float64
+        )
+        w, failed = cg(operator, load, x0=inverse @ load, rtol=TOLERANCE, maxiter=MAX_ROUNDS, M=inverse)
+        if failed:
+            raise StepRejected(f"viscosity at walls was not solved in {MAX_ROUNDS} rounds")
+        return w
 
     @cached_property
     def _mass_factor(self) -> Dirichlet:
@@ -115,5 +143,4 @@ class VolumeDiffusion(FlowPhase):
 
     def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:
         """(k, 3) what it adds to the velocity of the cells a second."""
-        vorticity = self._vorticity(state, self._mass_factor, time)
-        return self.space.velocity(-self.nu * (self.curl @ vorticity))
+        return self.space.velocity(-self.nu * (self.curl @ self._vorticity(state, 0.0, time)))
