@@ -13,7 +13,7 @@ from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators import whitney
 from ddgcli.operators.dec import complex_of
-from ddgcli.operators.form_products import form_values, operands
+from ddgcli.operators.form_products import form_values, operands, require_finite_vectors
 
 __all__ = ["eigenforms", "flat", "interior_product", "lie_derivative", "sharp", "wedge"]
 
@@ -79,7 +79,7 @@ def flat(mesh: SpaceMesh, vectors: ArrayLike) -> NDArray[np.float64]:
     MeshError
         For a surface that is no oriented manifold.
     ParameterError
-        For an array of another shape.
+        For an array of another shape, or a number that is not finite.
 
     References
     ----------
@@ -97,6 +97,7 @@ def flat(mesh: SpaceMesh, vectors: ArrayLike) -> NDArray[np.float64]:
     values = np.asarray(vectors, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] != 3:
         raise ParameterError(f"an array of shape {values.shape} is not a field; give (n, 3) vectors")
+    require_finite_vectors(values)
     return whitney.flat(mesh, values)
 
 

@@ -213,9 +213,10 @@ def cell_vectors(complex_: Complex, array: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     ParameterError
-        For an array of another shape.
+        For an array of another shape, or numbers that are not finite.
     """
     vectors = np.asarray(array, dtype=np.float64)
+    require_finite_vectors(vectors)
     if vectors.shape == (len(complex_.corners), 3):
         return vectors
     if vectors.shape == (complex_.counts[0], 3):
@@ -224,6 +225,22 @@ def cell_vectors(complex_: Complex, array: ArrayLike) -> NDArray[np.float64]:
         f"an array of shape {vectors.shape} is not a field; name vectors on the {complex_.counts[0]} "
         f"vertices or {len(complex_.corners)} {ELEMENTS[complex_.dimension][-1]}"
     )
+
+
+def require_finite_vectors(vectors: NDArray) -> None:
+    """Raise an error for a field with a number that is not finite.
+
+    Parameters
+    ----------
+    vectors : (k, 3) ndarray
+
+    Raises
+    ------
+    ParameterError
+    """
+    if vectors.ndim == 2 and not np.isfinite(vectors).all():
+        row = int(np.argmin(np.isfinite(vectors).all(axis=1)))
+        raise ParameterError(f"the field is not finite at row {row}; correct the array")
 
 
 def _relative(difference: NDArray, *terms: NDArray) -> float:

@@ -39,6 +39,7 @@ def read_obj(data: bytes) -> RawMesh:
         raise MeshFileError("not an OBJ file: binary data; check the extension")
     data = data.replace(b"\t", b" ")
     if b"\\" in data:
+        data = re.sub(rb"#[^\r\n]*", b"", data)  # whose last backslash continues no line
         data = re.sub(rb"\\\r?\n", b" ", data)
     vertices, faces, paths, textures = _elements(TextLines.of(data))
     points, colors = _points(vertices)

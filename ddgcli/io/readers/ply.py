@@ -6,6 +6,7 @@ slower; both accept counts that the file cannot hold.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,6 +23,7 @@ TYPES = {
     "double": "f8", "float64": "f8", "int64": "i8", "uint64": "u8",
 }  # fmt: skip
 
+END_OF_HEADER = re.compile(rb"[\r\n][ \t]*end_header *(?:\r\n|\n|\r|\Z)")  # a comment may have the word
 COUNT_TYPES = {name: code for name, code in TYPES.items() if code[0] != "f"}  # of the length of a list
 
 
@@ -61,16 +63,12 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
     """Byte order ('' for ASCII), elements, and where the body begins."""
     if data[:3] != b"ply" or data[3:4] not in (b"\n", b"\r", b" "):
         raise MeshFileError("not a PLY file: it does not begin with 'ply'; check the file")
-    end = data.find(b"end_header")
-    if end < 0:
+    end = END_OF_HEADER.search(data)
+    if end is None:
         raise MeshFileError("the PLY header has no end_header; the file is truncated or damaged")
-    body = end + len(b"end_header")
-    while data[body : body + 1] == b" ":
-        body += 1
-    body += 2 if data[body : body + 2] == b"\r\n" else 1
     order: str | None = None
     elements: list[_Element] = []
-    for number, line in enumerate(data[:end].decode("latin-1").splitlines(), start=1):
+    for number, line in enumerate(_text(data[: end.start()]).splitlines(), start=1):
         words = line.split()
         try:
             if words[:1] == ["format"]:
@@ -93,7 +91,15 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
     for element in elements:
         place = f"the PLY element '{excerpt(element.name, 40)}'"
         _require_distinct("property", [p.name for p in element.properties], place)
-    return order, elements, body
+    return order, elements, end.end()
+
+
+def _text(header: bytes) -> str:
+    """Lines of a header: ASCII by the format; names of arrays in UTF-8 are ours, other bytes anyone's."""
+    try:
+        return header.decode("utf-8")
+    except UnicodeDecodeError:
+        return header.decode("latin-1")
 
 
 def _require_distinct(what: str, names: list[str], place: str) -> None:

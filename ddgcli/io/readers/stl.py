@@ -17,6 +17,7 @@ from ddgcli.io.readers.text import numbers
 from ddgcli.mesh.repair import merged_points
 
 FACET = np.dtype([("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("attribute", "<u2")])
+NAME_LINE = re.compile(rb"^[ \t]*((?:end)?solid)[^\r\n]*", re.IGNORECASE | re.MULTILINE)
 VERTEX = re.compile(rb"vertex\s+(\S+\s+\S+\s+\S+)", re.IGNORECASE)
 
 
@@ -55,6 +56,8 @@ def _binary(data: bytes, notes: list[str]) -> NDArray:
 
 
 def _ascii(data: bytes) -> NDArray:
+    without_names = NAME_LINE.sub(rb"\1", data)
+    data = without_names if b"facet" in without_names.lower() else data  # all on one line
     vertices = VERTEX.findall(data)
     lower = data.lower()
     facets, ends = lower.count(b"facet") - lower.count(b"endfacet"), lower.count(b"endfacet")

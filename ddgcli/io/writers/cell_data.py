@@ -90,9 +90,18 @@ def cell_data_of(annotated: AnnotatedMesh) -> CellData:
         }
     if edge and "edges" not in edge:
         edge = {"edges": mesh.topology.edges, **edge}  # type: ignore[union-attr]
+    vertex, cell = _with_columns(vertex), _with_columns(cell)
     data = CellData(points, kind, cells, vertex, cell, edge, dict(annotated.whole), annotated.metadata)
     _check(data)
     return data
+
+
+def _with_columns(arrays: dict[str, NDArray]) -> dict[str, NDArray]:
+    """The arrays but for those without a name or a column, which formats cannot hold, with a warning."""
+    missing = [n for n, values in arrays.items() if not n.strip() or (len(values) and not np.size(values))]
+    if missing:
+        log.warning(f"arrays without a name or a column are not written: {', '.join(map(repr, missing))}")
+    return {name: values for name, values in arrays.items() if name not in missing}
 
 
 def neighbors(side_twin: NDArray) -> NDArray[np.int64]:

@@ -67,7 +67,7 @@ def ply_bytes(data: CellData) -> bytes:
         table = np.zeros(len(data.cells), dtype=[(n, v.dtype.newbyteorder("<")) for n, v in columns])
     for name, value in columns:
         table[name] = value
-    return "\n".join([*header, "end_header\n"]).encode("ascii") + _table(vertices).tobytes() + table.tobytes()
+    return "\n".join([*header, "end_header\n"]).encode() + _table(vertices).tobytes() + table.tobytes()
 
 
 def _table(columns: list[tuple[str, NDArray]]) -> NDArray:

@@ -1,0 +1,69 @@
+"""Words of a format inside names and comments, and names outside ASCII."""
+
+import logging
+
+import numpy as np
+import pytest
+
+from ddgcli.errors import ParameterError
+from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.library.forms import flat, interior_product, lie_derivative
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+
+TRIANGLE = "element vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+BODY = "property list uchar int vertex_indices\nend_header{}0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+
+
+@pytest.mark.parametrize("end", ["\n", " \n", "\r\n"])
+def test_a_comment_of_a_ply_file_may_have_the_word_end_header(tmp_path, end):
+    """Once the header ended there: our own files from a folder of that name were read as empty."""
+    path = tmp_path / "a.ply"
+    path.write_bytes(
+        f"ply\nformat ascii 1.0\ncomment /end_header_tests end_header\n{TRIANGLE}{BODY}".format(end).encode()
+    )
+    assert read_mesh(str(path)).mesh.n_faces == 1
+
+
+def test_a_comment_of_an_obj_file_continues_no_line(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n# C:\\meshes\\\nf 1 2 3\nv 1 1 0\nf 2 \\\n4 3\n")
+    assert read_mesh(str(path)).mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2]]
+
+
+@pytest.mark.parametrize("name", ["my facet", "vertex 1 2 3", "", "endfacet"])
+def test_the_name_of_an_ascii_stl_solid_may_have_words_of_the_format(tmp_path, name):
+    facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+    path = tmp_path / "a.stl"
+    for text in (f"solid {name}\n{facet}endsolid {name}\n", f"solid x {facet}endsolid".replace("\n", " ")):
+        path.write_text(text)
+        assert read_mesh(str(path)).mesh.n_faces == 1
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".vtu", ".vtkhdf", ".npz"])
+def test_names_outside_ascii_are_kept(tmp_path, suffix):
+    grid = shapes.grid(2, 2)
+    path = str(tmp_path / f"a{suffix}")
+    write_mesh(path, AnnotatedMesh(grid, vertex={"température": np.arange(9.0)}))
+    assert np.array_equal(read_mesh(path).vertex["température"], np.arange(9.0))
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".vtu", ".vtp", ".vtk", ".vtkhdf", ".npz", ".xdmf"])
+def test_arrays_without_a_name_or_a_column_are_left_out(tmp_path, suffix, caplog):
+    """Once a ValueError, or a file that our reader refuses."""
+    path = str(tmp_path / f"a{suffix}")
+    arrays = {"": np.arange(9.0), "none": np.zeros((9, 0)), "kept": np.arange(9.0)}
+    with caplog.at_level(logging.WARNING):
+        write_mesh(path, AnnotatedMesh(shapes.grid(2, 2), vertex=arrays))
+    assert set(read_mesh(path).vertex) >= {"kept"} and "'', 'none'" in caplog.text
+
+
+def test_fields_that_are_not_finite_are_refused():
+    grid = shapes.grid(3, 3)
+    field, form = np.ones((grid.n_vertices, 3)), np.ones(len(grid.topology.edges))
+    field[5, 1] = np.nan
+    with pytest.raises(ParameterError, match="not finite at row 5"):
+        flat(grid, field)
+    for product in (interior_product, lie_derivative):
+        with pytest.raises(ParameterError, match="not finite at row 5"):
+            product(grid, field, form)
