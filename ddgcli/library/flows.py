@@ -129,7 +129,8 @@ def willmore_flow(
             outcome.series, surface_flow.convention, schedule.steps, outcome.stopped, outcome.failure,
             bounded=bounded, times=outcome.times if surface_flow.timed else None,
         )  # fmt: skip
-        reason, last = report.failure_reason(outcome.stopped, mesh, options), mesh_of_frame(mesh, outcome.end)
+        last = mesh_of_frame(mesh, outcome.end)
+        reason = report.failure_reason(outcome.stopped, mesh, last, options)
         results["self_intersections"] = report_of(outcome.series, outcome.times, last)
         report.warn_of_surfaces(mesh, last, options, results["energy"][0])
         return End(results, accuracy, reason)

@@ -20,7 +20,7 @@ from ddgcli.errors import ParameterError, SceneError
 from ddgcli.scenes.sections import Document, Key, Section, checked, located
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect, EffectTable, nearest
-from ddgcli.simulation.model import MAX_STEP_COUNT, Schedule
+from ddgcli.simulation.model import MAX_STEP_COUNT, Schedule, warn_of_other_frames
 
 FORMAT = "ddgcli-scene/1"
 # effects that have models -> the key that names one
@@ -264,7 +264,10 @@ def _check_clock(scene: Scene, overridden: set[str]) -> None:
         if span is not None and not TIME_RANGE[0] < span < TIME_RANGE[1]:
             refuse(what, f"{span:g} s", "squared leaves the range of numbers; write 1e-149 to 1e149")
     schedule = scene.schedule()
-    if time.tolerance is not None or time.integrator == "static":
+    if time.integrator == "static":
+        return
+    if time.tolerance is not None:
+        warn_of_other_frames(time.frame_every, schedule, time.duration, " s")
         return
     if time.step > time.duration * (1 + 1e-6):
         if "step" in overridden:
@@ -278,14 +281,11 @@ def _check_clock(scene: Scene, overridden: set[str]) -> None:
             f"step = {time.step:g} s is longer than the duration of {time.duration:g} s; "
             f"write step = {time.duration:g} or less, or a longer duration",
         )
-    end, between = schedule.steps * schedule.dt, schedule.every * schedule.dt
+    end = schedule.steps * schedule.dt
     if abs(end - time.duration) > 1e-6 * time.duration:
         log.warning("duration %g s is not a whole number of steps of %g s: the run ends at %g s",
                     time.duration, schedule.dt, end)  # fmt: skip
-    expected = min(time.frame_every or between, end)
-    if abs(min(between, end) - expected) > 1e-6 * expected:
-        log.warning("frame_every %g s is not a whole number of steps of %g s: frames come every %g s",
-                    expected, schedule.dt, between)  # fmt: skip
+    warn_of_other_frames(time.frame_every, schedule, end, " s")
 
 
 def _check_top(document: Document) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -10,6 +11,8 @@ from typing import Any, Generic, TypeVar
 from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError, SolveError
+
+log = logging.getLogger("ddgcli")
 
 State = TypeVar("State")
 Arrays = dict[str, NDArray]
@@ -254,12 +257,40 @@ def flow_schedule(options: Mapping[str, Any], own_step: float, *, max_steps: int
         dt = own_step if duration is None else max(duration / max_steps, min(duration / n_frames, own_step))
     if tolerance is not None and duration is not None:
         frame_count = max(1, math.ceil(duration / every - 1e-9)) if every else n_frames
-        return Schedule(
+        schedule = Schedule(
             duration / frame_count, frame_count, 1, tolerance, first_dt=min(dt, duration / frame_count)
         )
+        warn_of_other_frames(every, schedule, duration)
+        return schedule
     count = max(1, math.ceil(duration / dt - 1e-9)) if duration is not None else steps or max_steps
     dt = duration / count if duration is not None else dt
-    return Schedule(dt, count, max(1, round(every / dt) if every else math.ceil(count / n_frames)))
+    schedule = Schedule(dt, count, max(1, round(every / dt) if every else math.ceil(count / n_frames)))
+    warn_of_other_frames(every, schedule, dt * count)
+    return schedule
+
+
+def warn_of_other_frames(every: float | None, schedule: Schedule, end: float, unit: str = "") -> None:
+    """Report frames that come at other times than the option `frame_every` names.
+
+    Parameters
+    ----------
+    every : float, optional
+        That option.
+    schedule : Schedule
+    end : float
+        Of the run.
+    unit : str
+        Of times, after a blank.
+    """
+    between = schedule.every * schedule.dt
+    expected = min(every or between, end)
+    if abs(min(between, end) - expected) <= 1e-6 * expected:
+        return
+    if schedule.tolerance is None:
+        why = f"is not a whole number of steps of {schedule.dt:g}{unit}"
+    else:
+        why = f"does not divide the duration of {end:g}{unit}"
+    log.warning(f"frame_every {expected:g}{unit} {why}: frames come every {between:g}{unit}")
 
 
 def _check_times(options: Mapping[str, Any]) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+import ddgcli as ddg
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
@@ -233,6 +234,16 @@ def test_a_closed_film_that_pinches_names_no_boundary(genus):
         mesh = shapes.torus(12, 8, 1.0, 0.6)
         _, mesh, shots = run_flow(mesh, film(fix_volume=True))
         assert shots[-1].stopped == films.THIN_STAR_REASON
-    message = failure_reason(films.THIN_STAR_REASON, mesh, "area")
+    message = failure_reason(films.THIN_STAR_REASON, mesh, mesh, film())
     assert ("remesh=mean" in message, "flow=quadratic" in message) == (not genus, bool(genus))
     assert "boundary" not in message
+
+
+@pytest.mark.parametrize("seed, stretch", [(3, (5, 3, 0.7)), (0, (1, 1, 4))])
+def test_a_film_whose_faces_fold_over_is_no_film_at_rest(seed, stretch, caplog):
+    """Once the shipped ellipsoid became a tangle at rest with exit code 0."""
+    ball = shapes.random_sphere(200, seed)
+    flow = ddg.willmore_flow(ball.moved(ball.points * np.array(stretch)), "mean-curvature", fix_volume=True)
+    end = flow.finish()
+    assert not end.converged
+    assert "faces are folded over" in caplog.text and "use `remesh=mean`" in caplog.text

@@ -130,13 +130,19 @@ def command(
         "subdivide": subdivide,
         "fill": parameters["fill"],
     }
+
+    def last_mesh(observation: Any) -> Any:
+        return mesh if observation is None else mesh_of_frame(mesh, observation)
+
     time_unit = "L²" if parameters["flow"] == "mean-curvature" else "L⁴"  # L: the input's length unit
     job = Job(
         {"surface": model}, [mesh], schedule, Account(), moving=True, resume=resume,
         **_stored_texts(described, source.sha256, resume, time_unit),
         changing_faces=flow.keeps_triangles,
         changing_vertices=flow.remesh is not None,
-        failure_reason=lambda outcome: report.failure_reason(outcome.stopped, mesh, flow_options),
+        failure_reason=lambda outcome: report.failure_reason(
+            outcome.stopped, mesh, last_mesh(outcome.last), flow_options
+        ),
     )  # fmt: skip
     begin_flow(run, job, bounded=bounded)
     outcome = simulate(run, job)
@@ -144,7 +150,7 @@ def command(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure, bounded=bounded,
         times=outcome.times if flow.timed else None,
     )  # fmt: skip
-    last = mesh if outcome.last is None else mesh_of_frame(mesh, outcome.last)
+    last = last_mesh(outcome.last)
     results["self_intersections"] = report_of(outcome.series, outcome.times, last)
     report.warn_of_surfaces(mesh, last, flow_options, results["energy"][0])
     if parameters["fill"] is not None:

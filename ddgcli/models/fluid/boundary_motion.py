@@ -114,6 +114,28 @@ def require_outflow(sections: Sequence[BoundaryPart]) -> None:
         raise ValueError('inflow without outflow: add [[effects.boundary]] with kind = "outflow"')
 
 
+def refuse_empty_wall(section: BoundaryPart, covered: NDArray, what: str) -> None:
+    """Refuse a wall that lies nowhere: it would still decide how the rest of the boundary is.
+
+    Parameters
+    ----------
+    section : BoundaryPart
+    covered : (s,) ndarray of bool
+        Boundary sides that it selects.
+    what : {'side', 'face'}
+        Of the boundary, for the message.
+
+    Raises
+    ------
+    ValueError
+    """
+    if section.kind not in ("inflow", "outflow") and section.where is not None and not covered.any():
+        place = f" of obstacle {section.obstacle!r}" if section.obstacle is not None else ""
+        raise ValueError(
+            f"{section.kind}: no boundary {what}{place} lies where {section.where!r} holds; check `where`"
+        )
+
+
 def refuse_outward_inflow(sections: Sequence[BoundaryPart], owner: NDArray, flux: NDArray) -> None:
     """Refuse inflows through which no fluid enters at any time.
 

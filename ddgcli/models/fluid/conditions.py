@@ -22,6 +22,7 @@ from ddgcli.models.fluid.boundary_motion import (
     flux_at,
     holds_time,
     natural_sides,
+    refuse_empty_wall,
     refuse_outward_inflow,
     require_outflow,
     rest_kind,
@@ -252,6 +253,7 @@ def _owners(
         if section.obstacle is not None:
             marked = context.obstacles[section.obstacle]
             covered &= marked[tail] & marked[head]
+        refuse_empty_wall(section, covered, "side")
         owner[covered] = i
     for i, section in enumerate(sections):
         if section.kind in ("inflow", "outflow") and not (owner == i).any():

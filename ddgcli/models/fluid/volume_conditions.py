@@ -15,6 +15,7 @@ from ddgcli.models.fluid.boundary_motion import (
     crosses_in_time,
     flux_at,
     natural_sides,
+    refuse_empty_wall,
     refuse_outward_inflow,
     require_outflow,
     rest_kind,
@@ -173,6 +174,7 @@ class _Rim:
                 covered &= evaluate(section.where, dict(zip("xyz", self.centre.T))) != 0
             if section.obstacle is not None:
                 covered &= context.obstacles[section.obstacle][self.vertices].all(axis=1)
+            refuse_empty_wall(section, covered, "face")
             owner[covered] = number
         for number, section in enumerate(self.sections):
             if section.kind in ("inflow", "outflow") and not (owner == number).any():

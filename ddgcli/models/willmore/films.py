@@ -20,6 +20,7 @@ from ddgcli.models.willmore.flow_options import FlowOptions
 PINCHED_STAR_FRACTION = 1e-5
 PINCH_REASON = "the surface pinches off: no film of this topology spans the boundary"
 THIN_STAR_REASON = "the closed surface pinches off, or its triangles were too slender"
+FOLDED_REASON = "the area falls no more, but faces are folded over: the triangles were too slender"
 MIN_VOLUME = 1e-9  # of a surface at unit size, below which it counts as enclosing none
 FILM_CONVENTIONS = {False: "area", True: "minus the enclosed volume"}  # by whether the area is kept
 

@@ -14,28 +14,34 @@ from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY, ENERGIES, SECOND_ENERGY
-from ddgcli.models.willmore.films import PINCH_REASON, THIN_STAR_REASON
-from ddgcli.models.willmore.flow_options import FlowOptions, chosen_energy
+from ddgcli.models.willmore.films import FOLDED_REASON, PINCH_REASON, THIN_STAR_REASON
+from ddgcli.models.willmore.flow_options import FlowOptions, chosen_energy, is_film
+from ddgcli.models.willmore.state import FILM_STOP
 from ddgcli.models.willmore.step_rules import (
     CONFORMAL_REASON,
     CRUMPLING_REASON,
     FALSE_REST_REASON,
     FALSE_TORUS_REST_REASON,
     LOWER_BOUND_REASON,
+    NO_STEP_REASON,
+    ROUNDING_REASON,
     SINGULAR_REASON,
     SLOW_NEWTON_REASON,
+    SMALL_FALL_REASON,
 )
 
 RESOLUTION_REASONS = (
     LOWER_BOUND_REASON,
     CRUMPLING_REASON,
     PINCH_REASON,
+    FOLDED_REASON,
     THIN_STAR_REASON,
     CONFORMAL_REASON,
     FALSE_REST_REASON,
     FALSE_TORUS_REST_REASON,
     SLOW_NEWTON_REASON,
 )  # ends that are neither at rest nor on the flow
+FILM_RESTS = (SMALL_FALL_REASON.format(FILM_STOP.fall), NO_STEP_REASON, ROUNDING_REASON)
 FLAT_ENERGY = 1e-9  # smaller energies, which have no unit, are the rounding of flat surfaces
 ENERGY_RATIO_WARNING = 1.2  # growth of the ratio of two energies at which a warning is due
 REFINEMENT_ANGLE = 25  # smallest angle that the advice names for `delaunay --refine`
@@ -151,26 +157,28 @@ def every_energy(series: Mapping[str, NDArray]) -> dict[str, dict[str, Any]]:
     }
 
 
-def failure_reason(stopped: str, start: TriangleMesh, options: FlowOptions) -> str:
+def failure_reason(stopped: str, start: TriangleMesh, last: TriangleMesh, options: FlowOptions) -> str:
     """Why the end is neither at rest nor on the flow, with a cure; or "".
 
     Parameters
     ----------
     stopped : str
         Why the flow ended.
-    start : TriangleMesh
+    start, last : TriangleMesh
     options : FlowOptions
 
     Returns
     -------
     str
     """
+    if stopped in FILM_RESTS and is_film(options, start.topology) and folded_faces(last):
+        stopped = FOLDED_REASON
     if stopped not in RESOLUTION_REASONS:
         return ""
     cure = "begin with a finer mesh"
     if stopped == PINCH_REASON:
         cure = "bring the parts of the boundary closer together, or span each by its own surface"
-    elif stopped == THIN_STAR_REASON:
+    elif stopped in (THIN_STAR_REASON, FOLDED_REASON):
         cure = "use `remesh=mean`"
         if start.topology.euler_characteristic < 2 * start.topology.n_components:
             cure = "only spheres have equal curvature, and this surface has handles: use `flow=quadratic`"
