@@ -49,7 +49,7 @@ EXTENSIONS = 3dxml 3mf avs bdf cgns csv ctm dae dat dato dxf e ele ex2 exo f3gri
   vol vtk vtkhdf vtp vtu wkt xaml xdmf xmf xml xyz zae zip
 empty :=
 FILES := $(shell ls $(MESHES))
-SOURCES := $(shell ls $(MESHES) | grep -iE '^[^ ]+\.($(subst $(empty) $(empty),|,$(strip $(EXTENSIONS))))$$')
+SOURCES := $(shell ls $(MESHES) | grep -iE '^[[:alnum:]_.,+@-]+\.($(subst $(empty) $(empty),|,$(strip $(EXTENSIONS))))$$')
 SKIPPED := $(filter-out $(SOURCES),$(FILES))
 # two files that differ in the extension alone keep it in the names of their results
 stem = $(if $(word 2,$(filter $(basename $1),$(basename $(SOURCES)))),$1,$(basename $1))
@@ -57,10 +57,11 @@ RESULTS = $(foreach f,$(SOURCES),$(BUILD)/$(call stem,$f).curvature.vtu)
 
 ifeq ($(SOURCES),)
 pipeline:
-	@echo "no mesh in $(MESHES)/ (skipped: $(or $(SKIPPED),nothing)); name a folder: make pipeline MESHES=folder"; exit 2
+	$(info no mesh in $(MESHES)/ (skipped: $(or $(SKIPPED),nothing)); name a folder: make pipeline MESHES=folder)
+	@exit 2
 endif
 pipeline: $(RESULTS)  ## MESHES=folder: every mesh to BUILD/NAME.curvature.vtu and .png (try make -j2)
-	$(if $(SKIPPED),@echo "skipped in $(MESHES)/ (no mesh format): $(SKIPPED)")
+	$(if $(SKIPPED),$(info skipped in $(MESHES)/ (no mesh format, or a name that make cannot hold): $(SKIPPED)))
 
 define curvature_rule
 $(BUILD)/$(call stem,$1).curvature.vtu: $(MESHES)/$1

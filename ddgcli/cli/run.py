@@ -175,6 +175,7 @@ class Run:
             for output in self._planned_outputs:
                 if output != "-":
                     check_place(output, inputs=(path, *self._further_inputs))
+            self._context.meta.pop("ddgcli.input", None)  # of several, errors name the one that is read
             source = read_mesh(path, self.common.input_format)
             if message := kind_error(source.mesh, accept, self.command, path):
                 raise MeshError(f"{path}: {message}")
