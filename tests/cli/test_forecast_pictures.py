@@ -2,7 +2,7 @@
 
 import pytest
 
-from ddgcli.cli.forecast.kernels import kernels_of
+from ddgcli.cli.forecast.kernels import FURTHER_PICTURE, kernels_of
 from ddgcli.cli.forecast.mesh_facts import PICTURE_PIXELS, picture_share
 from ddgcli.cli.forecast.use import InputSize, Use
 from ddgcli.mesh import shapes
@@ -18,7 +18,7 @@ def test_pictures_are_counted_by_their_pixels_and_those_that_show_a_surface():
     curve = kernels_of("info", {}, InputSize("curve", 1000), plot=True)
     assert curve[1:] == [Use("picture")]  # lines: their picture was predicted at 2.6 times its memory
     films = kernels_of("frames", {"pictures": True}, size)
-    assert [use.times for use in films] == [3, 3, 3]
+    assert [use.times for use in films] == [1.0 + 2 * FURTHER_PICTURE, 3, 3]
     assert not kernels_of("frames", {"pictures": False}, size)
 
 

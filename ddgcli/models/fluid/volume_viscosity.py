@@ -48,7 +48,8 @@ class VolumeDiffusion(FlowPhase):
         cells = self.space.complex
         self.curl = cells.derivatives[1].astype(np.float64)
         self.mass = hodge_star(cells, 1)
-        self.stiffness = self.curl.T @ hodge_star(cells, 2) @ self.curl
+        self.to_circulation = self.curl.T @ hodge_star(cells, 2)  # of fluxes without divergence
+        self.stiffness = self.to_circulation @ self.curl
         self.in_time = None if self.space.conditions is None else self.space.conditions.velocity_in_time
         self.has_friction, self.slip_edges, self.wall = self._boundary()
         if self.in_time is not None:
@@ -124,7 +125,7 @@ class VolumeDiffusion(FlowPhase):
 
         def stepped(w: NDArray) -> NDArray:
             flux = space.projected(space.velocity(self.curl @ w), inflow=False)
-            product = self.mass @ w + dt * self.nu * space.edge_circulation(space.velocity(flux))
+            product = self.mass @ w + dt * self.nu * (self.to_circulation @ flux)
             product[self.slip_edges] = 0.0
             return product
 
@@ -132,7 +133,7 @@ class VolumeDiffusion(FlowPhase):
         inverse = LinearOperator(
             (n, n), lambda rest: factor.solve_held_at_zero(rest, refine=False), dtype=np.float64
         )
-        w, failed = cg(operator, load, x0=inverse @ load, rtol=TOLERANCE, maxiter=MAX_ROUNDS, M=inverse)
+        w, failed = cg(operator, load, x0=self._mass_factor.solve_held_at_zero(load, refine=False), rtol=TOLERANCE, maxiter=MAX_ROUNDS, M=inverse)
         if failed:
             raise StepRejected(f"viscosity at walls was not solved in {MAX_ROUNDS} rounds")
         return w
