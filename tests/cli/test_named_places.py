@@ -30,9 +30,7 @@ def test_a_wall_that_lies_nowhere_is_refused(shape, wall):
         "object": [{"role": "fluid", **shape}],
         "effects": effects,
     }
-    with pytest.raises(
-        SceneError, match=f"{wall['kind']}: no boundary (side|face) lies where 'x > 3' holds"
-    ):
+    with pytest.raises(SceneError, match=f"{wall['kind']}: no boundary (side|face) lies where 'x > 3' holds"):
         ddg.simulate(scene).finish()
 
 

@@ -133,7 +133,8 @@ class VolumeDiffusion(FlowPhase):
         inverse = LinearOperator(
             (n, n), lambda rest: factor.solve_held_at_zero(rest, refine=False), dtype=np.float64
         )
-        w, failed = cg(operator, load, x0=self._mass_factor.solve_held_at_zero(load, refine=False), rtol=TOLERANCE, maxiter=MAX_ROUNDS, M=inverse)
+        start = self._mass_factor.solve_held_at_zero(load, refine=False)  # right where the flow is steady
+        w, failed = cg(operator, load, x0=start, rtol=TOLERANCE, maxiter=MAX_ROUNDS, M=inverse)
         if failed:
             raise StepRejected(f"viscosity at walls was not solved in {MAX_ROUNDS} rounds")
         return w
