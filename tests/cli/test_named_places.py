@@ -50,3 +50,18 @@ def test_frames_at_other_times_are_reported(caplog):
     time["frame_every"] = 0.1
     list(ddg.simulate({"time": time, "object": [shell], "effects": {"gravity": {}}}))
     assert "frame_every" not in caplog.text
+
+
+@pytest.mark.parametrize(
+    "velocity, message",
+    [([0, 0, 1], "points out of the surface"), ([1, 0, 0], "a gradient"), (["x", "y", 0], "a gradient")],
+)
+def test_a_velocity_that_no_flow_has_is_reported_once(velocity, message, caplog):
+    """Once a normal one was dropped without a word, and the rounding of a gradient was called unresolved."""
+    scene = {
+        "time": {"duration": 0.2, "step": 0.1},
+        "object": [{"role": "fluid", "grid": {"size": [1, 1], "cells": [8, 8]}}],
+        "effects": {"initial": {"velocity": velocity}},
+    }
+    ddg.simulate(scene).finish()
+    assert message in caplog.text and len(caplog.records) == 1

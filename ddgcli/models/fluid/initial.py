@@ -19,7 +19,7 @@ from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import Initial
 from ddgcli.models.fluid.flow_mesh import harmonic_count
 from ddgcli.models.fluid.flows import FLOWS, KEYS, VOLUME_FLOWS, NamedFlow, VolumeFlow
-from ddgcli.models.fluid.lost_gradient import warn_of_lost_gradient
+from ddgcli.models.fluid.lost_gradient import warn_of_lost_gradient, warn_of_normal_velocity
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity, vector
@@ -27,6 +27,7 @@ from ddgcli.simulation.effects import Effect
 
 log = logging.getLogger("ddgcli")
 NAMED_FLOWS: dict[str, NamedFlow | VolumeFlow] = {**FLOWS, **VOLUME_FLOWS}
+ROUNDING_SHARE = 1e-24  # of the energy: a gradient leaves such a vorticity, which is none
 MAX_LOST_ENERGY_SHARE = 0.01  # share of the energy of an initial velocity that no discrete flow holds
 REST_SPEED_SHARE = 1e-9  # root mean square speed over the strength, up to which a flow by name is none
 BALANCE_TOLERANCE = 1e-10  # total vorticity over the total of its terms that counts as zero
@@ -84,6 +85,8 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
 
         def of_velocity(space: SurfaceSpace) -> dict[str, NDArray]:
             velocity = context.to_frames(space, vectors)
+            squares = np.einsum("ij,ij->i", vectors, vectors), np.abs(velocity) ** 2
+            warn_of_normal_velocity(context.name, *(0.5 * float(space.area @ square) for square in squares))
             along = _along_boundary(context, space, source)
             vorticity, coefficients = space.of_face_velocity(velocity, along)
             # its mean is rounding alone, of these terms
@@ -91,7 +94,9 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
                 space.faces, np.abs(velocity)[:, None] * np.abs(space.side[:, NEXT]), space.n
             )
             vorticity = balanced(space, vorticity, terms)
-            _warn_of_lost_energy(context, space, velocity, vorticity, coefficients)
+            share = _warn_of_lost_energy(context, space, velocity, vorticity, coefficients)
+            if share < ROUNDING_SHARE:
+                vorticity = np.zeros_like(vorticity)
             return {"vorticity": vorticity, "coefficients": coefficients}
 
         return [Initial(of_velocity)]
@@ -137,14 +142,18 @@ def _along_boundary(
 
 def _warn_of_lost_energy(
     context: FluidContext, space: SurfaceSpace, velocity: NDArray, vorticity: NDArray, coefficients: NDArray
-) -> None:
-    """Report a velocity of which the flow lacks much: harmonic flows left out by the scene, or a gradient."""
+) -> float:
+    """Report a velocity of which the flow lacks much: harmonic flows left out by the scene, or a gradient.
+
+    Returns the share of the energy that the flow of the vorticity has.
+    """
     whole = 0.5 * float(np.sum(space.area * np.abs(velocity) ** 2))
     phi = space.stream_function(vorticity)
+    share = space.kinetic_energy(phi, vorticity, np.zeros(len(space.harmonic))) / (whole or 1.0)
     if len(space.harmonic) or not harmonic_count(space.mesh):
         if space.lift is None:
             warn_of_lost_gradient(context.name, whole, space.kinetic_energy(phi, vorticity, coefficients))
-        return
+        return share
     energy_without = space.kinetic_energy(phi, vorticity, np.zeros(0))
     if whole - energy_without > MAX_LOST_ENERGY_SHARE * whole:
         log.warning(
@@ -152,6 +161,7 @@ def _warn_of_lost_energy(
             "harmonic part, which the effect harmonic = {} keeps",
             100.0 * (whole - energy_without) / whole, context.name,
         )  # fmt: skip
+    return share
 
 
 def _warn_of_rest(parameters: InitialSection, space: SurfaceSpace, vorticity: NDArray) -> None:

@@ -6,6 +6,7 @@ import logging
 
 log = logging.getLogger("ddgcli")
 MAX_LOST_GRADIENT_SHARE = 0.3  # share of the energy; coarse cells leave some of a smooth flow out
+MAX_NORMAL_SHARE = 0.5  # of the energy; a third of that of a uniform field on a sphere
 
 
 def warn_of_lost_gradient(name: str, whole: float, remaining: float) -> None:
@@ -23,4 +24,22 @@ def warn_of_lost_gradient(name: str, whole: float, remaining: float) -> None:
             "%.3g %% of the energy of the initial velocity of %s is left out: a gradient, which "
             "no incompressible flow has; give a velocity without divergence that runs along the walls",
             100.0 * (whole - remaining) / whole, name,
+        )  # fmt: skip
+
+
+def warn_of_normal_velocity(name: str, whole: float, along: float) -> None:
+    """Report an initial velocity that points out of the surface for the most part.
+
+    Parameters
+    ----------
+    name : str
+        Of the fluid.
+    whole, along : float
+        Kinetic energy of the velocity, and of its part along the surface.
+    """
+    if whole - along > MAX_NORMAL_SHARE * whole:
+        log.warning(
+            "%.3g %% of the energy of the initial velocity of %s is left out: it points out of the surface; "
+            "give a velocity along it",
+            100.0 * (whole - along) / whole, name,
         )  # fmt: skip
