@@ -65,7 +65,7 @@ MUTANTS = (
     Mutant("ddgcli/tradeoff/pareto.py", "row.on_front = best is None or row.is_surely_better(best, norm)", "row.on_front = best is None or best.is_surely_better(row, norm)", "tests/exact/test_tradeoff_table.py::test_planted_candidates_are_ranked_where_they_belong"),
     Mutant("ddgcli/tradeoff/richardson.py", "limit = fine + second / (ratio - 1.0)", "limit = fine - second / (ratio - 1.0)", "tests/exact/test_tradeoff_table.py::test_the_extrapolation_of_a_geometric_sequence_is_its_limit"),
     # io, plots, cli
-    Mutant("ddgcli/io/readers/ply.py", 'body += 2 if data[body : body + 2] == b"\\r\\n" else 1', "body += 1", "tests/io/test_mesh_files.py::test_a_binary_ply_whose_header_ends_its_lines_with_cr_lf_keeps_every_byte_of_its_body"),
+    Mutant("ddgcli/io/readers/ply.py", r"end_header *(?:\r\n|\n|\r|\Z)", r"end_header *(?:\n|\r|\Z)", "tests/io/test_mesh_files.py::test_a_binary_ply_whose_header_ends_its_lines_with_cr_lf_keeps_every_byte_of_its_body"),
     Mutant("ddgcli/plots/raster.py", "np.array([1.0, -1.0, -1.0])", "np.array([1.0, 1.0, -1.0])", "tests/pictures/test_pictures.py::test_what_is_higher_in_space_is_higher_in_the_picture"),
     Mutant("ddgcli/cli/multi_value.py", "return bool(shape) and [c for c in word", "return bool(shape) or [c for c in word", "tests/cli/test_multi_value_options.py::test_words_are_spread"),
     Mutant("ddgcli/cli/parameters.py", 'f"{names[name]} {value}"', 'f"{names[name]}={value}"', "tests/cli/test_parameters.py::test_quoted_parameters_become_options_and_other_quotes_stay"),

@@ -16,7 +16,6 @@ from ddgcli.plots.raster import (
     OUTLINE_DEPTH_STEP,
     Camera,
     PixelFaces,
-    altitude,
     barycentric_at,
     interpolated,
 )
@@ -24,6 +23,7 @@ from ddgcli.plots.raster import (
 _LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
 CREASE_COSINE = np.cos(np.radians(40.0))  # faces with a larger angle are shaded separately
 SAMPLES = 2  # each way within a pixel
+LINE_WIDTH = 0.6 * SAMPLES  # of drawn sides, to each side, in samples
 OUTLINE_LIGHT = 0.35
 
 
@@ -48,7 +48,9 @@ class ShadingSpots:
     barycentric: NDArray[np.float64]
 
 
-def shading_spots(visible: PixelFaces, *, every_sample: bool = False) -> ShadingSpots:
+def shading_spots(
+    visible: PixelFaces, *, every_sample: bool = False, heights: NDArray | None = None
+) -> ShadingSpots:
     """Spots of a picture.
 
     Parameters
@@ -56,28 +58,44 @@ def shading_spots(visible: PixelFaces, *, every_sample: bool = False) -> Shading
     visible : PixelFaces
         Of the samples.
     every_sample : bool
-        No pixel is whole, for colours that jump within a face and thin lines.
+        No pixel is whole, for colours that jump within a face.
+    heights : (m, 3) ndarray, optional
+        Of `altitude`, where sides of faces are drawn: pixels near them are not whole.
 
     Returns
     -------
     ShadingSpots
     """
     face = visible.face_image
-    height, width = (side - side % SAMPLES for side in face.shape)
     first, *others = _samples_of_pixels(face)
     whole = np.logical_and.reduce([first >= 0, *(first == other for other in others)])
     if every_sample:
         whole[:] = False
+    row, column = np.nonzero(whole)
+    of_whole = first[whole]
+    at_centre = barycentric_at(visible.corners, of_whole, (column + 0.5) * SAMPLES, (row + 0.5) * SAMPLES)
+    if heights is not None:
+        is_far = _side_distance(at_centre, of_whole, heights) > LINE_WIDTH + 0.5 * SAMPLES
+        whole[row[~is_far], column[~is_far]] = False
+        of_whole, at_centre = of_whole[is_far], at_centre[is_far]
     mixed = face >= 0
+    height, width = (side - side % SAMPLES for side in face.shape)
     mixed[height:], mixed[:, width:] = False, False
     for samples in _samples_of_pixels(mixed):
         samples[whole] = False
-    sample, (row, column) = np.flatnonzero(mixed), np.nonzero(whole)
-    sample_row, sample_column = np.divmod(sample, face.shape[1])
-    face = np.concatenate([first[whole], face.ravel()[sample]])
-    x = np.concatenate([(column + 0.5) * SAMPLES, sample_column + 0.5])
-    y = np.concatenate([(row + 0.5) * SAMPLES, sample_row + 0.5])
-    return ShadingSpots(whole, sample, face, barycentric_at(visible.corners, face, x, y))
+    sample = np.flatnonzero(mixed)
+    row, column = np.divmod(sample, face.shape[1])
+    of_samples = face.ravel()[sample]
+    at_samples = barycentric_at(visible.corners, of_samples, column + 0.5, row + 0.5)
+    return ShadingSpots(
+        whole, sample, np.concatenate([of_whole, of_samples]), np.concatenate([at_centre, at_samples])
+    )
+
+
+def _side_distance(barycentric: NDArray, face: NDArray, heights: NDArray) -> NDArray[np.float64]:
+    """(s,) distance to the nearest side of the face, in samples."""
+    a, b, c = (barycentric[:, k] * heights[:, k][face] for k in range(3))
+    return np.minimum(np.minimum(a, b), c)
 
 
 def _samples_of_pixels(samples: NDArray) -> list[NDArray]:
@@ -106,7 +124,7 @@ def _corner_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 
 def brightness(
-    camera: Camera, mesh: TriangleMesh, spots: ShadingSpots, *, edges: bool = False
+    camera: Camera, mesh: TriangleMesh, spots: ShadingSpots, *, heights: NDArray | None = None
 ) -> NDArray[np.float64]:
     """Brightness of each spot, of smooth normals between creases.
 
@@ -116,8 +134,8 @@ def brightness(
         Over the samples.
     mesh : TriangleMesh
     spots : ShadingSpots
-    edges : bool
-        Darken the sides of the faces.
+    heights : (m, 3) ndarray, optional
+        Of `altitude`: the sides of the faces are darker.
 
     Returns
     -------
@@ -132,11 +150,9 @@ def brightness(
     shade = 0.60 + 0.45 * np.maximum(np.where(behind, -towards_light, towards_light), 0.0)
     if not mesh.topology.is_closed:
         shade[behind] *= 0.8
-    if edges:
-        height = altitude(camera, mesh.points, mesh.faces)
-        a, b, c = (spots.barycentric[:, k] * height[:, k][spots.face] for k in range(3))
-        reach = np.minimum(np.minimum(a, b), c)
-        shade *= 0.45 + 0.55 * np.clip(reach / (0.6 * SAMPLES), 0, 1)
+    if heights is not None:
+        distance = _side_distance(spots.barycentric, spots.face, heights)
+        shade *= 0.45 + 0.55 * np.clip(distance / LINE_WIDTH, 0, 1)
     return shade
 
 

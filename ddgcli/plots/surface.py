@@ -19,6 +19,7 @@ from ddgcli.plots.raster import (
     Camera,
     PixelFaces,
     View,
+    altitude,
     fitted_camera,
     interpolated,
     rasterise,
@@ -224,14 +225,15 @@ def _surface_image(
         mesh, values = _with_context(mesh, values, context)
     visible = rasterise(camera, mesh.points, mesh.faces)
     flat = values if values is not None and values.ndim == 2 else None
-    spots = shading_spots(visible, every_sample=flat is not None or edges)
+    heights = altitude(camera, mesh.points, mesh.faces) if edges else None
+    spots = shading_spots(visible, every_sample=flat is not None, heights=heights)
     if flat is not None:
         colour, mappable = _squares(mesh, spots, flat), None
     else:
         colour, mappable = _colours(mesh, spots, values, signed, limits)
     if context:
         colour = np.where((spots.face < n_faces)[:, None], colour, _CONTEXT)
-    light = brightness(camera, mesh, spots, edges=edges)
+    light = brightness(camera, mesh, spots, heights=heights)
     shown = np.clip(colour * light[:, None], 0, 1)
     return picture_of_spots(visible, spots, shown), visible, mappable
 

@@ -7,7 +7,9 @@ from ddgcli.algorithms.curvature.ball_blocks import ball_blocks
 from ddgcli.algorithms.curvature.clip import FacePlanes
 from ddgcli.algorithms.curvature.face_balls import FaceBalls
 from ddgcli.algorithms.curvature.point_grid import PointGrid
+from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
+from ddgcli.errors import ParameterError
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -246,3 +248,13 @@ def test_balls_by_cubes_hold_the_points_within_the_radius(block, monkeypatch):
             inside = apart[0] ** 2 + apart[1] ** 2 + apart[2] ** 2 <= radius * radius
             assert (balls.count == inside.sum(axis=1)).all()
             assert (balls.member == np.nonzero(inside)[1]).all()
+
+
+@pytest.mark.parametrize("scheme", ["corrected", "normal-cycle"])
+def test_a_radius_whose_cube_is_no_number_is_refused(scheme):
+    """Once the curvature was 0 everywhere, or not a number."""
+    ball = shapes.icosphere(1)
+    with pytest.raises(ParameterError, match="leave the range of numbers; use 6.18e-101 or more"):
+        measure_curvature(ball, scheme, radius=1e-300)
+    H = measure_curvature(ball, scheme, radius=1e-90).vertex["mean_curvature"]
+    assert np.isfinite(H).all() and (H > 0).all()

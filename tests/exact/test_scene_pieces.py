@@ -271,7 +271,8 @@ grid = {{ size = [1, 1], cells = [1, 1] }}
     ("duration = 1\nstep = 0.1\nframe_every = 0.01", "frames come every 0.1 s"),
     ("duration = 1\nstep = 0.1\nframe_every = 5", ""),
     ("duration = 0.7\nstep = 0.1\nframe_every = 0.3", ""),
-    ("duration = 1\ntolerance = 0.1\nframe_every = 0.3", ""),
+    ("duration = 1\ntolerance = 0.1\nframe_every = 0.3", "frames come every 0.25 s"),
+    ("duration = 1\ntolerance = 0.1\nframe_every = 0.25", ""),
 ])  # fmt: skip
 def test_a_clock_that_misses_the_times_gives_a_warning(time, warning, caplog):
     from ddgcli.models.fluid.scene import KIND

@@ -48,6 +48,7 @@ from ddgcli.workers import start_early
 _log = logging.getLogger("ddgcli")
 
 DEFAULT_SCHEME = "quadric"
+LEAST_RADIUS = 1e-100  # of balls, in longest edges: cubes of smaller ones leave the range of numbers
 CURVATURE_ARRAYS = ("gaussian_curvature", "mean_curvature")
 VERTEX_ARRAYS = (
     "angle_defect", "vertex_area", "boundary", "gaussian_curvature", "geodesic_curvature", "mean_curvature",
@@ -279,6 +280,12 @@ def check_curvature(
 
 def _check_radius(mesh: TriangleMesh, radius: float, scheme: str) -> None:
     unit = float(mesh.side_length.max())  # no square over- or underflows
+    if radius < LEAST_RADIUS * unit:
+        raise ParameterError(
+            f"balls of radius {radius:g} beside edges of {unit:.3g} leave the range of numbers; use "
+            f"{LEAST_RADIUS * unit:.3g} or more",
+            parameter="radius",
+        )
     area = float(face_area(mesh.side_length / unit).sum())
     check_radius(mesh, area, radius / unit, unit, scheme)
 
