@@ -1,4 +1,4 @@
-"""Warning of initial velocities that no incompressible flow has."""
+"""Warnings of initial velocities that no incompressible flow on the surface has."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def warn_of_lost_gradient(name: str, whole: float, remaining: float) -> None:
         Kinetic energy of the velocity, and of the flow nearest to it.
     """
     if whole - remaining > MAX_LOST_GRADIENT_SHARE * whole:
-        log.warning(
-            "%.3g %% of the energy of the initial velocity of %s is left out: a gradient, which "
-            "no incompressible flow has; give a velocity without divergence that runs along the walls",
-            100.0 * (whole - remaining) / whole, name,
+        _warn_of_share(
+            name, 1.0 - remaining / whole,
+            "a gradient, which no incompressible flow has; give a velocity without divergence that runs "
+            "along the walls",
         )  # fmt: skip
 
 
@@ -38,8 +38,12 @@ def warn_of_normal_velocity(name: str, whole: float, along: float) -> None:
         Kinetic energy of the velocity, and of its part along the surface.
     """
     if whole - along > MAX_NORMAL_SHARE * whole:
-        log.warning(
-            "%.3g %% of the energy of the initial velocity of %s is left out: it points out of the surface; "
-            "give a velocity along it",
-            100.0 * (whole - along) / whole, name,
-        )  # fmt: skip
+        _warn_of_share(
+            name, 1.0 - along / whole, "it points out of the surface; give a velocity along the surface"
+        )
+
+
+def _warn_of_share(name: str, share: float, why: str) -> None:
+    log.warning(
+        "%.3g %% of the energy of the initial velocity of %s is left out: %s", 100.0 * share, name, why
+    )
