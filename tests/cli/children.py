@@ -11,12 +11,16 @@ from ddgcli.cli import main as program
 
 def forked(folder, words) -> int:
     """The program on these words in a child that need not import it; its process number."""
+    # until the child handles signals as a new process: before, one would be an exception of pytest in it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGTERM])
     pid = os.fork()
     if pid:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         return pid
     code = 1
     try:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # until the program handles it, as before Python starts
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         os.chdir(folder)
         target = os.open("streams", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         for stream in (1, 2):
