@@ -92,7 +92,7 @@ def run_task(
         summary, message = _content(out), _content(err).strip().splitlines()
     code = process.returncode
     if code < 0:
-        for path in task.written_files:
+        for path in task.output_files:
             _remove_partial_output(path, began_at)
     status = reason or ("done" if code == 0 else "killed" if code < 0 else "failed")
     if status == "failed" and any("out of memory" in line for line in message):

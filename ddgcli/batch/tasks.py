@@ -35,8 +35,8 @@ class Task:
     output : str or None
     words : tuple of str
         Command line behind `ddgcli`.
-    written : tuple of int
-        Places of files to write among the words.
+    output_places : tuple of int
+        Where the words name files to write.
     """
 
     index: int
@@ -44,7 +44,7 @@ class Task:
     parameters: dict[str, str]
     output: str | None
     words: tuple[str, ...]
-    written: tuple[int, ...] = ()
+    output_places: tuple[int, ...] = ()
 
     @property
     def command(self) -> str:
@@ -52,19 +52,19 @@ class Task:
         return shlex.join(["ddgcli", *self.words])
 
     @property
-    def written_files(self) -> list[Path]:
+    def output_files(self) -> list[Path]:
         """Files that the command line names for output."""
-        return [Path(self.words[place]) for place in self.written]
+        return [Path(self.words[place]) for place in self.output_places]
 
     def make_folders(self) -> None:
         """Make the folders of the files to write."""
-        for path in self.written_files:
+        for path in self.output_files:
             path.parent.mkdir(parents=True, exist_ok=True)
 
     def in_existing_folders(self) -> Task:
         """The task with its outputs in folders that exist: a run makes the folders, a dry run does not."""
         words = list(self.words)
-        for place, target in zip(self.written, self.written_files):
+        for place, target in zip(self.output_places, self.output_files):
             if not target.parent.is_dir():
                 folder = next(parent for parent in target.parents if parent.is_dir())
                 words[place] = str(folder / f"dry-run-{target.name}")  # not the name of an input
@@ -169,16 +169,16 @@ def make_tasks(
         words = [command[0], place, *(_with_fields(word, fields) for word in command[1:])]
         words += [word for name, value in parameters.items() for word in (f"--{name}", value)]
         words += ["-o", output] if output is not None else []
-        words, written = _output_places(words, output_options)
-        task = Task(index, path, dict(parameters), output, tuple(words), written)
-        for file in written:
-            if (other := owner.setdefault(words[file], task)) is not task:
-                raise _shared_output_error(other, task, words[file])
+        words, places = _output_places(words, output_options)
+        task = Task(index, path, dict(parameters), output, tuple(words), places)
+        for file in (words[k] for k in places):
+            if (other := owner.setdefault(file, task)) is not task:
+                raise _shared_output_error(other, task, file)
         tasks.append(task)
     return tasks
 
 
-def refuse_written_inputs(tasks: Sequence[Task], table: str | None = None) -> None:
+def refuse_inputs_as_outputs(tasks: Sequence[Task], table: str | None = None) -> None:
     """Raise an error if a run would write an input, its own or that of another run, or the table.
 
     Parameters
@@ -192,22 +192,21 @@ def refuse_written_inputs(tasks: Sequence[Task], table: str | None = None) -> No
     ------
     ParameterError
     """
-    inputs = {key: task.input for task in tasks if (key := _file_key(Path(task.input)))}
+    inputs = {_file_key(Path(task.input)): task.input for task in tasks}
+    inputs.pop(None, None)  # of those that do not exist
     for task in tasks:
-        for path in task.written_files:
-            if (key := _file_key(path)) in inputs:
-                own = inputs[key] == task.input
-                raise ParameterError(
-                    f"{path}: is the input itself; write to another file"
-                    if own
-                    else f"{path}: is the input of another run, and that of {task.input} would write it; "
-                    "write to another file or folder",
-                    parameter="output",
-                )
-            if table is not None and os.path.abspath(path) == os.path.abspath(table):
-                raise ParameterError(f"{path}: is the table of the batch too; write to another file",
-                                     parameter="output")  # fmt: skip
-    if table is not None and (key := _file_key(Path(table))) in inputs:
+        for path in task.output_files:
+            owner = inputs.get(_file_key(path))
+            if owner == task.input:
+                reason = "is the input itself"
+            elif owner is not None:
+                reason = f"is the input of another run, and that of {task.input} would write it"
+            elif table is not None and os.path.abspath(path) == os.path.abspath(table):
+                reason = "is the table of the batch too"
+            else:
+                continue
+            raise ParameterError(f"{path}: {reason}; write to another file", parameter="output")
+    if table is not None and _file_key(Path(table)) in inputs:
         raise ParameterError(f"{table}: is an input; write to another file", parameter="table")
 
 

@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+import ddgcli as ddg
+from ddgcli.errors import SolveError
+from ddgcli.models.fluid import volume_viscosity
 from tests.physics.test_fluid_sources import end_of
 
 CHANNEL = [
@@ -51,3 +54,29 @@ def test_a_flow_below_a_lid_is_of_second_order_in_time(nu, duration):
         ends.append(end.vertex["velocity"][below])
     changes = [np.linalg.norm(ends[k] - ends[k + 1]) / np.linalg.norm(ends[-1]) for k in (0, 1)]
     assert changes[1] < 0.01 and changes[0] > 3 * changes[1]
+
+
+def flow_of(nu):
+    """Two steps of a stream through a small channel."""
+    scene = {
+        "time": {"duration": 0.025, "step": 0.0125, "frame_every": 0.025},
+        "object": [{"role": "fluid", "box": {"size": [1, 0.5, 1], "cells": [4, 2, 4]}}],
+        "effects": {"viscosity": {"nu": nu}, "boundary": CHANNEL},
+    }
+    return ddg.simulate(scene).finish()
+
+
+def test_flows_of_very_viscous_fluids_are_that_of_stokes_without_divergence():
+    """Once the rounding of the pressure was a divergence of 0.02 at nu = 1e12."""
+    ends = [flow_of(nu) for nu in (1e4, 1e8)]
+    assert all(end.accuracy["divergence_max"] < 1e-12 for end in ends)
+    velocity = [end.vertex["velocity"] for end in ends]
+    assert np.abs(velocity[0] - velocity[1]).max() < 1e-3
+    with pytest.raises(SolveError, match="leaves no digit of the flow along walls without slip; lessen nu"):
+        flow_of(1e14)
+
+
+def test_a_step_that_is_not_solved_is_reported(monkeypatch):
+    monkeypatch.setattr(volume_viscosity, "MAX_ROUNDS", 1)
+    with pytest.raises(SolveError, match="viscosity at walls was not solved in 1 rounds"):
+        flow_of(1.0)

@@ -88,7 +88,7 @@ def command(
         expanded_inputs,
         make_tasks,
         parsed_sweeps,
-        refuse_written_inputs,
+        refuse_inputs_as_outputs,
         shard_of,
     )
 
@@ -103,7 +103,7 @@ def command(
     sweeps = parsed_sweeps(sweep)
     output_options = check_call(call, sweeps)
     tasks = make_tasks(expanded_inputs(inputs), sweeps, template, call, output_options)
-    refuse_written_inputs(tasks, table)
+    refuse_inputs_as_outputs(tasks, table)
     tasks = shard_of(tasks, shard)
     run.input = {"path": ", ".join(inputs), "runs": len(tasks)}
     predict_batch(run, tasks, jobs, on_cluster=cluster is not None)

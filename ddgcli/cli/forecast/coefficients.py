@@ -108,7 +108,7 @@ COEFFICIENTS: dict[str, Cost] = {
     "willmore-flow newton step": Cost(0.002276, 3.491, 1.05, 30.99, 355.8),
     "shell-sim iteration": Cost(0.005856, 1.401, 1.15, 7.853, 2738),
     "view frame": Cost(0.003571, 0.009671, 1.05, 0.1364, 2.827),
-    "picture of a run": Cost(5.278, 0, 1.05, 481.1, 129.2),
+    "picture of a run": Cost(5.112, 0, 1.05, 265.4, 444.8),
     "picture curve": Cost(0.9967, 1.451, 1.05, 41.03, 123.1),
     "geodesic job": Cost(0.385, 0.03431, 1.05, 12.5, 1.25),
     "shell-sim modes": Cost(0.04656, 71.08, 1.15, 21.21, 4720),

@@ -43,7 +43,7 @@ PAGE_PIXELS = 1400 * 1050  # of a picture without --size
 # frames on the page of a run, which shows the first one too; those of the measured page, and the part of each
 MAX_PICTURE_FRAMES, MEASURED_PICTURE_FRAMES, PAGE_SHARE_OF_FRAME = 4, 2, 1 / 6
 PAGE_PIXELS_OF_RUN = 1800 * 2160
-FURTHER_PICTURE = 0.2  # seconds beside the pixels, over those of the first, which loads the library
+FURTHER_PICTURE = 0.05  # seconds beside the pixels, over those of the first, which loads the library
 PICTURES = (".png", ".svg", ".pdf", ".gif", ".mp4")
 BALL_SHARE = 0.65  # of the seconds of a comparison of curvature on a sphere: rows that clip faces
 MAX_COMPARED_FACES, TRADEOFF_RANGE = 14_000, (0.1, 5.0)  # on larger meshes the budget bounds the rows

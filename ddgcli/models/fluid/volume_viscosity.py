@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, cg
 
+from ddgcli.errors import SolveError
 from ddgcli.geometry.cells import TET_EDGES
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.ragged import unique_keys
@@ -35,6 +36,7 @@ from ddgcli.operators.stars import hodge_star
 from ddgcli.simulation.model import StepRejected
 
 MAX_FACTORS = 4  # of step lengths, kept at a time
+MAX_DECAY = 1e10  # in a step, of the fastest vorticity: its pressure cancels all but six digits of it
 TOLERANCE, MAX_ROUNDS = 1e-9, 1000  # of conjugate gradients beside walls without slip
 
 
@@ -54,6 +56,7 @@ class VolumeDiffusion(FlowPhase):
         self.has_friction, self.slip_edges, self.wall = self._boundary()
         if self.in_time is not None:
             self.wall_in_time = InTime(lambda time: self._boundary(time)[2], self.in_time.times)
+        self.rate = float((self.stiffness.diagonal() / self.mass.diagonal()).max(initial=0.0))  # in 1/m^2
         self._factors: dict[float, Dirichlet] = {}
 
     def _boundary(self, time: float = 0.0) -> tuple[bool, NDArray[np.int64], NDArray[np.float64]]:
@@ -91,51 +94,61 @@ class VolumeDiffusion(FlowPhase):
 
     def _implicit_euler(self, state: FluidState, dt: float, time: float) -> FluidState:
         """The state after dt, with the walls of a `time`."""
-        space = self.space
-        change = -dt * self.nu * (self.curl @ self._vorticity(state, dt, time))
-        if self.has_friction:
-            return space.accelerated(state, space.velocity(change))
-        return state.replaced(flux=state["flux"] + change)
+        space, circulation = self.space, self._circulation(state, time)
+        if not self.has_friction:
+            vorticity = self._factor(dt).solve_held_at_zero(circulation, refine=False)
+            return state.replaced(flux=state["flux"] - dt * self.nu * (self.curl @ vorticity))
+        change = -dt * self.nu * (self.curl @ self._vorticity_with_pressure(circulation, dt))
+        # most of it crosses the walls where nu dt is large: the second projection takes off its rounding
+        within = space.projected(space.velocity(change), inflow=False)
+        return space.accelerated(state, space.velocity(within))
 
     def _factor(self, dt: float) -> Dirichlet:
         if dt not in self._factors:
             if len(self._factors) >= MAX_FACTORS:
                 self._factors.clear()
+            if self.has_friction and dt * self.nu * self.rate > MAX_DECAY:
+                raise SolveError(
+                    f"viscosity of nu = {self.nu:g} in steps of {dt:.3g} s leaves no digit of the flow along "
+                    "walls without slip; lessen nu or shorten the step"
+                )
             self._factors[dt] = Dirichlet(self.mass + dt * self.nu * self.stiffness, self.slip_edges)
         return self._factors[dt]
 
-    def _vorticity(self, state: FluidState, dt: float, time: float) -> NDArray[np.float64]:
-        """(e,) vorticity along the edges: with dt > 0, that after an implicit step."""
+    def _circulation(self, state: FluidState, time: float) -> NDArray[np.float64]:
+        """(e,) circulations around the edges in m^2/s, with the velocities of the walls at a time."""
         space, velocity = self.space, self.space.cell_velocity(state)
         wall, stream = self.wall if self.in_time is None else self.wall_in_time.at(time), space.stream_in_time
         if stream is not None:  # walls without slip would stop the difference of two times at once
             velocity = velocity + space.velocity(stream.at(time) - stream.at(state.time))
-        circulation = space.edge_circulation(velocity) + wall
-        if not dt:
-            return self._mass_factor.solve_held_at_zero(circulation, refine=False)
-        if not self.has_friction:
-            return self._factor(dt).solve_held_at_zero(circulation, refine=False)
-        return self._vorticity_with_pressure(circulation, dt)
+        return space.edge_circulation(velocity) + wall
 
     def _vorticity_with_pressure(self, circulation: NDArray, dt: float) -> NDArray[np.float64]:
-        """(e,) solution of (M + dt nu curl' P curl) w = circulation."""
-        space, n = self.space, len(circulation)
+        """(e,) solution of (M + dt nu curl' P curl) w = circulation.
+
+        Raises
+        ------
+        StepRejected
+            Conjugate gradients do not end in MAX_ROUNDS rounds.
+        """
+        space, shape = self.space, self.mass.shape
         factor, load = self._factor(dt), circulation.copy()
         load[self.slip_edges] = 0.0
 
-        def stepped(w: NDArray) -> NDArray:
+        def product(w: NDArray) -> NDArray:
             flux = space.projected(space.velocity(self.curl @ w), inflow=False)
-            product = self.mass @ w + dt * self.nu * (self.to_circulation @ flux)
-            product[self.slip_edges] = 0.0
-            return product
+            result = self.mass @ w + dt * self.nu * (self.to_circulation @ flux)
+            result[self.slip_edges] = 0.0
+            return result
 
-        operator = LinearOperator((n, n), stepped, dtype=np.float64)
-        inverse = LinearOperator(
-            (n, n), lambda rest: factor.solve_held_at_zero(rest, refine=False), dtype=np.float64
-        )
+        def without_pressure(load: NDArray) -> NDArray:
+            return factor.solve_held_at_zero(load, refine=False)
+
         start = self._mass_factor.solve_held_at_zero(load, refine=False)  # right where the flow is steady
-        w, failed = cg(operator, load, x0=start, rtol=TOLERANCE, maxiter=MAX_ROUNDS, M=inverse)
-        if failed:
+        matrix = LinearOperator(shape, product, dtype=np.float64)
+        inverse = LinearOperator(shape, without_pressure, dtype=np.float64)
+        w, status = cg(matrix, load, x0=start, rtol=TOLERANCE, maxiter=MAX_ROUNDS, M=inverse)
+        if status:
             raise StepRejected(f"viscosity at walls was not solved in {MAX_ROUNDS} rounds")
         return w
 
@@ -145,4 +158,5 @@ class VolumeDiffusion(FlowPhase):
 
     def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:
         """(k, 3) what it adds to the velocity of the cells a second."""
-        return self.space.velocity(-self.nu * (self.curl @ self._vorticity(state, 0.0, time)))
+        vorticity = self._mass_factor.solve_held_at_zero(self._circulation(state, time), refine=False)
+        return self.space.velocity(-self.nu * (self.curl @ vorticity))
