@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross
@@ -167,3 +168,28 @@ def nearest_points(mesh: TriangleMesh, positions: NDArray) -> tuple[SurfacePoint
         weights.append(barycentric[face])
         distances.append(distance[face] * size)
     return SurfacePoints(np.array(faces), np.array(weights)), np.array(distances)
+
+
+def largest_distance(mesh: TriangleMesh, positions: NDArray) -> float:
+    """The largest distance of positions in space from their nearest points of a surface.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        With faces.
+    positions : (k, 3) ndarray
+
+    Returns
+    -------
+    float
+        0 without positions.
+    """
+    from scipy.spatial import cKDTree
+
+    bound = cKDTree(mesh.points[unique_keys(mesh.faces.ravel())]).query(positions)[0]  # to the nearest vertex
+    largest = 0.0
+    for k in np.argsort(-bound, kind="stable"):
+        if not bound[k] > largest:
+            break
+        largest = max(largest, float(nearest_points(mesh, positions[k])[1][0]))
+    return largest

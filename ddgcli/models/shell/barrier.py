@@ -11,9 +11,11 @@ from ddgcli.mechanics.terms import Mode, Potential
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle_motion import PlacedMotion
 from ddgcli.models.shell.surfaces import PosedSurface, Surface
+from ddgcli.scenes.scene import Scene
 
-STANDARD_GRAVITY = 9.81
+STANDARD_GRAVITY = 9.81  # m/s^2, of scenes without gravity
 MIN_START_DISTANCE = 1e-3  # of the gap: there a barrier has 800 times its pressure at half the gap
+REPULSION_DISTANCE = 0.1  # of the gap: what starts nearer is repelled by many gaps
 SLIP_FRACTION = 1e-4  # of the speed of a fall: the default slip
 
 
@@ -169,6 +171,23 @@ def closest_part(energy: float) -> float:
     return float(np.exp(high))
 
 
+def fall_acceleration(scene: Scene) -> float:
+    """Acceleration of a fall, by which contact chooses its stiffness and slip where the scene does not.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    float
+        In m/s^2: of the scene's gravity, without it 9.81.
+    """
+    sections = [section for effect, section, _ in scene.effects if effect.name == "gravity"]
+    largest = max((float(np.linalg.norm(section.acceleration)) for section in sections), default=0.0)
+    return largest or STANDARD_GRAVITY
+
+
 def slip_speed(slip: float | None, contexts: list[ShellContext], velocity: NDArray | None = None) -> float:
     """Speed below which friction grows in proportion to the speed.
 
@@ -193,7 +212,7 @@ def slip_speed(slip: float | None, contexts: list[ShellContext], velocity: NDArr
     size = max(float(np.ptp(np.asarray(context.mesh.points), axis=0).max()) for context in contexts)
     still = np.zeros(3) if velocity is None else velocity
     squares = [float(np.sum(np.square(np.array(context.shell.velocity) - still))) for context in contexts]
-    return SLIP_FRACTION * float(np.sqrt(2 * STANDARD_GRAVITY * size + max(squares)))
+    return SLIP_FRACTION * float(np.sqrt(2 * fall_acceleration(contexts[0].scene) * size + max(squares)))
 
 
 class Friction:

@@ -13,12 +13,13 @@ from pydantic import Field, model_validator
 
 from ddgcli.models.shell.barrier import (
     MIN_START_DISTANCE,
-    STANDARD_GRAVITY,
+    REPULSION_DISTANCE,
     Barrier,
     Friction,
     MovingBarrier,
     MovingFriction,
     closest_part,
+    fall_acceleration,
     slip_speed,
 )
 from ddgcli.models.shell.context import ShellContext
@@ -31,7 +32,6 @@ from ddgcli.simulation.effects import Effect
 
 ENERGY_SAFETY_FACTOR = 2.0  # waves may bring a vertex more than the energy of its own fall
 HALF_GAP = 2 * 0.5 * np.log(2) + 0.5  # slope of the barrier at half its range, in units of its stiffness
-REPULSION_DISTANCE = 0.1  # of the gap: a shell that starts nearer is repelled by many gaps
 KEY: Key = ("effects", "contact")
 log = logging.getLogger("ddgcli")
 
@@ -86,7 +86,9 @@ def _with_obstacle(parameters: Contact, context: ShellContext, obstacle: Obstacl
     start = PosedSurface(surface, motion.pose(0.0))
     gap, density = float(parameters.gap or shell.thickness or 0), float(shell.density or 0)
     energy = density * impact(context, start, motion)
-    pressure = float(parameters.stiffness or max(2 * energy / gap, 10 * STANDARD_GRAVITY * density))
+    pressure = float(
+        parameters.stiffness or max(2 * energy / gap, 10 * fall_acceleration(context.scene) * density)
+    )
     weight = pressure / (HALF_GAP * gap) * context.vertex_area
     closest = closest_part(ENERGY_SAFETY_FACTOR * energy * HALF_GAP / (pressure * gap))
     barrier: Barrier
@@ -131,7 +133,7 @@ def impact(context: ShellContext, surface: Surface, motion: PlacedMotion) -> flo
     """Energy per mass of the shell's first fall onto a surface."""
     height = float(np.clip(surface.gap(np.asarray(context.mesh.points))[0], 0, None).max())
     velocity = np.array(context.shell.velocity) - motion.pose(0.0).velocity
-    return 0.5 * float(np.sum(np.square(velocity))) + STANDARD_GRAVITY * height
+    return 0.5 * float(np.sum(np.square(velocity))) + fall_acceleration(context.scene) * height
 
 
 def _meets_itself(parameters: Contact, context: ShellContext) -> bool:

@@ -63,6 +63,8 @@ class PairMesh:
         Of the obstacle.
     labels : list of (str, int, int)
         Name of each object, its first vertex and its first face, for messages.
+    scales : (k + b,) ndarray of float64, optional
+        Factors of the lengths around each vertex by which pairs are weighted; by default 1.
     """
 
     def __init__(
@@ -74,11 +76,13 @@ class PairMesh:
         labels: list[tuple[str, int, int]],
         patches: NDArray | None = None,
         motion: PlacedMotion | None = None,
+        scales: NDArray | None = None,
     ) -> None:
         library = ipctk()
         self.rows, self.rest, self.motion, self.labels = rows, rest, motion, labels
         self.edges, self.faces = (np.asfortranarray(a.astype(np.int32)) for a in (edges, faces))
-        self.mesh = library.CollisionMesh(np.asfortranarray(rest), self.edges, self.faces)
+        of_areas = rest if scales is None else scales[:, None] * rest  # pairs are weighted by its areas
+        self.mesh = library.CollisionMesh(np.asfortranarray(of_areas), self.edges, self.faces)
         self.filter = None
         if patches is not None:
             self.filter = library.make_vertex_patches_filter(patches.astype(np.int32))

@@ -8,12 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.geometry.intrinsic import face_area
+from ddgcli.geometry.surface_points import largest_distance
+from ddgcli.mesh.bisection import bisected
 from ddgcli.mesh.shapes import box
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.shell.barrier import MIN_START_DISTANCE, STANDARD_GRAVITY, slip_speed
+from ddgcli.models.shell.barrier import MIN_START_DISTANCE, REPULSION_DISTANCE, fall_acceleration, slip_speed
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle import Obstacle
-from ddgcli.models.shell.obstacle_motion import motion_of
+from ddgcli.models.shell.obstacle_motion import PlacedMotion, motion_of
 from ddgcli.models.shell.pair_contact import (
     MovingPairBarrier,
     MovingPairFriction,
@@ -23,6 +27,8 @@ from ddgcli.models.shell.pair_contact import (
     ipctk,
 )
 
+MAX_SIDE_RATIO = 1.5  # of the sides of an obstacle, which is refined, over the shell's
+MAX_OBSTACLE_FACES = 20_000  # after that
 SELF_GAP_FRACTION = 0.5  # of the least distance at the start between parts that are not adjacent
 log = logging.getLogger("ddgcli")
 
@@ -45,17 +51,46 @@ def obstacle_pairs(parameters: Any, context: ShellContext, obstacle: Obstacle) -
     solid = _obstacle_mesh(context, obstacle)
     points = np.asarray(solid.points)
     motion = motion_of(obstacle, 0.5 * (points.min(axis=0) + points.max(axis=0)))
+    mesh, velocity = _joined_with(context, obstacle, solid, motion), motion.pose(0.0).velocity
+    gap, pressure = _gap_and_pressure(parameters, [context], mesh, obstacle.name, velocity)
+    fine, scale = _as_fine_as(context, solid)
+    kind = (MovingPairBarrier, MovingPairFriction) if obstacle.moving else (PairBarrier, PairFriction)
+    slip = slip_speed(parameters.slip, [context], np.array(velocity))
+    mesh = _joined_with(context, obstacle, fine, motion, scale)
+    return _terms(parameters, mesh, obstacle.name, kind, gap, pressure, slip)
+
+
+def _joined_with(
+    context: ShellContext, obstacle: Obstacle, solid: TriangleMesh, motion: PlacedMotion, scale: float = 1.0
+) -> PairMesh:
+    """Pair mesh of a shell and the triangles of an obstacle."""
     shell, n = context.mesh, context.mesh.n_vertices
-    mesh = PairMesh(
-        np.arange(n), np.concatenate([shell.points, points]),
+    return PairMesh(
+        np.arange(n), np.concatenate([shell.points, solid.points]),
         np.concatenate([shell.topology.edges, solid.topology.edges + n]),
         np.concatenate([shell.faces, solid.faces + n]),
         [(context.shell.name, 0, 0), (obstacle.name, n, shell.n_faces)],
-        np.repeat([0, 1], [n, len(points)]), motion,
+        np.repeat([0, 1], [n, solid.n_vertices]), motion,
+        np.repeat([1.0, scale], [n, solid.n_vertices]),
     )  # fmt: skip
-    kind = (MovingPairBarrier, MovingPairFriction) if obstacle.moving else (PairBarrier, PairFriction)
-    velocity = motion.pose(0.0).velocity
-    return _pair_terms(parameters, [context], mesh, obstacle.name, kind, velocity)
+
+
+def _mean_side(mesh: TriangleMesh) -> float:
+    return float(mesh.side_length.mean())
+
+
+def _as_fine_as(context: ShellContext, solid: TriangleMesh) -> tuple[TriangleMesh, float]:
+    """An obstacle with sides about as short as those of a shell, and a factor of its lengths that does.
+
+    The weight of a pair is the area around both of its elements: along an edge that is a hundred times as
+    long as the shell's it would be ten thousand times too large, and within its face a sixth. The factor is
+    below 1 where sides so short would be too many.
+    """
+    longest = MAX_SIDE_RATIO * _mean_side(context.mesh)
+    size = max(longest, 2.0 * float(np.sqrt(face_area(solid.side_length).sum() / MAX_OBSTACLE_FACES)))
+    while (marked := solid.side_length.max(axis=1) > size).any() and solid.n_faces < MAX_OBSTACLE_FACES:
+        solid = bisected(solid, marked).mesh
+    return solid, min(1.0, longest / float(solid.side_length.max()))
 
 
 def _obstacle_mesh(context: ShellContext, obstacle: Obstacle) -> TriangleMesh:
@@ -139,22 +174,18 @@ def shell_pairs(
         np.concatenate([rows, other]), np.concatenate([a.points, b.points]),
         np.concatenate([a.topology.edges, b.topology.edges + n]), np.concatenate([a.faces, b.faces + n]),
         [(pair[0], 0, 0), (pair[1], n, a.n_faces)],
-        np.repeat([0, 1], [n, b.n_vertices]),
+        np.repeat([0, 1], [n, b.n_vertices]), scales=_scales_of(a, b),
     )  # fmt: skip
-    return _pair_terms(parameters, [first, second], mesh, "", (PairBarrier, PairFriction))
+    gap, pressure = _gap_and_pressure(parameters, [first, second], mesh, "")
+    slip = slip_speed(parameters.slip, [first, second])
+    return _terms(parameters, mesh, "", (PairBarrier, PairFriction), gap, pressure, slip)
 
 
-def _pair_terms(
-    parameters: Any,
-    contexts: list[ShellContext],
-    mesh: PairMesh,
-    obstacle: str,
-    kind: tuple[type[PairBarrier], type[PairFriction]],
-    velocity: Any = (0.0, 0.0, 0.0),
-) -> list[Any]:
-    gap, pressure = _gap_and_pressure(parameters, contexts, mesh, obstacle, velocity)
-    slip = slip_speed(parameters.slip, contexts, np.array(velocity))
-    return _terms(parameters, mesh, obstacle, kind, gap, pressure, slip)
+def _scales_of(a: TriangleMesh, b: TriangleMesh) -> NDArray[np.float64]:
+    """Factors of the lengths of two shells at their vertices: the coarser weighs pairs as the finer does."""
+    ratio = MAX_SIDE_RATIO * _mean_side(a) / _mean_side(b)
+    factors = [min(1.0, MAX_SIDE_RATIO**2 / ratio), min(1.0, ratio)]
+    return np.repeat(factors, [a.n_vertices, b.n_vertices])
 
 
 def _gap_and_pressure(
@@ -173,8 +204,10 @@ def _gap_and_pressure(
     gap = float(parameters.gap or max(context.shell.thickness or 0 for context in contexts))
     gap = _admissible_gap(mesh, start, gap, alone=not obstacle and len(contexts) == 1)
     density = max(float(context.shell.density or 0) for context in contexts)
-    drop = density * _impact(contexts, start, np.array(velocity))
-    pressure = float(parameters.stiffness or max(2 * drop / gap, 10 * STANDARD_GRAVITY * density))
+    drop = density * _impact(contexts, mesh, start, np.array(velocity))
+    pressure = float(
+        parameters.stiffness or max(2 * drop / gap, 10 * fall_acceleration(contexts[0].scene) * density)
+    )
     return gap, pressure
 
 
@@ -228,6 +261,12 @@ def _admissible_gap(mesh: PairMesh, start: NDArray, gap: float, alone: bool) -> 
             f"would repel them violently; move one of them, or write a gap below {largest:.2g} m"
         )
     if not alone:
+        if least < REPULSION_DISTANCE * gap:
+            log.warning(
+                "contact: %s start %.3g m apart, within the gap of %.3g m: contact repels them violently; "
+                "move one of them, or write a smaller gap",
+                _names(mesh), least, gap,
+            )  # fmt: skip
         return gap
     log.warning(
         "contact: parts of %s start %.3g m apart, nearer than the gap of %.3g m; their gap is %.3g m",
@@ -241,10 +280,25 @@ def _names(mesh: PairMesh) -> str:
     return f"parts of {names[0]}" if len(names) == 1 else " and ".join(names)
 
 
-def _impact(contexts: list[ShellContext], start: NDArray, velocity: NDArray) -> float:
-    """Energy per mass of a fall through the height of everything, with the initial velocities."""
+def _impact(contexts: list[ShellContext], mesh: PairMesh, start: NDArray, velocity: NDArray) -> float:
+    """Energy per mass of the first fall, with the initial velocities; of one shell, through its extent."""
     speeds = [np.array(context.shell.velocity) - velocity for context in contexts]
     kinetic = 0.5 * max(float(v @ v) for v in speeds)
     if len(contexts) == 2:
         kinetic = 0.5 * float(np.sum(np.square(speeds[0] - speeds[1])))
-    return kinetic + STANDARD_GRAVITY * float(np.ptp(start, axis=0).max())
+    if len(mesh.labels) == 1:
+        height = float(np.ptp(start, axis=0).max())
+    else:
+        height = _height(mesh, start, falling=0)
+        if len(contexts) == 2:  # either may be the one that falls
+            height = min(height, _height(mesh, start, falling=1))
+    return kinetic + fall_acceleration(contexts[0].scene) * height
+
+
+def _height(mesh: PairMesh, start: NDArray, falling: int) -> float:
+    """Largest distance in m of the vertices of one surface of a pair mesh from the other."""
+    first_vertex, first_face = mesh.labels[1][1:]
+    vertices = slice(None, first_vertex) if falling == 0 else slice(first_vertex, None)
+    faces = slice(first_face, None) if falling == 0 else slice(None, first_face)
+    surface = Topology(np.ascontiguousarray(mesh.faces[faces], dtype=np.int64), len(start))
+    return largest_distance(TriangleMesh(start, surface), start[vertices])
