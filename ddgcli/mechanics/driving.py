@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,12 @@ from ddgcli.mesh.vectors import row_cross
 
 
 def driving_work(
-    system: System, before: Motion, after: Motion, dt: float, later: System | None = None
+    system: System,
+    before: Motion,
+    after: Motion,
+    dt: float,
+    later: System | None = None,
+    acts_at: Literal["ends", "end", "middle"] = "ends",
 ) -> float:
     """Work that a step adds to kinetic and potential energy from outside, by the trapezoidal rule.
 
@@ -29,6 +34,9 @@ def driving_work(
         In s.
     later : System, optional
         At the memory of the end; by default `system`.
+    acts_at : {'ends', 'end', 'middle'}
+        Where the scheme takes its forces: those of obstacles and friction, which change at once where a body
+        lands, are taken there.
 
     Returns
     -------
@@ -49,22 +57,35 @@ def driving_work(
         if has_kind(term, TimeDependent):
             then, now = term.at(before.time), term.at(after.time)
             if hasattr(then, "power"):  # of a barrier: its energy at fixed positions may be infinite
-                work += 0.5 * dt * (then.power(before.x) + now.power(after.x))
+                work += dt * _mean_power(term, before, after, acts_at)
             elif hasattr(then, "energy"):
                 work += 0.5 * (now.energy(before.x) - then.energy(before.x))
                 work += 0.5 * (now.energy(after.x) - then.energy(after.x))
     middle, halfway = before.x + 0.5 * dt * before.v, system.at(0.5 * (before.time + after.time))
     for dissipation, at_half in zip(end.dissipations, halfway.dissipations, strict=True):
         if is_active(dissipation):
-            lagged = dissipation.lagged(before.time) if hasattr(dissipation, "lagged") else dissipation
             with system.account.within(dissipation.name):
                 if getattr(dissipation, "smooth", False):
                     drag = at_half.frozen(middle, dt).gradient(move / dt)
+                elif acts_at == "middle":
+                    drag = at_half.frozen(before.x + 0.5 * move, dt).gradient(move / dt)
                 else:
-                    drag = 0.5 * lagged.frozen(before.x, dt).gradient(move / dt)
-                    drag += 0.5 * dissipation.frozen(after.x, dt).gradient(move / dt)
+                    drag = dissipation.frozen(after.x, dt).gradient(after.v)
+                    if acts_at == "ends":
+                        lagged = (
+                            dissipation.lagged(before.time) if hasattr(dissipation, "lagged") else dissipation
+                        )
+                        drag = 0.5 * (drag + lagged.frozen(before.x, dt).gradient(before.v))
             work -= float(np.vdot(system.only_free(drag), move))
     return work
+
+
+def _mean_power(term: Any, before: Motion, after: Motion, acts_at: str) -> float:
+    """Watts that a moving obstacle gives in a step, by the forces of the scheme."""
+    if acts_at == "middle":
+        return term.at(0.5 * (before.time + after.time)).power(0.5 * (before.x + after.x))
+    power = term.at(after.time).power(after.x)
+    return power if acts_at == "end" else 0.5 * (power + term.at(before.time).power(before.x))
 
 
 def reactions(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDArray, NDArray]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,8 @@ class Integrator:
         The scheme uses `Motion.past`.
     own_time : bool
         A step sets the time of its end itself: the load factor of a path.
+    acts_at : {'ends', 'end', 'middle'}
+        Positions and velocities of a step whose forces act in it.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Integrator:
     rescue: Step | None = None
     multistep: bool = False
     own_time: bool = False
+    acts_at: Literal["ends", "end", "middle"] = "ends"
 
 
 def _symplectic_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
@@ -409,9 +412,11 @@ INTEGRATORS: dict[str, Integrator] = {
     "verlet": Integrator("verlet", 2, _verlet, _leaps),
     "avi": Integrator("avi", 2, _avi, _any_step),
     "newmark": Integrator("newmark", 2, _newmark, _newmark_reach, _composite),
-    "implicit-midpoint": Integrator("implicit-midpoint", 2, _implicit_midpoint, _any_step, _composite),
-    "implicit-euler": Integrator("implicit-euler", 1, _implicit_euler, _any_step),
-    "bdf2": Integrator("bdf2", 2, _bdf2, _any_step, _composite, multistep=True),
+    "implicit-midpoint": Integrator(
+        "implicit-midpoint", 2, _implicit_midpoint, _any_step, _composite, acts_at="middle"
+    ),
+    "implicit-euler": Integrator("implicit-euler", 1, _implicit_euler, _any_step, acts_at="end"),
+    "bdf2": Integrator("bdf2", 2, _bdf2, _any_step, _composite, multistep=True, acts_at="end"),
     "static": Integrator("static", 0, _static, _any_step),
 }
 

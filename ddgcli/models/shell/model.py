@@ -363,7 +363,9 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         if stretch_limit is not None:
             stretch_limit.check(after.x, end)
         later = system.with_memory_at(memory) if in_balance else current
-        work = driving_work(current, before, replace(after, time=end), dt, later) if system.driven else 0.0
+        work = 0.0
+        if system.driven:
+            work = driving_work(current, before, replace(after, time=end), dt, later, integrator.acts_at)
         if not in_balance and any(
             "work" in new and new is not old for new, old in zip(memory, motion.memory)
         ):

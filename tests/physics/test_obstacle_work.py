@@ -1,0 +1,48 @@
+"""Work of moving obstacles is that of the forces which the scheme takes."""
+
+import pytest
+
+from tests.physics.test_orders_under_driving import BALL, MOVING_PLATE, SCENE
+from tests.simulate import shell_run
+
+BELT = """
+[[object]]
+name = "belt"
+role = "obstacle"
+plane = { point = [0, 0, -1.9e-3], normal = [0, 0, 1] }
+velocity = [0.5, 0, 0]
+"""
+SQUARE = "grid = { size = [0.1, 0.1], cells = [2, 2] }"
+RELATIVE_ERROR = {
+    "newmark": 0.01, "implicit-midpoint": 0.02, "verlet": 0.04,
+    "bdf2": 0.08, "implicit-euler": 0.15,  # these lose energy themselves where the shell lands
+}  # fmt: skip
+
+
+def ends(integrator, step, shape, effects, obstacle, duration=0.05, young=2e5):
+    """Scalars of the first and the last frame."""
+    text = SCENE.replace("= 0.05", f"= {duration}").replace("density = 0.7", "density = 1")
+    text = text.replace("young = 2e3", f"young = {young}")
+    text = text.format(step=step, integrator=integrator, shape=shape, effects=effects, floor=obstacle)
+    snapshots = shell_run(text)[0]
+    return [snapshots[k].observations["s"].scalar for k in (0, -1)]
+
+
+@pytest.mark.parametrize("integrator", RELATIVE_ERROR)
+def test_the_work_of_a_belt_is_the_energy_that_it_gives(integrator):
+    """Once up to half off where the shell lands: friction at the ends, with the mean velocity."""
+    effects = 'gravity = {}\ncontact = { pairs = [["s", "belt"]], friction = 0.5 }'
+    step = 5e-4 if integrator == "verlet" else 5e-3
+    start, last = ends(integrator, step, SQUARE, effects, BELT, duration=0.15, young=1e6)
+    assert last["momentum"][0] == pytest.approx(0.01 * 0.5, rel=0.02)  # it moves with the belt
+    gain = last["energy"] - start["energy"]
+    assert last["external_work"] == pytest.approx(gain, rel=RELATIVE_ERROR[integrator])
+
+
+def test_the_work_of_a_plate_that_strikes_a_shell_is_its_impulse_times_its_speed():
+    """Once of forces at the ends of a step, where `implicit-midpoint` takes those of its middle: 3 % off."""
+    plate = MOVING_PLATE.replace("[0, 0, -0.5]", "[0, 0, -0.21]").replace("[0, 0, -0.1]", "[0, 0, 1]")
+    effects = 'contact = { pairs = [["s", "plate"]] }'
+    _, last = ends("implicit-midpoint", 1e-3, BALL, effects, plate)
+    assert last["momentum"][2] > 0.1
+    assert last["external_work"] == pytest.approx(last["momentum"][2] * 1.0, rel=5e-3)
