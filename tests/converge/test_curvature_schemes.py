@@ -208,3 +208,26 @@ def test_sheared_surfaces_that_cannot_be_flipped_are_measured():
     points = np.append(mesh.points, [[2.0, 0.0, 1.0]], axis=0)
     values = measure_curvature(TriangleMesh.from_arrays(points, page)).vertex["mean_curvature"]
     assert np.isfinite(values).all()
+
+
+def joined(*meshes):
+    first = np.cumsum([0, *(mesh.n_vertices for mesh in meshes)])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, first)]
+    return TriangleMesh.from_arrays(np.concatenate([mesh.points for mesh in meshes]), np.concatenate(faces))
+
+
+def ball_beside(large, size, place):
+    sphere = shapes.icosphere(3)
+    return joined(large, sphere.moved(size * sphere.points + np.array(place)))
+
+
+@pytest.mark.parametrize("radius", [None, 0.3])
+@pytest.mark.parametrize("scheme", ["corrected", "normal-voting", "quadric", "normal-cycle"])
+def test_small_components_beside_large_ones_keep_their_curvature(scheme, radius):
+    """The ball has 4e-9 of the area of the box, and 1e-6 of its size: no threshold may compare the two."""
+    box, size = shapes.box(1, 1, 1, (1e6, 1e6, 1e6)), 0.5
+    mesh = ball_beside(box, size, (1e6, 1e6, 1.2e6))
+    own = None if radius is None else radius * size
+    alone = measure_curvature(shapes.icosphere(3), scheme, radius)
+    beside = measure_curvature(mesh, scheme, own).vertex["mean_curvature"][box.n_vertices :]
+    np.testing.assert_allclose(size * beside, alone.vertex["mean_curvature"], rtol=2e-3)

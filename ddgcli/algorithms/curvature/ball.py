@@ -17,7 +17,7 @@ from ddgcli.algorithms.curvature.ball_blocks import ball_blocks
 from ddgcli.algorithms.curvature.face_balls import Ball, FaceBalls
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
-from ddgcli.algorithms.curvature.star import corrected_measures, corrected_principal, swapped_principal
+from ddgcli.algorithms.curvature.star import corrected_principal, measures_and_sizes, swapped_principal
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -53,7 +53,7 @@ def corrected_in_balls(
     Lachaud2020 in docs/references.bib.
     """
     # a face without area has no share inside
-    of_face = np.where(faces.area > 0, corrected_measures(faces, normal), 0.0).T
+    of_face = np.where(faces.area > 0, measures_and_sizes(faces, normal), 0.0).T
     values = np.ascontiguousarray(of_face), faces.area
     measures = _sums(_corrected, mesh, radius, values, of_face.shape[1], jobs)
     return corrected_principal(measures, normal)

@@ -90,7 +90,7 @@ def estimate_noise(
     kind, deviation = noise_kind(mesh, faces, dihedral, deviation)
     balls = _Balls(mesh, faces, deviation.normal, scheme)
     scales = _settled_scales(balls, kind, deviation) if kind else None
-    if scales is None and repeats_with_voxels(faces.points, faces.mean_length):
+    if scales is None and repeats_with_voxels(faces):
         kind, scales = "lattice", _settled_scales(balls, "lattice", deviation)
     if scales is None:
         return Noise(deviation.relative)

@@ -18,6 +18,8 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS, Topology
 from ddgcli.mesh.vectors import cross, dot, ratio
 
+MIN_AREA_SHARE = 1e-9  # of a corrected area over the squared sides of its faces: below, it is rounding
+
 
 def cotan(
     faces: Faces,
@@ -177,7 +179,7 @@ def corrected(faces: Faces, normal: NDArray) -> PrincipalCurvatures:
     J.-O. Lachaud, P. Romon, B. Thibert, "Corrected curvature measures", 2022; J.-O. Lachaud, P. Romon,
     B. Thibert, D. Coeurjolly, "Interpolated corrected curvature measures for polygonal surfaces", 2020.
     """
-    (total,) = faces.vertex_sums(lambda block: _on_corners(corrected_measures(block, normal)))
+    (total,) = faces.vertex_sums(lambda block: _on_corners(measures_and_sizes(block, normal)))
     return corrected_principal(total, normal)
 
 
@@ -229,13 +231,31 @@ def corrected_measures(faces: Faces, normal: NDArray) -> NDArray[np.float64]:
     )
 
 
+def measures_and_sizes(faces: Faces, normal: NDArray) -> NDArray[np.float64]:
+    """Corrected measures of every face, and the size of what cancels in its area.
+
+    Parameters
+    ----------
+    faces : Faces
+    normal : (3, n) ndarray of float64
+        Unit vertex normals.
+
+    Returns
+    -------
+    (10, m) ndarray of float64
+        `corrected_measures`, and the sum of the squared sides (length^2).
+    """
+    size = faces.squared_length[0] + faces.squared_length[1] + faces.squared_length[2]
+    return np.concatenate([corrected_measures(faces, normal), size[None]])
+
+
 def corrected_principal(measures: NDArray, normal: NDArray) -> PrincipalCurvatures:
     """Principal curvatures from sums of corrected measures; their half-sum is that of the mean measure.
 
     Parameters
     ----------
-    measures : (9, n) ndarray of float64
-        Sums over faces of `corrected_measures`.
+    measures : (10, n) ndarray of float64
+        Sums over faces of `measures_and_sizes`.
     normal : (3, n) ndarray of float64
         Unit vertex normals.
 
@@ -243,9 +263,9 @@ def corrected_principal(measures: NDArray, normal: NDArray) -> PrincipalCurvatur
     -------
     PrincipalCurvatures
     """
-    area = measures[0]
-    area = np.where(area > 1e-9 * np.abs(area).max(initial=0.0), area, 0.0)
-    density = ratio(measures[1:], area)
+    area, size = measures[0], measures[9]
+    area = np.where(area > MIN_AREA_SHARE * size, area, 0.0)  # of its own faces: others may be far larger
+    density = ratio(measures[1:9], area)
     first, second = tangent_frame(normal)
     low, high, cos, sin = eigen_2x2(*in_tangent_plane(density[2:], first, second))
     shift = 0.5 * density[0] - 0.5 * (low + high)

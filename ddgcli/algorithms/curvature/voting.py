@@ -12,7 +12,14 @@ from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, tangent_frame
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.polynomial_fits import principal_of_forms
-from ddgcli.algorithms.curvature.regions import Regions, balls_around, larger
+from ddgcli.algorithms.curvature.regions import (
+    Regions,
+    balls_around,
+    chunks,
+    larger,
+    listed,
+    regions_of_range,
+)
 from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot, ratio
@@ -22,6 +29,10 @@ if TYPE_CHECKING:
 
 MIN_NEIGHBOURS = 15
 MIN_DETERMINANT = 1e-12  # of the scatter of a region over its squared trace: below, the points lie on a line
+# of a region's squared extent over its squared distance to the origin, below which moments are taken again
+# about its own centre: above, they keep eight digits
+MIN_SPREAD = 1e-8
+MAX_TIGHT_MEMBERS = 200_000  # whose moments are taken at once
 
 
 def normal_voting(
@@ -113,16 +124,7 @@ def _differential(
     points: NDArray, normal: NDArray, weight: NDArray, regions: Regions, centre_normal: NDArray
 ) -> NDArray[np.float64]:
     """(3, k) second derivatives of heights over the tangent planes: minus the symmetric differential."""
-    n = points.shape[1]
-    pairs = [(points[i], points[j]) for i in range(3) for j in range(3)]
-    pairs += [(normal[i], points[j]) for i in range(3) for j in range(3)]
-    columns = [np.ones(n), *points, *normal, *(a * b for a, b in pairs)]
-    sums = region_sums(regions, weight * np.stack(columns))
-    k = sums.shape[1]
-    mean = ratio(sums, np.broadcast_to(sums[0], sums.shape))
-    centre, middle = mean[1:4], mean[4:7]
-    scatter = mean[7:16].reshape(3, 3, k) - centre[:, None] * centre[None]
-    change = mean[16:25].reshape(3, 3, k) - middle[:, None] * centre[None]
+    scatter, change = _centred_moments(points, normal, weight, regions)
     axes = np.stack(tangent_frame(centre_normal))
     c, d = (np.einsum("ain,ijn,bjn->abn", axes, matrix, axes) for matrix in (scatter, change))
     determinant, trace = c[0, 0] * c[1, 1] - c[0, 1] ** 2, c[0, 0] + c[1, 1]
@@ -131,3 +133,39 @@ def _differential(
     inverse = np.where(sound, ratio(inverse, np.broadcast_to(determinant, inverse.shape)), 0.0)
     change = np.einsum("abn,bcn->acn", d, inverse)
     return -np.stack([change[0, 0], 0.5 * (change[0, 1] + change[1, 0]), change[1, 1]])
+
+
+def _centred_moments(
+    points: NDArray, normal: NDArray, weight: NDArray, regions: Regions
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(3, 3, k) covariances of the positions of regions, and of their normals with their positions."""
+    scatter, change, centre = _moments(region_sums(regions, _moment_columns(points, normal, weight)))
+    tight = np.flatnonzero(np.trace(scatter) < MIN_SPREAD * dot(centre, centre))
+    # moments about one origin lose the digits of regions that are small beside their distance to it
+    few = listed(regions, tight)
+    for first, last in chunks(few, MAX_TIGHT_MEMBERS):
+        block, place = regions_of_range(few, first, last), tight[first:last]
+        member = block.member.astype(np.intp, copy=False)
+        offset = points[:, member] - np.repeat(centre[:, place], block.count, axis=1)
+        columns = _moment_columns(offset, normal[:, member], weight[member])
+        scatter[..., place], change[..., place], _ = _moments(
+            np.add.reduceat(columns, block.start[:-1], axis=1)
+        )
+    return scatter, change
+
+
+def _moment_columns(points: NDArray, normal: NDArray, weight: NDArray) -> NDArray[np.float64]:
+    """(25, n) weighted products whose sums `_moments` takes."""
+    pairs = [points[i] * points[j] for i in range(3) for j in range(3)]
+    pairs += [normal[i] * points[j] for i in range(3) for j in range(3)]
+    return weight * np.stack([np.ones(points.shape[1]), *points, *normal, *pairs])
+
+
+def _moments(sums: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Two covariances (3, 3, k) and the mean positions (3, k) from sums (25, k) of `_moment_columns`."""
+    k = sums.shape[1]
+    mean = ratio(sums, np.broadcast_to(sums[0], sums.shape))
+    centre, middle = mean[1:4], mean[4:7]
+    scatter = mean[7:16].reshape(3, 3, k) - centre[:, None] * centre[None]
+    change = mean[16:25].reshape(3, 3, k) - middle[:, None] * centre[None]
+    return scatter, change, centre

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.curvature.faces import Faces
+
 MAX_SAMPLE_SIZE = 20_000  # vertices
 BINS_PER_EDGE = 8
 MAX_BINS = 1 << 16  # along the longest extent
@@ -18,7 +20,7 @@ MIN_IN_PHASE = 0.09
 MIN_CHANCES = 3.0  # of that share over the one that places at random have by chance
 
 
-def repeats_with_voxels(points: NDArray, edge: float) -> bool:
+def repeats_with_voxels(faces: Faces) -> bool:
     """Whether the coordinates of all three axes repeat with one wavelength of about an edge.
 
     Smoothing moves the vertices by a part of a voxel, after which the Fourier coefficient of their density at
@@ -27,14 +29,13 @@ def repeats_with_voxels(points: NDArray, edge: float) -> bool:
 
     Parameters
     ----------
-    points : (3, n) ndarray of float64
-    edge : float
-        Mean edge length.
+    faces : Faces
 
     Returns
     -------
     bool
     """
+    points, edge = _as_large_as_voxels(faces)
     some = points[:, :: max(1, points.shape[1] // MAX_SAMPLE_SIZE)]
     low = some.min(axis=1, keepdims=True)
     extent = float((some - low).max())
@@ -54,3 +55,19 @@ def repeats_with_voxels(points: NDArray, edge: float) -> bool:
     least = max(MIN_IN_PHASE, MIN_CHANCES / some.shape[1] ** 0.5)
     of_voxels = MIN_WAVELENGTH < longest / (first + strongest) < MAX_WAVELENGTH
     return of_voxels and float(along_all[strongest]) > least
+
+
+def _as_large_as_voxels(faces: Faces) -> tuple[NDArray[np.float64], float]:
+    """Vertices with edges of a bin or more, and the mean edge there.
+
+    A component or a region with far smaller edges is one place of many vertices, in phase with any wave.
+    """
+    edge = faces.mean_length
+    squared, count = faces.stars(
+        np.stack([faces.squared_length.mean(axis=0), np.ones(faces.corner.shape[1])])
+    )
+    is_large = squared > count * (edge / BINS_PER_EDGE) ** 2
+    if is_large.all():
+        return faces.points, edge
+    around = Faces(faces.corner[:, is_large[faces.corner].any(axis=0)], faces.points)
+    return faces.points[:, is_large], around.mean_length
