@@ -228,16 +228,26 @@ def test_moving_scaling_and_relabelling_change_nothing_else(scheme, scale):
     assert after.results["volume"] == pytest.approx(scale**3 * before.results["volume"], rel=1e-11)
 
 
+CORNER_FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+
+
 def few_neighbours():
     cube = shapes.box(1, 1, 1)
     corners = np.array([[0, 0, 0], [1, 0, 0.1], [1, 1, 0], [0, 1, 0.1]])
     a = np.linspace(0, 1, 12)
     i = np.arange(11)[:, None]
+    around, after = np.arange(24), np.roll(np.arange(24), -1)
+    rim = np.stack([np.cos(around * np.pi / 12), np.sin(around * np.pi / 12), 0 * around], axis=1)
     return {
         "cube": cube,  # all directions alike
         "two cubes": TriangleMesh.from_arrays(np.concatenate([cube.points, cube.points * [2, 1, 1] + 5]),
                                               np.concatenate([cube.faces, cube.faces + cube.n_vertices])),
         "box of right angles": shapes.box(2, 2, 2),  # neighbours whose normals are at right angles
+        "corner of a cube": TriangleMesh.from_arrays(np.vstack([np.zeros(3), np.eye(3)]), CORNER_FACES),
+        "bipyramid": TriangleMesh.from_arrays(  # neighbours of the rim that do not face away lie on a line
+            np.vstack([rim, [[0, 0, 5], [0, 0, -5]]]),
+            np.vstack([np.stack([around, after, around * 0 + 24], axis=1),
+                       np.stack([after, around, around * 0 + 25], axis=1)])),
         "two faces": TriangleMesh.from_arrays(corners, np.array([[0, 1, 2], [0, 2, 3]])),
         "strip": TriangleMesh.from_arrays(
             np.concatenate([np.stack([a, 0 * a + y, a * a], 1) for y in (0, 0.1)]),
@@ -258,6 +268,14 @@ def test_curvature_of_few_or_symmetric_neighbours_does_not_depend_on_numbers_and
         after = measure_curvature(moved, "quadric").vertex
         for key in ("principal_curvature_min", "principal_curvature_max"):
             assert np.abs(after[key] - before[key][order]).max() < 1e-11 * size
+
+
+def test_vertices_that_symmetry_exchanges_have_equal_curvature_and_corners_have_some():
+    rim = measure_curvature(few_neighbours()["bipyramid"]).vertex["mean_curvature"][:24]
+    assert np.ptp(rim) < 1e-9 and 0.5 < rim[0] < 1
+    # the paraboloid through the three neighbours: heights of 3^-1/2 at distances of (2/3)^1/2
+    corner = measure_curvature(few_neighbours()["corner of a cube"]).vertex["mean_curvature"][0]
+    assert corner == pytest.approx(3**0.5, rel=1e-6)
 
 
 def undecided():

@@ -23,6 +23,8 @@ LOW_TERM_PENALTY = 1e-12  # of the low terms, so that three neighbours determine
 _MIN_PIVOT = 1e-7  # of the low terms, a share of the number of neighbours, below which a fit is repeated
 _MIN_SINGULAR_VALUE = 1e-6  # relative: coefficients that the neighbours determine less are the least ones
 _RIGHT_ANGLE = 1e-9  # cosine of normals at a right angle, whatever their rounding
+_MIN_SAME_SIDE = 3  # neighbours, the vertex itself aside, that determine a fit: fewer show no curvature
+_MIN_SPREAD = 1e-20  # of the squared spread across over that along: below, the neighbours lie on a line
 _MAX_PAIRS = 40_000  # neighbours handled at once: the working arrays stay in the cache
 _PAIRS_PER_TASK = 200_000  # of a process
 
@@ -234,7 +236,8 @@ def _same_side(centre: NDArray, normal: NDArray, regions: Regions) -> tuple[NDAr
     """Neighbours whose normals are less than a right angle from their vertex's: heights are a function.
 
     A vertex left with fewer than the six terms of a quadratic polynomial, as at the corners of a tetrahedron
-    and on tubes of four sides, keeps those below 120 degrees.
+    and on tubes of four sides, keeps those below 120 degrees; one left with fewer than three neighbours, as
+    at the corner of a cube that is cut off, keeps all.
     """
     # whole indices once, as each np.take would convert them
     start, member = regions.start, regions.member.astype(np.intp, copy=False)
@@ -246,6 +249,8 @@ def _same_side(centre: NDArray, normal: NDArray, regions: Regions) -> tuple[NDAr
     n_members = np.add.reduceat(keep, start[:-1], dtype=np.int64)
     if n_members.min() < len(LOW_TERMS):
         keep |= np.repeat(n_members < len(LOW_TERMS), count) & (cosine > -0.5 + _RIGHT_ANGLE)
+        n_members = np.add.reduceat(keep, start[:-1], dtype=np.int64)
+        keep |= np.repeat(n_members < 1 + _MIN_SAME_SIDE, count)
         n_members = np.add.reduceat(keep, start[:-1], dtype=np.int64)
     return list_starts(n_members), member[keep]
 
@@ -284,12 +289,14 @@ def scaled(x: NDArray, y: NDArray, start: NDArray) -> tuple[NDArray, NDArray, tu
     """
     count = np.diff(start)
     xx, xy, yy = sums(x * x, start), sums(x * y, start), sums(y * y, start)
-    small, large, cos, sin = eigen_2x2(xx, xy, yy)
+    _, large, cos, sin = eigen_2x2(xx, xy, yy)
     large = np.where(large > 0, large, 1.0)
-    small = np.where(small > 1e-20 * large, small, large)
+    c, s = np.repeat(cos, count), np.repeat(sin, count)
+    along, across = c * x + s * y, c * y - s * x
+    small = sums(across * across, start)  # the other eigenvalue would be a difference of large numbers
+    small = np.where(small > _MIN_SPREAD * large, small, large)
     axes = (cos, sin, np.sqrt(count / large), np.sqrt(count / small))
-    c, s, sx, sy = (np.repeat(a, count) for a in axes)
-    return (c * x + s * y) * sx, (c * y - s * x) * sy, axes
+    return along * np.repeat(axes[2], count), across * np.repeat(axes[3], count), axes
 
 
 def normal_equations(
