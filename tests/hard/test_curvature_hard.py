@@ -156,6 +156,39 @@ def test_components_that_a_ball_holds_whole_are_counted(caplog):
     assert f"1 component of the surface whole ({small.n_vertices} vertices)" in caplog.text
 
 
+@pytest.mark.parametrize(
+    "scheme, radius, region, message",
+    [
+        ("normal-cycle", 0.01, "ball", "no other vertex around 642 vertices"),
+        ("normal-voting", 0.01, "two rings", "no more vertices than two rings around 642 vertices"),
+        ("quadric", 0.2, "two rings", "no more vertices than two rings around 642 vertices"),
+    ],
+)
+def test_a_radius_below_the_edges_is_reported_with_one_that_works(scheme, radius, region, message, caplog):
+    mesh = shapes.icosphere(3)
+    results = measure_curvature(mesh, scheme, radius, full=False).results
+    assert results["region"] == region and results["radius"] == (radius if region == "ball" else None)
+    assert message in caplog.text
+    cure = float(re.search(r"`radius=(\S+)`", caplog.text)[1])
+    caplog.clear()
+    assert measure_curvature(mesh, scheme, cure, full=False).results["region"] == "ball"
+    assert not caplog.text
+
+
+def test_corrected_measures_of_the_smallest_balls_are_those_of_the_star(caplog):
+    mean = measure_curvature(shapes.icosphere(3), "corrected", 1e-4, full=False).vertex["mean_curvature"]
+    assert mean == pytest.approx(1, rel=1e-9) and not caplog.text
+
+
+def test_only_the_vertices_whose_balls_are_empty_are_counted(caplog):
+    coarse, fine = shapes.icosphere(2), shapes.icosphere(4)
+    points = np.concatenate([coarse.points + [3, 0, 0], fine.points])
+    faces = np.concatenate([coarse.faces, fine.faces + coarse.n_vertices])
+    results = measure_curvature(TriangleMesh.from_arrays(points, faces), radius=0.25, full=False).results
+    assert results["region"] == "ball"
+    assert f"no other vertex around {coarse.n_vertices} vertices (first: vertex 0)" in caplog.text
+
+
 def test_inward_faces_cause_a_warning(caplog):
     mesh = shapes.icosphere(1)
     measure_curvature(TriangleMesh.from_arrays(mesh.points, mesh.faces[:, ::-1]))

@@ -29,6 +29,8 @@ class PrincipalCurvatures:
         caller of `cotan` needs none.
     gaussian : (n,) ndarray
         The scheme's own Gaussian curvature, in 1/length^2.
+    in_rings : bool
+        Whether fits were to have balls, which hold no more vertices than the rings of any vertex.
     """
 
     low: NDArray[np.float64]
@@ -36,6 +38,7 @@ class PrincipalCurvatures:
     low_direction: NDArray[np.float64]
     high_direction: NDArray[np.float64]
     gaussian: NDArray[np.float64]
+    in_rings: bool = False
 
     @property
     def mean(self) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ quadratic one.
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 from numpy.typing import NDArray
 
@@ -60,9 +61,9 @@ def quadric(
     -------
     PrincipalCurvatures
     """
-    regions = neighbourhoods(mesh, faces, normal, _MIN_NEIGHBOURS)
+    rings = regions = neighbourhoods(mesh, faces, normal, _MIN_NEIGHBOURS)
     if radius is not None:
-        regions = larger(regions, vertex_balls(mesh, radius, jobs=jobs))
+        regions = larger(rings, vertex_balls(mesh, radius, jobs=jobs))
     columns, member_normal = faces.points, normal
     if noisy and radius is not None:
         from ddgcli.algorithms.curvature.area_vectors import averaged_normals  # imports scipy.sparse
@@ -73,7 +74,8 @@ def quadric(
         penalty = _sampled_penalty(columns, normal, regions)
     logging.getLogger("ddgcli").info("quadric: penalty %g on the terms of degree three and four", penalty)
     gradient, hessian = fit_forms(columns, normal, regions, penalty, jobs=jobs, member_normal=member_normal)
-    return principal_of_forms(gradient, hessian, normal)
+    principal = principal_of_forms(gradient, hessian, normal)
+    return replace(principal, in_rings=radius is not None and regions is rings)
 
 
 def _sampled_penalty(columns: NDArray, normal: NDArray, regions: Regions) -> float:

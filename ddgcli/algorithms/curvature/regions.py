@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError, counted
 from ddgcli.mesh.ragged import expand_lists, list_starts
+from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
@@ -238,6 +239,46 @@ def check_reach(mesh: TriangleMesh, radius: float) -> None:
         )
 
 
+EDGES_OF_A_BALL = 3  # of the mean edge: the radius from which balls hold more than two rings
+
+
+def warn_of_short_radius(mesh: TriangleMesh, radius: float, scheme: str, in_rings: bool) -> None:
+    """Report vertices whose balls hold no other vertex, or that all vertices keep their two rings.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    radius : float
+        In the length unit of `mesh`.
+    scheme : str
+    in_rings : bool
+        Of the `PrincipalCurvatures` that were measured.
+    """
+    side = mesh.side_length
+    if scheme == "corrected" or (side.max() <= radius and not in_rings):
+        return  # corrected measures are constant on faces: small balls have the values of the star
+    nearest = np.full(mesh.n_vertices, np.inf)
+    for ends in (mesh.faces, mesh.faces[:, NEXT]):
+        np.minimum.at(nearest, ends, side)
+    is_short = mesh.topology.referenced_vertex & ((nearest > radius) | in_rings)
+    short = np.flatnonzero(is_short)
+    if len(short) == 0:
+        return
+    least = EDGES_OF_A_BALL * float(side[is_short[mesh.faces].any(axis=1)].mean())
+    works = least < piece_extents(mesh).max() / 4
+    _log.warning(
+        "balls of radius %g hold %s around %s (first: vertex %d): %s; %s",
+        radius,
+        "no more vertices than two rings" if in_rings else "no other vertex",
+        counted(len(short), "vertex", "vertices"),
+        short[0],
+        "the normal cycle of one corner over the area of its ball grows without limit as the radius shrinks"
+        if scheme == "normal-cycle"
+        else "the rings are measured instead",
+        f"use `radius={least:.3g}` or more" if works else "leave `radius` out",
+    )
+
+
 def listed(regions: Regions, vertices: NDArray) -> Regions:
     """Regions of some vertices, in their order.
 
@@ -286,6 +327,8 @@ def select_regions(one: Regions, other: Regions, takes_other: NDArray[np.bool_])
     """
     if takes_other.all():
         return other
+    if not takes_other.any():
+        return one
     count = np.where(takes_other, other.count, one.count)
     member = np.empty(count.sum(), dtype=np.result_type(one.member, other.member))
     # masks of a byte for each member: wide balls have hundreds of millions

@@ -27,7 +27,7 @@ from ddgcli.algorithms.curvature.noise import Noise, warn_of_better_scheme, warn
 from ddgcli.algorithms.curvature.noise_estimate import Effort, estimate_noise
 from ddgcli.algorithms.curvature.one_sided import of_copies, unsigned_normals
 from ddgcli.algorithms.curvature.quadric import quadric
-from ddgcli.algorithms.curvature.regions import check_radius, check_reach
+from ddgcli.algorithms.curvature.regions import check_radius, check_reach, warn_of_short_radius
 from ddgcli.algorithms.curvature.spikes import warn_of_spikes
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
 from ddgcli.algorithms.curvature.unit_surface import (
@@ -214,7 +214,9 @@ def _measured(
 
     if isinstance(radius, (int, float)):
         in_ball = radius / surface.scale
-        return _Measured(pointwise(in_ball, noise.dominates_curvature), noise, in_ball)
+        principal = pointwise(in_ball, noise.dominates_curvature)
+        warn_of_short_radius(mesh, radius, scheme, principal.in_rings)
+        return _Measured(principal, noise, None if principal.in_rings else in_ball)
     if radius == "auto" and noise.dominates_curvature:
         return _in_best_balls(mesh, surface, scheme, noise, pointwise)
     principal = pointwise(None, False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,12 +73,13 @@ def normal_voting(
     D. L. Page et al., "Normal vector voting", 2002, and M. Salfer et al., "Reliable estimation of membrane
     curvature", 2020, vote along geodesics; here the regions are balls and the vote a fit.
     """
-    regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS)
+    rings = regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS)
     if radius is not None:
-        regions = larger(regions, vertex_balls(mesh, radius, jobs=jobs))
+        regions = larger(rings, vertex_balls(mesh, radius, jobs=jobs))
     averaged = averaged_normals(faces, normal, regions)
     hessian = _differential(faces.points, averaged, _weights(faces), regions, averaged)
-    return principal_of_forms(np.zeros((2, mesh.n_vertices)), hessian, averaged)
+    principal = principal_of_forms(np.zeros((2, mesh.n_vertices)), hessian, averaged)
+    return replace(principal, in_rings=radius is not None and regions is rings)
 
 
 def normal_voting_at(
