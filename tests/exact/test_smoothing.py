@@ -12,6 +12,7 @@ from ddgcli.algorithms.laplacian.smooth import (
     MAX_WEIGHT,
     MIN_MASS,
     bounded_stiffness,
+    latest_end,
     smooth,
 )
 from ddgcli.algorithms.laplacian.solve_tasks import solve_laplacian_tasks
@@ -127,6 +128,18 @@ def test_steps_that_outlive_the_flow_are_not_converged(caplog):
     caplog.clear()
     solve_laplacian_tasks(shapes.icosphere(3), LaplacianTasks(smooth=0.2, smooth_steps=60))
     assert not caplog.text
+
+
+@pytest.mark.parametrize("time, steps", [(1e9, 10), (1.0, 10), (1.0, 1000)])
+def test_the_time_at_which_a_surface_has_vanished_is_not_that_of_long_steps(time, steps, caplog):
+    """Before, the end of the first step was stated: 1e8 of 1e9."""
+    sphere = shapes.icosphere(3)
+    assert latest_end(sphere) == pytest.approx(0.25)
+    assert latest_end(shapes.catenoid(24, 12)) == np.inf
+    report = solve_laplacian_tasks(sphere, LaplacianTasks(smooth=time, smooth_steps=steps))
+    assert not report.converged and "the flow itself ends by time 0.25)" in caplog.text
+    noise, shape = report.results["smooth_sensible_time"].values()
+    assert f"({noise:.2g} removes noise, {shape:.2g} changes the shape)" in caplog.text
 
 
 def test_steps_that_remove_noise_have_no_error_in_time():

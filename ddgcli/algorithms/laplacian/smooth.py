@@ -68,6 +68,11 @@ class SmoothingResult:
     __repr__ = short_repr
 
     @property
+    def has_vanished(self) -> bool:
+        """Whether nearly no area is left."""
+        return _has_vanished(self.area)
+
+    @property
     def in_box(self) -> bool:
         """Whether the maximum principle holds up to rounding."""
         return self.box_growth <= BOX_TOLERANCE
@@ -139,11 +144,15 @@ def smooth(
         growth = max(growth, outside / diagonal)
         mesh, worst, reached = moved, max(worst, residual), time * (step + 1) / steps
         area.append(float(face_area(mesh.side_length).sum()))
-        if area[-1] < VANISHED_AREA * area[0]:
+        if _has_vanished(area):
             break
     left = stepper.energy(mesh)
     time_error = min(1.0, excess / left) if left > 0 else 0.0
     return SmoothingResult(mesh, area, worst, reached, growth, collapsed, collapse_time, time_error)
+
+
+def _has_vanished(area: list[float]) -> bool:
+    return area[-1] < VANISHED_AREA * area[0]
 
 
 def _check(time: float, steps: int, flow: str) -> None:
@@ -241,6 +250,29 @@ def bounded_stiffness(laplace: LaplaceOperator) -> csr_array:
     n = off.shape[0]
     degree = sum_by_index(row, weight, n)
     return csr_array(diags_array(degree, format="csr") - csr_array((weight, (row, col)), shape=(n, n)))
+
+
+def latest_end(mesh: TriangleMesh) -> float:
+    """Time by which mean curvature flow has ended a closed surface.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    float
+        In length^2; infinite for surfaces with boundary.
+
+    Notes
+    -----
+    A surface inside a sphere stays inside as both flow: the sphere of radius r ends at r^2 / 4.
+    """
+    if not mesh.topology.is_closed:
+        return np.inf
+    low, high = mesh.bounding_box
+    outward = mesh.points[mesh.topology.referenced_vertex] - (low / 2 + high / 2)
+    return float(np.einsum("ij,ij->i", outward, outward).max()) / 4
 
 
 def sensible_times(mesh: TriangleMesh) -> tuple[float, float]:

@@ -249,7 +249,7 @@ def _map_conformally(result: LaplacianResult, tasks: LaplacianTasks, progress: P
 def _smooth(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCallback) -> None:
     if tasks.smooth is None:
         return
-    from ddgcli.algorithms.laplacian.smooth import sensible_times, smooth
+    from ddgcli.algorithms.laplacian.smooth import latest_end, sensible_times, smooth
 
     before = result.surface
     flow = tasks.smooth_flow or SMOOTHING_FLOWS[0]
@@ -279,17 +279,28 @@ def _smooth(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCa
     result.converged &= smoothed.in_box and smoothed.time >= tasks.smooth * (1 - 1e-9)
     result.converged &= smoothed.collapsed <= MAX_COLLAPSED_SHARE * before.n_vertices
     result.converged &= smoothed.time_error < 1.0
-    _warn_of_smoothing(smoothed, tasks.smooth, flow, {"removes noise": edge, "changes the shape": shape})
+    end = np.inf if flow == "conformalized" else latest_end(before)
+    sensible = {"removes noise": edge, "changes the shape": shape}
+    _warn_of_smoothing(smoothed, tasks.smooth, flow, sensible, end)
 
 
-def _warn_of_smoothing(smoothed: SmoothingResult, time: float, flow: str, sensible: dict[str, float]) -> None:
-    """Warn if smoothing collapsed parts of the surface, took long steps or enlarged its bounding box."""
+def _warn_of_smoothing(
+    smoothed: SmoothingResult, time: float, flow: str, sensible: dict[str, float], end: float
+) -> None:
+    """Warn if smoothing collapsed parts of the surface, took long steps or enlarged its bounding box.
+
+    `end` is a time by which the flow itself has ended.
+    """
     vanished = smoothed.time < time * (1 - 1e-9)
     too_long = smoothed.time if vanished or smoothed.collapse_time is None else smoothed.collapse_time
+    too_long = min(too_long, end) if vanished else too_long
     shorter = ", ".join(f"{t:.2g} {effect}" for effect, t in sensible.items() if t < too_long)
     advice = f"use a shorter time{shorter and f' ({shorter})'}"
     if vanished:
-        log.warning("the surface vanished at time %g of %g: %s", smoothed.time, time, advice)
+        # a step without a solution has no end; long steps outlive the flow itself
+        when = "before" if smoothed.has_vanished else "after"
+        gone = f" (the flow itself ends by time {end:.3g})" if end < smoothed.time else ""
+        log.warning("the surface vanished %s time %g of %g%s: %s", when, smoothed.time, time, gone, advice)
     elif smoothed.collapse_time is not None:
         other = "" if flow == "conformalized" else ", or `smooth_flow=conformalized`, which seldom pinches"
         log.warning(
