@@ -14,6 +14,7 @@ T = TypeVar("T")
 
 MAX_EXCERPT_LENGTH = 100  # characters of a file, or of another program's message, in a message
 QUOTED_REPAIR = re.compile(r"`repair(_cells)?=([^`]*)`")  # in a message, steps that repair the mesh
+QUOTED_PARAMETER = re.compile(r"`([a-z]\w*)(?:=([^`]*))?`")  # in a message, a parameter, maybe with a value
 LONG_NUMBER = re.compile(r"(\d{20})\d{40,}")  # its first digits and the others
 LONG_WORD = re.compile(r"(\S{100})\S{240,}(\S{40})")  # its first letters, the others and its last
 LONG_QUOTE = re.compile(r"('[^']{100})[^']{240,}([^']{40}')")  # the same of a value with spaces

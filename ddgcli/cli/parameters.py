@@ -13,9 +13,7 @@ from pathlib import Path
 
 import click
 
-from ddgcli.errors import QUOTED_REPAIR, ParameterError
-
-QUOTED_PARAMETER = re.compile(r"`([a-z]\w*)(?:=([^`]*))?`")
+from ddgcli.errors import QUOTED_PARAMETER, QUOTED_REPAIR, ParameterError
 
 
 def option_names(command: click.Command) -> dict[str, str]:

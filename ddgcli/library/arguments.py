@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import functools
 import inspect
+import logging
 import math
 import numbers
 import operator
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.choices import MAX_PIXELS, MIN_PIXELS
-from ddgcli.errors import QUOTED_REPAIR, MeshError, ParameterError, excerpt
+from ddgcli.errors import QUOTED_PARAMETER, QUOTED_REPAIR, DdgError, ParameterError, excerpt
+
+_log = logging.getLogger("ddgcli")
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 MAX_INTEGER = 2**63 - 1  # of numpy's indices
+# parameters of the core that functions of the library give another name
+LIBRARY_NAMES = {"source": "sources", "target": "targets", "fix": "fixed", "spread_vector": "vectors"}
 
 
 def with_repair_call(message: str) -> str:
@@ -33,6 +38,60 @@ def with_repair_call(message: str) -> str:
         return f"`ddg.repair_mesh(mesh, {', '.join(values)})`"
 
     return QUOTED_REPAIR.sub(call, message)
+
+
+def with_own_names(message: str, names: Collection[str]) -> str:
+    """The message with quoted parameters of the core, such as `` `source=0` ``, as those of a function.
+
+    Parameters
+    ----------
+    message : str
+    names : collection of str
+        Parameters of the function.
+
+    Returns
+    -------
+    str
+    """
+
+    def own(match: re.Match[str]) -> str:
+        name, value = own_name(match.group(1), names), match.group(2)
+        if name == match.group(1) or value is None:
+            return f"`{name}`" if value is None else match.group(0)
+        key, _, number = value.partition("=")
+        return f"`{name}={{{key}: {number}}}`" if number else f"`{name}={value}`"
+
+    return QUOTED_PARAMETER.sub(own, message)
+
+
+def own_name(name: str, names: Collection[str]) -> str:
+    """Name that a function with parameters `names` has for a parameter of the core."""
+    other = LIBRARY_NAMES.get(name, name)
+    return other if name not in names and other in names else name
+
+
+class _OwnWords(logging.Filter):
+    """Warnings of the core in the words of a function of the library."""
+
+    def __init__(self, names: Collection[str]) -> None:
+        super().__init__()
+        self.names = names
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        if "`" in (message := record.getMessage()):
+            record.msg, record.args = with_own_names(with_repair_call(message), self.names), ()
+        return True
+
+
+def _with_own_words(error: DdgError, names: Collection[str]) -> None:
+    """Change the message of an error of the core to the words of a function of the library."""
+    if isinstance(error, ParameterError):
+        error.message = with_own_names(with_repair_call(error.message), names)
+        if error.parameter:
+            error.parameter = own_name(error.parameter, names)
+            error.args = (f"{error.parameter}: {error.message}",)
+            return
+    error.args = (with_own_names(with_repair_call(str(error)), names),)
 
 
 def _scalar(value: Any) -> Any:
@@ -244,6 +303,7 @@ def checked_arguments(function: Callable[P, R]) -> Callable[P, R]:
         if (conversion := _conversion(p)) is not None
     }
     positional = [p.name for p in parameters if p.kind is not p.KEYWORD_ONLY]
+    all_names = frozenset(p.name for p in parameters)
 
     def converted(name: str, value: Any) -> Any:
         if name not in checks:
@@ -255,10 +315,14 @@ def checked_arguments(function: Callable[P, R]) -> Callable[P, R]:
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         names = positional + [""] * (len(args) - len(positional))  # too many: Python's own error
         own = [converted(name, value) for name, value in zip(names, args)]
+        own_words = _OwnWords(all_names)
+        _log.addFilter(own_words)
         try:
             return function(*own, **{name: converted(name, value) for name, value in kwargs.items()})
-        except MeshError as error:
-            error.args = (with_repair_call(str(error)),)
+        except DdgError as error:
+            _with_own_words(error, all_names)
             raise
+        finally:
+            _log.removeFilter(own_words)
 
     return call

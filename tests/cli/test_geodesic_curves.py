@@ -236,7 +236,10 @@ def test_bends_on_a_one_sided_surface_have_both_angles(summary, tmp_path):
         (["--trace", TRACE, "--method", "heat"], "needs a source"),
         (["--straighten", "3"], "two different"),
         (["--straighten", "3,x"], "vertex numbers"),
-        (["--source", "0", "--spread-vector", "1,0,0", "--spread-vector", "0,1,0"], "once for each"),
+        (
+            ["--source", "0", "--spread-vector", "1,0,0", "--spread-vector", "0,1,0"],
+            "--spread-vector takes one for each",
+        ),
     ],
 )
 def test_bad_curve_options_are_refused_in_one_line(run, sphere, tmp_path, words, reason):

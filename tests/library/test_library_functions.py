@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import ddgcli as ddg
+from tests.degenerate_meshes import degenerate_mesh
 
 ROOT = Path(__file__).parents[2]
 SPHERE = ddg.icosphere(1)
@@ -393,3 +394,25 @@ def test_flat_of_a_linear_field_on_vertices_is_the_derivative_of_its_quadratic_p
     x, y, _ = SQUARE.points.T
     field = np.column_stack([2 * x + y, x, 0 * x])
     assert np.abs(ddg.flat(SQUARE, field) - ddg.d0(SQUARE) @ (x * x + x * y)).max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda: ddg.harmonic_interpolation(SPHERE, {}), "fixed: no value is fixed; add `fixed={ID: VALUE}`"),
+        (lambda: ddg.harmonic_interpolation(SPHERE, {-1: 0.0}), "fixed: vertex -1 does not exist"),
+        (lambda: ddg.parallel_transport(SPHERE, [0, 1], [[1, 0, 0]]), "`vectors` takes one for each"),
+        (lambda: ddg.distance_matrix(SPHERE, [0, 1], []), "no target; name a vertex, such as `targets=0`"),
+        (lambda: ddg.distance_matrix(SPHERE, [], [0]), "no source; name a vertex, such as `sources=0`"),
+        (lambda: ddg.distance_matrix(SPHERE, [0], [10**6]), "target vertex 1000000 is outside"),
+    ],
+)
+def test_refusals_name_the_parameters_of_the_function(call, message):
+    with pytest.raises(ddg.errors.ParameterError) as error:
+        call()
+    assert message in str(error.value)
+
+
+def test_warnings_name_the_repair_as_a_call_of_the_library(caplog):
+    ddg.curvature(degenerate_mesh(3001), "quadric")
+    assert "`ddg.repair_mesh(mesh, drop_degenerate=True, split_folds=True)`" in caplog.text

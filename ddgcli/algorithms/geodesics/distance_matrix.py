@@ -46,7 +46,7 @@ def distance_matrix(
         inf between different components.
     """
     first = check_sources(mesh, np.asarray(sources, dtype=np.int64)).vertex
-    last = check_sources(mesh, np.asarray(targets, dtype=np.int64)).vertex
+    last = check_sources(mesh, np.asarray(targets, dtype=np.int64), "target").vertex
     if jobs < 1:
         raise ParameterError(f"must be 1 or more, not {jobs}", parameter="jobs")
     if method in SYMMETRIC_METHODS and len(np.unique(last)) < len(np.unique(first)):

@@ -171,13 +171,17 @@ class VertexDistances:
     nearest_source: NDArray[np.int64]
 
 
-def check_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | int) -> Sources:
+def check_sources(
+    mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | int, what: str = "source"
+) -> Sources:
     """Check that sources lie on `mesh`: vertices in range and used by a face.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
     sources : Sources, vertex number or array of vertex numbers
+    what : str
+        Parameter that holds them, for errors.
 
     Returns
     -------
@@ -193,17 +197,17 @@ def check_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | in
     if not isinstance(sources, Sources):
         sources = Sources(np.asarray(sources))
     if len(sources) == 0:
-        raise ParameterError("no source; name a vertex, such as `source=0`, or a point on the surface")
+        raise ParameterError(f"no {what}; name a vertex, such as `{what}=0`, or a point on the surface")
     n = mesh.n_vertices
     if mesh.n_faces == 0:
         raise MeshError("no triangles; a distance along the surface needs a surface")
     outside = np.flatnonzero((sources.vertex < 0) | (sources.vertex >= n))
     if len(outside):
-        raise ParameterError(f"source vertex {sources.vertex[outside[0]]} is outside 0..{n - 1}")
+        raise ParameterError(f"{what} vertex {sources.vertex[outside[0]]} is outside 0..{n - 1}")
     unused = np.flatnonzero(~mesh.topology.referenced_vertex[sources.vertex])
     if len(unused):
         raise ParameterError(
-            f"source vertex {sources.vertex[unused[0]]} belongs to no face; choose a vertex of the surface"
+            f"{what} vertex {sources.vertex[unused[0]]} belongs to no face; choose a vertex of the surface"
         )
     SurfacePoints.checked(sources.points.face, sources.points.barycentric, mesh.n_faces)
     outside = np.flatnonzero((sources.edge < 0) | (sources.edge >= mesh.topology.n_edges))

@@ -120,7 +120,7 @@ def harmonic(operator: LaplaceOperator, fixed: Mapping[int, float]) -> Solution:
         Without fixed values, or for a component that has none.
     """
     if not fixed:
-        raise ParameterError("needs fixed values; add `fix=ID=VALUE`", parameter="harmonic")
+        raise ParameterError("no value is fixed; add `fix=ID=VALUE`", parameter="fix")
     return _with_fixed(operator, fixed, None)
 
 

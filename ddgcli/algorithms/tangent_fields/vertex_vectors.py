@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.geodesics.distance import DistanceResult
 from ddgcli.algorithms.geodesics.sources import Sources
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, counted
 from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.progress import ProgressCallback
@@ -118,10 +118,9 @@ def vectors_at_sources(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike)
 
     vectors = np.asarray(vectors, dtype=np.float64)
     if len(sources.points) or len(vectors) != len(sources.vertex):
-        raise ParameterError(
-            f"{len(vectors)} vectors for {len(sources.vertex)} source vertices; give `spread_vector` once "
-            "for each source vertex"
-        )
+        number = counted(len(vectors), "vector", "vectors")
+        starts = counted(len(sources.vertex), "source vertex", "source vertices")
+        raise ParameterError(f"{number} for {starts}; `spread_vector` takes one for each")
     if vectors.ndim != 2 or vectors.shape[1] != 3:
         raise ParameterError(f"vectors have three components; these have the shape {vectors.shape}")
     require(mesh, "`spread_vector`")

@@ -67,7 +67,7 @@ def check_waves(
                 "has rows for source vertices only; name each source by its vertex",
                 parameter="distance_matrix",
             )
-        check_sources(mesh, query.targets)
+        check_sources(mesh, query.targets, "target")
     if signed_curves is not None:
         from ddgcli.algorithms.tangent_fields.signed_distance import check_query
 
