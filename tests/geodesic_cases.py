@@ -75,3 +75,11 @@ def disk(n: int) -> TriangleMesh:
     mesh = TriangleMesh.from_arrays(points, Delaunay(points[:, :2]).simplices)
     turned = np.cross(mesh.side_vector[:, 0], mesh.side_vector[:, 1])[:, 2] < 0
     return TriangleMesh.from_arrays(points, np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces))
+
+
+def beside_a_sphere(mesh: TriangleMesh, scale: float) -> tuple[TriangleMesh, int, int]:
+    """A mesh scaled by a power of two behind a unit sphere; its first vertex and its first face."""
+    sphere = shapes.icosphere(3)
+    points = np.concatenate([sphere.points, scale * mesh.points])
+    faces = np.concatenate([sphere.faces, mesh.faces + sphere.n_vertices])
+    return TriangleMesh.from_arrays(points, faces), sphere.n_vertices, sphere.n_faces

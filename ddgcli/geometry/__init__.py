@@ -1,11 +1,12 @@
 """Formulas on arrays: lengths, angles, areas, normals, unfolding, points on surfaces.
 
 `intrinsic` reads side lengths alone, `extrinsic` positions in space; `unfolding` lays faces out in the plane;
-`intersections` lists faces that cross.
+`intersections` lists faces that cross, `component_sides` has the mean sides of components.
 """
 
 __all__ = [
     "cells",
+    "component_sides",
     "cures",
     "extrinsic",
     "face_frames",

@@ -47,8 +47,8 @@ class DistanceSolver:
         first order. 'dijkstra': along edges, never too short.
     **options
         'exact': `tolerance` (allowed error in edge lengths, 0; never too short). 'heat': `operator`
-        ('intrinsic-delaunay', 'plain' or 'tufted'), `heat_time` (in squares of the mean edge length, 1),
-        `heat_refine` (further rounds of normalising and integrating the gradient, 0).
+        ('intrinsic-delaunay', 'plain' or 'tufted'), `heat_time` (in squares of the mean edge length
+        of each component, 1), `heat_refine` (further rounds of normalising and integrating the gradient, 0).
 
     Raises
     ------
@@ -117,7 +117,7 @@ def HeatSolver(
     ----------
     mesh : TriangleMesh, IntrinsicMesh or (points, faces) pair
     heat_time : float
-        Time step in squares of the mean edge length.
+        Time step in squares of the mean edge length of each component.
     heat_refine : int
         Further rounds of normalising and integrating the gradient.
     operator : {'intrinsic-delaunay', 'plain', 'tufted'}, optional

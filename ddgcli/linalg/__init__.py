@@ -24,6 +24,7 @@ __all__ = [
     "multifrontal",
     "ordering",
     "residual_gate",
+    "scaled_rows",
     "separators",
     "superlu",
 ]

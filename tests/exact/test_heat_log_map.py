@@ -10,6 +10,7 @@ from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
+from tests.geodesic_cases import beside_a_sphere
 
 
 def by_heat(mesh, source=0):
@@ -49,6 +50,13 @@ def test_the_map_has_the_unit_of_the_mesh(scale):
     small = by_heat(mesh).log_map
     large = by_heat(mesh.moved(scale * mesh.points)).log_map
     assert np.allclose(large, scale * small, rtol=0, atol=1e-6 * scale)
+
+
+def test_the_map_of_a_component_does_not_depend_on_the_size_of_another():
+    mesh = shapes.random_sphere(400)
+    both, first, _ = beside_a_sphere(mesh, 2.0**-8)
+    alone, beside = by_heat(mesh, 5).log_map, by_heat(both, first + 5).log_map[first:]
+    assert np.allclose(2.0**8 * beside, alone, rtol=0, atol=1e-9)
 
 
 def test_shared_factors_change_nothing():

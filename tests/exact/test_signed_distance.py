@@ -13,7 +13,7 @@ from ddgcli.geometry.face_frames import surface_position
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from tests.geodesic_cases import disk, jittered
+from tests.geodesic_cases import beside_a_sphere, disk, jittered
 
 SQUARE = shapes.grid(16, 16, pattern="alternating")
 
@@ -109,6 +109,15 @@ def test_another_component_has_no_signed_heat_distance():
     assert np.isfinite(signed.distance[: one.n_vertices]).all()
     near = (np.abs(x) < 0.15) & (np.abs(SQUARE.points[:, 1] - 0.4) < 0.1)
     assert np.abs(signed.distance[: one.n_vertices] - x)[near].max() < 0.02, "negative on the left"
+
+
+def test_the_signed_heat_distance_on_a_component_does_not_depend_on_the_size_of_another():
+    mesh = jittered(shapes.grid(16, 16, pattern="alternating"), 0.01)
+    pairs = directed(mesh, inner_square(mesh))
+    both, first, _ = beside_a_sphere(mesh, 2.0**-8)
+    alone = signed_distance(mesh, edge_set(mesh, pairs), "heat").distance
+    beside = signed_distance(both, edge_set(both, pairs + first), "heat").distance[first:]
+    assert np.allclose(2.0**8 * beside, alone, rtol=0, atol=1e-9)
 
 
 def test_signed_distances_that_do_not_exist_are_refused():

@@ -27,6 +27,7 @@ from ddgcli.operators.connection import (
     to_vertex_frames,
 )
 from ddgcli.operators.laplacian import stiffness
+from tests.geodesic_cases import beside_a_sphere
 
 
 def loop_round(mesh, vertex, seed=0):
@@ -143,6 +144,26 @@ def test_vector_heat_is_exact_on_long_and_sheared_strips():
         planar = to_vertex_frames(strip, constant)
         spread = VectorHeat(strip).transport(np.array([0]), planar[[0]]).vector
         np.testing.assert_allclose(from_vertex_frames(strip, spread), constant, atol=1e-7)
+
+
+@pytest.mark.parametrize("long", [False, True])
+def test_vector_heat_on_a_component_does_not_depend_on_others(long):
+    """Not even where the time is raised on one of them, against underflow."""
+    mesh = shapes.random_sphere(400)
+    both, first, _ = beside_a_sphere(mesh, 2.0**-8)
+    start = np.array([1.0 + 0.5j])
+    alone = VectorHeat(mesh).transport(np.array([3]), start).vector
+    vertex = np.array([first + 3])
+    if long:
+        strip = shapes.grid(2000, 1)
+        faces = np.concatenate([both.faces, strip.faces + both.n_vertices])
+        points = np.concatenate([both.points, strip.points * [2000, 1, 1]])
+        vertex, start = np.append(vertex, both.n_vertices), np.append(start, start)
+        both = TriangleMesh.from_arrays(points, faces)
+    heat = VectorHeat(both)
+    beside = heat.transport(vertex, start).vector[first : first + mesh.n_vertices]
+    assert np.allclose(beside, alone, rtol=0, atol=1e-9)
+    assert (heat.time[:2] == 1).all() and (heat.time[2:] > 1).all()
 
 
 def squeezed_sphere(n):

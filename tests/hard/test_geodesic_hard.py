@@ -16,6 +16,7 @@ from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.linalg.backends import make_backend
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from tests.geodesic_cases import beside_a_sphere
 
 
 def readable(folder):
@@ -112,6 +113,26 @@ def test_heat_on_two_components_with_one_source():
         assert np.isfinite(measured.distance[: one.n_vertices]).all()
         assert np.isinf(measured.distance[one.n_vertices :]).all()
         assert measured.results["unreachable"] == two.n_vertices
+
+
+@pytest.mark.parametrize("scale", [2.0**-4, 2.0**-24, 2.0**10])
+def test_heat_on_a_component_does_not_depend_on_the_size_of_another(scale):
+    mesh = shapes.random_sphere(400)
+    both, first, _ = beside_a_sphere(mesh, scale)
+    for sources in ([0], [0, 7]):
+        alone = measure_distance(mesh, Sources.at(sources), "heat")
+        beside = measure_distance(both, Sources.at([first + s for s in sources]), "heat")
+        assert np.allclose(beside.distance[first:] / scale, alone.distance, rtol=0, atol=1e-9)
+        assert np.isclose(beside.results["heat_time"], scale**2 * alone.results["heat_time"], rtol=1e-12)
+        assert np.isclose(beside.accuracy["error_estimate"], alone.accuracy["error_estimate"], rtol=1e-6)
+
+
+def test_the_estimate_of_heat_is_that_of_the_worst_component():
+    mesh = shapes.torus(40, 12)
+    both, first, _ = beside_a_sphere(mesh, 2.0**-6)
+    alone = measure_distance(mesh, Sources.at([0, 7]), "heat").accuracy["error_estimate"]
+    beside = measure_distance(both, Sources.at([0, first, first + 7]), "heat").accuracy["error_estimate"]
+    assert np.isclose(beside, alone, rtol=0.05)  # rounding decides the diagonals of its squares
 
 
 @pytest.mark.parametrize("method", DISTANCE_METHODS)

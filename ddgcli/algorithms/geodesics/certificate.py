@@ -150,11 +150,11 @@ def gradient_norm(mesh: SurfaceMesh, values: NDArray) -> tuple[NDArray[np.float6
 
 
 def gradient_error(mesh: SurfaceMesh, distance: NDArray) -> float:
-    """Root of the area mean of (|grad d| - 1)^2 over the reached faces.
+    """Root of the area mean of (|grad d| - 1)^2 over the reached faces: the largest of the components.
 
     The gradient of a smoothed distance is too short where it turns, along boundaries and cut loci, so this
-    follows its error relative to the largest distance. On 57 meshes the largest error was 0.2 to 1.6 times as
-    large with the heat method, 0.5 times in the median.
+    follows its error relative to the largest distance on the component. On 57 meshes the largest error was
+    0.2 to 1.6 times as large with the heat method, 0.5 times in the median.
 
     Parameters
     ----------
@@ -168,7 +168,10 @@ def gradient_error(mesh: SurfaceMesh, distance: NDArray) -> float:
     """
     norm, area = gradient_norm(mesh, distance)
     use = np.isfinite(norm) & (area > 0)
-    return float(np.sqrt(np.average((norm[use] - 1.0) ** 2, weights=area[use]))) if use.any() else 0.0
+    component = mesh.topology.face_component[use]
+    total = np.bincount(component, area[use])
+    square = np.bincount(component, area[use] * (norm[use] - 1.0) ** 2)
+    return float(np.sqrt(np.max(square[total > 0] / total[total > 0], initial=0.0)))
 
 
 def face_gradient(mesh: SurfaceMesh, corner: NDArray) -> tuple[NDArray, NDArray, NDArray]:

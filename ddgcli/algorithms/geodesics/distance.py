@@ -46,7 +46,7 @@ class DistanceOptions:
         heat: the triangulation that carries the Laplacian. Default: intrinsic Delaunay on an oriented
         surface, otherwise its tufted cover.
     heat_time : float
-        heat: diffusion time in units of the squared mean side length.
+        heat: diffusion time in units of the squared mean side length of each component.
     heat_refine : int
         heat: number of additional rounds of normalising and integrating the gradient.
     directions : bool
@@ -218,7 +218,7 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
         }
         if solver.solver in ITERATIVE_SOLVERS:
             accuracy["heat_solver"] = solver.solver
-        results = {"operator": operator, "heat_time": solver.time, "heat_stages": heat.n_stages}
+        results = {"operator": operator, "heat_time": solver.time_at(sources), "heat_stages": heat.n_stages}
         if heat.cold_faces:
             log.warning(
                 f"the heat has no gradient on {heat.cold_faces} faces; the distance is interpolated there"

@@ -14,8 +14,10 @@ from scipy.sparse import csc_array, csr_array, diags_array
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources, corner_distance, face_frame
 from ddgcli.choices import DEFAULT_HEAT_TIME
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.component_sides import component_mean_side, on_vertices
 from ddgcli.linalg.constrain import Dirichlet, Poisson
 from ddgcli.linalg.factor import Factor
+from ddgcli.linalg.scaled_rows import scaled_rows
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.scatter import sum_by_index
@@ -60,8 +62,8 @@ class HeatDistance:
         return self.residuals[1]()
 
 
-def diffusion_time(mesh: SurfaceMesh, factor: float) -> float:
-    """A multiple of the squared mean side length of a mesh, in units of squared length.
+def diffusion_time(mesh: SurfaceMesh, factor: float) -> NDArray[np.float64]:
+    """A multiple of the squared mean side length of each component, in units of squared length.
 
     Parameters
     ----------
@@ -70,24 +72,29 @@ def diffusion_time(mesh: SurfaceMesh, factor: float) -> float:
 
     Returns
     -------
-    float
+    (n_components,) ndarray of float64
 
     Raises
     ------
     MeshError
         The square of the mean side under- or overflows.
     ParameterError
-        The factor is not positive, or its product with the square under- or overflows.
+        The factor is not positive, or its product with the square of a component under- or overflows.
     """
     h = float(mesh.side_length.mean()) if mesh.n_faces else 1.0
     if not 0 < h * h < np.inf:
         raise MeshError(f"the mean side length, {h:.3g}, over- or underflows if squared; rescale the mesh")
-    if not 0 < factor * h * h < np.inf:
+    side = component_mean_side(mesh)
+    with np.errstate(over="ignore", invalid="ignore"):
+        time: NDArray[np.float64] = factor * side * side
+    bad = np.flatnonzero(~((time > 0) & (time < np.inf)))
+    if len(bad):
         raise ParameterError(
-            f"{factor:g} squared mean side lengths ({h:g}) are no positive and finite time; change it",
+            f"{factor:g} squared mean side lengths ({side[bad[0]]:g}) are no positive and finite time; "
+            "change it",
             parameter="heat_time",
         )
-    return factor * h * h
+    return time
 
 
 class HeatSolver:
@@ -99,7 +106,8 @@ class HeatSolver:
         Triangulation of the systems: intrinsic Delaunay for the maximum principle, a tufted cover for
         non-manifold surfaces.
     time : float, optional
-        t of (M + t L) u = source, in length units squared. Default: `time_factor` h^2, h the mean side.
+        t of (M + t L) u = source, in length units squared. Default: `time_factor` h^2, h the mean side of
+        each component, so that the distance on it does not depend on others.
     time_factor : float
     refine : int
         Number of times that the gradient of the result is normalised and integrated again. 0 is the published
@@ -125,13 +133,13 @@ class HeatSolver:
         self.mesh, self.refine, self.source_mesh = mesh, refine, source_mesh or mesh
         if time is not None and not 0 < time < np.inf:
             raise ParameterError(f"must be positive and finite, not {time}", parameter="time")
-        self.time = diffusion_time(mesh, time_factor) if time is None else time
+        n = mesh.topology.n_components
+        self.time = diffusion_time(mesh, time_factor) if time is None else np.full(n, time)
         self.stiffness = stiffness(mesh)
-        area = lumped_vertex_area(mesh)
-        mass = np.where(area > 0, area, area.max(initial=0.0) or 1.0)
-        self._system = _with_diagonal(self.stiffness, self.time, mass)
+        self._area = lumped_vertex_area(mesh)
+        flow = scaled_rows(self.stiffness, on_vertices(mesh, self.time))
+        self._system = _with_diagonal(flow, _positive(mesh, self._area))
         self._heat = Factor(self._system)
-        self._area = area
         self._poisson: Poisson | None = None
         self._dirichlet: Dirichlet | None = None
         self._boundary = self.source_mesh.topology.boundary_vertex  # a tufted cover has none of its own
@@ -179,6 +187,11 @@ class HeatSolver:
         cold_faces = int((cold & reached[self._corner[0]]).sum()) if cold.any() else 0
         distance[~reached] = np.inf
         return HeatDistance(distance, (heat_residual, poisson_residual), n_stages, cold_faces)
+
+    def time_at(self, sources: Sources) -> float:
+        """Diffusion time, in length units squared, on the component of the first source."""
+        vertex = np.append(sources.vertex, self.source_mesh.faces[sources.points.face, 0])[0]
+        return float(self.time[self.mesh.topology.vertex_component[vertex]])
 
     def _reached(self, start: NDArray) -> NDArray[np.bool_]:
         """(n,) True on the components where heat starts."""
@@ -333,12 +346,21 @@ class HeatSolver:
         return np.concatenate([other, np.flatnonzero(component < 0)])
 
 
-def _with_diagonal(matrix: csr_array, factor: float, diagonal: NDArray) -> csc_array:
-    """factor * matrix + diagonal, for a symmetric matrix."""
+def _positive(mesh: SurfaceMesh, area: NDArray) -> NDArray[np.float64]:
+    """Vertex areas; where they vanish the largest on the component."""
+    if (area > 0).all():
+        return area
+    component = mesh.topology.vertex_component
+    largest = np.zeros(mesh.topology.n_components + 1)  # the last one of vertices without a face
+    np.maximum.at(largest, component, area)
+    return np.where(area > 0, area, np.where(largest > 0, largest, 1.0)[component])
+
+
+def _with_diagonal(matrix: csr_array, diagonal: NDArray) -> csc_array:
+    """matrix + diagonal, for a symmetric matrix whose values it changes."""
     row = np.repeat(np.arange(len(diagonal), dtype=matrix.indices.dtype), np.diff(matrix.indptr))
-    data = factor * matrix.data
     at = np.flatnonzero(matrix.indices == row)
     if len(at) < len(diagonal):  # vertices that no face uses
-        return csc_array(factor * matrix + diags_array(diagonal))
-    data[at] += diagonal[row[at]]
-    return csc_array((data, matrix.indices, matrix.indptr), shape=matrix.shape)
+        return csc_array(matrix + diags_array(diagonal))
+    matrix.data[at] += diagonal[row[at]]
+    return csc_array((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)

@@ -17,7 +17,9 @@ from scipy.sparse import csc_array, csr_array
 from ddgcli.algorithms.delaunay.triangulation import check_area, flip_to_delaunay, glue
 from ddgcli.algorithms.tangent_fields.intrinsic_frames import frame_turn
 from ddgcli.errors import ParameterError
+from ddgcli.geometry.component_sides import component_mean_side, on_vertices
 from ddgcli.linalg.factor import Factor
+from ddgcli.linalg.scaled_rows import scaled_rows
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.operators.connection import check_tangent_planes, connection_laplacian
 from ddgcli.operators.laplacian import lumped_mass, stiffness
@@ -86,7 +88,7 @@ class VectorHeat:
     mesh : TriangleMesh or IntrinsicMesh
         Consistently oriented, manifold vertices.
     time : float
-        Diffusion time in units of the squared mean side length.
+        Diffusion time in units of the squared mean side length of each component.
     intrinsic_delaunay : bool
         Diffuse on the intrinsic Delaunay triangulation, whose cotangent weights are not negative; values are
         in the frames of `mesh`. If an edge has three faces, diffuse on the mesh itself (with a warning).
@@ -95,6 +97,8 @@ class VectorHeat:
     ----------
     vector : Factor
         Of the diffusion of vectors.
+    time : (n_components,) ndarray of float64
+        Diffusion time on each component, in units of its squared mean side length.
     """
 
     def __init__(self, mesh: SurfaceMesh, time: float = 1.0, *, intrinsic_delaunay: bool = True) -> None:
@@ -104,16 +108,16 @@ class VectorHeat:
         if intrinsic_delaunay:
             mesh, self.turn = _delaunay_frames(mesh)
         self.mesh = mesh
-        self._factorise(time)
+        self._factorise(np.full(mesh.topology.n_components, float(time)))
 
-    def _factorise(self, time: float) -> None:
+    def _factorise(self, time: NDArray) -> None:
         self.time, mesh = time, self.mesh
         referenced = mesh.topology.referenced_vertex
-        self._t = time * float(np.mean(mesh.side_length)) ** 2
+        self._t = on_vertices(mesh, time * component_mean_side(mesh) ** 2)
         idle = csr_array((np.where(referenced, 0.0, 1.0), (np.arange(mesh.n_vertices),) * 2))
         self._mass = lumped_mass(mesh) + idle
         with np.errstate(invalid="ignore"):  # the factorisation refuses entries that are not finite
-            matrix = csc_array(self._mass + self._t * connection_laplacian(mesh))
+            matrix = csc_array(self._mass + scaled_rows(connection_laplacian(mesh), self._t))
         self.vector = Factor(matrix)
         self._scalar: Factor | None = None
 
@@ -121,7 +125,7 @@ class VectorHeat:
     def scalar(self) -> Factor:
         """Factorised scalar diffusion, created on first access."""
         if self._scalar is None:
-            matrix = csc_array(self._mass + self._t * stiffness(self.mesh))
+            matrix = csc_array(self._mass + scaled_rows(stiffness(self.mesh), self._t))
             self._scalar = Factor(matrix, like=self.vector)
         return self._scalar
 
@@ -137,7 +141,7 @@ class VectorHeat:
         Notes
         -----
         Diffused values fall by a factor e per square root of the time. If they underflow far from the
-        sources, the time is raised.
+        sources, the time is raised on their component.
         """
         component = self.mesh.topology.vertex_component
         has_source = np.zeros(self.mesh.topology.n_components + 1, dtype=bool)
@@ -147,11 +151,13 @@ class VectorHeat:
         vectors = self._source(vertex, value)
         diffused, residual = _solve(self.vector, vectors)
         amount = np.abs(diffused)
-        while self._underflows(amount, vertex, reached) and self.time <= MAX_TIME:
-            self._factorise(4.0 * self.time)
+        while (short := self._too_short(amount, vertex, reached)).any():
+            self._factorise(np.where(short, 4.0 * self.time, self.time))
             diffused, residual = _solve(self.vector, vectors)
             amount = np.abs(diffused)
-            _log.info(f"vector heat: time raised to {self.time:g} squared side lengths to avoid underflow")
+            _log.info(
+                f"vector heat: time raised to {self.time.max():g} squared side lengths to avoid underflow"
+            )
         size = np.abs(value)
         length = np.where(reached, size.max(initial=0.0), 0.0)
         if np.ptp(size) > 0:
@@ -160,12 +166,14 @@ class VectorHeat:
         inverse = np.divide(1.0, amount, out=np.zeros(len(amount)), where=amount > MIN_VALUE)
         return TransportedVectors(diffused * inverse * (length * self.turn), residual)
 
-    def _underflows(self, amount: NDArray, vertex: NDArray, reached: NDArray) -> bool:
-        """True if values underflow at some vertex (small values by cancellation do not count)."""
+    def _too_short(self, amount: NDArray, vertex: NDArray, reached: NDArray) -> NDArray[np.bool_]:
+        """Components where values underflow at some vertex (small values by cancellation do not count)."""
+        short = np.zeros(len(self.time), dtype=bool)
         if amount.min(initial=np.inf, where=reached) > MIN_VALUE:
-            return False
+            return short
         count = _solve(self.scalar, np.bincount(vertex, minlength=len(amount)).astype(np.float64))[0]
-        return not np.abs(count[reached]).min(initial=np.inf) > MIN_VALUE
+        short[self.mesh.topology.vertex_component[reached & ~(np.abs(count) > MIN_VALUE)]] = True
+        return short & (self.time <= MAX_TIME)
 
     def _lengths(self, vertex: NDArray, size: NDArray) -> tuple[NDArray, float]:
         """Diffused lengths divided by diffused indicators, and the residual."""

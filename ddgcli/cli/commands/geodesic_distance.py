@@ -49,7 +49,7 @@ _OPTIONS = (
     click.option("--operator", type=click.Choice(HEAT_OPERATORS),
                  help="heat: the Laplacian. [default: intrinsic-delaunay, tufted where non-manifold]"),
     click.option("--heat-time", type=POSITIVE_NUMBER, metavar="M",
-                 help="heat: time step in squares of the mean edge length. "
+                 help="heat: time step in squares of the mean edge length of each component. "
                  f"[default: {DEFAULT_HEAT_TIME:g}]"),
     click.option("--heat-refine", type=click.IntRange(0, 100), metavar="K",
                  help="heat: normalise and integrate the gradient K more times. [default: 0]"),
