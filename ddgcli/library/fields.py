@@ -162,7 +162,8 @@ def integral_curves(
     step : float, optional
         Fixed time step; by default steps adapt.
     tolerance : float, optional
-        Error allowed in an adapted step, in length units; default a hundredth of the mean edge length.
+        Error allowed in an adapted step, in length units; default a hundredth of the mean edge length
+        of the component.
     seed : int
         Seed of the random starts.
 

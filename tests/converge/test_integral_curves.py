@@ -15,6 +15,7 @@ from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from tests.geodesic_cases import beside_a_sphere
 
 
 def ends(mesh, curves):
@@ -140,6 +141,22 @@ def test_rotation_field_on_spheres_gives_parallels():
         turn = np.array([[np.cos(1), -np.sin(1), 0], [np.sin(1), np.cos(1), 0], [0, 0, 1]])
         errors.append(np.linalg.norm(ends(mesh, curves) - p @ turn.T, axis=1).max())
     assert errors[0] < 0.02 and errors[1] < 0.5 * errors[0]
+
+
+def test_curves_on_a_component_do_not_depend_on_the_size_of_another():
+    mesh, scale, first = shapes.random_sphere(400), 2.0**-10, np.eye(3)[0]
+    both, n_vertices, n_faces = beside_a_sphere(mesh, scale)
+    rotation = np.cross([0.0, 0.0, 1.0], both.points)
+
+    def curves(mesh, velocity, faces):
+        starts = SurfacePoints(np.array(faces), np.tile(first, (len(faces), 1)))
+        return integral_curves(mesh, field_of_array(mesh, velocity), starts, 5.0)
+
+    alone = curves(mesh, rotation[n_vertices:] / scale, [3])
+    beside = curves(both, rotation, [0, n_faces + 3])
+    assert beside.steps[1] == alone.steps[0]
+    assert np.isclose(beside.error_estimate[1], scale * alone.error_estimate[0], rtol=1e-6)
+    assert np.allclose(ends(both, beside)[1] / scale, ends(mesh, alone)[0], rtol=0, atol=1e-9)
 
 
 def test_curves_stop_at_the_boundary_and_at_rest():

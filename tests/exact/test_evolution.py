@@ -15,6 +15,7 @@ from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from tests.geodesic_cases import beside_a_sphere
 
 OPERATOR = laplace_operator(shapes.icosphere(2))
 PAIRS = spectrum(OPERATOR, 9)
@@ -112,6 +113,37 @@ def test_a_vertex_starts_with_a_function_of_integral_one():
     result = solve_evolution(OPERATOR, "heat", 5, EvolutionTimes(0.01, 4, 2))
     assert result.results["total"] == pytest.approx([1.0] * 3)
     assert np.count_nonzero(result.evolution_frames[0].values) == 1
+
+
+@pytest.mark.parametrize("equation", ["heat", "wave"])
+def test_an_evolution_from_a_vertex_does_not_depend_on_the_size_of_other_components(equation):
+    mesh, scale = shapes.icosphere(2), 2.0**-8
+    both, first, _ = beside_a_sphere(mesh, scale)
+    expected = solve_evolution(OPERATOR, equation, 5, EvolutionTimes(1.0, 20, 20)).evolution_frames
+    times = EvolutionTimes(scale if equation == "wave" else scale**2, 20, 20)
+    evolution = solve_evolution(laplace_operator(both), equation, first + 5, times).evolution_frames
+    for alone, beside in zip(expected, evolution, strict=True):
+        assert np.abs(scale**2 * beside.values[first:] - alone.values).max() < 1e-9 * alone.values.max()
+        assert np.abs(scale**2 * beside.values[:first]).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "step, n_frames, text",
+    [
+        (0.3, 4, "`time_step=0.3` does not divide the duration of 1: steps take 0.25"),
+        (0.1, 7, "`n_frames=7` does not divide 10 steps: frames come every 2 steps, 5 of them"),
+        (0.1, 1000, "`n_frames=1000` does not divide 10 steps: frames come each step, 10 of them"),
+    ],
+)
+def test_a_step_and_frames_that_do_not_divide_are_stated(step, n_frames, text, caplog):
+    EvolutionTimes.of(1.0, step, n_frames)
+    assert caplog.messages == [text]
+
+
+def test_a_step_and_frames_that_divide_have_no_warning(caplog):
+    for step, n_frames in ((None, None), (0.1, 5), (0.1, None), (1 / 3, 3), (0.1, 4), (0.01, 1)):
+        EvolutionTimes.of(1.0, step, n_frames)
+    assert not caplog.messages
 
 
 @pytest.mark.parametrize("equation", ["heat", "wave"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -9,21 +10,22 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, csr_array
 
 from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.choices import EVOLUTIONS
-from ddgcli.errors import ParameterError, SolveError
+from ddgcli.errors import ParameterError, SolveError, counted
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.components import connected_labels
 from ddgcli.progress import ProgressCallback
 from ddgcli.representation import short_repr
 
+log = logging.getLogger("ddgcli")
 HEAT, WAVE = EVOLUTIONS
 GAMMA = 2.0 - math.sqrt(2.0)  # of the two stages of TR-BDF2: both have the same matrix
 MAX_STEPS = 1_000_000
-# of the mean vertex area (of tetrahedra volume^(2/3)): heat time of each of two steps that smooth the start
-# of a wave
+# of the mean vertex area of the component (of tetrahedra volume^(2/3)): heat time of each of two steps that
+# smooth the start of a wave
 BUMP_TIME = 4.0
 MAX_STIFFNESS = 1e13  # of a step: above it M + dt L is singular to rounding
 ROUNDING_RISE = 1e-12  # relative rise of the energy that rounding explains
@@ -99,7 +101,23 @@ class EvolutionTimes:
             raise ParameterError(
                 f"{ratio:,.10g} steps are more than {MAX_STEPS:,}; take longer ones", parameter="time_step"
             )
-        return cls(duration, count, max(1, math.ceil(count / (n_frames or min(count, DEFAULT_FRAMES)))))
+        times = cls(duration, count, max(1, math.ceil(count / (n_frames or min(count, DEFAULT_FRAMES)))))
+        times.warn_of_other(step, n_frames)
+        return times
+
+    def warn_of_other(self, step: float | None, n_frames: int | None) -> None:
+        """Report a step and a number of frames that are others than the options name."""
+        dt, count = self.duration / self.steps, math.ceil(self.steps / self.every)
+        if step is not None and abs(dt - step) > 1e-6 * step:
+            log.warning(
+                f"`time_step={step:g}` does not divide the duration of {self.duration:g}: steps take {dt:g}"
+            )
+        if n_frames is not None and count != n_frames:
+            every = "each step" if self.every == 1 else f"every {self.every} steps"
+            log.warning(
+                f"`n_frames={n_frames}` does not divide {counted(self.steps, 'step', 'steps')}: "
+                f"frames come {every}, {count} of them"
+            )
 
 
 def evolve_function(
@@ -193,14 +211,19 @@ def _check_stiffness(L: csc_array, M: csc_array, equation: str, times: Evolution
 
 def _integral_correction(L: csc_array, M: csc_array) -> Callable[[NDArray, NDArray], NDArray[np.float64]]:
     """Function of (before, after) that shifts `after` to the integral of `before` on every component."""
-    row, column = L.nonzero()
-    count, component = connected_labels(row, column, L.shape[0])
+    count, component = _components(L)
     size = np.bincount(component, M @ np.ones(len(component)), count)
 
     def correct(before: NDArray, after: NDArray) -> NDArray[np.float64]:
         return after + (np.bincount(component, M @ (before - after), count) / size)[component]
 
     return correct
+
+
+def _components(L: csc_array | csr_array) -> tuple[int, NDArray[np.int64]]:
+    """Number of components that the weights join, and the component of each vertex."""
+    row, column = L.nonzero()
+    return connected_labels(row, column, L.shape[0])
 
 
 def _heat_step(L: csc_array, M: csc_array, dt: float):
@@ -418,7 +441,8 @@ def _unit_at(operator: LaplaceOperator, vertex: int, equation: str) -> NDArray[n
     if equation == HEAT:
         return start
     # waves as short as an edge travel too slowly: the bump spreads over some edges first
-    vertices = operator.referenced_vertices
+    _, component = _components(operator.stiffness)
+    vertices = np.flatnonzero((component == component[vertex]) & (operator.mass.diagonal() > 0))
     L, M = (csc_array(matrix)[:, vertices][vertices] for matrix in (operator.stiffness, operator.mass))
     time = BUMP_TIME * float((M @ np.ones(len(vertices))).mean()) ** (2.0 / operator.dimension)
     factor = Factor(csc_array(M + time * L))

@@ -15,6 +15,7 @@ from ddgcli.algorithms.tangent_fields.log_map import SourceFrame
 from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, FAILURE_STATUS, Traces
 from ddgcli.algorithms.tracing.trace import STATUS_TEXT, Tracer, check_lengths
 from ddgcli.errors import ParameterError
+from ddgcli.geometry.component_sides import component_mean_side
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.geometry.face_frames import relative_position, surface_position
 from ddgcli.mesh.ragged import list_starts
@@ -185,7 +186,8 @@ def _ray_curves(swept: _Rays, lines: Traces, angle: NDArray, caustic: NDArray) -
 def _caustic_lengths(swept: _Rays, length: float, is_open: bool) -> NDArray[np.float64]:
     """(k,) length at which each ray and its neighbours first cross; inf where they do not."""
     k = len(swept.paths)
-    mean_side = float(swept.mesh.side_length.mean())
+    component = swept.mesh.topology.face_component[swept.paths.face[0]]
+    mean_side = float(component_mean_side(swept.mesh)[component])
     count = int(np.clip(LEVELS_PER_SIDE * length / mean_side, MIN_LEVELS, MAX_LEVELS))
     levels = length * np.arange(1, count + 1) / count
     before, order = np.zeros(k), np.full(k, np.inf)

@@ -18,6 +18,7 @@ from ddgcli.algorithms.tangent_fields.tangent_field import TangentField
 from ddgcli.algorithms.tracing.lines import LineStart
 from ddgcli.algorithms.tracing.trace import BOUNDARY_STATUS, FAILURE_STATUS, Tracer, Traces
 from ddgcli.errors import ParameterError
+from ddgcli.geometry.component_sides import component_mean_side
 from ddgcli.geometry.face_frames import relative_position
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.ragged import list_starts, ranges
@@ -127,7 +128,7 @@ def integral_curves(
         estimates the error.
     tolerance : float, optional
         Without `step`: largest error of a step, in length units, estimated by two half steps. Default: 1 % of
-        the mean side length.
+        the mean side length of its component.
     max_steps : int
         Curves that need more steps are abandoned, with a warning.
     progress : callable, optional
@@ -151,9 +152,8 @@ def integral_curves(
         raise ParameterError(f"the tolerance must be positive and finite, not {tolerance}")
     tracer = Tracer(mesh)
     if step is None:
-        allowed = tolerance or 1e-2 * float(mesh.side_length.mean())
         run = _CurveIntegrator(tracer, field, starts, duration, order, max_steps, progress)
-        run.integrate_adaptively(allowed)
+        run.integrate_adaptively(tolerance)
         return run.result()
     run = _CurveIntegrator(tracer, field, starts, duration, order, max_steps, progress)
     run.integrate_uniformly(step)
@@ -216,7 +216,9 @@ class _CurveIntegrator:
         self.time, self.steps, self.error = np.zeros(k), np.zeros(k, dtype=np.int64), np.zeros(k)
         self.stop_reason = np.full(k, "", dtype=object)
         self.lines: list[tuple[NDArray, Traces]] = []  # (curve of each line, lines)
-        self.speed = float(np.abs(_complex(field(self.at.face, self.at.barycentric))).max(initial=0.0))
+        # curves stay on their components, each of which has its own units of length and of speed
+        self.component = tracer.mesh.topology.face_component[self.at.face]
+        self.speed = np.zeros(tracer.mesh.topology.n_components)
 
     def integrate_uniformly(self, step: float) -> None:
         """Integrate with equal steps; the last one is shortened to end on time."""
@@ -227,14 +229,13 @@ class _CurveIntegrator:
             self._accept(active, h, [lines])
             self._report_progress()
 
-    def integrate_adaptively(self, allowed: float) -> None:
-        """Integrate with steps whose difference from two half steps is below `allowed`."""
+    def integrate_adaptively(self, tolerance: float | None) -> None:
+        """Integrate with steps whose difference from two half steps is below a tolerance."""
         mesh, order = self.tracer.mesh, self.order
         self._stop_at_critical_points()
-        size = np.full(
-            len(self.time),
-            min(self.duration, float(self.tracer.mesh.side_length.mean()) / (self.speed or 1.0)),
-        )
+        side = component_mean_side(mesh)[self.component]
+        size = np.minimum(self.duration, side / self._speed(slice(None)))
+        allowed = 1e-2 * side if tolerance is None else np.full(len(side), tolerance)
         least = 1e-7 * self.duration
         while len(active := np.flatnonzero(self.stop_reason == "")):
             at = self.at.take(active)
@@ -246,8 +247,8 @@ class _CurveIntegrator:
             whole, first = _rows(both, np.arange(k)), _rows(both, np.arange(k, 2 * k))
             second = runge_kutta_step(self.tracer, self.field, _end(first), h / 2, order)
             error = _gap(mesh, _end(whole), _end(second))  # type: ignore[arg-type]
-            factor = 0.9 * (allowed / np.maximum(error, 1e-300)) ** (1.0 / (order + 1))
-            good = (error <= allowed) | (h <= least)
+            factor = 0.9 * (allowed[active] / np.maximum(error, 1e-300)) ** (1.0 / (order + 1))
+            good = (error <= allowed[active]) | (h <= least)
             size[active] = np.maximum(h * np.clip(factor, 0.2, 4.0), least)
             rows = np.flatnonzero(good)
             self.error[active[rows]] += error[rows]
@@ -281,8 +282,13 @@ class _CurveIntegrator:
     def _stop_at_critical_points(self) -> None:
         active = np.flatnonzero(self.stop_reason == "")
         v = np.abs(_complex(self.field(self.at.face[active], self.at.barycentric[active])))
-        self.speed = max(self.speed, float(v.max(initial=0.0)))
-        self.stop_reason[active[v <= 1e-12 * (self.speed or 1.0)]] = CRITICAL_POINT_STOP
+        np.maximum.at(self.speed, self.component[active], v)
+        self.stop_reason[active[v <= 1e-12 * self._speed(active)]] = CRITICAL_POINT_STOP
+
+    def _speed(self, curves: NDArray | slice) -> NDArray[np.float64]:
+        """Largest speed so far on the components of curves; 1 where the field is zero."""
+        speed: NDArray[np.float64] = self.speed[self.component[curves]]
+        return np.where(speed > 0, speed, 1.0)
 
     def _report_progress(self) -> None:
         if self.progress is not None:

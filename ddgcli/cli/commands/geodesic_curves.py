@@ -88,7 +88,8 @@ _OPTIONS = (
     click.option("--field-step", type=POSITIVE_NUMBER, metavar="H",
                  help="Fixed time step; by default steps adapt."),
     click.option("--field-tolerance", type=POSITIVE_NUMBER, metavar="LENGTH",
-                 help="Error allowed in an adapted step; by default a hundredth of the mean side."),
+                 help="Error allowed in an adapted step; by default a hundredth of the mean side of its "
+                      "component."),
     click.option("--transport", is_flag=True,
                  help="Carry a tangent frame along the curves: transport_x, transport_y in --paths-output."),
     click.option("--darboux", is_flag=True,
