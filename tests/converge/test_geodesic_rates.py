@@ -9,7 +9,10 @@ from ddgcli.algorithms.geodesics.edge_distance import edge_distance
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.heat import HeatSolver
+from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.errors import SolveError
+from ddgcli.geometry.face_frames import surface_position
+from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -138,6 +141,20 @@ def test_circular_wavefronts_are_exact_next_to_a_source():
     for source in (0, 5, 14):
         truth = np.linalg.norm(mesh.points - mesh.points[source], axis=1)
         assert np.abs(fast_marching_distance(mesh, source).distance - truth).max() < 1e-12
+
+
+@pytest.mark.parametrize("mesh", [disk(300), shapes.grid(30, 30)], ids=["disk", "grid"])
+@pytest.mark.parametrize("at", ["vertex", "edge", "face"])
+def test_fast_marching_is_exact_on_convex_flat_pieces_from_every_kind_of_point(mesh, at):
+    """Also where a line reaches a vertex across an edge with an end farther away than the vertex, and where
+    the faces unfolded beyond an obtuse corner hold the point."""
+    random = np.random.default_rng(0)
+    for face in random.integers(0, mesh.n_faces, 20):
+        weights = random.dirichlet(np.ones(3)) * {"vertex": [1, 0, 0], "edge": [1, 1, 0]}.get(at, 1)
+        points = SurfacePoints(np.array([face]), weights[None] / weights.sum())
+        truth = np.linalg.norm(mesh.points - surface_position(mesh, points.face, points.barycentric), axis=1)
+        distance = fast_marching_distance(mesh, Sources.at([], points)).distance
+        assert np.abs(distance - truth).max() < 1e-7
 
 
 def test_fast_marching_without_convergence_is_an_error(monkeypatch):

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, side_shapes, sides_across, table_scale
+from ddgcli.algorithms.geodesics.near_points import near_distances
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, corner_distance
 from ddgcli.errors import MeshError, SolveError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -44,6 +45,8 @@ class Stencils:
         Stencils that use vertex v as a or b: at[start[v] : start[v + 1]], and the c of each of them.
     mean_side : float
         Of the triangulation, divided by `scale`.
+    longest : float
+        Longest ac, divided by `scale`.
     scale : float
 
     Notes
@@ -57,6 +60,7 @@ class Stencils:
     at: NDArray[np.int64]
     apex: NDArray[np.int64]
     mean_side: float
+    longest: float
     scale: float
 
 
@@ -119,7 +123,8 @@ def fast_marching_stencils(mesh: SurfaceMesh) -> Stencils:
     corner, shape = corner[:rows], shape[:rows]
     shape[_collapsed(corner), 0] = 0.0
     start, at = _users(corner, first, mesh.n_vertices)
-    return Stencils(corner, shape, start, at, corner[:, 2].take(at), float(length.mean()), scale)
+    apex, longest = corner[:, 2].take(at), float(shape[:, 3].max(initial=0.0))
+    return Stencils(corner, shape, start, at, apex, float(length.mean()), longest, scale)
 
 
 def _collapsed(corner: NDArray) -> NDArray[np.bool_]:
@@ -264,12 +269,13 @@ def fast_marching_distance(
 
 def _first_values(mesh: SurfaceMesh, sources: Sources, scale: float) -> tuple[NDArray, NDArray, NDArray]:
     """Vertices at and around the sources, their straight distances, and their sources."""
-    points = sources.points
+    points, k = sources.points, len(sources.vertex)
     reach = corner_distance(mesh.side_length[points.face] / scale, points.barycentric)
-    vertex = np.concatenate([sources.vertex, mesh.faces[points.face].ravel()])
-    value = np.concatenate([np.zeros(len(sources.vertex)), reach.ravel()])
-    k = len(sources.vertex)
-    return vertex, value, np.concatenate([np.arange(k), np.repeat(k + np.arange(len(points)), 3)])
+    near, distance, point = near_distances(mesh, points)
+    vertex = np.concatenate([sources.vertex, mesh.faces[points.face].ravel(), near])
+    value = np.concatenate([np.zeros(k), reach.ravel(), distance / scale])
+    own = np.repeat(k + np.arange(len(points)), 3)
+    return vertex, value, np.concatenate([np.arange(k), own, k + point])
 
 
 class _FastMarching:
@@ -280,7 +286,7 @@ class _FastMarching:
         self.distance = np.full(n, np.inf)
         self.store_sources, self.source = store_sources, np.zeros(n, dtype=np.int64)
         self.queued = np.zeros(n, dtype=bool)
-        self.bucket = BUCKET_WIDTH * stencils.mean_side
+        self.bucket, self.square = BUCKET_WIDTH * stencils.mean_side, stencils.longest**2
         self.stop, self.count = stencils.start[1:], np.diff(stencils.start)
         self.number = np.arange(4096)
         self.rounds = self.updates = 0
@@ -310,7 +316,11 @@ class _FastMarching:
             self._propagate(vertex, value.take(now))
 
     def _propagate(self, vertex: NDArray, value: NDArray) -> None:
-        """Update vertices by all stencils with the given vertices; nearer vertices cannot change."""
+        """Update vertices by all stencils with the given vertices, except those that cannot change.
+
+        A line through ab reaches c at an angle to ca that is at most right, so that a is farther than c by
+        |ca|^2 / (2 |c|) at most.
+        """
         stencils, count = self.stencils, self.count.take(vertex)
         ahead = count.cumsum()
         if ahead[-1] > len(self.number):
@@ -318,7 +328,10 @@ class _FastMarching:
         use = (self.stop.take(vertex) - ahead).repeat(count)
         use += self.number[: ahead[-1]]
         reached = self.distance.take(stencils.apex.take(use))
-        may = (reached > value.repeat(count)).nonzero()[0]
+        farther = value.repeat(count)
+        farther -= reached
+        farther *= reached
+        may = (farther <= 0.5 * self.square).nonzero()[0]
         k = stencils.at.take(use.take(may))
         corner = stencils.corner.take(k, axis=0)
         da, db, dc = self.distance.take(corner).T
