@@ -19,7 +19,7 @@ from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from tests.geodesic_cases import cone, jittered, noisy_torus, on_pillow, pillow, with_holes
+from tests.geodesic_cases import beside_a_sphere, cone, jittered, noisy_torus, on_pillow, pillow, with_holes
 
 
 @pytest.mark.parametrize(
@@ -150,6 +150,22 @@ def test_windows_outside_shadows_do_not_change_distances(shape):
         many = exact_distance(mesh, source, tables=everywhere)
         assert few.windows < 0.8 * many.windows
         assert np.abs(few.distance - many.distance).max() < 1e-14 * many.distance.max()
+
+
+@pytest.mark.parametrize("scale", [2.0**-30, 2.0**20])
+def test_exact_distance_on_a_component_does_not_depend_on_the_size_of_another(scale):
+    mesh = shapes.torus(24, 12)
+    both, first, face = beside_a_sphere(mesh, scale)
+    target = SurfacePoints(np.array([100]), np.array([[0.2, 0.3, 0.5]]))
+    beside_target = SurfacePoints(face + target.face, target.barycentric)
+    for limit in (np.inf, 2.0):
+        alone = exact_distance(mesh, 5, targets=target, limit=limit)
+        beside = exact_distance(both, [0, first + 5], targets=beside_target, limit=scale * limit)
+        final = alone.distance < limit
+        error = np.abs(beside.distance[first:] / scale - alone.distance)[final]
+        assert error.max() < 1e-13
+        if limit == np.inf:
+            assert np.isclose(beside.target_distance / scale, alone.target_distance, rtol=1e-13).all()
 
 
 @pytest.mark.parametrize("seed", range(3))

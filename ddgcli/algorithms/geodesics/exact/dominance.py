@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-DOMINANCE_TOLERANCE = 1e-12  # of the longest side (in [1/2, 1) here); windows are kept within it
+# of the longest side of the component (in [1/2, 1) here); windows are kept within it
+DOMINANCE_TOLERANCE = 1e-12
 TIE_TOLERANCE = 1e-13  # of the distance: windows along one line from vertices on it differ by rounding
 
 

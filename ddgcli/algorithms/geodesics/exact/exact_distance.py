@@ -148,12 +148,15 @@ def exact_distance(
     most_windows = 1e6 + 3000.0 * mesh.n_vertices + 60.0 * mesh.n_vertices**1.5
     start = partial(start_wavefront, mesh, sources, points, tables, dominance_every, directions)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # in the units of every component with a source
+        largest = limit / tables.scale[_source_vertices(mesh, sources)].min()
         wavefront, window_targets, error = _propagate_bounded(
-            mesh, start, sources, tolerance, limit / tables.scale, most_windows, progress
+            mesh, start, sources, tolerance, largest, most_windows, progress
         )
     patched = _patch_unreached(wavefront, mesh) if np.isinf(limit) else 0
     window_targets.finish(wavefront.distance, wavefront.origin)
-    return _result(wavefront, window_targets, directions, error, patched)
+    target_scale = tables.scale[mesh.faces[points.face, 0]]
+    return _result(wavefront, window_targets, target_scale, directions, error, patched)
 
 
 def _check_arguments(mesh: SurfaceMesh, tolerance: float, directions: bool) -> None:
@@ -228,6 +231,12 @@ def _propagate(
     return wavefront, window_targets, error
 
 
+def _source_vertices(mesh: SurfaceMesh, sources: Sources) -> NDArray[np.int64]:
+    """A vertex of each source, or of its face or edge."""
+    in_face, on_edge = mesh.faces[sources.points.face, 0], mesh.topology.edges[sources.edge, 0]
+    return np.concatenate([sources.vertex, in_face, on_edge])
+
+
 def _source_sides(mesh: SurfaceMesh, sources: Sources) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Sides on source edges, and the number of the source of each."""
     number = np.full(mesh.topology.n_edges, -1, dtype=np.int64)
@@ -238,7 +247,12 @@ def _source_sides(mesh: SurfaceMesh, sources: Sources) -> tuple[NDArray[np.int64
 
 
 def _result(
-    wavefront: Wavefront, window_targets: WindowTargets, directions: bool, error: float, patched: int
+    wavefront: Wavefront,
+    window_targets: WindowTargets,
+    target_scale: NDArray,
+    directions: bool,
+    error: float,
+    patched: int,
 ) -> ExactDistance:
     """Result of a finished wavefront, in the mesh's length unit."""
     scale = wavefront.tables.scale
@@ -251,7 +265,7 @@ def _result(
         crossing=np.where(wavefront.side >= 0, wavefront.crossing * scale, np.nan),
         windows=wavefront.windows,
         rounds=wavefront.rounds,
-        target_distance=window_targets.distance * scale,
+        target_distance=window_targets.distance * target_scale,
         target_source=_origin_values(wavefront.origins.source, window_targets.origin),
         departure=_beyond_bends(wavefront.departure, origin_vertex) if directions else None,
         tolerance_error=error,

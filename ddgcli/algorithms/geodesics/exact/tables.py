@@ -2,7 +2,8 @@
 
 A side h = 3f + j has its own frame: v0 at the origin, v1 at (length, 0), the face above, its third
 vertex (the apex) at (apex_x, apex_y) with apex_y >= 0. All values come from side lengths, so any intrinsic
-metric is valid. Lengths are divided by a power of two near the longest side: exact, and safe at any scale.
+metric is valid. Lengths are divided by a power of two near the longest side of the component: exact, and safe
+at any scale.
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ class SideTables:
         (start, sides) of each edge and the edge of each side, when some edge has three faces or more.
     plain : bool
         Every side has one side across that runs the other way, or none.
-    scale : float
-        A power of two; true length = scale * length here.
+    scale : (n,) ndarray of float64
+        A power of two for each component, on its vertices; true length = scale * length here.
     """
 
     shape: NDArray[np.float64]
@@ -54,7 +55,7 @@ class SideTables:
     mirrored: NDArray[np.bool_] | None
     edge_sides: tuple[NDArray, NDArray, NDArray, NDArray] | None
     plain: bool
-    scale: float
+    scale: NDArray[np.float64]
 
     def code(self, side: NDArray) -> NDArray[np.int64]:
         """Side across each side, or its code: column (v0, apex) of the next side of the face."""
@@ -115,10 +116,9 @@ class WindowTables(SideTables):
 def side_tables(mesh: SurfaceMesh) -> SideTables:
     """Shapes and neighbours of the sides, on any surface: open, non-manifold, not oriented, degenerate."""
     topology = mesh.topology
-    scale = table_scale(mesh)
-    shape = side_shapes(mesh, scale, np.empty((mesh.n_faces, 3, 5)))
+    scale, faces = _component_scales(mesh), topology.faces
+    shape = side_shapes(mesh, scale.take(faces[:, 0]), np.empty((mesh.n_faces, 3, 5)))
     code, mirrored, edge_sides = sides_across(topology)
-    faces = topology.faces
     ids = np.empty((len(shape), 5), dtype=np.int64)
     columns = faces, faces[:, NEXT], faces[:, PREVIOUS], code[:, PREVIOUS], code[:, NEXT]
     for number, column in enumerate(columns):
@@ -194,11 +194,26 @@ def table_scale(mesh: SurfaceMesh) -> float:
     float
         1 where no side is longer than 0.
     """
-    longest = float(mesh.side_length.max(initial=0.0))
-    return float(2.0 ** np.frexp(longest)[1]) if longest > 0 else 1.0
+    return float(_power_above(mesh.side_length.max(initial=0.0)))
 
 
-def side_shapes(mesh: SurfaceMesh, scale: float, shape: NDArray) -> NDArray[np.float64]:
+def _power_above(longest: NDArray) -> NDArray[np.float64]:
+    """Power of two above each length and at most twice it; 1 for 0."""
+    return np.where(longest > 0, 2.0 ** np.frexp(longest)[1], 1.0)
+
+
+def _component_scales(mesh: SurfaceMesh) -> NDArray[np.float64]:
+    """(n,) `table_scale` of each component alone, on its vertices; 1 at vertices of no face."""
+    topology = mesh.topology
+    longest = np.zeros(topology.n_components + 1)  # the last one of vertices of no face
+    if topology.n_components == 1:
+        longest[0] = mesh.side_length.max()
+    else:
+        np.maximum.at(longest, topology.face_component, mesh.side_length.max(axis=1, initial=0.0))
+    return _power_above(longest).take(topology.vertex_component)
+
+
+def side_shapes(mesh: SurfaceMesh, scale: float | NDArray, shape: NDArray) -> NDArray[np.float64]:
     """Shapes of faces in the frames of their sides: length, apex, lengths of both other sides.
 
     They are computed in blocks of faces that fit in the cache.
@@ -206,8 +221,8 @@ def side_shapes(mesh: SurfaceMesh, scale: float, shape: NDArray) -> NDArray[np.f
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
-    scale : float
-        Lengths are divided by it.
+    scale : float or (m,) ndarray of float64
+        Of all faces or of each; lengths are divided by it.
     shape : (m, 3, c) ndarray of float64
         Array to write to; its first c columns of `SideTables.shape`.
 
@@ -221,11 +236,12 @@ def side_shapes(mesh: SurfaceMesh, scale: float, shape: NDArray) -> NDArray[np.f
     Heights come from cross products where the mesh has positions: lengths alone give the height of a cap only
     to the square root of rounding.
     """
+    unit = np.broadcast_to(scale, mesh.n_faces)
     for start in range(0, mesh.n_faces, BLOCK):
         block = slice(start, start + BLOCK)
-        length = mesh.side_length[block].T / scale
+        length = mesh.side_length[block].T / unit[block]
         with np.errstate(divide="ignore", invalid="ignore"):
-            x, y = _apexes(mesh, block, length, scale)
+            x, y = _apexes(mesh, block, length, unit[block])
         flat = ~(length > 0)
         right, left = length[NEXT], length[PREVIOUS]
         np.copyto(x, 0.0, where=flat)
@@ -235,7 +251,7 @@ def side_shapes(mesh: SurfaceMesh, scale: float, shape: NDArray) -> NDArray[np.f
     return shape.reshape(-1, shape.shape[2])
 
 
-def _apexes(mesh: SurfaceMesh, block: slice, length: NDArray, scale: float) -> tuple[NDArray, NDArray]:
+def _apexes(mesh: SurfaceMesh, block: slice, length: NDArray, scale: NDArray) -> tuple[NDArray, NDArray]:
     """(3, k) x and y of the apex over each side of a block of faces; not finite over sides without length."""
     if not isinstance(mesh, TriangleMesh):
         right, left = length[NEXT], length[PREVIOUS]
