@@ -16,7 +16,7 @@ from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from tests.geodesic_cases import disk, pillow
+from tests.geodesic_cases import beside_a_sphere, disk, pillow
 
 
 def jittered_torus(nu: int) -> TriangleMesh:
@@ -155,6 +155,18 @@ def test_fast_marching_is_exact_on_convex_flat_pieces_from_every_kind_of_point(m
         truth = np.linalg.norm(mesh.points - surface_position(mesh, points.face, points.barycentric), axis=1)
         distance = fast_marching_distance(mesh, Sources.at([], points)).distance
         assert np.abs(distance - truth).max() < 1e-7
+
+
+def test_fast_marching_on_a_component_does_not_depend_on_the_size_of_another():
+    mesh = shapes.random_sphere(1000)
+    points = SurfacePoints(np.array([100]), np.array([[0.2, 0.3, 0.5]]))
+    alone = fast_marching_distance(mesh, Sources.at([4], points))
+    for scale in (2.0**-10, 2.0**-30):
+        both, first, face = beside_a_sphere(mesh, scale)
+        moved = SurfacePoints(face + points.face, points.barycentric)
+        beside = fast_marching_distance(both, Sources.at([first + 4], moved))
+        assert np.allclose(beside.distance[first:] / scale, alone.distance, rtol=0, atol=1e-9)
+        assert beside.updates < 1.5 * alone.updates  # the vertices of a bucket are about as many
 
 
 def test_fast_marching_without_convergence_is_an_error(monkeypatch):

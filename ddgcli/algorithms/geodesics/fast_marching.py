@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, side_shapes, sides_across, table_scale
+from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, component_scales, side_shapes, sides_across
 from ddgcli.algorithms.geodesics.near_points import near_distances
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, corner_distance
 from ddgcli.errors import MeshError, SolveError
@@ -47,7 +47,8 @@ class Stencils:
         Of the triangulation, divided by `scale`.
     longest : float
         Longest ac, divided by `scale`.
-    scale : float
+    scale : (n,) ndarray of float64
+        Of each component, on its vertices: lengths are about 1 on all of them.
 
     Notes
     -----
@@ -61,7 +62,7 @@ class Stencils:
     apex: NDArray[np.int64]
     mean_side: float
     longest: float
-    scale: float
+    scale: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +98,12 @@ def fast_marching_stencils(mesh: SurfaceMesh) -> Stencils:
     Stencils
     """
     triangulation, flipped_sides = _delaunay_if_surface(mesh)
-    scale, (across, mirrored, _) = table_scale(triangulation), sides_across(triangulation.topology)
+    scale, (across, mirrored, _) = component_scales(triangulation), sides_across(triangulation.topology)
     code, faces = across.ravel(), triangulation.faces
+    face_scale = scale.take(faces[:, 0])
     # sides without a side across in opposite direction: their own stencils only run against them
     lone = (code <= BOUNDARY if mirrored is None else (code <= BOUNDARY) | mirrored).nonzero()[0]
-    length = triangulation.side_length / scale
+    length = triangulation.side_length / face_scale[:, None]
     obtuse = _obtuse(length)
     # rows: straight ones, one for each side, and one more for each obtuse corner with an unfolding
     first, last = len(flipped_sides) + len(lone), len(flipped_sides) + len(lone) + length.size
@@ -114,7 +116,7 @@ def fast_marching_stencils(mesh: SurfaceMesh) -> Stencils:
     of_sides, shapes = corner[first:last], shape[first:last]
     for k, column in enumerate((faces, faces[:, NEXT], faces[:, PREVIOUS])):
         of_sides.reshape(-1, 3, 3)[:, :, k] = column
-    side_shapes(triangulation, scale, shapes.reshape(-1, 3, 4))
+    side_shapes(triangulation, face_scale, shapes.reshape(-1, 3, 4))
     row, vertex, where = _unfolded(of_sides, shapes, code, mirrored, obtuse)
     side, rows = obtuse.take(row), last + len(row)
     corner[last:rows] = of_sides.take(side, axis=0)
@@ -140,12 +142,12 @@ def _obtuse(length: NDArray) -> NDArray[np.int64]:
     return (square > half[:, None]).ravel().nonzero()[0]
 
 
-def _straight(corner: NDArray, shape: NDArray, mesh: SurfaceMesh, side: NDArray, scale: float) -> None:
+def _straight(corner: NDArray, shape: NDArray, mesh: SurfaceMesh, side: NDArray, scale: NDArray) -> None:
     """Fill in stencils along sides of a mesh, from tail to head."""
     corner[:, 0] = corner[:, 1] = mesh.faces.ravel().take(side)
     corner[:, 2] = mesh.faces.ravel().take(next_side(side))
     shape[:, :3] = 0.0
-    np.divide(mesh.side_length.ravel().take(side), scale, out=shape[:, 3])
+    np.divide(mesh.side_length.ravel().take(side), scale.take(corner[:, 0]), out=shape[:, 3])
 
 
 def _users(corner: NDArray, n_straight: int, n_vertices: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -267,13 +269,14 @@ def fast_marching_distance(
     )
 
 
-def _first_values(mesh: SurfaceMesh, sources: Sources, scale: float) -> tuple[NDArray, NDArray, NDArray]:
+def _first_values(mesh: SurfaceMesh, sources: Sources, scale: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """Vertices at and around the sources, their straight distances, and their sources."""
     points, k = sources.points, len(sources.vertex)
-    reach = corner_distance(mesh.side_length[points.face] / scale, points.barycentric)
+    length = mesh.side_length[points.face] / scale[mesh.faces[points.face, :1]]
+    reach = corner_distance(length, points.barycentric)
     near, distance, point = near_distances(mesh, points)
     vertex = np.concatenate([sources.vertex, mesh.faces[points.face].ravel(), near])
-    value = np.concatenate([np.zeros(k), reach.ravel(), distance / scale])
+    value = np.concatenate([np.zeros(k), reach.ravel(), distance / scale.take(near)])
     own = np.repeat(k + np.arange(len(points)), 3)
     return vertex, value, np.concatenate([np.arange(k), own, k + point])
 

@@ -82,7 +82,8 @@ def _radius(approximate: FastMarchingDistance, sources: Sources, mesh: SurfaceMe
     ends = mesh.faces[sources.points.face].ravel()
     for v in np.append(sources.vertex, ends[distance[ends] == 0]):
         row = stencils.at[stencils.start[v] : stencils.start[v + 1]]
-        c, edge = stencils.corner[row, 2], stencils.shape[row, 3] * stencils.scale
+        c = stencils.corner[row, 2]
+        edge = stencils.shape[row, 3] * stencils.scale.take(c)
         direct = (stencils.corner[row, 0] == v) & (distance[c] >= edge * (1 - 1e-9))
         ends = np.append(ends, c[direct])
     return max(radius, float(distance[ends].max(initial=0.0)) * (1 + 1e-9))

@@ -116,7 +116,7 @@ class WindowTables(SideTables):
 def side_tables(mesh: SurfaceMesh) -> SideTables:
     """Shapes and neighbours of the sides, on any surface: open, non-manifold, not oriented, degenerate."""
     topology = mesh.topology
-    scale, faces = _component_scales(mesh), topology.faces
+    scale, faces = component_scales(mesh), topology.faces
     shape = side_shapes(mesh, scale.take(faces[:, 0]), np.empty((mesh.n_faces, 3, 5)))
     code, mirrored, edge_sides = sides_across(topology)
     ids = np.empty((len(shape), 5), dtype=np.int64)
@@ -182,8 +182,8 @@ def incoming_directions(tables: WindowTables, side: NDArray, crossing: NDArray) 
     return angle
 
 
-def table_scale(mesh: SurfaceMesh) -> float:
-    """Power of two above the longest side and at most twice it, which scales lengths exactly.
+def component_scales(mesh: SurfaceMesh) -> NDArray[np.float64]:
+    """Power of two above the longest side of each component and at most twice it, which scales exactly.
 
     Parameters
     ----------
@@ -191,26 +191,17 @@ def table_scale(mesh: SurfaceMesh) -> float:
 
     Returns
     -------
-    float
-        1 where no side is longer than 0.
+    (n,) ndarray of float64
+        On the vertices of the components; 1 where no side is longer than 0, and at vertices of no face.
     """
-    return float(_power_above(mesh.side_length.max(initial=0.0)))
-
-
-def _power_above(longest: NDArray) -> NDArray[np.float64]:
-    """Power of two above each length and at most twice it; 1 for 0."""
-    return np.where(longest > 0, 2.0 ** np.frexp(longest)[1], 1.0)
-
-
-def _component_scales(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(n,) `table_scale` of each component alone, on its vertices; 1 at vertices of no face."""
     topology = mesh.topology
     longest = np.zeros(topology.n_components + 1)  # the last one of vertices of no face
     if topology.n_components == 1:
         longest[0] = mesh.side_length.max()
     else:
         np.maximum.at(longest, topology.face_component, mesh.side_length.max(axis=1, initial=0.0))
-    return _power_above(longest).take(topology.vertex_component)
+    scale = np.where(longest > 0, 2.0 ** np.frexp(longest)[1], 1.0)
+    return scale.take(topology.vertex_component)
 
 
 def side_shapes(mesh: SurfaceMesh, scale: float | NDArray, shape: NDArray) -> NDArray[np.float64]:
