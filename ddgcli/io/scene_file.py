@@ -108,6 +108,8 @@ def parse_scene(text: str, path: str = "", folder: str = ".") -> SceneDocument:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         match = re.search(r"\(at line (\d+), column (\d+)\)", str(error))
         what = re.sub(r"\s*\(at .*\)", "", str(error)) or "nested too deeply"
+        if what == "Invalid value":
+            what += " (numbers have a digit on each side of the point, texts have quotes)"
         where = f"line {match[1]}: " if match else f"line {text.count(chr(10)) + 1}: "
         raise SceneError(f"{prefix}{where}not TOML: {what}; correct that line") from error
     return SceneDocument(data, key_lines(text), text, path, folder)

@@ -116,7 +116,7 @@ def parse_quantity(value: Any, unit: str) -> float:
         except OverflowError:
             number = math.inf
     if not math.isfinite(number):
-        raise ValueError(f"{str(value)[:40]} is not finite")
+        raise ValueError(f"{str(value)[:40]} is not finite; write a finite number")
     return number
 
 

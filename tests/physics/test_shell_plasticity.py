@@ -182,3 +182,47 @@ def test_a_load_that_the_limits_do_not_bear_has_no_equilibrium(run, tmp_path):
     result = run("shell-sim", path, "--json")
     assert result.exit_code == 1 and "yields without end" in result.stderr
     assert "lessen the loads or raise" in result.stderr and "make the step" not in result.stderr
+
+
+DRAWN = """
+[time]
+{time}
+[[object]]
+name = "s"
+role = "shell"
+grid = {{ size = [0.2, 0.05], cells = [4, 1] }}
+density = 1.0
+thickness = 0.002
+young = 1e8
+poisson = 0.3
+[effects]
+stretching = {{}}
+bending = {{}}
+{damping}
+plasticity = {{ yield_strain = 0.005 }}
+[[effects.pin]]
+box = [[-0.001, -1, -1], [0.001, 1, 1]]
+axes = "xz"
+[[effects.pin]]
+vertices = [0]
+[[effects.handle]]
+name = "h"
+box = [[0.199, -1, -1], [0.201, 1, 1]]
+times = [0, 1]
+positions = [[0, 0, 0], [0.004, 0, 0]]
+"""
+
+
+def test_the_cure_of_a_strip_that_is_drawn_beyond_its_limit_gives_the_force_of_the_limit(
+    run, summary, tmp_path
+):
+    """Static steps do not follow perfect yielding under a handle; damped steps in time do."""
+    path = tmp_path / "s.toml"
+    path.write_text(DRAWN.format(time='duration = 1\nstep = 0.1\nintegrator = "static"', damping=""))
+    result = run("shell-sim", path)
+    assert result.exit_code == 1 and "--integrator implicit-euler with damping" in result.stderr
+    time = 'duration = 1\nstep = 0.01\nframe_every = 0.1\nintegrator = "implicit-euler"'
+    path.write_text(DRAWN.format(time=time, damping="damping = { mass = 5 }"))
+    out = summary("shell-sim", path)
+    force = out["results"]["reaction_forces"]["h"]["force"][0]
+    assert force == pytest.approx(1e8 * 0.005 * 0.002 * 0.05, rel=0.05)

@@ -106,5 +106,10 @@ class ShellContext:
         slack = 1e-9 * float(np.ptp(self.mesh.points, axis=0).max())
         inside = ((self.mesh.points >= low - slack) & (self.mesh.points <= high + slack)).all(axis=1)
         if not inside.any():
-            self.scene.refuse(key, f"no vertex of {self.shell.name!r} lies in the box {box}")
+            ends = " and ".join(f"({', '.join(f'{t:.6g}' for t in end)})" for end in self.mesh.bounding_box)
+            self.scene.refuse(
+                key,
+                f"no vertex of {self.shell.name!r} lies in the box {box}; choose one that holds "
+                f"some: they lie between {ends}",
+            )
         return np.flatnonzero(inside)

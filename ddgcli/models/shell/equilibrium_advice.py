@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ddgcli.mechanics.system import System
+from ddgcli.mechanics.terms import PlasticMemory
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.scenes.scene import Scene
 
@@ -35,6 +36,8 @@ def load_advice(system: System, parameters: Any, meshes: Sequence[TriangleMesh])
     if unheld:
         return f"{unheld}: hold it by pins or lessen the loads"
     smaller = "shorten `arc_length`" if parameters.arc_length else "raise `load_steps`"
+    if any(isinstance(term, PlasticMemory) for term in system.memories):
+        smaller += ", or follow what yields by `integrator=implicit-euler` with damping"
     return "; ".join(filter(None, [f"lessen the loads or {smaller}", needle_advice(meshes)]))
 
 
