@@ -162,7 +162,7 @@ class Run:
         ----------
         subdivide : int
             How often every face is split in four; vertices of the input keep their numbers, and its arrays
-            are dropped.
+            are those of `subdivided_input`.
         accept : sequence of {'surface', 'tetrahedra', 'curve'}
             Kinds that the command takes; for others the error names a repair.
         flat_faces : bool

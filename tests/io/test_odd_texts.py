@@ -67,3 +67,27 @@ def test_fields_that_are_not_finite_are_refused():
     for product in (interior_product, lie_derivative):
         with pytest.raises(ParameterError, match="not finite at row 5"):
             product(grid, field, form)
+
+
+@pytest.mark.parametrize("suffix, names", [(".vtk", ["a_b", "a_b_2"]), (".ply", ["a_b", "a_b_2"]),
+                                           (".vtkhdf", ["a b", "a_b"])])  # fmt: skip
+def test_arrays_whose_names_a_format_does_not_tell_apart_are_all_written(tmp_path, suffix, names, caplog):
+    """Once two columns of a .vtk file had one name, of which readers keep one."""
+    mesh, path = shapes.icosphere(0), str(tmp_path / f"a{suffix}")
+    arrays = {"a b": np.arange(12.0), "a_b": np.arange(12.0) + 1}
+    with caplog.at_level(logging.WARNING):
+        write_mesh(path, AnnotatedMesh(mesh, vertex=arrays))
+    vertex = read_mesh(path).vertex
+    assert sorted(vertex) == names and sorted(array[0] for array in vertex.values()) == [0.0, 1.0]
+    assert ("written as" in caplog.text) == (suffix != ".vtkhdf")
+
+
+@pytest.mark.parametrize(
+    "suffix, name", [(".vtk", "a b"), (".ply", "a b"), (".vtkhdf", "a/b"), (".vtkhdf", "a.b")]
+)
+def test_a_name_that_a_format_does_not_take_is_changed_with_a_warning(tmp_path, suffix, name, caplog):
+    with caplog.at_level(logging.WARNING):
+        write_mesh(
+            str(tmp_path / f"a{suffix}"), AnnotatedMesh(shapes.icosphere(0), vertex={name: np.arange(12.0)})
+        )
+    assert f"{suffix} does not take the name {name!r}: written as 'a_b'" in caplog.text

@@ -69,7 +69,8 @@ def vtkhdf_bytes(data: CellData) -> bytes:
             group = root.create_group(name)
             used_names: set[str] = set()
             for key, value in arrays.items():
-                group[free_name(_key(key), used_names, ".vtkhdf")] = two_dimensional(np.atleast_1d(value))
+                name = free_name(key, used_names, ".vtkhdf", key.replace("/", "_").replace(".", "_"))
+                group[name] = two_dimensional(np.atleast_1d(value))
         own = file.create_group("ddgcli")
         own.attrs["schema"] = "ddgcli-mesh/1"
         own.attrs["metadata"] = encodable(data.provenance)
@@ -84,10 +85,6 @@ def _connect(group: Any, cells: Any, width: int) -> None:
     group["NumberOfConnectivityIds"] = np.array([cells.size], dtype=np.int64)
     group["Offsets"] = np.arange(len(cells) + 1, dtype=np.int64) * width
     group["Connectivity"] = np.ascontiguousarray(cells, dtype=np.int64).ravel()
-
-
-def _key(name: str) -> str:
-    return name.replace("/", "_").replace(".", "_")
 
 
 def _json(value: Any) -> str:

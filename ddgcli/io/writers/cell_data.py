@@ -119,7 +119,7 @@ def _check(data: CellData) -> None:
                 raise ValueError(f"array {name} has {len(value)} entries where the mesh has {length}")
 
 
-def free_name(name: str, used_names: set[str], suffix: str) -> str:
+def free_name(name: str, used_names: set[str], suffix: str, admissible: str | None = None) -> str:
     """Name of an array in the file: `name`, else with a warning `name_2`, `name_3` and so on.
 
     Parameters
@@ -129,17 +129,22 @@ def free_name(name: str, used_names: set[str], suffix: str) -> str:
         Gains the result.
     suffix : str
         Extension of the file, for the warning.
+    admissible : str, optional
+        The name without the characters that the format does not take; a warning where it differs.
 
     Returns
     -------
     str
     """
-    free, number = name, 1
+    admissible = name if admissible is None else admissible
+    free, number = admissible, 1
     while free in used_names:
         number += 1
-        free = f"{name}_{number}"
-    if free != name:
-        log.warning(f"{suffix} has another meaning or array for the name {name!r}: written as {free!r}")
+        free = f"{admissible}_{number}"
+    if free != admissible:
+        log.warning(f"{suffix} has another meaning or array for the name {admissible!r}: written as {free!r}")
+    elif free != name:
+        log.warning(f"{suffix} does not take the name {name!r}: written as {free!r}")
     used_names.add(free)
     return free
 

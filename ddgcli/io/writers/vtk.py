@@ -13,7 +13,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.io.writers.cell_data import CellData, short_integers, surface_only, two_dimensional
+from ddgcli.io.writers.cell_data import CellData, free_name, short_integers, surface_only, two_dimensional
 from ddgcli.io.writers.text import paths_of
 
 VTK_TYPE = {"faces": 5, "tetrahedra": 10, "lines": 3}
@@ -123,12 +123,12 @@ def vtk_bytes(content: CellData) -> bytes:
     ):
         if arrays:
             out.write(f"{tag} {length}\nFIELD FieldData {len(arrays)}\n".encode())
+        used_names: set[str] = set()
         for name, value in arrays.items():
+            name = free_name(name, used_names, ".vtk", "_".join(name.split()))
             value = short_integers(two_dimensional(value))
             width = value.shape[1] if value.ndim == 2 else 1
-            _legacy(
-                out, f"{'_'.join(name.split())} {width} {length} {LEGACY_NAMES[value.dtype.str[1:]]}", value
-            )
+            _legacy(out, f"{name} {width} {length} {LEGACY_NAMES[value.dtype.str[1:]]}", value)
     return out.getvalue()
 
 
