@@ -14,7 +14,7 @@ velocity = [0.5, 0, 0]
 """
 SQUARE = "grid = { size = [0.1, 0.1], cells = [2, 2] }"
 RELATIVE_ERROR = {
-    "newmark": 0.01, "implicit-midpoint": 0.02, "verlet": 0.04,
+    "newmark": 0.02, "implicit-midpoint": 0.02, "verlet": 0.04,  # less with the step: of its landing
     "bdf2": 0.08, "implicit-euler": 0.15,  # these lose energy themselves where the shell lands
 }  # fmt: skip
 

@@ -188,6 +188,27 @@ def fall_acceleration(scene: Scene) -> float:
     return largest or STANDARD_GRAVITY
 
 
+def stopping_pressure(scene: Scene, energy: float, density: float, gap: float) -> float:
+    """Pressure at half the gap by which contact stops a fall, where the scene names no stiffness.
+
+    Parameters
+    ----------
+    scene : Scene
+    energy : float
+        Of the fall, in J/m^2.
+    density : float
+        Of the shell, in kg/m^2.
+    gap : float
+        In m.
+
+    Returns
+    -------
+    float
+        In Pa, at least ten times that of the weight.
+    """
+    return max(2 * energy / gap, 10 * fall_acceleration(scene) * density)
+
+
 def slip_speed(slip: float | None, contexts: list[ShellContext], velocity: NDArray | None = None) -> float:
     """Speed below which friction grows in proportion to the speed.
 

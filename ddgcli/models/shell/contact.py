@@ -21,6 +21,7 @@ from ddgcli.models.shell.barrier import (
     closest_part,
     fall_acceleration,
     slip_speed,
+    stopping_pressure,
 )
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle import Obstacle
@@ -86,9 +87,7 @@ def _with_obstacle(parameters: Contact, context: ShellContext, obstacle: Obstacl
     start = PosedSurface(surface, motion.pose(0.0))
     gap, density = float(parameters.gap or shell.thickness or 0), float(shell.density or 0)
     energy = density * impact(context, start, motion)
-    pressure = float(
-        parameters.stiffness or max(2 * energy / gap, 10 * fall_acceleration(context.scene) * density)
-    )
+    pressure = float(parameters.stiffness or stopping_pressure(context.scene, energy, density, gap))
     weight = pressure / (HALF_GAP * gap) * context.vertex_area
     closest = closest_part(ENERGY_SAFETY_FACTOR * energy * HALF_GAP / (pressure * gap))
     barrier: Barrier

@@ -81,8 +81,8 @@ class PairMesh:
         library = ipctk()
         self.rows, self.rest, self.motion, self.labels = rows, rest, motion, labels
         self.edges, self.faces = (np.asfortranarray(a.astype(np.int32)) for a in (edges, faces))
-        of_areas = rest if scales is None else scales[:, None] * rest  # pairs are weighted by its areas
-        self.mesh = library.CollisionMesh(np.asfortranarray(of_areas), self.edges, self.faces)
+        area_points = rest if scales is None else scales[:, None] * rest  # pairs are weighted by its areas
+        self.mesh = library.CollisionMesh(np.asfortranarray(area_points), self.edges, self.faces)
         self.filter = None
         if patches is not None:
             self.filter = library.make_vertex_patches_filter(patches.astype(np.int32))

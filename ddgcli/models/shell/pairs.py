@@ -14,7 +14,13 @@ from ddgcli.mesh.bisection import bisected
 from ddgcli.mesh.shapes import box
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.shell.barrier import MIN_START_DISTANCE, REPULSION_DISTANCE, fall_acceleration, slip_speed
+from ddgcli.models.shell.barrier import (
+    MIN_START_DISTANCE,
+    REPULSION_DISTANCE,
+    fall_acceleration,
+    slip_speed,
+    stopping_pressure,
+)
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle import Obstacle
 from ddgcli.models.shell.obstacle_motion import PlacedMotion, motion_of
@@ -28,7 +34,7 @@ from ddgcli.models.shell.pair_contact import (
 )
 
 MAX_SIDE_RATIO = 1.5  # of the sides of an obstacle, which is refined, over the shell's
-MAX_OBSTACLE_FACES = 20_000  # after that
+MAX_OBSTACLE_FACES = 20_000  # up to which it is refined: each search for pairs visits all faces
 SELF_GAP_FRACTION = 0.5  # of the least distance at the start between parts that are not adjacent
 log = logging.getLogger("ddgcli")
 
@@ -51,16 +57,16 @@ def obstacle_pairs(parameters: Any, context: ShellContext, obstacle: Obstacle) -
     solid = _obstacle_mesh(context, obstacle)
     points = np.asarray(solid.points)
     motion = motion_of(obstacle, 0.5 * (points.min(axis=0) + points.max(axis=0)))
-    mesh, velocity = _joined_with(context, obstacle, solid, motion), motion.pose(0.0).velocity
+    mesh, velocity = _pair_mesh(context, obstacle, solid, motion), motion.pose(0.0).velocity
     gap, pressure = _gap_and_pressure(parameters, [context], mesh, obstacle.name, velocity)
-    fine, scale = _as_fine_as(context, solid)
+    fine, scale = _fine_obstacle(context, solid)
     kind = (MovingPairBarrier, MovingPairFriction) if obstacle.moving else (PairBarrier, PairFriction)
     slip = slip_speed(parameters.slip, [context], np.array(velocity))
-    mesh = _joined_with(context, obstacle, fine, motion, scale)
+    mesh = _pair_mesh(context, obstacle, fine, motion, scale)
     return _terms(parameters, mesh, obstacle.name, kind, gap, pressure, slip)
 
 
-def _joined_with(
+def _pair_mesh(
     context: ShellContext, obstacle: Obstacle, solid: TriangleMesh, motion: PlacedMotion, scale: float = 1.0
 ) -> PairMesh:
     """Pair mesh of a shell and the triangles of an obstacle."""
@@ -79,7 +85,7 @@ def _mean_side(mesh: TriangleMesh) -> float:
     return float(mesh.side_length.mean())
 
 
-def _as_fine_as(context: ShellContext, solid: TriangleMesh) -> tuple[TriangleMesh, float]:
+def _fine_obstacle(context: ShellContext, solid: TriangleMesh) -> tuple[TriangleMesh, float]:
     """An obstacle with sides about as short as those of a shell, and a factor of its lengths that does.
 
     The weight of a pair is the area around both of its elements: along an edge that is a hundred times as
@@ -204,10 +210,8 @@ def _gap_and_pressure(
     gap = float(parameters.gap or max(context.shell.thickness or 0 for context in contexts))
     gap = _admissible_gap(mesh, start, gap, alone=not obstacle and len(contexts) == 1)
     density = max(float(context.shell.density or 0) for context in contexts)
-    drop = density * _impact(contexts, mesh, start, np.array(velocity))
-    pressure = float(
-        parameters.stiffness or max(2 * drop / gap, 10 * fall_acceleration(contexts[0].scene) * density)
-    )
+    energy = density * _impact(contexts, mesh, start, np.array(velocity))
+    pressure = float(parameters.stiffness or stopping_pressure(contexts[0].scene, energy, density, gap))
     return gap, pressure
 
 
@@ -289,16 +293,16 @@ def _impact(contexts: list[ShellContext], mesh: PairMesh, start: NDArray, veloci
     if len(mesh.labels) == 1:
         height = float(np.ptp(start, axis=0).max())
     else:
-        height = _height(mesh, start, falling=0)
+        height = _height(mesh, start, of=0)
         if len(contexts) == 2:  # either may be the one that falls
-            height = min(height, _height(mesh, start, falling=1))
+            height = min(height, _height(mesh, start, of=1))
     return kinetic + fall_acceleration(contexts[0].scene) * height
 
 
-def _height(mesh: PairMesh, start: NDArray, falling: int) -> float:
+def _height(mesh: PairMesh, start: NDArray, of: int) -> float:
     """Largest distance in m of the vertices of one surface of a pair mesh from the other."""
     first_vertex, first_face = mesh.labels[1][1:]
-    vertices = slice(None, first_vertex) if falling == 0 else slice(first_vertex, None)
-    faces = slice(first_face, None) if falling == 0 else slice(None, first_face)
+    vertices = slice(None, first_vertex) if of == 0 else slice(first_vertex, None)
+    faces = slice(first_face, None) if of == 0 else slice(None, first_face)
     surface = Topology(np.ascontiguousarray(mesh.faces[faces], dtype=np.int64), len(start))
     return largest_distance(TriangleMesh(start, surface), start[vertices])
