@@ -214,19 +214,19 @@ def test_edge_paths_do_not_depend_on_the_search_region(mesh):
     graph, rng, flipping = EdgeGraph(mesh), np.random.default_rng(0), FlippableMesh(Tracer(mesh))
     from scipy.sparse.csgraph import dijkstra
 
-    distance, classes, longest = dijkstra(graph.graph), set(), mesh.side_length.max()
+    distance, classes, longest = dijkstra(graph.graph), set(), mesh.side_length.max()  # by the longest side
     for a, b in rng.integers(0, mesh.n_vertices, (60, 2)).tolist():
         if a != b and np.isfinite(distance[a, b]):
             sides = graph.shortest_path(a, b)
             length = sum(h.length for h in flipping.halfedges(sides))
-            assert length == pytest.approx(distance[a, b] / longest, rel=1e-12)
-            straight = np.linalg.norm(mesh.points[a] - mesh.points[b])
-            classes.add(int(np.searchsorted(DETOUR_LIMITS, distance[a, b] / straight)))
+            assert length == pytest.approx(distance[a, b], rel=1e-12)
+            straight = np.linalg.norm(mesh.points[a] - mesh.points[b]) / longest
+            classes.add(int(np.searchsorted(DETOUR_LIMITS, distance[a, b] / straight - 1)))
     assert {0, 1} <= classes
 
 
-def test_the_search_region_does_not_miss_the_edge_path_around_a_wall():
-    """The path over the wall is in the first search region, the shorter path around it is not."""
+def test_the_search_does_not_miss_the_edge_path_around_a_wall():
+    """The path over the wall stays nearer to the straight line, the path around it is shorter."""
     from scipy.sparse.csgraph import dijkstra
 
     plane = shapes.grid(60, 60, 2.0, 2.0, pattern="alternating")
@@ -238,9 +238,8 @@ def test_the_search_region_does_not_miss_the_edge_path_around_a_wall():
     truth = dijkstra(graph.graph, indices=a)[b]
     sides = graph.shortest_path(a, b)
     length = sum(h.length for h in FlippableMesh(Tracer(mesh)).halfedges(sides))
-    assert length == pytest.approx(truth / mesh.side_length.max(), rel=1e-12)
-    tops = mesh.points[mesh.topology.side_tail[sides], 2]
-    assert DETOUR_LIMITS[0] < truth < DETOUR_LIMITS[1] and tops.max() == 0
+    assert length == pytest.approx(truth, rel=1e-12)
+    assert mesh.points[mesh.topology.side_tail[sides], 2].max() == 0
 
 
 def test_paths_agree_with_potpourri3d():
@@ -298,7 +297,7 @@ def test_paths_through_a_pinched_vertex_keep_it():
 def test_a_path_that_blocks_itself_has_a_warning(caplog):
     mesh = shapes.grid(5, 5)
     holes = TriangleMesh.from_arrays(mesh.points, np.delete(mesh.faces, [1, 12, 30, 34], axis=0))
-    curves = straighten_curves(holes, [[21, 28, 12, 28]], [False])
+    curves = straighten_curves(holes, [[21, 28, 27, 26, 19, 12, 13, 14, 21, 28]], [False])
     assert not curves.converged and "overlaps itself" in caplog.text
     assert curves.entries[0]["length"] <= curves.entries[0]["edge_path_length"] * (1 + 1e-12)
     assert curves.converged == (curves.accuracy["path_angle_deficit"] < 1e-6)

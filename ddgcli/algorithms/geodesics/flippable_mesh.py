@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import atan2, cos, hypot, inf, sin
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,7 @@ from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import ranges, unique_keys
 
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
-DETOUR_LIMITS = (1.3, 2.0, inf)  # search an edge path among vertices with at limit this detour, in this order
+DETOUR_LIMITS = (0.2, 0.6, inf)  # in straight distances: detours of the edge paths to search, in this order
 
 
 class Halfedge:
@@ -205,7 +202,10 @@ class FlippableMesh:
 
 
 class EdgeGraph:
-    """Graph of the edges for paths between way-points; of several edges between two vertices the shortest."""
+    """Graph of the edges for paths between way-points; of several edges between two vertices the shortest.
+
+    Its lengths are in units of the longest side.
+    """
 
     def __init__(self, mesh: SurfaceMesh) -> None:
         from scipy.sparse import coo_array
@@ -223,10 +223,11 @@ class EdgeGraph:
         first = np.concatenate([[True], key[1:] != key[:-1]])
         self.key, self.side = key[first], order[first]
         ends = matrix_indices(tail[self.side], n), matrix_indices(head[self.side], n)
-        self.graph = coo_array((length[self.side], ends), shape=(n, n)).tocsr()
-        # coordinates in units of the longest side, whose squares are safe
-        self._scale = float(length.max(initial=0.0)) or 1.0
-        self._columns = None if mesh.points is None else np.ascontiguousarray(mesh.points.T / self._scale)
+        # lengths and coordinates in units of the longest side, whose squares are safe
+        scale = float(length.max(initial=0.0)) or 1.0
+        self.graph = coo_array((length[self.side] / scale, ends), shape=(n, n)).tocsr()
+        self._tail = np.repeat(np.arange(n, dtype=self.graph.indices.dtype), np.diff(self.graph.indptr))
+        self._columns = None if mesh.points is None else np.ascontiguousarray(mesh.points.T / scale)
 
     def between(self, a: int, b: int) -> int:
         """Halfedge from a to b (3m + k outside the boundary), or -1."""
@@ -241,55 +242,35 @@ class EdgeGraph:
         x, y, z = (column - column[a] for column in self._columns)
         return np.sqrt(x * x + y * y + z * z)
 
-    def _subgraph(self, vertex: NDArray) -> csr_array:
-        """The graph on some vertices, in increasing order."""
-        from scipy.sparse import csr_array
-
-        n, graph = len(vertex), self.graph
-        start = graph.indptr[vertex]
-        entry, first = ranges(start, graph.indptr[vertex + 1] - start)
-        number = np.full(graph.shape[0], -1, dtype=graph.indices.dtype)
-        number[vertex] = np.arange(n)
-        head = number[graph.indices[entry]]
-        stays = head >= 0
-        before = np.zeros(len(head) + 1, dtype=head.dtype)
-        np.cumsum(stays, out=before[1:])
-        entry = entry[stays]
-        return csr_array((graph.data[entry], head[stays], before[np.append(first, len(head))]), shape=(n, n))
-
     def shortest_path(self, a: int, b: int) -> list[int]:
         """Halfedges of the shortest edge path from a to b.
 
-        The search starts with vertices of small detour, so that paths between near vertices do not visit the
-        whole mesh.
+        The search from b measures detours: an edge costs what it is longer than it brings a nearer in space,
+        which is never negative. Paths of little detour do not visit the whole mesh.
+
+        P. Hart, N. Nilsson, B. Raphael, "A formal basis for the heuristic determination of minimum cost
+        paths", 1968.
         """
         from scipy.sparse.csgraph import dijkstra
 
         straight = self.between(a, b)
         if straight >= 0:
             return [straight]
-        n, from_a, from_b = self.mesh.n_vertices, self._chords(a), self._chords(b)
-        way, chord, shortest = from_a + from_b, float(from_a[b]), inf
-        for limit in DETOUR_LIMITS:
-            limit = min(limit, shortest)
-            inside = np.flatnonzero(way <= limit * chord * (1 + 1e-9)) if chord else np.arange(n)
-            if 2 * len(inside) > n:  # as much work as the whole
-                inside, limit = np.arange(n), inf
-            elif np.diff(np.sort(from_a[inside])).max(initial=0.0) > 1 + 1e-9:
-                continue  # no edge is as long as the gap between the two parts
-            graph = self.graph if limit == inf else self._subgraph(inside)
-            start, end = np.searchsorted(inside, [a, b]).tolist()
-            distance, before = dijkstra(graph, indices=end, return_predecessors=True)
-            if limit == inf or distance[start] <= limit * chord * self._scale:
+        chord, graph = self._chords(a), self.graph
+        detour = graph.data + chord.take(graph.indices) - chord.take(self._tail)
+        np.maximum(detour, 0.0, out=detour)  # rounding
+        graph = type(graph)((detour, graph.indices, graph.indptr), shape=graph.shape)
+        for limit in np.multiply(DETOUR_LIMITS, chord[b]) if chord[b] > 0 else (inf,):
+            distance, following = dijkstra(graph, indices=b, limit=limit, return_predecessors=True)
+            if np.isfinite(distance[a]):
                 break
-            shortest = float(distance[start]) / (chord * self._scale) * (1 + 1e-12)  # or less
-        if not np.isfinite(distance[start]):
+        else:
             raise no_path_error(a, b)
-        stops = [start]
-        while stops[-1] != end:
-            stops.append(int(before[stops[-1]]))
-        path = inside[stops]
-        return self.side[np.searchsorted(self.key, path[:-1] * n + path[1:])].tolist()
+        path = [a]
+        while path[-1] != b:
+            path.append(int(following[path[-1]]))
+        stops = np.array(path)
+        return self.side[np.searchsorted(self.key, stops[:-1] * self.mesh.n_vertices + stops[1:])].tolist()
 
 
 def no_path_error(a: int, b: int) -> ParameterError:
