@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.inspection.compare_arrays import compare_arrays
 from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
@@ -243,6 +244,31 @@ def test_a_permuted_field_fails_although_least_largest_and_mean_are_the_same(two
     step = np.abs(np.roll(vertex["height"], 1) - vertex["height"])
     assert entry["key"] == "arrays.height" and entry["largest"] == step.max() and entry["at"] == step.argmax()
     assert entry["elements"] == (step > 1e-6).sum()
+
+
+@pytest.mark.parametrize("name", ["star1_data", "laplacian1_data", "d0_indices"])
+def test_matrices_and_other_arrays_of_the_whole_mesh_are_compared(tmp_path, run, name):
+    write_mesh(tmp_path / "sphere.ply", AnnotatedMesh(shapes.icosphere(1)))
+    assert run("dec", tmp_path / "sphere.ply", "-o", tmp_path / "a.npz").exit_code == 0
+    with np.load(tmp_path / "a.npz") as arrays:
+        np.savez(tmp_path / "b.npz", **{**arrays, name: arrays[name][::-1] + 1})
+    same = run("check", "--arrays", tmp_path / "a.npz", tmp_path / "a.npz", "--json")
+    other = run("check", "--arrays", tmp_path / "a.npz", tmp_path / "b.npz", "--json")
+    assert same.exit_code == 0 and json.loads(same.stdout)["results"]["compared"] > 20
+    assert other.exit_code == 1
+    assert [moved["key"] for moved in json.loads(other.stdout)["results"]["moved"]] == [f"arrays.{name}"]
+
+
+def test_an_array_that_is_of_vertices_in_one_file_alone_is_not_missing(tmp_path):
+    mesh = shapes.icosphere(1)
+    one = AnnotatedMesh(mesh, {"star0_data": np.ones(mesh.n_vertices)})
+    two = AnnotatedMesh(mesh, whole={"star0_data": np.ones(3), "note": np.array(["a", "b"])})
+    moved = compare_arrays(one, two, Tolerances()).moved
+    assert {m["key"]: (m["expected"], m["found"]) for m in moved} == {
+        "arrays.star0_data": ([mesh.n_vertices], [3]), "arrays.note": ("missing", [2]),
+    }  # fmt: skip
+    texts = AnnotatedMesh(mesh, whole=two.whole | {"note": np.array(["a", "c"])})
+    assert [m["elements"] for m in compare_arrays(two, texts, Tolerances()).moved] == [1]
 
 
 def test_a_moved_point_a_missing_array_and_other_cells_fail(two_files, tmp_path, run):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,7 +13,7 @@ from ddgcli.algorithms.inspection.compare_summaries import Tolerances
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.vectors import row_matrix
 
-PLACES = ("vertex", "face", "edge")
+ELEMENTS = ("vertex", "face", "edge")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +58,10 @@ def compare_arrays(expected: AnnotatedMesh, actual: AnnotatedMesh, tolerances: T
         count = {"expected": list(own_cells.shape), "found": list(other_cells.shape)}
         return ArrayComparison([{"key": "cells", **count}], 1)
     moved: list[dict[str, Any]] = []
-    difference: dict[str, dict[str, NDArray]] = {place: {} for place in PLACES}
+    difference: dict[str, dict[str, NDArray]] = {place: {} for place in (*ELEMENTS, "whole")}
     compared = 1
-    names: list[tuple[str, str, Any, Any]] = [("vertex", "points", expected.mesh.points, actual.mesh.points)]
-    for place in PLACES:
-        own, other = getattr(expected, place), getattr(actual, place)
-        names += [(place, name, own.get(name), other.get(name)) for name in dict.fromkeys([*own, *other])]
-    for place, name, before, after in names:
+    pairs = [("vertex", "points", expected.mesh.points, actual.mesh.points), *_pairs(expected, actual)]
+    for place, name, before, after in pairs:
         key = name if name == "points" else f"arrays.{name}"
         if tolerances.leaves_out(key):
             continue
@@ -78,6 +75,24 @@ def compare_arrays(expected: AnnotatedMesh, actual: AnnotatedMesh, tolerances: T
         if beyond.any():
             moved.append({"key": key, **_place_of(size, allowed, beyond)})
     return ArrayComparison(moved, compared, difference)
+
+
+def _pairs(expected: AnnotatedMesh, actual: AnnotatedMesh) -> Iterator[tuple[str, str, Any, Any]]:
+    """Place, name and both arrays of each name; None where a mesh has none.
+
+    An array of the whole mesh in one file has elements in the other where its length is that of a place.
+    """
+    names: set[str] = set()
+    for place in ELEMENTS:
+        own, other = getattr(expected, place), getattr(actual, place)
+        for name in dict.fromkeys([*own, *other]):
+            names.add(name)
+            yield (
+                place, name, own.get(name, expected.whole.get(name)), other.get(name, actual.whole.get(name))
+            )  # fmt: skip
+    for name in dict.fromkeys([*expected.whole, *actual.whole]):
+        if name not in names:
+            yield "whole", name, expected.whole.get(name), actual.whole.get(name)
 
 
 def _cells(mesh: Any) -> NDArray:
@@ -94,8 +109,13 @@ def _shape(values: NDArray | None) -> Any:
 def _difference(
     before: NDArray, after: NDArray, tolerance: tuple[float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(k,) length of the difference and what is allowed; infinite where only one is finite or NaN."""
-    rows = [row_matrix(values.astype(np.float64)) for values in (before, after)]
+    """(k,) length of the difference and what is allowed; infinite where only one is finite or NaN.
+
+    Texts, which have no difference, may not differ: 1 where they do.
+    """
+    if not {before.dtype.kind, after.dtype.kind} <= set("fiubc"):
+        return (row_matrix(before) != row_matrix(after)).any(axis=1).astype(float), np.zeros(len(before))
+    rows = [row_matrix(_real(values)) for values in (before, after)]
     same = (rows[0] == rows[1]) | (np.isnan(rows[0]) & np.isnan(rows[1]))
     with np.errstate(invalid="ignore", over="ignore"):
         step = np.where(same, 0.0, rows[1] - rows[0])
@@ -104,6 +124,13 @@ def _difference(
     mean = float(np.sqrt(np.mean(reach**2))) if len(reach) else 0.0
     rtol, atol = tolerance
     return size, atol + rtol * np.maximum(reach, mean)
+
+
+def _real(values: NDArray) -> NDArray[np.float64]:
+    """Numbers as float64; complex ones as two."""
+    if np.iscomplexobj(values):
+        values = np.stack([values.real, values.imag], axis=-1)
+    return values.astype(np.float64)
 
 
 def _place_of(size: NDArray, allowed: NDArray, beyond: NDArray) -> Mapping[str, Any]:

@@ -213,7 +213,7 @@ def compare_files(
         run.add_input(path)
         with run.clock.timed("read"):
             source = read_mesh(path)
-        meshes.append(AnnotatedMesh(source.mesh, source.vertex, source.face, source.edge))
+        meshes.append(AnnotatedMesh(source.mesh, source.vertex, source.face, source.edge, source.whole))
     expected, actual = meshes
     comparison = compare_arrays(expected, actual, Tolerances(**tolerances))
     if diff_paths and not comparison.difference:
@@ -224,7 +224,7 @@ def compare_files(
             expected.mesh, vertex=comparison.difference["vertex"], face=comparison.difference["face"]
         )
         run.write_file(path, difference, converged=not comparison.moved)
-    groups = [group for mesh in meshes for group in (mesh.vertex, mesh.face, mesh.edge)]
+    groups = [group for mesh in meshes for group in (mesh.vertex, mesh.face, mesh.edge, mesh.whole)]
     names = ["points", "cells", *(f"arrays.{name}" for group in groups for name in group)]
     return {"compared": comparison.compared, "moved": comparison.moved}, names
 
