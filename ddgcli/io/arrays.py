@@ -29,14 +29,18 @@ def input_array(source: Any, name: str) -> tuple[NDArray, str]:
     -------
     array : ndarray
     place : {'vertex', 'face', 'edge', ''}
-        Elements of the array; empty for a file, whose length decides.
+        Elements of the array; empty where its length decides: for a file, and an array of the input without
+        elements, such as values on edges where it has no array `edges`.
     """
     for place in ELEMENTS:
         if name in getattr(source, place):
             return np.asarray(getattr(source, place)[name]), place
+    if name in source.whole:
+        return np.asarray(source.whole[name]), ""
     if Path(name).suffix.lower() in READERS:
         return read_array(name), ""
     names = [f"{array} ({place})" for place in ELEMENTS for array in getattr(source, place)]
+    names += [f"{array} (whole mesh)" for array in source.whole]
     raise ParameterError(
         f"no array {name!r} in the input (its arrays: {', '.join(names) or 'none'}), and no such file; "
         f"name one of these, or a {', '.join(READERS)} file"
@@ -168,7 +172,7 @@ def aligned_edge_values(edges: NDArray, file_edges: NDArray, values: NDArray) ->
         The edges of the file are not those of the mesh.
     """
     edge = edge_numbers(edges, file_edges)
-    if len(file_edges) != len(edges) or (edge < 0).any():
+    if len(file_edges) != len(edges) or not np.array_equal(np.sort(edge), np.arange(len(edges))):
         raise ParameterError(
             "the array `edges` of the input does not list the edges of its faces; leave it out"
         )

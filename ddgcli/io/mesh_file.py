@@ -303,12 +303,15 @@ def write_mesh(
         As of `check_output`; a format that cannot hold the mesh; a file that cannot be written.
     """
     suffix = check_output(path, output_format)
-    from ddgcli.io.writers.cell_data import cell_data_of
+    from ddgcli.io.writers.cell_data import cell_data_of, warn_without_cells
 
     if isinstance(annotated.mesh, IntrinsicMesh) and suffix not in INTRINSIC_FORMATS:
         raise OutputError(f"{path}: {suffix} cannot hold an intrinsic triangulation; write .npz or .vtkhdf")
+    content = cell_data_of(annotated)
+    if suffix not in INTRINSIC_FORMATS:
+        warn_without_cells(content, suffix)
     try:
-        data = _function(WRITERS[suffix])(cell_data_of(annotated))
+        data = _function(WRITERS[suffix])(content)
     except OutputError as error:
         raise OutputError(f"{path}: {error}") from error
     write_atomically(path, data, staged=staged)

@@ -26,7 +26,10 @@ R = TypeVar("R")
 
 MAX_INTEGER = 2**63 - 1  # of numpy's indices
 # parameters of the core that functions of the library give another name
-LIBRARY_NAMES = {"source": "sources", "target": "targets", "fix": "fixed", "spread_vector": "vectors"}
+LIBRARY_NAMES = {
+    "source": "sources", "target": "targets", "fix": "fixed", "spread_vector": "vectors",
+    "kind": "star", "eigen": "k", "form_eigen": "k",
+}  # fmt: skip
 
 
 def with_repair_call(message: str) -> str:

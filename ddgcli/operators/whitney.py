@@ -234,7 +234,12 @@ def degree_of(complex_: Complex, form: NDArray) -> int:
         When the length fits no degree, or more than one.
     """
     fits = [k for k, count in enumerate(complex_.counts) if count == len(form)]
-    if len(fits) != 1:
+    if len(fits) > 1:
+        raise ParameterError(
+            f"{len(form)} values are a form of degree {fits[0]} and of degree {fits[1]} alike on so small a "
+            f"mesh ({list(complex_.counts)} simplices); refine the mesh"
+        )
+    if not fits:
         raise ParameterError(
             f"a form of {len(form)} values has no degree here: {list(complex_.counts)} are the counts"
         )

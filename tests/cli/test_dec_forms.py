@@ -146,7 +146,7 @@ def test_products_on_tetrahedra_have_a_place_in_every_degree(summary, solid_inpu
 def test_forms_on_triangles_that_a_format_cannot_hold_are_reported(summary, solid_input, tmp_path):
     path, _, _ = solid_input
     result = summary("dec", path, "--interior-product", "wind", "density", "--forms", tmp_path / "out.vtu")
-    assert any("no arrays on triangles (interior_product); write .npz" in w for w in result["warnings"])
+    assert any("faces of tetrahedra (interior_product); write .npz" in w for w in result["warnings"])
     result = summary("dec", path, "--lie-derivative", "wind", "x", "--forms", tmp_path / "f.vtu")
     assert not any("holds no arrays" in w for w in result["warnings"])
     assert read_mesh(str(tmp_path / "f.vtu")).vertex["lie_derivative"] == pytest.approx(1.0)

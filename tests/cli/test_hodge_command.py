@@ -43,12 +43,77 @@ def test_parts_come_in_the_form_of_the_input(torus, tmp_path, summary, place):
             assert arrays["exact"] + arrays["coexact"] + arrays["harmonic"] == pytest.approx(field)
 
 
+@pytest.mark.parametrize(
+    "call, lost",
+    [
+        ("hodge {} --basis", "harmonic_000, harmonic_001"),
+        ("hodge {} --field-file {}/edge.npy", "exact, coexact, harmonic"),
+        ("laplacian {} --form-eigen 3", "eigenform_000"),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".vtu", ".ply", ".obj", ".csv", ".npz", ".vtkhdf"])
+def test_arrays_on_edges_that_a_format_does_not_hold_have_a_warning(torus, tmp_path, run, call, lost, suffix):
+    result = run(*call.format(torus, tmp_path).split(), "-o", tmp_path / f"out{suffix}")
+    assert result.exit_code == 0
+    warned = f"{suffix} holds no arrays on edges and on faces of tetrahedra ({lost}" in result.stderr
+    assert warned == (suffix not in (".npz", ".vtkhdf"))
+
+
 def test_a_field_of_the_input_is_chosen_by_name(tmp_path, summary):
     mesh = shapes.torus(12, 8)
     path = tmp_path / "torus.vtu"
     write_mesh(str(path), AnnotatedMesh(mesh, vertex={"wind": np.cross(mesh.points, [0.0, 0.0, 1.0])}))
     report = summary("hodge", path, "--field", "wind")
     assert report["results"]["field_on"] == "vertex"
+
+
+@pytest.fixture(params=["faces", "tetrahedra"])
+def one_form(request, tmp_path):
+    """A surface or a body in an archive with a 1-form `w`; the path, the arrays and the edges."""
+    mesh = shapes.torus(12, 8) if request.param == "faces" else shapes.box_tetrahedra(2, 2, 2)
+    edges = mesh.topology.edges if request.param == "faces" else mesh.edges
+    w = np.random.default_rng(1).normal(size=len(edges))
+    cells = {request.param: getattr(mesh, request.param)}
+    arrays = {"points": mesh.points, **cells, "w": w}
+    return tmp_path / "form.npz", arrays, edges
+
+
+def test_edge_values_without_edges_are_in_the_default_order(one_form, tmp_path, summary):
+    path, arrays, edges = one_form
+    norms = []
+    for further in ({"edges": edges}, {"edges": edges[::-1], "w": arrays["w"][::-1]}, {}):
+        np.savez(path, **(arrays | further))
+        norms.append(summary("hodge", path, "--field", "w")["results"]["norms"])
+    assert norms[1] == pytest.approx(norms[0]) and norms[2] == pytest.approx(norms[0])
+
+
+def test_an_edge_twice_is_refused_and_the_cure_works(one_form, run):
+    """The value of the edge that was missing was 0."""
+    path, arrays, edges = one_form
+    np.savez(path, **arrays, edges=edges[[1, *range(1, len(edges))]])
+    result = run("hodge", path, "--field", "w")
+    assert result.exit_code == 2 and "leave it out" in result.stderr
+    np.savez(path, **arrays)
+    assert run("hodge", path, "--field", "w").exit_code == 0
+
+
+@pytest.mark.parametrize("option", ["--field", "--field-file"])
+def test_a_single_number_is_no_field(torus, tmp_path, run, option):
+    np.save(tmp_path / "one.npy", np.array(3.0))
+    result = run("hodge", torus, option, tmp_path / "one.npy")
+    assert result.exit_code == 2 and "shape ()" in result.stderr
+
+
+def test_vectors_that_fit_vertices_and_cells_need_a_place(tmp_path, run, summary):
+    band = shapes.cylinder(12, 1, 1.0, 0.5)
+    assert band.n_vertices == band.n_faces
+    np.save(tmp_path / "v.npy", band.points)
+    write_mesh(str(tmp_path / "band.vtu"), AnnotatedMesh(band, {"h": band.points[:, 2]}, {"v": band.points}))
+    refused = run("hodge", tmp_path / "band.vtu", "--field", tmp_path / "v.npy")
+    assert refused.exit_code == 2 and "store them as an array of the mesh file" in refused.stderr
+    assert summary("hodge", tmp_path / "band.vtu", "--field", "v")["results"]["field_on"] == "cell"
+    wedge = run("dec", tmp_path / "band.vtu", "--wedge", "h", "h")
+    assert wedge.exit_code == 2 and "refine the mesh" in wedge.stderr
 
 
 @pytest.mark.parametrize(

@@ -228,12 +228,18 @@ def field_place(mesh: SpaceMesh, array: NDArray, place: str) -> str:
     complex_ = complex_of(mesh)
     counts = {"vertex": complex_.counts[0], "cell": len(complex_.corners), "edge": complex_.counts[1]}
     vectors = array.ndim == 2 and array.shape[1] == 3
-    fits = [p for p in (("vertex", "cell") if vectors else ("edge",)) if counts[p] == len(array)]
+    fits = [p for p in (("vertex", "cell") if vectors else ("edge",)) if array.shape[:1] == (counts[p],)]
     place_or_cell = {"face": "cell"}.get(place, place)
     if place_or_cell in fits:
         return place_or_cell
     if len(fits) == 1 and not place and array.ndim <= 2:
         return fits[0]
+    if len(fits) == 2 and not place:
+        raise ParameterError(
+            f"{len(array)} vectors fit vertices and cells alike; store them as an array of the mesh file, "
+            "which states the place (in Python, place='vertex')",
+            parameter="field",
+        )
     raise ParameterError(
         f"an array of shape {array.shape}; use vectors on {counts['vertex']} vertices or "
         f"{counts['cell']} cells, or numbers on {counts['edge']} edges",

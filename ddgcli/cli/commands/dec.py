@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -23,10 +22,7 @@ if TYPE_CHECKING:
     from ddgcli.operators.dec_matrices import DecMatrices
     from ddgcli.operators.form_products import FormProducts
 
-
 FORM_FORMATS = (".npz", ".vtkhdf", ".vtu", ".vtp", ".ply", ".vtk", ".xdmf")
-ALL_DEGREES = (".npz", ".vtkhdf")  # the formats with arrays on edges and on faces of tetrahedra
-log = logging.getLogger("ddgcli")
 
 
 @click.command("dec", short_help="Operators of discrete exterior calculus as sparse matrices.")
@@ -138,10 +134,6 @@ def products_of(
         edge["edges"] = mesh.edges if isinstance(mesh, TetMesh) else mesh.topology.edges
     if whole and isinstance(mesh, TetMesh):
         whole["triangles"] = mesh.triangles
-    names = [*computed.edge, *computed.triangle]
-    if names and Path(path).suffix.lower() not in ALL_DEGREES:
-        log.warning(f"{path}: the format holds no arrays on {'triangles' if computed.triangle else 'edges'} "
-                    f"({', '.join(names)}); write .npz or .vtkhdf to keep them")  # fmt: skip
     run.write_file(
         path, AnnotatedMesh(mesh, vertex=computed.vertex, edge=edge, face=computed.face, whole=whole)
     )

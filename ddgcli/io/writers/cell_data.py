@@ -19,6 +19,7 @@ from ddgcli.mesh.vectors import row_matrix
 
 SURFACE_FORMATS = (".glb", ".off", ".stl")  # that cannot hold curves
 SINGLE_PRECISION_FORMATS = (".glb", ".stl")
+NUMBERINGS = {"edges", "triangles", "input_vertex"}  # arrays that only number those with values
 MAX_SHARE_OF_ROUNDING = 1e-4  # of the extent, that 32-bit coordinates may be off
 
 log = logging.getLogger("ddgcli")
@@ -205,8 +206,29 @@ def warn_of_lost_arrays(
     """
     missing = [name for name in (*data.vertex, *data.cell) if name not in writable_names]
     if missing:
-        names = ", ".join(missing[:4]) + (", ..." if len(missing) > 4 else "")
+        names = _first_names(missing)
         log.warning(f"{suffix} cannot hold {what} ({names}); write .vtu, .ply or .npz to keep them")
+
+
+def warn_without_cells(data: CellData, suffix: str) -> None:
+    """Warn about arrays on edges, on faces of tetrahedra and of the whole mesh, which few formats hold.
+
+    Parameters
+    ----------
+    data : CellData
+    suffix : str
+        Extension of a format without them.
+    """
+    missing = [name for name in (*data.edge, *data.whole) if name not in NUMBERINGS]
+    if missing:
+        log.warning(
+            f"{suffix} holds no arrays on edges and on faces of tetrahedra ({_first_names(missing)}); "
+            "write .npz or .vtkhdf to keep them"
+        )
+
+
+def _first_names(names: list[str]) -> str:
+    return ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
 
 
 def require_surface(kind: str, suffix: str) -> None:
