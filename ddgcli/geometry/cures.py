@@ -58,30 +58,30 @@ def _has_thin_triangles(mesh: TriangleMesh) -> bool:
     return False
 
 
-def warn_of_pieces(mesh: TriangleMesh) -> None:
-    """Warn of components whose boundaries meet at equal positions: a surface in pieces, which a weld joins.
+def warn_of_pieces(mesh: TriangleMesh | TetMesh) -> None:
+    """Warn of components whose boundaries meet at equal positions: a mesh in pieces, which a weld joins.
 
     Parameters
     ----------
-    mesh : TriangleMesh
+    mesh : TriangleMesh or TetMesh
     """
-    topology = mesh.topology
-    boundary = np.flatnonzero(topology.boundary_vertex)
-    if not len(boundary) or topology.n_components < 2:
+    if isinstance(mesh, TetMesh):
+        what, defect = "body", "bodies in pieces"
+        of_vertex, boundary = mesh.vertex_component, np.unique(mesh.boundary.faces)
+    else:
+        what, defect = "surface", "equal positions"
+        of_vertex, boundary = mesh.topology.vertex_component, np.flatnonzero(mesh.topology.boundary_vertex)
+    n = int(of_vertex.max(initial=-1)) + 1
+    if not len(boundary) or n < 2:
         return
     place = merged_points(mesh.points[boundary])[1]
-    component = topology.vertex_component[boundary]
-    n_nodes = topology.n_components + int(place.max()) + 1
-    label = connected_labels(component, topology.n_components + place, n_nodes)[1][: topology.n_components]
+    label = connected_labels(of_vertex[boundary], n + place, n + int(place.max()) + 1)[1][:n]
     n_touching = int((np.bincount(label)[label] > 1).sum())
     if n_touching:
         logging.getLogger("ddgcli").warning(
             "%d of %d components have boundary vertices at equal positions, where nothing connects them: the "
-            "surface is in pieces; %s",
-            n_touching,
-            topology.n_components,
-            cure("equal positions"),
-        )
+            "%s is in pieces; %s", n_touching, n, what, cure(defect),
+        )  # fmt: skip
 
 
 def weld_advice(mesh: SurfaceMesh, unreached: NDArray[np.bool_]) -> str:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ddgcli.mesh.ragged import repeated_rows
+
 if TYPE_CHECKING:
     from ddgcli.mesh.topology import Topology
 
@@ -26,6 +28,8 @@ CURES = {
     "no volume": ("remove such cells", "drop_degenerate"),
     "touching bodies": ("duplicate such vertices, one for each body", "split_fans"),
     "inverted": ("exchange two corners of each", "orient"),
+    "duplicate cells": ("remove cells that occur twice", "drop_duplicates"),
+    "bodies in pieces": ("join vertices at equal positions", "weld"),
     "repeated vertex": ("remove such faces", "drop_degenerate"),
     "equal positions": ("join vertices at equal positions", "weld"),
     "components": ("keep the largest", "largest"),
@@ -36,6 +40,8 @@ CELL_DEFECTS = (
     "no volume",
     "inverted",
     "touching bodies",
+    "duplicate cells",
+    "bodies in pieces",
 )  # of tetrahedra, which the repair takes as they are
 STEPS_ON_MANIFOLDS = ("fill_holes", "cut_to_disk")
 
@@ -104,4 +110,4 @@ def with_repair(
 
 def _has_duplicates(topology: Topology) -> bool:
     """Whether two faces have the same three vertices."""
-    return len(np.unique(np.sort(topology.faces, axis=1), axis=0)) < topology.n_faces
+    return len(repeated_rows(np.sort(topology.faces, axis=1))) > 0

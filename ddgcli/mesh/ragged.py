@@ -171,3 +171,27 @@ def expand_lists(
     start, member = lists
     count = start[number + 1] - start[number]
     return np.repeat(owner, count), member[ranges(start[number], count)[0]]
+
+
+def repeated_rows(rows: NDArray) -> NDArray[np.int64]:
+    """Numbers of the rows that an earlier row equals.
+
+    Parameters
+    ----------
+    rows : (k, c) ndarray of int
+
+    Returns
+    -------
+    (j,) ndarray of int64
+        Ascending.
+
+    Examples
+    --------
+    >>> repeated_rows(np.array([[0, 1], [2, 3], [0, 1]])).tolist()
+    [2]
+    """
+    if len(rows) == 0:
+        return np.zeros(0, dtype=np.int64)
+    order = np.lexsort(rows.T)
+    same = (rows[order][1:] == rows[order][:-1]).all(axis=1)
+    return np.sort(order[1:][same]).astype(np.int64)

@@ -11,7 +11,7 @@ from ddgcli.errors import MeshError, counted
 from ddgcli.mesh.cures import cure, with_repair
 from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.repair import merged_points
-from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import FLAT_AREA_TOLERANCE, TriangleMesh
 from ddgcli.mesh.vectors import row_cross
@@ -198,7 +198,7 @@ def check_size(longest: float, *, in_range: bool = True) -> None:
 
 
 def require_manifold_body(mesh: TetMesh, verb: str) -> None:
-    """Raise an error for tetrahedra that meet at an edge or a vertex and share no faces there.
+    """Raise an error for tetrahedra without boundary, or that meet where they share no faces.
 
     Parameters
     ----------
@@ -210,6 +210,8 @@ def require_manifold_body(mesh: TetMesh, verb: str) -> None:
     ------
     MeshError
     """
+    if len(mesh.tetrahedra) and mesh.boundary.n_faces == 0:
+        raise MeshError("the tetrahedra have no boundary, which no body in space is without; remove one")
     topology = mesh.boundary.topology
     if len(bad := topology.nonmanifold_edges):
         a, b = topology.edges[bad[0]]
@@ -235,14 +237,14 @@ def require_manifold_cells(mesh: TetMesh) -> None:
     ------
     MeshError
     """
-    faces, count = np.unique(
-        np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1), axis=0, return_counts=True
-    )
-    if (count > 2).any():
-        first = "-".join(str(v) for v in faces[np.argmax(count > 2)])
+    bad = np.flatnonzero(np.bincount(mesh.cell_triangle.ravel()) > 2)
+    if len(bad):
+        cells = np.flatnonzero((mesh.cell_triangle == bad[0]).any(axis=1))
+        repeated = len(mesh.duplicate_tetrahedra) > 0
         raise MeshError(
-            f"{int((count > 2).sum())} faces have more than two tetrahedra (first: vertices {first}); "
-            "remove all but two at each"
+            f"{counted(len(bad), 'face has', 'faces have')} more than two tetrahedra (first: vertices "
+            f"{'-'.join(map(str, mesh.triangles[bad[0]]))} of tetrahedra {', '.join(map(str, cells[:4]))}); "
+            + (cure("duplicate cells") if repeated else "remove all but two at each")
         )
 
 

@@ -71,7 +71,11 @@ REQUIREMENTS = {
     ),
     "laplacian": Requirement(("surface", "tetrahedra"), area=True, volume=True),
     "hodge": Requirement(
-        ("surface", "tetrahedra"), {**_MANIFOLD, "one_sided": True}, {"manifold": True}, volume=True
+        ("surface", "tetrahedra"),
+        {**_MANIFOLD, "one_sided": True},
+        {"manifold": True},
+        volume=True,
+        manifold_cells=True,
     ),
     "dec": Requirement(("surface", "tetrahedra"), _MANIFOLD, {"faces": True}, every_area=True, volume=True),
     "geodesic": Requirement(surface={"sized": False}),
@@ -162,9 +166,14 @@ def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None
         return message
     try:
         if isinstance(mesh, TetMesh):
-            require(mesh.boundary, "it", **{**requirement.boundary, "manifold": False})
+            of_boundary = {**requirement.boundary, "manifold": False}
+            if len(mesh.tetrahedra):  # of which all may lie inside
+                of_boundary["faces"] = False
+            require(mesh.boundary, "it", **of_boundary)
+            require_sized_cells(mesh, verb)
             if requirement.boundary.get("manifold"):
                 require_manifold_body(mesh, "it")
+            return None
         elif isinstance(mesh, TriangleMesh):
             require(mesh, "it", **requirement.surface)
             if requirement.area:

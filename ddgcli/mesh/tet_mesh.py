@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.masked import unmasked
+from ddgcli.mesh.ragged import repeated_rows
 from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh, own_points
 from ddgcli.mesh.vectors import cone_volume
@@ -110,6 +112,11 @@ class TetMesh:
         a, b, c = edge[:, TET_EDGES[:, 0] == 0].transpose(1, 2, 0)
         return frozen(np.flatnonzero(~(np.abs(cone_volume(a, b, c)) > FLAT_POSITION_TOLERANCE * longest**3)))
 
+    @cached_property
+    def duplicate_tetrahedra(self) -> NDArray[np.int64]:
+        """(k,) numbers of the tetrahedra whose four vertices an earlier one has."""
+        return frozen(repeated_rows(np.sort(self.tetrahedra, axis=1)))
+
     @property
     def edges(self) -> NDArray[np.int64]:
         """(e, 2) edges, lower vertex number first, in sorted order."""
@@ -137,6 +144,16 @@ class TetMesh:
     @cached_property
     def _triangles(self) -> tuple[NDArray, NDArray]:
         return _numbered(self.tetrahedra[:, TET_FACES])
+
+    @cached_property
+    def vertex_component(self) -> NDArray[np.int64]:
+        """(n,) component of each vertex, by their lowest vertices; -1 for vertices of no tetrahedron."""
+        corners = self.tetrahedra
+        label = connected_labels(corners[:, :-1], corners[:, 1:], self.n_vertices)[1]
+        used = np.unique(label[corners[:, 0]])
+        component = np.full(int(label.max(initial=-1)) + 1, -1)
+        component[used] = np.arange(len(used))
+        return frozen(component[label])
 
     @cached_property
     def boundary(self) -> TriangleMesh:

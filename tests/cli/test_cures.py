@@ -264,19 +264,19 @@ def test_a_body_that_touches_itself_at_an_edge_and_at_a_vertex_gets_a_manifold_b
 
 def test_steps_of_surfaces_are_refused_for_tetrahedra(run, tmp_path):
     np.savez(tmp_path / "one.npz", points=np.eye(4, 3), tetrahedra=[[0, 1, 2, 3]])
-    result = run("repair", tmp_path / "one.npz", "--weld", "-o", tmp_path / "out.vtu")
-    assert result.exit_code == 2 and "--weld: is a step of surfaces" in result.stderr
+    result = run("repair", tmp_path / "one.npz", "--fill-holes", "9", "-o", tmp_path / "out.vtu")
+    assert result.exit_code == 2 and "--fill-holes: is a step of surfaces" in result.stderr
     assert "--drop-unused; name one of them" in result.stderr
     words = (
         "repair",
         tmp_path / "one.npz",
-        "--weld",
+        "--cut-to-disk",
         "--drop-unused",
         "--largest",
         "-o",
         tmp_path / "out.vtu",
     )
-    assert run(*words).stderr.strip().endswith("; leave --weld, --largest out")
+    assert run(*words).stderr.strip().endswith("; leave --largest, --cut-to-disk out")
     assert run(*(word for word in words if word not in ("--weld", "--largest"))).exit_code == 0
 
 
@@ -325,7 +325,7 @@ def test_info_and_repair_name_the_command_for_every_command_that_refuses(summary
     write_mesh(str(path), AnnotatedMesh(turned()))
     reason = summary("info", path)["results"]["accepts"]["fluid-sim"]
     assert f"with ddgcli repair {path} --orient -o bad-repaired.ply" in reason
-    reason = summary("repair", path, "--weld", "-o", out)["results"]["refused_by"]["fluid-sim"]
+    reason = summary("repair", path, "--fill-holes", "9", "-o", out)["results"]["refused_by"]["fluid-sim"]
     assert f"with ddgcli repair {out} --orient -o still-bad-repaired.ply" in reason
 
 

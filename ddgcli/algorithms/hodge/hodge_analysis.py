@@ -27,6 +27,7 @@ from ddgcli.geometry.cures import cure_of_bad_shapes, warn_of_pieces
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.require import refuse_flat_faces, require, require_manifold_body
+from ddgcli.mesh.requirements import require_sized_cells
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import complex_of
@@ -178,11 +179,11 @@ def check_mesh(mesh: SpaceMesh) -> None:
     if isinstance(mesh, TetMesh):
         if len(mesh.tetrahedra) == 0:
             raise MeshError("no tetrahedra; hodge needs a surface or a mesh of tetrahedra")
-        if mesh.boundary.n_faces == 0:
-            raise MeshError("the tetrahedra have no boundary, which no body in space is without; remove one")
-        require(mesh.boundary, "hodge (the boundary of the tetrahedra)")
+        require_sized_cells(mesh, "hodge")
         require_manifold_body(mesh, "hodge")
+        require(mesh.boundary, "hodge (the boundary of the tetrahedra)")
         _warn_of_folds(mesh)
+        warn_of_pieces(mesh)
         return
     if not isinstance(mesh, TriangleMesh):
         raise MeshError("curves have no Hodge decomposition; give a surface or a mesh of tetrahedra")

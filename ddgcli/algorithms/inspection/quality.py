@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.geometry.extrinsic import enclosed_volume, face_area_vector
 from ddgcli.geometry.intersections import intersecting_faces
 from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.ragged import repeated_rows
 from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
@@ -42,7 +43,7 @@ def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
     for name, elements in (
         ("degenerate_faces", mesh.flat_faces),
         ("repeated_index_faces", np.flatnonzero(repeated)),
-        ("duplicate_faces", duplicates(np.sort(faces, axis=1))),
+        ("duplicate_faces", repeated_rows(np.sort(faces, axis=1))),
         ("unreferenced_vertices", unreferenced),
         ("coincident_vertices", coincident(mesh.points, topology.referenced_vertex)),
         ("nonmanifold_vertices", topology.nonmanifold_vertices),
@@ -84,15 +85,6 @@ def surface_area(mesh: TriangleMesh) -> float:
     area = vector_length(face_area_vector(mesh.moved(mesh.points / unit)))
     with np.errstate(over="ignore"):
         return float(area.sum() * unit * unit)
-
-
-def duplicates(rows: NDArray) -> NDArray[np.int64]:
-    """Numbers of rows of integers that an earlier row equals."""
-    if len(rows) == 0:
-        return np.zeros(0, dtype=np.int64)
-    order = np.lexsort(rows.T)
-    same = (rows[order][1:] == rows[order][:-1]).all(axis=1)
-    return np.sort(order[1:][same]).astype(np.int64)
 
 
 def coincident(points: NDArray, referenced: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -290,8 +282,7 @@ def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
     flat = np.zeros(len(volume), dtype=bool)
     flat[mesh.flat_tetrahedra] = True
     angle = dihedral_degrees(mesh)
-    faces = np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1)
-    _, count = np.unique(faces, axis=0, return_counts=True)
+    count = np.bincount(mesh.cell_triangle.ravel())
     referenced = np.zeros(mesh.n_vertices, dtype=bool)
     referenced[mesh.tetrahedra] = True
     defects: dict[str, Any] = {
@@ -303,7 +294,7 @@ def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
     for name, elements in (
         ("inverted_tetrahedra", np.flatnonzero((volume < 0) & ~flat)),
         ("flat_tetrahedra", mesh.flat_tetrahedra),
-        ("duplicate_tetrahedra", duplicates(np.sort(mesh.tetrahedra, axis=1))),
+        ("duplicate_tetrahedra", mesh.duplicate_tetrahedra),
         ("unreferenced_vertices", np.flatnonzero(~referenced)),
         ("coincident_vertices", coincident(mesh.points, referenced)),
     ):
@@ -314,7 +305,7 @@ def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
 
 
 def tetrahedra_marks(mesh: TetMesh) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
-    """Vertex arrays of the boundary as for a surface, and the smallest dihedral angle of each cell.
+    """Vertex arrays as for a surface, components of the body, and the smallest dihedral angle of each cell.
 
     Parameters
     ----------
@@ -328,7 +319,7 @@ def tetrahedra_marks(mesh: TetMesh) -> tuple[dict[str, NDArray], dict[str, NDArr
     """
     vertex = surface_marks(mesh.boundary)
     on_boundary = mesh.boundary.topology.referenced_vertex
-    vertex["boundary"] = on_boundary.astype(np.uint8)
+    vertex |= {"component": mesh.vertex_component, "boundary": on_boundary.astype(np.uint8)}
     return vertex, {"min_angle_degrees": np.nan_to_num(dihedral_degrees(mesh).min(axis=1, initial=180.0))}
 
 

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.eigen import Eigenpairs, smallest_eigenpairs
-from ddgcli.mesh.require import refuse_flat_cells, require, require_manifold_body
+from ddgcli.mesh.require import refuse_flat_cells, require, require_manifold_body, require_manifold_cells
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import Complex, complex_of
@@ -65,6 +65,7 @@ def check_forms(mesh: TriangleMesh | TetMesh, k: int) -> Complex:
     """
     if isinstance(mesh, TetMesh):
         refuse_flat_cells(mesh.flat_tetrahedra, len(mesh.tetrahedra))
+        require_manifold_cells(mesh)
         require_manifold_body(mesh, "`form_eigen`")
     surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
     require(surface, "`form_eigen`", manifold=True, oriented=True)

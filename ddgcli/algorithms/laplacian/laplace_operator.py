@@ -160,7 +160,8 @@ def _solid_operator(mesh: TetMesh, name: str, mass: str) -> LaplaceOperator:
     from ddgcli.algorithms.laplacian.solid_operator import solid_matrices
 
     L, M = solid_matrices(mesh, name, mass)
-    _warn_of_isolated_vertices(np.bincount(mesh.tetrahedra.ravel(), minlength=mesh.n_vertices) > 0)
+    _warn_of_isolated_vertices(mesh.vertex_component >= 0, "tetrahedron")
+    warn_of_pieces(mesh)
     return LaplaceOperator(name, mass, L, M, mesh.boundary, dimension=3)
 
 
@@ -227,12 +228,13 @@ def _without_repeated_corners(mesh: TriangleMesh) -> TriangleMesh:
     return cleaned
 
 
-def _warn_of_isolated_vertices(referenced: NDArray) -> None:
+def _warn_of_isolated_vertices(referenced: NDArray, cell: str = "face") -> None:
     isolated = np.flatnonzero(~referenced)
     if len(isolated):
         log.warning(
-            "%s to no face (first: vertex %d): rows there are empty and values 0",
+            "%s to no %s (first: vertex %d): rows there are empty and values 0",
             counted(len(isolated), "vertex belongs", "vertices belong"),
+            cell,
             isolated[0],
         )
 

@@ -16,7 +16,7 @@ from ddgcli.algorithms.repair.holes import fill_holes
 from ddgcli.algorithms.repair.steps import RepairedMesh
 from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.mesh.require import require
-from ddgcli.mesh.requirements import REQUIREMENTS, kind_of, unmet_need
+from ddgcli.mesh.requirements import REQUIREMENTS, Requirement, kind_of, unmet_need
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -52,6 +52,31 @@ class RepairSteps:
     drop_unused: bool = False
 
 
+def requirement_of(command: str, kind: str) -> Requirement:
+    """What a command requires of a mesh of this kind.
+
+    Parameters
+    ----------
+    command : str
+    kind : {'surface', 'tetrahedra'}
+
+    Returns
+    -------
+    Requirement
+
+    Raises
+    ------
+    ParameterError
+        For a command that takes no such mesh.
+    """
+    if command not in REQUIREMENTS or kind not in REQUIREMENTS[command].kinds:
+        commands = ", ".join(name for name, need in REQUIREMENTS.items() if kind in need.kinds)
+        raise ParameterError(
+            f"{command!r} takes no {kind}; commands that do: {commands}", parameter="for_command"
+        )
+    return REQUIREMENTS[command]
+
+
 def steps_for(command: str) -> RepairSteps:
     """Steps that make a surface acceptable to a command, as far as repairs can.
 
@@ -68,10 +93,7 @@ def steps_for(command: str) -> RepairSteps:
     ParameterError
         For a command that takes no surface.
     """
-    if command not in REQUIREMENTS or "surface" not in REQUIREMENTS[command].kinds:
-        commands = ", ".join(name for name, need in REQUIREMENTS.items() if "surface" in need.kinds)
-        raise ParameterError(f"{command!r} takes no surface; known: {commands}", parameter="for_command")
-    need = REQUIREMENTS[command]
+    need = requirement_of(command, "surface")
     manifold = need.surface.get("manifold", False) or need.surface.get("manifold_edges", False)
     return RepairSteps(
         weld=0.0,

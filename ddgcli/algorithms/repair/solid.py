@@ -1,20 +1,22 @@
-"""Repairs of tetrahedral meshes: flat cells, bodies that touch, inverted cells, vertices of no cell."""
+"""Repairs of tetrahedral meshes, by the steps of `SOLID_STEPS` in their order."""
 
 from __future__ import annotations
 
+import logging
 from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.repair.pipeline import RepairSteps
-from ddgcli.errors import ParameterError
+from ddgcli.algorithms.repair.pipeline import RepairSteps, requirement_of
+from ddgcli.algorithms.repair.steps import near_vertices
+from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.require import refuse_flat_cells
-from ddgcli.mesh.requirements import REQUIREMENTS
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 
-SOLID_STEPS = ("drop_degenerate", "split_fans", "orient", "drop_unused")
+log = logging.getLogger("ddgcli")
+SOLID_STEPS = ("weld", "drop_degenerate", "drop_duplicates", "split_fans", "orient", "drop_unused")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +48,20 @@ def solid_steps_for(command: str) -> RepairSteps:
     Returns
     -------
     RepairSteps
+
+    Raises
+    ------
+    ParameterError
+        For a command that takes no tetrahedra.
     """
-    boundary = REQUIREMENTS[command].boundary if command in REQUIREMENTS else {}
-    return RepairSteps(drop_degenerate=True, orient=True, split_fans=boundary.get("manifold", False))
+    need = requirement_of(command, "tetrahedra")
+    return RepairSteps(
+        weld=0.0,
+        drop_degenerate=True,
+        drop_duplicates=need.manifold_cells,
+        orient=True,
+        split_fans=need.boundary.get("manifold", False),
+    )
 
 
 def check_solid_steps(mesh: TetMesh, chosen_steps: RepairSteps) -> list[str]:
@@ -90,7 +103,7 @@ def check_solid_steps(mesh: TetMesh, chosen_steps: RepairSteps) -> list[str]:
 
 
 def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
-    """Remove cells without volume, part bodies that touch, orient cells, drop unused vertices, as chosen.
+    """Join vertices, remove cells, part bodies that touch, orient cells, drop unused vertices, as chosen.
 
     A flat cell inside a body leaves faces of its neighbours that lie on each other; vertices stay joined.
 
@@ -113,14 +126,23 @@ def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
     steps, changes = check_solid_steps(mesh, chosen_steps), {}
     cell, vertex = np.arange(len(mesh.tetrahedra)), np.arange(mesh.n_vertices)
     corners, points = mesh.tetrahedra, mesh.points
+    if chosen_steps.weld is not None:
+        vertex, group = near_vertices(points, chosen_steps.weld)
+        points, corners = points[vertex], group[corners]
+        changes["weld"] = mesh.n_vertices - len(vertex)
+        _check_weld(mesh, TetMesh(points, corners))
     if "drop_degenerate" in steps:
-        cell = np.setdiff1d(cell, mesh.flat_tetrahedra)
+        cell = np.setdiff1d(cell, TetMesh(points, corners).flat_tetrahedra)
         changes["drop_degenerate"] = len(corners) - len(cell)
         corners = corners[cell]
+    if "drop_duplicates" in steps:
+        first = np.setdiff1d(np.arange(len(cell)), TetMesh(points, corners).duplicate_tetrahedra)
+        changes["drop_duplicates"] = len(cell) - len(first)
+        cell, corners = cell[first], corners[first]
     if "split_fans" in steps:
-        corners, vertex = _split_fans(TetMesh.from_arrays(points, corners))
-        points = points[vertex]
-        changes["split_fans"] = len(vertex) - mesh.n_vertices
+        corners, source = _split_fans(TetMesh.from_arrays(points, corners))
+        changes["split_fans"] = len(source) - len(points)
+        points, vertex = points[source], vertex[source]
     if "orient" in steps:
         inverted = mesh.signed_volume[cell] < 0
         corners = np.where(inverted[:, None], corners[:, [1, 0, 2, 3]], corners)
@@ -131,6 +153,18 @@ def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
         changes["drop_unused"] = len(points) - len(referenced)
         points, vertex = points[referenced], vertex[referenced]
     return RepairedSolid(TetMesh.from_arrays(points, corners), vertex, cell, changes)
+
+
+def _check_weld(before: TetMesh, after: TetMesh) -> None:
+    """Warn of cells that a weld collapsed; raise MeshError where it collapsed all of them."""
+    n_collapsed = len(np.setdiff1d(after.flat_tetrahedra, before.flat_tetrahedra))
+    if n_collapsed and len(after.flat_tetrahedra) == len(after.tetrahedra):
+        raise MeshError("the weld leaves no cell with volume; weld by a smaller distance, or not at all")
+    if n_collapsed:
+        log.warning(
+            "the weld leaves %s without volume: remove such cells with `drop_degenerate`, or weld by a "
+            "smaller distance", counted(n_collapsed, "cell", "cells"),
+        )  # fmt: skip
 
 
 def _split_fans(mesh: TetMesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.ragged import repeated_rows
 from ddgcli.mesh.repair import faces_to_turn, merged_points, reverse_faces
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -67,6 +68,25 @@ def weld(repaired: RepairedMesh, distance: float = 0.0) -> RepairedMesh:
     RepairedMesh
     """
     points = repaired.mesh.points
+    first, group = near_vertices(points, distance)
+    mesh = TriangleMesh.from_arrays(points[first], group[repaired.mesh.faces])
+    return RepairedMesh(mesh, repaired.input_vertex[first], repaired.input_face, len(points) - len(first))
+
+
+def near_vertices(points: NDArray, distance: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Groups of points at the same place, or joined by gaps of at most a distance.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray of float64
+    distance : float
+
+    Returns
+    -------
+    first : (k,) ndarray of int64
+        Lowest number of each group, ascending.
+    group : (n,) ndarray of int64
+    """
     if distance == 0.0:
         _, group = merged_points(points)
     else:
@@ -76,8 +96,7 @@ def weld(repaired: RepairedMesh, distance: float = 0.0) -> RepairedMesh:
         group = np.argsort(np.argsort(first))[group]
     first = np.full(int(group.max(initial=-1)) + 1, len(points))
     np.minimum.at(first, group, np.arange(len(points)))
-    mesh = TriangleMesh.from_arrays(points[first], group[repaired.mesh.faces])
-    return RepairedMesh(mesh, repaired.input_vertex[first], repaired.input_face, len(points) - len(first))
+    return first, group
 
 
 def drop_degenerate(repaired: RepairedMesh) -> RepairedMesh:
@@ -108,9 +127,8 @@ def drop_duplicates(repaired: RepairedMesh) -> RepairedMesh:
     -------
     RepairedMesh
     """
-    _, first = np.unique(np.sort(repaired.mesh.faces, axis=1), axis=0, return_index=True)
-    is_first = np.zeros(repaired.mesh.n_faces, dtype=bool)
-    is_first[first] = True
+    is_first = np.ones(repaired.mesh.n_faces, dtype=bool)
+    is_first[repeated_rows(np.sort(repaired.mesh.faces, axis=1))] = False
     return _of_faces(repaired, is_first)
 
 

@@ -54,8 +54,8 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
     --drop-duplicates, --largest, --split-fans, --orient, --split-folds, --fill-holes, --cut-to-disk,
     --drop-unused.
 
-    Tetrahedra have --drop-degenerate, --split-fans (bodies that touch), --orient (inverted cells) and
-    --drop-unused.
+    Tetrahedra have --weld, --drop-degenerate, --drop-duplicates, --split-fans (bodies that touch), --orient
+    (inverted cells) and --drop-unused.
 
     The output holds `input_vertex` and `input_face` (-1 for faces that fill a hole). `results.changes` counts
     what each step changed; `results.refused_by` names the commands that still refuse the surface, and why.
