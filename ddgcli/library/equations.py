@@ -118,7 +118,7 @@ def heat_kernel_signature(
         raise ParameterError("times must be a list of positive numbers")
     laplacian = laplace_operator(mesh, operator, mass)
     pairs = spectrum.spectrum(laplacian, spectrum.signature_pairs(laplacian, time.tolist()), seed=seed)
-    return spectrum.heat_kernel_signature(pairs, time)
+    return spectrum.heat_kernel_signature(laplacian, pairs, time)
 
 
 @accepts_arrays("surface", "tetrahedra")

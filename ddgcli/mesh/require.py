@@ -369,5 +369,6 @@ def refuse_flat_cells(flat: NDArray, n_cells: int) -> None:
     if len(flat) == n_cells:  # their removal would leave nothing
         raise MeshError(f"none of the {n_cells} tetrahedra has a volume; check the coordinates")
     raise MeshError(
-        f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); {cure('no volume')}"
+        f"{counted(len(flat), 'tetrahedron has', 'tetrahedra have')} no volume (first: tetrahedron "
+        f"{flat[0]}); {cure('no volume')}"
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, counted
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.require import (
@@ -203,7 +203,8 @@ def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> N
             refuse_flat_cells(mesh.flat_tetrahedra, len(mesh.tetrahedra))
         if requirement.positive_volume and (mesh.signed_volume < 0).any():
             bad = np.flatnonzero(mesh.signed_volume < 0)
-            raise MeshError(f"{len(bad)} tetrahedra are inverted (first: {bad[0]}); {cure('inverted')}")
+            what = counted(len(bad), "tetrahedron is inverted", "tetrahedra are inverted")
+            raise MeshError(f"{what} (first: {bad[0]}); {cure('inverted')}")
         if requirement.manifold_cells:
             require_manifold_cells(mesh)
     elif isinstance(mesh, TriangleMesh) and requirement.every_area:

@@ -67,7 +67,7 @@ def test_the_heat_kernel_signature_of_a_box_converges_to_the_product_of_three_in
     for n in (4, 8):
         operator = laplace_operator(box(n))
         pairs = spectrum(operator, signature_pairs(operator, [time]))
-        signature = heat_kernel_signature(pairs, np.array([time]))
+        signature = heat_kernel_signature(operator, pairs, np.array([time]))
         exact = np.ones(len(pairs.vectors))
         for x, length in zip(box(n).points.T, SIZE):
             decay = np.exp(-((np.pi * index / length) ** 2) * time)

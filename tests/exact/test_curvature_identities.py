@@ -10,6 +10,7 @@ from ddgcli.algorithms.curvature.ball import normal_cycle_in_balls
 from ddgcli.algorithms.curvature.faces import REMAINING, Faces
 from ddgcli.algorithms.curvature.frames import unit_normals
 from ddgcli.algorithms.curvature.offset_body import offset_body
+from ddgcli.algorithms.curvature.regions import MAX_BALL_PAIRS, check_radius, largest_radius
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.algorithms.curvature.unit_surface import prepare_surface
 from ddgcli.choices import CURVATURE_SCHEMES
@@ -344,3 +345,15 @@ def test_values_depend_on_the_region_that_the_results_state(scheme, radius, regi
     for _ in range(rings):
         near = adjacency @ near
     assert (change[near > 0] > 1e-9).mean() > 0.5 and change[near == 0].max() < 1e-9
+
+
+@pytest.mark.parametrize("scheme", list(MAX_BALL_PAIRS))
+def test_the_largest_radius_of_a_refusal_is_accepted(scheme):
+    """It depended on the refused radius: the next was refused again."""
+    mesh = shapes.icosphere(6)  # only its counts are read
+    area = 1e-4
+    largest = largest_radius(mesh, area, scheme)
+    for radius in (2 * largest, 1e9):
+        with pytest.raises(ParameterError, match=f"below {7 * largest:.3g},"):
+            check_radius(mesh, area, radius, 7.0, scheme)
+    check_radius(mesh, area, 0.999 * largest, 7.0, scheme)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from ddgcli.algorithms.laplacian.laplace_operator import negative_weights, symmetry_residual
+from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator, negative_weights, symmetry_residual
+from ddgcli.algorithms.laplacian.spectrum import heat_kernel_signature, signature_pairs, spectrum
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh import shapes
@@ -122,3 +123,22 @@ def test_symmetry_residual_is_the_largest_difference_to_the_transposed_matrix(ro
     matrix[row, column] += 0.5
     assert symmetry_residual(csr_array(matrix)) == 0.25
     assert negative_weights(csr_array(matrix)) == (0 if column == 1 else 1)
+
+
+def test_the_heat_kernel_of_many_components_holds_at_least_their_constants(caplog):
+    """More components than pairs: the signature was 0 on those beyond."""
+    one, count = shapes.icosphere(0), 400
+    scale = np.linspace(1.0, 1.5, count)
+    points = (scale[:, None, None] * one.points + np.arange(count)[:, None, None] * [4.0, 0, 0]).reshape(
+        -1, 3
+    )
+    faces = (one.faces + one.n_vertices * np.arange(count)[:, None, None]).reshape(-1, 3)
+    operator = laplace_operator(TriangleMesh.from_arrays(points, faces))
+    pairs = spectrum(operator, signature_pairs(operator, [10.0]))
+    assert (pairs.values == 0).all() and len(pairs.values) < count
+    signature = heat_kernel_signature(operator, pairs, np.array([10.0]))
+    area = scale**2 * face_area(one.side_length).sum()
+    np.testing.assert_allclose(
+        signature.values[:, 0].reshape(count, -1), 1 / area[:, None] + 0 * points[:12, 0]
+    )
+    assert signature.truncation[0] == 1 and "do not resolve the heat kernel" in caplog.text

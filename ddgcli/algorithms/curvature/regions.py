@@ -147,7 +147,7 @@ def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float, sc
     share = min(1.0, np.pi * radius * radius / area)
     pairs = float(mesh.n_vertices) * mesh.n_faces * share
     if pairs > MAX_BALL_PAIRS[scheme]:
-        largest = radius * unit * np.sqrt(MAX_BALL_PAIRS[scheme] / pairs)
+        largest = unit * largest_radius(mesh, area, scheme)
         raise ParameterError(
             f"balls of radius {radius * unit:g} would hold {pairs / mesh.n_vertices:.0f} faces each, too "
             f"many for {mesh.n_vertices} vertices; use a radius below {largest:.3g}, or a coarser mesh",

@@ -140,7 +140,7 @@ def _eigen(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCal
     result.accuracy["eigen_complete"] = pairs.complete
     _report_iterative(result, "eigen", pairs.solver)
     if tasks.hks:
-        signature = heat_kernel_signature(pairs, np.array(tasks.hks))
+        signature = heat_kernel_signature(result.operator, pairs, np.array(tasks.hks))
         result.vertex |= {f"hks_{i:03d}": v for i, v in enumerate(signature.values.T)}
         result.results["hks_times"] = list(tasks.hks)
         result.results["hks_eigenpairs"] = k

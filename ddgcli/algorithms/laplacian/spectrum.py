@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.algorithms.laplacian.weyl import pairs_for_times
 from ddgcli.errors import ParameterError, SolveError
+from ddgcli.linalg.constrain import floating_components
 from ddgcli.linalg.eigen import Eigenpairs, smallest_eigenpairs
 from ddgcli.progress import ProgressCallback
 from ddgcli.representation import short_repr
@@ -110,12 +111,18 @@ def signature_pairs(operator: LaplaceOperator, times: Sequence[float]) -> int:
     return pairs_for_times(measure, operator.dimension, times, n_vertices)
 
 
-def heat_kernel_signature(pairs: Eigenpairs, times: NDArray) -> HeatKernelSignature:
+def heat_kernel_signature(
+    operator: LaplaceOperator, pairs: Eigenpairs, times: NDArray
+) -> HeatKernelSignature:
     """Heat that remains at each vertex after each time from a unit source there, by eigenpairs.
+
+    The constants of the components, of which there can be more than pairs, are known without them.
 
     Parameters
     ----------
+    operator : LaplaceOperator
     pairs : Eigenpairs
+        Of the operator.
     times : (t,) ndarray of float64
         In length^2.
 
@@ -146,10 +153,21 @@ def heat_kernel_signature(pairs: Eigenpairs, times: NDArray) -> HeatKernelSignat
             truncation.max(),
         )
     with np.errstate(over="ignore", invalid="ignore"):
-        values = pairs.vectors**2 @ decay
+        values = pairs.vectors[:, pairs.values > 0] ** 2 @ decay[pairs.values > 0]
+        values += _squared_constants(operator)[:, None]
     if not np.isfinite(values).all():
         raise SolveError(
             f"the heat kernel leaves the range of numbers at {int((~np.isfinite(values)).any(axis=1).sum())} "
             "vertices, whose areas are too small; rescale or repair the mesh"
         )
     return HeatKernelSignature(values, truncation)
+
+
+def _squared_constants(operator: LaplaceOperator) -> NDArray[np.float64]:
+    """(n,) sum of the squares of the eigenfunctions of value zero: one over the measure of the component."""
+    vertices, measure = operator.referenced_vertices, operator.mass @ np.ones(operator.mass.shape[0])
+    label = floating_components(operator.stiffness[vertices][:, vertices])
+    vertices, label = vertices[label >= 0], label[label >= 0]
+    result = np.zeros(len(measure))
+    result[vertices] = 1.0 / np.bincount(label, weights=measure[vertices])[label]
+    return result
