@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature import totals
+from ddgcli.algorithms.curvature.coarse_faces import warn_of_coarse_faces
 from ddgcli.algorithms.curvature.curvature_results import (
     cheap_integrals,
     curvature_arrays,
@@ -228,6 +229,8 @@ def _measured(
     expected_error = warn_of_noise(noise, scheme, principal.mean, surface.scale)
     if expected_error is None:
         warn_of_spikes(surface.mesh, surface.faces, surface.dihedral)
+        if scheme == "quadric":
+            warn_of_coarse_faces(surface.mesh, surface.dihedral)
     return _Measured(principal, noise, None, expected_error)
 
 
