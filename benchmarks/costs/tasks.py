@@ -42,6 +42,13 @@ SURFACE = [
     Task("picture covered pixels", "info {mesh} --plot {out}.png", (10_000,), mesh="disk"),
     Task("picture of triangulations", "delaunay {mesh} --plot {out}.png", (2_000, 20_000)),
     Task("repair", "repair {mesh} --for curvature"),
+    Task(
+        "repair holes",
+        "repair {mesh} --fill-holes 100000",
+        (3_000, 20_000, 60_000),
+        mesh="disk",
+        exponent=1.0,
+    ),
     *(
         Task(f"curvature {scheme}", f"curvature {{mesh}} --scheme {scheme}", LARGE_SIZES, short=True)
         for scheme in ("cotan", "normal-cycle", "corrected", "quadric")

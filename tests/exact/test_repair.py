@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.hardcases.meshes import voxel_surface
+from ddgcli.algorithms.repair.holes import least_area_triangles
 from ddgcli.algorithms.repair.pipeline import RepairSteps, repair_mesh, steps_for
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume, folded_edges
@@ -335,3 +336,38 @@ def test_hashes_of_grids_in_single_precision_differ_as_random_numbers():
     high = repair._position_hash(np.ascontiguousarray(grid.T, dtype=np.float64)) >> np.uint64(34)
     n_pairs = len(grid) - len(np.unique(high))
     assert n_pairs < 30  # 7.3 are expected of 125,000 random numbers of 30 bits
+
+
+def least_area(points, first, last, forbidden):
+    """Least area over the chord between two corners, by recursion over the apex of its triangle."""
+    if last - first < 2:
+        return 0.0
+    chord = last - first < len(points) - 1 and {first, last} in forbidden
+    a, b = points[first], points[last]
+    return np.inf if chord else min(
+        least_area(points, first, m, forbidden) + least_area(points, m, last, forbidden)
+        + 0.5 * np.linalg.norm(np.cross(points[m] - a, b - a))
+        for m in range(first + 1, last)
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_loops_are_filled_with_the_least_area_of_all_triangulations(seed):
+    """Blocks of chords of one length at once; diagonals that are edges already are left out."""
+    rng = np.random.default_rng(seed)
+    loop, points = rng.permutation(20)[:8], rng.normal(size=(20, 3))
+    pairs = [(0, 2), (1, 4), (3, 7)][: seed % 4]
+    edges = np.array([[loop[i], loop[j]] for i, j in pairs], dtype=np.int64).reshape(-1, 2)
+    triangles = least_area_triangles(points, loop, edges)
+    a, b, c = points[triangles].transpose(1, 0, 2)
+    total = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    truth = least_area(points[loop], 0, 7, [{i, j} for i, j in pairs])
+    assert total == pytest.approx(truth, rel=1e-4)  # equal areas are decided by the shape
+    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    assert not (sides[:, None] == np.sort(edges, axis=1)).all(axis=2).any()
+
+
+def test_a_loop_without_another_triangulation_stays_open():
+    edges = np.array([[0, 2], [1, 3]])
+    assert least_area_triangles(np.eye(4, 3), np.arange(4), edges) is None
+    assert least_area_triangles(np.eye(4, 3), np.arange(4), edges[:1]).tolist() == [[0, 1, 3], [1, 2, 3]]

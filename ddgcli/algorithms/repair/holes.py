@@ -9,15 +9,17 @@ a whole, such as that of a removed face without area, the face beyond its longes
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.repair.steps import RepairedMesh
 from ddgcli.mesh.boundary import boundary_vertex_loops
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross
+from ddgcli.mesh.vectors import cross, dot
 
 SLIVER_AREA = 1e-9  # of the longest side squared; triangles with less are the last choice
+CACHED_TRIANGLES = 1 << 13  # whose costs are computed at once
 SHAPE_WEIGHT = 1e-6  # of the squared sides beside twice the area: decides where areas are equal
 
 
@@ -40,7 +42,7 @@ def fill_holes(repaired: RepairedMesh, most_edges: int) -> RepairedMesh:
     """
     mesh = repaired.mesh
     both_on_boundary = mesh.topology.boundary_vertex[mesh.topology.edges].all(axis=1)
-    edges = {(a, b) for a, b in mesh.topology.edges[both_on_boundary].tolist()}
+    edges = mesh.topology.edges[both_on_boundary]
     added, filled = [mesh.faces], 0
     for loop in boundary_vertex_loops(mesh.topology):
         if len(loop) <= most_edges:
@@ -105,41 +107,81 @@ def _sides(face: NDArray) -> list[tuple[int, int]]:
     return [(a, b), (b, c), (c, a)]
 
 
-def least_area_triangles(
-    points: NDArray, loop: NDArray, edges: set[tuple[int, int]]
-) -> NDArray[np.int64] | None:
+def least_area_triangles(points: NDArray, loop: NDArray, edges: NDArray) -> NDArray[np.int64] | None:
     """(k-2, 3) triangles of least total area over a loop of k vertices, in its order.
 
-    Diagonals that are among `edges` (lower number first) are not used; None where no triangulation is left.
+    Diagonals that are among the (e, 2) `edges` are not used; None where no triangulation is left.
     """
     k = len(loop)
-    corner = points[loop] - points[loop].mean(axis=0)
-    squared = ((corner[:, None] - corner[None]) ** 2).sum(axis=2)
-    sliver_cost = np.linalg.norm(corner - np.roll(corner, 1, axis=0), axis=1).sum() ** 2  # above any area
-    cost = np.full((k, k), np.inf)
-    apex = np.full((k, k), -1)
-    cost[np.arange(k - 1), np.arange(1, k)] = 0.0
+    corner = (points[loop] - points[loop].mean(axis=0)).T
+    sides = corner - np.roll(corner, 1, axis=1)
+    sliver_cost = np.sqrt(dot(sides, sides)).sum() ** 2  # above any area
+    forbidden = _joined_pairs(loop, edges)
+    # by first corner and number of sides of a chord; `_to` by last corner
+    cost, cost_to = np.full((2, k, k), np.inf)
+    cost[:, 1] = cost_to[:, 1] = 0.0
+    squared, squared_to = _squared_chords(corner)
+    apex = np.zeros((k, k), dtype=np.int64)
     for gap in range(2, k):
-        for i in range(k - gap):
-            j = i + gap
-            a, b = sorted((int(loop[i]), int(loop[j])))
-            if gap < k - 1 and (a, b) in edges:
-                continue
-            m = np.arange(i + 1, j)
-            area = np.linalg.norm(row_cross(corner[m] - corner[i], corner[j] - corner[i]), axis=1)
-            longest = np.maximum(np.maximum(squared[i, m], squared[m, j]), squared[i, j])
-            area += sliver_cost * (area <= SLIVER_AREA * longest)
-            area += SHAPE_WEIGHT * (squared[i, m] + squared[m, j] + squared[i, j])
-            total = cost[i, m] + cost[m, j] + area
-            best = int(total.argmin())
-            cost[i, j], apex[i, j] = total[best], m[best]
+        chord = sliding_window_view(corner, gap + 1, axis=1)
+        step = max(1, CACHED_TRIANGLES // gap)
+        for begin in range(0, k - gap, step):
+            end = min(begin + step, k - gap)
+            here, there = slice(begin, end), slice(begin + gap, end + gap)
+            ahead, back = slice(1, gap), slice(gap - 1, 0, -1)
+            total = _triangle_costs(
+                chord[:, here], squared[here, ahead], squared_to[there, back], squared[here, gap, None],
+                sliver_cost,
+            )  # fmt: skip
+            total += cost[here, ahead]
+            total += cost_to[there, back]
+            best, first = total.argmin(axis=1), np.arange(begin, end)
+            least = total[first - begin, best]
+            if gap < k - 1:
+                least[forbidden[first, first + gap]] = np.inf
+            cost[first, gap] = cost_to[first + gap, gap] = least
+            apex[first, gap] = first + 1 + best
     if not np.isfinite(cost[0, k - 1]):
         return None
     triangles, intervals = [], [(0, k - 1)]
     while intervals:
         i, j = intervals.pop()
         if j - i > 1:
-            middle = int(apex[i, j])
+            middle = int(apex[i, j - i])
             triangles.append((loop[i], loop[middle], loop[j]))
             intervals += [(i, middle), (middle, j)]
     return np.array(triangles, dtype=np.int64)
+
+
+def _squared_chords(corner: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(k, k) squared length of the chord over d sides from corner i on, and of that up to corner i."""
+    k = corner.shape[1]
+    one, other = np.arange(k)[:, None], np.arange(k)
+    chords = [corner[:, one] - corner[:, np.clip(one + sign * other, 0, k - 1)] for sign in (1, -1)]
+    return dot(chords[0], chords[0]), dot(chords[1], chords[1])
+
+
+def _triangle_costs(
+    chord: NDArray, ahead: NDArray, back: NDArray, across: NDArray, sliver_cost: float
+) -> NDArray[np.float64]:
+    """(c, g - 1) costs of the triangles between the ends of chords and the corners between them.
+
+    `chord` has the (3, c, g + 1) corners, `ahead`, `back` and `across` the squared lengths of the sides.
+    """
+    normal = cross(chord[:, :, 1:-1] - chord[:, :, :1], chord[:, :, -1:] - chord[:, :, :1])
+    area = np.sqrt(dot(normal, normal))
+    longest = np.maximum(np.maximum(ahead, back), across)
+    area += sliver_cost * (area <= SLIVER_AREA * longest)
+    area += SHAPE_WEIGHT * (ahead + back + across)
+    return area
+
+
+def _joined_pairs(loop: NDArray, edges: NDArray) -> NDArray[np.bool_]:
+    """(k, k) whether an edge joins two vertices of a loop."""
+    k, order = len(loop), np.argsort(loop)
+    place = np.searchsorted(loop, edges, sorter=order).clip(max=k - 1)
+    place = order[place]
+    i, j = place[(loop[place] == edges).all(axis=1)].T
+    joined = np.zeros((k, k), dtype=bool)
+    joined[i, j] = joined[j, i] = True
+    return joined

@@ -53,6 +53,7 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         delaunay_mesh,
         handles,
         harmonic_fields,
+        hole_triangles,
         mean_chord,
         offset_faces,
         picture_share,
@@ -104,6 +105,7 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         betti_number=harmonic_fields(mesh) if options.get("basis") else 0,
         n_components=n_components, equal_components=equal_components,
         offset_faces=n_offset,
+        hole_triangles=hole_triangles(mesh, options["fill_holes"]) if options.get("fill_holes") else 0.0,
         picture_share=shown, compared_work=balls,
     )  # fmt: skip
 

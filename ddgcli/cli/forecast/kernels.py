@@ -164,6 +164,8 @@ def _nothing(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
 
 def _repair(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     yield Use("repair")
+    if size.hole_triangles:
+        yield Use("repair holes", elements=size.hole_triangles)
 
 
 def _delaunay(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:

@@ -305,6 +305,18 @@ def component_counts(mesh: TriangleMesh | IntrinsicMesh) -> tuple[int, int]:
     return len(count), int(np.unique(alike, axis=0, return_counts=True)[1].max())
 
 
+def hole_triangles(mesh: TriangleMesh | IntrinsicMesh, most_edges: int) -> float:
+    """Triangles of three vertices of one boundary loop, of all loops of at most so many edges."""
+    import numpy as np
+
+    from ddgcli.mesh.components import connected_labels
+
+    rim = mesh.topology.edges[mesh.topology.boundary_edges]
+    label = connected_labels(rim[:, 0], rim[:, 1], mesh.n_vertices)[1]
+    count = np.bincount(label[rim[:, 0]])
+    return float((count[count <= most_edges].astype(float) ** 3).sum() / 6)
+
+
 def offset_faces(mesh: TriangleMesh, options: Mapping[str, Any]) -> int | None:
     """Faces of the offset body of a smooth surface with as many points; None where the run refuses it.
 

@@ -84,6 +84,8 @@ class InputSize:
     n_curves : int
     betti_number : int
         Of the harmonic fields.
+    hole_triangles : float
+        Triangles among which the fillings of the holes are chosen.
     compared_work : float
         Seconds of the rows of a comparison with balls over those on a sphere.
     compared_share : float
@@ -115,6 +117,7 @@ class InputSize:
     compactness: float = 1.0
     picture_share: float = 0.5
     betti_number: int = 0
+    hole_triangles: float = 0.0
     compared_work: float = 1.0
     compared_share: float = 1.0
 
