@@ -22,6 +22,7 @@ __all__ = [
     "scatter",
     "shapes",
     "sides",
+    "solid_components",
     "tet_mesh",
     "topology",
     "triangle_mesh",

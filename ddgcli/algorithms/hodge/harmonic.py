@@ -20,7 +20,9 @@ from ddgcli.algorithms.hodge.solid_homology import solid_cochains
 from ddgcli.choices import FIELD_BOUNDARIES
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.constrain import Dirichlet, floating_components
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.solid_components import solid_components
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.operators.dec import SimplicialMesh, complex_of
 from ddgcli.operators.stars import hodge_star
@@ -272,11 +274,29 @@ def harmonic_basis(mesh: SimplicialMesh, boundary: Boundary = "tangential") -> H
     -------
     HarmonicBasis
     """
+    if isinstance(mesh, TetMesh):
+        return _solid_basis(mesh, boundary)
+    return _basis(mesh, boundary)
+
+
+def _basis(mesh: SimplicialMesh, boundary: Boundary) -> HarmonicBasis:
+    """Basis of a surface, or of one component of a solid."""
     if boundary in FIELD_BOUNDARIES and not betti_numbers(mesh).of_boundary(boundary)[1]:
         return HarmonicBasis(np.zeros((0, complex_of(mesh).counts[1])), 0.0)
     projection = closed_projection(mesh, boundary)
     forms = projection.harmonic_forms()
     return HarmonicBasis(forms.T, projection.residual(forms))
+
+
+def _solid_basis(mesh: TetMesh, boundary: Boundary) -> HarmonicBasis:
+    """Bases of the components, one after the other: an iteration over all would stop by the largest body."""
+    components = solid_components(mesh)
+    bases = [_basis(component.mesh, boundary) for component in components]
+    start = list_starts([len(basis.forms) for basis in bases])
+    forms = np.zeros((start[-1], len(mesh.edges)))
+    for component, basis, first in zip(components, bases, start):
+        forms[first : first + len(basis.forms), component.edges] = basis.forms
+    return HarmonicBasis(forms, max((basis.residual for basis in bases), default=0.0))
 
 
 def _orthonormal(columns: NDArray, gram: Callable[[NDArray], NDArray]) -> NDArray[np.float64]:

@@ -21,6 +21,7 @@ from ddgcli.algorithms.hodge.decomposition import (
 )
 from ddgcli.algorithms.hodge.harmonic import HarmonicBasis, harmonic_basis
 from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, generator_loops
+from ddgcli.algorithms.hodge.solid_decomposition import component_numbers, joined_decomposition
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
 from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.geometry.cures import cure_of_bad_shapes, warn_of_pieces
@@ -28,6 +29,7 @@ from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.require import refuse_flat_faces, require, require_manifold_body
 from ddgcli.mesh.requirements import require_sized_cells
+from ddgcli.mesh.solid_components import solid_components
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import complex_of
@@ -249,16 +251,31 @@ def field_place(mesh: SpaceMesh, array: NDArray, place: str) -> str:
 
 
 def _decomposed(mesh: SpaceMesh, array: NDArray, place: str, boundary: Boundary) -> HodgeDecomposition:
-    """Decomposition of a field, computed at a size of about 1, whose squares are in the range of numbers."""
+    """Decomposition of a field; of a solid by components: an iteration over all stops by the largest."""
     array = finite_field(array, len(array), place)
+    if not isinstance(mesh, TetMesh):
+        return _decomposed_in_range(mesh, array, place, boundary)
+    components = solid_components(mesh)
+    splits = [
+        _decomposed_in_range(component.mesh, array[component_numbers(component, place)], place, boundary)
+        for component in components
+    ]
+    split = joined_decomposition(mesh, components, splits, place)
+    _check_range(np.array(list(split.norms.values())))
+    return split
+
+
+def _decomposed_in_range(
+    mesh: SpaceMesh, array: NDArray, place: str, boundary: Boundary
+) -> HodgeDecomposition:
+    """Decomposition of a field, computed at a size of about 1, whose squares are in the range of numbers."""
     exponent = int(np.frexp(np.abs(array).max(initial=0.0))[1])
     split = _decomposed_at_unit_size(mesh, np.ldexp(array, -exponent), place, boundary)
 
     def scaled(values: NDArray) -> NDArray[np.float64]:
         with np.errstate(over="ignore"):
             result = np.ldexp(values, exponent)
-        if not np.isfinite(result).all():
-            raise ParameterError("its parts or their norms are beyond 1e308; rescale it", parameter="field")
+        _check_range(result)
         return result
 
     copotential = split.copotential
@@ -267,6 +284,11 @@ def _decomposed(mesh: SpaceMesh, array: NDArray, place: str, boundary: Boundary)
         potential=scaled(split.potential), copotential=None if copotential is None else scaled(copotential),
         norms={name: float(scaled(np.array(norm))) for name, norm in split.norms.items()},
     )  # fmt: skip
+
+
+def _check_range(values: NDArray) -> None:
+    if not np.isfinite(values).all():
+        raise ParameterError("its parts or their norms are beyond 1e308; rescale it", parameter="field")
 
 
 def _decomposed_at_unit_size(
