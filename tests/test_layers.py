@@ -49,7 +49,7 @@ TOPICS = {
     "delaunay": {"tracing"},
     "curvature": {"delaunay"},
     "conformal": {"delaunay"},
-    "laplacian": {"delaunay", "conformal"},
+    "laplacian": {"delaunay", "conformal", "hodge"},
     "geodesics": {"tracing", "delaunay"},
     "tangent_fields": {"tracing", "delaunay", "geodesics"},
 }

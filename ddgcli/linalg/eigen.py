@@ -70,6 +70,38 @@ class Eigenpairs:
     __repr__ = short_repr
 
 
+@dataclass(frozen=True, eq=False)
+class NullSpace:
+    """Null space of a stiffness, and multiples of the mass that make the stiffness definite.
+
+    Parameters
+    ----------
+    vectors : (n, c) ndarray of float64
+        M-orthonormal, each on one component. A basis, or as many vectors of one as pairs are computed.
+    shift : (n,) ndarray of float64
+        Of the size of the smallest eigenvalues of the component of each unknown, and constant there.
+    """
+
+    vectors: NDArray[np.float64]
+    shift: NDArray[np.float64]
+
+    __repr__ = short_repr
+
+    def of_unknowns(self, rows: NDArray) -> NullSpace:
+        """Null space of the components with these unknowns.
+
+        Parameters
+        ----------
+        rows : (m,) ndarray of int64
+
+        Returns
+        -------
+        NullSpace
+        """
+        vectors = self.vectors[rows]
+        return NullSpace(vectors[:, vectors.any(axis=0)], self.shift[rows])
+
+
 def smallest_eigenpairs(
     stiffness: sparray,
     mass: sparray,
@@ -77,6 +109,7 @@ def smallest_eigenpairs(
     *,
     seed: int = 0,
     progress: ProgressCallback | None = None,
+    null_space: NullSpace | None = None,
     **options: Any,
 ) -> Eigenpairs:
     """The k smallest eigenpairs of a semidefinite stiffness with a positive definite mass.
@@ -84,8 +117,8 @@ def smallest_eigenpairs(
     Parameters
     ----------
     stiffness : (n, n) sparse array
-        Symmetric positive semidefinite; its null space is the constants of the components whose rows sum to
-        zero. These pairs are exact; the others are computed in their complement, so that no shift is needed.
+        Symmetric positive semidefinite. The pairs of its null space are exact; the others are computed in
+        their complement.
     mass : (n, n) sparse array
         Symmetric positive definite.
     k : int
@@ -93,6 +126,8 @@ def smallest_eigenpairs(
         Of the starting block.
     progress : callable, optional
         Called with (converged pairs, k).
+    null_space : NullSpace, optional
+        Default the constants of the components whose rows sum to zero, which need no shift.
     options
         Passed on to `Factor`.
 
@@ -115,14 +150,21 @@ def smallest_eigenpairs(
     if len(groups) > 1:
         solved = [
             smallest_eigenpairs(
-                L[rows][:, rows], M[rows][:, rows], min(k, len(rows)), seed=seed, progress=progress, **options
+                L[rows][:, rows],
+                M[rows][:, rows],
+                min(k, len(rows)),
+                seed=seed,
+                progress=progress,
+                null_space=null_space and null_space.of_unknowns(rows),
+                **options,
             )
             for rows in groups
         ]
         return _merged(solved, groups, k)
     # masses near 1, by a power of 4 without rounding: squares of huge and tiny masses over- or underflow
     unit = 4.0 ** round(0.5 * math.log2(float(np.abs(M.data).max(initial=0.0)) or 1.0))
-    pairs = _scaled_eigenpairs(L, M / unit, k, seed, progress, options)
+    scaled = null_space and NullSpace(null_space.vectors * math.sqrt(unit), null_space.shift * unit)
+    pairs = _scaled_eigenpairs(L, M / unit, k, seed, progress, scaled, options)
     return replace(pairs, values=pairs.values / unit, vectors=pairs.vectors / math.sqrt(unit))
 
 
@@ -165,32 +207,47 @@ def _merged(solved: list[Eigenpairs], groups: list[NDArray[np.int64]], k: int) -
 
 
 def _scaled_eigenpairs(
-    L: csr_array, M: csr_array, k: int, seed: int, progress: ProgressCallback | None, options: dict[str, Any]
+    L: csr_array,
+    M: csr_array,
+    k: int,
+    seed: int,
+    progress: ProgressCallback | None,
+    null_space: NullSpace | None,
+    options: dict[str, Any],
 ) -> Eigenpairs:
     """`smallest_eigenpairs` for masses near 1."""
     n, label, weight = L.shape[0], floating_components(L), M @ np.ones(L.shape[0])
-    null = _null_vectors(label, weight, k)
-    if n <= MAX_DENSE_SIZE or 3 * k > n:
-        return _with_residuals(L, M, *_dense(M, Poisson(L, weight, **options), null, k), complete=True)
+    definite, shift = L, 0.0
+    if null_space is None:
+        null = _null_vectors(label, weight, k)
+    else:
+        # the least of the components, beside which no eigenvalue loses digits
+        null, shift = null_space.vectors[:, :k], float(null_space.shift.min())
+        definite = csr_array(L + shift * M)
     if null.shape[1] == k:
         return _with_residuals(L, M, np.zeros(k), null, complete=True)
-    inverse = _shifted(L, M, k, **options) or _pinned(L, M, weight, options)
-    n_null = int(label.max(initial=-1)) + 1
-    values, vectors, complete = _lanczos(M, inverse, null, k - null.shape[1], n_null, seed, progress)
+    if n <= MAX_DENSE_SIZE or 3 * k > n:
+        values, vectors = _dense(M, Poisson(definite, weight, **options), shift, null, k)
+        return _with_residuals(L, M, values, vectors, complete=True)
+    inverse = _shifted(L, M, k, **options) or _pinned(L, definite, M, weight, shift, options)
+    values, vectors, complete = _lanczos(M, inverse, null, k - null.shape[1], seed, progress)
     values = _with_small_values(L, M, label, values, vectors, SMALL * inverse.shift)
     values = np.concatenate([np.zeros(null.shape[1]), values])
     pairs = _with_residuals(L, M, values, np.column_stack([null, vectors]), complete=complete)
     return replace(pairs, solver=inverse.solver)
 
 
-def _dense(M: csr_array, problem: Poisson, null: NDArray, k: int) -> tuple[NDArray, NDArray]:
-    """All eigenpairs of the inverse, whose largest are the smallest ones to full relative precision."""
+def _dense(M: csr_array, problem: Poisson, shift: float, null: NDArray, k: int) -> tuple[NDArray, NDArray]:
+    """All eigenpairs of the inverse of L + shift M, whose largest are the smallest to full precision."""
     c = null.shape[1]
     R = cholesky(M.toarray())
     inverse = R @ problem.apply_inverse(np.asfortranarray(R.T))
+    excluded = R @ null
+    for _ in range(2):  # the inverse is symmetric
+        inverse = inverse.T - excluded @ (excluded.T @ inverse.T)
     theta, S = eigh(0.5 * (inverse + inverse.T))
     theta, S = theta[::-1][: k - c], S[:, ::-1][:, : k - c]
-    return np.concatenate([np.zeros(c), 1.0 / theta]), np.column_stack([null, solve_triangular(R, S)])
+    return np.concatenate([np.zeros(c), 1.0 / theta - shift]), np.column_stack([null, solve_triangular(R, S)])
 
 
 def _null_vectors(label: NDArray, weight: NDArray, k: int) -> NDArray[np.float64]:
@@ -257,9 +314,11 @@ def _shifted(L: csr_array, M: csr_array, k: int, solver: str | None = None) -> _
     return _Inverse(shifted.solve, count, "multifrontal", shifted.shift, SHIFTED_WIDTH)
 
 
-def _pinned(L: csr_array, M: csr_array, weight: NDArray, options: dict[str, Any]) -> _Inverse:
-    """Inverse of L in the complement of its null space, with the solver of `Factor`."""
-    problem = Poisson(L, weight, **options)
+def _pinned(
+    L: csr_array, definite: csr_array, M: csr_array, weight: NDArray, shift: float, options: dict[str, Any]
+) -> _Inverse:
+    """Inverse of `definite`, L + shift M, in the complement of constants, with the solver of `Factor`."""
+    problem = Poisson(definite, weight, **options)
     if problem.factor.iterative:
         problem.factor.iterative.sufficient_residual = ITERATIVE_RESIDUAL
 
@@ -277,7 +336,7 @@ def _pinned(L: csr_array, M: csr_array, weight: NDArray, options: dict[str, Any]
                 return below
         return count_below(L, M, value, order)
 
-    return _Inverse(problem.pinned_solve, count, problem.factor.solver)
+    return _Inverse(problem.pinned_solve, count, problem.factor.solver, -shift)
 
 
 def _lanczos(
@@ -285,11 +344,10 @@ def _lanczos(
     inverse: _Inverse,
     null: NDArray,
     k: int,
-    n_null: int,
     seed: int,
     progress: ProgressCallback | None,
 ) -> tuple[NDArray, NDArray, bool]:
-    """The k smallest eigenpairs orthogonal to `null`, and whether none is missing; `n_null` zero eigenvalues.
+    """The k smallest eigenpairs orthogonal to the null space `null`, and whether none is missing.
 
     A diagonal mass is applied on both sides, M^(1/2) (L - shift M)^-1 M^(1/2), so that the inner product is
     Euclidean.
@@ -307,7 +365,7 @@ def _lanczos(
     inner = M if root is None else None
     search = BlockLanczos(apply, inner, excluded, seed, lambda theta: _ascending(theta, shift), inverse.width)
     theta, vectors, complete = search.first(
-        k, lambda theta: _none_missing(theta, inverse, n_null, search.width), progress
+        k, lambda theta: _none_missing(theta, inverse, null.shape[1], search.width), progress
     )
     if not complete:
         log.warning("eigenvalues below the last one are missing; compute fewer, or check the list")
@@ -317,7 +375,7 @@ def _lanczos(
 def _ascending(theta: NDArray, shift: float) -> NDArray[np.int64]:
     """Order of Ritz values 1 / (lambda - shift) by lambda; of negative lambda (not converged) last."""
     value = shift + 1.0 / np.where(theta == 0, np.finfo(float).tiny, theta)
-    return np.lexsort((value, value < -ROUNDING * shift))
+    return np.lexsort((value, value < -ROUNDING * abs(shift)))
 
 
 def _none_missing(theta: NDArray, inverse: _Inverse, n_null: int, width: int) -> bool:

@@ -12,6 +12,11 @@ from ddgcli.algorithms.laplacian.spectrum import spectrum
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.dec import complex_of
+from ddgcli.operators.stars import hodge_star
+from tests.exact.test_homology import ring_tets
 
 TORUS = shapes.torus(14, 10)
 BOX = shapes.box_tetrahedra(3, 3, 3, (1.0, 1.3, 0.8))
@@ -26,6 +31,56 @@ def test_the_kernel_has_the_dimension_of_the_first_betti_number(mesh, betti):
     assert result.kernel == betti_numbers(mesh).absolute[1] == betti
     assert (result.pairs.values[:betti] == 0).all() and result.pairs.values[betti] > 0.1
     assert result.pairs.complete and result.pairs.residuals.max() < 1e-10
+
+
+def joined(meshes):
+    """Meshes of one class as the components of one mesh."""
+    first = np.cumsum([0, *(m.n_vertices for m in meshes)])
+    cells = [m.tetrahedra if isinstance(m, TetMesh) else m.faces for m in meshes]
+    points = np.concatenate([m.points + 9.0 * k for k, m in enumerate(meshes)])
+    return type(meshes[0]).from_arrays(points, np.concatenate([c + n for c, n in zip(cells, first)]))
+
+
+def graded_ring(inner):
+    """Annulus of radii `inner` and 1 with faces of one shape."""
+    ring = shapes.cylinder(24, 40)
+    x, y, z = ring.points.T
+    radius = inner ** ((z - z.min()) / np.ptp(z))
+    return TriangleMesh.from_arrays(np.stack([radius * x, radius * y, 0 * z], axis=1), ring.faces)
+
+
+@pytest.mark.parametrize("inner", [1e-3, 1e-8])
+def test_a_ring_with_a_small_hole_has_one_harmonic_form(inner):
+    mesh = graded_ring(inner)
+    result = form_spectrum(mesh, 9)
+    assert result.kernel == betti_numbers(mesh).absolute[1] == 1
+    assert result.pairs.values[0] == 0 and result.pairs.values[1] > 1
+    functions = spectrum(laplace_operator(mesh, "cotan"), 4).values[1:]
+    for value in functions:  # the gradients of eigenfunctions
+        assert np.abs(result.pairs.values / value - 1).min() < 1e-8
+
+
+@pytest.mark.parametrize(
+    "large, small",
+    [(TORUS, shapes.cylinder(8, 3)), (ring_tets(), ring_tets()), (TORUS, shapes.torus(24, 18))],
+)
+def test_components_of_other_sizes_keep_their_harmonic_forms(large, small):
+    mesh = joined([large, small.moved(1e-6 * small.points)])
+    result, alone = form_spectrum(mesh, 9), form_spectrum(large, 9)
+    kernel = betti_numbers(mesh).absolute[1]
+    assert result.kernel == kernel and (result.pairs.values[:kernel] == 0).all()
+    positive = alone.pairs.values[alone.kernel :]
+    assert result.pairs.values[kernel:] == pytest.approx(positive[: 9 - kernel], rel=1e-9)
+    star = hodge_star(complex_of(mesh), 1)
+    gram = result.pairs.vectors.T @ (star @ result.pairs.vectors)
+    assert gram == pytest.approx(np.eye(9), abs=1e-8)
+
+
+def test_fewer_forms_than_the_betti_number_are_all_harmonic():
+    mesh = joined([TORUS, TORUS])
+    result = form_spectrum(mesh, 3)
+    assert result.kernel == 3 and (result.pairs.values == 0).all() and result.pairs.residuals.max() < 1e-12
+    assert np.abs(complex_of(mesh).derivatives[1] @ result.pairs.vectors).max() < 1e-12
 
 
 @pytest.mark.parametrize("mesh", [TORUS, shapes.grid(6, 5), BOX])

@@ -8,10 +8,11 @@ from scipy.linalg import eigh
 from scipy.sparse import block_diag, csc_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import eigsh
 
+from ddgcli.algorithms.hodge.harmonic import harmonic_basis
 from ddgcli.errors import ParameterError
 from ddgcli.linalg import eigen, lanczos
 from ddgcli.linalg.backends import cholmod_available
-from ddgcli.linalg.eigen import count_below, smallest_eigenpairs
+from ddgcli.linalg.eigen import NullSpace, count_below, smallest_eigenpairs
 from ddgcli.linalg.shift_invert import ShiftInvert
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -144,6 +145,21 @@ def test_counts_of_the_shifted_factor_are_the_inertia(boundary):
         below = int((values < value).sum())
         assert shifted.count_below(value) == below
         assert count_below(three, diags_array(masses), value) == below
+
+
+@pytest.mark.parametrize("solver", ["superlu", "multifrontal", "conjugate-gradients"])
+@pytest.mark.parametrize("n, k", [(6, 8), (16, 8), (16, 2), (16, 1)])  # dense, Lanczos, no other pair
+def test_pairs_beside_a_null_space_are_those_of_a_dense_solver(solver, n, k):
+    mesh = shapes.torus(n, 12)
+    L, star = form_laplacian(complex_of(mesh), 1)
+    forms = harmonic_basis(mesh).forms.T
+    kernel = NullSpace(forms, np.full(len(forms), 0.1))
+    pairs = smallest_eigenpairs(L, star, k, null_space=kernel, solver=solver)
+    expected = eigh(L.toarray(), star.toarray(), eigvals_only=True)[:k]
+    assert (pairs.values[:2] == 0).all() and pairs.complete
+    assert pairs.values == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert np.abs(pairs.vectors.T @ (star @ pairs.vectors) - np.eye(k)).max() < 1e-9
+    assert pairs.residuals.max() < 1e-10
 
 
 @pytest.mark.parametrize("mass", [lumped_mass, galerkin_mass])

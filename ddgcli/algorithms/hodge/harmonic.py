@@ -129,9 +129,9 @@ class ClosedProjection:
             return np.zeros(self.complex.counts[1])
         return self.closed_part(load) - self.derivative @ self.potential(load)
 
-    def harmonic_forms(self) -> NDArray[np.float64]:
-        """(e, b) orthonormal harmonic 1-forms."""
-        cochains = self.cochains.toarray()
+    def harmonic_forms(self, count: int | None = None) -> NDArray[np.float64]:
+        """(e, b) orthonormal harmonic 1-forms, of all classes or of the first `count`."""
+        cochains = self.cochains[:, :count].toarray()
         exact = np.zeros_like(cochains)
         if cochains.shape[1]:
             load = self.derivative.T @ (self.star1 @ cochains)
@@ -213,9 +213,9 @@ class SolidProjection(ClosedProjection):
         forms = self.harmonic_forms()
         return forms @ (forms.T @ load)
 
-    def harmonic_forms(self) -> NDArray[np.float64]:
+    def harmonic_forms(self, count: int | None = None) -> NDArray[np.float64]:
         zero = np.zeros(self.complex.counts[0])
-        columns = [self._refined(zero, form)[1] for form in self.cochains.toarray().T]
+        columns = [self._refined(zero, form)[1] for form in self.cochains[:, :count].toarray().T]
         root = np.sqrt(self.complex.metric.measure)[:, None]
 
         def gram(forms: NDArray) -> NDArray[np.float64]:
@@ -260,7 +260,9 @@ class HarmonicBasis:
     __repr__ = short_repr
 
 
-def harmonic_basis(mesh: SimplicialMesh, boundary: Boundary = "tangential") -> HarmonicBasis:
+def harmonic_basis(
+    mesh: SimplicialMesh, boundary: Boundary = "tangential", *, count: int | None = None
+) -> HarmonicBasis:
     """Orthonormal basis of the harmonic 1-forms; its size is the first Betti number (relative for `normal`).
 
     Whitney forms, Galerkin star: closed exactly, divergence-free against every vertex function.
@@ -269,34 +271,36 @@ def harmonic_basis(mesh: SimplicialMesh, boundary: Boundary = "tangential") -> H
     ----------
     mesh : TriangleMesh, IntrinsicMesh or TetMesh
     boundary : {'tangential', 'normal'}
+    count : int, optional
+        Of the forms, where fewer than the Betti number are needed.
 
     Returns
     -------
     HarmonicBasis
     """
     if isinstance(mesh, TetMesh):
-        return _solid_basis(mesh, boundary)
-    return _basis(mesh, boundary)
+        return _solid_basis(mesh, boundary, count)
+    return _basis(mesh, boundary, count)
 
 
-def _basis(mesh: SimplicialMesh, boundary: Boundary) -> HarmonicBasis:
+def _basis(mesh: SimplicialMesh, boundary: Boundary, count: int | None) -> HarmonicBasis:
     """Basis of a surface, or of one component of a solid."""
     if boundary in FIELD_BOUNDARIES and not betti_numbers(mesh).of_boundary(boundary)[1]:
         return HarmonicBasis(np.zeros((0, complex_of(mesh).counts[1])), 0.0)
     projection = closed_projection(mesh, boundary)
-    forms = projection.harmonic_forms()
+    forms = projection.harmonic_forms(count)
     return HarmonicBasis(forms.T, projection.residual(forms))
 
 
-def _solid_basis(mesh: TetMesh, boundary: Boundary) -> HarmonicBasis:
+def _solid_basis(mesh: TetMesh, boundary: Boundary, count: int | None) -> HarmonicBasis:
     """Bases of the components, one after the other: an iteration over all would stop by the largest body."""
     components = solid_components(mesh)
-    bases = [_basis(component.mesh, boundary) for component in components]
+    bases = [_basis(component.mesh, boundary, count) for component in components]
     start = list_starts([len(basis.forms) for basis in bases])
     forms = np.zeros((start[-1], len(mesh.edges)))
     for component, basis, first in zip(components, bases, start):
         forms[first : first + len(basis.forms), component.edges] = basis.forms
-    return HarmonicBasis(forms, max((basis.residual for basis in bases), default=0.0))
+    return HarmonicBasis(forms[:count], max((basis.residual for basis in bases), default=0.0))
 
 
 def _orthonormal(columns: NDArray, gram: Callable[[NDArray], NDArray]) -> NDArray[np.float64]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
+from ddgcli.algorithms.hodge.harmonic import harmonic_basis
 from ddgcli.errors import ParameterError
-from ddgcli.linalg.eigen import Eigenpairs, smallest_eigenpairs
+from ddgcli.linalg.eigen import Eigenpairs, NullSpace, smallest_eigenpairs
+from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.require import refuse_flat_cells, require, require_manifold_body, require_manifold_cells
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -18,9 +19,6 @@ from ddgcli.operators.dec_matrices import form_laplacian
 from ddgcli.operators.whitney import sharp
 from ddgcli.progress import ProgressCallback
 from ddgcli.representation import short_repr
-
-# of the shift 1 / (length of the mesh)^2: smaller eigenvalues are zero. Rounding leaves about 1e-13.
-ZERO_EIGENVALUE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +81,8 @@ def form_spectrum(
     """The k smallest eigenpairs of (d delta + delta d) a = lambda a on 1-forms.
 
     Whitney forms with their Galerkin star; the star of functions in delta is lumped. The boundary is natural:
-    forms are tangential to it, so that the kernel has the dimension of the first Betti number.
+    forms are tangential to it. The kernel is the `harmonic_basis`, as many forms as the first Betti number,
+    whatever the sizes of cells and components.
 
     Parameters
     ----------
@@ -108,10 +107,14 @@ def form_spectrum(
     """
     complex_ = check_forms(mesh, k)
     L, star = form_laplacian(complex_, 1)
-    # the kernel is not that of constants: a shift of the size of the first eigenvalue makes L definite
-    shift = float(complex_.metric.measure.sum()) ** (-2.0 / complex_.dimension)
-    shifted = smallest_eigenpairs(csr_array(L + shift * star), star, k, seed=seed, progress=progress)
-    values = shifted.values - shift
-    zero = np.abs(values) < ZERO_EIGENVALUE * shift
-    pairs = replace(shifted, values=np.where(zero, 0.0, values))
-    return FormSpectrum(pairs, complex_.edges, sharp(mesh, pairs.vectors.T), int(zero.sum()))
+    null_space = NullSpace(harmonic_basis(mesh, count=k).forms.T, _shift(complex_))
+    pairs = smallest_eigenpairs(L, star, k, seed=seed, progress=progress, null_space=null_space)
+    return FormSpectrum(pairs, complex_.edges, sharp(mesh, pairs.vectors.T), int((pairs.values == 0).sum()))
+
+
+def _shift(complex_: Complex) -> NDArray[np.float64]:
+    """(e,) 1 / length^2 of the component of each edge, the size of its first eigenvalue."""
+    tail, head = complex_.edges.T
+    label = connected_labels(tail, head, complex_.counts[0])[1]
+    measure = np.bincount(label[complex_.corners[:, 0]], complex_.metric.measure)
+    return np.power(measure[label[tail]], -2.0 / complex_.dimension)
