@@ -14,13 +14,15 @@ from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import FLAT_AREA_TOLERANCE, TriangleMesh
-from ddgcli.mesh.vectors import row_cross
+from ddgcli.mesh.vectors import row_cross, vector_length
 
 if TYPE_CHECKING:
     from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 
 SAMPLE_SIZE = 1000  # faces
-LENGTH_RANGE = (1e-140, 1e140)  # lengths whose squares, and sums of them, do not overflow
+# by dimension, longest edges whose squares (areas) or cubes (volumes) lie within 1e-280 .. 1e280: the
+# cells of a fine mesh are smaller, sums are larger, and numbers below 1e-292 have fewer digits
+LENGTH_RANGE = {2: (1e-140, 1e140), 3: (1e-93, 1e93)}
 PLANE_TOLERANCE = 1e-9  # height of a component over its extent
 
 
@@ -166,7 +168,8 @@ def _surely_sized(mesh: SurfaceMesh) -> bool:
         return False
     ends = mesh.points[mesh.faces[:SAMPLE_SIZE, :2]]
     least = np.abs(ends[:, 0] - ends[:, 1]).max()
-    return bool(LENGTH_RANGE[0] < least and _extent(mesh) < 0.5 * LENGTH_RANGE[1])
+    low, high = LENGTH_RANGE[2]
+    return bool(low < least and _extent(mesh) < 0.5 * high)
 
 
 def _extent(mesh: TriangleMesh) -> float:
@@ -175,26 +178,47 @@ def _extent(mesh: TriangleMesh) -> float:
     return float((high - low).max())
 
 
-def check_size(longest: float, *, in_range: bool = True) -> None:
-    """Raise an error for a surface whose longest side is zero or not in the range of its square.
+def check_size(longest: float, *, in_range: bool = True, dimension: int = 2) -> None:
+    """Raise an error for a mesh whose longest edge is zero or not in the range of its square or cube.
 
     Parameters
     ----------
     longest : float
-        Longest side.
+        Longest edge.
     in_range : bool
-        Also refuse lengths whose square underflows or overflows.
+        Also refuse lengths whose power underflows or overflows.
+    dimension : {2, 3}
+        Of a surface, or a solid.
 
     Raises
     ------
     MeshError
     """
+    noun, power = {2: ("surface", "squared"), 3: ("solid", "cubed")}[dimension]
+    low, high = LENGTH_RANGE[dimension]
     if longest == 0:
-        raise MeshError("every vertex is at the same place: there is no surface; correct the coordinates")
-    if in_range and not LENGTH_RANGE[0] < longest < LENGTH_RANGE[1]:
+        raise MeshError(f"every vertex is at the same place: there is no {noun}; correct the coordinates")
+    if in_range and not low < longest < high:
         raise MeshError(
-            f"the size of the surface, {longest:.3g}, over- or underflows if squared; rescale the mesh"
+            f"the size of the {noun}, {longest:.3g}, over- or underflows if {power}; rescale the mesh"
         )
+
+
+def require_sized_solid(mesh: TetMesh) -> None:
+    """Raise an error for tetrahedra without volume, or volumes that leave the range of numbers.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+
+    Raises
+    ------
+    MeshError
+    """
+    ends = mesh.points[mesh.edges]
+    if len(ends):
+        check_size(float(vector_length(ends[:, 1] - ends[:, 0]).max()), dimension=3)
+    refuse_flat_cells(mesh.flat_tetrahedra, len(mesh.tetrahedra))
 
 
 def require_manifold_body(mesh: TetMesh, verb: str) -> None:

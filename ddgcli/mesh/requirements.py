@@ -11,12 +11,12 @@ from ddgcli.errors import MeshError, counted
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.require import (
-    refuse_flat_cells,
     refuse_flat_faces,
     require,
     require_area,
     require_manifold_body,
     require_manifold_cells,
+    require_sized_solid,
 )
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -200,7 +200,7 @@ def require_sized_cells(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> N
     requirement = REQUIREMENTS[verb]
     if isinstance(mesh, TetMesh):
         if requirement.volume:
-            refuse_flat_cells(mesh.flat_tetrahedra, len(mesh.tetrahedra))
+            require_sized_solid(mesh)
         if requirement.positive_volume and (mesh.signed_volume < 0).any():
             bad = np.flatnonzero(mesh.signed_volume < 0)
             what = counted(len(bad), "tetrahedron is inverted", "tetrahedra are inverted")

@@ -25,7 +25,7 @@ from ddgcli.geometry.cells import (
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.edge_lookup import edge_numbers
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-from ddgcli.mesh.require import refuse_flat_cells
+from ddgcli.mesh.require import require_sized_solid
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh, parity
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -181,7 +181,7 @@ def _surface_complex(mesh: TriangleMesh | IntrinsicMesh) -> Complex:
 
 def _tet_complex(mesh: TetMesh) -> Complex:
     tets = mesh.tetrahedra
-    refuse_flat_cells(mesh.flat_tetrahedra, len(tets))  # by positions, as repairs: lengths round otherwise
+    require_sized_solid(mesh)  # by positions, as repairs: lengths round otherwise
     local = tets[:, TET_EDGES]
     edges, faces = mesh.edges, mesh.triangles
     edge_sign = np.where(local[..., 0] < local[..., 1], 1, -1)

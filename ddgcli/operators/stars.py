@@ -191,10 +191,11 @@ def _whitney_mass1(c: Complex) -> NDArray:
 
 def _whitney_mass2(c: Complex) -> NDArray:
     """Flux form of the face opposite corner a is (x - x_a) / (3 volume)."""
-    w = _coordinate_products(c)
+    # means, as an integral by the square of the volume has powers of lengths that leave the range of numbers
+    w = _coordinate_products(c) / c.metric.measure[:, None, None]
     mass = np.zeros_like(w)
     for a in range(4):
         for b in range(4):
             dots = sum(w[:, i, j] * c.metric.dot(a, i, b, j) for i in range(4) for j in range(4))
-            mass[:, a, b] = dots / (9.0 * c.metric.measure**2)
+            mass[:, a, b] = dots / (9.0 * c.metric.measure)
     return mass

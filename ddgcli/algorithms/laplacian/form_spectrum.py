@@ -11,7 +11,12 @@ from ddgcli.algorithms.hodge.harmonic import harmonic_basis
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.eigen import Eigenpairs, NullSpace, smallest_eigenpairs
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.require import refuse_flat_cells, require, require_manifold_body, require_manifold_cells
+from ddgcli.mesh.require import (
+    require,
+    require_manifold_body,
+    require_manifold_cells,
+    require_sized_solid,
+)
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import Complex, complex_of
@@ -62,7 +67,7 @@ def check_forms(mesh: TriangleMesh | TetMesh, k: int) -> Complex:
     MeshError, ParameterError
     """
     if isinstance(mesh, TetMesh):
-        refuse_flat_cells(mesh.flat_tetrahedra, len(mesh.tetrahedra))
+        require_sized_solid(mesh)
         require_manifold_cells(mesh)
         require_manifold_body(mesh, "`form_eigen`")
     surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
