@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.tet_mesh import TetMesh
 
@@ -49,23 +48,19 @@ def solid_components(mesh: TetMesh) -> list[SolidComponent]:
     [[0, 1, 2, 3, 4, 5], [6, 7, 8, 9, 10, 11]]
     """
     tets = mesh.tetrahedra
-    label = connected_labels(tets[:, :-1], tets[:, 1:], mesh.n_vertices)[1]
-    used, number = np.unique(label[tets[:, 0]], return_inverse=True)
-    component = np.full(int(label.max(initial=-1)) + 1, len(used))
-    component[used] = np.arange(len(used))
-    of_vertex = component[label]
-    of_simplices = (of_vertex, of_vertex[mesh.edges[:, 0]], of_vertex[mesh.triangles[:, 0]], number)
+    of_vertex = mesh.vertex_component
+    labels = [of_vertex, *(of_vertex[simplex[:, 0]] for simplex in (mesh.edges, mesh.triangles, tets))]
     place = np.empty(mesh.n_vertices, dtype=np.int64)
     result = []
-    for numbers in zip(*(_members(label, len(used)) for label in of_simplices)):
+    for numbers in zip(*map(_members, labels)):
         vertices, cells = numbers[0], numbers[3]
         place[vertices] = np.arange(len(vertices))
         result.append(SolidComponent(TetMesh(mesh.points[vertices], place[tets[cells]]), *numbers))
     return result
 
 
-def _members(label: NDArray, count: int) -> list[NDArray[np.int64]]:
-    """Ascending numbers of the items of each label below `count`."""
-    start = list_starts(np.bincount(label, minlength=count)[:count])
+def _members(label: NDArray) -> list[NDArray[np.int64]]:
+    """Ascending numbers of the items of each label; those of -1 are left out."""
+    start = list_starts(np.bincount(label + 1))
     order = np.argsort(label, kind="stable")
-    return [order[first:end] for first, end in zip(start, start[1:])]
+    return [order[first:end] for first, end in zip(start[1:], start[2:])]
