@@ -11,6 +11,7 @@ from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import repeated_rows
 from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_side_blocks
@@ -61,26 +62,34 @@ def _has_thin_triangles(mesh: TriangleMesh) -> bool:
 def warn_of_pieces(mesh: TriangleMesh | TetMesh) -> None:
     """Warn of components whose boundaries meet at equal positions: a mesh in pieces, which a weld joins.
 
+    Where edges (faces) of the boundaries do not coincide, as at T-junctions, a weld makes vertices of several
+    fans instead.
+
     Parameters
     ----------
     mesh : TriangleMesh or TetMesh
     """
     if isinstance(mesh, TetMesh):
-        what, defect = "body", "bodies in pieces"
-        of_vertex, boundary = mesh.vertex_component, np.unique(mesh.boundary.faces)
+        what, side, defect = "body", "face", "bodies in pieces"
+        of_vertex, rim = mesh.vertex_component, mesh.boundary.faces
     else:
-        what, defect = "surface", "equal positions"
-        of_vertex, boundary = mesh.topology.vertex_component, np.flatnonzero(mesh.topology.boundary_vertex)
+        what, side, defect = "surface", "edge", "equal positions"
+        of_vertex, rim = mesh.topology.vertex_component, mesh.topology.edges[mesh.topology.boundary_edges]
     n = int(of_vertex.max(initial=-1)) + 1
-    if not len(boundary) or n < 2:
+    if not len(rim) or n < 2:
         return
+    boundary, ends = np.unique(rim, return_inverse=True)
     place = merged_points(mesh.points[boundary])[1]
     label = connected_labels(of_vertex[boundary], n + place, n + int(place.max()) + 1)[1][:n]
     n_touching = int((np.bincount(label)[label] > 1).sum())
     if n_touching:
+        advice = cure(defect)
+        if not len(repeated_rows(np.sort(place[ends.reshape(rim.shape)], axis=1))):
+            advice = f"no {side}s of theirs coincide (T-junctions), so that a weld joins vertices alone; "
+            advice += f"divide the {side}s so that they match"
         logging.getLogger("ddgcli").warning(
             "%d of %d components have boundary vertices at equal positions, where nothing connects them: the "
-            "%s is in pieces; %s", n_touching, n, what, cure(defect),
+            "%s is in pieces; %s", n_touching, n, what, advice,
         )  # fmt: skip
 
 
