@@ -229,6 +229,7 @@ def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
 
     for known in (
         seconds("geodesic", method="heat", source=[0]),
+        seconds("laplacian", parameterize="harmonic"),
         seconds("fluid-sim", 5, integrator="conservative"),
     ):
         assert len(set(known[0])) == 1 and "times_range" not in known[1]
@@ -243,6 +244,7 @@ def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
         seconds("shell-sim", 5, contact=True),
         seconds("delaunay", refine=25.0),
         seconds("geodesic", source=[0]),
+        seconds("laplacian", parameterize="conformal"),
     ):
         assert unknown[1]["assumes"]
         assert unknown[0][0] < unknown[0][1] < unknown[0][2]

@@ -60,6 +60,7 @@ WINDOW_RANGE: Range = (0.35, 2.0)
 # windows of the measured kernel, as predicted from the vertices near its source, and their growth
 WINDOWS_OF_1E5_FACES, WINDOW_EXPONENT = 3.65e6, 1.12
 COUNTED_WINDOW_RANGE: Range = (0.6, 1.6)
+CONFORMAL_MAP_RANGE: Range = (0.7, 4.0)  # by the distance of the second eigenvalue
 SPHERE_MEAN_PATH, SPHERE_LONGEST_PATH = 0.237, 0.456  # edges over the root of the faces: the measured kernel
 SOURCE_OPTIONS = ("source", "source_point", "source_face", *CURVE_SOURCES)
 MAX_BRUTE_FORCE_STARTS = 16  # that of `ddgcli.algorithms.geodesics.certificate`, which would load its imports
@@ -236,7 +237,12 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         steps = (options.get("smooth_steps") or MEASURED_SMOOTHING_STEPS) / MEASURED_SMOOTHING_STEPS
         yield Use(f"laplacian smooth{solver}", steps, once=True)
     if options.get("parameterize"):
-        yield Use(f"laplacian {options['parameterize']}")
+        iterates = options["parameterize"] == "conformal"
+        yield Use(
+            f"laplacian {options['parameterize']}",
+            range=CONFORMAL_MAP_RANGE if iterates else KNOWN,
+            assumes="as few iterations as on a disk" if iterates else "",
+        )
     if options.get("form_eigen"):
         # the factor and the count of what is missing are most of the cost
         further = options["form_eigen"] - MEASURED_EIGENFORMS
