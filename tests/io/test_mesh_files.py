@@ -144,6 +144,36 @@ def test_meshio_reads_what_we_write(tmp_path, suffix):
     same({name: value[0] for name, value in peer.cell_data.items()}, annotated.face)
 
 
+def integers_of_every_type(n):
+    """Arrays of n entries with the ends of the range of each type."""
+    types = [np.dtype(f"{kind}{size}") for kind in "iu" for size in (1, 2, 4, 8)]
+    return {t.str: np.resize(np.array([np.iinfo(t).min, np.iinfo(t).max], dtype=t), n) for t in types}
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".vtkhdf", ".vtu", ".vtp", ".xdmf"])
+def test_integers_of_every_type_come_back_exactly(tmp_path, suffix):
+    mesh = shapes.grid(2, 2)
+    arrays = integers_of_every_type(mesh.n_vertices)
+    path = str(tmp_path / f"a{suffix}")
+    write_mesh(path, AnnotatedMesh(mesh, vertex=arrays))
+    result = read_mesh(path).vertex
+    assert {name: result[name].tolist() for name in arrays} == {n: v.tolist() for n, v in arrays.items()}
+
+
+def test_vtk_reads_the_integers_of_our_xdmf_files(tmp_path):
+    vtk = pytest.importorskip("vtk")
+    mesh = shapes.grid(2, 2)
+    arrays = {name: v for name, v in integers_of_every_type(mesh.n_vertices).items() if v.itemsize < 8}
+    arrays |= {kind: np.full(mesh.n_vertices, 2**40, dtype=kind) for kind in ("i8", "u8")}
+    write_mesh(str(tmp_path / "a.xdmf"), AnnotatedMesh(mesh, vertex=arrays))
+    reader = vtk.vtkXdmfReader()
+    reader.SetFileName(str(tmp_path / "a.xdmf"))
+    reader.Update()
+    data = reader.GetOutputDataObject(0).GetPointData()
+    for name, value in arrays.items():
+        assert [data.GetArray(name).GetTuple1(k) for k in range(len(value))] == value.astype(float).tolist()
+
+
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".off"])
 def test_trimesh_reads_what_we_write(tmp_path, suffix):
     import trimesh

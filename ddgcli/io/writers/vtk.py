@@ -25,6 +25,7 @@ LEGACY_NAMES = {
     "f4": "float", "f8": "double", "i1": "char", "i2": "short", "i4": "int",
     "u1": "unsigned_char", "u2": "unsigned_short", "u4": "unsigned_int",
 }  # fmt: skip
+XDMF_KINDS = {"f": "Float", "i": "Int", "u": "UInt"}
 
 
 def vtu_bytes(content: CellData) -> bytes:
@@ -163,7 +164,9 @@ def xdmf_bytes(content: CellData) -> bytes:
 def _item(value: NDArray) -> str:
     if value.dtype.itemsize < 4:  # XDMF readers disagree about short integers
         value = value.astype(np.int32)
-    kind, precision = ("Float" if value.dtype.kind == "f" else "Int"), value.dtype.itemsize
+    if value.dtype == np.uint64 and value.max(initial=0) < 2**63:  # VTK has no UInt of 8 bytes
+        value = value.astype(np.int64)
+    kind, precision = XDMF_KINDS[value.dtype.kind], value.dtype.itemsize
     dims = " ".join(map(str, value.shape))
     row = (" ".join(["%r"] * (value.shape[1] if value.ndim == 2 else 1)) + "\n") * len(value)
     text = escape(row % tuple(value.ravel().tolist()))
