@@ -160,6 +160,24 @@ def test_integers_of_every_type_come_back_exactly(tmp_path, suffix):
     assert {name: result[name].tolist() for name in arrays} == {n: v.tolist() for n, v in arrays.items()}
 
 
+@pytest.mark.parametrize("suffix", [".vtk", ".ply"])
+def test_integers_that_a_format_rounds_are_named_in_a_warning_and_others_are_exact(tmp_path, caplog, suffix):
+    mesh = shapes.grid(2, 2)
+    exact = {"even": 2**62 + 2**10, "least": -(2**63), "narrow": 2**40 + 1}
+    vertex = {name: np.full(mesh.n_vertices, value) for name, value in exact.items()}
+    vertex |= {
+        "odd": np.arange(mesh.n_vertices) + 2**53 + 1,
+        "top": np.full(mesh.n_vertices, 2**64 - 1, "u8"),
+    }
+    with caplog.at_level("WARNING", "ddgcli"):
+        write_mesh(str(tmp_path / f"a{suffix}"), AnnotatedMesh(mesh, vertex=vertex))
+    result = read_mesh(str(tmp_path / f"a{suffix}")).vertex
+    assert {name: int(result[name][0]) for name in exact} == exact
+    warnings = [record.getMessage() for record in caplog.records]
+    assert len(warnings) == 2 and "'odd'" in warnings[0] and "'top'" in warnings[1]
+    assert all(".npz" in warning for warning in warnings)
+
+
 def test_vtk_reads_the_integers_of_our_xdmf_files(tmp_path):
     vtk = pytest.importorskip("vtk")
     mesh = shapes.grid(2, 2)

@@ -170,22 +170,34 @@ def two_dimensional(value: NDArray) -> NDArray:
     return np.ascontiguousarray(row_matrix(value) if value.ndim != 1 else value)
 
 
-def short_integers(value: NDArray) -> NDArray:
+def short_integers(value: NDArray, name: str, suffix: str) -> NDArray:
     """The array without 8-byte integers, for formats that have none.
 
     Parameters
     ----------
     value : ndarray
+    name : str
+        Of the array, for the warning.
+    suffix : str
+        Extension of the file, for the warning.
 
     Returns
     -------
     ndarray
-        8-byte integers become int32 where all fit, else float64; other arrays are returned as they are.
+        8-byte integers become int32 where all fit, else float64, with a warning where that changes a value;
+        other arrays are returned as they are.
     """
     if value.dtype.kind not in "iu" or value.dtype.itemsize < 8:
         return value
-    if value.size == 0 or np.abs(value).max() < 2**31:
+    size = np.abs(value).astype(np.uint64)
+    if size.max(initial=0) < 2**31:
         return value.astype(np.int32)
+    lowest_bit = size & (~size + np.uint64(1))
+    if (size // np.maximum(lowest_bit, 1) >= 2**53).any():
+        log.warning(
+            f"{suffix} rounds the integers of {name!r} beyond 2^53; "
+            "write .vtu, .vtp, .xdmf, .vtkhdf or .npz to keep them"
+        )
     return value.astype(np.float64)
 
 

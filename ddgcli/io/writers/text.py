@@ -85,7 +85,7 @@ def _columns(arrays: dict[str, NDArray], used_names: set[str]) -> list[tuple[str
     """Scalar properties of arrays, in types that PLY has; a name of `used_names` gets a number."""
     columns = []
     for name, value in arrays.items():
-        flat = short_integers(two_dimensional(value))
+        flat = short_integers(two_dimensional(value), name, ".ply")
         own, name = name, "_".join(name.split())
         standard = _standard_names(arrays, name)
         if standard and not used_names & set(standard):

@@ -126,8 +126,8 @@ def vtk_bytes(content: CellData) -> bytes:
             out.write(f"{tag} {length}\nFIELD FieldData {len(arrays)}\n".encode())
         used_names: set[str] = set()
         for name, value in arrays.items():
+            value = short_integers(two_dimensional(value), name, ".vtk")
             name = free_name(name, used_names, ".vtk", "_".join(name.split()))
-            value = short_integers(two_dimensional(value))
             width = value.shape[1] if value.ndim == 2 else 1
             _legacy(out, f"{name} {width} {length} {LEGACY_NAMES[value.dtype.str[1:]]}", value)
     return out.getvalue()
