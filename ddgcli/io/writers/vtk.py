@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import base64
 import io
+import string
 from dataclasses import replace
+from urllib.parse import quote
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.io.writers.cell_data import CellData, free_name, short_integers, surface_only, two_dimensional
+from ddgcli.io.writers.cell_data import CellData, short_integers, surface_only, two_dimensional
 from ddgcli.io.writers.text import paths_of
 
 VTK_TYPE = {"faces": 5, "tetrahedra": 10, "lines": 3}
@@ -25,6 +27,8 @@ LEGACY_NAMES = {
     "f4": "float", "f8": "double", "i1": "char", "i2": "short", "i4": "int",
     "u1": "unsigned_char", "u2": "unsigned_short", "u4": "unsigned_int",
 }  # fmt: skip
+# other bytes of names are %XX in legacy files, as VTK's own writer and readers have it
+PLAIN_IN_NAMES = string.punctuation.replace("%", "").replace('"', "")
 XDMF_KINDS = {"f": "Float", "i": "Int", "u": "UInt"}
 
 
@@ -124,12 +128,11 @@ def vtk_bytes(content: CellData) -> bytes:
     ):
         if arrays:
             out.write(f"{tag} {length}\nFIELD FieldData {len(arrays)}\n".encode())
-        used_names: set[str] = set()
         for name, value in arrays.items():
             value = short_integers(two_dimensional(value), name, ".vtk")
-            name = free_name(name, used_names, ".vtk", "_".join(name.split()))
             width = value.shape[1] if value.ndim == 2 else 1
-            _legacy(out, f"{name} {width} {length} {LEGACY_NAMES[value.dtype.str[1:]]}", value)
+            head = f"{quote(name, PLAIN_IN_NAMES)} {width} {length} {LEGACY_NAMES[value.dtype.str[1:]]}"
+            _legacy(out, head, value)
     return out.getvalue()
 
 
