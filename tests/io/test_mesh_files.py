@@ -160,6 +160,18 @@ def test_integers_of_every_type_come_back_exactly(tmp_path, suffix):
     assert {name: result[name].tolist() for name in arrays} == {n: v.tolist() for n, v in arrays.items()}
 
 
+def test_an_array_of_one_column_keeps_its_name_in_formats_of_scalars(tmp_path):
+    mesh = shapes.grid(2, 2)
+    annotated = AnnotatedMesh(mesh, {"s": mesh.points[:, :1]}, {"t": np.arange(mesh.n_faces)[:, None]})
+    ply, csv = tmp_path / "a.ply", tmp_path / "a.csv"
+    for path in (ply, csv):
+        write_mesh(str(path), annotated)
+    result = read_mesh(str(ply))
+    assert result.vertex["s"].tolist() == mesh.points[:, 0].tolist()
+    assert result.face["t"].tolist() == list(range(mesh.n_faces))
+    assert csv.read_text().splitlines()[0] == "vertex,x,y,z,s"
+
+
 @pytest.mark.parametrize("suffix", [".vtk", ".ply"])
 def test_integers_that_a_format_rounds_are_named_in_a_warning_and_others_are_exact(tmp_path, caplog, suffix):
     mesh = shapes.grid(2, 2)

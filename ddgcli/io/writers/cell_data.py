@@ -170,6 +170,26 @@ def two_dimensional(value: NDArray) -> NDArray:
     return np.ascontiguousarray(row_matrix(value) if value.ndim != 1 else value)
 
 
+def columns_of(name: str, value: NDArray) -> list[tuple[str, NDArray]]:
+    """Columns of an array with their names, for formats whose arrays are numbers.
+
+    Parameters
+    ----------
+    name : str
+    value : (n,) or (n, k) ndarray
+
+    Returns
+    -------
+    list of (str, (n,) ndarray)
+        One column keeps the name `a` of the array; others are `a_x`, `a_y`, `a_z` or `a_0`, `a_1` and so on.
+    """
+    columns = row_matrix(value).T
+    if len(columns) == 1:
+        return [(name, columns[0])]
+    ends = "xyz" if len(columns) == 3 else map(str, range(len(columns)))
+    return [(f"{name}_{end}", column) for end, column in zip(ends, columns)]
+
+
 def short_integers(value: NDArray, name: str, suffix: str) -> NDArray:
     """The array without 8-byte integers, for formats that have none.
 

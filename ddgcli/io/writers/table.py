@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ddgcli.io.writers.cell_data import CellData, free_name, two_dimensional, warn_of_lost_arrays
+from ddgcli.io.writers.cell_data import CellData, columns_of, free_name, two_dimensional, warn_of_lost_arrays
 
 
 def csv_bytes(data: CellData) -> bytes:
@@ -15,14 +15,9 @@ def csv_bytes(data: CellData) -> bytes:
     columns += [(name, data.points[:, k].tolist()) for k, name in enumerate("xyz")]
     used_names = {name for name, _ in columns}
     for name, value in data.vertex.items():
-        table = two_dimensional(value)
-        if table.ndim == 1:
-            columns.append((free_name(name, used_names, ".csv"), table.tolist()))
-            continue
-        ends = "xyz" if table.shape[1] == 3 else [str(k) for k in range(table.shape[1])]
         columns += [
-            (free_name(f"{name}_{end}", used_names, ".csv"), table[:, k].tolist())
-            for k, end in enumerate(ends)
+            (free_name(label, used_names, ".csv"), column.tolist())
+            for label, column in columns_of(name, two_dimensional(value))
         ]
     head = ",".join(_quoted(name) for name, _ in columns)
     form = ",".join(["%r"] * len(columns)) + "\n"

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.io.appearance import COLOR, CORNER_UV, NAMES, UV, color, corner_uv, vertex_uv
 from ddgcli.io.writers.cell_data import (
     CellData,
+    columns_of,
     free_name,
     short_integers,
     surface_only,
@@ -86,19 +87,14 @@ def _columns(arrays: dict[str, NDArray], used_names: set[str]) -> list[tuple[str
     columns = []
     for name, value in arrays.items():
         flat = short_integers(two_dimensional(value), name, ".ply")
-        own, name = name, "_".join(name.split())
         standard = _standard_names(arrays, name)
         if standard and not used_names & set(standard):
             used_names |= set(standard)
             columns += [(end, flat[:, k]) for k, end in enumerate(standard)]
             continue
-        if flat.ndim == 1:
-            columns.append((free_name(own, used_names, ".ply", name), flat))
-            continue
-        ends = "xyz" if flat.shape[1] == 3 else [str(k) for k in range(flat.shape[1])]
         columns += [
-            (free_name(f"{own}_{end}", used_names, ".ply", f"{name}_{end}"), flat[:, k])
-            for k, end in enumerate(ends)
+            (free_name(label, used_names, ".ply", "_".join(label.split())), column)
+            for label, column in columns_of(name, flat)
         ]
     return columns
 
