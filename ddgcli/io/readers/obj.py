@@ -1,6 +1,6 @@
 """Wavefront OBJ: vertices with colours, polygons with texture coordinates, and `l` polylines.
 
-Materials and normals are passed over.
+Materials, normals, groups and objects are passed over.
 
 Our own reader, because both third-party ones change the mesh: trimesh splits vertices at texture seams or
 reorders them, meshio refuses mixed polygons and relative indices.
