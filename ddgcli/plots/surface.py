@@ -137,8 +137,8 @@ def draw_beside(
 
 def _extent(mesh: TriangleMesh, view: View, up: str | None) -> NDArray[np.float64]:
     """Width and height of a surface on the page."""
-    corners = _in_unit_box(mesh, None)[1]
-    return np.ptp(corners @ view_axes(corners, view, up or up_axis_of(corners)).T, axis=0)[:2]
+    mesh, corners, _ = _in_unit_box(mesh, None)
+    return np.ptp(corners @ view_axes(corners, view, up or up_axis_of(mesh)).T, axis=0)[:2]
 
 
 def _paint(
@@ -177,7 +177,7 @@ def _paint(
         low, high, signed = robust_limits(plot_values, signed, value_size)
         limits = low, high
     if fit is None:
-        up = up or up_axis_of(fit_points)
+        up = up or up_axis_of(mesh)
         if view is None:
             view = best_view(mesh, _interest(interest, values, signed, limits), up)
     size = _sampled_size(figure, axes)

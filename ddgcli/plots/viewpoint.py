@@ -11,25 +11,35 @@ from ddgcli.plots.raster import VIEWS, View, flat_view, view_axes
 
 BASE_LAYER = 0.02  # of the height: points of the base of a shape
 MIN_BASE_RATIO = 2.0  # of base areas, for y as up axis
+HEIGHT_FIELD_SHARE = 0.98  # of the area seen along an axis that shows the same side: the rest are overhangs
 MIN_VIEW_GAIN = 1.2  # of the visible interest, for another side than the default
 AZIMUTHS = (-60.0, 30.0, 120.0, 210.0)
 
 
-def up_axis_of(points: NDArray) -> str:
-    """Up axis of a shape: 'y' if its base is much larger with y up than with z up, else 'z'.
+def up_axis_of(mesh: TriangleMesh) -> str:
+    """Up axis of a surface.
 
-    The base is the bounding rectangle of the lowest fiftieth of the height.
+    For a height field over the xy or the xz plane, such as a terrain, the axis across this plane; over both,
+    across that on which its projection is larger. Other surfaces have y up if their base is much larger with
+    y up than with z up, else z. The base is the bounding rectangle of the lowest fiftieth of the height.
 
     Parameters
     ----------
-    points : (k, 3) ndarray
+    mesh : TriangleMesh
+        Its area must neither over- nor underflow.
 
     Returns
     -------
-    str
+    {'y', 'z'}
     """
+    points = mesh.points[mesh.topology.referenced_vertex] if mesh.n_faces else mesh.points
     if len(points) == 0:
         return "z"
+    area_vector = face_area_vector(mesh)
+    projection, seen = np.abs(area_vector.sum(axis=0)), np.abs(area_vector).sum(axis=0)
+    height_field = np.where(projection > HEIGHT_FIELD_SHARE * seen, projection, 0.0)
+    if height_field[1:].any():
+        return "y" if height_field[1] > height_field[2] else "z"
     base = {axis: _base_area(points, "xyz".index(axis)) for axis in "yz"}
     return "y" if base["y"] > MIN_BASE_RATIO * base["z"] else "z"
 

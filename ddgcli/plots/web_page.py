@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import is_signed, robust_limits
 from ddgcli.plots.viewpoint import up_axis_of
 
@@ -73,7 +74,7 @@ def page_bytes(
         "size": size,
         "times": [float(time) for time in times],
         "show": show,
-        "up": up or ("z" if times else up_axis_of(np.concatenate([viewed.points[0] for viewed in objects]))),
+        "up": up or ("z" if times else up_axis_of(_first_frame(objects, centre, size))),
     }
     text = json.dumps(data, allow_nan=False, ensure_ascii=False).replace("<", "\\u003c")
     template = files("ddgcli.plots").joinpath("viewer.html").read_text("utf-8")
@@ -88,6 +89,14 @@ def _bounds(clouds: Sequence[NDArray]) -> tuple[NDArray, float]:
     low = np.min([points.min(axis=0) for points in filled], axis=0)
     high = np.max([points.max(axis=0) for points in filled], axis=0)
     return (low + high) / 2, float(np.max(high - low)) / 2 or 1.0
+
+
+def _first_frame(objects: Sequence[ViewedObject], centre: NDArray, size: float) -> TriangleMesh:
+    """The triangles of all objects at the start, relative to the bounding box."""
+    start = np.cumsum([0, *(len(viewed.points[0]) for viewed in objects)])
+    faces = [viewed.cells[0] + k for viewed, k in zip(objects, start) if viewed.cells[0].shape[1] == 3]
+    points = (np.concatenate([viewed.points[0] for viewed in objects]) - centre) / size
+    return TriangleMesh.from_arrays(points, np.concatenate([np.zeros((0, 3), dtype=np.int64), *faces]))
 
 
 def _object(viewed: ViewedObject, centre: NDArray, size: float) -> dict[str, Any]:

@@ -26,7 +26,7 @@ def test_the_share_of_a_picture_that_shows_a_surface_is_that_of_the_picture():
     """Spot, of which a picture shows little, was predicted at 1.56 times its memory."""
     sphere, torus = shapes.icosphere(3), shapes.torus(40, 20)
     for mesh in (sphere, sphere.moved(sphere.points * [1, 0.02, 0.02]), torus, shapes.grid(9, 9)):
-        axes = view_axes(mesh.points, None, up_axis_of(mesh.points))
+        axes = view_axes(mesh.points, None, up_axis_of(mesh))
         camera = fitted_camera(mesh.points, axes, *PICTURE_PIXELS)
         n_pixels = len(rasterise(camera, mesh.points, mesh.faces).pixel)
         share = n_pixels / (camera.width * camera.height)

@@ -125,14 +125,23 @@ def test_creases_are_not_smoothed_over_and_curves_are():
     assert np.abs(_corner_normals(ball) - ball.points[ball.faces]).max() < 0.05
 
 
+def with_y_up(mesh):
+    return mesh.moved(np.roll(mesh.points, -1, axis=1))  # z becomes y
+
+
 def test_the_up_axis_is_guessed_from_the_base():
     standing = shapes.cylinder(24, 8)
-    lying = np.roll(standing.points, -1, axis=1)  # z becomes y
-    assert up_axis_of(standing.points) == "z" and up_axis_of(lying) == "y"
-    assert up_axis_of(shapes.icosphere(3).points) == up_axis_of(shapes.torus(24, 12).points) == "z"
-    hills = shapes.grid(20, 20).points.copy()
-    hills[:, 2] = 0.05 * np.sin(7 * hills[:, 0]) * np.cos(5 * hills[:, 1])
-    assert up_axis_of(hills) == "z"
+    assert up_axis_of(standing) == "z" and up_axis_of(with_y_up(standing)) == "y"
+    assert up_axis_of(shapes.icosphere(3)) == up_axis_of(shapes.torus(24, 12)) == "z"
+
+
+def test_a_terrain_has_the_axis_of_its_heights_up_also_where_few_points_are_low():
+    """Mount St. Helens, which has one valley in the lowest fiftieth, was drawn as a vertical wall."""
+    grid = shapes.grid(20, 20)
+    x, y = grid.points[:, 0], grid.points[:, 1]
+    for heights in (0.05 * np.sin(7 * x) * np.cos(5 * y), np.hypot(x - 0.5, y - 0.5), 0.9 * y):
+        hills = grid.moved(np.column_stack([x, y, heights]))
+        assert up_axis_of(hills) == "z" and up_axis_of(with_y_up(hills)) == "y"
 
 
 @pytest.mark.parametrize("up", ["z", "y"])

@@ -345,9 +345,9 @@ def picture_share(mesh: TriangleMesh) -> float:
 
     if not mesh.n_faces:
         return 0.0
-    points = unit_box(mesh.points)(mesh.points)
-    axes = view_axes(points, None, up_axis_of(points))
-    camera = fitted_camera(points, axes, *PICTURE_PIXELS)
-    seen = float(np.abs(face_area_vector(mesh.moved(points)) @ axes[2]).sum()) * camera.scale**2
+    mesh = mesh.moved(unit_box(mesh.points)(mesh.points))
+    axes = view_axes(mesh.points, None, up_axis_of(mesh))
+    camera = fitted_camera(mesh.points, axes, *PICTURE_PIXELS)
+    seen = float(np.abs(face_area_vector(mesh) @ axes[2]).sum()) * camera.scale**2
     layers = 1 if mesh.topology.boundary_vertex.any() else 2
     return min(1.0, seen / (layers * camera.width * camera.height))
