@@ -208,10 +208,17 @@ def colour_bar(
     place : (float, float, float, float)
         Left, bottom, width and height, as shares of the page.
     """
-    from ddgcli.plots.ticks import CommonPowerFormatter
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
 
+    from ddgcli.plots.ticks import CommonPowerFormatter, common_power
+
+    low, high = mappable.get_clim()
+    exponent = common_power(low, high)
+    unit = 10.0**exponent
+    scale = ScalarMappable(Normalize(low / unit, high / unit), mappable.cmap)
     bar = figure.colorbar(
-        mappable, cax=figure.add_axes(place), extend=ends, label=label, format=CommonPowerFormatter()
+        scale, cax=figure.add_axes(place), extend=ends, label=label, format=CommonPowerFormatter(exponent)
     )
     bar.ax.tick_params(labelsize=8)
     bar.ax.yaxis.set_offset_position(

@@ -5,9 +5,9 @@ import pytest
 
 from ddgcli.mesh import shapes
 from ddgcli.plots.animation import _in_256_colours
+from ddgcli.plots.colour import colour_bar, colour_scale
 from ddgcli.plots.raster import fitted_camera, rasterise, view_axes
 from ddgcli.plots.shading import OUTLINE_LIGHT, SAMPLES, brightness, picture_of_spots, shading_spots
-from ddgcli.plots.ticks import CommonPowerFormatter
 
 
 def samples_of(mesh, size=(240, 180), view="iso"):
@@ -62,14 +62,20 @@ def test_the_palette_of_an_animation_has_no_visible_steps():
 
 
 @pytest.mark.parametrize(
-    "low, high, offset", [(0, 1, ""), (0, 3e-7, "×10⁻⁷"), (-2e6, 2e6, "×10⁶"), (0.9999, 1.0001, "")]
-)
-def test_the_common_power_of_a_colour_bar_is_plain_text(low, high, offset):
+    "low, high, ends, offset",
+    [
+        (0, 1, (0, 1), ""), (0, 3e-7, (0, 3), "×10⁻⁷"), (-2e6, 2e6, (-2, 2), "×10⁶"),
+        (0.9999, 1.0001, (0.9999, 1.0001), ""), (-1e-300, 1e-300, (-1, 1), "×10⁻³⁰⁰"),
+        (-1.5e308, 1.5e308, (-1.5, 1.5), "×10³⁰⁸"), (0, 5e-324, (0, 0.5), "×10⁻³²³"),
+    ],
+)  # fmt: skip
+def test_a_colour_bar_has_the_ends_of_its_values_and_their_power_as_plain_text(low, high, ends, offset):
+    """Matplotlib's axes hold no interval below 1e-287: the bar of 1e-300 went to 0.1."""
     from matplotlib.figure import Figure
 
     figure = Figure()
-    axis = figure.add_subplot().yaxis
-    axis.set_view_interval(low, high, ignore=True)
-    axis.set_major_formatter(CommonPowerFormatter())
-    texts = axis.get_major_formatter().format_ticks(np.linspace(low, high, 5))
+    colour_bar(figure, colour_scale(low, high, True), "")
+    axis = figure.axes[0].yaxis
+    assert axis.get_view_interval() == pytest.approx(ends, rel=1e-12)
+    texts = axis.get_major_formatter().format_ticks(axis.get_majorticklocs())
     assert axis.get_major_formatter().get_offset() == offset and not any("$" in text for text in texts)
