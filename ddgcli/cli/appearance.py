@@ -46,14 +46,14 @@ def with_baked_colours(
     A mesh without the array stays as it is, with a warning.
     """
     from ddgcli.io.appearance import COLOR
-    from ddgcli.plots.colour import baked_colours, is_signed, robust_limits
+    from ddgcli.plots.colour import baked_colours, is_signed, robust_limits, value_scale
 
     values = {**annotated.face, **annotated.vertex}.get(name)
     if values is None:
         log.warning(f"these results have no array {name!r}: the output has no colours")
         return annotated
     size = values if values.ndim == 1 else np.linalg.norm(row_matrix(values), axis=1)
-    low, high, signed = colour_range or robust_limits(size, is_signed(name, values.ndim))
+    low, high, signed = colour_range or robust_limits(size, is_signed(name, values.ndim), value_scale(name))
     colours, colour_map = baked_colours(size, low, high, signed)
     place = "vertex" if name in annotated.vertex else "face"
     metadata = {"colors": {"array": name, "on": place, "low": low, "high": high, "map": colour_map}}

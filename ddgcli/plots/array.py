@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.plots.colour import is_signed
+from ddgcli.plots.colour import is_signed, value_scale
 from ddgcli.plots.glyphs import Glyphs
 from ddgcli.plots.surface import draw_surface
 
@@ -57,8 +57,9 @@ def draw_array(path: str, mesh: TriangleMesh, name: str, values: NDArray | None,
     ParameterError
         An array of another shape.
     """
+    scale = {"value_size": value_scale(name)}
     if values is None or values.ndim == 1:
-        draw_surface(path, mesh, values, **{"label": name, "signed": is_signed(name), **options})
+        draw_surface(path, mesh, values, **{**scale, "label": name, "signed": is_signed(name), **options})
         return
     if values.ndim != 2 or values.shape[1] not in (2, 3):
         raise ParameterError(f"{name!r} has shape {values.shape}; a picture shows numbers or vectors")
@@ -72,5 +73,8 @@ def draw_array(path: str, mesh: TriangleMesh, name: str, values: NDArray | None,
     plain = {"title": name} if constant else {}
     glyphs = glyphs_of(mesh, name, values)
     draw_surface(
-        path, mesh, None if constant else length, **{"label": label, "glyphs": glyphs, **plain, **options}
+        path,
+        mesh,
+        None if constant else length,
+        **{**scale, "label": label, "glyphs": glyphs, **plain, **options},
     )

@@ -16,6 +16,23 @@ SIGNED_ARRAYS = (
     "principal_curvature_max", "dihedral_angle", "torsion", "vorticity", "potential", "copotential",
     "stream_function", "signed_distance", "turning_angle",
 )  # fmt: skip
+# quantities relative to 1, of which values below `ROUNDING_SHARE` are rounding
+RELATIVE_ARRAYS = ("strain", "strain_tensor", "principal_strain")
+
+
+def value_scale(name: str) -> float:
+    """Scale of an array for `robust_limits`, so that values of rounding have the colours of a constant.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    float
+        0 for quantities without a scale of their own.
+    """
+    return ROUNDING_SHARE / MIN_RANGE_SHARE if name in RELATIVE_ARRAYS else 0.0
 
 
 def is_signed(name: str, dimension: int = 1) -> bool | None:
@@ -54,7 +71,7 @@ def robust_limits(
     signed : bool, optional
         None: signed if both sides of zero have a twentieth of the range or of the extremes.
     size : float
-        Scale of values that cancel: of a mean curvature, the principal curvatures.
+        Scale of values that cancel, of a mean curvature the principal curvatures; or `value_scale`.
 
     Returns
     -------

@@ -103,6 +103,7 @@ def sequence_style(
     *,
     limits: tuple[float, float] | None = None,
     signed: bool | None = None,
+    value_size: float = 0.0,
     edges: bool = False,
     time_unit: str = "s",
 ) -> SequenceStyle:
@@ -123,6 +124,8 @@ def sequence_style(
         all frames.
     signed : bool, optional
         Of `robust_limits`.
+    value_size : float
+        `size` of `robust_limits`.
     edges : bool
         Draw the edges too.
     time_unit : str
@@ -151,7 +154,7 @@ def sequence_style(
         return style
     shown = np.concatenate(values)
     if limits is None:
-        bottom, top, diverging = robust_limits(shown, signed)
+        bottom, top, diverging = robust_limits(shown, signed, value_size)
     else:
         (bottom, top), diverging = limits, limits[0] < 0 < limits[1]
     return replace(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.plots.colour import is_signed, robust_limits
+from ddgcli.plots.colour import is_signed, robust_limits, value_scale
 from ddgcli.plots.viewpoint import up_axis_of
 
 
@@ -115,7 +115,9 @@ def _object(viewed: ViewedObject, centre: NDArray, size: float) -> dict[str, Any
 
 def _array(name: str, place: str, values_by_frame: Sequence[NDArray]) -> dict[str, Any]:
     values = [np.linalg.norm(v, axis=1) if v.ndim == 2 else v.astype(np.float64) for v in values_by_frame]
-    low, high, signed = robust_limits(np.concatenate(values), is_signed(name, values_by_frame[0].ndim))
+    low, high, signed = robust_limits(
+        np.concatenate(values), is_signed(name, values_by_frame[0].ndim), value_scale(name)
+    )
     packed = [_packed(v, "f8") for v in values]
     return {"name": name, "place": place, "low": low, "high": high, "signed": signed, "frames": packed}
 

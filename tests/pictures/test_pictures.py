@@ -1,5 +1,6 @@
 """Pictures: the nearest face is seen, colours mean values, files are whole, and the same bytes come twice."""
 
+import json
 import re
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.chart import draw_chart
-from ddgcli.plots.colour import is_signed, robust_limits
+from ddgcli.plots.colour import is_signed, robust_limits, value_scale
 from ddgcli.plots.curve import draw_curves
 from ddgcli.plots.motion import PlotFrame, sequence_style
 from ddgcli.plots.page import cells
@@ -227,6 +228,28 @@ def test_lengths_of_vectors_have_no_sign_and_zeros_begin_at_zero():
     plot_frame = PlotFrame(0.0, mesh, 1.0 + mesh.points[:, 0])
     assert sequence_style([plot_frame], "vorticity", signed=True).limits[0] < -1
     assert sequence_style([plot_frame], "vorticity", signed=False).limits[0] > 0.9
+
+
+def test_a_strain_of_rounding_looks_constant_in_pictures_motions_and_pages(tmp_path, monkeypatch):
+    """A shell at rest showed a pattern of strains from 0 to 9e-16."""
+    from ddgcli.plots import array
+    from ddgcli.plots.web_page import ViewedObject, page_bytes
+
+    mesh = shapes.grid(4, 4)
+    strain = np.linspace(0, 9e-16, mesh.n_vertices)
+    monkeypatch.setattr(array, "draw_surface", lambda path, mesh, values, **o: sizes.append(o["value_size"]))
+    sizes: list[float] = []
+    array.draw_array("", mesh, "strain", strain)
+    array.draw_array("", mesh, "strain_tensor", np.tile(strain[:, None], 3))
+    page = page_bytes("", [ViewedObject("a", [mesh.points], [mesh.faces], {"strain": [strain]})]).decode()
+    shown = json.loads(page.split('json">')[1].split("</script>")[0])["objects"][0]["arrays"][0]
+    style = sequence_style([PlotFrame(0.0, mesh, strain)], "strain", value_size=value_scale("strain"))
+    ranges = [robust_limits(strain, None, size)[:2] for size in sizes]
+    for low, high in [*ranges, style.limits, (shown["low"], shown["high"])]:
+        assert high - low == pytest.approx(1e-10) and low <= 0 and high >= 9e-16
+    assert robust_limits(1e6 * strain, None, value_scale("strain"))[1] < 1e-9, (
+        "small strains keep their range"
+    )
 
 
 def test_arrows_of_frames_are_inside_the_picture(tmp_path, monkeypatch):

@@ -224,10 +224,12 @@ def _colour_range(run: Run, source: Trajectory, frame_numbers: list[int]) -> tup
     import numpy as np
 
     from ddgcli.cli.simulation.plot import magnitude
-    from ddgcli.plots.colour import is_signed, robust_limits
+    from ddgcli.plots.colour import is_signed, robust_limits, value_scale
 
     values = np.concatenate([magnitude(source.vertex(k)[name]) for k in frame_numbers])
-    return robust_limits(values, is_signed(name, source.vertex(frame_numbers[0])[name].ndim))
+    return robust_limits(
+        values, is_signed(name, source.vertex(frame_numbers[0])[name].ndim), value_scale(name)
+    )
 
 
 def _check_numbering(output: str, count: int) -> None:
@@ -348,7 +350,7 @@ def _array_name(source: Trajectory, settings: dict[str, Any]) -> str | None:
 
 
 def _style(source: Trajectory, frame_numbers: list[int], settings: dict[str, Any]) -> SequenceStyle:
-    from ddgcli.plots.colour import is_signed
+    from ddgcli.plots.colour import is_signed, value_scale
     from ddgcli.plots.motion import sequence_style
 
     name = _array_name(source, settings)
@@ -359,6 +361,7 @@ def _style(source: Trajectory, frame_numbers: list[int], settings: dict[str, Any
         name or "",
         settings["view"],
         signed=signed,
+        value_size=value_scale(name or ""),
         time_unit=unit,
     )
 

@@ -63,7 +63,7 @@ def draw_run(
     obstacles: Callable[[float], Sequence[TriangleMesh]] = lambda time: (),
 ) -> None:
     """Draw a few frames, with the obstacles, above the chart of energies."""
-    from ddgcli.plots.colour import is_signed
+    from ddgcli.plots.colour import is_signed, value_scale
     from ddgcli.plots.motion import PlotFrame, draw_motion, sequence_style
 
     if common.show is not None:
@@ -93,6 +93,7 @@ def draw_run(
         common.view,
         limits=picture.limits,
         signed=signed,
+        value_size=value_scale(name or ""),
         edges=picture.edges,
         time_unit=picture.time_unit,
     )
