@@ -212,6 +212,8 @@ def colour_bar(
     label: str,
     ends: str = "neither",
     place: tuple[float, float, float, float] = BAR_PLACE,
+    *,
+    whole: bool = False,
 ) -> None:
     """Draw a colour bar at the right of the page, with arrow heads if values lie beyond its ends.
 
@@ -224,9 +226,12 @@ def colour_bar(
         Ends with arrow heads.
     place : (float, float, float, float)
         Left, bottom, width and height, as shares of the page.
+    whole : bool
+        Of integers: ticks at whole numbers only.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
+    from matplotlib.ticker import MaxNLocator
 
     from ddgcli.plots.ticks import CommonPowerFormatter, common_power
 
@@ -237,6 +242,9 @@ def colour_bar(
     bar = figure.colorbar(
         scale, cax=figure.add_axes(place), extend=ends, label=label, format=CommonPowerFormatter(exponent)
     )
+    if whole and not exponent:
+        bar.locator = MaxNLocator(integer=True)
+        bar.update_ticks()
     bar.ax.tick_params(labelsize=8)
     bar.ax.yaxis.set_offset_position(
         "left"

@@ -196,7 +196,8 @@ def _paint(
     axes.set(xlim=(0, size[0]), ylim=(size[1], 0))
     if plot_values is not None and limits is not None:
         if bar:
-            colour_bar(figure, mappable, label, beyond(plot_values, *limits))
+            whole = values is not None and np.asarray(values).dtype.kind in "iub"
+            colour_bar(figure, mappable, label, beyond(plot_values, *limits), whole=whole)
         caption = "; ".join(filter(None, [caption, extremes(label, plot_values)]))
     draw_texts(axes, title, caption, box)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ddgcli.mesh import shapes
+from ddgcli.plots import surface
 from ddgcli.plots.animation import _in_256_colours
 from ddgcli.plots.colour import colour_bar, colour_scale
 from ddgcli.plots.raster import fitted_camera, rasterise, view_axes
@@ -59,6 +60,20 @@ def test_the_palette_of_an_animation_has_no_visible_steps():
     shown = np.asarray(picture.convert("RGB")).astype(int)
     assert len(np.unique(np.asarray(picture))) > 200
     assert np.abs(shown - pixels).max() <= 3
+
+
+@pytest.mark.parametrize("kind, whole", [(int, True), (float, False)])
+def test_the_ticks_of_integers_are_whole_numbers(monkeypatch, tmp_path, kind, whole):
+    """Numbers of regions had ticks at 0.25 and 0.5."""
+    mesh, ticks = shapes.grid(4, 4), []
+
+    def drawn(figure, *arguments, **options):
+        colour_bar(figure, *arguments, **options)
+        ticks.extend(figure.axes[-1].yaxis.get_majorticklocs())
+
+    monkeypatch.setattr(surface, "colour_bar", drawn)
+    surface.draw_surface(str(tmp_path / "a.png"), mesh, (np.arange(mesh.n_faces) % 2).astype(kind), dpi=20)
+    assert {0.0, 1.0} <= {float(tick) for tick in ticks} and all(tick % 1 == 0 for tick in ticks) == whole
 
 
 @pytest.mark.parametrize(
