@@ -124,7 +124,13 @@ def _corner_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 
 def brightness(
-    camera: Camera, mesh: TriangleMesh, spots: ShadingSpots, *, heights: NDArray | None = None
+    camera: Camera,
+    mesh: TriangleMesh,
+    spots: ShadingSpots,
+    *,
+    heights: NDArray | None = None,
+    from_below: bool = False,
+    shade_backs: bool = True,
 ) -> NDArray[np.float64]:
     """Brightness of each spot, of smooth normals between creases.
 
@@ -136,6 +142,10 @@ def brightness(
     spots : ShadingSpots
     heights : (m, 3) ndarray, optional
         Of `altitude`: the sides of the faces are darker.
+    from_below : bool
+        Of the camera; the light is then below too, so that it reaches what the picture shows.
+    shade_backs : bool
+        Backs of faces of an open surface are darker than fronts.
 
     Returns
     -------
@@ -146,9 +156,10 @@ def brightness(
     x, y, z = (interpolated(spots.barycentric, spots.face, corner_normals[..., axis]) for axis in range(3))
     length = np.sqrt(x * x + y * y + z * z)
     behind = z < 0
-    towards_light = (_LIGHT[0] * x + _LIGHT[1] * y + _LIGHT[2] * z) / np.maximum(length, 1e-300)
+    light = _LIGHT * [1, -1 if from_below else 1, 1]
+    towards_light = (light[0] * x + light[1] * y + light[2] * z) / np.maximum(length, 1e-300)
     shade = 0.60 + 0.45 * np.maximum(np.where(behind, -towards_light, towards_light), 0.0)
-    if not mesh.topology.is_closed:
+    if shade_backs and not mesh.topology.is_closed:
         shade[behind] *= 0.8
     if heights is not None:
         distance = _side_distance(spots.barycentric, spots.face, heights)

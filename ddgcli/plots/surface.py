@@ -32,7 +32,7 @@ from ddgcli.plots.viewpoint import best_view, up_axis_of
 
 _PLAIN_COLOUR = np.array([0.78, 0.81, 0.86])
 _CONTEXT = np.array([0.86, 0.83, 0.76])
-_UNKNOWN_COLOUR = np.array([0.62, 0.62, 0.62])
+_UNKNOWN_COLOUR = np.array([0.42, 0.42, 0.42])  # also in the light darker than white in the shade
 LIGHT_SQUARE_COLOUR, BLUE_SQUARE_COLOUR = np.array([0.93, 0.91, 0.85]), np.array([0.30, 0.48, 0.68])
 N_SQUARES = 24  # along the larger side of a flat layout
 
@@ -184,7 +184,8 @@ def _paint(
     margin = ARROW_LENGTH + MARGIN if arrows else MARGIN
     camera = fitted_camera(fit_points, view_axes(fit_points, view, up or "z"), size[0], size[1], margin)
     others = [other.moved(placed(other.points)) for other in context]
-    image, visible, mappable = _surface_image(camera, mesh, values, signed, limits, others, edges)
+    from_below = bool(camera.axes[2]["xyz".index(up or "z")] < 0)
+    image, visible, mappable = _surface_image(camera, mesh, values, signed, limits, others, edges, from_below)
     axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none")
     axes.set_axis_off()
     dots = None if points is None or len(points) == 0 else placed(points)
@@ -219,6 +220,7 @@ def _surface_image(
     limits: Sequence[float] | None,
     context: list[TriangleMesh],
     edges: bool,
+    from_below: bool,
 ) -> tuple[NDArray, PixelFaces, Any]:
     """Picture of a surface among grey ones, what is visible in it, and the colour scale of its values."""
     n_faces = mesh.n_faces
@@ -234,7 +236,10 @@ def _surface_image(
         colour, mappable = _colours(mesh, spots, values, signed, limits)
     if context:
         colour = np.where((spots.face < n_faces)[:, None], colour, _CONTEXT)
-    light = brightness(camera, mesh, spots, heights=heights)
+    # the backs of a coloured surface are as bright as its fronts, as the colour bar is
+    light = brightness(
+        camera, mesh, spots, heights=heights, from_below=from_below, shade_backs=values is None
+    )
     shown = np.clip(colour * light[:, None], 0, 1)
     return picture_of_spots(visible, spots, shown), visible, mappable
 

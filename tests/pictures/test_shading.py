@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots import surface
 from ddgcli.plots.animation import _in_256_colours
 from ddgcli.plots.colour import colour_bar, colour_scale
@@ -60,6 +61,27 @@ def test_the_palette_of_an_animation_has_no_visible_steps():
     shown = np.asarray(picture.convert("RGB")).astype(int)
     assert len(np.unique(np.asarray(picture))) > 200
     assert np.abs(shown - pixels).max() <= 3
+
+
+def grey_of_picture(path, mesh, values, view):
+    """Median brightness of the pixels of a picture that are not paper."""
+    from matplotlib.image import imread
+
+    surface.draw_surface(str(path), mesh, values, limits=(-1, 1), signed=True, bar=False, view=view, dpi=30)
+    pixels = imread(path)[..., :3].mean(axis=2)
+    return float(np.median(pixels[pixels < 0.999]))
+
+
+@pytest.mark.parametrize("view", [(90.0, -90.0), (25.0, -60.0), (-25.0, -60.0), (-25.0, 120.0)])
+@pytest.mark.parametrize("upside_down", [False, True])
+def test_values_of_zero_are_white_from_every_side_and_infinite_ones_are_not(tmp_path, view, upside_down):
+    """Both were the same grey on the back of a sheet and on the underside of a tray."""
+    square, tray = shapes.grid(4, 4), shapes.icosphere(3)
+    turned = TriangleMesh.from_arrays(square.points, square.faces[:, ::-1])
+    for mesh in (turned if upside_down else square, tray.moved(tray.points * [1, 1, 0.01])):
+        zero = np.zeros(mesh.n_faces)
+        assert grey_of_picture(tmp_path / "zero.png", mesh, zero, view) > 0.8
+        assert grey_of_picture(tmp_path / "none.png", mesh, zero + np.nan, view) < 0.5
 
 
 @pytest.mark.parametrize("kind, whole", [(int, True), (float, False)])
