@@ -13,6 +13,7 @@ from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import beyond, colour_bar, colour_scale, extremes, robust_limits
 from ddgcli.plots.glyphs import ARROW_LENGTH, Arrows, Glyphs, draw_arrows, draw_glyphs
+from ddgcli.plots.labels import POINTS_PER_INCH
 from ddgcli.plots.page import WHOLE_PAGE, Box, cells, draw_texts, page, picture_axes
 from ddgcli.plots.raster import (
     MARGIN,
@@ -78,6 +79,8 @@ def draw_surface(
         Polylines, drawn where the surface does not hide them.
     curve_width, curve_halo : float
         Width of the polylines, and of the white rim around them, in points.
+    curve_aspect : float, optional
+        Largest width of a polyline over its length in the picture: edges of a dense mesh become thinner.
     level_lines : sequence of (k, 3) ndarray
         The same, thin and without a halo, under the curves.
     points : (k, 3) ndarray, optional
@@ -158,6 +161,7 @@ def _paint(
     level_lines: Sequence[NDArray] = (),
     curve_width: float = 1.4,
     curve_halo: float = 1.2,
+    curve_aspect: float | None = None,
     points: NDArray | None = None,
     glyphs: Glyphs | None = None,
     arrows: Sequence[Arrows] = (),
@@ -190,7 +194,8 @@ def _paint(
     axes.set_axis_off()
     dots = None if points is None or len(points) == 0 else placed(points)
     _overlay(axes, camera, visible, [placed(c) for c in level_lines], None, "0.15", 0.7, 0.0)
-    _overlay(axes, camera, visible, [placed(c) for c in curves], dots, "black", curve_width, curve_halo)
+    black_curves = [placed(c) for c in curves]
+    _overlay(axes, camera, visible, black_curves, dots, "black", curve_width, curve_halo, curve_aspect)
     if glyphs is not None:
         draw_glyphs(axes, camera, visible, replace(glyphs, places=placed(glyphs.places)))
     draw_arrows(axes, camera, visible, [replace(one, places=placed(one.places)) for one in arrows])
@@ -320,6 +325,12 @@ def _colours(
     return np.where(finite[:, None], table[(place * 1023).astype(np.int64)], _UNKNOWN_COLOUR), mappable
 
 
+def _page_lengths(axes: Any, runs: Sequence[NDArray]) -> NDArray[np.float64]:
+    """Length of each polyline on the page, in points."""
+    unit = POINTS_PER_INCH / (axes.figure.dpi * SAMPLES)
+    return unit * np.array([np.linalg.norm(np.diff(run, axis=0), axis=1).sum() for run in runs])
+
+
 def _overlay(
     axes: Any,
     camera: Camera,
@@ -329,13 +340,15 @@ def _overlay(
     colour: str,
     width: float,
     halo: float = 1.2,
+    aspect: float | None = None,
 ) -> None:
     from matplotlib.collections import LineCollection
 
     runs = visible_runs(camera, visible, [curve for curve in curves if len(curve) > 1])
     if runs:
+        widths = width if aspect is None else np.minimum(width, aspect * _page_lengths(axes, runs))
         for under, tint in ((halo, "white"), (0.0, colour)):
-            lines = LineCollection(runs, linewidths=width + under, colors=tint, capstyle="round")
+            lines = LineCollection(runs, linewidths=widths + under, colors=tint, capstyle="round")
             axes.add_collection(lines)
     if points is not None:
         place = camera.project(points)

@@ -84,6 +84,20 @@ def test_values_of_zero_are_white_from_every_side_and_infinite_ones_are_not(tmp_
         assert grey_of_picture(tmp_path / "none.png", mesh, zero + np.nan, view) < 0.5
 
 
+def test_the_edges_of_a_dense_mesh_leave_the_surface_visible(tmp_path):
+    """88,000 faces of `delaunay --plot` were black: the edges were as wide as those of a coarse mesh."""
+    from matplotlib.image import imread
+
+    look = {"curve_width": 0.35, "curve_halo": 0.0, "curve_aspect": 0.1}
+    brightness_of_mesh = []
+    for n in (4, 60):
+        mesh, path = shapes.grid(n, n), str(tmp_path / "a.png")
+        edges = list(mesh.points[mesh.topology.edges])
+        surface.draw_surface(path, mesh, curves=edges, width=1.2, height=0.9, **look)
+        brightness_of_mesh.append(float(imread(path)[60:120, 90:150, :3].mean()))
+    assert brightness_of_mesh[0] > 0.7 and brightness_of_mesh[1] > 0.35
+
+
 @pytest.mark.parametrize("kind, whole", [(int, True), (float, False)])
 def test_the_ticks_of_integers_are_whole_numbers(monkeypatch, tmp_path, kind, whole):
     """Numbers of regions had ticks at 0.25 and 0.5."""

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 INTRINSIC_FORMATS = (".npz", ".vtkhdf")
 LINE_FORMATS = (".vtp", ".vtu", ".obj", ".vtk", ".xdmf")
+EDGE_ASPECT = 0.1  # width over length of drawn edges: more than half of a dense mesh remains free
 OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", ".obj", ".off", ".stl")
 
 
@@ -157,4 +158,4 @@ def draw(path: str, mesh: TriangleMesh, result: DelaunayResult, look: dict[str, 
     if result.dual is not None and cut is not None:
         lines = dual_lines(result.dual, cut)
         panels.append((mesh, {"curves": list(lines.points[lines.lines]), "title": "circumcentric dual"}))
-    draw_beside(path, panels, curve_width=0.35, curve_halo=0.0, **look)
+    draw_beside(path, panels, curve_width=0.35, curve_halo=0.0, curve_aspect=EDGE_ASPECT, **look)
