@@ -39,8 +39,7 @@ def read_facts(path: Path, folder: Path) -> dict[str, float]:
 
 def dry_run(words: list[str], folder: Path) -> dict[str, Any]:
     """Prediction of a command."""
-    summary = measure([*words, "--dry-run"], folder).summary
-    return summary.get("prediction") or summary["results"]
+    return measure([*words, "--dry-run"], folder).summary["results"]
 
 
 def measured_kernel(

@@ -37,7 +37,7 @@ def predicted(words: list[str], folder: Path) -> Row | None:
     dry = measured_command([*words, "--dry-run", "--json"], folder)
     if dry.exit_code:
         return None
-    facts = dry.summary.get("prediction") or dry.summary["results"]
+    facts = dry.summary["results"]
     return {
         "predicted_seconds": facts["seconds"], "range": facts["seconds_range"],
         "predicted_mib": facts["peak_mib"], "read_seconds": facts["read_seconds"],

@@ -167,7 +167,7 @@ def _is_predicted_long(forecast: Any) -> bool:
     """
     if forecast.exit_code:
         return False  # the run refuses it, too
-    prediction = json.loads(forecast.stdout)["prediction"]
+    prediction = json.loads(forecast.stdout)["results"]
     return float(prediction["seconds_range"][1] - prediction["read_seconds"]) > SECONDS_FOR_A_RUN / 2
 
 

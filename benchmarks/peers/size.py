@@ -83,7 +83,7 @@ def measured_row(
     dry = measured_command([*words, "--dry-run"], folder)
     if dry.exit_code:
         return {"note": "refused: " + dry.error.strip().splitlines()[-1][-70:], "date": today}
-    facts = dry.summary.get("prediction") or dry.summary["results"]
+    facts = dry.summary["results"]
     row = {"predicted s": facts["seconds"], "predicted MiB": facts["peak_mib"], "date": today}
     if facts["seconds"] > seconds or facts["peak_mib"] > min(mib, facts["available_mib"]):
         return row | {"note": "not run"}

@@ -55,14 +55,10 @@ def write_inputs(folder, mesh, n_points):
     return paths
 
 
-def facts_of(summary):
-    return summary.get("prediction") or summary["results"]
-
-
 @pytest.mark.parametrize("call", CALLS, ids=lambda call: call.split()[0] + call.split()[1][:7])
 def test_a_dry_run_predicts_and_writes_nothing(call, inputs, tmp_path, summary):
     words = call.format(**inputs, out=tmp_path / "out").split()
-    facts = facts_of(summary(*words, "--dry-run"))
+    facts = summary(*words, "--dry-run")["results"]
     assert list(tmp_path.iterdir()) == []
     assert facts["dry_run"] and facts["read_mib"] <= facts["peak_mib"] < facts["available_mib"]
     assert facts["seconds"] >= facts["read_seconds"] > 0
@@ -222,7 +218,7 @@ def test_an_analysis_predicts_no_steps_of_the_integrator(analysis, inputs, tmp_p
     )
     rows = {
         row["kernel"]: row
-        for row in facts_of(summary("shell-sim", path, analysis, 2, "--dry-run"))["kernels"]
+        for row in summary("shell-sim", path, analysis, 2, "--dry-run")["results"]["kernels"]
     }
     assert rows["shell-sim explicit step"]["seconds"] == 0 < rows[f"shell-sim {analysis[2:]}"]["seconds"]
 
@@ -232,7 +228,7 @@ def test_the_text_of_a_simulators_dry_run_ends_with_its_memory_and_time(inputs, 
     scene, end = text.split("\nassembled\n")
     assert json.loads(scene)["object"][0]["role"] == "shell"
     assert re.search(r"\n  integrator  \S+\n", "\n" + end) and "{" not in end
-    assert re.search(r"\nprediction\n  peak memory  \d+ MiB of \d+ MiB available\n  CPU time     \S+ s", end)
+    assert re.search(r"\nresults\n  peak memory  \d+ MiB of \d+ MiB available\n  CPU time     \S+ s", end)
 
 
 def test_a_dry_run_of_shells_predicts_the_solver_that_the_run_chooses(tmp_path, run, summary, monkeypatch):
@@ -246,7 +242,7 @@ def test_a_dry_run_of_shells_predicts_the_solver_that_the_run_chooses(tmp_path, 
     def kernel(mib):
         for module in (prediction, backends):
             monkeypatch.setattr(module, "available_memory", lambda enough=0: mib * MIB)
-        return facts_of(summary(*words, "--dry-run"))["kernels"][-1]
+        return summary(*words, "--dry-run")["results"]["kernels"][-1]
 
     # the measured peak of factors, 270 MiB, fits into both; the run's estimate with the matrix is 338 MiB
     direct, iterative = kernel(360), kernel(320)
@@ -337,7 +333,7 @@ def test_models_and_contact_of_a_shell_change_what_is_predicted(inputs, tmp_path
         (tmp_path / "a.toml").write_text("\n".join(
             line.strip() for line in scene.format(ball=ball, contact=contact, model=model).splitlines()
         ))  # fmt: skip
-        rows = facts_of(summary("shell-sim", tmp_path / "a.toml", "--dry-run"))["kernels"][1:]
+        rows = summary("shell-sim", tmp_path / "a.toml", "--dry-run")["results"]["kernels"][1:]
         return {row["kernel"].removeprefix("shell-sim "): row["times"] for row in rows if row["seconds"]}
 
     assert times(sphere, "") == {"implicit step": 10}
@@ -347,7 +343,7 @@ def test_models_and_contact_of_a_shell_change_what_is_predicted(inputs, tmp_path
     ranges = []  # of limp shells, which collapse where they strike, the upper end is far
     for limp in (True, False):
         times(sphere, f"contact = {{ {pair} }}" + "\nstretching = {}" * (not limp))
-        row = facts_of(summary("shell-sim", tmp_path / "a.toml", "--dry-run"))["kernels"][1]
+        row = summary("shell-sim", tmp_path / "a.toml", "--dry-run")["results"]["kernels"][1]
         assert ("resists collapse" in row["assumes"]) == limp
         ranges.append(row["times_range"][1] / row["times"])
     assert ranges[0] > 10 * ranges[1]
@@ -366,7 +362,7 @@ def test_models_and_contact_of_a_shell_change_what_is_predicted(inputs, tmp_path
 def test_a_dry_run_counts_the_divided_steps_of_explicit_schemes(call, inputs, summary):
     """The run itself takes as many, but for a change of the limit on the way."""
     words = [*call.format(**inputs).split(), "--steps", 1]
-    step = facts_of(summary(*words, "--dry-run"))["kernels"][-1]
+    step = summary(*words, "--dry-run")["results"]["kernels"][-1]
     n_steps = summary(*words)["results"]["steps"]
     assert step["kernel"].endswith(" step") and n_steps > 3
     assert n_steps / 2 <= step["times"] <= 2 * n_steps
@@ -378,7 +374,7 @@ def test_a_dry_run_counts_the_evaluations_of_asynchronous_steps(tmp_path, summar
     path = tmp_path / "graded.npz"
     write_mesh(str(path), AnnotatedMesh(graded.moved(graded.points**2)))
     words = ("shell-sim", path, *SHELL.split(), "--integrator", "avi", "--steps", 2)
-    times = facts_of(summary(*words, "--dry-run"))["kernels"][-1]["times"]
+    times = summary(*words, "--dry-run")["results"]["kernels"][-1]["times"]
     effects = summary(*words)["results"]["effects"]
     calls = max(effects[name]["evaluations"] for name in ("stretching", "bending"))
     assert 8 < times < 0.8 * calls  # the calls are those of batches of elements

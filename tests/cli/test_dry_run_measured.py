@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.common.process import measured_command
 from ddgcli.mesh import shapes
-from tests.cli.test_dry_run import SHELL, facts_of, write_inputs
+from tests.cli.test_dry_run import SHELL, write_inputs
 
 MEASURED = {
     "info": "info {mesh} -o {out}.vtu",
@@ -84,6 +84,6 @@ def test_peak_memory_and_seconds_are_within_half_of_the_prediction(name, shape, 
 def assert_predicted(call, mesh, n_points, folder):
     words = call.format(**write_inputs(folder, mesh, n_points), out=folder / "out").split()
     dry, real = (measured_command([*words, "--json", *more], folder) for more in (["--dry-run"], []))
-    facts = facts_of(dry.summary)
+    facts = dry.summary["results"]
     assert 0.5 <= facts["peak_mib"] / real.mib <= 1.5
     assert 0.5 <= facts["seconds"] / (real.seconds + real.system_seconds) <= 1.5

@@ -58,7 +58,7 @@ def test_a_scene_that_is_predicted_to_take_long_is_a_dry_run(is_run, monkeypatch
     short = BALLOON.replace(b"9223372036854775808 MPa", b"1 MPa").replace(b"9223372036854775807", b"10")
     text = b"[time]\nduration = 0.01\nstep = 0.01\n" + short if is_run else BALLOON
     summary = json.loads(inputs.kinds()["scene"].reader()(text).stdout)
-    assert ("prediction" in summary) is not is_run
+    assert ("dry_run" in summary) is not is_run
 
 
 def test_an_output_after_a_refusal_and_a_point_that_is_not_finite_are_escapes(tmp_path, monkeypatch):

@@ -219,8 +219,7 @@ def dry_run_of(words: Sequence[str]) -> dict[str, Any]:
     call = [sys.executable, "-m", "ddgcli", *words, "--dry-run", "--json"]
     process = captured_run(call)
     try:
-        answer = json.loads(process.stdout)
-        return answer.get("prediction") or answer["results"]
-    except (ValueError, KeyError, AttributeError):
+        return json.loads(process.stdout)["results"]
+    except (ValueError, KeyError, TypeError):
         last = (process.stderr.strip().splitlines() or ["no prediction"])[-1]
         raise ParameterError(excerpt(last.removeprefix("Error: "), MESSAGE_LENGTH)) from None

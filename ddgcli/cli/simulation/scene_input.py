@@ -230,14 +230,21 @@ def print_dry_run(run: Run, scene: Scene, assembled: dict[str, Any], prediction:
     from ddgcli.cli.forecast.prediction import as_text
     from ddgcli.cli.summary import block_lines, plain
 
-    content = plain({"command": run.command, "dry_run": True, "scene": scene.resolved(),
-                     "assembled": assembled,
-                     "prediction": prediction, "warnings": run.print_warnings()})  # fmt: skip
+    content = plain(
+        {
+            "command": run.command,
+            "dry_run": True,
+            "scene": scene.resolved(),
+            "assembled": assembled,
+            "results": prediction,
+            "warnings": run.print_warnings(),
+        }
+    )
     if run.common.as_json:
         click.echo(json.dumps(content, ensure_ascii=False))
         return
     lines = ["assembled", *block_lines(content["assembled"], "  ", run.common.full)]
-    lines += ["prediction", *(f"  {line}" for line in as_text(content["prediction"]))]
+    lines += ["results", *(f"  {line}" for line in as_text(content["results"]))]
     click.echo("\n".join([json.dumps(content["scene"], indent=2, ensure_ascii=False), *lines]))
 
 
