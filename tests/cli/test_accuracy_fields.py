@@ -80,7 +80,7 @@ STEP = "ddgcli.algorithms.tangent_fields.integral_curves:runge_kutta_step"
 EVOLVE = "ddgcli.simulation.recording:evolve"
 TRANSPORT_STEP = "ddgcli.models.fluid.conservative:runge_kutta"
 SIDE_FLUX = "ddgcli.models.fluid.surface_space:SurfaceSpace.side_flux"
-MEAN_STEP = "ddgcli.models.willmore.flow:mean_curvature_step"
+MEAN_STEP = "ddgcli.models.willmore.component_ends:mean_curvature_step"
 
 GROWING = iter(np.linspace(1.0, 9.0, 99))
 

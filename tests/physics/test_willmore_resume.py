@@ -9,12 +9,12 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.models.willmore.flow import Flow
 from tests.physics.test_willmore_filling import ball_with_holes
-from tests.physics.willmore_runs import bowl, ellipsoid
+from tests.physics.willmore_runs import bowl, ellipsoid, two_components
 
 CUT_AFTER, STEPS = 3, 6
 OFTEN = (
-    "newton", "conformal", "circle-angle", "bubble", "catenoid", "mean curvature in time", "vesicle",
-    "spontaneous curvature", "region", "fill",
+    "newton", "conformal", "circle-angle", "bubble", "catenoid", "mean curvature in time", "two spheres",
+    "vesicle", "spontaneous curvature", "region", "fill",
 )  # fmt: skip
 
 
@@ -34,6 +34,10 @@ RUNS = {
     "largest volume": (ellipsoid(1), ["--flow", "mean-curvature", "--fix-area"]),
     "catenoid": (shapes.cylinder(16, 8, 1.0, 1.2), ["--flow", "mean-curvature"]),
     "mean curvature in time": (ellipsoid(1), ["--flow", "mean-curvature", "--dt", "1e-3"]),
+    "two spheres": (
+        two_components(shapes.icosphere(1), shapes.icosphere(1, 0.1)),
+        ["--flow", "mean-curvature", "--dt", "5e-3"],
+    ),
     "vesicle": (ellipsoid(2), ["--fix-area", "--fix-volume"]),
     "spontaneous curvature": (ellipsoid(2), ["--spontaneous-curvature", "0.4", "--fix-area", "--fix-volume"]),
     "region": (marked(), ["--region", "cap"]),

@@ -13,7 +13,7 @@ from ddgcli.models.willmore import descent, flow, step_rules
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.operators.laplacian import lumped_vertex_area
 from tests.conftest import ROOT
-from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, run_flow
+from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, run_flow, two_components
 
 
 @pytest.mark.parametrize("family", ["good", "irregular", "stretched", "noisy", "refined"])
@@ -149,16 +149,21 @@ def test_mean_curvature_flow_of_the_sphere():
     assert abs(error[1]) < 0.01 and error[0] / error[1] == pytest.approx(2, rel=0.3)
 
 
-def test_a_thin_torus_becomes_singular_as_it_shrinks_to_its_circle(tmp_path, summary):
-    """The tube has r^2 = r0^2 - 2 t up to r / R; steps past the circle would go on from faces of no shape."""
+def thin_torus():
+    """Of radii 1 and 0.1, on uneven triangles: even ones would shrink to the circle with their shape."""
     even, random = shapes.torus(60, 12, 1.0, 0.1), np.random.default_rng(1)
     x, y, z = np.array(even.points).T
     shift = random.uniform(-0.25, 0.25, (2, len(x))) * 2 * np.pi / np.array([[60], [12]])
     along, around = np.arctan2(y, x) + shift[0], np.arctan2(z, np.hypot(x, y) - 1.0) + shift[1]
     radius = 1.0 + 0.1 * np.cos(around)
     points = np.stack([radius * np.cos(along), radius * np.sin(along), 0.1 * np.sin(around)], axis=1)
+    return even.moved(points)
+
+
+def test_a_thin_torus_becomes_singular_as_it_shrinks_to_its_circle(tmp_path, summary):
+    """The tube has r^2 = r0^2 - 2 t up to r / R; steps past the circle would go on from faces of no shape."""
     path = tmp_path / "thin.ply"
-    write_mesh(path, even.moved(points))
+    write_mesh(path, thin_torus())
     for dt in (2e-4, 1e-4):
         out = summary("willmore-flow", path, "--flow", "mean-curvature", "--dt", dt)
         (time,) = re.findall(r"became singular at time (\S+):", out["results"]["stopped_because"])
@@ -191,3 +196,39 @@ def test_a_step_of_a_flow_that_does_not_divide_the_run_is_refused(words, run):
         assert refused.exit_code == 2
         assert f"--dt: {step:g} is too short for a duration of 0.001; give 1e-12 or more" in refused.stderr
     assert run(*words, 0.001).exit_code == 0
+
+
+@pytest.mark.parametrize("radius, dt", [(0.3, 1e-3), (0.01, 1e-2), (1e-4, 1e-2)])
+def test_a_sphere_goes_on_as_alone_after_a_smaller_one_has_collapsed(radius, dt, tmp_path, summary):
+    """The small one shrinks by r^2 = r0^2 - 4 t, and takes no part from its end on."""
+    ball = shapes.icosphere(2)
+    alone, both = tmp_path / "alone.ply", tmp_path / "both.ply"
+    write_mesh(alone, ball)
+    write_mesh(both, two_components(ball, ball.moved(radius * np.array(ball.points))))
+    ends = []
+    for path in (alone, both):
+        out_path = tmp_path / "last.npz"
+        words = ("--flow", "mean-curvature", "--dt", dt, "--duration", 0.1, "-o", out_path)
+        out = summary("willmore-flow", path, *words)
+        with np.load(out_path) as last:
+            ends.append((out["results"], last["points"]))
+        assert not out["warnings"]
+    (single, sphere), (pair, spheres) = ends
+    assert np.abs(spheres[: len(sphere)] - sphere).max() < 1e-11
+    assert np.abs(spheres[len(sphere) :] - [3.0, 0.0, 0.0]).max() < radius
+    assert pair["energy"][-1] == pytest.approx(single["energy"][-1], rel=1e-11)
+    assert pair["area"] == pytest.approx(single["area"], rel=1e-11)
+    end, collapse = pair["collapse_times"]
+    assert end is None and collapse == pytest.approx(radius**2 / 4, abs=5 * dt)
+    assert pair["times"][-1] == pytest.approx(0.1, rel=1e-12)
+
+
+def test_a_torus_that_has_become_a_circle_does_not_end_the_flow_of_a_sphere(tmp_path, summary):
+    path = tmp_path / "both.ply"
+    write_mesh(path, two_components(shapes.icosphere(2), thin_torus()))
+    out = summary("willmore-flow", path, "--flow", "mean-curvature", "--dt", 2e-4, "--duration", 0.02)
+    end, singular = out["results"]["collapse_times"]
+    assert end is None and singular == pytest.approx(0.1**2 / 2, abs=1e-3)
+    assert out["results"]["times"][-1] == pytest.approx(0.02, rel=1e-12)
+    assert any("1 component became singular" in w for w in out["warnings"])
+    assert out["results"]["area"] == pytest.approx(4 * np.pi * (1 - 4 * 0.02), rel=0.03)

@@ -37,6 +37,12 @@ def ellipsoid(level=3):
     return mesh.moved(mesh.points * [1.0, 1.0, 2.0])
 
 
+def two_components(first, second):
+    """One surface of two, the second at x = 3."""
+    faces = np.concatenate([first.faces, second.faces + first.n_vertices])
+    return TriangleMesh.from_arrays(np.concatenate([first.points, second.points + [3.0, 0.0, 0.0]]), faces)
+
+
 def saddle(n):
     """z = (x^2 - y^2) / 2 over [-1, 1]^2: W = 0.0414968."""
     grid = shapes.grid(n, n, pattern="alternating")

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
 from ddgcli.geometry.extrinsic import face_area_vector
-from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.topology import Topology
@@ -101,11 +100,11 @@ def folded_faces(mesh: TriangleMesh) -> int:
     -------
     int
     """
-    return int(_is_folded(mesh).sum())
+    return int(is_folded(mesh).sum())
 
 
-def folded_area(mesh: TriangleMesh) -> float:
-    """Area of the faces that turn their back on the normal at one of their corners.
+def is_folded(mesh: TriangleMesh) -> NDArray[np.bool_]:
+    """Faces that turn their back on the normal at one of their corners.
 
     Parameters
     ----------
@@ -113,12 +112,8 @@ def folded_area(mesh: TriangleMesh) -> float:
 
     Returns
     -------
-    float
+    (m,) ndarray of bool
     """
-    return float(face_area(mesh.side_length)[_is_folded(mesh)].sum())
-
-
-def _is_folded(mesh: TriangleMesh) -> NDArray[np.bool_]:
     normal = vertex_normals(mesh)[mesh.faces]
     return np.einsum("fki,fi->fk", normal, face_area_vector(mesh)).min(axis=1) < 0.0
 

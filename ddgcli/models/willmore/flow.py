@@ -13,6 +13,7 @@ from ddgcli.errors import SolveError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import step_rules as rules
 from ddgcli.models.willmore import trust_region
+from ddgcli.models.willmore.component_ends import component_step, not_finite, with_components_of
 from ddgcli.models.willmore.conformal import (
     ConformalStep,
     descending_step,
@@ -25,8 +26,6 @@ from ddgcli.models.willmore.descent import (
     Preconditioner,
     descent_motion,
     energy_gradient,
-    folded_area,
-    mean_curvature_step,
     moved_along,
     rosenbrock_step,
     secant_motion,
@@ -290,15 +289,20 @@ class Flow(FlowTerms):
         )  # fmt: skip
 
     def _curvature_step(self, state: FlowState, dt: float) -> FlowState:
-        mesh, singular = self.mesh(state), rules.SINGULAR_REASON.format(state.time)
-        try:
-            moved = mean_curvature_step(mesh, self.free, dt / self.time_unit)
-        except SolveError:
-            return replace(state, stopped=singular)
-        collapsed = area(moved) < rules.COLLAPSED_AREA_FRACTION * self.area
-        before, after = (folded_area(surface) / area(surface) for surface in (mesh, moved))
-        if not collapsed and before <= rules.FOLDED_AREA_FRACTION < after:
-            return replace(state, stopped=singular)
-        if not math.isfinite(energy := self.energy_of(moved)):
-            return replace(state, stopped=singular)
-        return after_curvature_step(state, moved, energy, dt, area(mesh), self.area, self.stop)
+        """Step of mean curvature flow; components that end in it stay where they are from then on."""
+        before, ends, component = self.mesh(state), state.ends, self.topology.vertex_component
+        free = self.free[ends.moves[component[self.free]]]
+        moved, collapsed, singular = component_step(
+            before, component, free, dt / self.time_unit, self.component_area
+        )
+        if not math.isfinite(self.energy_of(moved)):
+            singular |= not_finite(moved, component, self.energy_kind) & ~collapsed
+            moved = with_components_of(before, moved, singular, component)
+        ends = ends.with_singular(singular, state.time)
+        if not ends.moves[component[free]].any():
+            return replace(state, ends=ends, stopped=ends.reason)
+        ends = ends.with_collapsed(collapsed, state.time + dt)
+        stopped = "" if ends.moves[component[free]].any() else ends.reason
+        left = TriangleMesh(moved.points, ends.remaining(state.topology, component))
+        after = after_curvature_step(state, moved, self.energy_of(left), dt, area(before), self.stop)
+        return replace(after, topology=left.topology, ends=ends, stopped=stopped or after.stopped)

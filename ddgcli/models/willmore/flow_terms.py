@@ -14,7 +14,7 @@ from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import step_rules as rules
 from ddgcli.models.willmore.conformal import log_ratio_change
-from ddgcli.models.willmore.constraints import Constraints
+from ddgcli.models.willmore.constraints import Constraints, areas
 from ddgcli.models.willmore.descent import (
     EnergyGradient,
     Preconditioner,
@@ -132,6 +132,11 @@ class FlowTerms:
     def _unit_start(self) -> TriangleMesh:
         return TriangleMesh((self.original - self.centre) / self.scale, self.topology)
 
+    @cached_property
+    def component_area(self) -> NDArray[np.float64]:
+        """(c,) area of each component at the start, at unit size."""
+        return areas(self._unit_start, self.topology.vertex_component)
+
     def mesh(self, state: FlowState) -> TriangleMesh:
         return TriangleMesh(state.points, state.topology)
 
@@ -205,6 +210,9 @@ class FlowTerms:
 
     def unpack(self, arrays: dict[str, NDArray]) -> FlowState:
         state = FlowState.of_arrays(arrays, self.topology, len(self.free))
+        if len(state.ends.time):
+            left = state.ends.remaining(self.topology, self.topology.vertex_component)
+            state = replace(state, topology=left)
         return replace(state, stopped=self.stopped_at_start)
 
     @property

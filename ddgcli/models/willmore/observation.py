@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,8 +99,8 @@ def frame_of(
     return Observation(points, vertex, scalar, faces=state.topology.faces if own_faces else None)
 
 
-def counters(state: FlowState, energy_unit: float) -> dict[str, float]:
-    """Energy and counts of a state; of its remeshings where there may be some.
+def counters(state: FlowState, energy_unit: float) -> dict[str, Any]:
+    """Energy and counts of a state; of its remeshings and the ends of its components where there may be some.
 
     Parameters
     ----------
@@ -109,9 +110,9 @@ def counters(state: FlowState, energy_unit: float) -> dict[str, float]:
 
     Returns
     -------
-    dict of str to float
+    dict of str to float or (c,) ndarray
     """
-    scalar = {
+    scalar: dict[str, Any] = {
         "energy": state.energy * energy_unit,
         "steps": float(state.steps),
         "energy_increases": float(state.increases),
@@ -120,6 +121,9 @@ def counters(state: FlowState, energy_unit: float) -> dict[str, float]:
         "flips": float(state.flips),
         "self_intersections": float(state.self_intersections),
     }
+    if len(state.ends.time):
+        scalar["end_time_by_component"] = np.nan_to_num(state.ends.time, nan=-1.0)
+        scalar["singular_by_component"] = state.ends.singular.astype(np.float64)
     if state.remeshing.origin is not None:
         scalar["remeshes"] = float(state.remeshing.count)
         scalar["remesh_energy_change"] = state.remeshing.change * energy_unit

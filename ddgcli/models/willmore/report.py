@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import counted
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_matrix
 from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY, ENERGIES, SECOND_ENERGY
 from ddgcli.models.willmore.films import FOLDED_REASON, PINCH_REASON, THIN_STAR_REASON
@@ -77,14 +78,12 @@ def summary(
     -------
     results, accuracy : dict
     """
-    if stopped.startswith(SINGULAR_REASON.split("{")[0]):
-        logging.getLogger("ddgcli").warning("%s", stopped)
     if not (bounded or stopped or failure):
         logging.getLogger("ddgcli").warning(
             "the surface is not at rest after %d steps, the most without `steps` or `duration`; "
             "`steps=%d` leads further", limit, 5 * limit,
         )  # fmt: skip
-    last = {name: float(values[-1]) for name, values in series.items()}
+    last = {name: float(values[-1]) for name, values in series.items() if values.ndim == 1}
     results = {
         "energy": series["energy"].tolist(),
         "energy_convention": convention,
@@ -98,6 +97,8 @@ def summary(
     }
     if times is not None:
         results["times"] = times.tolist()
+    if "end_time_by_component" in series:
+        results["collapse_times"] = _collapse_times(series, stopped)
     if "mean_curvature_spread" in last:
         results["mean_curvature_spread"] = last["mean_curvature_spread"]
     if "remeshes" in last:
@@ -117,6 +118,21 @@ def summary(
     if "log_ratio_change_max" in last:
         accuracy["log_ratio_change"] = {name: last[f"log_ratio_change_{name}"] for name in ("max", "mean")}
     return results, accuracy
+
+
+def _collapse_times(series: Mapping[str, NDArray], stopped: str) -> list[float | None]:
+    """Time at which each component of a mean curvature flow ended, with a warning where one did as lines."""
+    time, singular = (row_matrix(series[f"{name}_by_component"])[-1] for name in ("end_time", "singular"))
+    if stopped.startswith(SINGULAR_REASON.split("{")[0]):
+        logging.getLogger("ddgcli").warning("%s", stopped)
+    elif singular.any():
+        first = int(np.argmax(singular))
+        logging.getLogger("ddgcli").warning(
+            "%s singular, and stays as it was (first: component %d at time %.6g): most of it has "
+            "shrunk to lines, or its faces are too slender",
+            counted(int(singular.sum()), "component became", "components became"), first, time[first],
+        )  # fmt: skip
+    return [None if t < 0 else float(t) for t in time]
 
 
 def _finite(value: float) -> float | None:

@@ -17,6 +17,7 @@ from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import step_rules as rules
+from ddgcli.models.willmore.component_ends import ComponentEnds
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.energies import (
     DEFAULT_ENERGY,
@@ -361,6 +362,7 @@ def _model(flow: Flow, unit: TriangleMesh, started: float, options: FlowOptions)
         stopped=flow.stopped_at_start,
         remeshing=Remeshing(None if flow.remesh is None else np.arange(unit.n_vertices)),
         self_intersections=self_intersections(unit),
+        ends=ComponentEnds.none(flow.topology.n_components if flow.mean_curvature else 0),
     )  # fmt: skip
     order = 1 if flow.scheme == "semi-implicit" else 2
     return Model(

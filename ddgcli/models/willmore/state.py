@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore.component_ends import ComponentEnds
 from ddgcli.models.willmore.secant_pairs import SecantPairs
 from ddgcli.models.willmore.step_rules import (
-    COLLAPSED_AREA_FRACTION,
     ENERGY_ROUNDING,
     NEWTON_REST_GRADIENT,
     REST_FALL,
@@ -107,6 +107,8 @@ class FlowState:
     remeshing : Remeshing
     self_intersections : int
         Pairs of faces that crossed at the last check.
+    ends : ComponentEnds
+        Of the components of mean curvature flow in time, of which `topology` has those that move.
     """
 
     points: NDArray[np.float64]
@@ -126,6 +128,7 @@ class FlowState:
     remeshing: Remeshing = field(default_factory=lambda: Remeshing())
     pairs: SecantPairs = SecantPairs()
     self_intersections: int = 0
+    ends: ComponentEnds = field(default_factory=lambda: ComponentEnds.none(0))
 
     def arrays(self, descent: bool, pairs: bool) -> dict[str, NDArray]:
         """The state as arrays of fixed shape, of the descent also the faces and the last motion, or pairs."""
@@ -140,6 +143,7 @@ class FlowState:
             arrays["faces"] = self.topology.faces
         if self.remeshing.origin is not None:
             arrays["origin"] = self.remeshing.origin
+        arrays |= self.ends.arrays()
         if pairs:
             arrays |= self.pairs.arrays(len(self.points))
         elif descent:
@@ -158,7 +162,7 @@ class FlowState:
             arrays["points"], topology, energy, time, dt, int(steps), int(rises), int(area_rises),
             lowest_second=lowest, energy_then=then, redistributions=int(slides), flips=int(flips),
             motion=arrays.get("motion"), remeshing=remeshing, pairs=SecantPairs.of_arrays(arrays, free),
-            self_intersections=int(last[4]),
+            self_intersections=int(last[4]), ends=ComponentEnds.of_arrays(arrays),
         )  # fmt: skip
 
 
@@ -177,7 +181,7 @@ def rounding_scale(energy: float) -> float:
 
 
 def after_curvature_step(
-    state: FlowState, moved: TriangleMesh, energy: float, dt: float, before: float, start: float, stop: Stop
+    state: FlowState, moved: TriangleMesh, energy: float, dt: float, before: float, stop: Stop
 ) -> FlowState:
     """State after a timed step of mean curvature flow.
 
@@ -187,8 +191,8 @@ def after_curvature_step(
     moved : TriangleMesh
         The surface after the step, of bending energy `energy`.
     energy, dt : float
-    before, start : float
-        Area before the step and of the first surface.
+    before : float
+        Area before the step.
     stop : Stop
         Of the criteria `fall` is that of the area.
 
@@ -197,8 +201,8 @@ def after_curvature_step(
     FlowState
     """
     after = float(face_area(moved.side_length).sum())
-    stopped = "the surface collapsed" if after < COLLAPSED_AREA_FRACTION * start else ""
-    if stop.fall is not None and not stopped and before - after < stop.fall * before:
+    stopped = ""
+    if stop.fall is not None and before - after < stop.fall * before:
         stopped = f"area fell by less than {stop.fall:g} of itself in a step"
     return replace(
         state, points=moved.points, energy=energy, time=state.time + dt, stopped=stopped,

@@ -35,7 +35,7 @@ KNOT_ENERGY = 8.0 * np.pi  # tori of less are embedded and unknotted (Li, Yau 19
 ZERO_ENERGY = 1e-12  # energy at which nothing is left to release
 # relative predicted fall of the energy below which rounding decides: the surface is kept
 PREDICTED_FALL_TOLERANCE = 1e-13
-COLLAPSED_AREA_FRACTION = 1e-3  # share of the area at the start below which a surface counts as gone
+COLLAPSED_AREA_FRACTION = 1e-3  # share of its area at the start below which a component counts as gone
 FOLDED_AREA_FRACTION = 0.5  # share of the area on faces that are folded over, above which it is one of lines
 ENERGY_ROUNDING = 1e-13  # relative rise of the energy that counts as one
 # size of the gradient, and relative fall of the energy in a step, at which flows end by default
@@ -72,6 +72,7 @@ REST_REASONS = (
     SMALL_GRADIENT_REASON.format(NEWTON_REST_GRADIENT),
     SMALL_FALL_REASON.format(REST_FALL),
 )
+COLLAPSE_REASON = "the surface collapsed"
 SINGULAR_REASON = (
     "the surface became singular at time {:.6g}: most of it has shrunk to lines, or its faces are too slender"
 )
