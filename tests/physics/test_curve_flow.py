@@ -454,8 +454,36 @@ def test_a_wrong_loss_of_area_is_a_warning(tmp_path, summary):
         result = summary("curve-flow", thin, "--dt", dt, "--steps", steps)
         assert (result["accuracy"]["area_rate_error"] > 0.1) == wrong
         assert any("area does not fall by 2 pi" in text for text in result["warnings"]) == wrong
-    # where a loop vanishes the rate changes: frames up to then count
+    # where a loop vanishes the rate changes: the step in which it does is left out
     loop = write_obj(tmp_path / "limacon.obj", (limacon().points, True))
     result = summary("curve-flow", loop, "--dt", 4e-3, "--duration", 0.24)
     assert result["accuracy"]["turning_number_changes"] == 1
-    assert result["accuracy"]["area_rate_error"] < 0.1  # all frames: 0.3
+    assert result["accuracy"]["area_rate_error"] < 0.1  # with that step: 0.3
+
+
+@pytest.mark.parametrize("scale, side", [(1.0, 1), (1e3, -1)])
+def test_a_late_collapse_of_a_simple_curve_is_an_error_of_its_rate_of_area(tmp_path, summary, scale, side):
+    """It vanishes at area / (2 pi), and the run may end before a second frame."""
+    points = ellipse(60, 2.0, 1.0).points[::side] * scale
+    area = 60 * np.sin(2 * np.pi / 60) * scale**2  # of the polygon
+    path = write_obj(tmp_path / "ellipse.obj", (points, True))
+    for dt, steps in ((0.1, None), (10.0, 3), (1e-3, None)):
+        words = () if steps is None else ("--steps", steps)
+        result = summary("curve-flow", path, "--dt", dt * scale**2, *words)
+        (end,) = result["results"]["collapse_times"]
+        error = result["accuracy"]["area_rate_error"]
+        assert error == pytest.approx(1.0 - area / (2 * np.pi * end), abs=2e-3)
+        assert any("area does not fall by 2 pi" in text for text in result["warnings"]) == (dt > 1e-3)
+
+
+def test_a_loss_of_area_below_its_rounding_is_not_measured(tmp_path, summary):
+    path = write_obj(tmp_path / "ellipse.obj", (ellipse(60, 2.0, 1.0).points, True))
+    result = summary("curve-flow", path, "--dt", 1e-300, "--steps", 2)
+    assert "area_rate_error" not in result["accuracy"] and result["warnings"] == []
+
+
+def test_curves_of_both_orientations_have_a_rate_of_area(tmp_path, summary):
+    points = ellipse(60, 1.0, 0.2).points
+    path = write_obj(tmp_path / "two.obj", (points, True), (points[::-1] + [3.0, 0.0, 0.0], True))
+    coarse = summary("curve-flow", path, "--dt", 2e-2, "--steps", 2)["accuracy"]["area_rate_error"]
+    assert coarse > 0.1  # the areas, and their rates, cancel in sum

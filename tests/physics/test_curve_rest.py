@@ -2,13 +2,12 @@
 
 import math
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ddgcli.models.curve import setup
-from ddgcli.models.curve.report import _area_rate_error, _time_to_rest
+from ddgcli.models.curve.report import _time_to_rest
 from tests.physics.test_curve_flow import ellipse, write_obj
 
 
@@ -61,17 +60,3 @@ def test_the_steps_named_for_closed_curves_lead_to_points_and_are_few(tmp_path, 
     assert int(steps) <= 1.5 * 200 * turns**2
     cure = summary("curve-flow", path, "--dt", 2.5e-3, "--steps", steps)
     assert cure["results"]["stopped_because"] == "every curve has shrunk to a point"
-
-
-def test_the_rate_of_the_area_is_measured_after_a_loop_has_vanished_too():
-    flow = SimpleNamespace(kind="curvature")
-    times, turns = np.linspace(0.0, 2.0, 21), np.repeat([2.0, 1.0], [11, 10])
-    rate = np.append(0.0, np.cumsum(np.diff(times) * 2 * np.pi * turns[1:]))
-    series = {"turning_number": turns, "area": 30.0 - rate, "collapsed": np.zeros(21)}
-    assert _area_rate_error(flow, times, series) == pytest.approx(0.0, abs=1e-14)
-    stays = series | {"area": 30.0 - np.minimum(rate, rate[11])}  # the last 0.9 of 1.9
-    assert _area_rate_error(flow, times, stays) == pytest.approx(0.9 / 2.9)
-    collapsed = stays | {"collapsed": (times > 1.05).astype(float)}
-    assert _area_rate_error(flow, times, collapsed) == pytest.approx(0.0, abs=1e-14)
-    back = series | {"turning_number": np.zeros(21)}
-    assert _area_rate_error(flow, times, back) is None

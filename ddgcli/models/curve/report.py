@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import counted
 from ddgcli.mesh.vectors import row_matrix
-from ddgcli.models.curve.flow import CurveFlow
+from ddgcli.models.curve.flow import FOLD_TURNING, CurveFlow
 
 MAX_AREA_RATE_ERROR = 0.1
 MAX_RESOLVED_TURNING = np.pi / 3  # radians at a point; a hexagon's
 AREA_ROUNDING = 1e-9  # of the circle of the same length: areas below it are the rounding of loops that cancel
 REST_DECREASE = 1e-11  # of the energy, in a quarter of the frames, at rest
-FOLD_TURNING = np.radians(170)  # at a point where a polygon runs back on itself
 
 log = logging.getLogger("ddgcli")
 
@@ -72,7 +71,7 @@ def summary(
         "energy_increases": int(series["energy_increases"][-1]) if flow.kind == "elastic" else None,
         "area_drift": _area_drift(series) if flow.kind == "area-preserving" else None,
         "length_drift": _drift(series["length_by_curve"]) if _keeps_length(flow) else None,
-        "area_rate_error": _area_rate_error(flow, times, series) if bounds else None,
+        "area_rate_error": _area_rate_error(flow, series) if bounds else None,
         "turning_number_changes": int(np.count_nonzero(np.diff(series["turning_number"])))
         if bounds
         else None,
@@ -148,20 +147,15 @@ def _area_drift(series: Mapping[str, NDArray]) -> float:
     return float((np.abs(area - area[0]) / size).max())
 
 
-def _area_rate_error(flow: CurveFlow, times: NDArray, series: Mapping[str, NDArray]) -> float | None:
+def _area_rate_error(flow: CurveFlow, series: Mapping[str, NDArray]) -> float | None:
     """Relative error of the loss of area, exactly 2 pi times the turning number a unit of time.
 
-    Frames count until the first curve has shrunk to a point, between frames of one turning number: where a
-    loop shrinks away the rate changes. None where the rate is zero.
+    Of all steps up to the one in which a curve shrinks to a point, but those in which a loop does. None where
+    the rate is zero, or the exact loss would be rounding.
     """
-    turns = series["turning_number"]
-    steady = (np.diff(turns) == 0) & (series["collapsed"][1:] == 0)
-    stretch = np.cumsum(np.diff(turns) != 0)
-    loss, exact = (
-        np.bincount(stretch, np.where(steady, values, 0.0), minlength=1)
-        for values in (-np.diff(series["area"]), 2 * np.pi * turns[1:] * np.diff(times))
-    )
-    if flow.kind != "curvature" or not exact.any():
+    loss, exact = (row_matrix(series[f"{name}_by_curve"])[-1] for name in ("area_loss", "exact_area_loss"))
+    circle = row_matrix(series["length_by_curve"])[0] ** 2 / (4.0 * np.pi)
+    if flow.kind != "curvature" or np.abs(exact).sum() <= AREA_ROUNDING * circle.sum():
         return None
     return float(np.abs(loss - exact).sum() / np.abs(exact).sum())
 

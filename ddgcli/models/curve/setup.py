@@ -147,12 +147,12 @@ def build(curves: CurveSet, options: CurveFlowOptions) -> tuple[CurveFlow, Model
             _require_slack(mesh, points, length)
     penalty = None if options.length_penalty is None else options.length_penalty * scale**2
     radius = length / (2 * np.pi)
+    simple = mesh.bounds_area & (area != 0.0) & (self_crossings(mesh, points) == 0.0)
     if options.flow != "elastic":
-        simple = mesh.bounds_area & (area != 0.0) & (self_crossings(mesh, points) == 0.0)
         radius = np.where(simple, np.sqrt(np.abs(area) / np.pi), radius)
     flow = CurveFlow(
-        mesh, options.flow, options.redistribute, penalty, options.stop_at_rest, length, area, radius, centre,
-        scale,
+        mesh, options.flow, options.redistribute, penalty, options.stop_at_rest, length, area, radius, simple,
+        centre, scale,
     )  # fmt: skip
     model = Model(
         start_state(flow, points), flow.advance, flow.observe, flow.pack, flow.unpack,
