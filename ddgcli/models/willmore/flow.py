@@ -117,14 +117,28 @@ class Flow(FlowTerms):
             and self.of_surface
             and near_rest
             and (newton or self.kind == "descent")
-        ):
-            metric = self._preconditioner(at, dt)
-            least = rules.NEAR_REST_ENERGY_FRACTION * abs(at.energy) / dt
-            if metric.descent_power() <= 2.0 * least:  # what the two parts release is half of it or more
-                across, along = metric.powers()
-                if across + along <= least and along >= across:
-                    return rules.MESH_ERROR_REASON
+        ) and self._mesh_error_prevails(at, dt):
+            return rules.MESH_ERROR_REASON
         return ""
+
+    def _mesh_error_prevails(self, at: EnergyGradient, dt: float) -> bool:
+        """Whether, near rest, the gradient's part along the surface releases more energy than that across."""
+        metric = self._preconditioner(at, dt)
+        least = rules.NEAR_REST_ENERGY_FRACTION * abs(at.energy) / dt
+        if metric.descent_power() > 2.0 * least:  # what the two parts release is half of it or more
+            return False
+        across, along = metric.powers()
+        return across + along <= least and along >= across
+
+    def _leaves_rest(self, at: EnergyGradient, after: FlowState) -> bool:
+        """Whether a Newton step of a membrane leads away from where only the mesh's error is left.
+
+        A saddle of the mesh, or a minimum that it has none of: from there the surface crumples.
+        """
+        if self.kind != "newton" or not (self.constraints.active and self.of_surface):
+            return False
+        rises = size_across(self._gradient(after)) > size_across(at)
+        return rises and self._mesh_error_prevails(at, self.longest)
 
     def _polished(self, state: FlowState, at: EnergyGradient) -> FlowState:
         energy, tolerance = self._terms(state.topology).energy, self.stop.gradient or 0.0
@@ -217,6 +231,8 @@ class Flow(FlowTerms):
             and at.energy - step.energy < rules.LEAST_NEWTON_FALL * step.energy
         ):
             return replace(stepped, stopped=rules.SLOW_NEWTON_REASON)
+        if self._leaves_rest(at, stepped):
+            return replace(state, stopped=rules.MESH_ERROR_REASON)
         return self._conformal_end(stepped)
 
     def _conformal_end(self, state: FlowState) -> FlowState:

@@ -297,8 +297,11 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
             "unfold it or use `energy=cotan`"
         )
     unbounded = energy_name in ("hinge", "quadratic", "circle-angle") or film
-    least = 0.0 if unbounded or curvature else least_energy(unit, options.fix_area and options.fix_volume)
-    lowest = rules.LOWER_BOUND_FRACTION * least if least else -math.inf
+    vesicle = options.fix_area and options.fix_volume
+    least = 0.0 if unbounded or curvature else least_energy(unit, vesicle)
+    close = vesicle and is_spheres(topology) and energy_name == DEFAULT_ENERGY
+    fraction = rules.VESICLE_BOUND_FRACTION if close else rules.LOWER_BOUND_FRACTION
+    lowest = fraction * least if least else -math.inf
     if curvature and not unbounded:
         lowest = -rules.HELFRICH_ERROR_FRACTION * curvature**2 * area(unit)
     unwatched = options.flow in ("conformal", "mean-curvature")
