@@ -20,7 +20,7 @@ from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.models.willmore.state import DEFAULT_STOP, NEWTON_STOP
 from ddgcli.models.willmore.step_rules import ROUNDING_REASON
 from ddgcli.models.willmore.trust_region import Lagrangian
-from tests.physics.willmore_runs import assert_falls, bowl, ellipsoid, energies, run_flow
+from tests.physics.willmore_runs import assert_falls, bowl, ellipsoid, energies, run_flow, two_components
 
 NEWTON = FlowOptions(flow="newton", stop=NEWTON_STOP)
 
@@ -36,7 +36,7 @@ def test_hessian_products_are_symmetric_and_match_second_differences(name):
     energy, free = ENERGIES[name].of(mesh), np.arange(mesh.n_vertices)
     rng = np.random.default_rng(1)
     u, v = rng.normal(size=(2, mesh.n_vertices, 3))
-    hu, hv = (trust_region.hessian_product(energy, mesh.points, free, w) for w in (u, v))
+    hu, hv = (trust_region.hessian_product(energy, mesh, free, w) for w in (u, v))
     assert np.sum(v * hu) == pytest.approx(np.sum(u * hv), rel=1e-6, abs=1e-6 * np.abs(u * hu).sum())
     h = 1e-3 / np.abs(u).max()
     values = [energy.value(mesh.points + k * h * u) for k in (-2, -1, 0, 1, 2)]
@@ -91,6 +91,18 @@ def test_newton_makes_an_ellipsoid_round():
     assert_falls(snapshots)
 
 
+@pytest.mark.parametrize("size", [1.0, 1e-2, 1e-4])
+def test_newton_makes_components_of_any_size_round(size):
+    """As alone: neither the differences nor the trust region of one depend on the size of another."""
+    ball = shapes.icosphere(2)
+    first, second = ball.moved(ball.points * [1.0, 1.0, 1.5]), ball.moved(ball.points * [1.0, 1.3, 0.7])
+    steps = [len(run_flow(mesh, NEWTON)[0]) for mesh in (first, second)]
+    both = two_components(first, second.moved(second.points * size))
+    observations, _, _ = run_flow(both, NEWTON)
+    assert energies(observations)[-1] == pytest.approx(8 * np.pi, rel=1e-9)
+    assert len(observations) <= max(steps) + 6
+
+
 def test_circle_angle_flow_makes_an_ellipsoid_round():
     """Convex Delaunay meshes inscribed in a sphere have no circle-angle energy."""
     options = FlowOptions(flow="circle-angle", stop=DEFAULT_STOP)
@@ -123,7 +135,7 @@ def test_a_lagrangians_hessian_products_match_second_differences(curvature):
         mesh.topology, energy, constraints, np.array([[3.0], [-2.0]]), np.arange(mesh.n_vertices)
     )
     u = np.random.default_rng(1).normal(size=(mesh.n_vertices, 3))
-    hu = trust_region.hessian_product(lagrangian, mesh.points, np.arange(mesh.n_vertices), u)
+    hu = trust_region.hessian_product(lagrangian, mesh, np.arange(mesh.n_vertices), u)
     h = 1e-3 / np.abs(u).max()
     values = [lagrangian.value(mesh.points + k * h * u) for k in (-2, -1, 0, 1, 2)]
     second = (-values[0] + 16 * values[1] - 30 * values[2] + 16 * values[3] - values[4]) / (12 * h**2)

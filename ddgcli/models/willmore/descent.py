@@ -12,6 +12,7 @@ from scipy.sparse import csc_array, diags_array
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_dot
@@ -149,11 +150,20 @@ def energy_gradient(
     return EnergyGradient(mesh, free, value, gradient, mass)
 
 
-def fourth_order_matrix(mesh: SurfaceMesh, free: NDArray, dt: float) -> csc_array:
-    """M + dt/2 Q with Q = L M^-1 L, on the free vertices: the implicit step of a plane."""
+def fourth_order_matrix(
+    mesh: SurfaceMesh, free: NDArray, dt: float, of_components: bool = False
+) -> csc_array:
+    """M + dt/2 Q with Q = L M^-1 L, on the free vertices: the implicit step of a plane.
+
+    `of_components`: M of each component as if it had the whole area, since Q is the same at any size.
+    """
     L, area = stiffness(mesh), lumped_vertex_area(mesh)
     inverse = np.divide(1.0, area, out=np.zeros_like(area), where=area > 0)
     Q = L @ diags_array(inverse) @ L
+    if of_components:
+        component = mesh.topology.vertex_component
+        own = sum_by_index(component[component >= 0], area[component >= 0], mesh.topology.n_components)
+        area = area * (area.sum() / own[component]) ** 2
     matrix = csc_array(diags_array(area) + 0.5 * dt * Q)
     return matrix if len(free) == mesh.n_vertices else csc_array(matrix[free][:, free])
 
@@ -262,7 +272,11 @@ class Preconditioner:
 
 
 def preconditioner_at(
-    at: EnergyGradient, dt: float, like: Factor | None = None, of_area: bool = False
+    at: EnergyGradient,
+    dt: float,
+    like: Factor | None = None,
+    of_area: bool = False,
+    of_components: bool = False,
 ) -> Preconditioner:
     """Preconditioner for a step.
 
@@ -274,6 +288,8 @@ def preconditioner_at(
         Of the same mesh elsewhere; it is used up, and its analysis serves again.
     of_area : bool
         The energy is an area or a volume, of second order.
+    of_components : bool
+        Components of any size count equally.
 
     Returns
     -------
@@ -283,7 +299,7 @@ def preconditioner_at(
     if of_area:
         matrix = second_order_matrix(at.mesh, at.free, dt, normal)
     else:
-        matrix = fourth_order_matrix(at.mesh, at.free, dt)
+        matrix = fourth_order_matrix(at.mesh, at.free, dt, of_components)
     return Preconditioner(at, Factor(matrix) if like is None else like.refactor(matrix), normal)
 
 

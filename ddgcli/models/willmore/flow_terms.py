@@ -172,7 +172,8 @@ class FlowTerms:
         last = self._last_preconditioner
         if last is None or last[0].at is not at or last[1] != dt:
             factor = self._terms(at.mesh.topology).factor(at.free)
-            last = self._last_preconditioner = preconditioner_at(at, dt, factor, self.of_area), dt
+            metric = preconditioner_at(at, dt, factor, self.of_area, self.kind == "newton")
+            last = self._last_preconditioner = metric, dt
         return last[0]
 
     def movable(self, state: FlowState) -> NDArray[np.bool_]:

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from ddgcli.errors import SolveError
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_dot
-from ddgcli.models.willmore.constraints import Constraints, ConstraintSpan, combined
+from ddgcli.mesh.vectors import ratio, row_dot
+from ddgcli.models.willmore.constraints import Constraints, ConstraintSpan, areas, combined
 from ddgcli.models.willmore.descent import Preconditioner, moved_along, vertex_normals
 from ddgcli.models.willmore.energies import Energy
 from ddgcli.models.willmore.state import rounding_scale
 from ddgcli.models.willmore.step_rules import ENERGY_ROUNDING, PREDICTED_FALL_TOLERANCE
 
-DIFFERENCE = 1e-5  # of the points, relative to their extent, for a Hessian's product with a motion
+DIFFERENCE = 1e-5  # of the points, in radii of the sphere of the component's area, for a Hessian's product
 MAX_CG_ITERATIONS = 200
 FIRST_RADIUS, LEAST_RADIUS = 0.06, 1e-11  # of the trust region, relative to the area
 GOOD_AGREEMENT, POOR_AGREEMENT = 0.75, 0.1  # of the energy's fall with the model's
@@ -43,26 +43,31 @@ class NewtonMotion:
     at_boundary: bool
 
 
-def hessian_product(energy: Energy, points: NDArray, free: NDArray, motion: NDArray) -> NDArray[np.float64]:
+def hessian_product(
+    energy: Energy, mesh: TriangleMesh, free: NDArray, motion: NDArray
+) -> NDArray[np.float64]:
     """(k, 3) Hessian of an energy times a motion of the free vertices: differences of the gradient.
+
+    No component's gradient depends on another, so that each takes a difference of its own size.
 
     Parameters
     ----------
     energy : Energy
-    points : (n, 3) ndarray
+    mesh : TriangleMesh
     free : (k,) ndarray of int
     motion : (k, 3) ndarray
     """
-    largest = float(np.abs(motion).max())
-    if largest == 0.0:
-        return np.zeros_like(motion)
-    step = DIFFERENCE * float(np.abs(points).max()) / largest
+    component = mesh.topology.vertex_component
+    radius, own = np.sqrt(areas(mesh, component) / (4.0 * np.pi)), component[free]
+    largest = np.zeros_like(radius)
+    np.maximum.at(largest, own, np.abs(motion).max(axis=1))
+    step = (DIFFERENCE * ratio(radius, largest))[own][:, None]
     gradients = []
     for sign in (1.0, -1.0):
-        moved = np.array(points)
+        moved = np.array(mesh.points)
         moved[free] += sign * step * motion
         gradients.append(energy.value_and_gradient(moved)[1][free])
-    return (gradients[0] - gradients[1]) / (2.0 * step)
+    return ratio(gradients[0] - gradients[1], 2.0 * step)
 
 
 def newton_motion(
@@ -240,7 +245,7 @@ def descending_newton_step(
     while radius >= least_radius:
         newton = newton_motion(
             _along(at.gradient, normal),
-            lambda v: _along(hessian_product(lagrangian, at.mesh.points, at.free, v), normal),
+            lambda v: _along(hessian_product(lagrangian, at.mesh, at.free, v), normal),
             solve,
             radius,
         )
