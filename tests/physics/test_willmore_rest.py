@@ -145,6 +145,14 @@ def test_a_grown_second_energy_is_reported(caplog):
     report.warn_of_disagreement(mesh, end, FlowOptions())
     assert "cotan gives the last surface" in caplog.text and "use `remesh=mean`" in caplog.text
     caplog.clear()
+    tube = shapes.cylinder(24, 12, 1.0, 1.2)
+    x, y, z = np.array(tube.points).T
+    middle = 0.5 * (z.min() + z.max())
+    waist = np.cosh(z - middle)
+    catenoid = tube.moved(np.stack([x * waist, y * waist, z], axis=1))  # int K is below zero
+    report.warn_of_disagreement(catenoid, catenoid, FlowOptions(energy="gauss-map"))
+    assert "never negative" in caplog.text and "use `energy=cotan`" in caplog.text
+    caplog.clear()
     flat = shapes.grid(2, 2)  # neither energy is more than rounding
     report.warn_of_disagreement(flat, flat, FlowOptions(energy="gauss-map"))
     assert caplog.text == ""

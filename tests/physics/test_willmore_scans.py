@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from benchmarks.common.mesh_classes import ellipsoids
+from benchmarks.common.submesh import submesh
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.models.willmore import vertex_noise
 from ddgcli.models.willmore.descent import vertex_normals
 from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.secant_pairs import MAX_PAIRS, SecantPairs
@@ -127,3 +129,21 @@ def test_a_conformal_flow_that_cannot_go_on_says_so_and_names_the_flow_that_can(
     assert "curvature is not yet constant" in result.stderr and "--flow quadratic" in result.stderr
     _, _, shots = run_flow(ellipsoid(3), CONFORMAL)
     assert shots[-1].stopped and shots[-1].stopped != CONFORMAL_REASON
+
+
+def test_more_noise_than_energy_is_no_noise(monkeypatch, caplog):
+    """Creases of a cage of control points look like noise of half an edge, of more energy than there is."""
+    monkeypatch.setattr(vertex_noise, "noise_energy", lambda mesh: (0.46, 2.5e4))
+    vertex_noise.warn_of_noise(shapes.icosphere(0), 168.5)
+    assert caplog.text == ""
+    vertex_noise.warn_of_noise(shapes.icosphere(0), 2e4)
+    assert "the vertices have noise of 0.46" in caplog.text
+
+
+def test_the_crease_at_a_patch_is_no_noise(run, tmp_path):
+    """The patch begins as a membrane: a flat disk across the hemisphere."""
+    ball, path = shapes.icosphere(3), tmp_path / "half.ply"
+    half = submesh(ball, ball.faces[(ball.points[ball.faces][..., 2] > -1e-9).all(axis=1)])
+    write_mesh(str(path), AnnotatedMesh(half))
+    result = run("willmore-flow", path, "--fill", "all", "--steps", 1)
+    assert result.exit_code == 0 and "noise" not in result.stderr

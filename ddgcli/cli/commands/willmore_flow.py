@@ -152,7 +152,7 @@ def command(
     )  # fmt: skip
     last = last_mesh(outcome.last)
     results["self_intersections"] = report_of(outcome.series, outcome.times, last)
-    report.warn_of_surfaces(mesh, last, flow_options, results["energy"][0])
+    report.warn_of_surfaces(mesh, last, flow_options, results["energy"][0], source.surface)
     if parameters["fill"] is not None:
         results["patch"] = {"vertices": int(region.sum()), "faces": mesh.n_faces - source.surface.n_faces}
     if parameters["report_energy"]:

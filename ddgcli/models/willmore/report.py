@@ -222,7 +222,11 @@ def failure_reason(stopped: str, start: TriangleMesh, last: TriangleMesh, option
 
 
 def warn_of_surfaces(
-    first: TriangleMesh, last: TriangleMesh, options: FlowOptions, start_energy: float
+    first: TriangleMesh,
+    last: TriangleMesh,
+    options: FlowOptions,
+    start_energy: float,
+    unfilled: TriangleMesh | None = None,
 ) -> None:
     """Warn of noise at the start of the flow of a bending energy, of folds, and of slender faces.
 
@@ -233,11 +237,13 @@ def warn_of_surfaces(
     options : FlowOptions
     start_energy : float
         Of the first surface.
+    unfilled : TriangleMesh, optional
+        The first one without patches, whose creases along the loops are no noise.
     """
     if options.flow != "mean-curvature":
         from ddgcli.models.willmore.vertex_noise import warn_of_noise
 
-        warn_of_noise(first, start_energy)
+        warn_of_noise(unfilled or first, start_energy)
     warn_of_folds(first, last)
     warn_of_disagreement(first, last, options)
 
@@ -255,10 +261,19 @@ def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, options: FlowO
         return
     kinds = [ENERGIES[name].of for name in (DEFAULT_ENERGY, SECOND_ENERGY)]
     values = [[kind(mesh).value(mesh.points) for kind in kinds] for mesh in (first, last)]
+    log = logging.getLogger("ddgcli")
+    value, second = values[1]
+    if value <= FLAT_ENERGY < second:
+        log.warning(
+            "%s gives the last surface an energy of %.3g, %s %.3g: int H^2 is never negative, and near zero "
+            "the first is its own error; use `energy=%s`",
+            DEFAULT_ENERGY, value, SECOND_ENERGY, second, SECOND_ENERGY,
+        )  # fmt: skip
+        return
     before, after = (max(second, FLAT_ENERGY) / max(value, FLAT_ENERGY) for value, second in values)
     can_remesh = options.flow == "quadratic" and not (options.timed or options.remesh)
     if after > ENERGY_RATIO_WARNING * max(1.0, before):
-        logging.getLogger("ddgcli").warning(
+        log.warning(
             "%s gives the last surface %.3g times the energy of %s (%.3g times at the start): its faces "
             "are too slender to decide%s", SECOND_ENERGY, after, DEFAULT_ENERGY, before,
             "; use `remesh=mean`" if can_remesh else "",

@@ -14,6 +14,9 @@ from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
 NOISE_ROUNDING = 1e-12  # mean edge lengths, up to which noise is that of the arithmetic
 SHARE_WARNING = 0.2  # of the energy at the start, from which a warning is due
+LEAST_ENERGY_SHARE = (
+    0.3  # of the estimate, which noise adds to any energy: where there is less, it is no noise
+)
 
 
 def noise_energy(mesh: TriangleMesh) -> tuple[float, float]:
@@ -50,9 +53,11 @@ def warn_of_noise(mesh: TriangleMesh, energy: float) -> None:
     ----------
     mesh : TriangleMesh
     energy : float
+        At the start: at least what the noise adds.
     """
     relative, energy_of_noise = noise_energy(mesh)
-    if relative > NOISE_ROUNDING and energy_of_noise > SHARE_WARNING * abs(energy):
+    possible = LEAST_ENERGY_SHARE * energy_of_noise <= abs(energy)
+    if possible and relative > NOISE_ROUNDING and energy_of_noise > SHARE_WARNING * abs(energy):
         logging.getLogger("ddgcli").warning(
             "the vertices have noise of %.2g of an edge, which makes about %.2g of the energy %.4g at the "
             "start, whichever energy: only values after the first steps, which smooth it, are of the surface",
