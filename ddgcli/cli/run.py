@@ -258,7 +258,7 @@ class Run:
         self.common = replace(self.common, plot=None)
         from ddgcli.cli.forecast.prediction import as_text
 
-        self.finish(results, {}, converged=converged, text=[*text, *as_text(results)])
+        self.finish(results, {}, converged=converged, text=[*text, *as_text(results, self.common.full)])
         self._context.exit(0)
 
     def set_input(self, path: str, sha256: str, **facts: Any) -> None:

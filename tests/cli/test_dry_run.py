@@ -231,6 +231,15 @@ def test_the_text_of_a_simulators_dry_run_ends_with_its_memory_and_time(inputs, 
     assert re.search(r"\nresults\n  peak memory  \d+ MiB of \d+ MiB available\n  CPU time     \S+ s", end)
 
 
+@pytest.mark.parametrize("command", ["curvature", "shell-sim"])
+def test_the_full_text_of_a_dry_run_has_the_kernels(command, inputs, run, summary):
+    words = [command, inputs["mesh"], *(SHELL.split() if command == "shell-sim" else ()), "--dry-run"]
+    names = [row["kernel"] for row in summary(*words)["results"]["kernels"]]
+    short, full = run(*words).stdout, run(*words, "--full").stdout
+    rows = re.findall(r"^ +(\S.*?)  +[\d.e-]+ s +[\d.e+]+ MiB", full.split("\n  kernels\n")[1], re.MULTILINE)
+    assert rows == names and "kernels" not in short
+
+
 def test_a_dry_run_of_shells_predicts_the_solver_that_the_run_chooses(tmp_path, run, summary, monkeypatch):
     """Both decide by the pattern of the Hessians and the memory that is available."""
     path = tmp_path / "sheet.npz"

@@ -241,8 +241,8 @@ def as_results(prediction: Prediction, size: InputSize) -> dict[str, Any]:
     }
 
 
-def as_text(results: Mapping[str, Any]) -> list[str]:
-    """Lines of the summary of a dry run; none where no run of a batch is accepted."""
+def as_text(results: Mapping[str, Any], full: bool) -> list[str]:
+    """Lines of the summary of a dry run, with the kernels if `full`; none if a batch accepts no run."""
     if "seconds" not in results:
         return []
     low, high = results.get("seconds_range") or 2 * (results["seconds"],)
@@ -253,4 +253,19 @@ def as_text(results: Mapping[str, Any]) -> list[str]:
     return [
         f"peak memory  {results['peak_mib']:.0f} MiB of {results['available_mib']:.0f} MiB available",
         f"CPU time     {results['seconds']:.2g} s{spread}",
+        *(_kernel_lines(results.get("kernels", ())) if full else ()),
     ]
+
+
+def _kernel_lines(kernels: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Name, seconds, memory and count of each kernel, in columns."""
+    width = max((len(row["kernel"]) for row in kernels), default=0)
+    lines = []
+    for row in kernels:
+        seconds, mib = (
+            "not measured" if row[key] is None else f"{row[key]:{form}} {unit}"
+            for key, form, unit in (("seconds", ".2g", "s"), ("mib", ".0f", "MiB"))
+        )
+        count = "" if row["times"] == 1 else f"  {row['times']:.4g} times"
+        lines.append(f"  {row['kernel']:<{width}}  {seconds:>12}  {mib:>12}{count}")
+    return ["kernels", *lines] if lines else []

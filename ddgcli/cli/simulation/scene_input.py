@@ -244,7 +244,7 @@ def print_dry_run(run: Run, scene: Scene, assembled: dict[str, Any], prediction:
         click.echo(json.dumps(content, ensure_ascii=False))
         return
     lines = ["assembled", *block_lines(content["assembled"], "  ", run.common.full)]
-    lines += ["results", *(f"  {line}" for line in as_text(content["results"]))]
+    lines += ["results", *(f"  {line}" for line in as_text(content["results"], run.common.full))]
     click.echo("\n".join([json.dumps(content["scene"], indent=2, ensure_ascii=False), *lines]))
 
 
