@@ -60,3 +60,14 @@ def test_the_steps_named_for_closed_curves_lead_to_points_and_are_few(tmp_path, 
     assert int(steps) <= 1.5 * 200 * turns**2
     cure = summary("curve-flow", path, "--dt", 2.5e-3, "--steps", steps)
     assert cure["results"]["stopped_because"] == "every curve has shrunk to a point"
+
+
+def test_a_singular_matrix_of_a_step_names_a_smaller_penalty_or_step(tmp_path, run):
+    """The bending is below the rounding of the penalty: no face and no component is to blame."""
+    path = write_obj(tmp_path / "ellipse.obj", (ellipse(60, 2.0, 1.0).points, True))
+    words = ("curve-flow", path, "--flow", "elastic", "--steps", 5)
+    failed = run(*words, "--length-penalty", 1e30)
+    assert failed.exit_code == 1
+    assert "use a shorter --dt or a smaller --length-penalty" in failed.stderr and "face" not in failed.stderr
+    assert run(*words, "--length-penalty", 10.0).exit_code == 0
+    assert run(*words, "--length-penalty", 1e30, "--dt", 1e-33).exit_code == 0

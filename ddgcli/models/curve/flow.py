@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csr_array, diags_array
 
+from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.vectors import ratio, row_dot, vector_length
 from ddgcli.models.curve import polygon
@@ -122,6 +123,15 @@ class CurveFlow:
 
     def advance(self, state: CurveState, time: float, dt: float) -> CurveState:
         """One step; curves that have shrunk to a point stay where they are."""
+        try:
+            return self._stepped(state, time, dt)
+        except SolveError as error:
+            cure = "use a shorter `step`"
+            if self.length_penalty:
+                cure += " or a smaller `length_penalty`"
+            raise SolveError(f"the matrix of a step is singular to working precision; {cure}") from error
+
+    def _stepped(self, state: CurveState, time: float, dt: float) -> CurveState:
         dt, time = dt / self.time_unit, time / self.time_unit
         before = self.objective(state.points)
         step = NormalStep(self, state, dt)
