@@ -33,9 +33,15 @@ def step_advice(active: ActiveModel, rejected: StepRejected, dt: float, solvable
     """
     if active.model.advice is not None:
         return active.model.advice()
-    shorter = f"make the step {_fraction_of_step(dt, solvable):.6g} {active.model.time_unit}"
+    shorter = f"make the step {_shorter_step(active, dt, solvable)} {active.model.time_unit}"
     infinite = rejected.cause == "not finite" or math.isinf(rejected.value)
     return f"weaken the forces and velocities, or {shorter}" if infinite else shorter
+
+
+def _shorter_step(active: ActiveModel, dt: float, at_most: float) -> str:
+    """A step of at most this length: the model's usual one, or a fraction of the run's step."""
+    usual = active.model.usual_step
+    return f"{usual:.3g}" if usual <= at_most else f"{_fraction_of_step(dt, at_most):.6g}"
 
 
 def largest_solvable(active: ActiveModel, rejected: StepRejected, time: float, dt: float) -> float:
@@ -87,10 +93,10 @@ def check_rejected(active: ActiveModel, step: int, time: float, dt: float) -> No
         Names a shorter step.
     """
     if active.n_rejected > MAX_REJECTED + MAX_REJECTED_PER_STEP * step:
-        unit, shorter = active.model.time_unit, _fraction_of_step(dt, min(active.smallest, dt / 2))
+        unit, shorter = active.model.time_unit, _shorter_step(active, dt, min(active.smallest, dt / 2))
         raise SolveError(
             f"t = {time:.6g} {unit}, {active.name}: {active.n_rejected} attempts have failed in {step + 1} "
-            f"steps of {dt:.3g} {unit}; make the step {shorter:.6g} {unit}, "
+            f"steps of {dt:.3g} {unit}; make the step {shorter} {unit}, "
             f"or weaken the forces and velocities"
         )
 
@@ -116,8 +122,8 @@ def check_parts(active: ActiveModel, schedule: Schedule, step: int, time: float)
         return
     n_extrapolated = n_parts / (time / dt - step)
     if active.n_before + n_extrapolated > MAX_PARTS * (step + 1):
-        shorter = _fraction_of_step(dt, active.shortest)
+        shorter = _shorter_step(active, dt, active.shortest)
         raise SolveError(
             f"t = {time:.6g} {unit}, {active.name}: a step of {dt:.3g} {unit} takes about "
-            f"{n_extrapolated:.0f} shorter ones; make the step {shorter:.6g} {unit}"
+            f"{n_extrapolated:.0f} shorter ones; make the step {shorter} {unit}"
         )

@@ -151,6 +151,9 @@ class Model(Generic[State]):
         What may let a run go on whose step failed, where that is no shorter step.
     growth : float
         Of the part of a step that is tried, with each that succeeds after one that failed.
+    usual_step : float
+        Default step: where a longer one fails, the message names it, since one that can be solved may still
+        leap over all changes; inf where there is none.
     """
 
     start: State
@@ -167,6 +170,7 @@ class Model(Generic[State]):
     time_unit: str = "s"
     advice: Callable[[], str] | None = None
     growth: float = STEP_GROWTH
+    usual_step: float = math.inf
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Flows of curves: exact rates of circles and areas, kept quantities, scale, refused input, commands."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -487,3 +488,14 @@ def test_curves_of_both_orientations_have_a_rate_of_area(tmp_path, summary):
     path = write_obj(tmp_path / "two.obj", (points, True), (points[::-1] + [3.0, 0.0, 0.0], True))
     coarse = summary("curve-flow", path, "--dt", 2e-2, "--steps", 2)["accuracy"]["area_rate_error"]
     assert coarse > 0.1  # the areas, and their rates, cancel in sum
+
+
+@pytest.mark.parametrize("flow, dt", [("area-preserving", 1e10), ("elastic", 1e300)])
+def test_a_failure_of_a_huge_step_names_one_that_works(tmp_path, run, flow, dt):
+    """A step that can be solved may leap over all changes, and fail the next time."""
+    path = write_obj(tmp_path / "ellipse.obj", (ellipse(60, 2.0, 1.0).points, True))
+    words = ("curve-flow", path, "--flow", flow, "--steps", 3, "--dt")
+    failed = run(*words, dt)
+    assert failed.exit_code == 1
+    step = re.search(r"make the step (\S+) length", failed.stderr)[1]
+    assert run(*words, step).exit_code == 0

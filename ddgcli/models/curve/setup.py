@@ -157,7 +157,7 @@ def build(curves: CurveSet, options: CurveFlowOptions) -> tuple[CurveFlow, Model
     model = Model(
         start_state(flow, points), flow.advance, flow.observe, flow.pack, flow.unpack,
         distance=flow.distance, order=1, stop=flow.reason, time_unit=f"length^{flow.time_power}",
-        growth=PART_GROWTH,
+        growth=PART_GROWTH, usual_step=default_step(flow),
     )  # fmt: skip
     return flow, model
 
@@ -196,6 +196,24 @@ def _require_slack(mesh: polygon.Polygons, points: NDArray, length: NDArray) -> 
         )
 
 
+def default_step(flow: CurveFlow) -> float:
+    """Step of a flow where none is chosen.
+
+    Parameters
+    ----------
+    flow : CurveFlow
+
+    Returns
+    -------
+    float
+        In the input's unit of time.
+    """
+    radius, step = float(flow.first_radius.min()), DEFAULT_STEP[flow.kind]
+    if not flow.mesh.closed.any():
+        radius, step = float(flow.first_length.min()) / math.pi, DEFAULT_OPEN_STEP
+    return step * radius**flow.time_power * flow.time_unit
+
+
 def schedule(flow: CurveFlow, options: Mapping[str, Any]) -> Schedule:
     """When a curve flow steps and records.
 
@@ -216,8 +234,4 @@ def schedule(flow: CurveFlow, options: Mapping[str, Any]) -> Schedule:
     """
     if options.get("tolerance") is not None and not options.get("duration"):
         raise ParameterError("needs `duration`; it chooses the steps up to that time", parameter="tolerance")
-    radius, step = float(flow.first_radius.min()), DEFAULT_STEP[flow.kind]
-    if not flow.mesh.closed.any():
-        radius, step = float(flow.first_length.min()) / math.pi, DEFAULT_OPEN_STEP
-    own_step = step * radius**flow.time_power * flow.time_unit
-    return flow_schedule(options, own_step, max_steps=MAX_STEPS, n_frames=DEFAULT_FRAME_COUNT)
+    return flow_schedule(options, default_step(flow), max_steps=MAX_STEPS, n_frames=DEFAULT_FRAME_COUNT)

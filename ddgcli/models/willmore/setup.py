@@ -373,7 +373,24 @@ def _model(flow: Flow, unit: TriangleMesh, started: float, options: FlowOptions)
         distance=lambda a, b: relative_distance(a, b, flow.area), order=order,
         stop=flow.reason, clock=lambda state: state.time,
         time_unit="length^2" if options.flow == "mean-curvature" else "length^4",
+        usual_step=default_step(flow),
     )  # fmt: skip
+
+
+def default_step(flow: Flow) -> float:
+    """Step of a flow in time where none is chosen.
+
+    Parameters
+    ----------
+    flow : Flow
+
+    Returns
+    -------
+    float
+        In the input's unit of time.
+    """
+    radius = math.sqrt(flow.area / (4.0 * math.pi)) * flow.scale
+    return DEFAULT_CURVATURE_FLOW_STEP * radius**2 if flow.mean_curvature else DEFAULT_STEP * radius**4
 
 
 def schedule(flow: Flow, time_options: Mapping[str, Any]) -> Schedule:
@@ -404,6 +421,4 @@ def schedule(flow: Flow, time_options: Mapping[str, Any]) -> Schedule:
                 "`frame_every` needs `step` or `duration`: without them every step is a frame"
             )
         return Schedule(1.0, time_options.get("steps") or MAX_STEPS)
-    radius = math.sqrt(flow.area / (4.0 * math.pi)) * flow.scale
-    own_step = DEFAULT_CURVATURE_FLOW_STEP * radius**2 if flow.mean_curvature else DEFAULT_STEP * radius**4
-    return flow_schedule(time_options, own_step, max_steps=MAX_STEPS, n_frames=DEFAULT_FRAME_COUNT)
+    return flow_schedule(time_options, default_step(flow), max_steps=MAX_STEPS, n_frames=DEFAULT_FRAME_COUNT)
