@@ -10,7 +10,7 @@ from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.willmore import flow_options
+from ddgcli.models.willmore import flow_options, setup
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.simulation.model import RunFailed
 from tests.physics.willmore_runs import energies, run_flow
@@ -171,3 +171,13 @@ def test_a_membrane_keeps_its_promises_on_an_open_cap(run, tmp_path):
     write_mesh(str(path), AnnotatedMesh(shapes.grid(6, 6)))
     refused = run("willmore-flow", path, "--fix-volume", "--spontaneous-curvature", 1)
     assert refused.exit_code == 2 and "closed" in refused.stderr
+
+
+def test_a_boundary_condition_of_a_closed_surface_is_a_warning(caplog):
+    ball = shapes.icosphere(1)
+    setup.build(ball, FlowOptions(boundary="fixed"))
+    assert "`boundary` has no effect on a closed surface" in caplog.text
+    caplog.clear()
+    setup.build(ball, FlowOptions())
+    setup.build(shapes.grid(3, 3), FlowOptions(boundary="fixed"))
+    assert caplog.text == ""

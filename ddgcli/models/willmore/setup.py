@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -343,6 +344,8 @@ def _check(
     _require_known(energy_name, WILLMORE_ENERGIES, "energy")
     _require_known(boundary, WILLMORE_BOUNDARIES, "boundary")
     _require_rest(mesh.topology, energy_name, options)
+    if options.boundary is not None and mesh.topology.is_closed:
+        logging.getLogger("ddgcli").warning("`boundary` has no effect on a closed surface")
     chosen_scheme(options)
     if kind == "conformal":
         _require_conformal(mesh, options, region)
