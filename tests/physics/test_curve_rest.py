@@ -71,3 +71,12 @@ def test_a_singular_matrix_of_a_step_names_a_smaller_penalty_or_step(tmp_path, r
     assert "use a shorter --dt or a smaller --length-penalty" in failed.stderr and "face" not in failed.stderr
     assert run(*words, "--length-penalty", 10.0).exit_code == 0
     assert run(*words, "--length-penalty", 1e30, "--dt", 1e-33).exit_code == 0
+
+
+def test_a_fold_counts_after_another_curve_has_shrunk_to_a_point(tmp_path, run):
+    angle = 2 * np.pi * np.arange(80) / 80
+    eight = np.stack([np.cos(angle), 0.5 * np.sin(2 * angle), 0 * angle], axis=1)
+    small = ellipse(24, 0.2, 0.2).points + [3.0, 0.0, 0.0]
+    path = write_obj(tmp_path / "both.obj", (eight, True), (small, True))
+    ended = run("curve-flow", path, "--dt", 1e-3, "--steps", 700)
+    assert ended.exit_code == 1 and "folds back on itself" in ended.stderr

@@ -268,7 +268,7 @@ class CurveFlow:
             "exact_area_loss_by_curve": state.area_loss[1] * self.scale**2,
             "longest_segment": float(spacing.max()),
             "shortest_segment": float(spacing.min()),
-            "largest_turning": float(shape.turning.max(initial=0.0)),
+            "largest_turning": float((self._largest_turning(shape) * state.active).max()),
         }
         curvature = ratio(turning, shape.dual_length * self.scale)
         return Observation(

@@ -163,6 +163,8 @@ def _area_rate_error(flow: CurveFlow, series: Mapping[str, NDArray]) -> float | 
 def folds_back(series: Mapping[str, NDArray]) -> bool:
     """Whether the last frame runs back on itself at a point, more than the first: it is no curve any more.
 
+    Curves that have shrunk to a point do not count.
+
     Parameters
     ----------
     series : mapping of str to (T, ...) ndarray
@@ -173,7 +175,7 @@ def folds_back(series: Mapping[str, NDArray]) -> bool:
     bool
     """
     turning = series["largest_turning"]
-    return bool(turning[-1] > max(FOLD_TURNING, turning[0]) and not series["collapsed"].any())
+    return bool(turning[-1] > max(FOLD_TURNING, turning[0]))
 
 
 def _warn(accuracy: Mapping[str, Any], series: Mapping[str, NDArray]) -> None:
@@ -196,7 +198,7 @@ def _warn(accuracy: Mapping[str, Any], series: Mapping[str, NDArray]) -> None:
             "does: it has shrunk to a line or its points are too few; end the run before, or use more points",
             np.degrees(series["largest_turning"][-1]),
         )
-    elif series["largest_turning"][-1] > MAX_RESOLVED_TURNING and not series["collapsed"].any():
+    elif series["largest_turning"][-1] > MAX_RESOLVED_TURNING:
         log.warning(
             "the curve turns by %.3g degrees at one point of the last frame: use a curve with more points",
             np.degrees(series["largest_turning"][-1]),
