@@ -26,7 +26,7 @@ def marked():
 
 RUNS = {
     "newton": (ellipsoid(1), ["--flow", "newton"]),
-    "newton, area and volume": (ellipsoid(1), ["--flow", "newton", "--fix-area", "--fix-volume"]),
+    "newton, area and volume": (ellipsoid(2), ["--flow", "newton", "--fix-area", "--fix-volume"]),
     "conformal": (ellipsoid(1), ["--flow", "conformal"]),
     "circle-angle": (ellipsoid(1), ["--flow", "circle-angle"]),
     "circle-angle in time": (ellipsoid(1), ["--flow", "circle-angle", "--dt", "1e-3"]),

@@ -300,7 +300,8 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     unbounded = energy_name in ("hinge", "quadratic", "circle-angle") or film
     vesicle = options.fix_area and options.fix_volume
     least = 0.0 if unbounded or curvature else least_energy(unit, vesicle)
-    close = vesicle and is_spheres(topology) and energy_name == DEFAULT_ENERGY
+    close = kind == "newton" and vesicle and is_spheres(topology) and energy_name == DEFAULT_ENERGY
+    close = close and started > rules.VESICLE_BOUND_FRACTION * least
     fraction = rules.VESICLE_BOUND_FRACTION if close else rules.LOWER_BOUND_FRACTION
     lowest = fraction * least if least else -math.inf
     if curvature and not unbounded:

@@ -17,8 +17,9 @@ SUFFICIENT_DECREASE = 0.01  # of the predicted fall, for a step of the descent t
 NEAR_REST_STEP_FRACTION, NEAR_REST_ENERGY_FRACTION = 0.01, 0.1
 # of the least energy of its topology, below which only the mesh's error takes a surface
 LOWER_BOUND_FRACTION = 0.9
-# the same of `gauss-map` on vesicles, whose mesh is accounted for: above a reduced volume of 0.94 nine tenths
-# are below the sphere, where no mesh ends
+# the same of Newton steps with `gauss-map` on vesicles: above a reduced volume of 0.94 nine tenths are below
+# the sphere, where no mesh ends. Not where the start is below: a coarse polyhedron has less volume than its
+# surface
 VESICLE_BOUND_FRACTION = 0.975
 # of H0^2 A, the size of the terms of a Helfrich energy: below minus that only the mesh's error takes it
 HELFRICH_ERROR_FRACTION = 0.1
