@@ -45,7 +45,7 @@ SURFACE = [
     Task(
         "repair holes",
         "repair {mesh} --fill-holes 100000",
-        (3_000, 20_000, 60_000),
+        (20_000, 60_000),
         mesh="disk",
         exponent=1.0,
     ),

@@ -168,5 +168,5 @@ COEFFICIENTS: dict[str, Cost] = {
     "geodesic heat log-map": Cost(0.08561, 1.026, 1.05, 34.09, 200.5),
     "delaunay transfer": Cost(0.08471, 0.4058, 1.25, 27.74, 109.8),
     "delaunay further faces": Cost(0.06272, 0.07625, 1.05, 6.513, 26.74),
-    "repair holes": Cost(0, 0.002205, 1, 34.84, 0.07815),
+    "repair holes": Cost(0.2829, 0.004305, 1, 40.33, 0.06546),
 }
