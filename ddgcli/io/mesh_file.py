@@ -303,13 +303,13 @@ def write_mesh(
         As of `check_output`; a format that cannot hold the mesh; a file that cannot be written.
     """
     suffix = check_output(path, output_format)
-    from ddgcli.io.writers.cell_data import cell_data_of, warn_without_cells
+    from ddgcli.io.writers.cell_data import cell_data_of, warn_of_lost_edge_arrays
 
     if isinstance(annotated.mesh, IntrinsicMesh) and suffix not in INTRINSIC_FORMATS:
         raise OutputError(f"{path}: {suffix} cannot hold an intrinsic triangulation; write .npz or .vtkhdf")
     content = cell_data_of(annotated)
     if suffix not in INTRINSIC_FORMATS:
-        warn_without_cells(content, suffix)
+        warn_of_lost_edge_arrays(content, suffix)
     try:
         data = _function(WRITERS[suffix])(content)
     except OutputError as error:

@@ -5,6 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.repair.pipeline import RepairSteps
+from ddgcli.algorithms.repair.solid import repair_solid
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -65,6 +67,14 @@ def test_a_body_in_pieces_has_a_warning_and_a_weld_joins_it(tmp_path, run, summa
     assert report["results"]["changes"]["weld"] == CUBE.tetrahedra.size - CUBE.n_vertices
     assert np.array_equal(mesh.mesh.points[mesh.mesh.tetrahedra], CUBE.points[CUBE.tetrahedra])
     assert "pieces" not in run(command, welded).stderr
+
+
+def test_cells_that_a_weld_inverts_are_oriented():
+    """Their volumes were those before the weld."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.3, 0.3, -1e-3], [0.3, 0.3, 1e-3]])
+    mesh = TetMesh.from_arrays(points, [[0, 1, 2, 4]])
+    repaired = repair_solid(mesh, RepairSteps(weld=0.01, orient=True))
+    assert repaired.changes == {"weld": 1, "orient": 1} and repaired.mesh.signed_volume[0] > 0
 
 
 def test_a_weld_that_leaves_no_cell_is_refused(tmp_path, run):

@@ -245,8 +245,8 @@ class EdgeGraph:
     def shortest_path(self, a: int, b: int) -> list[int]:
         """Halfedges of the shortest edge path from a to b.
 
-        The search from b measures detours: an edge costs what it is longer than it brings a nearer in space,
-        which is never negative. Paths of little detour do not visit the whole mesh.
+        The search from b measures detours: the cost of an edge is its length less the decrease of the
+        straight distance to a, which is never negative. Paths of little detour do not visit the whole mesh.
 
         P. Hart, N. Nilsson, B. Raphael, "A formal basis for the heuristic determination of minimum cost
         paths", 1968.

@@ -144,7 +144,7 @@ def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
         changes["split_fans"] = len(source) - len(points)
         points, vertex = points[source], vertex[source]
     if "orient" in steps:
-        inverted = mesh.signed_volume[cell] < 0
+        inverted = TetMesh(points, corners).signed_volume < 0  # positions after the weld
         corners = np.where(inverted[:, None], corners[:, [1, 0, 2, 3]], corners)
         changes["orient"] = int(inverted.sum())
     if "drop_unused" in steps:

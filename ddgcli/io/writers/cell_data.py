@@ -242,7 +242,7 @@ def warn_of_lost_arrays(
         log.warning(f"{suffix} cannot hold {what} ({names}); write .vtu, .ply or .npz to keep them")
 
 
-def warn_without_cells(data: CellData, suffix: str) -> None:
+def warn_of_lost_edge_arrays(data: CellData, suffix: str) -> None:
     """Warn about arrays on edges, on faces of tetrahedra and of the whole mesh, which few formats hold.
 
     Parameters

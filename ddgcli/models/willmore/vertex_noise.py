@@ -14,9 +14,8 @@ from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
 NOISE_ROUNDING = 1e-12  # mean edge lengths, up to which noise is that of the arithmetic
 SHARE_WARNING = 0.2  # of the energy at the start, from which a warning is due
-LEAST_ENERGY_SHARE = (
-    0.3  # of the estimate, which noise adds to any energy: where there is less, it is no noise
-)
+# of the estimate, which noise adds to any energy at least: where there is less, it is no noise
+LEAST_ENERGY_SHARE = 0.3
 
 
 def noise_energy(mesh: TriangleMesh) -> tuple[float, float]:
