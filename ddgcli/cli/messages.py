@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import re
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,11 +14,14 @@ import click
 from ddgcli.cli.parameters import error_text, with_option_names, with_repair_command
 from ddgcli.errors import DdgError, MissingExtraError, OutputError
 
+WARNINGS_OF_A_KIND = 3  # kept of those that differ in numbers only, such as those of the steps of a run
+
 
 class MessageHandler(logging.Handler):
     """Collect warnings of the core for the summary; with -v print all its messages at once.
 
     A warning of one row (`row_label` of the record) that was also given for the whole input is left out.
+    Of warnings that differ in numbers only, the first `WARNINGS_OF_A_KIND` are kept, the others are counted.
 
     Parameters
     ----------
@@ -28,7 +33,8 @@ class MessageHandler(logging.Handler):
 
     def __init__(self, verbose: int, quiet: bool, options: Mapping[str, str]) -> None:
         super().__init__(logging.DEBUG if verbose > 1 else logging.INFO if verbose else logging.WARNING)
-        self.warnings: list[str] = []
+        self._warnings: dict[str, str] = {}  # kind of each text
+        self._counts: Counter[str] = Counter()
         self.options = options
         self.verbose, self.quiet = verbose, quiet
 
@@ -37,12 +43,30 @@ class MessageHandler(logging.Handler):
         message = with_option_names(record.getMessage(), self.options)
         message = with_repair_of_input(message, {} if context is None else context.meta)
         if record.levelno >= logging.WARNING and record.name != "py.warnings":
-            of_input = message.removeprefix(f"{getattr(record, 'row_label', '')}: ")
-            if not {message, of_input} & set(self.warnings):
-                self.warnings.append(message)
+            label = getattr(record, "row_label", "")
+            of_input = message.removeprefix(f"{label}: ")
+            if not {message, of_input} & set(self._warnings):
+                self._collect(message, kind=label + _without_numbers(of_input))
             message = f"Warning: {message}"
         if self.verbose and not self.quiet:
             click.echo(message, err=True)
+
+    def _collect(self, message: str, kind: str) -> None:
+        self._counts[kind] += 1
+        if self._counts[kind] <= WARNINGS_OF_A_KIND:
+            self._warnings[message] = kind
+
+    def warnings(self) -> list[str]:
+        """The warnings so far; the last kept one of a kind states how many more there were."""
+        last = {kind: message for message, kind in self._warnings.items()}
+        return [
+            message + (self._more(kind) if message == last[kind] else "")
+            for message, kind in self._warnings.items()
+        ]
+
+    def _more(self, kind: str) -> str:
+        more = self._counts[kind] - WARNINGS_OF_A_KIND
+        return f" ({more} more such warning{'s' * (more > 1)} with other numbers)" if more > 0 else ""
 
     def install(self) -> None:
         """Become the only handler of the core's messages and of Python's warnings."""
@@ -58,8 +82,12 @@ class MessageHandler(logging.Handler):
     def print_warnings(self) -> None:
         """Print the collected warnings at the end, so that a run with an error prints one line only."""
         if not self.verbose and not self.quiet:
-            for message in self.warnings:
+            for message in self.warnings():
                 click.echo(f"Warning: {message}", err=True)
+
+
+def _without_numbers(message: str) -> str:
+    return re.sub(r"[\d.]*\d(?:e[+-]?\d+)?", "#", message)
 
 
 def path_from_here(path: str) -> str:

@@ -249,7 +249,7 @@ class Run:
     def print_warnings(self) -> list[str]:
         """Print the warnings of the run so far, and return them."""
         self._messages.print_warnings()
-        return list(self._messages.warnings)
+        return self._messages.warnings()
 
     def end_dry_run(
         self, results: dict[str, Any], text: Sequence[str] = (), *, converged: bool = True

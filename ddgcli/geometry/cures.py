@@ -86,7 +86,7 @@ def warn_of_pieces(mesh: TriangleMesh | TetMesh) -> None:
         advice = cure(defect)
         if not len(repeated_rows(np.sort(place[ends.reshape(rim.shape)], axis=1))):
             advice = f"no {side}s of theirs coincide (T-junctions), so that a weld joins vertices alone; "
-            advice += f"divide the {side}s so that they match"
+            advice += cure("slits") if side == "edge" else "divide the faces so that they match"
         logging.getLogger("ddgcli").warning(
             "%d of %d components have boundary vertices at equal positions, where nothing connects them: the "
             "%s is in pieces; %s", n_touching, n, what, advice,

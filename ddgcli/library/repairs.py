@@ -55,6 +55,7 @@ def repair_mesh(
     weld: float | None = None,
     drop_degenerate: bool = False,
     drop_duplicates: bool = False,
+    split_edges: float | None = None,
     largest: bool = False,
     split_fans: bool = False,
     orient: bool = False,
@@ -73,6 +74,9 @@ def repair_mesh(
         Merge vertices whose distance is at most this (length units; 0: equal positions).
     drop_degenerate, drop_duplicates : bool
         Remove faces (cells) without area (volume); faces that occur twice.
+    split_edges : float, optional
+        Divide boundary edges, and their faces, at boundary vertices at most so far from them (T-junctions;
+        length units; 0: rounding of single precision).
     largest : bool
         Keep the component with the largest area.
     split_fans : bool
@@ -115,11 +119,12 @@ def repair_mesh(
     ({'orient': 1}, True)
     """
     steps = pipeline.RepairSteps(
-        weld, drop_degenerate, drop_duplicates, largest, split_fans, orient, split_folds, fill_holes,
-        cut_to_disk, drop_unused,
+        weld, drop_degenerate, drop_duplicates, split_edges, largest, split_fans, orient, split_folds,
+        fill_holes, cut_to_disk, drop_unused,
     )  # fmt: skip
-    if weld is not None and not weld >= 0:
-        raise ParameterError(f"must be 0 or more, not {weld:g}", parameter="weld")
+    for name, distance in (("weld", weld), ("split_edges", split_edges)):
+        if distance is not None and not distance >= 0:
+            raise ParameterError(f"must be 0 or more, not {distance:g}", parameter=name)
     if fill_holes is not None and fill_holes < 3:
         raise ParameterError(f"must be 3 or more, not {fill_holes}", parameter="fill_holes")
     if for_command is not None and steps != pipeline.RepairSteps():

@@ -23,7 +23,8 @@ CURES = {
     "orientation": ("reverse faces", "orient"),
     "one side": ("cut it open", "cut_to_disk"),
     "boundary": ("fill the holes", "fill_holes"),
-    "no area": ("remove such faces", "drop_degenerate"),
+    "no area": ("remove such faces", "drop_degenerate split_edges"),
+    "slits": ("divide the edges so that they match", "weld split_edges"),
     "folds": ("remove or part them", "drop_degenerate split_folds"),
     "no volume": ("remove such cells", "drop_degenerate"),
     "touching bodies": ("duplicate such vertices, one for each body", "split_fans"),
@@ -86,8 +87,8 @@ def with_repair(
     -------
     str
     """
-    step = CURES[defect][1]
-    steps = [step]
+    step, *more = CURES[defect][1].split()
+    steps = [step, *more]
     if manifold and step == "drop_degenerate":  # vertices beside such faces may join two fans then
         steps.append("split_fans")
     if topology is not None:

@@ -449,8 +449,8 @@ def test_pressure_in_a_one_sided_shell_has_no_repair(run, tmp_path, monkeypatch)
     assert run("shell-sim", "s.toml").exit_code == 0
 
 
-def test_pieces_whose_edges_do_not_coincide_are_not_to_be_welded(run, tmp_path):
-    """The weld of T-junctions joins vertices alone; the cure of those was split_fans, and its cure a weld."""
+def test_pieces_whose_edges_do_not_coincide_are_joined_by_their_cure(run, tmp_path):
+    """The weld of T-junctions joins vertices alone; edges are divided at the vertices on them too."""
     points = [
         [0, 0, 0],
         [1, 0, 0],
@@ -464,13 +464,14 @@ def test_pieces_whose_edges_do_not_coincide_are_not_to_be_welded(run, tmp_path):
     ]
     left, right = [[0, 1, 2], [0, 2, 4], [2, 3, 4]], [[5, 6, 7], [5, 7, 8]]
     for name, faces, advice in (
-        ("junction", left + right, "divide the edges so that they match"),
+        ("junction", left + right, "--weld --split-edges"),
         ("square", [[0, 1, 4], [1, 3, 4]] + right, "--weld"),
     ):
         np.savez(tmp_path / f"{name}.npz", points=np.array(points, dtype=float), faces=faces)
         result = run("hodge", tmp_path / f"{name}.npz")
         assert result.exit_code == 0 and "the surface is in pieces" in result.stderr
-        assert advice in result.stderr and ("--weld" in result.stderr) == (advice == "--weld")
-    words = ("repair", tmp_path / "square.npz", "--weld", "--drop-unused", "-o", tmp_path / "joined.npz")
-    assert run(*words).exit_code == 0
-    assert "pieces" not in run("hodge", tmp_path / "joined.npz").stderr
+        assert advice in result.stderr and ("--split-edges" in result.stderr) == (name == "junction")
+        words = ("repair", tmp_path / f"{name}.npz", *advice.split(), "--drop-unused")
+        assert run(*words, "-o", tmp_path / "joined.npz").exit_code == 0
+        joined = run("hodge", tmp_path / "joined.npz", "--json")
+        assert "pieces" not in joined.stderr and json.loads(joined.stdout)["input"]["boundary_loops"] == 1

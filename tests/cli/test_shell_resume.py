@@ -16,8 +16,11 @@ from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from tests.conftest import ROOT
 from tests.simulate import FALLING_CLOTH
 from tests.simulate import scene_file as scene
+
+SAMPLES = ROOT / "sample_meshes"
 
 SCENE = FALLING_CLOTH.replace("[5, 5]", "[3, 3]")
 # from a lower start: it touches the floor after half the time
@@ -195,8 +198,23 @@ def test_resume_of_a_changed_scene_is_refused(run, tmp_path, monkeypatch):
     before = (tmp_path / "run.vtkhdf.part").read_bytes()
     result = run("shell-sim", path, "--resume", tmp_path / "run.vtkhdf.part")
     assert result.exit_code == 2
-    assert "the scene differs from the run" in result.stderr and "density" in result.stderr
+    assert "the scene differs from that of the run" in result.stderr and "density" in result.stderr
     assert (tmp_path / "run.vtkhdf.part").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("command", "mesh", "other"),
+    [("willmore-flow", "torus.ply", "sphere.ply"), ("curve-flow", "trefoil.obj", "ellipse.csv")],
+)
+def test_a_flow_is_resumed_with_its_options_and_mesh(run, tmp_path, command, mesh, other):
+    trajectory = tmp_path / "run.vtkhdf"
+    assert run(command, SAMPLES / mesh, "--steps", 2, "-o", trajectory).exit_code == 0
+    for words, reason in (
+        ((SAMPLES / mesh, "--steps", 3), "the options differ from those of the run (time.steps: 2 -> 3)"),
+        ((SAMPLES / other, "--steps", 2), "a mesh file has changed since the run"),
+    ):
+        result = run(command, *words, "--resume", trajectory)
+        assert result.exit_code == 2 and reason in result.stderr and "scene" not in result.stderr
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGKILL])

@@ -14,6 +14,7 @@ from ddgcli.algorithms.repair import steps
 from ddgcli.algorithms.repair.fans import split_fans
 from ddgcli.algorithms.repair.holes import fill_holes
 from ddgcli.algorithms.repair.steps import RepairedMesh
+from ddgcli.algorithms.repair.t_junctions import split_edges
 from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.mesh.require import require
 from ddgcli.mesh.requirements import REQUIREMENTS, Requirement, kind_of, unmet_need
@@ -33,7 +34,11 @@ class RepairSteps:
     ----------
     weld : float, optional
         Merge vertices whose distance is at most this (length units; 0: equal positions).
-    drop_degenerate, drop_duplicates, largest, split_fans, orient, split_folds : bool
+    drop_degenerate, drop_duplicates : bool
+    split_edges : float, optional
+        Divide boundary edges at boundary vertices at most so far from them (length units; 0: rounding of
+        single precision).
+    largest, split_fans, orient, split_folds : bool
     fill_holes : int, optional
         Fill boundary loops of at most so many edges.
     cut_to_disk : bool
@@ -43,6 +48,7 @@ class RepairSteps:
     weld: float | None = None
     drop_degenerate: bool = False
     drop_duplicates: bool = False
+    split_edges: float | None = None
     largest: bool = False
     split_fans: bool = False
     orient: bool = False
@@ -98,6 +104,7 @@ def steps_for(command: str) -> RepairSteps:
     return RepairSteps(
         weld=0.0,
         drop_degenerate=need.every_area,
+        split_edges=0.0 if need.every_area else None,
         drop_duplicates=manifold,
         split_fans=manifold,
         orient=need.surface.get("oriented", False),
@@ -132,6 +139,11 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
         ("weld", chosen_steps.weld is not None, lambda r: steps.weld(r, chosen_steps.weld or 0.0)),
         ("drop_degenerate", chosen_steps.drop_degenerate, steps.drop_degenerate),
         ("drop_duplicates", chosen_steps.drop_duplicates, steps.drop_duplicates),
+        (
+            "split_edges",
+            chosen_steps.split_edges is not None,
+            lambda r: split_edges(r, chosen_steps.split_edges or 0.0),
+        ),
         ("largest", chosen_steps.largest, steps.keep_largest),
         ("split_fans", chosen_steps.split_fans, split_fans),
         ("orient", chosen_steps.orient, steps.orient),

@@ -81,7 +81,7 @@ def command(
     curve_flow, model = setup.build(curves, setup.CurveFlowOptions(**flow_options, stop_at_rest=not bounded))
     schedule = setup.schedule(curve_flow, overrides)
     resolved, digest = fingerprint({"options": flow_options, "time": overrides}, {"mesh": source.sha256})
-    check_unchanged(resume, resolved)
+    check_unchanged(resume, resolved, noun="options")
     unit = "L⁴" if flow == "elastic" else "L²"  # L: the input's length unit
     job = Job(
         {"curve": model}, [curves], schedule, Account(), moving=True, resume=resume,

@@ -27,6 +27,14 @@ if TYPE_CHECKING:
     metavar="[DISTANCE]",
     help="Merge vertices at equal positions, or up to DISTANCE apart.",
 )
+@click.option(
+    "--split-edges",
+    is_flag=False,
+    flag_value="0",
+    type=options.NONNEGATIVE_NUMBER,
+    metavar="[DISTANCE]",
+    help="Divide boundary edges at vertices on them, up to DISTANCE away (T-junctions).",
+)
 @click.option("--orient", is_flag=True, help="Reverse faces so that neighbours have the same orientation.")
 @click.option(
     "--split-fans",
@@ -51,8 +59,8 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
     """Repair the surface MESH, or tetrahedra, and write it with maps to the input.
 
     Every step has a flag; nothing else is changed. Steps run in this order: --weld, --drop-degenerate,
-    --drop-duplicates, --largest, --split-fans, --orient, --split-folds, --fill-holes, --cut-to-disk,
-    --drop-unused.
+    --drop-duplicates, --split-edges, --largest, --split-fans, --orient, --split-folds, --fill-holes,
+    --cut-to-disk, --drop-unused.
 
     Tetrahedra have --weld, --drop-degenerate, --drop-duplicates, --split-fans (bodies that touch), --orient
     (inverted cells) and --drop-unused.
@@ -64,6 +72,7 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
     Examples:
       ddgcli repair scan.obj --for willmore-flow -o clean.ply
       ddgcli repair part.stl --split-fans --orient --fill-holes 40 -o closed.ply
+      ddgcli repair part.stl --weld --split-edges -o joined.ply
       ddgcli repair torus.ply --cut-to-disk -o disk.obj
     """
     run = Run("repair", common, for_command=for_command, **steps)

@@ -169,7 +169,7 @@ def _stored_texts(
     from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
 
     resolved, digest = fingerprint(described, {"mesh": input_hash})
-    check_unchanged(resume, resolved)
+    check_unchanged(resume, resolved, noun="options")
     return {
         "attributes": {"input_sha256": digest, "time_unit": unit},
         "texts": {"scene_source": "", "scene_resolved": resolved},

@@ -255,8 +255,18 @@ def fingerprint(resolved: dict[str, Any], meshes: Mapping[str, str]) -> tuple[st
     return text, hashlib.sha256(text.encode()).hexdigest()
 
 
-def check_unchanged(resume: str | None, resolved: str) -> None:
-    """Raise SceneError if the trajectory to resume comes from another scene."""
+def check_unchanged(resume: str | None, resolved: str, *, noun: str = "scene") -> None:
+    """Raise SceneError if the trajectory to resume comes from another scene, or other options or meshes.
+
+    Parameters
+    ----------
+    resume : str or None
+        The trajectory.
+    resolved : str
+        The text of `fingerprint`.
+    noun : {"scene", "options"}
+        What the user wrote: a scene, or options of the command line.
+    """
     if resume is None:
         return
     from ddgcli.io.trajectories.trajectory import Trajectory
@@ -265,9 +275,15 @@ def check_unchanged(resume: str | None, resolved: str) -> None:
         before, now = json.loads(partial_run.text("scene_resolved")), json.loads(resolved)
     if before == now:
         return
-    where = _first_difference(before, now)
+    if before["scene"] == now["scene"]:
+        raise SceneError(
+            f"{resume}: a mesh file has changed since the run; resume with that file or start a new run"
+        )
+    where = _first_difference(before["scene"], now["scene"])
+    those = "that scene" if noun == "scene" else "those options"
+    verb = "differs from that" if noun == "scene" else "differ from those"
     raise SceneError(
-        f"{resume}: the scene differs from the run ({where}); resume with that scene or start a new run"
+        f"{resume}: the {noun} {verb} of the run ({where}); resume with {those} or start a new run"
     )
 
 
