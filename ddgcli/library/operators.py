@@ -109,7 +109,7 @@ def d0(mesh: SimplicialMesh) -> csr_array:
     >>> int((ddg.d1(mesh) @ ddg.d0(mesh)).count_nonzero())
     0
     """
-    return complex_of(mesh).derivatives[0]
+    return complex_of(mesh).derivatives[0].copy()  # the complex is kept
 
 
 @accepts_arrays("surface", "intrinsic", "tetrahedra")
@@ -132,7 +132,7 @@ def d1(mesh: SimplicialMesh) -> csr_array:
     >>> ddg.d1(mesh).shape == (mesh.n_faces, mesh.topology.n_edges)
     True
     """
-    return complex_of(mesh).derivatives[1]
+    return complex_of(mesh).derivatives[1].copy()  # the complex is kept
 
 
 @accepts_arrays("tetrahedra")
@@ -155,7 +155,7 @@ def d2(mesh: SimplicialMesh) -> csr_array:
     >>> int((ddg.d2((V, T)) @ ddg.d1((V, T))).count_nonzero())
     0
     """
-    return complex_of(mesh).derivatives[2]
+    return complex_of(mesh).derivatives[2].copy()  # the complex is kept
 
 
 @accepts_arrays("surface", "intrinsic", "tetrahedra")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
 
 SimplicialMesh = TriangleMesh | IntrinsicMesh | TetMesh
+_COMPLEXES: WeakKeyDictionary[SimplicialMesh, Complex] = WeakKeyDictionary()
 
 
 def d0(topology: Topology) -> csr_array:
@@ -136,7 +138,7 @@ class Complex:
 
 
 def complex_of(mesh: SimplicialMesh) -> Complex:
-    """Simplicial complex of a mesh: simplices, exterior derivatives and metric.
+    """Simplicial complex of a mesh: simplices, exterior derivatives and metric; kept as long as the mesh.
 
     Parameters
     ----------
@@ -151,7 +153,9 @@ def complex_of(mesh: SimplicialMesh) -> Complex:
     MeshError
         When a cell has no area or volume.
     """
-    return _tet_complex(mesh) if isinstance(mesh, TetMesh) else _surface_complex(mesh)
+    if mesh not in _COMPLEXES:
+        _COMPLEXES[mesh] = _tet_complex(mesh) if isinstance(mesh, TetMesh) else _surface_complex(mesh)
+    return _COMPLEXES[mesh]
 
 
 def _surface_complex(mesh: TriangleMesh | IntrinsicMesh) -> Complex:

@@ -1,11 +1,15 @@
 """Exterior derivatives are exact; the three stars agree where theory predicts it."""
 
+import gc
+from copy import copy
 from itertools import combinations
 from math import factorial
+from weakref import ref
 
 import numpy as np
 import pytest
 
+import ddgcli as ddg
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
@@ -203,3 +207,18 @@ def test_laplacian_of_one_forms_has_each_scalar_eigenvalue_twice():
     values = eigh(laplacian.toarray(), star.toarray(), eigvals_only=True, subset_by_index=[0, 15])
     assert values[:6] == pytest.approx(2.0, rel=0.03)
     assert values[6:] == pytest.approx(6.0, rel=0.06)
+
+
+@pytest.mark.parametrize(
+    "mesh", [shapes.icosphere(1), shapes.box_tetrahedra(1, 2, 1)], ids=["surface", "solid"]
+)
+def test_the_complex_of_a_mesh_is_computed_once_and_freed_with_the_mesh(mesh):
+    mesh = copy(mesh)
+    gradient = ddg.d0(mesh)
+    gradient.data[:] = 7  # of the caller alone
+    complex_ = complex_of(mesh)
+    assert complex_of(mesh) is complex_ and set(complex_.derivatives[0].data) == {-1, 1}
+    reference = ref(complex_)
+    del mesh, complex_
+    gc.collect()
+    assert reference() is None
