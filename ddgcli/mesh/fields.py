@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -41,6 +41,27 @@ class AnnotatedMesh:
     metadata: dict[str, Any] = field(default_factory=dict)
 
     __repr__ = short_repr
+
+
+def surface_arrays(mesh: AnyMesh, face: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Arrays on the faces of a surface; on the boundary of tetrahedra, whose faces have those of their cells.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, TetMesh, IntrinsicMesh or CurveSet
+    face : mapping of str to (m, ...) ndarray
+        Arrays on the faces or cells.
+
+    Returns
+    -------
+    dict of str to (f, ...) ndarray
+        In the order of `mesh.faces`, or of `mesh.boundary.faces`; empty for curves.
+    """
+    if isinstance(mesh, CurveSet):
+        return {}
+    if isinstance(mesh, TetMesh):
+        return {name: values[mesh.boundary_cell] for name, values in face.items()}
+    return dict(face)
 
 
 @dataclass(frozen=True, eq=False)

@@ -158,12 +158,21 @@ class TetMesh:
     @cached_property
     def boundary(self) -> TriangleMesh:
         """The boundary surface over the same points, oriented outward; unused vertices stay unreferenced."""
-        turned = np.where((self.signed_volume < 0)[:, None], [0, 2, 1, 3], [0, 1, 2, 3])
+        turned, is_boundary = self._boundary_sides
         tets = np.take_along_axis(self.tetrahedra, turned, axis=1)
+        return TriangleMesh.from_arrays(self.points, tets[:, TET_FACES][is_boundary])
+
+    @cached_property
+    def boundary_cell(self) -> NDArray[np.int64]:
+        """(f,) tetrahedron of each face of `boundary`."""
+        return frozen(np.nonzero(self._boundary_sides[1])[0])
+
+    @property
+    def _boundary_sides(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """(k, 4) order of the corners that makes volumes positive, and which sides are on the boundary."""
+        turned = np.where((self.signed_volume < 0)[:, None], [0, 2, 1, 3], [0, 1, 2, 3])
         triangle = np.take_along_axis(self.cell_triangle, turned, axis=1)
-        return TriangleMesh.from_arrays(
-            self.points, tets[:, TET_FACES][np.bincount(triangle.ravel())[triangle] == 1]
-        )
+        return turned, np.bincount(triangle.ravel())[triangle] == 1
 
 
 MAX_KEY = 2**63 - 1  # of the vertices of a simplex as one number

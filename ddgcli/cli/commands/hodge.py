@@ -74,20 +74,19 @@ def command(
     from ddgcli.algorithms.hodge.hodge_analysis import array_names, check_query, hodge_analysis
     from ddgcli.algorithms.hodge.homology import betti_numbers
     from ddgcli.io.arrays import input_field
-    from ddgcli.mesh.fields import AnnotatedMesh
+    from ddgcli.mesh.fields import AnnotatedMesh, surface_arrays
     from ddgcli.mesh.tet_mesh import TetMesh
-    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
     mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
     array = input_field(source, field, field_file)
     place = check_query(mesh, array, basis)
     n_basis_fields = betti_numbers(mesh).of_boundary(boundary)[1] if basis else 0
     names = array_names(mesh, place, n_basis_fields, has_field=array is not None)
-    drawn = (*names["vertex"], *(names["face"] if isinstance(mesh, TriangleMesh) else ()))
-    run.begin(drawn, (*names["vertex"], *names["face"]))
+    drawn = (*names["vertex"], *names["face"])
+    run.begin(drawn, drawn)
     analysis = hodge_analysis(mesh, array, boundary, basis, run.progress("hodge"))
     annotated = analysis.annotated
-    arrays = {**annotated.vertex, **(annotated.face if isinstance(mesh, TriangleMesh) else {})}
+    arrays = {**annotated.vertex, **surface_arrays(mesh, annotated.face)}
     name, values = run.picture_array(arrays, "potential")
     run.write(annotated, converged=analysis.converged)
     if generators is not None:

@@ -44,24 +44,25 @@ def command(mesh_path: str, self_intersections: bool, common: CommonOptions) -> 
     run = Run("info", common, self_intersections=self_intersections)
     source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))
     from ddgcli.algorithms.inspection.inspect_mesh import array_names, inspect_mesh
-    from ddgcli.mesh.fields import AnnotatedMesh
+    from ddgcli.mesh.fields import AnnotatedMesh, surface_arrays
 
     marks = array_names(source.mesh, self_intersections=self_intersections)
-    run.begin((*source.vertex, *source.face, *marks) if source.kind == "surface" else (), marks)
+    run.begin((*source.vertex, *source.face, *marks) if source.kind != "curve" else (), marks)
     inspection = inspect_mesh(source.mesh, self_intersections=self_intersections)
     arrays = {"vertex": source.vertex, "face": source.face, "edge": source.edge}
     names = {place: sorted(names) for place, names in arrays.items() if names}
     accepts = run.with_commands(inspection.results["accepts"])
     results = {**inspection.results, "accepts": accepts, "arrays": names}
-    candidates = {**source.vertex, **source.face, **inspection.vertex, **inspection.face}
-    name, values = run.picture_array(candidates if source.kind == "surface" else {}, "min_angle_degrees")
+    of_faces = surface_arrays(source.mesh, {**source.face, **inspection.face})
+    candidates = {**source.vertex, **inspection.vertex, **of_faces} if source.kind != "curve" else {}
+    name, values = run.picture_array(candidates, "min_angle_degrees")
     run.write(AnnotatedMesh(source.mesh, vertex=inspection.vertex, face=inspection.face))
     run.plot(lambda path: draw(path, source, name, values, run.picture_options))
     run.finish(results, {})
 
 
 def draw(path: str, source: MeshInput, name: str, values: NDArray | None, look: dict[str, Any]) -> None:
-    """Draw the surface by its smallest angles (the boundary of tetrahedra uncoloured), or the curves."""
+    """Draw the surface, or the boundary of tetrahedra, by the smallest angles; or the curves."""
     from ddgcli.mesh.curve import CurveSet
 
     if isinstance(source.mesh, CurveSet):

@@ -124,14 +124,15 @@ def _repair_cells(run: Run, source: MeshInput, for_command: str | None, flags: d
     """Repair tetrahedra, and write them with maps to the input."""
     from ddgcli.algorithms.repair.pipeline import RepairSteps, refusals
     from ddgcli.algorithms.repair.solid import check_solid_steps, repair_solid, solid_steps_for
-    from ddgcli.mesh.fields import AnnotatedMesh
+    from ddgcli.mesh.fields import AnnotatedMesh, surface_arrays
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.plots.array import draw_array
 
     steps = solid_steps_for(for_command) if for_command else RepairSteps(**flags)
     mesh = cast(TetMesh, source.mesh)
     check_solid_steps(mesh, steps)
-    run.begin((*source.vertex, "input_vertex"), (*source.vertex, *source.face, "input_vertex", "input_cell"))
+    arrays = (*source.vertex, *source.face, "input_vertex", "input_cell")
+    run.begin(arrays, arrays)
     repaired = repair_solid(mesh, steps)
     vertex = {name: values[repaired.input_vertex] for name, values in source.vertex.items()}
     cell = {name: values[repaired.input_cell] for name, values in source.face.items()}
@@ -147,7 +148,8 @@ def _repair_cells(run: Run, source: MeshInput, for_command: str | None, flags: d
     }
     accepted = for_command is None or for_command not in reasons
     run.write(annotated, converged=accepted)
-    name, values = run.picture_array(annotated.vertex, "input_vertex")
+    shown = annotated.vertex | surface_arrays(repaired.mesh, annotated.face)
+    name, values = run.picture_array(shown, "input_vertex")
     run.plot(lambda path: draw_array(path, repaired.mesh.boundary, name, values, **run.picture_options))
     facts = {"repaired": input_facts(repaired.mesh), "refused_by": refused_by}
     run.finish({"changes": repaired.changes, **facts}, {}, converged=accepted)

@@ -87,12 +87,13 @@ def _static(run: Run, path: str) -> ViewedObject:
     """A mesh or curve file with its arrays."""
     source = run.read(path, accept=("surface", "tetrahedra", "curve"))
     from ddgcli.mesh.curve import CurveSet
+    from ddgcli.mesh.fields import surface_arrays
     from ddgcli.plots.web_page import ViewedObject
 
     name = Path(path).name
     if isinstance(source.mesh, CurveSet):
         return ViewedObject(name, [source.mesh.points], [source.mesh.lines])
-    faces = source.face if source.kind == "surface" else {}
+    faces = surface_arrays(source.mesh, source.face)
     vertex = {key: [values] for key, values in source.vertex.items() if _drawable(values)}
     face = {key: [values] for key, values in faces.items() if _drawable(values)}
     return ViewedObject(name, [source.surface.points], [source.surface.faces], vertex, face)
