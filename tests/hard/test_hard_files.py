@@ -197,8 +197,15 @@ def test_a_comparison_on_a_generated_hard_mesh_has_rows_or_one_error_line(run, t
     assert_compared(run, command, path, tmp_path / "rows.json")
 
 
-@pytest.mark.parametrize("path", hard_files(), ids=lambda p: p.name)
-@pytest.mark.parametrize("command", COMPARISONS)
+def files_of_comparisons():
+    """Every command with every hard file; two thirds of the pairs are slow, by turns."""
+    for i, command in enumerate(COMPARISONS):
+        for j, path in enumerate(hard_files()):
+            marks = [pytest.mark.slow] if (i + j) % 3 else []
+            yield pytest.param(command, path, marks=marks, id=f"{command}-{path.name}")
+
+
+@pytest.mark.parametrize(("command", "path"), files_of_comparisons())
 def test_a_comparison_on_a_hard_file_has_rows_or_one_error_line(run, tmp_path, command, path):
     assert_compared(run, command, path, tmp_path / "rows.json")
 
