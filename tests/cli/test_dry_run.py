@@ -357,6 +357,9 @@ def test_models_and_contact_of_a_shell_change_what_is_predicted(inputs, tmp_path
         ranges.append(row["times_range"][1] / row["times"])
     assert ranges[0] > 10 * ranges[1]
     both = times(mesh, f"contact = {{ {pair} }}")  # 128 faces meet 236
+    row = summary("shell-sim", tmp_path / "a.toml", "--dry-run")["results"]["kernels"][-1]
+    low, high = np.divide(row["times_range"], row["times"])
+    assert row["kernel"].endswith("pairs step") and low < 0.5 and high > 7  # plates that collide: 7 times
     assert both["pairs step"] == pytest.approx(10 * (128 + 236) / 128)
 
 

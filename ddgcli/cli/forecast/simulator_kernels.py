@@ -23,9 +23,10 @@ FLOW_STEPS: dict[str, tuple[int, Range]] = {
 TRIED_STEPS = 3  # of an adaptive step: one, and two of half its length
 ADAPTIVE_RANGE: Range = (1.0, 10.0)  # adaptive steps of a frame
 CONTACT_STEPS = 3.2  # steps without contact that cost as much as one with it, for its Newton iterations
-CONTACT_RANGE: Range = (0.3, 4.0)  # before contact none; a stiff sheet that has struck something needs many
+CONTACT_RANGE: Range = (0.15, 4.0)  # before contact none; a stiff sheet that has struck something needs many
+PAIRS_RANGE: Range = (0.3, 8.0)  # of contact between shells: those that strike each other iterate longest
 # of contact where nothing resists stretching: triangles collapse, and steps are divided into hundreds
-LIMP_CONTACT_RANGE: Range = (0.3, 400.0)
+LIMP_CONTACT_RANGE: Range = (0.15, 400.0)
 STEPS_PER_ITERATION = 0.5  # one factorisation in place of a factorisation and the moves after it
 DESCENT_RANGE: Range = (0.1, 1.5)  # of --steps, where a flow ends at rest before
 # of `ddgcli.models.willmore.remesh_step`, which would load its imports; uneven triangles take more rounds
@@ -136,7 +137,8 @@ def shell_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
             assumes = f"{ITERATIONS_TO_REST} iterations to rest"
         yield _step_uses(f"shell-sim {iterative}{bending} step", size, contact, unknown, assumes=assumes)
     if options.get("pair_elements"):
-        yield _step_uses("shell-sim pairs step", size, options["pair_elements"] / max(size.elements, 1))
+        share = options["pair_elements"] / max(size.elements, 1)
+        yield _step_uses("shell-sim pairs step", size, share, PAIRS_RANGE, assumes="contact in some steps")
 
 
 def _equilibria(kernel: str, size: InputSize) -> Iterator[Use]:
