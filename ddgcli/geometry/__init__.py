@@ -1,7 +1,8 @@
 """Formulas on arrays: lengths, angles, areas, normals, unfolding, points on surfaces.
 
 `intrinsic` reads side lengths alone, `extrinsic` positions in space; `unfolding` lays faces out in the plane;
-`intersections` lists faces that cross, `component_sides` has the mean sides of components.
+`intersections` lists faces that cross, `t_junctions` vertices inside boundary edges;
+`component_sides` has the mean sides of components.
 """
 
 __all__ = [
@@ -14,5 +15,6 @@ __all__ = [
     "intersections",
     "intrinsic",
     "surface_points",
+    "t_junctions",
     "unfolding",
 ]

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from ddgcli.algorithms.inspection.quality import surface_defects
 from ddgcli.algorithms.repair.pipeline import RepairSteps, repair_mesh
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import face_area
@@ -33,7 +34,7 @@ def with_slits(mesh, seed, share=0.3, most=3):
     return TriangleMesh.from_arrays(np.array(points), np.array(faces)), n_slits
 
 
-@given(seed=st.integers(0, 10**6), size=st.sampled_from([1e-9, 1.0, 1e9]))
+@given(seed=st.integers(0, 10**6), size=st.sampled_from([1e-200, 1e-9, 1.0, 1e9, 1e200]))
 def test_a_surface_with_slits_is_closed_again_and_nothing_moves(seed, size):
     turn = Rotation.random(random_state=seed)
     mesh, n_slits = with_slits(shapes.icosphere(1), seed)
@@ -43,14 +44,12 @@ def test_a_surface_with_slits_is_closed_again_and_nothing_moves(seed, size):
     assert changes == {"split_edges": n_slits}
     assert topology.is_closed and topology.is_manifold and topology.is_oriented
     assert np.array_equal(repaired.mesh.points, mesh.points)
-    area = np.bincount(
-        repaired.input_face, weights=face_area(repaired.mesh.side_length), minlength=mesh.n_faces
-    )
-    assert np.allclose(area, face_area(mesh.side_length), rtol=1e-9)
-    assert (face_area(repaired.mesh.side_length) > 0).all()
-    assert np.isclose(
-        enclosed_volume(repaired.mesh), size**3 * enclosed_volume(shapes.icosphere(1)), rtol=1e-9
-    )
+    before, after = (body.moved(body.points / size) for body in (mesh, repaired.mesh))
+    child_area = face_area(after.side_length)
+    assert (child_area > 0).all()
+    area = np.bincount(repaired.input_face, weights=child_area, minlength=mesh.n_faces)
+    assert np.allclose(area, face_area(before.side_length), rtol=1e-9)
+    assert np.isclose(enclosed_volume(after), enclosed_volume(shapes.icosphere(1)), rtol=1e-9)
 
 
 def test_slits_in_coordinates_of_single_precision_are_closed():
@@ -114,6 +113,19 @@ def test_the_distance_of_a_vertex_from_an_edge_decides(distance, count):
     mesh = TriangleMesh.from_arrays(points, [[0, 1, 2], [0, 4, 3], [3, 5, 1]])
     _, changes = repair_mesh(mesh, RepairSteps(split_edges=distance))
     assert changes == {"split_edges": count}
+
+
+def test_an_inspection_counts_the_slits_that_the_repair_closes():
+    mesh, _ = with_slits(shapes.icosphere(1), 11)
+    corners = np.arange(3 * mesh.n_faces).reshape(-1, 3)
+    separate = TriangleMesh.from_arrays(mesh.points[mesh.faces.ravel()], corners)
+    first = np.unique(mesh.faces, return_index=True)[1]
+    for shown, slits in ((mesh, np.arange(42, mesh.n_vertices)), (separate, np.sort(first[42:]))):
+        defects = surface_defects(shown)
+        assert defects["t_junctions"] == len(slits)
+        assert set(defects["t_junctions_first"]) <= set(slits.tolist())
+        repaired, _ = repair_mesh(shown, RepairSteps(weld=0.0, split_edges=0.0))
+        assert surface_defects(repaired.mesh)["t_junctions"] == 0
 
 
 def test_closed_surfaces_and_edges_without_vertices_on_them_stay():

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.geometry.extrinsic import enclosed_volume, face_area_vector
 from ddgcli.geometry.intersections import intersecting_faces
+from ddgcli.geometry.t_junctions import t_junctions
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.ragged import repeated_rows
 from ddgcli.mesh.repair import merged_points
@@ -17,6 +18,7 @@ from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import bounding_box, cone_volume, row_cross, vector_length
 
+MANY_BOUNDARY_EDGES = 20_000  # of which more than half of the edges: faces without neighbours
 MAX_LISTED = 5  # elements listed for each defect
 ANGLE_BINS = np.arange(0.0, 181.0, 10.0)
 
@@ -25,7 +27,8 @@ def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
     """Counts of defects of a surface, and `..._first`, the numbers of the first ones.
 
     `duplicate_faces` counts faces with the three vertices of an earlier face, in any order;
-    `coincident_vertices` counts used vertices at exactly the position of an earlier one.
+    `coincident_vertices` counts used vertices at exactly the position of an earlier one; `t_junctions` counts
+    boundary vertices inside boundary edges, once coincident vertices are joined.
 
     Parameters
     ----------
@@ -40,19 +43,22 @@ def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
     repeated = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     defects: dict[str, Any] = {"orientable": topology.is_orientable, "orientation": orientation(mesh)}
     unreferenced = np.flatnonzero(~topology.referenced_vertex)
+    at_equal_positions = coincident(mesh.points, topology.referenced_vertex)
     for name, elements in (
         ("degenerate_faces", mesh.flat_faces),
         ("repeated_index_faces", np.flatnonzero(repeated)),
         ("duplicate_faces", repeated_rows(np.sort(faces, axis=1))),
         ("unreferenced_vertices", unreferenced),
-        ("coincident_vertices", coincident(mesh.points, topology.referenced_vertex)),
+        ("coincident_vertices", at_equal_positions),
+        ("t_junctions", _t_junction_vertices(mesh, is_joined=len(at_equal_positions) == 0)),
         ("nonmanifold_vertices", topology.nonmanifold_vertices),
         ("misoriented_edges", topology.edges[topology.misoriented_edges]),
         ("nonmanifold_edges", topology.edges[topology.nonmanifold_edges]),
     ):
-        defects[name] = len(elements)
-        if len(elements):
-            defects[f"{name}_first"] = elements[:MAX_LISTED].tolist()
+        if elements is not None:
+            defects[name] = len(elements)
+            if len(elements):
+                defects[f"{name}_first"] = elements[:MAX_LISTED].tolist()
     return defects
 
 
@@ -94,6 +100,19 @@ def coincident(points: NDArray, referenced: NDArray[np.bool_]) -> NDArray[np.int
     first = np.zeros(len(number), dtype=bool)
     first[np.unique(index, return_index=True)[1]] = True
     return number[~first].astype(np.int64)
+
+
+def _t_junction_vertices(mesh: TriangleMesh, *, is_joined: bool) -> NDArray[np.int64] | None:
+    """Vertices of T-junctions, None for separate faces; `is_joined` where no vertices share a position."""
+    if not is_joined:
+        points, place = merged_points(mesh.points)
+        first = np.unique(place, return_index=True)[1]
+        vertices = _t_junction_vertices(TriangleMesh.from_arrays(points, place[mesh.faces]), is_joined=True)
+        return None if vertices is None else first[vertices]
+    n_boundary = len(mesh.topology.boundary_edges)
+    if n_boundary > max(MANY_BOUNDARY_EDGES, mesh.topology.n_edges // 2):
+        return None
+    return np.unique(t_junctions(mesh)[1])
 
 
 def orientation(mesh: TriangleMesh) -> str:
