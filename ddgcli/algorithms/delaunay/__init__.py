@@ -1,11 +1,12 @@
 """Intrinsic Delaunay triangulations of surfaces.
 
-Edge flips (`triangulation`, `flips`), refinement by Steiner points (`refine`), the common subdivision with
-the input (`common_subdivision`), and functions carried between the two (`transfer`). `report` runs all of
-it.
+Edge flips (`triangulation`, `flips`), cuts of boundary edges (`boundary_splits`), refinement by Steiner
+points (`refine`), the common subdivision with the input (`common_subdivision`), and functions carried between
+the two (`transfer`). `report` runs all of it.
 """
 
 __all__ = [
+    "boundary_splits",
     "circumcentres",
     "common_subdivision",
     "dual",

@@ -79,6 +79,8 @@ class SideArrays(Gluing):
         self._lengthen("cotan_sum", n_new, np.nan)
         if self.direction is not None:
             self._lengthen("direction", 3 * n_new, np.nan)
+        if self.twisted is not None:
+            self._lengthen("twisted", 3 * n_new, False)
         self._lengthen("claim", 3 * n_new, 0)
 
     def straighten(self, side: NDArray) -> None:

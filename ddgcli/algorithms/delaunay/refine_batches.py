@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.delaunay.boundary_splits import cut_boundary
 from ddgcli.algorithms.delaunay.circumcentres import (
     BOUNDARY_PLACE,
     INSIDE_PLACE,
@@ -198,24 +199,10 @@ class Refinement:
         state = self.state
         if len(side) == 0:
             return side
-        _, jk, ki = around(side)
         share = self._shell(side)
         edge, at = self.places.on_boundary(state, side, share)
         vertex = self.places.add_on_boundary(edge, at)
-        whole, lengths_jk = state.length[side].copy(), state.length[jk].copy()
-        to_apex = np.abs(apex_of(state, side) - share) * whole
-        old_jk, old_ki = state.direction[jk].copy(), state.direction[ki].copy()  # type: ignore[index]
-        new = state.split_boundary(side, vertex)
-        p = 3 * new
-        state.length[side], state.length[jk] = share * whole, to_apex
-        state.length[p], state.length[p + 1], state.length[p + 2] = (1 - share) * whole, lengths_jk, to_apex
-        state.measure(np.concatenate([side // 3, new]))
-        direction = self.direction
-        direction[p] = self.places.edge_direction(edge)
-        direction[p + 1] = old_jk
-        direction[jk] = direction[p] + 2 * np.arctan(state.tangent[p + 1])
-        direction[p + 2] = old_ki + 2 * np.arctan(state.tangent[side])
-        return np.concatenate([side, jk, ki, p, p + 1, p + 2])
+        return cut_boundary(state, side, vertex, share, self.places.edge_direction(edge))
 
     def _shell(self, side: NDArray) -> NDArray[np.float64]:
         """Share at which to cut: the middle, or a power of two from a sharp corner (Ruppert's shells)."""

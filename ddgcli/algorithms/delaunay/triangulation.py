@@ -307,11 +307,27 @@ def length_scale(length: NDArray) -> float:
     return float(2.0 ** np.round(np.log2(mean))) if mean > 0 else 1.0
 
 
-def unglue(state: SideArrays, mesh: IntrinsicMesh, scale: float) -> IntrinsicMesh:
-    """The mesh in the work arrays."""
+def unglue(state: SideArrays, mesh: IntrinsicMesh, scale: float, *, n_new: int = 0) -> IntrinsicMesh:
+    """The mesh in the work arrays.
+
+    Parameters
+    ----------
+    state : SideArrays
+    mesh : IntrinsicMesh
+        The input of the work arrays.
+    scale : float
+        Factor from the lengths of the work arrays to those of the mesh.
+    n_new : int
+        Number of vertices added to those of the input; the result then has no positions.
+
+    Returns
+    -------
+    IntrinsicMesh
+    """
     twisted = None if state.twisted is None else state.twisted.reshape(-1, 3)
-    topology = Topology(state.tail.reshape(-1, 3), mesh.n_vertices, state.twin[:-1].reshape(-1, 3), twisted)
-    return IntrinsicMesh(topology, scale * state.length.reshape(-1, 3), mesh.points)
+    n, gluing = mesh.n_vertices + n_new, state.twin[:-1].reshape(-1, 3)
+    topology = Topology(state.tail.reshape(-1, 3), n, gluing, twisted)
+    return IntrinsicMesh(topology, scale * state.length.reshape(-1, 3), None if n_new else mesh.points)
 
 
 def remaining_note(count: int) -> str:

@@ -197,6 +197,7 @@ def describe_targets(mesh: SurfaceMesh, targets: SurfacePoints, exact: ExactDist
 
 
 def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
+    from ddgcli.algorithms.delaunay.triangulation import negative_cotan_edges
     from ddgcli.algorithms.geodesics.certificate import gradient_error
     from ddgcli.algorithms.geodesics.heat import HeatSolver
     from ddgcli.choices import ITERATIVE_SOLVERS
@@ -212,13 +213,20 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
                 f"{heat.heat_residual:.2g}); give a shorter `heat_time`, or use another method"
             )
         accuracy: dict[str, Any] = {
-            "error_estimate": gradient_error(base, heat.distance),
+            "error_estimate": gradient_error(base, heat.extended),
             "heat_residual": heat.heat_residual,
             "poisson_residual": heat.poisson_residual,
         }
         if solver.solver in ITERATIVE_SOLVERS:
             accuracy["heat_solver"] = solver.solver
         results = {"operator": operator, "heat_time": solver.time_at(sources), "heat_stages": heat.n_stages}
+        if heat.nonpositive_vertices and negative_cotan_edges(base):
+            best = _heat_operator(mesh, None)
+            better = "`method=exact`" if operator == best else f"`operator={best}`"
+            log.warning(
+                f"the heat is not positive at {counted(heat.nonpositive_vertices, 'vertex', 'vertices')}, "
+                f"for faces with obtuse angles: distances are wrong around them; use {better}"
+            )
         if heat.cold_faces:
             log.warning(
                 f"the heat has no gradient on {heat.cold_faces} faces; the distance is interpolated there"
@@ -247,13 +255,14 @@ def _heat_mesh(mesh: SurfaceMesh, operator: str | None) -> tuple[str, SurfaceMes
         )
     if name == "plain":
         return name, mesh
+    from ddgcli.algorithms.delaunay.boundary_splits import split_obtuse_boundary
     from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 
     if name == "tufted":
         from ddgcli.operators.tufted import tufted_cover
 
         return name, flip_to_delaunay(tufted_cover(mesh)).mesh
-    return name, flip_to_delaunay(mesh).mesh
+    return name, split_obtuse_boundary(flip_to_delaunay(mesh).mesh).mesh
 
 
 def check_heat(mesh: SurfaceMesh, operator: str | None, heat_time: float | None = None) -> None:

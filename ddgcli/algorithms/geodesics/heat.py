@@ -36,20 +36,32 @@ class HeatDistance:
 
     Parameters
     ----------
-    distance : (n,) ndarray of float64
-        inf on components without a source.
+    extended : (n + s,) ndarray of float64
+        On the vertices of the triangulation of the systems; inf on components without a source.
+    n_vertices : int
+        Number n of vertices of the mesh of the sources; s Steiner points follow.
     residuals : tuple of two callables
         Functions that compute `heat_residual` and `poisson_residual`.
     n_stages : int
         Number of continuations of the heat where it underflows float64.
     cold_faces : int
         Faces of reached components without a gradient of heat; the second system interpolates there.
+    nonpositive_vertices : int
+        Vertices of reached components where the heat is not positive: cotangent weights below zero cause it,
+        or rounding. The gradient is wrong around them.
     """
 
-    distance: NDArray[np.float64]
+    extended: NDArray[np.float64]
+    n_vertices: int
     residuals: tuple[Callable[[], float], Callable[[], float]]
     n_stages: int
     cold_faces: int
+    nonpositive_vertices: int
+
+    @property
+    def distance(self) -> NDArray[np.float64]:
+        """(n,) distances of the vertices of the mesh of the sources."""
+        return self.extended[: self.n_vertices]
 
     @cached_property
     def heat_residual(self) -> float:
@@ -114,7 +126,8 @@ class HeatSolver:
         method, whose error does not vanish: t = h^2 is a fixed fraction of the decay length, so the direction
         of the heat's gradient keeps an error of about 1 %. Each round costs one solve and removes most of it.
     source_mesh : TriangleMesh or IntrinsicMesh, optional
-        Mesh on whose faces source points lie; same vertices and metric. Default: `mesh`.
+        Mesh on whose faces source points lie; same metric, and its vertices are the first of `mesh`. Default:
+        `mesh`.
 
     References
     ----------
@@ -142,7 +155,9 @@ class HeatSolver:
         self._heat = Factor(self._system)
         self._poisson: Poisson | None = None
         self._dirichlet: Dirichlet | None = None
-        self._boundary = self.source_mesh.topology.boundary_vertex  # a tufted cover has none of its own
+        self._boundary = mesh.topology.boundary_vertex.copy()
+        # a tufted cover has none of its own
+        self._boundary[: self.source_mesh.n_vertices] |= self.source_mesh.topology.boundary_vertex
         flat_corners = face_frame(mesh.side_length)  # corners (0, 0), (base, 0), (x, y)
         _, right, apex = flat_corners.transpose(1, 2, 0)
         self._base, self._x, self._y = right[0].copy(), apex[0].copy(), apex[1].copy()
@@ -186,7 +201,9 @@ class HeatSolver:
         distance[near[spoke == 0]] = 0.0
         cold_faces = int((cold & reached[self._corner[0]]).sum()) if cold.any() else 0
         distance[~reached] = np.inf
-        return HeatDistance(distance, (heat_residual, poisson_residual), n_stages, cold_faces)
+        n, residuals = self.source_mesh.n_vertices, (heat_residual, poisson_residual)
+        nonpositive = int(np.count_nonzero(reached & ~(heat > 0)))
+        return HeatDistance(distance, n, residuals, n_stages, cold_faces, nonpositive)
 
     def time_at(self, sources: Sources) -> float:
         """Diffusion time, in length units squared, on the component of the first source."""

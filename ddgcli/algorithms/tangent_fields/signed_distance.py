@@ -15,18 +15,18 @@ from ddgcli.algorithms.geodesics.sources import Sources, edge_lengths, no_number
 from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
 from ddgcli.choices import SIGNED_DISTANCE_METHODS
 from ddgcli.errors import ParameterError
-from ddgcli.geometry.face_frames import to_space
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import unfold
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.require import require
+from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.connection import check_tangent_planes, side_angles
-from ddgcli.operators.gradient import divergence
-from ddgcli.operators.laplacian import stiffness
+from ddgcli.operators.laplacian import corner_sum, stiffness
 
 _log = logging.getLogger("ddgcli")
 
@@ -177,22 +177,37 @@ def _heat(mesh: TriangleMesh, curves: EdgeSet, *, warn: bool, closed: bool) -> S
     vertex, start = _curve_normals(mesh, curves)
     solver = VectorHeat(mesh)
     transported = solver.transport(vertex, start)
-    at_tail, _ = side_angles(mesh)
-    side_frame = unfold(mesh).direction.reshape(-1, 2) @ np.array([1.0, 1j]) * np.exp(-1j * at_tail)
-    in_face = (transported.vector[mesh.faces.ravel()] * side_frame).reshape(-1, 3).sum(axis=1)
-    size = np.abs(in_face)
-    unit = np.divide(in_face, size, out=np.zeros_like(in_face), where=size > 0)
-    vectors = to_space(mesh, np.arange(mesh.n_faces), np.stack([unit.real, unit.imag], axis=1))
+    # Steiner points on the boundary are needed here too: the flat faces at an edge that they cut would force
+    # the function to be linear along it
+    is_split = solver.mesh.n_vertices > mesh.n_vertices
+    work, field = (solver.mesh, transported.extended) if is_split else (mesh, transported.vector)
     ends = unique_keys(mesh.topology.edges[curves.edge])
-    component = mesh.topology.vertex_component
-    reached = np.isin(component, component[ends]) & mesh.topology.referenced_vertex
+    component = work.topology.vertex_component
+    reached = np.isin(component, component[ends]) & work.topology.referenced_vertex
     fixed = ~reached
     fixed[ends] = True
-    system = Dirichlet(csc_array(stiffness(mesh)), fixed)
-    rhs = -(divergence(mesh) @ vectors.ravel())
+    system = Dirichlet(csc_array(stiffness(work)), fixed)
+    rhs = _integrated_slope(work, field)
     distance = system.solve(np.zeros(len(system.fixed)), rhs)
     residual = max(transported.residual, float(system.residual(distance, rhs)))
-    return SignedDistance(np.where(reached, distance, np.inf), "heat", closed, residual)
+    distance = np.where(reached, distance, np.inf)[: mesh.n_vertices]
+    return SignedDistance(distance, "heat", closed, residual)
+
+
+def _integrated_slope(mesh: SurfaceMesh, field: NDArray) -> NDArray[np.float64]:
+    """(n,) integral over the faces of the gradients of the hats times the directions of a vertex field.
+
+    The field on a face is the normalised sum of those at its corners.
+    """
+    at_tail, _ = side_angles(mesh)
+    direction = unfold(mesh).direction.reshape(-1, 2) @ np.array([1.0, 1j])
+    corner = field[mesh.faces.ravel()] * direction * np.exp(-1j * at_tail)
+    in_face = corner.reshape(-1, 3).sum(axis=1)
+    size = np.abs(in_face)
+    unit = np.divide(in_face, size, out=np.zeros_like(in_face), where=size > 0)
+    side = mesh.side_length * direction.reshape(-1, 3)
+    # area times the gradient of a hat: half of the opposite side, turned by a right angle
+    return corner_sum(mesh, 0.5 * (side[:, NEXT].conj() * unit[:, None]).imag)
 
 
 def _curve_normals(mesh: TriangleMesh, curves: EdgeSet) -> tuple[NDArray[np.int64], NDArray[np.complex128]]:

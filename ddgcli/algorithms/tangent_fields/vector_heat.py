@@ -14,12 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 
-from ddgcli.algorithms.delaunay.triangulation import check_area, flip_to_delaunay, glue
+from ddgcli.algorithms.delaunay.boundary_splits import split_obtuse_boundary
+from ddgcli.algorithms.delaunay.triangulation import (
+    check_area,
+    flip_to_delaunay,
+    glue,
+    negative_cotan_edges,
+)
 from ddgcli.algorithms.tangent_fields.intrinsic_frames import frame_turn
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, counted
 from ddgcli.geometry.component_sides import component_mean_side, on_vertices
 from ddgcli.linalg.factor import Factor
 from ddgcli.linalg.scaled_rows import scaled_rows
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.operators.connection import check_tangent_planes, connection_laplacian
 from ddgcli.operators.laplacian import lumped_mass, stiffness
@@ -43,25 +50,22 @@ def check_vector_heat(mesh: SurfaceMesh) -> None:
     MeshError
     """
     check_tangent_planes(mesh)
-    if not len(mesh.topology.nonmanifold_edges):
-        glue(mesh)
-        check_area(mesh)
+    glue(mesh)
+    check_area(mesh)
 
 
-def _delaunay_frames(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.complex128]]:
-    """Intrinsic Delaunay triangulation, and the rotation of its vertex frames to those of the mesh."""
-    unchanged = mesh, np.ones(mesh.n_vertices, dtype=np.complex128)
+def _delaunay_frames(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.complex128]] | None:
+    """Intrinsic Delaunay triangulation without obtuse angles opposite its boundary, and the rotation of its
+    vertex frames to those of the mesh; None where that rotation is unknown."""
     check_tangent_planes(mesh)
-    if len(mesh.topology.nonmanifold_edges):
-        _log.warning(
-            "vectors diffuse on the faces of the mesh: edges with three faces have no Delaunay flips"
-        )
-        return unchanged
     flipped = flip_to_delaunay(mesh, track=True)
-    turn = frame_turn(mesh, flipped) if flipped.flips else None
-    if turn is None and flipped.flips:
+    turn = frame_turn(mesh, flipped) if flipped.flips else np.ones(mesh.n_vertices, dtype=np.complex128)
+    if turn is None:
         _log.warning("vectors diffuse on the faces of the mesh: degenerate faces hide the Delaunay frames")
-    return unchanged if turn is None else (flipped.mesh, turn)
+        return None
+    split = split_obtuse_boundary(flipped.mesh, track_turn=True)
+    is_unchanged = not flipped.flips and split.mesh is flipped.mesh
+    return mesh if is_unchanged else split.mesh, turn * split.turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +78,14 @@ class TransportedVectors:
         In the vertices' frames.
     residual : float
         Largest relative residual of the solves.
+    extended : (n + s,) ndarray of complex128
+        At the vertices of the triangulation of the diffusion, in its frames; the last s of them are Steiner
+        points on the boundary.
     """
 
     vector: NDArray[np.complex128]
     residual: float
+    extended: NDArray[np.complex128]
 
 
 class VectorHeat:
@@ -90,8 +98,10 @@ class VectorHeat:
     time : float
         Diffusion time in units of the squared mean side length of each component.
     intrinsic_delaunay : bool
-        Diffuse on the intrinsic Delaunay triangulation, whose cotangent weights are not negative; values are
-        in the frames of `mesh`. If an edge has three faces, diffuse on the mesh itself (with a warning).
+        Diffuse on the intrinsic Delaunay triangulation, with Steiner points on boundary edges opposite obtuse
+        angles: no cotangent weight is negative, so that diffused numbers stay positive and vectors keep their
+        sense. Values are in the frames of `mesh`. If degenerate faces hide the frames of the triangulation,
+        diffuse on the mesh itself (with a warning).
 
     Attributes
     ----------
@@ -105,8 +115,10 @@ class VectorHeat:
         if not time > 0:
             raise ParameterError(f"must be positive, not {time}", parameter="time")
         self.turn = np.ones(mesh.n_vertices, dtype=np.complex128)
-        if intrinsic_delaunay:
-            mesh, self.turn = _delaunay_frames(mesh)
+        delaunay = _delaunay_frames(mesh) if intrinsic_delaunay else None
+        self._on_input_faces = delaunay is None
+        if delaunay:
+            mesh, self.turn = delaunay
         self.mesh = mesh
         self._factorise(np.full(mesh.topology.n_components, float(time)))
 
@@ -163,8 +175,11 @@ class VectorHeat:
         if np.ptp(size) > 0:
             length, scalar_residual = self._lengths(vertex, size)
             residual = max(residual, scalar_residual)
+        if self._on_input_faces:
+            self._check_positive(vertex, reached)
         inverse = np.divide(1.0, amount, out=np.zeros(len(amount)), where=amount > MIN_VALUE)
-        return TransportedVectors(diffused * inverse * (length * self.turn), residual)
+        extended = diffused * (inverse * length)
+        return TransportedVectors(extended[: len(self.turn)] * self.turn, residual, extended)
 
     def _too_short(self, amount: NDArray, vertex: NDArray, reached: NDArray) -> NDArray[np.bool_]:
         """Components where values underflow at some vertex (small values by cancellation do not count)."""
@@ -174,6 +189,17 @@ class VectorHeat:
         count = _solve(self.scalar, np.bincount(vertex, minlength=len(amount)).astype(np.float64))[0]
         short[self.mesh.topology.vertex_component[reached & ~(np.abs(count) > MIN_VALUE)]] = True
         return short & (self.time <= MAX_TIME)
+
+    def _check_positive(self, vertex: NDArray, reached: NDArray) -> None:
+        """Warn if scalars diffused on faces as they are are not positive: vectors are reversed there."""
+        if not negative_cotan_edges(self.mesh):
+            return
+        heat = _solve(self.scalar, np.bincount(vertex, minlength=self.mesh.n_vertices).astype(np.float64))[0]
+        if count := int((reached & ~(heat > 0)).sum()):
+            _log.warning(
+                f"the heat is not positive at {counted(count, 'vertex', 'vertices')}, for faces with obtuse "
+                f"angles: vectors are reversed there; {cure('no area')}"
+            )
 
     def _lengths(self, vertex: NDArray, size: NDArray) -> tuple[NDArray, float]:
         """Diffused lengths divided by diffused indicators, and the residual."""
