@@ -36,10 +36,10 @@ class HeatDistance:
 
     Parameters
     ----------
-    extended : (n + s,) ndarray of float64
-        On the vertices of the triangulation of the systems; inf on components without a source.
-    n_vertices : int
-        Number n of vertices of the mesh of the sources; s Steiner points follow.
+    distance : (n,) ndarray of float64
+        At the vertices of the mesh of the sources; inf on components without a source.
+    steiner_distance : (s,) ndarray of float64
+        At the further vertices of the triangulation of the systems.
     residuals : tuple of two callables
         Functions that compute `heat_residual` and `poisson_residual`.
     n_stages : int
@@ -51,17 +51,17 @@ class HeatDistance:
         or rounding. The gradient is wrong around them.
     """
 
-    extended: NDArray[np.float64]
-    n_vertices: int
+    distance: NDArray[np.float64]
+    steiner_distance: NDArray[np.float64]
     residuals: tuple[Callable[[], float], Callable[[], float]]
     n_stages: int
     cold_faces: int
     nonpositive_vertices: int
 
     @property
-    def distance(self) -> NDArray[np.float64]:
-        """(n,) distances of the vertices of the mesh of the sources."""
-        return self.extended[: self.n_vertices]
+    def extended(self) -> NDArray[np.float64]:
+        """(n + s,) distances of all vertices of the triangulation of the systems."""
+        return np.concatenate([self.distance, self.steiner_distance])
 
     @cached_property
     def heat_residual(self) -> float:
@@ -203,7 +203,7 @@ class HeatSolver:
         distance[~reached] = np.inf
         n, residuals = self.source_mesh.n_vertices, (heat_residual, poisson_residual)
         nonpositive = int(np.count_nonzero(reached & ~(heat > 0)))
-        return HeatDistance(distance, n, residuals, n_stages, cold_faces, nonpositive)
+        return HeatDistance(distance[:n], distance[n:], residuals, n_stages, cold_faces, nonpositive)
 
     def time_at(self, sources: Sources) -> float:
         """Diffusion time, in length units squared, on the component of the first source."""
