@@ -178,8 +178,9 @@ class VectorHeat:
         if self._on_input_faces:
             self._check_positive(vertex, reached)
         inverse = np.divide(1.0, amount, out=np.zeros(len(amount)), where=amount > MIN_VALUE)
-        extended = diffused * (inverse * length)
-        return TransportedVectors(extended[: len(self.turn)] * self.turn, residual, extended)
+        direction, n = diffused * inverse, len(self.turn)
+        vector = direction[:n] * (length[:n] * self.turn)
+        return TransportedVectors(vector, residual, direction * length)
 
     def _too_short(self, amount: NDArray, vertex: NDArray, reached: NDArray) -> NDArray[np.bool_]:
         """Components where values underflow at some vertex (small values by cancellation do not count)."""
