@@ -15,6 +15,7 @@ __all__ = [
     "fields",
     "intrinsic_mesh",
     "masked",
+    "midpoint_subdivision",
     "ragged",
     "repair",
     "require",

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.edge_lookup import edge_numbers
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.midpoint_subdivision import MidpointSubdivision
 from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -109,14 +111,10 @@ def _of_pairs(mesh: SurfaceMesh, pairs: NDArray, parameter: str | None) -> EdgeS
             f"0..{mesh.n_vertices - 1}",
             parameter=parameter,
         )
-    i, j = pairs.astype(np.int64).T
-    edges, n = mesh.topology.edges, np.int64(mesh.n_vertices)
-    key = edges.min(axis=1) * n + edges.max(axis=1)
-    order = np.argsort(key)
-    pair_key = np.minimum(i, j) * n + np.maximum(i, j)
-    slot = np.searchsorted(key[order], pair_key).clip(max=max(len(key) - 1, 0))
-    edge = order[slot]
-    missing = np.flatnonzero(key[edge] != pair_key)
+    ends = pairs.astype(np.int64)
+    edges, (i, j) = mesh.topology.edges, ends.T
+    edge = edge_numbers(edges, ends)
+    missing = np.flatnonzero(edge < 0)
     if len(missing):
         row = missing[0]
         raise ParameterError(
@@ -145,6 +143,29 @@ def _of_marks(mesh: SurfaceMesh, marks: NDArray, place: str) -> EdgeSet:
     along = topology.side_sign.ravel()[border_side[first]].astype(np.int64)
     higher = label[label != across][first] > across[label != across][first]
     return EdgeSet(edge, np.where(higher, along, -along))
+
+
+def subdivided_edge_set(edges: EdgeSet, mesh: TriangleMesh, subdivision: MidpointSubdivision) -> EdgeSet:
+    """The same curves on a subdivided mesh.
+
+    Parameters
+    ----------
+    edges : EdgeSet
+        Of `mesh`.
+    mesh : TriangleMesh
+    subdivision : MidpointSubdivision
+        Of `mesh`.
+
+    Returns
+    -------
+    EdgeSet
+        Of `subdivision.mesh`.
+    """
+    pairs, row = subdivision.edge_pieces(mesh.topology.edges[edges.edge])
+    pieces = edge_numbers(subdivision.mesh.topology.edges, pairs)
+    along = np.where(pairs[:, 0] < pairs[:, 1], 1, -1)
+    order = np.argsort(pieces)
+    return EdgeSet(pieces[order], (along * edges.sign[row])[order])
 
 
 def boundary_set(mesh: SurfaceMesh) -> EdgeSet:

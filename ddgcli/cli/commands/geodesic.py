@@ -72,9 +72,13 @@ def command(
     read = run.read(mesh_path, subdivide=subdivide)
     mesh, field = read.surface, None
     if curves.field:
-        from ddgcli.io.arrays import input_array
+        from ddgcli.cli.subdivided_input import input_function
 
-        field = input_array(read, curves.field)
+        field = input_function(read, curves.field)
+    if subdivide:
+        from ddgcli.cli.subdivided_input import on_subdivided_faces
+
+        distance, curves = on_subdivided_faces(read, distance), on_subdivided_faces(read, curves)
     source_edges = input_edge_set(read, distance.source_edges, "source_edges")
     signed_curves = input_edge_set(read, waves.signed_distance, "signed_distance")
     with run.clock.timed("compute"):

@@ -62,6 +62,16 @@ def input_edge_set(read: MeshInput, name: str | None, parameter: str) -> EdgeSet
     """Edge set of an array of the input, or of a file of vertex pairs, marks or polylines."""
     if name is None:
         return None
+    from ddgcli.cli.subdivided_input import SubdividedInput
+
+    if not isinstance(read, SubdividedInput):
+        return _edge_set(read, name, parameter)
+    from ddgcli.algorithms.geodesics.edge_sets import subdivided_edge_set
+
+    return subdivided_edge_set(_edge_set(read.base, name, parameter), read.base.surface, read.subdivision)
+
+
+def _edge_set(read: MeshInput, name: str, parameter: str) -> EdgeSet:
     from pathlib import Path
 
     from ddgcli.algorithms.geodesics.edge_sets import curve_pairs, edge_set

@@ -196,7 +196,12 @@ def command(
         poisson=vertex_values(source, poisson, "poisson"),
         fixed=values_by_vertex(fix, "fix"),
         cones=values_by_vertex(cone, "cone"),
-        boundary_values=vertex_values(source, boundary_values, "boundary_values"),
+        boundary_values=vertex_values(
+            source,
+            boundary_values,
+            "boundary_values",
+            at_midpoints=180.0 if tasks["boundary"] == "angles" else None,
+        ),
         seed=common.seed,
         **tasks,
     )
@@ -256,13 +261,15 @@ def values_by_vertex(pairs: tuple[tuple[int, float], ...], parameter: str) -> di
     return fixed
 
 
-def vertex_values(source: MeshInput, name: str | None, parameter: str) -> Any:
+def vertex_values(
+    source: MeshInput, name: str | None, parameter: str, *, at_midpoints: float | None = None
+) -> Any:
     """The vertex array of --poisson or --boundary-values."""
     if name is None:
         return None
-    from ddgcli.io.arrays import input_array
+    from ddgcli.cli.subdivided_input import input_function
 
-    array, place = input_array(source, name)
+    array, place = input_function(source, name, at_midpoints=at_midpoints)
     if place not in ("vertex", ""):
         raise ParameterError(
             f"needs values on vertices; {name!r} has values on {place}s", parameter=parameter

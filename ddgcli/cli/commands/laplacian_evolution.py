@@ -77,13 +77,13 @@ evolution_options = grouped_options("evolution", EvolutionOptions, _OPTIONS)
 
 def start_of(source: MeshInput, options: EvolutionOptions) -> NDArray | int:
     """The function at the start: a vertex array, or the number of a vertex."""
-    from ddgcli.io.arrays import input_array
+    from ddgcli.cli.subdivided_input import input_function
 
     equation = options.equation or ""
     name = str(getattr(options, equation))
     if name.isdigit() and name not in source.vertex:
         return int(name)
-    array, place = input_array(source, name)
+    array, place = input_function(source, name)
     if place not in ("vertex", ""):
         raise ParameterError(f"needs values on vertices; {name!r} has values on {place}s", parameter=equation)
     return array

@@ -195,13 +195,16 @@ def _region(source: Any, name: str | None) -> Any:
     """Mask of the vertices that `--region` names; None without it."""
     if name is None:
         return None
+    from ddgcli.cli.subdivided_input import SubdividedInput
     from ddgcli.io.arrays import input_array
     from ddgcli.models.willmore.setup import region_mask
 
-    values, place = input_array(source, name)
+    base = source.base if isinstance(source, SubdividedInput) else source
+    values, place = input_array(base, name)
     if place not in ("vertex", ""):
         raise ParameterError(f"{name!r} is a {place} array; name one of the vertices", parameter="region")
-    return region_mask(values, source.surface.topology)
+    mask = region_mask(values, base.surface.topology)
+    return mask if base is source else source.subdivision.vertex_mask(mask)
 
 
 def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
