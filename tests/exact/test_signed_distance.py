@@ -174,6 +174,19 @@ def test_circles_around_the_corner_of_a_cube_have_three_quarters_of_the_length()
         assert entry["length"] == pytest.approx(1.5 * np.pi * entry["level"], rel=1e-4)
 
 
+@pytest.mark.parametrize("scale", [2.0**-100, 2.0**100])
+def test_a_fan_has_the_scale_of_its_mesh(scale):
+    """Points of rays were searched with a gap of 1 between them, in which lengths of 1e-13 were lost."""
+    mesh = shapes.icosphere(3)
+    fans = [
+        describe_fan(geodesic_fan(mesh.moved(s * mesh.points), Sources(np.array([0])), 60, 1.5 * s, 3))
+        for s in (1.0, scale)
+    ]
+    unit, scaled = ([circle["length"] for circle in fan["circles"]] for fan in fans)
+    assert unit == pytest.approx(2 * np.pi * np.sin([0.5, 1.0, 1.5]), rel=5e-3)
+    assert np.array(scaled) / scale == pytest.approx(np.array(unit), rel=1e-12)
+
+
 def test_rays_that_leave_through_the_boundary_open_the_circles():
     fan = geodesic_fan(SQUARE, Sources(np.array([0])), 21, 1.2, 4)
     summary = describe_fan(fan)

@@ -55,7 +55,8 @@ class _Rays:
         size = np.nan_to_num(np.hypot(*segment_vectors(mesh, paths).T))
         reach = np.cumsum(np.append(0.0, size[:-1]))
         reach -= np.repeat(reach[paths.start[:-1]], np.diff(paths.start))
-        shift = np.append(0.0, np.cumsum(lines.length[:-1] + 1.0))
+        gap = float(lines.length.max(initial=0.0)) or 1.0  # no sum rounds lengths away
+        shift = np.append(0.0, np.cumsum(lines.length[:-1] + gap))
         return cls(mesh, paths, reach, lines.length, shift, reach + shift[paths.of_point()])
 
     def at(self, ray: NDArray, length: NDArray) -> tuple[NDArray, NDArray, NDArray]:
