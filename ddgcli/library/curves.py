@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.distance import measure_distance
 from ddgcli.algorithms.geodesics.flipout import straighten_curves
 from ddgcli.algorithms.geodesics.isolines import isoline_curves
 from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover
@@ -115,14 +116,16 @@ def shortest_paths(
     cover, checked = oriented_cover(mesh), surface_sources(mesh, sources, source_points)
     if len(checked.points):
         cover.require_two_sides("a path from points inside faces")
+    distance = measure_distance(mesh, checked)
     curves = core_shortest_paths(
         cover.mesh,
-        cover.lift_exact(exact_distance(mesh, checked)),
+        cover.lift_exact(distance.exact),  # type: ignore[arg-type]
         cover.lift_sources(checked),
         vertex_numbers(targets),
         join_lifts=cover.join_lifts,
     )
-    return _transported(cover, curves, transport)
+    measured = _transported(cover, curves, transport)
+    return replace(measured, converged=measured.converged and distance.converged)
 
 
 @accepts_arrays("surface")

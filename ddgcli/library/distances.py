@@ -103,7 +103,11 @@ class DistanceSolver:
         checked = surface_sources(self.mesh, sources, source_points, source_edges)
         measured = distances.measure_distance(self.mesh, checked, self.method, solver=self._solve)
         return Measurement(
-            self.mesh, vertex=measured.arrays, results=measured.results, accuracy=measured.accuracy
+            self.mesh,
+            vertex=measured.arrays,
+            results=measured.results,
+            accuracy=measured.accuracy,
+            converged=measured.converged,
         )
 
 
@@ -230,7 +234,7 @@ def measure_distance(
         `vertex` holds `geodesic_distance` (length units, inf where no source reaches) and `nearest_source`
         (number of the source: vertices, points, curves of edges; -1 where none reaches); `results` the
         largest and the mean distance and the work done; `accuracy` the violations of the bounds that every
-        distance obeys, and the residuals of the method.
+        distance obeys, and the residuals of the method; `converged` is False where these are too large.
 
     Raises
     ------

@@ -8,13 +8,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ddgcli.algorithms.geodesics.distance import prepare_solver
-from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
+from ddgcli.algorithms.geodesics.distance import DistanceOptions, measure_distance
 from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
+from ddgcli.algorithms.geodesics.query import CurveQuery
 from ddgcli.algorithms.tangent_fields.curve_starts import random_starts, starts_at
 from ddgcli.algorithms.tangent_fields.field_curves import field_curves
-from ddgcli.algorithms.tangent_fields.vertex_vectors import VertexVectors, log_map_vectors, transport_vectors
+from ddgcli.algorithms.tangent_fields.geodesic_query import query_vectors
+from ddgcli.algorithms.tangent_fields.vertex_vectors import VertexVectors, transport_vectors
 from ddgcli.choices import LOG_MAP_METHODS
 from ddgcli.errors import ParameterError
 from ddgcli.library.curves import curve_measurement
@@ -94,7 +94,8 @@ def logarithmic_map(
         `vertex["log_map"]` (n, 2): coordinates in the tangent plane of the source, in length units; the size
         is the distance, the angle that of the shortest path from the x axis, scaled by 2 pi / total angle at
         an inner vertex; inf where the source does not reach. `results["log_map_axis"]` is the x axis.
-        `accuracy` holds `log_map_miss` (exact) or `log_map_skew` (fast marching, heat).
+        `accuracy` holds `log_map_miss` (exact) or `log_map_skew` (fast marching, heat); `converged` is that
+        of `measure_distance`.
 
     Raises
     ------
@@ -118,18 +119,20 @@ def logarithmic_map(
     cover = oriented_cover(mesh)
     cover.require_two_sides("the logarithmic map")
     at = surface_sources(mesh, source)
-    lifted = cover.lift_sources(at)
-    if method == "exact":
-        arrived = cover.lift_exact(exact_distance(mesh, at, directions=mesh.topology.is_oriented))
-        return _vertex_measurement(mesh, log_map_vectors(cover.mesh, arrived, lifted))
-    if method == "heat":
-        by_heat = prepare_solver(mesh, "heat")(at)
-        return _vertex_measurement(mesh, log_map_vectors(cover.mesh, by_heat, lifted))
-    return _vertex_measurement(mesh, log_map_vectors(cover.mesh, fast_marching_distance(mesh, at), lifted))
+    options = DistanceOptions(directions=mesh.topology.is_oriented)
+    distance = measure_distance(mesh, at, method, options)
+    vectors = query_vectors(mesh, CurveQuery(log_map=True), at, distance)
+    return _vertex_measurement(mesh, vectors, converged=distance.converged)
 
 
-def _vertex_measurement(mesh: TriangleMesh, vectors: VertexVectors) -> Measurement:
-    return Measurement(mesh, vertex=vectors.arrays, results=vectors.results, accuracy=vectors.accuracy)
+def _vertex_measurement(mesh: TriangleMesh, vectors: VertexVectors, *, converged: bool = True) -> Measurement:
+    return Measurement(
+        mesh,
+        vertex=vectors.arrays,
+        results=vectors.results,
+        accuracy=vectors.accuracy,
+        converged=converged,
+    )
 
 
 @accepts_arrays("surface")

@@ -14,6 +14,7 @@ import ddgcli as ddg
 from tests.degenerate_meshes import degenerate_mesh
 
 ROOT = Path(__file__).parents[2]
+METHODS = ("exact", "heat", "fast-marching", "dijkstra")
 SPHERE = ddg.icosphere(1)
 SQUARE = ddg.grid(3, 3)
 NO_FACES = ddg.TriangleMesh.from_arrays(np.eye(3), np.zeros((0, 3), dtype=np.int64))
@@ -419,3 +420,29 @@ def test_refusals_name_the_parameters_of_the_function(call, message):
 def test_warnings_name_the_repair_as_a_call_of_the_library(caplog):
     ddg.curvature(degenerate_mesh(3001), "quadric")
     assert "`ddg.repair_mesh(mesh, drop_degenerate=True, split_folds=True)`" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "measure",
+    [
+        *(lambda m, method=method: ddg.measure_distance(m, 0, method) for method in METHODS),
+        *(lambda m, method=method: ddg.logarithmic_map(m, 5, method) for method in METHODS[:3]),
+        lambda m: ddg.HeatSolver(m).measure(0),
+        lambda m: ddg.shortest_paths(m, 0, 15),
+    ],
+)
+def test_a_distance_that_the_command_line_refuses_has_not_converged(measure, monkeypatch):
+    """`converged` was True where `ddgcli geodesic` ends with exit 1."""
+    assert measure(SQUARE).converged
+    monkeypatch.setattr("ddgcli.algorithms.geodesics.distance.MAX_EXCESS", -1.0)
+    assert not measure(SQUARE).converged
+
+
+@pytest.mark.parametrize(
+    "flatten, module",
+    [(ddg.parameterize, "laplacian.parameterize"), (ddg.conformal_map, "conformal.conformal_map")],
+)
+def test_a_map_that_the_command_line_refuses_has_not_converged(flatten, module, monkeypatch):
+    assert flatten(SQUARE).converged
+    monkeypatch.setattr(f"ddgcli.algorithms.{module}.LARGEST_RESIDUAL", -1.0)
+    assert not flatten(SQUARE).converged

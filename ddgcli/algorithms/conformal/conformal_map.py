@@ -25,6 +25,7 @@ from ddgcli.algorithms.delaunay.triangulation import (
 )
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.intrinsic import face_area
+from ddgcli.linalg.residual_gate import LARGEST_RESIDUAL
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -73,8 +74,8 @@ class ConformalMap:
 
     @property
     def converged(self) -> bool:
-        """Whether every angle sum is the prescribed one to 1e-10."""
-        return self.metric.converged
+        """Whether every angle sum is the prescribed one to 1e-10, and the layout is that of the metric."""
+        return self.metric.converged and bool(self.layout.residual <= LARGEST_RESIDUAL)
 
     @property
     def summary(self) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from ddgcli.errors import MeshError, counted
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.linalg.factor import Factor
+from ddgcli.linalg.residual_gate import LARGEST_RESIDUAL
 from ddgcli.mesh.boundary import boundary_vertex_loops
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -308,6 +309,7 @@ def _with_quality(
     mean = float((area * stretch)[good].sum() / area[good].sum()) if good.any() else float("inf")
     largest = float(stretch[good].max(initial=1.0))
     arrays = distortion_arrays(mesh, uv[mesh.faces])
+    converged = converged and bool(residual <= LARGEST_RESIDUAL)
     return Parameterization(
         uv, flipped, flipped_input, collapsed_input, mean, largest, residual, arrays, converged
     )

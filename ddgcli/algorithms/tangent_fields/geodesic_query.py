@@ -264,7 +264,22 @@ def query_vectors(
     distance: DistanceResult,
     stage_progress: StageProgress = no_stage_progress,
 ) -> VertexVectors:
-    """The logarithmic map and the transported vectors of a query."""
+    """The logarithmic map and the transported vectors of a query.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    query : CurveQuery
+    sources : Sources
+    distance : DistanceResult
+        From the sources; the logarithmic map follows its method.
+    stage_progress : callable
+        As in `geodesic_query`.
+
+    Returns
+    -------
+    VertexVectors
+    """
     cover, vector_sets = oriented_cover(mesh), []
     cover.require_two_sides("`log_map` or `spread_vector`")
     sources = cover.lift_sources(sources)
