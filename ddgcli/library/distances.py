@@ -46,7 +46,8 @@ class DistanceSolver:
         'exact': distance on the polyhedron. 'heat': two linear systems, factored here. 'fast-marching':
         first order. 'dijkstra': along edges, never too short.
     **options
-        'exact': `tolerance` (allowed error in edge lengths, 0; never too short). 'heat': `operator`
+        'exact': `tolerance` (of each detour at a vertex, in lengths of the edge crossed, 0; they add up, and
+        `tolerance_error_estimate` is of the whole error; never too short). 'heat': `operator`
         ('intrinsic-delaunay', 'plain' or 'tufted'), `heat_time` (in squares of the mean edge length
         of each component, 1), `heat_refine` (further rounds of normalising and integrating the gradient, 0).
 

@@ -41,7 +41,7 @@ class DistanceOptions:
     Parameters
     ----------
     tolerance : float
-        exact: tolerance in side lengths; 0 is exact.
+        exact: tolerance of each detour, see `exact_distance`; 0 is exact.
     operator : {'intrinsic-delaunay', 'plain', 'tufted'}, optional
         heat: the triangulation that carries the Laplacian. Default: intrinsic Delaunay on an oriented
         surface, otherwise its tufted cover.

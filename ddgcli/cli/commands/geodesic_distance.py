@@ -44,8 +44,9 @@ _OPTIONS = (
                  help="exact: the polyhedral distance. heat: two linear solves, factored once; faster for "
                       "many sources. fast-marching: first order. dijkstra: along edges."),
     click.option("--tolerance", type=NONNEGATIVE_NUMBER, metavar="TAU",
-                 help="exact: allowed error in edge lengths, used where it saves time; distances are never "
-                      "too short."),
+                 help="exact: let a path be longer by TAU edge lengths at each bend, where that saves time; "
+                      "accuracy.tolerance_error_estimate is of the whole error. Distances are never too "
+                      "short."),
     click.option("--operator", type=click.Choice(HEAT_OPERATORS),
                  help="heat: the Laplacian. [default: intrinsic-delaunay, tufted where non-manifold]"),
     click.option("--heat-time", type=POSITIVE_NUMBER, metavar="M",

@@ -102,9 +102,11 @@ def exact_distance(
     mesh : TriangleMesh or IntrinsicMesh
     sources : Sources, vertex number or array of vertex numbers
     tolerance : float
-        In side lengths; 0 is exact. Otherwise a path may be missed if one that bends at a vertex is at most
-        that much longer. The result is the length of a real path, never below the distance. It is used only
-        without `limit`, and where it saves time (predicted from the nearest tenth of the vertices).
+        In lengths of the side crossed; 0 is exact. Otherwise a path may be missed if one that bends at a
+        vertex is at most that much longer. It bounds each such detour; they add up along a path, and
+        `tolerance_error` estimates the whole error. The result is the length of a real path, never below the
+        distance. It is used only without `limit`, and where it saves time (predicted from the nearest tenth
+        of the vertices).
     limit : float
         Stop when all distances below it are final; vertices beyond it are inf or upper bounds.
     targets : SurfacePoints, optional
