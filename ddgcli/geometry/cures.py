@@ -14,6 +14,7 @@ from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import repeated_rows
 from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_side_blocks
 from ddgcli.mesh.vectors import cross, dot, vector_length
 
@@ -63,7 +64,7 @@ def warn_of_pieces(mesh: TriangleMesh | TetMesh) -> None:
     """Warn of components whose boundaries meet at equal positions: a mesh in pieces, which a weld joins.
 
     Where edges (faces) of the boundaries do not coincide, as at T-junctions, a weld makes vertices of several
-    fans instead.
+    fans instead. No warning where a weld would only undo a split of edges with three faces and more.
 
     Parameters
     ----------
@@ -84,7 +85,11 @@ def warn_of_pieces(mesh: TriangleMesh | TetMesh) -> None:
     n_touching = int((np.bincount(label)[label] > 1).sum())
     if n_touching:
         advice = cure(defect)
-        if not len(repeated_rows(np.sort(place[ends.reshape(rim.shape)], axis=1))):
+        coincide = len(repeated_rows(np.sort(place[ends.reshape(rim.shape)], axis=1))) > 0
+        if coincide and isinstance(mesh, TriangleMesh):
+            if not _weld_joins_sheets(mesh, merged_points(mesh.points)[1]):
+                return
+        if not coincide:
             advice = f"no {side}s of theirs coincide (T-junctions), so that a weld joins vertices alone; "
             advice += cure("slits") if side == "edge" else "divide the faces so that they match"
         logging.getLogger("ddgcli").warning(
@@ -105,10 +110,20 @@ def weld_advice(mesh: SurfaceMesh, unreached: NDArray[np.bool_]) -> str:
     Returns
     -------
     str
-        The advice after a semicolon; empty where a weld connects nothing.
+        The advice after a semicolon; empty where a weld connects nothing, or joins sheets only at edges of
+        three faces or at single vertices, which many commands refuse.
     """
     if not isinstance(mesh, TriangleMesh):
         return ""
     place, used = merged_points(mesh.points)[1], mesh.topology.referenced_vertex
     meet = np.isin(place[used & unreached], place[used & ~unreached]).any()
-    return f"; {cure('equal positions')}" if meet else ""
+    return f"; {cure('equal positions')}" if meet and _weld_joins_sheets(mesh, place) else ""
+
+
+def _weld_joins_sheets(mesh: TriangleMesh, place: NDArray) -> bool:
+    """Whether a weld gains edges of two faces: not where it undoes a split of edges with three, or of fans."""
+    faces = place[mesh.faces]
+    corners = np.sort(faces, axis=1)
+    joined = Topology(faces[(corners[:, 1:] != corners[:, :-1]).all(axis=1)], int(place.max()) + 1)
+    n_before, n_after = ((t.edge_face_count == 2).sum() for t in (mesh.topology, joined))
+    return bool(n_after > n_before)

@@ -33,6 +33,30 @@ def test_triangles_of_their_own_have_a_warning_whose_cure_joins_them(words, run,
     assert not [w for w in summary(words[0], welded, *words[1:])["warnings"] if "pieces" in w]
 
 
+@pytest.mark.parametrize("kind", ["pages of a book", "a bow tie"])
+def test_a_weld_that_undoes_a_split_is_no_cure(kind, run, tmp_path):
+    """--spread-vector advised --split-fans, and on its result the run advised --weld, which undoes it."""
+    path, split = tmp_path / "mesh.npz", tmp_path / "split.npz"
+    angle = np.arange(3) * 2 * np.pi / 3
+    if kind == "a bow tie":
+        points = [[0, 0, 0], [1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]]
+        faces = [[0, 2, 1], [0, 3, 4]]
+    else:
+        points = [[0, 0, z] for z in (0, 1)] + [[np.cos(a), np.sin(a), 0] for a in angle]
+        faces = [[0, 1, page] for page in (2, 3, 4)]
+    write_mesh(
+        str(path), AnnotatedMesh(TriangleMesh.from_arrays(np.array(points, dtype=float), np.array(faces)))
+    )
+    words = ("--source", 2, "--spread-vector", "1,1,0")
+    refused = run("geodesic", path, *words)
+    assert refused.exit_code == 2 and "--split-fans" in refused.stderr
+    assert run("repair", path, "--split-fans", "-o", split).exit_code == 0
+    result = run("geodesic", split, *words)
+    assert result.exit_code == 0 and "reached" in result.stderr and "weld" not in result.stderr
+    if kind != "a bow tie":
+        assert "weld" not in run("laplacian", split).stderr
+
+
 GRID = shapes.grid(2, 2)
 NEXT = GRID.moved(GRID.points + [1.0, 0.0, 0.0])
 APART = GRID.moved(GRID.points + [1.5, 0.0, 0.0])
