@@ -86,9 +86,8 @@ def warn_of_pieces(mesh: TriangleMesh | TetMesh) -> None:
     if n_touching:
         advice = cure(defect)
         coincide = len(repeated_rows(np.sort(place[ends.reshape(rim.shape)], axis=1))) > 0
-        if coincide and isinstance(mesh, TriangleMesh):
-            if not _weld_joins_sheets(mesh, merged_points(mesh.points)[1]):
-                return
+        if coincide and isinstance(mesh, TriangleMesh) and not _weld_joins_sheets(mesh):
+            return
         if not coincide:
             advice = f"no {side}s of theirs coincide (T-junctions), so that a weld joins vertices alone; "
             advice += cure("slits") if side == "edge" else "divide the faces so that they match"
@@ -117,13 +116,13 @@ def weld_advice(mesh: SurfaceMesh, unreached: NDArray[np.bool_]) -> str:
         return ""
     place, used = merged_points(mesh.points)[1], mesh.topology.referenced_vertex
     meet = np.isin(place[used & unreached], place[used & ~unreached]).any()
-    return f"; {cure('equal positions')}" if meet and _weld_joins_sheets(mesh, place) else ""
+    return f"; {cure('equal positions')}" if meet and _weld_joins_sheets(mesh) else ""
 
 
-def _weld_joins_sheets(mesh: TriangleMesh, place: NDArray) -> bool:
-    """Whether a weld gains edges of two faces: not where it undoes a split of edges with three, or of fans."""
+def _weld_joins_sheets(mesh: TriangleMesh) -> bool:
+    """Whether a weld gains edges of two faces: not where it undoes a split of fans, at edges with three."""
+    points, place = merged_points(mesh.points)
     faces = place[mesh.faces]
-    corners = np.sort(faces, axis=1)
-    joined = Topology(faces[(corners[:, 1:] != corners[:, :-1]).all(axis=1)], int(place.max()) + 1)
+    joined = Topology(faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)], len(points))
     n_before, n_after = ((t.edge_face_count == 2).sum() for t in (mesh.topology, joined))
     return bool(n_after > n_before)
