@@ -10,9 +10,9 @@ from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tangent_fields.intrinsic_frames import frame_turn
 from ddgcli.algorithms.tangent_fields.log_map import log_map
 from ddgcli.algorithms.tangent_fields.transport import holonomy, transported_frame
-from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
+from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat, check_vector_heat
 from ddgcli.algorithms.tracing.trace import Tracer, trace
-from ddgcli.errors import ParameterError
+from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.geometry.face_frames import surface_position
 from ddgcli.geometry.surface_points import SurfacePoints
@@ -125,6 +125,19 @@ def test_on_a_flat_mesh_constant_fields_have_no_energy_and_spread_unchanged():
     assert np.linalg.norm(stiffness(mesh) @ np.ones(mesh.n_vertices)) < 1e-12
     spread = VectorHeat(mesh).transport(np.array([12]), planar[[12]]).vector
     np.testing.assert_allclose(from_vertex_frames(mesh, spread), constant, atol=1e-9)
+
+
+def test_edges_with_three_faces_leave_no_tangent_plane():
+    """The vector heat method has no other branch for them: no complex with one is accepted."""
+    random, refused = np.random.default_rng(0), 0
+    for _ in range(100):
+        faces = np.array([random.choice(7, 3, replace=False) for _ in range(6)])
+        mesh = TriangleMesh.from_arrays(random.normal(size=(7, 3)), faces)
+        if len(mesh.topology.nonmanifold_edges):
+            refused += 1
+            with pytest.raises(MeshError, match="fans of faces and has no tangent plane"):
+                check_vector_heat(mesh)
+    assert refused > 50
 
 
 def sphere_transport(mesh, source, vector):

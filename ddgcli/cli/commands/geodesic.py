@@ -24,8 +24,8 @@ from ddgcli.cli.run import Run
 @click.command(
     "geodesic",
     epilog="Choosing a method: exact for one source; heat for many, with errors that the run estimates "
-    "(1 to 5 %, up to 30 % around holes of coarse meshes); fast-marching for errors of 0.1 % on average in "
-    "up to half the time. ddgcli tradeoff geodesic compares them on your mesh. "
+    "(at most 1 to 5 % of the largest distance, up to 30 % around holes of coarse meshes); fast-marching for "
+    "0.1 % of it on average in up to half the time. ddgcli tradeoff geodesic compares them on your mesh. "
     "See docs/geodesic.md and docs/accuracy/geodesic.md.",
 )
 @options.mesh_arg
