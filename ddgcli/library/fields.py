@@ -52,7 +52,7 @@ def parallel_transport(
     MeshError
         On a one-sided surface.
     ParameterError
-        When there is not one vector per source, or a vector has no tangent part.
+        When there is not one vector per source, a vertex has different ones, or a vector has no tangent part.
 
     References
     ----------

@@ -240,6 +240,10 @@ def test_bends_on_a_one_sided_surface_have_both_angles(summary, tmp_path):
             ["--source", "0", "--spread-vector", "1,0,0", "--spread-vector", "0,1,0"],
             "--spread-vector takes one for each",
         ),
+        (
+            ["--source", "0,5,0", *2 * ["--spread-vector", "1,0,0"], "--spread-vector", "0,1,0"],
+            "vertex 0 has two vectors, [1.0, 0.0, 0.0] and [0.0, 1.0, 0.0]",
+        ),
     ],
 )
 def test_bad_curve_options_are_refused_in_one_line(run, sphere, tmp_path, words, reason):

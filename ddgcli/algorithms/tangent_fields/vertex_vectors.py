@@ -123,6 +123,14 @@ def vectors_at_sources(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike)
         raise ParameterError(f"{number} for {starts}; `spread_vector` takes one for each")
     if vectors.ndim != 2 or vectors.shape[1] != 3:
         raise ParameterError(f"vectors have three components; these have the shape {vectors.shape}")
+    first, row = np.unique(sources.vertex, return_index=True, return_inverse=True)[1:]
+    other = np.flatnonzero((vectors != vectors[first[row]]).any(axis=1))
+    if len(other):
+        pair = " and ".join(str(vectors[i].tolist()) for i in (first[row[other[0]]], other[0]))
+        raise ParameterError(
+            f"vertex {sources.vertex[other[0]]} has two vectors, {pair}; give one, such as their sum",
+            parameter="spread_vector",
+        )
     require(mesh, "`spread_vector`")
     in_space = np.zeros((mesh.n_vertices, 3))
     in_space[sources.vertex] = vectors
@@ -156,7 +164,8 @@ def transport_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) 
     Raises
     ------
     ParameterError
-        When the number of vectors is not that of the source vertices, or a source lies inside a face.
+        When the number of vectors is not that of the source vertices, a source lies inside a face, or a
+        vertex has different vectors.
     MeshError
         When squares of lengths underflow or overflow.
 
