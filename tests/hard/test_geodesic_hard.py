@@ -184,3 +184,10 @@ def test_tolerance_and_options_are_checked():
         measure_distance(mesh, Sources.at([0]), "heat", DistanceOptions(operator="best"))
     with pytest.raises(DdgError, match="not one of"):
         measure_distance(mesh, Sources.at([0]), "guess")
+
+
+def test_rounding_after_a_long_heat_time_is_not_blamed_on_triangles(caplog):
+    mesh = shapes.grid(12, 12)
+    measure_distance(mesh, Sources.at([0]), "heat", DistanceOptions(heat_time=2e12))
+    (warning,) = [text for text in caplog.text.splitlines() if "heat_residual" in text]
+    assert "give a shorter `heat_time`" in warning and "triangles" not in warning
