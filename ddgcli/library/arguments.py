@@ -29,6 +29,7 @@ MAX_INTEGER = 2**63 - 1  # of numpy's indices
 LIBRARY_NAMES = {
     "source": "sources", "target": "targets", "fix": "fixed", "spread_vector": "vectors",
     "kind": "star", "eigen": "k", "form_eigen": "k",
+    "fan": "rays", "fan_length": "length", "fan_circles": "circles",
 }  # fmt: skip
 
 

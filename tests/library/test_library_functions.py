@@ -446,3 +446,16 @@ def test_a_map_that_the_command_line_refuses_has_not_converged(flatten, module, 
     assert flatten(SQUARE).converged
     monkeypatch.setattr(f"ddgcli.algorithms.{module}.LARGEST_RESIDUAL", -1.0)
     assert not flatten(SQUARE).converged
+
+
+@pytest.mark.parametrize(
+    "words, message", [((2, 0.3), "rays"), ((8, -1.0), "length"), ((8, 0.3, -1), "circles")]
+)
+def test_errors_of_a_fan_name_its_parameters(words, message):
+    with pytest.raises(ddg.errors.ParameterError, match=f"^{message}: "):
+        ddg.geodesic_fan(SQUARE, 5, *words)
+
+
+def test_a_vertex_with_the_same_vector_twice_has_it_once():
+    once, twice = (ddg.parallel_transport(SQUARE, n * [5], n * [[1, 2, 0]]) for n in (1, 2))
+    np.testing.assert_allclose(*(x.vertex["transported_vector"] for x in (once, twice)), atol=1e-12)

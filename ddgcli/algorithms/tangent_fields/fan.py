@@ -76,7 +76,12 @@ class _Rays:
 
 
 def check_fan(
-    mesh: TriangleMesh, source: Sources, rays: int, length: float, tracer: Tracer | None = None
+    mesh: TriangleMesh,
+    source: Sources,
+    rays: int,
+    length: float,
+    circles: int = 0,
+    tracer: Tracer | None = None,
 ) -> SourceFrame:
     """Tangent frame at the source of a fan; raises the errors of `geodesic_fan`.
 
@@ -86,6 +91,7 @@ def check_fan(
     source : Sources
     rays : int
     length : float
+    circles : int
     tracer : Tracer, optional
         As in `geodesic_fan`.
 
@@ -101,6 +107,8 @@ def check_fan(
         raise ParameterError(f"needs 3 rays or more, not {rays}", parameter="fan")
     if not (np.isfinite(length) and length > 0):
         raise ParameterError(f"must be a positive length, not {length}", parameter="fan_length")
+    if circles < 0:
+        raise ParameterError(f"must be 0 or more, not {circles}", parameter="fan_circles")
     if len(source) != 1 or len(source.edge):
         raise ParameterError(f"needs exactly one source vertex or point, not {len(source)}", parameter="fan")
     source_frame = SourceFrame(tracer or Tracer(mesh), source)
@@ -151,9 +159,9 @@ def geodesic_fan(
     Raises
     ------
     ParameterError
-        On fewer than 3 rays, a length that is not positive, or several sources.
+        On fewer than 3 rays, a length that is not positive, less than 0 circles, or several sources.
     """
-    source_frame = check_fan(mesh, source, rays, length, tracer)
+    source_frame = check_fan(mesh, source, rays, length, circles, tracer)
     total, is_open = 2 * np.pi, False
     if source_frame.vertex >= 0:
         fans = source_frame.tracer.fans
