@@ -6,6 +6,7 @@ import pytest
 from ddgcli.errors import SceneError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh.shapes import box_tetrahedra
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.models.fluid.model import build, contexts
 from ddgcli.models.fluid.phases import Step
 from ddgcli.models.fluid.scene import KIND
@@ -58,6 +59,20 @@ def test_the_box_is_filled_by_tetrahedra_of_positive_volume():
     mesh = box_tetrahedra(3, 2, 4, (1.5, 1.0, 2.0))
     assert np.allclose(mesh.signed_volume, 3.0 / (6 * 24), rtol=1e-12)
     assert mesh.boundary.topology.is_closed and len(mesh.boundary.faces) == 4 * (6 + 8 + 12)
+
+
+def test_where_vertices_go_does_not_depend_on_the_order_of_the_cells():
+    """At a curved wall a vertex slid along the wall of one of its cells, the last in the file."""
+    mesh = irregular()
+    x, y, z = 2.0 * mesh.points.T - 1.0
+    bulge = 1.0 + 0.1 * (3.0 - x * x - y * y - z * z) * np.array([1.0, 1.1, 1.2])[:, None]
+    points, rng = (bulge * [x, y, z]).T, np.random.default_rng(3)
+    velocity = np.cross([1.0, 2.0, 3.0], points) + 0.1 * points[:, [1, 2, 0]]
+    ends = []
+    for order in (np.arange(len(mesh.tetrahedra)), rng.permutation(len(mesh.tetrahedra))):
+        paths = VolumePaths(VolumeSpace(TetMesh.from_arrays(points, mesh.tetrahedra[order])))
+        ends.append(paths.vertices_carried(velocity, np.arange(len(points)), 0.05)[1])
+    assert np.abs(ends[0] - ends[1]).max() < 1e-12 < 1e-3 < np.abs(ends[0] - points).max()
 
 
 def test_the_projection_takes_gradients_off_and_nothing_else():

@@ -34,7 +34,7 @@ from ddgcli.models.fluid.limits import (
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.state import CORRECTIONS, FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
-from ddgcli.models.fluid.transport import BackwardPaths, Transport, corner_of
+from ddgcli.models.fluid.transport import BackwardPaths, Transport
 from ddgcli.simulation.model import Observation, StepRejected
 
 
@@ -85,7 +85,6 @@ class CirculationAdvection:
         self.share = reach / (reach + reach_far)
         self.third = np.full((len(space.faces), 3), 1.0 / 3.0)
         self.rim = np.flatnonzero(topology.boundary_vertex)
-        self.rim_face, self.rim_corner = corner_of(space, self.rim)
 
     def step(
         self,
@@ -130,9 +129,7 @@ class CirculationAdvection:
         stretch = np.conj(self.turn * centre.shift[self.right] - centre.shift[self.left])
         near = self.near_part + self.share * stretch
         far = self.far_part + (1.0 - self.share) * stretch * self.turn
-        rim = None
-        if len(self.rim):
-            rim = transport.backwards(corner, self.rim_face, np.eye(3)[self.rim_corner], dt)
+        rim = transport.vertices_backwards(corner, self.rim, dt) if len(self.rim) else None
         return LoopPaths(centre, near, far, rim)
 
     def _advected(

@@ -34,7 +34,7 @@ from ddgcli.models.fluid.limits import (
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.state import CORRECTIONS, FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
-from ddgcli.models.fluid.transport import BackwardPaths, Transport, corner_of
+from ddgcli.models.fluid.transport import BackwardPaths, Transport
 from ddgcli.simulation.model import Observation, StepRejected
 
 MAX_MAP_STEPS = 4  # over which one map is followed
@@ -73,11 +73,8 @@ class CovectorAdvection:
         self.space, self.keeps_own = space, keeps_own
         self.transport = transport or Transport(space)
         self.limits = FlowLimits(space)
-        face, corner = corner_of(space, np.arange(space.n))
-        self.face, self.at_corner = np.maximum(face, 0), np.eye(3)[corner]
-        to_face = np.conj(space.recovery.to_vertex)
-        # from the frame in which a vertex is traced to those of its faces
-        self.turn = to_face * np.conj(to_face[self.face, corner])[space.faces]
+        self.to_face = np.conj(space.recovery.to_vertex)
+        self.no_map = self.vertex_paths([np.zeros_like(self.to_face)], [0.0])
         # of the basis covector (Whitney form) of each side, at the centre of the face
         slope = self.transport.slope
         self.of_side = (slope[:, NEXT] - slope) / 3.0
@@ -85,9 +82,9 @@ class CovectorAdvection:
 
     def vertex_paths(self, velocity: list[NDArray], dt: list[float]) -> BackwardPaths:
         """The vertices after steps backwards in turn, the first one first."""
-        face, barycentric = self.face, self.at_corner
-        turn, shift = np.ones(len(face), dtype=complex), np.zeros(len(face), dtype=complex)
-        for corner, span in zip(velocity, dt):
+        first = self.transport.vertices_backwards(velocity[0], np.arange(self.space.n), dt[0])
+        face, barycentric, turn, shift = first.face, first.barycentric, first.turn, first.shift
+        for corner, span in zip(velocity[1:], dt[1:]):
             moved = self.transport.backwards(corner, face, barycentric, span)
             shift, turn = shift + turn * moved.shift, turn * moved.turn
             face, barycentric = moved.face, moved.barycentric
@@ -102,8 +99,8 @@ class CovectorAdvection:
         space = self.space
         flux = space.side_flux(space.stream_function_change(flow[0]), np.zeros(0))
         corner = self.transport.corners(flux)
-        velocity = self.transport.end_velocity(corner, paths)[space.faces] * self.turn
-        shift = paths.shift[space.faces] * self.turn
+        velocity = self.transport.end_velocity(corner, paths)[space.faces] * self.to_face
+        shift = paths.shift[space.faces] * self.to_face
         carried = self._covector(velocity, space.side + shift[:, NEXT] - shift)
         still = self._covector(corner, space.side)
         own = space.face_velocity(flux) - still if self.keeps_own else 0.0
@@ -124,7 +121,7 @@ class CovectorAdvection:
         """The flow and what a pull-back by no map would take from it."""
         if self.keeps_own:
             return flow
-        there = self.pulled_back(self.vertex_paths([], []), flow, evolve)
+        there = self.pulled_back(self.no_map, flow, evolve)
         return 2.0 * flow[0] - there[0], 2.0 * flow[1] - there[1]
 
     def middle_velocity(self, flow: Flow, dt: float, evolve: bool) -> NDArray[np.complex128]:

@@ -24,7 +24,7 @@ from ddgcli.models.fluid.crossings import entering_vertices, turning_vertices
 from ddgcli.models.fluid.phases import Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
-from ddgcli.models.fluid.transport import BackwardPaths, Transport, corner_of
+from ddgcli.models.fluid.transport import BackwardPaths, Transport
 from ddgcli.scenes.expressions import evaluate
 from ddgcli.simulation.model import Observation
 
@@ -37,8 +37,6 @@ class SurfaceTracer:
     def __init__(self, space: SurfaceSpace, transport: Transport) -> None:
         self.space, self.transport = space, transport
         self.vertices = np.flatnonzero(space.mesh.topology.referenced_vertex)
-        self.face, corner = corner_of(space, self.vertices)
-        self.at_corner = np.eye(3)[corner]
         self.entering = entering_vertices(space)
 
     @property
@@ -56,7 +54,7 @@ class SurfaceTracer:
     def advance(self, values: NDArray, side_flux: NDArray, dt: float) -> NDArray[np.float64]:
         """(n,) values after a time dt in the flow with side fluxes (m, 3)."""
         transport, vertices, space = self.transport, self.vertices, self.space
-        moved = transport.backwards(transport.corners(side_flux), self.face, self.at_corner, dt)
+        moved = transport.vertices_backwards(transport.corners(side_flux), vertices, dt)
         corners = values[self.space.faces[moved.face]]
         bounds = Bounds(corners.min(axis=1), corners.max(axis=1))
         after = np.array(values)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.tracing.crossing import VERTEX_TOLERANCE
 from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, LineStart
 from ddgcli.algorithms.tracing.trace import Tracer
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.crossings import crossed_faces
 from ddgcli.models.fluid.surface_space import SurfaceSpace
@@ -42,6 +44,9 @@ class Transport:
     """A surface prepared for tracing points by velocities that are linear in every face.
 
     At walls the rest of a line runs along them; where fluid crosses the boundary the line ends.
+
+    A velocity has a slope of its own in every face. Points in faces take that of their face, vertices the
+    mean of the faces around them: lines from vertices do not depend on the order of the faces.
     """
 
     def __init__(self, space: SurfaceSpace) -> None:
@@ -50,6 +55,9 @@ class Transport:
         self.longest_side = space.mesh.side_length.max(axis=1)
         self.crossed = crossed_faces(space)
         self.slope = 1j * space.side[:, NEXT] / (2.0 * space.area[:, None])  # of the barycentric coordinates
+        around = sum_by_index(space.faces, np.repeat(space.area, 3), space.n)
+        self.area_around = np.where(around > 0, around, 1.0)
+        self.unit = space.side.ravel() / np.abs(space.side.ravel())
 
     def corners(self, side_flux: NDArray) -> NDArray[np.complex128]:
         """(m, 3) velocity at the corners of every face, in its planar frame."""
@@ -64,6 +72,71 @@ class Transport:
         speed = np.abs(velocity)
         away = -np.copysign(1.0, dt) * velocity
         direction = np.where(speed > 0, away / np.where(speed > 0, speed, 1.0), 1.0 + 0.0j)
+        return self._carried(face, barycentric, direction, speed, dt)
+
+    def vertices_backwards(self, corner: NDArray, vertices: NDArray, dt: float) -> BackwardPaths:
+        """Vertices carried by -dt; `shift` and `turn` refer to the frames of vertices, those of `recovery`.
+
+        Parameters
+        ----------
+        corner : (m, 3) ndarray of complex
+            As `corners` returns it.
+        vertices : (k,) ndarray of int64
+            Those without faces stay somewhere.
+        dt : float
+
+        Returns
+        -------
+        BackwardPaths
+        """
+        fans, to_vertex = self.tracer.fans, self.space.recovery.to_vertex.ravel()
+        fan = self.fan_of_vertex[vertices]
+        first = fans.corner[fans.start[fan]]
+        here = to_vertex[first] * corner.ravel()[first]
+        velocity = here - 0.5 * dt * self._change_along(corner, here, vertices)
+        start, direction = self._faces_along(fan, -np.copysign(1.0, dt) * velocity)
+        paths = self._carried(start // 3, np.eye(3)[start % 3], direction, np.abs(velocity), dt)
+        return BackwardPaths(
+            paths.face, paths.barycentric, to_vertex[start] * paths.shift, to_vertex[start] * paths.turn
+        )
+
+    def _change_along(self, corner: NDArray, direction: NDArray, vertices: NDArray) -> NDArray[np.complex128]:
+        """(k,) change of the velocity along directions at vertices, by the mean slope of their faces."""
+        space, to_vertex = self.space, self.space.recovery.to_vertex
+        # in a face: linear * direction + antilinear * conj(direction)
+        linear = 0.5 * (corner * np.conj(self.slope)).sum(axis=1)[:, None]
+        antilinear = 0.5 * (corner * self.slope).sum(axis=1)[:, None] * to_vertex**2
+        area, around = space.area[:, None], self.area_around[vertices]
+        linear, antilinear = (
+            sum_by_index(space.faces, area * np.broadcast_to(of_corner, to_vertex.shape), space.n)[vertices]
+            for of_corner in (linear, antilinear)
+        )
+        return (linear * direction + antilinear * np.conj(direction)) / around
+
+    def _faces_along(self, fan: NDArray, away: NDArray) -> tuple[NDArray[np.int64], NDArray[np.complex128]]:
+        """Corners into which vectors in the frames of vertices point, and directions in their faces.
+
+        Out of the surface they start from the nearer boundary side.
+        """
+        fans = self.tracer.fans
+        total, is_open = fans.total_angle[fan], fans.is_open[fan]
+        middle = np.where(is_open, 0.5 * total, np.pi)
+        angle = middle + (np.angle(away) - middle + np.pi) % (2.0 * np.pi) - np.pi
+        angle *= np.where(is_open, 1.0, total / (2.0 * np.pi))
+        corner = fans.locate(fan, angle)
+        return corner, self.unit[corner] * np.exp(1j * (angle - fans.angle_before[corner]))
+
+    @cached_property
+    def fan_of_vertex(self) -> NDArray[np.int64]:
+        """(n,) one for each vertex, 0 for vertices without faces."""
+        fans, fan = self.tracer.fans, np.zeros(self.space.n, dtype=np.int64)
+        fan[fans.vertex] = np.arange(len(fans.vertex))
+        return fan
+
+    def _carried(
+        self, face: NDArray, barycentric: NDArray, direction: NDArray, speed: NDArray, dt: float
+    ) -> BackwardPaths:
+        """Points carried along lines of a length speed * dt, at walls along these."""
         planar = direction.view(np.float64).reshape(-1, 2)
         paths, rest, at_end = self._line(LineStart(face, barycentric, planar, speed * abs(dt)))
         crossed = self.crossed[0 if dt > 0 else 1]  # lines run against the flow, to where it entered
@@ -124,34 +197,16 @@ class Transport:
         """
         fans = self.tracer.fans
         fan = fans.fan[corner]
-        unit = self.space.side.ravel() / np.abs(self.space.side.ravel())
-        here = fans.angle_of(corner, np.angle(direction * np.conj(unit[corner])))
+        here = fans.angle_of(corner, np.angle(direction * np.conj(self.unit[corner])))
         total = fans.total_angle[fan]
         outside = fans.is_open[fan] & ((here < 0.0) | (here > total))
         nearer = np.where(np.cos(here - total) > np.cos(here), total, 0.0)
         target = np.where(outside, nearer, here)
         corner = np.where(outside, fans.locate(fan, target), corner)
-        along = unit[corner] * np.exp(-1j * fans.angle_before[corner])
+        along = self.unit[corner] * np.exp(-1j * fans.angle_before[corner])
         share = np.where(outside, np.maximum(np.cos(here - target), 0.0), 1.0)
         return corner, along * np.exp(1j * target), share, direction * np.conj(along * np.exp(1j * here))
 
     def end_velocity(self, corner: NDArray, carried: BackwardPaths) -> NDArray[np.complex128]:
         """(k,) velocity at the ends, in the frames of the starts' faces."""
         return carried.turn * np.einsum("ij,ij->i", carried.barycentric, corner[carried.face])
-
-
-def corner_of(space: SurfaceSpace, vertices: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """One face at each vertex, and the corner of the vertex in it.
-
-    Parameters
-    ----------
-    space : SurfaceSpace
-    vertices : (k,) ndarray of int64
-
-    Returns
-    -------
-    face, corner : (k,) ndarray of int64
-    """
-    flat = np.full(space.n, -1, dtype=np.int64)
-    flat[space.faces.ravel()] = np.arange(space.faces.size)
-    return flat[vertices] // 3, flat[vertices] % 3

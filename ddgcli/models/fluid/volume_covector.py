@@ -28,9 +28,8 @@ class VolumeCovectorTransport(FlowPhase):
     def __init__(self, setting: FluidSetting) -> None:
         self.space, self.paths = setting.volume, setting.volume_paths
         space = self.space
-        cell_of_vertex = np.zeros(space.n, dtype=np.int64)
-        cell_of_vertex[space.cells.ravel()] = np.repeat(np.arange(len(space.cells)), 4)
-        self.here = cell_of_vertex, np.array(space.mesh.points)
+        self.vertices = np.arange(space.n)
+        self.here = self.paths.cell_of_vertex, np.array(space.mesh.points)
         # of the basis covector (Whitney form) of each edge, at the centre of the cell
         self.of_edge = 0.25 * (space.slope[:, HEAD] - space.slope[:, TAIL])
 
@@ -59,7 +58,7 @@ class VolumeCovectorTransport(FlowPhase):
         velocity = space.cell_velocity(state)
         change = 0.5 * dt * rate(space, state["flux"], step.time)
         carrier = space.vertex_means(space.velocity(state["flux"] + change))
-        back, forth = (self.paths.carried(carrier, *self.here, span) for span in (dt, -dt))
+        back, forth = (self.paths.vertices_carried(carrier, self.vertices, span) for span in (dt, -dt))
         again = space.velocity(self._carried(space.velocity(self._carried(velocity, back)), forth))
         flux = self._carried(1.5 * velocity - 0.5 * again, back)
         energy, energy_after = space.kinetic_energy(velocity), space.kinetic_energy(space.velocity(flux))

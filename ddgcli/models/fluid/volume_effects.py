@@ -83,8 +83,6 @@ class VolumeTracer:
         self.space, self.paths = setting.volume, setting.volume_paths
         space = self.space
         self.vertices = np.flatnonzero(space.mass > 0)
-        self.cell = np.zeros(space.n, dtype=np.int64)
-        self.cell[space.cells.ravel()] = np.repeat(np.arange(len(space.cells)), 4)
         self.is_open, self.entering = setting.is_open, np.zeros(0, dtype=np.int64)
         self.turning = self.entering
         self.turns = space.conditions is not None and space.conditions.flux_in_time is not None
@@ -124,8 +122,7 @@ class VolumeTracer:
         """(n,) values after dt, in the mean of the velocities of two states."""
         space, paths, vertices = self.space, self.paths, self.vertices
         velocity = space.vertex_means(0.5 * (space.cell_velocity(before) + space.cell_velocity(after)))
-        points, cell = np.asarray(space.mesh.points)[vertices], self.cell[vertices]
-        back, forth = paths.carried(velocity, cell, points, dt), paths.carried(velocity, cell, points, -dt)
+        back, forth = (paths.vertices_carried(velocity, vertices, span) for span in (dt, -dt))
         there, again = np.array(values), np.array(values)
         there[vertices] = paths.interpolated(values, *back)
         again[vertices] = paths.interpolated(there, *forth)

@@ -5,9 +5,12 @@ Where fluid crosses the boundary they end.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.tet_mesh import TET_FACES
 from ddgcli.models.fluid.volume_space import VolumeSpace
 
 MAX_CROSSINGS = 4000  # cells that one line may cross; the line ends there
@@ -31,6 +34,8 @@ class VolumePaths:
         if space.conditions is not None:
             crossed = space.conditions.crossed
         self.crossed = crossed[space.cell_face]
+        self.cell_of_vertex = np.zeros(space.n, dtype=np.int64)
+        self.cell_of_vertex[space.cells.ravel()] = np.repeat(np.arange(len(space.cells)), 4)
 
     def barycentric(self, cell: NDArray, points: NDArray) -> NDArray[np.float64]:
         """(p, 4) coordinates of points in cells."""
@@ -79,3 +84,56 @@ class VolumePaths:
         first = self.interpolated(vertex_velocity, cell, points)
         middle = self.moved(cell, points, -0.5 * dt * first)
         return self.moved(cell, points, -dt * self.interpolated(vertex_velocity, *middle))
+
+    def vertices_carried(
+        self, vertex_velocity: NDArray, vertices: NDArray, dt: float
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Cells and positions of vertices after -dt, as `carried` has them; whatever the order of the cells.
+
+        Parameters
+        ----------
+        vertex_velocity : (n, 3) ndarray
+        vertices : (k,) ndarray of int64
+            Those without cells stay somewhere.
+        dt : float
+
+        Returns
+        -------
+        cell : (k,) ndarray of int64
+        points : (k, 3) ndarray of float64
+        """
+        points = np.asarray(self.space.mesh.points)[vertices]
+        shift = -0.5 * dt * vertex_velocity[vertices]
+        middle = self.moved(self._cells_along(vertices, shift), points, shift)
+        shift = -dt * self.interpolated(vertex_velocity, *middle)
+        return self.moved(self._cells_along(vertices, shift), points, shift)
+
+    def _cells_along(self, vertices: NDArray, shift: NDArray) -> NDArray[np.int64]:
+        """(k,) cells of vertices in which shifts (k, 3) start.
+
+        Inside of the fluid any cell of the vertex leads into the right one. At walls a shift that leads out
+        slides along the first wall that it meets: there the cell is the one out of which it leads least.
+        """
+        space, corner = self.space, self._boundary_corners
+        here, by_vertex = space.cells.ravel()[corner], np.zeros((space.n, 3))
+        by_vertex[vertices] = shift
+        inward = np.einsum("cia,ca->ci", self._inward[corner // 4], by_vertex[here])
+        inward[np.arange(len(corner)), corner % 4] = np.inf  # the face opposite the vertex
+        order = np.lexsort((inward.min(axis=1), here))
+        cell = np.array(self.cell_of_vertex)
+        cell[here[order]] = corner[order] // 4  # the last of a vertex stays
+        return cell[vertices]
+
+    @cached_property
+    def _inward(self) -> NDArray[np.float64]:
+        """(m, 4, 3) unit normals of the faces into the cell."""
+        return self.space.slope / np.linalg.norm(self.space.slope, axis=2, keepdims=True)
+
+    @cached_property
+    def _boundary_corners(self) -> NDArray[np.int64]:
+        """Corners, as 4 cell + corner, of the vertices at the boundary."""
+        space = self.space
+        cell, face = space.boundary
+        at_boundary = np.zeros(space.n, dtype=bool)
+        at_boundary[space.cells[cell[:, None], TET_FACES[face]]] = True
+        return np.flatnonzero(at_boundary[space.cells])
