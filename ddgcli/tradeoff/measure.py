@@ -38,6 +38,8 @@ from ddgcli.waiting import wait_in_steps
 
 log = logging.getLogger("ddgcli")
 
+ESTIMATE_RESERVE = 1.2  # factor of estimated seconds that must be left for a run to start
+
 
 def run_problem(
     problem: Problem,
@@ -130,8 +132,9 @@ def _run_candidates(
             time_budget.seconds_left(),
             time.perf_counter(),
         )
-        if estimate * 1.2 > seconds_left:
-            why = f"estimated {estimate:.3g} s, {max(seconds_left, 0):.3g} s are left"
+        if ESTIMATE_RESERVE * estimate > seconds_left:
+            with_reserve = f"{ESTIMATE_RESERVE * estimate:.3g} s with a reserve"
+            why = f"estimated {with_reserve}, {max(seconds_left, 0):.3g} s are left"
             table.left_out.append((label_of(candidate), why))
             continue
         try:

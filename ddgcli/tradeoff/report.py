@@ -186,11 +186,11 @@ def _cells(row: Row, norm: str, split: bool) -> tuple[str, ...]:
 
 
 def _remarks(results: dict[str, Any]) -> list[str]:
-    both = results["mesh_reference"] is not None
-    own = results["time_uncertainty" if both else "reference_uncertainty"]
+    both, in_time = results["mesh_reference"] is not None, results["error_part"] in ("mesh", "both")
+    own = results["time_uncertainty" if in_time else "reference_uncertainty"]
     lines = [
         f"errors relative to {results['error_scale']}",
-        f"reference{' in time' * both}: {results['reference']}, uncertainty {_number(own)}",
+        f"reference{' in time' * in_time}: {results['reference']}, uncertainty {_number(own)}",
     ]
     if both:
         lines.append(

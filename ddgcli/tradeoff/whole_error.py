@@ -50,8 +50,8 @@ def whole_error(
     """Error of a row: its distance from the limit of fine meshes, or a part of it.
 
     The parts are its error on this mesh, and the distance of the mesh from finer ones; where they cancel, the
-    distance is smaller than either. An answer that equals an uncertain reference is as wrong as the reference
-    is: its error is not zero.
+    distance is smaller than either. Without a limit of fine meshes the error is that on this mesh. An answer
+    that equals an uncertain reference is as wrong as the reference is: its error there is not zero.
 
     Parameters
     ----------
@@ -68,23 +68,21 @@ def whole_error(
     """
     first = ErrorNorms.of(errors)
     worst = int(errors.argmax()) if len(errors) else 0
+    is_reference = first.max == 0.0 and reference.uncertainty > ROUNDING
+    if is_reference:
+        first = reference.bounds
+    at = None if is_reference else worst
     if problem.error_part in ("", "time"):
-        is_reference = first.max == 0.0 and reference.uncertainty > ROUNDING
-        if is_reference:
-            first = reference.bounds
         time_error = first if problem.error_part else None
-        at = None if is_reference else worst
         deviation = AnswerDeviation(answer, reference.values, problem.error)
         return WholeError(first, reference.bounds, time_error, None, at, is_reference, deviation)
     if mesh_limit is None:
-        return WholeError(first, UNKNOWN, first, None, worst)
+        return WholeError(first, UNKNOWN, first, None, at, is_reference)
     distance = np.asarray(problem.error(mesh_limit.values, reference.values), dtype=np.float64)
     second = ErrorNorms.of(distance)
     if problem.error_part == "mesh":
         uncertainty = reference.bounds + mesh_limit.uncertainty
         return WholeError(second, uncertainty, first, second, int(distance.argmax()))
-    if first.max == 0.0 and reference.uncertainty > ROUNDING:  # the answer is the reference in time
-        first = reference.bounds
     whole = np.asarray(problem.error(answer, mesh_limit.values), dtype=np.float64)
     return WholeError(
         ErrorNorms.of(whole), mesh_limit.uncertainty, first, second, int(whole.argmax()),
@@ -113,7 +111,10 @@ def find_mesh_limit(problem: Problem, time_budget: TimeBudget, table: Table) -> 
         share = REFERENCE_SHARE * time_budget.seconds_left()
         estimate = time_budget.estimate_like(problem.candidates[0], work)
         if estimate > share:
-            table.mesh_failure = f"estimated {estimate:.3g} s of the {time_budget.seconds or 0:g} s budget"
+            table.mesh_failure = (
+                f"estimated {estimate:.3g} s, and may take {max(share, 0):.3g} s of the "
+                f"{time_budget.seconds or 0:g} s budget"
+            )
             continue
         try:
             with time_budget.limit_time(share):

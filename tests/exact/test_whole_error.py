@@ -161,6 +161,22 @@ def test_parts_of_an_error_that_cancel_do_not_count_twice():
     assert whole.time_error.max == pytest.approx(0.1) and whole.mesh_error.max == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize("error_part", ["both", "mesh"])
+def test_the_time_error_of_the_reference_is_its_uncertainty_without_a_mesh_error_too(error_part):
+    """It was 0, in a row that was not the reference."""
+
+    def lengths(values, truth):
+        return np.abs(values - truth)
+
+    problem = Problem([], [], lengths, "one", "query", error_part=error_part)
+    reference = Reference("small steps", np.array([1.1, 2.1]), 1e-4)
+    whole = whole_error(problem, reference.values, np.zeros(2), reference, None)
+    assert whole.is_reference and whole.worst is None and whole.time_error.max == whole.error.max == 1e-4
+    assert np.isinf(whole.uncertainty.max)
+    limit = MeshLimit("limit", np.array([1.0, 2.0]), ErrorNorms(1e-3, 1e-3))
+    assert whole_error(problem, reference.values, np.zeros(2), reference, limit).time_error.max == 1e-4
+
+
 def test_steps_that_the_mesh_error_hides_are_not_told_apart():
     table = steady_rows()
     assign_verdicts(table, None)

@@ -204,7 +204,7 @@ class _Runs:
         first, second = relative_lengths(coarse, middle), relative_lengths(middle, limit)
         short, *longer = (f"{self.step(factor):.3g} s" for factor in (finest, 2 * finest, 4 * finest))
         name = f"{self.simulator.reference_integrator} with steps of {short}"
-        name += f" (uncertainty from steps of {' and '.join(longer)})"
+        name += f" (compared with steps of {' and '.join(longer)})"
         largest = remaining_error(first.max(initial=0.0), second.max(initial=0.0))
         mean = remaining_error(first.mean(), second.mean())
         return Reference(name, limit, largest, mean_uncertainty=mean)
