@@ -54,10 +54,10 @@ def flat_spheroid() -> TriangleMesh:
     return ball.moved(ball.points * [1.0, 1.0, 0.2584])
 
 
-def two_holes() -> TriangleMesh:
-    """The surface of a block of 5 x 3 x 1 cubes without two, each of 4 x 4 x 4 cells; genus 2."""
-    cells = np.ones((20, 12, 4), dtype=bool)
-    cells[4:8, 4:8] = cells[12:16, 4:8] = False
+def two_holes(n: int = 4) -> TriangleMesh:
+    """The surface of a block of 5 x 3 x 1 cubes without two, each of n x n x n cells; genus 2."""
+    cells = np.ones((5 * n, 3 * n, n), dtype=bool)
+    cells[n : 2 * n, n : 2 * n] = cells[3 * n : 4 * n, n : 2 * n] = False
     padded = np.pad(cells, 1)
     quads = []
     for axis in range(3):

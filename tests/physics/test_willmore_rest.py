@@ -1,5 +1,6 @@
 """Flows to rest: minima are reached, energies never rise, triangles do not crumple."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 from benchmarks.common.mesh_classes import ellipsoids
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.models.willmore import descent, flow, report, setup, step_rules, triangle_quality
 from ddgcli.models.willmore.constraints import area
 from ddgcli.models.willmore.least_energies import least_energy
@@ -136,6 +139,44 @@ def test_a_rise_of_the_second_energy_ends_the_flow(run, tmp_path):
     assert ball.second_kind is None
 
 
+def test_a_genus_two_surface_that_crumples_by_cotan_is_no_rest(run, tmp_path):
+    """It ended with exit 0 at 19.87, `gauss-map` at 55.8 and angles of 5 degrees; Lawson's surface: 21.89."""
+    path = tmp_path / "block.ply"
+    write_mesh(str(path), AnnotatedMesh(willmore_samples.two_holes(2)))
+    result = run("willmore-flow", path, "--energy", "cotan", "--report-energy", "all", "--json")
+    results = json.loads(result.stdout)["results"]
+    assert result.exit_code == 1 and step_rules.CRUMPLING_REASON in results["stopped_because"]
+    assert "use --remesh mean, or begin with a finer mesh" in result.stderr
+    second = results["energies"]["gauss-map"]["values"]
+    assert second[-1] < step_rules.CRUMPLING_RATIO * results["energy"][-1]
+    cured = run("willmore-flow", path, "--energy", "cotan", "--remesh", "mean", "--json")
+    assert cured.exit_code == 0
+    assert json.loads(cured.stdout)["results"]["energy"][-1] == pytest.approx(21.89, rel=0.04)
+    options = FlowOptions(energy="cotan")
+    assert setup.build(shapes.torus(12, 8), options)[0].second_kind is not None
+    assert setup.build(shapes.icosphere(1), options)[0].second_kind is None  # the end is compared with 4 pi
+    assert setup.build(shapes.grid(4, 4), options)[0].second_kind is None  # `gauss-map` lacks the boundary
+
+
+def test_advice_for_crumpled_ends_never_leads_back():
+    """A refined mesh has angles of 24.5 degrees in space; remeshing changes what the input's angles are."""
+    torus = shapes.torus(24, 12)
+    uneven = torus.moved(torus.points * [1.0, 1.0, 0.7])
+    needles = torus.moved(torus.points * [1.0, 1.0, 0.2])
+    reason = step_rules.CRUMPLING_REASON
+    assert 20 < report._smallest_angle(uneven) < 25 and report._smallest_angle(needles) < 20
+    cases = [
+        (uneven, FlowOptions(), "use `energy=cotan`, or begin with a finer mesh"),
+        (needles, FlowOptions(remesh="mean"), "use `energy=cotan`, or begin with a finer mesh"),
+        (needles, FlowOptions(), "-o finer.npz` writes, or use `energy=cotan`"),
+        (needles, FlowOptions(energy="cotan"), "use `remesh=mean`, or begin with a finer mesh"),
+        (needles, FlowOptions(energy="cotan", remesh="mean"), "use a shorter `remesh`"),
+        (needles, FlowOptions(energy="cotan", timed=True), "; begin with a finer mesh"),
+    ]
+    for mesh, options, advice in cases:
+        assert report.failure_reason(reason, mesh, mesh, options).endswith(advice)
+
+
 def test_a_grown_second_energy_is_reported(caplog):
     mesh = shapes.torus(20, 8, pattern="alternating")
     sign = (-1.0) ** np.add(*np.divmod(np.arange(mesh.n_vertices), 8))
@@ -144,6 +185,10 @@ def test_a_grown_second_energy_is_reported(caplog):
     assert caplog.text == ""
     report.warn_of_disagreement(mesh, end, FlowOptions())
     assert "cotan gives the last surface" in caplog.text and "use `remesh=mean`" in caplog.text
+    assert "it bends more than its faces resolve" in caplog.text  # all angles are above 37 degrees
+    caplog.clear()
+    report.warn_of_disagreement(mesh, end.moved(end.points * [1, 1, 4]), FlowOptions())
+    assert "its faces are too slender to decide" in caplog.text
     caplog.clear()
     tube = shapes.cylinder(24, 12, 1.0, 1.2)
     x, y, z = np.array(tube.points).T

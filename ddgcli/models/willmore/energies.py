@@ -77,7 +77,9 @@ def _vertex(sullivan: bool) -> Callable[[TriangleMesh], EnergyBuilder]:
 
 # on a surface with boundary `gauss-map` leaves the faces there out, and its int K makes it fall below zero
 DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY = "gauss-map", "cotan"
-SECOND_ENERGY = "cotan"  # stiff where faces become slender: it rises where a fall of `gauss-map` is crumpling
+# energy -> one that rises where a fall of the first is crumpling: `cotan` is stiff where faces become
+# slender, `gauss-map` where a handle becomes a strip of needles
+SECOND_ENERGIES = {"gauss-map": "cotan", "cotan": "gauss-map"}
 _SMOOTH_TERM = "int H^2 dA with H = (k1 + k2)/2 (a round sphere has 4 pi)"
 ENERGIES = {
     "gauss-map": EnergyDefinition(

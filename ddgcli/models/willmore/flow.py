@@ -89,10 +89,18 @@ class Flow(FlowTerms):
         why = self._rest_reason(state)
         if why in rules.REST_REASONS and state.energy > self.round_energy:
             return rules.FALSE_REST_REASON
+        if why in rules.REST_REASONS and self._has_crumpled(state):
+            return rules.CRUMPLING_REASON
         above = state.energy > rules.FALSE_REST_FRACTION * self.least
         if self.to_torus and above and why == rules.MESH_ERROR_REASON and state.energy < rules.KNOT_ENERGY:
             return rules.FALSE_TORUS_REST_REASON
         return why
+
+    def _has_crumpled(self, state: FlowState) -> bool:
+        """Whether the second energy has risen since it was lowest, and the two no longer agree."""
+        second, fall = self._second(state), state.energy_then - state.energy
+        rises = rules.second_rises(second, state.lowest_second, fall)
+        return rises and not rules.agree(second, state.energy)
 
     def _rest_reason(self, state: FlowState) -> str:
         if state.stopped or self.mean_curvature:
@@ -293,7 +301,8 @@ class Flow(FlowTerms):
         lowest, then = state.lowest_second, state.energy_then
         if (second_energy := self._terms(moved.topology).second) is not None:
             second = second_energy.value(moved.points)
-            if second - lowest > max(rules.SECOND_ENERGY_RISE * lowest, then - energy):
+            high = self.crumpling_ratio is None or second > self.crumpling_ratio * energy
+            if high and rules.second_rises(second, lowest, then - energy):
                 agree = rules.agree(self._second(state), state.energy)
                 return replace(state, stopped=rules.MESH_ERROR_REASON if agree else rules.CRUMPLING_REASON)
             lowest, then = (second, energy) if second < lowest else (lowest, then)

@@ -68,6 +68,8 @@ class FlowTerms:
         Energies besides the one that the flow lowers, in every frame: Topology -> Energy.
     second_kind : callable, optional
         It shows bending that the first does not see: the flow ends where it rises.
+    crumpling_ratio : float, optional
+        Ratio of the second energy to the first, below which its rise ends no flow before rest.
     of_area : bool
         The energy that steps to rest lower is an area, or a volume with the other sign.
     energy_power : int
@@ -105,6 +107,7 @@ class FlowTerms:
     keeps_triangles: bool = False
     reported: Mapping[str, EnergyBuilder] = field(default_factory=dict)
     second_kind: EnergyBuilder | None = None
+    crumpling_ratio: float | None = None
     of_area: bool = False
     energy_power: int = 0
     kind: str = "descent"

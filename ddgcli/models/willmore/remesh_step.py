@@ -16,7 +16,7 @@ from ddgcli.models.willmore.area_energy import signed_volume
 from ddgcli.models.willmore.constraints import area
 from ddgcli.models.willmore.descent import folded_faces, vertex_normals
 from ddgcli.models.willmore.edge_flips import improved
-from ddgcli.models.willmore.energies import ENERGIES, SECOND_ENERGY
+from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.remeshing import LONGEST, SHORTEST, Remesh, remeshed, target_length
 from ddgcli.models.willmore.state import FlowState, Remeshing
 
@@ -143,9 +143,7 @@ def _same_surface(before: TriangleMesh, after: TriangleMesh) -> bool:
         return False
     squared = max(float(np.mean(mesh.side_length**2)) for mesh in (before, after))
     size = area(before)
-    bending = abs(ENERGIES[SECOND_ENERGY].of(before).value(before.points)) + abs(
-        ENERGIES[SECOND_ENERGY].of(after).value(after.points)
-    )
+    bending = sum(ENERGIES["cotan"].of(mesh).value(mesh.points) for mesh in (before, after))
     if abs(area(after) - size) > MAX_CHANGE * squared * bending:
         return False
     volumes = [signed_volume(mesh.points, mesh.faces) for mesh in (before, after)]

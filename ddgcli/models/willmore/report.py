@@ -14,7 +14,7 @@ from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_matrix
 from ddgcli.models.willmore.descent import folded_faces
-from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY, ENERGIES, SECOND_ENERGY
+from ddgcli.models.willmore.energies import ENERGIES, SECOND_ENERGIES
 from ddgcli.models.willmore.films import FOLDED_REASON, PINCH_REASON, THIN_STAR_REASON
 from ddgcli.models.willmore.flow_options import FlowOptions, chosen_energy, is_film
 from ddgcli.models.willmore.state import FILM_STOP
@@ -46,6 +46,10 @@ FILM_RESTS = (SMALL_FALL_REASON.format(FILM_STOP.fall), NO_STEP_REASON, ROUNDING
 FLAT_ENERGY = 1e-9  # smaller energies, which have no unit, are the rounding of flat surfaces
 ENERGY_RATIO_WARNING = 1.2  # growth of the ratio of two energies at which a warning is due
 REFINEMENT_ANGLE = 25  # smallest angle that the advice names for `delaunay --refine`
+# degrees, below which refinement helps: in space, faces of a refined mesh have smaller angles than intrinsic
+# ones
+NEEDLE_ANGLE = 20
+SLENDER_ANGLE = 30  # degrees; angles of remeshed surfaces are above
 
 
 def summary(
@@ -191,7 +195,15 @@ def failure_reason(stopped: str, start: TriangleMesh, last: TriangleMesh, option
         stopped = FOLDED_REASON
     if stopped not in RESOLUTION_REASONS:
         return ""
+    message = f"{stopped}; {_cure(stopped, start, options)}"
+    logging.getLogger("ddgcli").warning(message)
+    return message
+
+
+def _cure(stopped: str, start: TriangleMesh, options: FlowOptions) -> str:
+    """What to try after one of RESOLUTION_REASONS."""
     cure = "begin with a finer mesh"
+    needles = options.remesh is None and _smallest_angle(start) < NEEDLE_ANGLE
     if stopped == PINCH_REASON:
         cure = "bring the parts of the boundary closer together, or span each by its own surface"
     elif stopped in (THIN_STAR_REASON, FOLDED_REASON):
@@ -204,21 +216,30 @@ def failure_reason(stopped: str, start: TriangleMesh, last: TriangleMesh, option
         cure = "use `flow=quadratic` with `subdivide=1`"
     elif stopped == FALSE_REST_REASON:
         cure = "begin with `subdivide=1`"
-        if not options.remesh and options.flow == "quadratic":
+        if _can_remesh(options):
             cure = "use `remesh=mean`, or begin with `subdivide=1`"
     elif options.spontaneous_curvature:
         cure = "use a smaller `spontaneous_curvature`, or `subdivide=1`"
     elif options.flow == "newton" and (options.fix_area or options.fix_volume):
         cure = "use `flow=quadratic`, whose vertices slide into better triangles"
-    elif np.degrees(corner_angle(start.side_length).min()) < REFINEMENT_ANGLE:
-        cure = (
-            f"begin with the mesh that `ddgcli delaunay MESH --refine {REFINEMENT_ANGLE} -o finer.npz` writes"
-        )
-    elif chosen_energy(start.topology, options) != DEFAULT_OPEN_ENERGY:
-        cure = f"use `energy={DEFAULT_OPEN_ENERGY}`, or begin with a finer mesh"
-    message = f"{stopped}; {cure}"
-    logging.getLogger("ddgcli").warning(message)
-    return message
+    elif chosen_energy(start.topology, options) != "cotan":
+        refined = f"the mesh that `ddgcli delaunay MESH --refine {REFINEMENT_ANGLE} -o finer.npz` writes"
+        cure = f"begin with {refined}, or use `energy=cotan`" if needles else f"use `energy=cotan`, or {cure}"
+    elif options.remesh is not None:
+        cure = "use a shorter `remesh`"
+    elif _can_remesh(options):
+        cure = f"use `remesh=mean`, or {cure}"
+    return cure
+
+
+def _can_remesh(options: FlowOptions) -> bool:
+    """Whether the flow could remesh, and does not yet."""
+    return options.flow == "quadratic" and not (options.timed or options.remesh)
+
+
+def _smallest_angle(mesh: TriangleMesh) -> float:
+    """Smallest angle of the faces, in degrees."""
+    return float(np.degrees(corner_angle(mesh.side_length).min()))
 
 
 def warn_of_surfaces(
@@ -257,9 +278,12 @@ def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, options: FlowO
         At the start and at the end.
     options : FlowOptions
     """
-    if chosen_energy(first.topology, options) != DEFAULT_ENERGY:
+    name = chosen_energy(first.topology, options)
+    # on open surfaces `gauss-map` leaves the faces at the boundary out, `cotan` the vertices
+    if name not in SECOND_ENERGIES or (name == "cotan" and not first.topology.is_closed):
         return
-    kinds = [ENERGIES[name].of for name in (DEFAULT_ENERGY, SECOND_ENERGY)]
+    other = SECOND_ENERGIES[name]
+    kinds = [ENERGIES[kind].of for kind in (name, other)]
     values = [[kind(mesh).value(mesh.points) for kind in kinds] for mesh in (first, last)]
     log = logging.getLogger("ddgcli")
     value, second = values[1]
@@ -267,17 +291,19 @@ def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, options: FlowO
         log.warning(
             "%s gives the last surface an energy of %.3g, %s %.3g: int H^2 is never negative, and near zero "
             "the first is its own error; use `energy=%s`",
-            DEFAULT_ENERGY, value, SECOND_ENERGY, second, SECOND_ENERGY,
+            name, value, other, second, other,
         )  # fmt: skip
         return
     before, after = (max(second, FLAT_ENERGY) / max(value, FLAT_ENERGY) for value, second in values)
-    can_remesh = options.flow == "quadratic" and not (options.timed or options.remesh)
-    if after > ENERGY_RATIO_WARNING * max(1.0, before):
-        log.warning(
-            "%s gives the last surface %.3g times the energy of %s (%.3g times at the start): its faces "
-            "are too slender to decide%s", SECOND_ENERGY, after, DEFAULT_ENERGY, before,
-            "; use `remesh=mean`" if can_remesh else "",
-        )  # fmt: skip
+    if after <= ENERGY_RATIO_WARNING * max(1.0, before):
+        return
+    slender = _smallest_angle(last) < SLENDER_ANGLE
+    log.warning(
+        "%s gives the last surface %.3g times the energy of %s (%.3g times at the start): %s%s",
+        other, after, name, before, "its faces are too slender to decide" if slender else
+        "it bends more than its faces resolve, as where a handle is pinched to a few of them",
+        "; use `remesh=mean`" if _can_remesh(options) else "",
+    )  # fmt: skip
 
 
 def warn_of_folds(first: TriangleMesh, last: TriangleMesh) -> None:

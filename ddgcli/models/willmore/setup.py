@@ -23,7 +23,7 @@ from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.energies import (
     DEFAULT_ENERGY,
     ENERGIES,
-    SECOND_ENERGY,
+    SECOND_ENERGIES,
     EnergyBuilder,
     EnergyDefinition,
 )
@@ -157,16 +157,20 @@ def chosen_scheme(options: FlowOptions) -> str:
     return options.integrator
 
 
-def second_energy(name: str, mesh: TriangleMesh, constraints: Constraints) -> EnergyBuilder | None:
-    """A second energy to look at where `gauss-map` may fall by crumpling.
+def second_energy(
+    name: str, mesh: TriangleMesh, constraints: Constraints, curvature: float
+) -> EnergyBuilder | None:
+    """A second energy to look at where `gauss-map` or `cotan` may fall by crumpling.
 
-    Where nothing is kept on closed parts of genus 0 it cannot: there it is never below 4 pi, and at 4 pi only
-    on round spheres.
+    Where nothing is kept on closed parts of genus 0, `gauss-map` cannot: there it is never below 4 pi, and at
+    4 pi only on round spheres; the end of `cotan` is compared with 4 pi.
     """
     round_only = is_spheres(mesh.topology) and not constraints.active
-    if name != DEFAULT_ENERGY or round_only or not mesh.topology.is_closed:
+    if name not in SECOND_ENERGIES or round_only or not mesh.topology.is_closed:
         return None
-    return ENERGIES[SECOND_ENERGY].builder(mesh)
+    if name != DEFAULT_ENERGY and curvature:  # the ratio of two Helfrich energies means nothing near zero
+        return None
+    return with_curvature(ENERGIES[SECOND_ENERGIES[name]].builder(mesh), curvature)
 
 
 def _require_rest(topology: Topology, name: str, options: FlowOptions) -> None:
@@ -307,7 +311,7 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     if curvature and not unbounded:
         lowest = -rules.HELFRICH_ERROR_FRACTION * curvature**2 * area(unit)
     unwatched = options.flow in ("conformal", "mean-curvature")
-    second = None if unwatched else second_energy(energy_name, unit, constraints)
+    second = None if unwatched else second_energy(energy_name, unit, constraints, curvature)
     reported = ENERGIES.items() if options.report_energies else ()
     to_rest = kind == "descent" and not (options.timed or film)
     whole = kind != "conformal" and not (options.timed or film)
@@ -328,7 +332,8 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         to_torus=whole and least > 0.0 and not constraints.active and is_torus(topology),
         energy_power=(3 if options.fix_area else 2) if film else 0,
         reported={name: kind.builder(unit) for name, kind in reported},
-        second_kind=None if second is None else with_curvature(second, curvature),
+        second_kind=second,
+        crumpling_ratio=None if energy_name == DEFAULT_ENERGY else rules.CRUMPLING_RATIO,
     )  # fmt: skip
     return flow, _model(flow, unit, started, options)
 

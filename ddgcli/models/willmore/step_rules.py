@@ -26,6 +26,9 @@ HELFRICH_ERROR_FRACTION = 0.1
 # relative rise of a second energy over its lowest value, at which the flow ends if the first has since fallen
 # by less than that
 SECOND_ENERGY_RISE = 0.01
+# ratio of the second energy to the first, above which a rise ends a flow of `cotan`: on meshes that do not
+# crumple `gauss-map` rises too, up to a ratio of 1.12, for a few long steps
+CRUMPLING_RATIO = 1.2
 AGREEMENT_RATIO = 1.05  # ratio of the two energies up to which the surface is then at rest
 MIN_CONFORMAL_SHARE = 1.0 / 64.0  # of the curvature's way to a constant, for a conformal step
 # of the energy, that constant curvature would release where conformal steps end, up to which that is rest
@@ -135,6 +138,20 @@ def is_near_rest(before: float, after: float) -> bool:
     bool
     """
     return before - after <= SLIDING_FALL * abs(after)
+
+
+def second_rises(second: float, lowest: float, fall: float) -> bool:
+    """Whether a second energy is above its lowest value, and by more than the first has since fallen.
+
+    Parameters
+    ----------
+    second, lowest, fall : float
+
+    Returns
+    -------
+    bool
+    """
+    return second - lowest > max(SECOND_ENERGY_RISE * lowest, fall)
 
 
 def agree(one: float, other: float) -> bool:
