@@ -7,22 +7,33 @@ import numpy as np
 import pytest
 
 from ddgcli.models.curve import setup
-from ddgcli.models.curve.report import _time_to_rest
+from ddgcli.models.curve.report import _extrapolated_rest
 from tests.physics.test_curve_flow import ellipse, write_obj
 
 
-def test_a_flow_to_rest_that_ends_before_names_a_step_that_leads_there(tmp_path, summary, monkeypatch):
+@pytest.mark.parametrize(("small", "named"), [(0.8, False), (0.3, True)])
+def test_a_flow_to_rest_that_ends_before_names_a_step_that_leads_there(
+    tmp_path, summary, monkeypatch, small, named
+):
+    """With its number where the time over the most steps is too long a step for the small circle."""
     circles = write_obj(
-        tmp_path / "two.obj", (ellipse(16, 1, 1).points, True), (ellipse(16, 0.3, 0.3).points, True)
+        tmp_path / "two.obj", (ellipse(16, 1, 1).points, True), (ellipse(16, small, small).points, True)
     )
-    monkeypatch.setattr(setup, "MAX_STEPS", 100)  # both shorter: the same ratio to the default step
-    monkeypatch.setitem(setup.DEFAULT_STEP, "curvature", 1e-2)
+    monkeypatch.setattr(setup, "MAX_STEPS", 150)  # both shorter: the same ratio to the default step
+    monkeypatch.setitem(setup.DEFAULT_STEP, "curvature", 4e-3)
     first = summary("curve-flow", circles)
     (warning,) = [text for text in first["warnings"] if "curves still move" in text]
     assert first["results"]["collapse_times"][0] is None
-    cure = summary("curve-flow", circles, "--dt", re.search(r"--dt (\S+?)(,|$)", warning)[1])
+    step, n_steps, more = re.search(
+        r"--dt (\S+?)(?: with --steps (\d+))?, .*: --steps (\d+)$", warning
+    ).groups()
+    assert (n_steps is not None) == named
+    end, dt = float(step) * int(n_steps or 150), first["results"]["times"][-1] / 150
+    assert dt * (int(more) - 100) < end < 1.01 * dt * (int(more) + 100)  # the same time, in hundreds of steps
+    words = ("--dt", step, "--steps", n_steps) if named else ("--dt", step)
+    cure = summary("curve-flow", circles, *words)
     assert cure["results"]["stopped_because"] == "every curve has shrunk to a point"
-    assert not any("still move" in text for text in cure["warnings"])
+    assert cure["warnings"] == [] and cure["accuracy"]["area_rate_error"] < 0.1
 
 
 def test_a_flow_to_rest_that_ends_before_names_the_steps_that_lead_there(tmp_path, summary, monkeypatch):
@@ -42,9 +53,9 @@ def test_a_flow_to_rest_that_ends_before_names_the_steps_that_lead_there(tmp_pat
 
 def test_no_number_of_steps_is_named_where_the_energy_falls_no_more_or_ever_faster():
     number = np.arange(51.0)
-    assert 1.0 < _time_to_rest(1.0 + np.exp(-0.1 * number)) < 6.0
+    assert 1.0 < _extrapolated_rest(1.0 + np.exp(-0.1 * number)) < 6.0
     for energy in (np.ones(51), 1.0 + 1e-13 * np.exp(-0.1 * number), 2.0 - (number / 50) ** 2, np.ones(1)):
-        assert math.isinf(_time_to_rest(energy))
+        assert math.isinf(_extrapolated_rest(energy))
 
 
 @pytest.mark.parametrize("turns", [1, 2])
@@ -80,3 +91,17 @@ def test_a_fold_counts_after_another_curve_has_shrunk_to_a_point(tmp_path, run):
     path = write_obj(tmp_path / "both.obj", (eight, True), (small, True))
     ended = run("curve-flow", path, "--dt", 1e-3, "--steps", 700)
     assert ended.exit_code == 1 and "folds back on itself" in ended.stderr
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_late_collapse_is_reported_beside_other_curves(tmp_path, summary, closed):
+    """An open curve took the check away, and a large closed one hid that of a small one."""
+    small, large = ellipse(40, 0.5, 0.5).points, ellipse(40, 5.0, 5.0).points + [20.0, 0.0, 0.0]
+    path = write_obj(tmp_path / "two.obj", (small, True), (large if closed else large[:20], closed))
+    result = summary("curve-flow", path, "--dt", 0.0157, "--steps", 20)
+    (end,) = [time for time in result["results"]["collapse_times"] if time is not None]
+    exact = 0.125  # half the squared radius
+    assert end > 1.3 * exact and result["accuracy"]["area_rate_error"] == pytest.approx(
+        1 - exact / end, abs=0.02
+    )
+    assert any("the area does not fall by 2 pi" in text for text in result["warnings"])

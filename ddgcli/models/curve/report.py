@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import counted
-from ddgcli.mesh.vectors import row_matrix
-from ddgcli.models.curve.flow import FOLD_TURNING, CurveFlow
+from ddgcli.mesh.vectors import ratio, row_matrix
+from ddgcli.models.curve.flow import FOLD_TURNING, REST_SPEED, CurveFlow
 
 MAX_AREA_RATE_ERROR = 0.1
 MAX_RESOLVED_TURNING = np.pi / 3  # radians at a point; a hexagon's
 AREA_ROUNDING = 1e-9  # of the circle of the same length: areas below it are the rounding of loops that cancel
+# squared radii of the smallest closed curve: circles vanish less than a tenth too late
+ACCURATE_STEP = 7e-3
 REST_DECREASE = 1e-11  # of the energy, in a quarter of the frames, at rest
 
 log = logging.getLogger("ddgcli")
@@ -71,10 +73,8 @@ def summary(
         "energy_increases": int(series["energy_increases"][-1]) if flow.kind == "elastic" else None,
         "area_drift": _area_drift(series) if flow.kind == "area-preserving" else None,
         "length_drift": _drift(series["length_by_curve"]) if _keeps_length(flow) else None,
-        "area_rate_error": _area_rate_error(flow, series) if bounds else None,
-        "turning_number_changes": int(np.count_nonzero(np.diff(series["turning_number"])))
-        if bounds
-        else None,
+        "area_rate_error": _area_rate_error(flow, series),
+        "turning_number_changes": _turning_number_changes(series) if flow.mesh.bounds_area.any() else None,
         "self_crossing_changes": int(np.count_nonzero(np.diff(series["self_crossings"])))
         if _is_plane(flow)
         else None,
@@ -89,28 +89,45 @@ def summary(
 
 
 def _warn_of_motion(flow: CurveFlow, limit: int, dt: float, series: Mapping[str, NDArray]) -> None:
-    """Warn that a flow to rest ended before, with a step or a number of steps that leads further."""
-    radius = flow.first_radius
-    longer = dt * max(5.0, float((radius.max() / radius.min()) ** flow.time_power))
-    further = limit * _time_to_rest(series["elastic_energy" if flow.kind == "elastic" else "length"])
-    if flow.kind == "curvature" and flow.mesh.closed.all():
-        further = limit + _time_to_points(series["length_by_curve"][-1]) / dt
-    more = "" if math.isinf(further) else f", or more of them: `steps={math.ceil(further / 100.0) * 100}`"
-    log.warning(
-        "curves still move after %d steps, the most without `steps` or `duration`; a longer step leads "
-        "further: `step=%.3g`%s", limit, longer, more,
-    )  # fmt: skip
+    """Warn that a flow to rest ended before, with steps, longer or more, that reach the time of rest."""
+    radius, longest = flow.first_radius, math.inf
+    further = limit * _extrapolated_rest(series["elastic_energy" if flow.kind == "elastic" else "length"])
+    if flow.kind == "curvature":
+        further = limit + _time_to_rest(flow, series) / dt
+        if flow.mesh.closed.any():
+            longest = ACCURATE_STEP * float(radius[flow.mesh.closed].min()) ** 2 * flow.time_unit
+    if math.isinf(further):
+        step = dt * max(5.0, float((radius.max() / radius.min()) ** flow.time_power))
+        cure = f"a longer step leads further: `step={step:.3g}`"
+    else:
+        step, more = min(dt * further / limit, longest), f"more of them: `steps={_hundreds(further)}`"
+        n_steps = f" with `steps={_hundreds(dt * further / step)}`" if step == longest else ""
+        cure = f"a longer step leads further: `step={step:.3g}`{n_steps}, or {more}"
+        if step <= dt:
+            cure = f"take {more}"
+    log.warning("curves still move after %d steps, the most without `steps` or `duration`; %s", limit, cure)
 
 
-def _time_to_points(length: NDArray) -> float:
-    """Time within which closed curves of these lengths shrink to points: (L^2)' <= -8 pi^2 by Fenchel.
+def _hundreds(n_steps: float) -> int:
+    """The next hundred of steps."""
+    return math.ceil(n_steps / 100.0) * 100
 
-    A quarter more, for implicit steps longer than the last squared radii.
+
+def _time_to_rest(flow: CurveFlow, series: Mapping[str, NDArray]) -> float:
+    """Time within which curvature flow shrinks closed curves to points and straightens open ones.
+
+    Closed curves by Fenchel: (L^2)' <= -8 pi^2; a quarter more, for implicit steps longer than the last
+    squared radii. Sines over a length L decay by exp(-pi^2 t / L^2), up to `REST_SPEED`; until a curve is
+    nearly such a sine, it takes a time of the size of L^2 / pi^2.
     """
-    return 1.25 * float(np.max(length)) ** 2 / (8.0 * np.pi**2)
+    length = row_matrix(series["length_by_curve"])[-1]
+    moves = np.atleast_1d(series["collapse_time_by_curve"][-1]) < 0
+    closed = 1.25 * length**2 / (8.0 * np.pi**2)
+    straight = (2.0 - math.log(REST_SPEED)) * length**2 / np.pi**2
+    return float(np.max(np.where(flow.mesh.closed, closed, straight) * moves))
 
 
-def _time_to_rest(energy: NDArray) -> float:
+def _extrapolated_rest(energy: NDArray) -> float:
     """Time until an energy falls no more, over that of its frames; inf without an exponential decay."""
     ends = energy[[len(energy) // 2, 3 * len(energy) // 4, -1]]
     early, late = -np.diff(ends)
@@ -150,14 +167,21 @@ def _area_drift(series: Mapping[str, NDArray]) -> float:
 def _area_rate_error(flow: CurveFlow, series: Mapping[str, NDArray]) -> float | None:
     """Relative error of the loss of area, exactly 2 pi times the turning number a unit of time.
 
-    Of all steps up to the one in which a curve shrinks to a point, but those in which a loop does. None where
-    the rate is zero, or the exact loss would be rounding.
+    Of the closed plane curve where it is largest, and of all steps up to the one in which it shrinks to a
+    point, but those in which a loop does. None where the rates are zero, or the exact losses would be
+    rounding.
     """
     loss, exact = (row_matrix(series[f"{name}_by_curve"])[-1] for name in ("area_loss", "exact_area_loss"))
     circle = row_matrix(series["length_by_curve"])[0] ** 2 / (4.0 * np.pi)
-    if flow.kind != "curvature" or np.abs(exact).sum() <= AREA_ROUNDING * circle.sum():
+    measured = np.abs(exact) > AREA_ROUNDING * circle
+    if flow.kind != "curvature" or not measured.any():
         return None
-    return float(np.abs(loss - exact).sum() / np.abs(exact).sum())
+    return float(np.max(ratio(np.abs(loss - exact), np.abs(exact))[measured]))
+
+
+def _turning_number_changes(series: Mapping[str, NDArray]) -> int:
+    """Frames at which a turning number is not what it was at the frame before."""
+    return int(np.diff(row_matrix(series["turning_number_by_curve"]), axis=0).any(axis=1).sum())
 
 
 def folds_back(series: Mapping[str, NDArray]) -> bool:
