@@ -134,10 +134,14 @@ def test_a_conformal_flow_that_cannot_go_on_says_so_and_names_the_flow_that_can(
 def test_more_noise_than_energy_is_no_noise(monkeypatch, caplog):
     """Creases of a cage of control points look like noise of half an edge, of more energy than there is."""
     monkeypatch.setattr(vertex_noise, "noise_energy", lambda mesh: (0.46, 2.5e4))
-    vertex_noise.warn_of_noise(shapes.icosphere(0), 168.5)
+    vertex_noise.warn_of_noise(shapes.icosphere(0), 168.5, "gauss-map")
     assert caplog.text == ""
-    vertex_noise.warn_of_noise(shapes.icosphere(0), 2e4)
-    assert "the vertices have noise of 0.46" in caplog.text
+    vertex_noise.warn_of_noise(shapes.icosphere(0), 1e4, "cotan")  # which has all of the estimate
+    assert caplog.text == ""
+    vertex_noise.warn_of_noise(shapes.icosphere(0), 1e4, "gauss-map")  # 0.3 of it may be what noise adds
+    assert "the vertices have noise of 0.46 of an edge, which makes most of the energy 1e+04" in caplog.text
+    vertex_noise.warn_of_noise(shapes.icosphere(0), 5e4, "cotan")
+    assert "which makes about 2.5e+04 of the energy 5e+04" in caplog.text
 
 
 def test_the_crease_at_a_patch_is_no_noise(run, tmp_path):

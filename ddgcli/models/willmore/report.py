@@ -264,7 +264,7 @@ def warn_of_surfaces(
     if options.flow != "mean-curvature":
         from ddgcli.models.willmore.vertex_noise import warn_of_noise
 
-        warn_of_noise(unfilled or first, start_energy)
+        warn_of_noise(unfilled or first, start_energy, chosen_energy(first.topology, options))
     warn_of_folds(first, last)
     warn_of_disagreement(first, last, options)
 

@@ -14,8 +14,10 @@ from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
 NOISE_ROUNDING = 1e-12  # mean edge lengths, up to which noise is that of the arithmetic
 SHARE_WARNING = 0.2  # of the energy at the start, from which a warning is due
-# of the estimate, which noise adds to any energy at least: where there is less, it is no noise
-LEAST_ENERGY_SHARE = 0.3
+# of the estimate, which noise adds at least: where there is less, it is no noise. The estimate is that of
+# `cotan`, but for its own error; other energies have down to 0.3 of it
+LEAST_ENERGY_SHARE = {"cotan": 0.7}
+LEAST_OTHER_SHARE = 0.3
 
 
 def noise_energy(mesh: TriangleMesh) -> tuple[float, float]:
@@ -45,7 +47,7 @@ def noise_energy(mesh: TriangleMesh) -> tuple[float, float]:
     return noise.relative, 0.25 * deviation**2 * float((stiffness(mesh).power(2) @ inverse).sum())
 
 
-def warn_of_noise(mesh: TriangleMesh, energy: float) -> None:
+def warn_of_noise(mesh: TriangleMesh, energy: float, name: str) -> None:
     """Warn where noise of the vertices makes a large share of an energy at the start.
 
     Parameters
@@ -53,12 +55,14 @@ def warn_of_noise(mesh: TriangleMesh, energy: float) -> None:
     mesh : TriangleMesh
     energy : float
         At the start: at least what the noise adds.
+    name : str
+        Of that energy.
     """
     relative, energy_of_noise = noise_energy(mesh)
-    possible = LEAST_ENERGY_SHARE * energy_of_noise <= abs(energy)
+    possible = LEAST_ENERGY_SHARE.get(name, LEAST_OTHER_SHARE) * energy_of_noise <= abs(energy)
     if possible and relative > NOISE_ROUNDING and energy_of_noise > SHARE_WARNING * abs(energy):
         logging.getLogger("ddgcli").warning(
-            "the vertices have noise of %.2g of an edge, which makes about %.2g of the energy %.4g at the "
+            "the vertices have noise of %.2g of an edge, which makes %s of the energy %.4g at the "
             "start, whichever energy: only values after the first steps, which smooth it, are of the surface",
-            relative, energy_of_noise, energy,
+            relative, f"about {energy_of_noise:.2g}" if energy_of_noise < abs(energy) else "most", energy,
         )  # fmt: skip
