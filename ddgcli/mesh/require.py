@@ -239,9 +239,9 @@ def require_manifold_body(mesh: TetMesh, verb: str) -> None:
     topology = mesh.boundary.topology
     if len(bad := topology.nonmanifold_edges):
         a, b = topology.edges[bad[0]]
-        where = f"{len(bad)} edges (first: vertices {a}-{b})"
+        where = f"{counted(len(bad), 'edge', 'edges')} (first: vertices {a}-{b})"
     elif len(bad := topology.nonmanifold_vertices):
-        where = f"{len(bad)} vertices (first: vertex {bad[0]})"
+        where = f"{counted(len(bad), 'vertex', 'vertices')} (first: vertex {bad[0]})"
     else:
         return
     raise MeshError(

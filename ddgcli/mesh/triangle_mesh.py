@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, counted
 from ddgcli.mesh.masked import unmasked
 from ddgcli.mesh.topology import NEXT, Topology, check_faces, frozen
 from ddgcli.mesh.vectors import bounding_box, cross, dot, vector_length
@@ -48,10 +48,12 @@ def check_points(points: NDArray) -> NDArray[np.float64]:
         return points  # NaN compares False
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(bad):
-        raise MeshError(f"vertex {bad[0]} is not finite ({len(bad)} such vertices); correct its coordinates")
+        count = counted(len(bad), "such vertex", "such vertices")
+        raise MeshError(f"vertex {bad[0]} is not finite ({count}); correct its coordinates")
     bad = np.flatnonzero((np.abs(points) > MAX_COORDINATE).any(axis=1))
+    count = counted(len(bad), "such vertex", "such vertices")
     raise MeshError(
-        f"vertex {bad[0]} has a coordinate above {MAX_COORDINATE:g} ({len(bad)} such vertices), and "
+        f"vertex {bad[0]} has a coordinate above {MAX_COORDINATE:g} ({count}), and "
         "lengths leave the range of numbers; rescale the coordinates"
     )
 

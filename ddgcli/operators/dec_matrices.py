@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, counted
 from ddgcli.linalg.indices import compact
 from ddgcli.memory import check_memory
 from ddgcli.mesh.requirements import require_sized_cells
@@ -210,7 +210,8 @@ def _require_inverse(diagonal: NDArray, simplices: NDArray, is_referenced: NDArr
     np.maximum.at(scale, simplices, size[simplices].max(axis=1, keepdims=True))
     bad = np.flatnonzero(is_referenced & (size <= LEAST_STAR_ENTRY * scale))
     if len(bad):
+        where = f"{counted(len(bad), 'simplex', 'simplices')} (first: {simplex} {bad[0]})"
         raise MeshError(
-            f"the circumcentric star is zero at {len(bad)} simplices (first: {simplex} {bad[0]}) and has no "
-            "inverse: use `star=barycentric` or `star=galerkin`"
+            f"the circumcentric star is zero at {where} and has no inverse: use `star=barycentric` "
+            "or `star=galerkin`"
         )

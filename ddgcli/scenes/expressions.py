@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import InfiniteValueError, excerpt
+from ddgcli.errors import InfiniteValueError, counted, excerpt
 
 _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide,
@@ -66,7 +66,8 @@ def evaluate(text: str, variables: Mapping[str, NDArray]) -> NDArray[np.float64]
     if len(bad):
         where = ", ".join(f"{name} = {array[bad[0]]:g}" for name, array in variables.items())
         raise InfiniteValueError(
-            f"the expression '{excerpt(text)}' is not finite at {len(bad)} points (first: {where})"
+            f"the expression '{excerpt(text)}' is not finite at {counted(len(bad), 'point', 'points')} "
+            f"(first: {where})"
         )
     return result
 

@@ -69,7 +69,7 @@ def test_texture_coordinates_with_a_seam_and_colours_survive_where_the_faces_do(
 def test_a_vertex_keeps_its_number_in_glb_and_copies_at_seams_name_it(seam, tmp_path):
     out = tmp_path / "out.glb"
     result = run("info", seam, "-o", out)
-    assert "vertices at seams are added" in result.stderr
+    assert "1 vertex at a seam is added" in result.stderr
     source, mesh = read_mesh(str(seam)), read_mesh(str(out))
     np.testing.assert_allclose(mesh.surface.points[:5], source.surface.points)
     assert mesh.surface.n_vertices == 5 + 1  # only vertex 1 has two values

@@ -18,3 +18,25 @@ def test_one_vertex_without_a_face_belongs_to_none(summary, tmp_path, command, w
     path.write_text(SQUARE)
     warnings = summary(command[0], path, *command[1:])["warnings"]
     assert any(words in warning for warning in warnings)
+
+
+@pytest.mark.parametrize(
+    "text, words, message",
+    [
+        (
+            SQUARE[:32] + "f 1 2 3 4\n",
+            (),
+            "1 polygon of more than three corners triangulated",
+        ),
+        ("v 0 0 nan\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", (), "(1 such vertex)"),
+        (
+            "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 4 3\n",
+            ("--path-to", 1),
+            "1 face is oriented against the neighbours (first: face 1)",
+        ),
+    ],
+)
+def test_one_is_singular(run, tmp_path, text, words, message):
+    path = tmp_path / "mesh.obj"
+    path.write_text(text)
+    assert message in run("geodesic", path, "--source", 0, *words).stderr

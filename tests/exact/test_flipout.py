@@ -325,7 +325,7 @@ def test_a_path_across_an_edge_of_three_pages_is_not_straight_and_has_a_warning(
     assert by_a_vertex.converged and not caplog.text
     across = straighten_curves(mesh, [[start, second]], [False])
     assert across.entries[0]["length"] > np.hypot(1.25, 0.75) + 1e-4
-    assert not across.converged and "edges of three or more faces, at 1 vertices" in caplog.text
+    assert not across.converged and "edges of three or more faces, at 1 vertex" in caplog.text
     caplog.clear()
     on_a_page = straighten_curves(mesh, [[start, int(spine[0])]], [False])
     assert on_a_page.converged and not caplog.text

@@ -94,7 +94,7 @@ def test_order_and_arrays_of_polygons(tmp_path):
     annotated = read_mesh(str(path))
     np.testing.assert_array_equal(annotated.face["number"], [7, 8, 8, 9])
     np.testing.assert_array_equal(annotated.input_face, [0, 1, 1, 2])
-    assert "1 polygons" in annotated.notes[0] and "face 1" in annotated.notes[0]
+    assert "1 polygon of" in annotated.notes[0] and "face 1" in annotated.notes[0]
 
 
 HEADS = {

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 
 from ddgcli.algorithms.conformal.ptolemy import DecoratedTriangulation, flip_by_ptolemy
 from ddgcli.algorithms.conformal.targets import ConformalTargets
-from ddgcli.errors import SolveError, without_warnings
+from ddgcli.errors import SolveError, counted, without_warnings
 from ddgcli.geometry.intrinsic import corner_angle, corner_cotan, triangle_excess
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.scatter import sum_by_index
@@ -119,7 +119,9 @@ def cone_metric(
     if best > ANGLE_TOLERANCE or degenerate:
         log.warning(
             "the angle sums miss their targets by up to %.2g radians after %d iterations%s", best, iterations,
-            f"; {degenerate} triangles at the boundary degenerate: use `subdivide`" if degenerate else "",
+            f"; {counted(degenerate, 'triangle', 'triangles')} at the boundary without area: use `subdivide`"
+            if degenerate
+            else "",
         )  # fmt: skip
     return ConeMetric(state, u, work.angle, best, iterations, degenerate)
 

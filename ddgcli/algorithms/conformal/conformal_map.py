@@ -23,7 +23,7 @@ from ddgcli.algorithms.delaunay.triangulation import (
     glue,
     working_lengths,
 )
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.residual_gate import LARGEST_RESIDUAL
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -215,8 +215,9 @@ def _require_attainable_angles(length: NDArray) -> None:
         weld = f", or merge them with `repair=weld={distance:.1g} drop_degenerate split_fans`"
         if len(bad) == len(length):  # nothing would be left
             weld = ""
+        faces = counted(len(bad), "face has", "faces have")
         raise MeshError(
-            f"{len(bad)} faces (first: face {face}) have sides of {shortest[face]:.2g} beside "
+            f"{faces} sides (first: face {face}) of {shortest[face]:.2g} beside "
             f"{longest[face]:.2g}: rounding changes their angles by more than {ANGLE_TOLERANCE:g} radians; "
             f"move their vertices apart{weld}"
         )

@@ -21,7 +21,7 @@ from ddgcli.algorithms.delaunay.refine_batches import Refinement
 from ddgcli.algorithms.delaunay.steiner_base import SteinerPoints, with_steiner_points
 from ddgcli.algorithms.delaunay.triangulation import IntrinsicDelaunay, flip_to_delaunay, require_surface
 from ddgcli.choices import MAX_REFINEMENT_DEGREES
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, counted
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.linalg.residual_gate import LARGEST_RESIDUAL
 from ddgcli.mesh.repair import one_vertex_a_fan
@@ -135,13 +135,14 @@ def refine(
     unreached = int((small & ~beside).sum())
     if insertions.exhausted:
         log.warning(
-            f"refinement stopped at {limit} Steiner points with {unreached} faces still below "
+            f"refinement stopped at {counted(limit, 'Steiner point', 'Steiner points')} with "
+            f"{counted(unreached, 'face', 'faces')} still below "
             f"{degrees:g} degrees; increase `max_points`"
         )
     if insertions.has_rounded:
         log.warning(
-            f"refinement stopped at {len(insertions.steiner)} Steiner points: in thin faces rounding "
-            f"has changed the area by more than {100 * LARGEST_RESIDUAL:g} %"
+            f"refinement stopped at {counted(len(insertions.steiner), 'Steiner point', 'Steiner points')}: "
+            f"in thin faces rounding has changed the area by more than {100 * LARGEST_RESIDUAL:g} %"
         )
     return RefinementResult(
         triangulation=flipped,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.delaunay.common_subdivision import CommonSubdivision
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, counted
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.vectors import row_matrix
@@ -96,7 +96,8 @@ def check_transferable(arrays: dict[str, NDArray], reserved: Collection[str]) ->
         bad = np.flatnonzero(~row_matrix(np.isfinite(values)).all(axis=1))
         if len(bad):
             raise ParameterError(
-                f"the array {name!r} is not finite at vertex {bad[0]} ({len(bad)} such vertices); correct it",
+                f"the array {name!r} is not finite at vertex {bad[0]} "
+                f"({counted(len(bad), 'such vertex', 'such vertices')}); correct it",
                 parameter="transfer",
             )
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.delaunay.flips import SideArrays, flip_until_delaunay
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, counted
 from ddgcli.geometry.intrinsic import corner_cotan, half_angle_tangent
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.double_cover import CoverVertices, cover_vertices
@@ -341,7 +341,8 @@ def remaining_note(count: int) -> str:
     -------
     str
     """
-    return f"{count} edges of flat triangles are not flipped: rounding decides their Delaunay test"
+    edges = counted(count, "edge of flat triangles is", "edges of flat triangles are")
+    return f"{edges} not flipped: rounding decides the Delaunay test"
 
 
 def non_delaunay_edges(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.bool_]:

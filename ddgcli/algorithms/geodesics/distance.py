@@ -228,9 +228,8 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
                 f"for faces with obtuse angles: distances are wrong around them; use {better}"
             )
         if heat.cold_faces:
-            log.warning(
-                f"the heat has no gradient on {heat.cold_faces} faces; the distance is interpolated there"
-            )
+            faces = counted(heat.cold_faces, "face", "faces")
+            log.warning(f"the heat has no gradient on {faces}; the distance is interpolated there")
         return DistanceResult(heat.distance, downhill_source(mesh, heat.distance, sources), results, accuracy)
 
     return solve
@@ -419,9 +418,10 @@ def report_unreachable(mesh: SurfaceMesh, distance: NDArray) -> int:
     first = np.flatnonzero(unreached)[first]
     named = numbers >= 0
     if named.sum() == 1:
+        vertices = counted(sizes[named][0], "vertex", "vertices")
         log.warning(
-            f"component {numbers[named][0]} ({sizes[named][0]} vertices, first: vertex {first[named][0]}) "
-            f"is not reached by any source; its distance is inf{weld_advice(mesh, unreached)}"
+            f"component {numbers[named][0]} ({vertices}, first: vertex {first[named][0]}) is "
+            f"not reached by any source; its distance is inf{weld_advice(mesh, unreached)}"
         )
     elif named.any():
         log.warning(

@@ -19,6 +19,7 @@ from ddgcli.algorithms.geodesics.path_results import describe_paths
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, joints
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.algorithms.tracing.trace import Tracer
+from ddgcli.errors import counted
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import PREVIOUS
 
@@ -237,9 +238,10 @@ class Straightener:
             sharp = self._sharp_between_fans(path.halfedges(), is_closed)
             if sharp:
                 converged = False
+                vertices = counted(len(sharp), "vertex", "vertices")
                 _log.warning(
                     f"the path through {stops[:5]} is not straight where it crosses edges of three or more "
-                    f"faces, at {len(sharp)} vertices (first: {sharp[0]}); way-points choose the vertices"
+                    f"faces, at {vertices} (first: {sharp[0]}); way-points choose the vertices"
                 )
             traced_paths.append(trace_on_input(self.tracer, flipping, path.halfedges(), is_closed))
             kind = {

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.paths import SIDE_TOLERANCE, SurfacePaths, barycentric_in
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, counted
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.double_cover import double_cover
@@ -172,10 +172,10 @@ def oriented_cover(mesh: TriangleMesh) -> OrientedCover:
         )
         return _double_cover(mesh)
     reverse_faces, turned = oriented(mesh)
+    faces = counted(int(turned.sum()), "face is", "faces are")
     _log.warning(
-        f"{int(turned.sum())} faces (first: face {int(np.argmax(turned))}) are oriented against their "
-        "neighbours; curves use them reversed (left and right are those of the other faces); the mesh "
-        "is unchanged"
+        f"{faces} oriented against the neighbours (first: face {int(np.argmax(turned))}); curves use the "
+        "reversed orientation (left and right are those of the other faces); the mesh is unchanged"
     )
     return OrientedCover(mesh, reverse_faces, turned)
 

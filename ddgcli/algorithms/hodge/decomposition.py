@@ -17,7 +17,7 @@ from scipy.sparse.linalg import cg, lsmr
 
 from ddgcli.algorithms.hodge.harmonic import ClosedProjection, closed_projection
 from ddgcli.algorithms.hodge.homology import Boundary
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, counted
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.linalg.constrain import Dirichlet, Poisson, floating_components
 from ddgcli.linalg.factor import Factor
@@ -281,7 +281,9 @@ def finite_field(values: NDArray, count: int, place: str) -> NDArray[np.float64]
     bad = np.flatnonzero(~np.isfinite(row_matrix(values)).all(axis=1))
     if len(bad):
         raise ParameterError(
-            f"not finite at {place} {bad[0]} ({len(bad)} such values); correct the array", parameter="field"
+            f"not finite at {place} {bad[0]} ({counted(len(bad), 'such value', 'such values')}); "
+            "correct the array",
+            parameter="field",
         )
     return values
 

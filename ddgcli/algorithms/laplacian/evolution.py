@@ -192,7 +192,9 @@ def checked_start(start: NDArray, n: int, equation: str) -> NDArray[np.float64]:
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
         raise ParameterError(
-            f"not finite at vertex {bad[0]} ({len(bad)} such vertices); correct the array", parameter=equation
+            f"not finite at vertex {bad[0]} ({counted(len(bad), 'such vertex', 'such vertices')}); "
+            "correct the array",
+            parameter=equation,
         )
     return values
 

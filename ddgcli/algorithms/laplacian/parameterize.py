@@ -202,10 +202,8 @@ def require_size_at_boundary(loops: list[NDArray], has_size: NDArray) -> None:
     """
     missing = [int(v) for loop in loops for v in loop[~has_size[loop]]]
     if missing:
-        raise MeshError(
-            f"{len(missing)} boundary vertices have only faces without area (first: vertex {missing[0]}); "
-            f"{cure('no area')}"
-        )
+        vertices = counted(len(missing), "boundary vertex has", "boundary vertices have")
+        raise MeshError(f"{vertices} only faces without area (first: vertex {missing[0]}); {cure('no area')}")
 
 
 def _with_fans(L: csr_array, holes: list[NDArray]) -> csr_array:

@@ -96,7 +96,8 @@ def checked_source(source: NDArray, n: int) -> NDArray[np.float64]:
     if not np.isfinite(source).all():
         bad = np.flatnonzero(~np.isfinite(source.reshape(n, -1)).all(axis=1))
         raise ParameterError(
-            f"not finite at vertex {bad[0]} ({len(bad)} such vertices); correct the array",
+            f"not finite at vertex {bad[0]} ({counted(len(bad), 'such vertex', 'such vertices')}); "
+            "correct the array",
             parameter="poisson",
         )
     return source

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.boundary import boundary_vertex_loops
@@ -96,8 +96,8 @@ def _refuse_folded_patches(mesh: TriangleMesh, closed: TriangleMesh, loops: list
     else:
         advice = f"{cure('components')}, then fill its loops"
     raise MeshError(
-        f"{len(flat)} boundary loops bound flat pieces, onto which their patches would fold (first: through "
-        f"vertex {flat[0][0]}); {advice}"
+        f"{counted(len(flat), 'boundary loop bounds', 'boundary loops bound')} flat pieces, onto which "
+        f"patches would fold (first: through vertex {flat[0][0]}); {advice}"
     )
 
 

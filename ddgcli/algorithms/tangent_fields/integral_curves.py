@@ -17,7 +17,7 @@ from ddgcli.algorithms.geodesics.paths import SurfacePaths
 from ddgcli.algorithms.tangent_fields.tangent_field import TangentField
 from ddgcli.algorithms.tracing.lines import LineStart
 from ddgcli.algorithms.tracing.trace import BOUNDARY_STATUS, FAILURE_STATUS, Tracer, Traces
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, counted
 from ddgcli.geometry.component_sides import component_mean_side
 from ddgcli.geometry.face_frames import relative_position
 from ddgcli.geometry.surface_points import SurfacePoints
@@ -299,8 +299,9 @@ class _CurveIntegrator:
         stuck = np.flatnonzero((self.stop_reason == "") & (self.steps >= self.max_steps))
         self.stop_reason[stuck] = STALL_STOP
         if len(stuck):
+            curves = counted(len(stuck), "integral curve", "integral curves")
             _log.warning(
-                f"{len(stuck)} integral curves (first: {stuck[0]}) stopped after {self.max_steps} steps; "
+                f"{curves} (first: {stuck[0]}) stopped after {self.max_steps} steps; "
                 "shorten the time or raise the tolerance"
             )
 

@@ -61,7 +61,8 @@ class Tracer:
             bad = topology.misoriented_edges
             a, b = topology.edges[bad[0]]
             raise MeshError(
-                f"{len(bad)} edges join faces of opposite orientation (first: vertices {a}-{b}); "
+                f"{counted(len(bad), 'edge joins', 'edges join')} faces of opposite orientation "
+                f"(first: vertices {a}-{b}); "
                 f"tracing needs consistently oriented faces: {cure('orientation')}"
             )
         self.mesh = mesh

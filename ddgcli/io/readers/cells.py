@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshFileError
+from ddgcli.errors import MeshFileError, counted
 from ddgcli.io.readers.raw_mesh import RawMesh
 from ddgcli.mesh.ragged import repeat_with_place
 
@@ -59,9 +59,8 @@ def add_vtk_cells(
         groups[kind].append(owner)
         lists[kind].append((members, size))
         if keep and (sizes[which] > keep).any():
-            raw.notes.append(
-                f"{int((sizes[which] > keep).sum())} cells of higher order reduced to their corners"
-            )
+            count = counted(int((sizes[which] > keep).sum()), "cell", "cells")
+            raw.notes.append(f"{count} of higher order reduced to corners")
     if lists["face"]:
         raw.corners = _joined([m for m, _ in lists["face"]])
         raw.sizes = _joined([s for _, s in lists["face"]])

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ddgcli.errors import MeshFileError, excerpt
+from ddgcli.errors import MeshFileError, counted, excerpt
 from ddgcli.io.appearance import COLOR, UV, colors_of_fractions
 from ddgcli.io.readers.cells import NAMES, VTK_CELLS
 from ddgcli.io.readers.guarded import guarded
@@ -279,7 +279,7 @@ def _raw(mesh: Any) -> RawMesh:
             continue
         data = np.asarray(data, dtype=np.int64).reshape(-1, np.shape(data)[1])
         if data.shape[1] > corners:
-            raw.notes.append(f"{len(data)} cells '{block.type}' reduced to their corners")
+            raw.notes.append(f"{counted(len(data), 'cell', 'cells')} '{block.type}' reduced to corners")
         data = data[:, :corners]
         if kind == "face":
             raw.add_faces(data)

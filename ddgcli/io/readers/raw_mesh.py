@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshError, MeshFileError, excerpt
+from ddgcli.errors import MeshError, MeshFileError, counted, excerpt
 from ddgcli.io.appearance import CORNER_UV, UV, corner_uv, uv_of_corners
 from ddgcli.io.readers.triangulate import triangulated
 from ddgcli.mesh.curve import CurveSet
@@ -149,10 +149,12 @@ def _surface(raw: RawMesh) -> tuple[TriangleMesh, dict[str, NDArray], NDArray | 
     large, small = np.flatnonzero(raw.sizes > 3), np.flatnonzero(raw.sizes < 3)
     if len(large):
         raw.notes.append(
-            f"{len(large)} polygons of more than three corners triangulated (first: face {large[0]})"
+            f"{counted(len(large), 'polygon', 'polygons')} of more than three corners triangulated "
+            f"(first: face {large[0]})"
         )
     if len(small):
-        raw.notes.append(f"{len(small)} faces of fewer than three corners omitted (first: face {small[0]})")
+        count = counted(len(small), "face", "faces")
+        raw.notes.append(f"{count} of fewer than three corners omitted (first: face {small[0]})")
     mesh = TriangleMesh.from_arrays(raw.points, faces)
     return mesh, {**{name: value[polygon] for name, value in raw.face.items()}, **textures}, polygon
 

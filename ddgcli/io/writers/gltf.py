@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import counted
 from ddgcli.io.appearance import color, corner_uv, vertex_uv
 from ddgcli.io.writers.cell_data import CellData, surface_only, warn_of_lost_arrays
 
@@ -66,9 +67,9 @@ def _split(data: CellData, seams: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     source = np.concatenate([np.arange(n), vertex[~is_first]])
     uv = np.zeros((len(source), 2))
     uv[place] = rows[order, 1:]
-    added = len(source) - n
+    added = counted(len(source) - n, "vertex at a seam is", "vertices at seams are")
     log.warning(
-        f".glb has one texture coordinate per vertex: {added} vertices at seams are added, "
+        f".glb has one texture coordinate per vertex: {added} added, "
         "the attribute _INPUT_VERTEX names the vertex of each"
     )
     return rank[np.ravel(number)].reshape(-1, 3), source, uv

@@ -179,8 +179,9 @@ def _require_bends(mesh: polygon.Polygons, turning: NDArray) -> None:
     back = np.flatnonzero(turning > MAX_TURNING)
     if len(back):
         raise MeshError(
-            f"the curve turns back at {len(back)} points (first: point {mesh.joint[back[0]]}), where its "
-            "elastic energy has no gradient; remove these points or use `flow=curvature`"
+            f"the curve turns back at {counted(len(back), 'point', 'points')} (first: point "
+            f"{mesh.joint[back[0]]}), where its elastic energy has no gradient; remove what turns back, or "
+            "use `flow=curvature`"
         )
 
 

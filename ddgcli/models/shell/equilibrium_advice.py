@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ddgcli.errors import counted
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import PlasticMemory
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -81,8 +82,8 @@ def needle_advice(meshes: Sequence[TriangleMesh]) -> str:
         if len(needles):
             distance = 2.0 * float(shortest[needles].max())
             return (
-                f"{len(needles)} faces (first: face {needles[0]}) have sides below {NEEDLE_SIDE:g} of their "
-                "longest, where forces are rounding: merge their vertices by "
+                f"{counted(len(needles), 'face has', 'faces have')} sides (first: face {needles[0]}) below "
+                f"{NEEDLE_SIDE:g} of the longest, where forces are rounding: merge their vertices by "
                 f"`repair=weld={distance:.1g} drop_degenerate`"
             )
     return ""

@@ -17,7 +17,7 @@ from ddgcli.algorithms.geodesics.exact.targets import WindowTargets
 from ddgcli.algorithms.geodesics.exact.tolerance import NearestVertices
 from ddgcli.algorithms.geodesics.exact.wavefront import Wavefront
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
-from ddgcli.errors import MeshError, ParameterError, SolveError
+from ddgcli.errors import MeshError, ParameterError, SolveError, counted
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -309,8 +309,8 @@ def _patch_unreached(wavefront: Wavefront, mesh: SurfaceMesh) -> int:
     count = int(unreached.sum())
     if count:
         log.warning(
-            f"{count} vertices (first: {np.flatnonzero(unreached)[0]}) among degenerate triangles are "
-            "reached by edge paths only; their distance is an upper bound"
+            f"{counted(count, 'vertex', 'vertices')} among degenerate triangles (first: "
+            f"{np.flatnonzero(unreached)[0]}) reached by edge paths only; distances there are upper bounds"
         )
     while unreached.any():
         before = int(unreached.sum())
