@@ -343,7 +343,8 @@ def no_area_error(n_faces: int) -> MeshError:
     -------
     MeshError
     """
-    return MeshError(f"none of the {n_faces} faces has an area; check the coordinates")
+    which = "the only face has no area" if n_faces == 1 else f"none of the {n_faces} faces has an area"
+    return MeshError(f"{which}; check the coordinates")
 
 
 def refuse_flat_faces(
@@ -391,7 +392,9 @@ def refuse_flat_cells(flat: NDArray, n_cells: int) -> None:
     if len(flat) == 0:
         return
     if len(flat) == n_cells:  # their removal would leave nothing
-        raise MeshError(f"none of the {n_cells} tetrahedra has a volume; check the coordinates")
+        of_several = f"none of the {n_cells} tetrahedra has a volume"
+        which = "the only tetrahedron has no volume" if n_cells == 1 else of_several
+        raise MeshError(f"{which}; check the coordinates")
     raise MeshError(
         f"{counted(len(flat), 'tetrahedron has', 'tetrahedra have')} no volume (first: tetrahedron "
         f"{flat[0]}); {cure('no volume')}"

@@ -112,7 +112,7 @@ def test_nothing_is_mollified_where_nothing_is_degenerate():
 
 def test_mesh_without_area_is_refused():
     line = TriangleMesh.from_arrays(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.array([[0, 1, 2]]))
-    with pytest.raises(MeshError, match="none of the 1 faces has an area"):
+    with pytest.raises(MeshError, match="the only face has no area"):
         lap.stiffness(line)
 
 
