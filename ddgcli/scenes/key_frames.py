@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from typing import Any
 
 from ddgcli.scenes.shapes import Rotation
@@ -49,3 +50,12 @@ def require_from_rest(
         raise ValueError("positions[0] must be [0, 0, 0]: the body starts where it is drawn")
     if rotations is not None and rotations[0].degrees:
         raise ValueError("rotations[0] must have degrees = 0: the body starts where it is drawn")
+    last = bisect_right(times, 0.0)  # key frame after t = 0
+    around = slice(max(last - 1, 0), last if last and times[last - 1] == 0 else last + 1)
+    moved = any(any(position) for position in (positions or [])[around])
+    turned = any(rotation.degrees for rotation in (rotations or [])[around])
+    if times[0] < 0 and (moved or turned):
+        raise ValueError(
+            f"times begin at {times[0]:g} s, and the run at 0 s, where the key frames have moved the body "
+            f"already: the body starts where it is drawn; add {-times[0]:g} s to each of times"
+        )

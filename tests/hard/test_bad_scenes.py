@@ -139,6 +139,19 @@ BAD = [
     ("contact = {", "pressure = { value = -2e5, gas = true } #", 22, ["absolute pressure", "-98675"]),
     ("contact = {", 'wind = { velocity = ["sni(t)", 0, 0] } #', 22, ["velocity", "'sni'", "'sin'"]),
     ("contact = {", "wind = { velocity = [1, 2] } #", 22, ["velocity", "three"]),
+    ("contact = {", "pressure = { value = 3, ambient = 5 } #", 22, ["ambient", "gas = true"]),
+    (", friction = 0.5", ", slip = 5", 22, ["slip has no effect", "friction"]),
+    (", friction = 0.5", ", sharp = true", 22, ["sharp has no effect", "box"]),
+    (f"{STVK}\nbending = {{", "damping = { stiffness = 5 } # {", 19, ["stiffness has no effect", "bending"]),
+    ("contact = {", HANDLE.format("vertices = [0], times = [0, 1, 2], center = [3, 3, 3]"), 22,
+     ["center needs rotations"]),
+    ("contact = {", HANDLE.format("vertices = [0], times = [-1, 1, 2]"), 22, ["begin at -1 s", "add 1 s"]),
+    (FLOOR, "plane = {}\ntimes = [-1, 0]\npositions = [[0, 0, 0], [0, 0, 1]]", 14, ["begin at -1 s"]),
+    (FLOOR, "plane = {}\ntimes = [0, 1]\npositions = [[0, 0, 0], [0, 0, 1]]\ncenter = [1, 0, 0]", 14,
+     ["center needs rotations"]),
+    ('integrator = "newmark"\nbeta = 0.25', 'integrator = "static"', 5, ["frame_every has no effect"]),
+    ('frame_every = 0.005\nintegrator = "newmark"\nbeta = 0.25', 'tolerance = 1\nintegrator = "static"', 5,
+     ["tolerance has no effect"]),
     ("contact = {", "plasticity = { hardening = 1 } #", 22, ["yield_strain", "yield_angle"]),
     ("contact = {", "plasticity = { yield_angle = -1 } #", 22, ["yield_angle", "greater than 0"]),
     ('role = "obstacle"', TWO_SHELLS, 18, ["object", "hat"]),
@@ -179,6 +192,35 @@ def test_an_unknown_key_may_be_named_as_a_type(run, tmp_path, key):
     result = run("shell-sim", tmp_path / "scene.toml")
     assert result.exit_code == 2 and len(result.stderr.strip().splitlines()) == 1
     assert "line 7: unknown key" in result.stderr and key.strip("'") in result.stderr
+
+
+@pytest.mark.parametrize("times", ["[-1, 0, 1]", "[0, 1, 2]"])
+def test_key_frames_that_begin_earlier_may_rest_until_the_start(run, tmp_path, times):
+    handle = (
+        f"handle = {{ vertices = [0], times = {times}, positions = [[0, 0, 0], [0, 0, 0], [0, 0, 1]] }} #"
+    )
+    (tmp_path / "scene.toml").write_text(GOOD.replace("contact = {", handle))
+    result = run("shell-sim", tmp_path / "scene.toml")
+    assert result.exit_code == 0
+    assert result.stderr.count("no contact or attach names obstacle 'floor'") == 1
+
+
+def test_static_by_the_command_line_leaves_out_the_keys_of_steps(run, tmp_path):
+    text = GOOD.replace("gravity = {", "pin = { vertices = [0, 1, 2] }\ngravity = {")
+    (tmp_path / "scene.toml").write_text(text)
+    assert run("shell-sim", tmp_path / "scene.toml", "--integrator", "static").exit_code == 0
+    result = run("shell-sim", tmp_path / "scene.toml", "--integrator", "static", "--tolerance", 0.1)
+    assert result.exit_code == 2 and "--tolerance: has no effect on equilibria" in result.stderr
+
+
+def test_steps_of_lengths_that_a_tolerance_chooses_are_not_counted(run, tmp_path):
+    """They set the duration to as many default steps: 108 steps for `--steps 1`."""
+    (tmp_path / "scene.toml").write_text(GOOD.replace("step = 1e-3", "tolerance = 0.1"))
+    result = run("shell-sim", tmp_path / "scene.toml", "--steps", 1)
+    assert result.exit_code == 2 and result.stderr.count("\n") == 1
+    assert "give --duration, or --dt without --tolerance" in result.stderr
+    for cure in (("--duration", 0.002), ("--steps", 1, "--dt", 1e-3)):
+        assert run("shell-sim", tmp_path / "scene.toml", *cure).exit_code == 0
 
 
 def test_the_good_scene_runs(run, tmp_path):

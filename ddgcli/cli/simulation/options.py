@@ -79,7 +79,7 @@ class SceneCall:
 
 def time_options(command: Callable) -> Callable:
     """Add --steps, --duration, --dt, ... in one `overrides: dict`, and --resume."""
-    return _with_time(command, _time("s", "Steps to take; overrides the scene's duration."))
+    return _with_time(command, _time("s", "Steps of one length to take; overrides the scene's duration."))
 
 
 def flow_time_options(command: Callable) -> Callable:

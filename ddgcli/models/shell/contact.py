@@ -61,10 +61,14 @@ class Contact(Section):
     def _something(self) -> Contact:
         if not self.pairs and not self.self_contact:
             raise ValueError('give pairs = [["shell", "obstacle"]], self_contact = true or both')
+        if self.slip is not None and not self.friction:
+            raise ValueError("slip has no effect without friction; take it out")
         return self
 
 
 def build(parameters: Contact, context: ShellContext) -> list[Any]:
+    if parameters.sharp and not _has_box(parameters, context):
+        raise ValueError("sharp has no effect without a pair with an obstacle that is a box; take it out")
     terms: list[Any] = []
     for pair in parameters.pairs:
         obstacle = _obstacle_of(pair, parameters.pairs, context)
@@ -75,6 +79,11 @@ def build(parameters: Contact, context: ShellContext) -> list[Any]:
 
         terms += self_pairs(parameters, context)
     return terms
+
+
+def _has_box(parameters: Contact, context: ShellContext) -> bool:
+    names = {name for pair in parameters.pairs for name in pair}
+    return any(o.name in names and getattr(o, "box", None) is not None for o in context.scene.objects)
 
 
 def _with_obstacle(parameters: Contact, context: ShellContext, obstacle: Obstacle) -> list[Any]:

@@ -121,7 +121,7 @@ def _warn(scene: Scene, more: list[Pair], at_end: Counter[Pair], at_start: Count
     if different:
         end = ", ...]" if len(different) > MAX_LISTED else "]"
         keys.append(f"pairs = {json.dumps(different[:MAX_LISTED])[:-1]}{end}")
-    has_contact = any(effect.name == "contact" for effect, _, _ in scene.effects)
+    has_contact = scene.has_effect("contact")
     cure = (
         f"add to contact: {' and '.join(keys)}" if has_contact else f"write contact = {{ {', '.join(keys)} }}"
     )

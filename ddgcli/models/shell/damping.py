@@ -121,6 +121,8 @@ class StiffnessDamping:
 def build(parameters: Damping, context: ShellContext) -> list[MassDamping | StiffnessDamping]:
     if parameters.mass == 0 and parameters.stiffness == 0:
         raise ValueError("give mass (1/s) or stiffness (s) greater than 0, or leave the line out")
+    if parameters.stiffness and not context.scene.has_effect("stretching", "bending"):
+        raise ValueError("stiffness has no effect without stretching or bending; take it out, or give mass")
     terms: list[MassDamping | StiffnessDamping] = []
     if parameters.mass:
         terms.append(MassDamping(parameters.mass * context.mass))

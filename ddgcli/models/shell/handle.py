@@ -50,6 +50,8 @@ class Handle(Section):
     @model_validator(mode="after")
     def _complete(self) -> Handle:
         require_from_rest(self.times, self.positions, self.rotations)
+        if self.center is not None and self.rotations is None:
+            raise ValueError("center needs rotations")
         return self
 
 

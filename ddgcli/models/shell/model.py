@@ -82,6 +82,27 @@ def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellC
     return by_name
 
 
+def warn_of_unused_obstacles(scene: Scene) -> None:
+    """Report obstacles that no contact and no attach names.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
+    used: set[str] = set()
+    for effect, parameters, _ in scene.effects:
+        if effect.name == "contact":
+            used.update(name for pair in parameters.pairs for name in pair)
+        elif effect.name == "attach":
+            used.add(parameters.to)
+    for section in scene.objects:
+        if section.role == "obstacle" and section.name not in used:
+            log.warning(
+                "no contact or attach names obstacle %r: shells pass through it; write it into contact.pairs",
+                section.name,
+            )
+
+
 def _obstacle_meshes(scene: Scene, read: Callable[[str], Any]) -> dict[str, PlacedMesh]:
     """Meshes of the obstacles that are meshes."""
     meshes = {}
@@ -269,7 +290,7 @@ def _group_system(scene: Scene, group: Group, account: Account) -> System:
         return make_system(scene, next(iter(group.shells.values())), account)
     from ddgcli.mechanics.embedding import Rows, embedded_terms
 
-    if any(effect.name == "rigid" for effect, _, _ in scene.effects):
+    if scene.has_effect("rigid"):
         scene.refuse(
             ("effects", "rigid"), "rigid edges of shells that touch or are attached are not computed"
         )

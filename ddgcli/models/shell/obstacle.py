@@ -56,6 +56,8 @@ class Obstacle(ObjectSection):
             raise ValueError("scale is for a mesh; write the size of the shape itself")
         if self.times is not None:
             require_from_rest(self.times, self.positions, self.rotations)
+            if self.center is not None and self.rotations is None:
+                raise ValueError("center needs rotations or angular_velocity")
             if self.velocity is not None or self.angular_velocity is not None:
                 raise ValueError("give either key frames (times) or velocity and angular_velocity")
             return self

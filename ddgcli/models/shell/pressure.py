@@ -24,6 +24,8 @@ from ddgcli.simulation.effects import Effect
 
 log = logging.getLogger("ddgcli")
 
+AMBIENT_PRESSURE = 101325.0  # Pa, the standard atmosphere
+
 
 class Pressure(RampSection):
     """Excess pressure inside a closed shell."""
@@ -31,10 +33,12 @@ class Pressure(RampSection):
     object: str | None = Field(None, description="shell; needed where the scene has several")
     value: quantity("Pa", "excess pressure, positive outward; of a gas: at the start") = 0.0
     gas: bool = Field(False, description="isothermal gas: pressure times volume is constant")
-    ambient: quantity("Pa", "absolute pressure outside, for a gas", gt=0) = 101325.0
+    ambient: quantity("Pa", "absolute pressure outside, for a gas", gt=0) = AMBIENT_PRESSURE
 
     @model_validator(mode="after")
     def _checked(self) -> Pressure:
+        if not self.gas and self.ambient != AMBIENT_PRESSURE:
+            raise ValueError("ambient has no effect without gas = true; take it out")
         least = self.value * min([1.0, *(self.factors or [])])
         if self.gas and not self.ambient + least > 0:
             raise ValueError(

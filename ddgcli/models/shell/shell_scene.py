@@ -52,7 +52,7 @@ class ShellScene:
         self.analysis: dict[str, Any] = {}
         contexts = model.contexts(scene, read_mesh)
         self.scene, self.account = scene, account
-        self.splits = any(effect.name == "fracture" for effect, _, _ in scene.effects)
+        self.splits = scene.has_effect("fracture")
         self.contexts = {name: context for name, (context, _) in contexts.items()}
         self.meshes = {name: context.mesh for name, context in self.contexts.items()}
         self.sha256 = {name: sha for name, (_, sha) in contexts.items()}
@@ -62,7 +62,9 @@ class ShellScene:
     @cached_property
     def systems(self) -> dict[str, System]:
         """Masses and terms by shell."""
-        return model.systems(self.scene, self.contexts, self.account)
+        systems = model.systems(self.scene, self.contexts, self.account)
+        model.warn_of_unused_obstacles(self.scene)
+        return systems
 
     @property
     def final_names(self) -> tuple[str, ...]:

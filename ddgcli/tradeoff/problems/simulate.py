@@ -79,8 +79,8 @@ def shell_problem(
     simulator = Simulator(
         document, KIND, read, None, contexts, model.build, names, "newmark", _displacement, "displacement"
     )
-    time_options = {name: options[name] for name in TIME_OPTIONS if name in options}
-    if resolve(document, KIND, time_options).time.integrator == "static":
+    integrator = {"integrator": options["integrator"]} if "integrator" in options else {}
+    if resolve(document, KIND, integrator).time.integrator == "static":
         return equilibrium_problem(simulator, options, error_part)
     return _problem(simulator, options, error_part)
 
@@ -263,7 +263,8 @@ def _problem(simulator: Simulator, options: CommandOptions, error_part: str) -> 
     `options` may contain `steps`, `duration`, `step` (the middle of the steps compared), `integrator`,
     `tolerance` and `model`.
     """
-    time_options = {name: options[name] for name in TIME_OPTIONS if name in options}
+    # `steps` are those of `step`, whatever the tolerance of other rows
+    time_options = {name: options[name] for name in TIME_OPTIONS if name in options and name != "steps"}
     time = resolve(simulator.document, simulator.kind, time_options).time
     step = options.get("step") or time.step or time.duration / 50
     duration = options["steps"] * step if "steps" in options else options.get("duration")
