@@ -366,14 +366,15 @@ def test_models_and_contact_of_a_shell_change_what_is_predicted(inputs, tmp_path
 @pytest.mark.parametrize(
     "call",
     [
-        "fluid-sim {mesh} --vorticity f --dt 3",
-        f"shell-sim {{mesh}} {SHELL.replace('--dt 1e-3', '--dt 1e-2')} --integrator verlet",
-        f"shell-sim {{mesh}} {SHELL.replace('--dt 1e-3', '--dt 1e-2')} --integrator verlet --tolerance 1",
+        "fluid-sim {mesh} --vorticity f --dt 3 --steps 1",
+        f"shell-sim {{mesh}} {SHELL.replace('--dt 1e-3', '--dt 1e-2')} --integrator verlet --steps 1",
+        f"shell-sim {{mesh}} {SHELL.replace('--dt 1e-3', '--dt 1e-2')} --integrator verlet "
+        "--tolerance 1 --duration 1e-2",
     ],
 )
 def test_a_dry_run_counts_the_divided_steps_of_explicit_schemes(call, inputs, summary):
     """The run itself takes as many, but for a change of the limit on the way."""
-    words = [*call.format(**inputs).split(), "--steps", 1]
+    words = call.format(**inputs).split()
     step = summary(*words, "--dry-run")["results"]["kernels"][-1]
     n_steps = summary(*words)["results"]["steps"]
     assert step["kernel"].endswith(" step") and n_steps > 3

@@ -256,6 +256,9 @@ def test_a_run_of_unknown_length_has_a_range_of_seconds_and_others_have_none():
 def test_the_range_of_seconds_is_printed_where_it_is_wide():
     facts = {"peak_mib": 1.0, "available_mib": 9.0, "seconds": 10.0, "kernels": []}
     assert prediction.as_text({**facts, "seconds_range": [9.0, 12.0]}, full=False)[1].endswith("10 s")
+    long = {**facts, "seconds": 96.4, "seconds_range": [2.0, 1234.0]}
+    assert "96 s (2 to 1,200 s:" in prediction.as_text(long, full=False)[1]
+    assert prediction.as_text({**facts, "seconds": 99.7}, full=False)[1].endswith("100 s")
     assert "(1 to 50 s:" in prediction.as_text({**facts, "seconds_range": [1.0, 50.0]}, full=False)[1]
     facts["kernels"] = [{"kernel": "a", "assumes": "100 steps"}, {"kernel": "b"}]
     assert (

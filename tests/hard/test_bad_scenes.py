@@ -119,7 +119,7 @@ BAD = [
     ("contact = {", "pin = { vertices = [99] } # contact = {", 22, ["vertex 99", "0..8"]),
     ("contact = {", "pin = { box = [[5, 5, 5], [6, 6, 6]] } # contact = {", 22, ["no vertex"]),
     ("contact = {", 'pin = { vertices = [0], axes = "xw" } # contact = {', 22, ["axes", "xyz"]),
-    ("contact = {", "pin = {} # contact = {", 22, ["vertices", "box"]),
+    ("contact = {", "pin = {} # contact = {", 22, ["pin: give either vertices", "box"]),
     ("contact = {", "pin = { vertices = [] } # contact = {", 22, ["no vertex"]),
     ("contact = {", "pin = { box = [[0, 0, 0]] } # contact = {", 22, ["at least 2 entries (two", "[[x, y"]),
     ("contact = {", "pin = { box = { corner = [0, 0, 0] } } # contact = {", 22, ["corners, [[x, y, z], [x"]),

@@ -143,6 +143,21 @@ def test_a_moving_wall_that_moves_nothing_warns(shape, wall, is_still, caplog):
     assert ("no part of the wall moves along itself" in caplog.text) == is_still
 
 
+@pytest.mark.parametrize("shape", [SQUARE, BOX], ids=["surface", "volume"])
+def test_a_wall_that_a_section_before_it_hides_warns_with_its_cure(shape, caplog):
+    """The warning was that no wall moves along itself."""
+    everywhere = '{ kind = "no-slip" }'
+    lid = '{ kind = "wall", velocity = [1, 0, 0], where = "y > 1 - 1e-6" }'
+    for sections, is_hidden in ((f"{everywhere}, {lid}", True), (f"{lid}, {everywhere}", False)):
+        caplog.clear()
+        out = run_fluid(f"viscosity = {{ nu = 1 }}\nboundary = [{sections}]", TIME, shape)
+        assert (
+            "section 2 of boundary (wall where 'y > 1 - 1e-6' holds) has no side left" in caplog.text
+        ) == (is_hidden)
+        assert "moves along itself" not in caplog.text
+        assert (out.series("kinetic_energy")[-1] == 0) == is_hidden
+
+
 @pytest.mark.parametrize(
     "shape, flows",
     [("grid = { size = [2, 1], cells = [12, 6] }", "harmonic = {}"),

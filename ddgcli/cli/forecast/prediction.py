@@ -249,12 +249,18 @@ def as_text(results: Mapping[str, Any], full: bool) -> list[str]:
     known = high <= (1 + UNCERTAINTY) * results["seconds"] and low >= (1 - UNCERTAINTY) * results["seconds"]
     assumed = "; ".join(row["assumes"] for row in results.get("kernels", ()) if "assumes" in row)
     reason = f"assumes {assumed}" if assumed else "only the run shows how long it is"
-    spread = "" if known else f" ({low:.2g} to {high:.2g} s: {reason})"
+    spread = "" if known else f" ({_two_digits(low)} to {_two_digits(high)} s: {reason})"
     return [
         f"peak memory  {results['peak_mib']:.0f} MiB of {results['available_mib']:.0f} MiB available",
-        f"CPU time     {results['seconds']:.2g} s{spread}",
+        f"CPU time     {_two_digits(results['seconds'])} s{spread}",
         *(_kernel_lines(results.get("kernels", ())) if full else ()),
     ]
+
+
+def _two_digits(seconds: float) -> str:
+    """Seconds with two digits other than 0, without a power of ten from 100 on."""
+    rounded = float(f"{seconds:.2g}")
+    return f"{rounded:,.0f}" if rounded >= 100 else f"{rounded:.2g}"
 
 
 def _kernel_lines(kernels: Sequence[Mapping[str, Any]]) -> list[str]:

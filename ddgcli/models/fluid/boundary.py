@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, counted
 from ddgcli.models.fluid.boundary_motion import depends_on_time
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import BoundaryPart
@@ -104,9 +104,9 @@ def require_friction(setting: FluidSetting) -> None:
     count = harmonic_count(setting.space.mesh)
     if count and not len(setting.space.harmonic):
         log.warning(
-            "%s has %d harmonic flows (round its handles and holes), which walls without slip drive; the "
-            "scene leaves them out, and the flow is wrong: add the effect harmonic = {}",
-            setting.context.name, count,
+            "%s has %s (round its handles and holes), which walls without slip may drive; the scene leaves "
+            "them out, and the flow may be wrong: add the effect harmonic = {}",
+            setting.context.name, counted(count, "harmonic flow", "harmonic flows"),
         )  # fmt: skip
 
 

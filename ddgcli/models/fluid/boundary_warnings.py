@@ -41,7 +41,7 @@ def warn_of_crossed_obstacles(
 
 
 def warn_of_still_walls(sections: Sequence[BoundaryPart], owner: NDArray, along: NDArray) -> None:
-    """Report moving walls that move nothing.
+    """Report walls that sections before them hide, and moving walls that move nothing.
 
     Parameters
     ----------
@@ -51,8 +51,19 @@ def warn_of_still_walls(sections: Sequence[BoundaryPart], owner: NDArray, along:
     along : (s,) ndarray of float64
         What is 0 where the prescribed velocity has no component along the side.
     """
+    hidden = sorted(set(range(len(sections))) - set(owner.tolist()))
+    for number in hidden:
+        section = sections[number]
+        where = "" if section.where is None else f" where {section.where!r} holds"
+        log.warning(
+            "section %d of boundary (%s%s) has no side left: sections before it hold at all of its sides; "
+            "put it before them",
+            number + 1, section.kind, where,
+        )  # fmt: skip
     moving = [
-        i for i, section in enumerate(sections) if section.kind in ("no-slip", "wall") and section.velocity
+        i
+        for i, section in enumerate(sections)
+        if section.kind in ("no-slip", "wall") and section.velocity and i not in hidden
     ]
     if moving and not along[np.isin(owner, moving)].any():
         log.warning("no part of the wall moves along itself: velocity or where is 0 at every boundary side")

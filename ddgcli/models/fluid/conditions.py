@@ -258,7 +258,8 @@ def _owners(
     for i, section in enumerate(sections):
         if section.kind in ("inflow", "outflow") and not (owner == i).any():
             raise ValueError(
-                f"{section.kind}: no boundary side lies where {section.where!r} holds; check `where`"
+                f"{section.kind}: no boundary side lies where {section.where!r} holds and no section before "
+                "it does; check `where` and the order"
             )
     return owner
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from ddgcli.errors import counted
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import Harmonic, Initial
 from ddgcli.models.fluid.surface_space import SurfaceSpace
@@ -39,8 +40,8 @@ def build(parameters: HarmonicSection, context: FluidContext) -> list[Harmonic |
     def start(space: SurfaceSpace) -> dict[str, NDArray]:
         if len(coefficients) != len(space.harmonic):
             raise ValueError(
-                f"{len(coefficients)} coefficients; the surface {context.name!r} has {len(space.harmonic)} "
-                "harmonic flows"
+                f"{counted(len(coefficients), 'coefficient', 'coefficients')}; the surface {context.name!r} "
+                f"has {counted(len(space.harmonic), 'harmonic flow', 'harmonic flows')}"
             )
         return {"coefficients": np.array(coefficients)}
 

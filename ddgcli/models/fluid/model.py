@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import InfiniteValueError, MeshError
+from ddgcli.errors import InfiniteValueError, MeshError, counted
 from ddgcli.mesh.requirements import require_sized_cells
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.models.fluid.context import FluidContext
@@ -435,8 +435,8 @@ def _harmonic_flows(context: FluidContext, harmonic: Harmonic | None) -> NDArray
     if harmonic is None:
         if count:
             log.info(
-                "%s has %d harmonic flows; they exist where the scene names the effect harmonic",
-                context.name, count,
+                "%s has %s; they exist where the scene names the effect harmonic",
+                context.name, counted(count, "harmonic flow", "harmonic flows"),
             )  # fmt: skip
         return np.zeros((0, topology.n_edges))
     if count > MAX_HARMONIC_FLOWS:

@@ -179,7 +179,8 @@ class _Rim:
         for number, section in enumerate(self.sections):
             if section.kind in ("inflow", "outflow") and not (owner == number).any():
                 raise ValueError(
-                    f"{section.kind}: no boundary face lies where {section.where!r} holds; check `where`"
+                    f"{section.kind}: no boundary face lies where {section.where!r} holds and no section "
+                    "before it does; check `where` and the order"
                 )
         return owner
 

@@ -92,9 +92,9 @@ class ShellContext:
         """Vertices by number, or inside a box of two opposite corners; a refusal where there are none."""
         n = self.mesh.n_vertices if self.input_vertex is None else int(self.input_vertex.max()) + 1
         if (vertices is None) == (box is None):
-            self.scene.refuse(key, "give either vertices = [...] or box = [[x, y, z], [x, y, z]]")
+            self.scene.refuse(key, f"{key[-1]}: give either vertices = [...] or box = [[x, y, z], [x, y, z]]")
         if vertices == []:
-            self.scene.refuse(key, "vertices = [] names no vertex")
+            self.scene.refuse(key, f"{key[-1]}: vertices = [] names no vertex")
         if vertices is not None:
             outside = [v for v in vertices if not 0 <= v < n]
             if outside:
