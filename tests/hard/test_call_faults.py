@@ -106,7 +106,7 @@ def test_lines_among_sides_without_length_end_soon(run, tmp_path):
 def test_a_tolerance_below_the_smallest_error_ends_with_a_message(run, tmp_path):
     """Once steps of error zero became shorter until they were zero: an internal error."""
     disk = written(tmp_path / "a.npz", shapes.grid(2, 2))
-    words = ("--vorticity", "1", "--viscosity", 0, "--integrator", "energy", "--steps", 1, "--dt", 1e-3)
+    words = ("--vorticity", "1", "--viscosity", 0, "--integrator", "energy", "--duration", 1e-3, "--dt", 1e-3)
     result = run("fluid-sim", disk, *words, "--tolerance", 1e-300)
     assert result.exit_code == 1
     assert "internal" not in result.stderr
