@@ -95,15 +95,18 @@ def _rest(
 ) -> tuple[float, float, float]:
     """Elements of the kernel, and what other kernels leave of the seconds and MiB, for one use."""
     own = next(use for use in uses if use["kernel"] == task.kernel)
-    shared = 0.0
+    shared = added = 0.0
     for use in uses:
         if use is own or (task.short and use["kernel"] in BEYOND_SHORT_SUMMARY):
             continue
         cost = table.get(f"{use['kernel']} {task.suffix}".strip(), NOTHING)
         filled = fill(use["kernel"], round(n * 1e5))
         size = use["elements"] / 1e5 if "elements" in use else n
-        seconds -= use["times"] * (cost.seconds + filled * cost.seconds_per_1e5 * size**cost.exponent)
-        shared = max(shared, cost.mib + filled * cost.mib_per_1e5 * size)
+        constant = cost.seconds * (1.0 if use.get("once") else use["times"])
+        seconds -= constant + use["times"] * filled * cost.seconds_per_1e5 * size**cost.exponent
+        own_mib = cost.mib + filled * cost.mib_per_1e5 * size
+        shared, added = max(shared, 0.0 if use["added"] else own_mib), added + use["added"] * own_mib
+    mib -= added
     mib = (mib - shared) / own["added"] if own["added"] else mib
     return own["elements"] / 1e5 if "elements" in own else n, max(seconds, 0.0) / own["times"], max(mib, 0.0)
 

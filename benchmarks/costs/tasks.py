@@ -13,6 +13,7 @@ SHELL = "--material felt --set thickness=1e-3 --effect stretching --effect gravi
 STIFF = "--material felt --set thickness=5e-3 --set young=1e9 --effect stretching --effect gravity"
 ITERATIVE_EXPONENTS = (("multigrid", 1.15), ("conjugate-gradients", 1.45))  # growth of one solution
 MANY = ",".join(map(str, range(17)))  # vertices
+TARGETS, PAIRS = ",".join(map(str, range(1, 1001))), [f"{k},{k + 1000}" for k in range(100)]
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ SURFACE = [
     Task("delaunay refine", "delaunay {mesh} --refine 25", (1_000, *SIZES)),
     Task("delaunay overlay", "delaunay {mesh} --overlay {out}.ply"),
     Task("delaunay further faces", "delaunay {mesh} --overlay {out}.ply", mesh="sheared"),
+    Task("delaunay refined faces", "delaunay {mesh} --refine 25 --overlay {out}.ply", (1_000, *SIZES)),
     Task("delaunay transfer", "delaunay {mesh} --transfer f", LARGE_SIZES, exponent=1.25),
     Task("delaunay dual", "delaunay {mesh} --dual {out}.npz"),
     Task("delaunay condition", "delaunay {mesh} --condition", LARGE_SIZES, exponent=1.3),
@@ -162,7 +164,21 @@ SURFACE = [
         f"geodesic {{mesh}} --source {','.join(map(str, range(17)))} --method dijkstra",
     ),
     Task("geodesic point", "geodesic {mesh} --source-point 0,0,1"),
-    Task("geodesic field", "geodesic {mesh} --field wind"),
+    Task(
+        "geodesic field", "geodesic {mesh} --field wind --field-seeds 1 --field-time 1e-4 --field-step 1e-4"
+    ),
+    Task(
+        "geodesic field round",
+        "geodesic {mesh} --field wind --field-seeds 1 --field-time 0.1 --field-step 1e-4",
+        (10_000,),
+        exponent=1.0,
+    ),
+    Task(
+        "geodesic field step",
+        "geodesic {mesh} --field wind --field-seeds 300 --field-time {radius} --field-step 1e-3",
+        (1_000, 10_000, 80_000),
+        exponent=1.0,
+    ),
     Task("geodesic transport", "geodesic {mesh} --source 0 --path-to 9 --transport"),
     Task("geodesic vector-heat", "geodesic {mesh} --source 0 --spread-vector 0.3,0.5,1"),
     Task("geodesic heat log-map", "geodesic {mesh} --source 0 --method heat --log-map"),
@@ -182,6 +198,32 @@ SURFACE = [
         (500, 2_000, 10_000, 80_000),
     ),
     Task("geodesic isolines", "geodesic {mesh} --source 0 --isolines 20 --method fast-marching"),
+    Task(
+        "geodesic level",
+        "geodesic {mesh} --source 0 --isolines 1000 --method dijkstra",
+        (500, 5_000, 30_000),
+        exponent=1.0,
+    ),
+    Task(
+        "write curves",
+        "geodesic {mesh} --source 0 --isolines 1000 --method dijkstra --paths-output {out}.vtp",
+        (500, 5_000, 30_000),
+        exponent=1.0,
+    ),
+    Task("geodesic path", f"geodesic {{mesh}} --source 0 --path-to {TARGETS}", (2_000, 60_000), exponent=1.0),
+    Task(
+        "geodesic frames",
+        f"geodesic {{mesh}} --source 0 --path-to {TARGETS} --darboux",
+        (2_000, 60_000),
+        exponent=1.0,
+    ),
+    Task("geodesic edge path", "geodesic {mesh} --curve 0,9"),
+    Task("geodesic leg", f"geodesic {{mesh}} {' '.join(f'--curve {pair}' for pair in PAIRS)}"),
+    Task(
+        "geodesic straighten",
+        f"geodesic {{mesh}} {' '.join(f'--straighten {pair}' for pair in PAIRS)}",
+        exponent=1.0,
+    ),
     Task("geodesic voronoi", "geodesic {mesh} --source 0,9 --voronoi"),
     Task("willmore-flow", "willmore-flow {mesh} --steps 1 --dt 1e-9", SMALL_SIZES),
     Task(

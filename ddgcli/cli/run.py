@@ -216,6 +216,11 @@ class Run:
         self._predicted = None if prediction is None else (prediction, size)
         return prediction
 
+    def predict_with(self, **facts: Any) -> None:
+        """Predict again, where there is a prediction, with facts that the size of the input lacked."""
+        if self._predicted is not None:
+            self.predict(replace(self._predicted[1], **facts))
+
     def refine_prediction(self, refine: Callable[[Prediction, InputSize], Prediction]) -> None:
         """Replace the prediction of a dry run by `refine(prediction, size)`."""
         if self.common.dry_run and self._predicted is not None:

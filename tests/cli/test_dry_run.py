@@ -275,6 +275,17 @@ def test_without_a_dry_run_only_large_inputs_are_checked(inputs, run, monkeypatc
     assert run("info", inputs["mesh"]).exit_code == 2
 
 
+def test_a_dry_run_of_curves_counts_them_and_the_steps_of_the_field(inputs, tmp_path, summary):
+    words = ("geodesic", inputs["mesh"], "--source", "0,5", "--path-to", "3,4", "--isolines", 7)
+    steps = ("--field", "wind", "--field-time", 2, "--field-step", 0.1, "--paths-output", tmp_path / "a.vtp")
+    np.save(tmp_path / "wind.npy", np.tile([1.0, 0.0, 0.0], (120, 1)))
+    steps = [str(tmp_path / "wind.npy") if word == "wind" else word for word in steps]
+    rows = {row["kernel"]: row for row in summary(*words, *steps, "--dry-run")["results"]["kernels"]}
+    assert rows["geodesic path"]["times"] == 2 and rows["geodesic level"]["times"] == 7
+    assert rows["geodesic field round"]["times"] == 30 and rows["geodesic field step"]["elements"] == 60
+    assert rows["write curves"]["added"] < 1 and not (tmp_path / "a.vtp").exists()
+
+
 def test_refinement_is_predicted_by_the_faces_with_small_angles(tmp_path, summary, monkeypatch):
     monkeypatch.setattr(prediction, "probe", lambda: PROBE_SECONDS)  # whatever else runs
     seconds = []

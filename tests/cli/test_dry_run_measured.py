@@ -46,6 +46,7 @@ def noisy(points):
     return points + 1e-3 * np.random.default_rng(0).standard_normal(points.shape)
 
 
+TARGETS = ",".join(map(str, range(1, 3000)))
 # options and meshes that change the work, unlike those of the measured kernels
 OTHER_WORK = {
     "strip": ("geodesic {mesh} --source 0", lambda: shapes.grid(1000, 8, 100.0, 0.8)),
@@ -62,6 +63,19 @@ OTHER_WORK = {
     "noise": ("curvature {mesh}", lambda: warped(shapes.torus(160, 60), noisy)),
     "long trace": ("geodesic {mesh} --trace 0:1,0,0:1,0.3,0:1500", lambda: shapes.random_sphere(6000, 2)),
     "boundary": ("geodesic {mesh} --source-boundary", lambda: shapes.grid(80, 80)),
+    "paths": (
+        f"geodesic {{mesh}} --source 0 --path-to {TARGETS} --paths-output {{out}}.vtp",
+        lambda: shapes.random_sphere(6000, 2),
+    ),
+    "level lines": (
+        "geodesic {mesh} --source 0 --isolines 1500 --paths-output {out}.vtp",
+        lambda: shapes.random_sphere(6000, 2),
+    ),
+    "edge paths": (
+        "geodesic {mesh} " + " ".join(f"--curve {k},{k + 3000}" for k in range(100)),
+        lambda: shapes.random_sphere(6000, 2),
+    ),
+    "refined transfer": ("delaunay {mesh} --refine 25 --transfer f", lambda: shapes.random_sphere(6000, 2)),
     "wide balls": ("curvature {mesh} --scheme corrected --radius 0.2", lambda: shapes.random_sphere(6000, 2)),
 }
 

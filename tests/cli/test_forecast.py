@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 
 from ddgcli import memory
 from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation, common_subdivision
+from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.algorithms.geodesics import certificate
 from ddgcli.algorithms.hodge.homology import betti_numbers
@@ -18,6 +20,7 @@ from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.cli.forecast import prediction
 from ddgcli.cli.forecast.check_cost import size_of
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
+from ddgcli.cli.forecast.delaunay_kernels import steiner_points
 from ddgcli.cli.forecast.kernels import COPIES_FACTOR, kernels_of
 from ddgcli.cli.forecast.mesh_facts import (
     compactness,
@@ -110,6 +113,7 @@ def test_options_change_what_is_predicted():
         *2 * ["delaunay"],
         "delaunay refine",
         "delaunay overlay",
+        "delaunay refined faces",
     ]
     assert names("delaunay", transfer=["f"])[1:] == ["delaunay overlay", "delaunay transfer"]
     assert names("laplacian", operator="tufted")[1:] == ["laplacian tufted"]
@@ -143,7 +147,45 @@ def test_steiner_points_are_counted_after_the_flips_and_up_to_their_limit():
         kernels_of("delaunay", {"refine": 25.0, "max_points": most}, size)[-1] for most in (100, None)
     )
     assert few.elements < 0.1 * many.elements  # points, and memory
-    assert few.elements * few.times > 0.2 * many.elements * many.times  # flips, of the input too
+    assert few.elements * few.times > 0.1 * many.elements * many.times  # flips, of the input too
+
+
+def random_strip(width):
+    """A random triangulation of a square, made narrow: needles, and slivers along the boundary."""
+    points = np.vstack([np.random.default_rng(0).random((300, 2)), [[0, 0], [1, 0], [0, 1], [1, 1]]])
+    faces = Delaunay(points).simplices.astype(np.int64)
+    return TriangleMesh.from_arrays(np.c_[points * [1.0, width], np.zeros(304)], faces)
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        random_strip(1.0),
+        random_strip(1e-3),  # 0.34 of the points and 0.13 of the faces were predicted
+        shapes.random_sphere(300, 0),
+        shapes.cylinder(40, 1, 0.5, 10.0),  # all faces are equal needles, which share points
+    ],
+    ids=["square", "strip", "sphere", "needles"],
+)
+def test_steiner_points_and_faces_of_refined_overlays_are_counted_by_small_angles(mesh):
+    """Predicted by the differences of the angles of neighbours, and by the formula of Cauchy and Crofton."""
+    options = {"refine": 25.0, "transfer": ["f"]}
+    size = size_of(mesh, options)
+    overlay = intrinsic_delaunay(mesh, degrees=25.0, subdivide=True).results["overlay"]
+    points = steiner_points(25.0, None, size.angle_deficit, size)
+    assert points == pytest.approx(overlay["steiner_points"], rel=0.35)
+    uses = {use.kernel: use for use in kernels_of("delaunay", options, size)}
+    n_faces = mesh.n_faces + uses["delaunay refined faces"].elements
+    assert n_faces == pytest.approx(overlay["faces"], rel=0.35)
+    assert uses["delaunay transfer"].elements == mesh.n_faces + 2.0 * points
+
+
+def test_refinement_without_small_angles_adds_no_faces():
+    mesh = shapes.icosphere(2)
+    uses = kernels_of(
+        "delaunay", {"refine": 25.0, "overlay": "x"}, size_of(mesh, {"refine": 25, "overlay": "x"})
+    )
+    assert [use.kernel for use in uses] == [*2 * ["delaunay"], "delaunay refine", "delaunay overlay"]
 
 
 @pytest.mark.parametrize("stretch", [1.0, 3.0, 30.0])

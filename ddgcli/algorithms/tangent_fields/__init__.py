@@ -13,5 +13,6 @@ __all__ = [
     "geodesic_task",
     "integral_curves",
     "signed_distance",
+    "tangent_field",
     "vertex_vectors",
 ]

@@ -72,9 +72,11 @@ def command(
     read = run.read(mesh_path, subdivide=subdivide)
     mesh, field = read.surface, None
     if curves.field:
+        from ddgcli.cli.forecast.curve_facts import field_facts
         from ddgcli.cli.subdivided_input import input_function
 
         field = input_function(read, curves.field)
+        run.predict_with(**field_facts(mesh, field[0], run.options))
     if subdivide:
         from ddgcli.cli.subdivided_input import on_subdivided_faces
 

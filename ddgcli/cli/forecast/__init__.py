@@ -1,8 +1,9 @@
 """Peak memory and time of a command before it computes: `--dry-run`, and the refusal of what cannot fit.
 
-`kernels`, `curvature_kernels` and `simulator_kernels` list what a command computes for its options and the
-facts of `mesh_facts`, `coefficients` (generated) what a kernel costs, `prediction` adds both up and scales
-seconds by a probe of this machine, commands call `check_cost`; `batch_cost` adds up the dry runs of a batch.
+`kernels` and the modules of single commands list what a command computes for its options and the facts of
+`mesh_facts` and `curve_facts`, `coefficients` (generated) what a kernel costs, `prediction` adds both up and
+scales seconds by a probe of this machine, commands call `check_cost`; `batch_cost` adds up the dry runs of a
+batch.
 """
 
 __all__ = [
@@ -10,6 +11,9 @@ __all__ = [
     "check_cost",
     "coefficients",
     "curvature_kernels",
+    "curve_facts",
+    "delaunay_kernels",
+    "geodesic_kernels",
     "kernels",
     "mesh_facts",
     "prediction",

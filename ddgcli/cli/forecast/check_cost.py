@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ddgcli.cli.forecast.kernels import MEASURED_REFINEMENT_DEGREES, kernels_of, needs_overlay
+from ddgcli.cli.forecast.delaunay_kernels import MEASURED_REFINEMENT_DEGREES, needs_overlay
+from ddgcli.cli.forecast.kernels import kernels_of
 from ddgcli.cli.forecast.use import InputSize
 from ddgcli.errors import MeshError, ParameterError, excerpt
 from ddgcli.waiting import captured_run
@@ -45,16 +46,17 @@ def _step_count(duration: float, each: float) -> int:
 def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     """Size of a mesh and of the steps that the options name."""
     from ddgcli.cli.forecast.curvature_kernels import compared_work
+    from ddgcli.cli.forecast.curve_facts import curve_facts, has_curves
     from ddgcli.cli.forecast.mesh_facts import (
+        angle_contrast,
         angle_deficit,
         compactness,
         component_counts,
-        crossings_per_length,
+        crossings_per_root_face,
         delaunay_mesh,
         handles,
         harmonic_fields,
         hole_triangles,
-        mean_chord,
         offset_faces,
         picture_share,
         signature_pairs,
@@ -92,21 +94,21 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         balls = compared_work(mesh) if options.get("compared") == "curvature" and len(mesh.faces) else balls
         n_offset = offset_faces(mesh, options) if options.get("offset") else None
         shown = picture_share(mesh) if options.get("plot") else shown
-    traces = options.get("trace") or options.get("fan")
+    curves = curve_facts(mesh, options) if isinstance(mesh, TriangleMesh) and has_curves(options) else {}
     of_spectrum = options.get("hks") or options.get("eigen")
     n_components, equal_components = component_counts(mesh) if of_spectrum else (1, 1)
     return InputSize(
         "surface", len(mesh.faces), edge_length, steps, adaptive=adaptive,
         angle_deficit=angle_deficit(delaunay, float(refine)) if refine else None,
+        angle_contrast=angle_contrast(delaunay, float(refine)) if refine else None,
+        crossings_per_root_face=crossings_per_root_face(mesh) if refine and overlaid else 0.0,
         further_overlay_faces=further_faces if overlaid else 0,
         signature_pairs=signature_pairs(mesh, options["hks"]) if options.get("hks") else 0,
-        crossings_per_length=crossings_per_length(mesh) if traces else 0.0,
-        mean_chord=mean_chord(mesh) if traces else math.inf,
         betti_number=harmonic_fields(mesh) if options.get("basis") else 0,
         n_components=n_components, equal_components=equal_components,
         offset_faces=n_offset,
         hole_triangles=hole_triangles(mesh, options["fill_holes"]) if options.get("fill_holes") else 0.0,
-        picture_share=shown, compared_work=balls,
+        picture_share=shown, compared_work=balls, **curves,
     )  # fmt: skip
 
 
@@ -162,7 +164,8 @@ def refined_prediction(
     from ddgcli.cli.forecast.mesh_facts import ball_work, edge_paths, has_sheared_fits, noise_of_vertices
 
     options = run.options
-    if run.command == "geodesic" and options.get("method") in ("exact", "fast-marching"):
+    propagates = options.get("method") in ("exact", "fast-marching")
+    if run.command == "geodesic" and (propagates or options.get("isolines")):
         of_all, of_one = edge_paths(mesh, options)
         size = replace(size, paths=of_all, paths_of_one=of_one)
     elif run.command == "curvature":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -16,12 +17,14 @@ if TYPE_CHECKING:
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 __all__ = [
+    "angle_contrast",
     "angle_deficit",
     "ball_work",
     "clipping_work",
     "compactness",
     "component_counts",
     "crossings_per_length",
+    "crossings_per_root_face",
     "delaunay_mesh",
     "edge_paths",
     "handles",
@@ -43,6 +46,7 @@ SEARCH_OF_BALL = 30.0  # vertices in a ball that cost as much as the search for 
 CURVE_SOURCES = ("source_edges", "source_boundary")
 POINTS_OF_MEASURED_FACE = 2.1  # of offset bodies of spheres: each arc has one step
 SAME_AREA_DECIMALS = 6  # of the logarithm
+LEAST_ANGLE = 1e-9  # of a face, relative to that of a refinement
 PICTURE_PIXELS = (1290, 1050)  # without a colour bar; only their ratio counts
 CLIPS_PER_BALL, CLIPS_PER_FACE_INSIDE = 27.0, 0.035  # clipped faces that cost as much
 
@@ -106,12 +110,40 @@ def angle_deficit(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
 
     The faces are those of an intrinsic Delaunay triangulation, which a refinement starts from.
     """
+    return float((1.0 - _small_angles(mesh, degrees)).sum())
+
+
+def angle_contrast(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
+    """Sum over the edges of the differences of log(smallest angle), at most `degrees`, of both faces."""
+    import numpy as np
+
+    twin = mesh.topology.side_twin
+    logarithm = np.log(np.maximum(_small_angles(mesh, degrees), LEAST_ANGLE))
+    difference = np.abs(logarithm[:, None] - logarithm[np.maximum(twin, 0) // 3])
+    return 0.5 * float(difference[twin >= 0].sum())
+
+
+def _small_angles(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> NDArray:
+    """Smallest angle of each face over `degrees`, at most 1."""
     import numpy as np
 
     from ddgcli.geometry.intrinsic import corner_angle
 
     smallest = np.degrees(corner_angle(mesh.side_length)).min(axis=1, initial=180.0)
-    return float(np.maximum(1.0 - smallest / degrees, 0.0).sum())
+    return np.minimum(smallest / degrees, 1.0)
+
+
+def crossings_per_root_face(mesh: TriangleMesh | IntrinsicMesh) -> float:
+    """Crossings of the edges with those of n equal triangles that cover the surface, over the root of n.
+
+    By the formula of Cauchy and Crofton: 2 / pi for each pair of lengths on a unit of area.
+    """
+    from ddgcli.geometry.intrinsic import face_area
+
+    unit = float(mesh.side_length.max(initial=0.0)) or 1.0  # no square over- or underflows
+    root_area = math.sqrt(float(face_area(mesh.side_length / unit).sum()))
+    of_equilateral = 1.5 * math.sqrt(4.0 / math.sqrt(3.0))  # half the sides of a triangle of area 1
+    return crossings_per_length(mesh) * unit * root_area * of_equilateral if root_area else 0.0
 
 
 def delaunay_mesh(mesh: TriangleMesh | IntrinsicMesh) -> tuple[TriangleMesh | IntrinsicMesh, int]:
@@ -189,6 +221,8 @@ def edge_paths(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[EdgePath
     from ddgcli.cli.forecast.use import EdgePaths
 
     sources = _source_vertices(mesh, options)
+    targets = np.array(options.get("path_to") or (), dtype=np.int64)
+    targets = targets[(targets >= 0) & (targets < mesh.n_vertices)]
     graph, mean_length = edge_graph(mesh), float(mesh.side_length.mean()) or 1.0
 
     def paths_from(vertices: NDArray) -> EdgePaths:
@@ -202,7 +236,12 @@ def edge_paths(mesh: TriangleMesh, options: Mapping[str, Any]) -> tuple[EdgePath
         windows = None  # not of curves, from which strips start
         if options.get("method", "exact") == "exact" and not any(map(options.get, CURVE_SOURCES)):
             windows = predicted_windows(mesh, check_sources(mesh, vertices), int(reached.sum()))
-        return EdgePaths(float(edges.sum()), float(edges.max(initial=0.0)), bool(reached.all()), windows)
+        at_targets = length[targets][np.isfinite(length[targets])]
+        return EdgePaths(
+            float(edges.sum()), float(edges.max(initial=0.0)), bool(reached.all()), windows,
+            longest_length=float(length[reached].max(initial=0.0)),
+            target_length=float(at_targets.mean()) if len(at_targets) else None,
+        )  # fmt: skip
 
     of_all = paths_from(sources)
     return of_all, of_all if len(sources) == 1 else paths_from(sources[:1])
@@ -226,8 +265,6 @@ def _source_vertices(mesh: TriangleMesh, options: Mapping[str, Any]) -> NDArray:
 
 def crossings_per_length(mesh: TriangleMesh | IntrinsicMesh) -> float:
     """Mean number of edges that a line of unit length crosses, by the formula of Cauchy and Crofton."""
-    import math
-
     from ddgcli.geometry.intrinsic import face_area
 
     unit = float(mesh.side_length.max(initial=0.0)) or 1.0  # no square over- or underflows
@@ -241,8 +278,6 @@ def mean_chord(mesh: TriangleMesh | IntrinsicMesh) -> float:
 
     It holds for disks that no line stays in; handles and bulges make lines longer.
     """
-    import math
-
     from ddgcli.geometry.intrinsic import face_area
 
     unit = float(mesh.side_length.max(initial=0.0)) or 1.0  # no square over- or underflows

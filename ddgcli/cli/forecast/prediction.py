@@ -57,7 +57,8 @@ class Prediction:
         Where only the run shows how many steps or iterations it takes; else twice `seconds`.
     kernels : list of dict
         `kernel`, `times` and `added`, and `elements` where they are not those of the input (as of a `Use`),
-        `times_range` and `assumes` where only the run shows how many,
+        `once` where `times` does not count the constant part, `times_range` and `assumes` where only the run
+        shows how many,
         `seconds` and `mib`, both None where the cost of the kernel has not been measured: it is not part of
         the sums.
     read_mib, read_seconds : float
@@ -158,6 +159,8 @@ def _row(use: Use, size: InputSize, scale: float) -> dict[str, Any]:
     row: dict[str, Any] = {"kernel": use.kernel, "times": use.times, "added": use.added}
     if use.elements is not None:
         row["elements"] = use.elements
+    if use.once:
+        row["once"] = True
     if use.range != KNOWN:
         row["times_range"] = [use.range[0] * use.times, use.range[1] * use.times]
     if use.assumes:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-__all__ = ["KNOWN", "EdgePaths", "InputSize", "Range", "Use"]
+from ddgcli.choices import ITERATIVE_SOLVERS
+
+__all__ = ["KNOWN", "EdgePaths", "InputSize", "Range", "Use", "iterative_suffix"]
 
 Range = tuple[float, float]
 
@@ -24,12 +28,16 @@ class EdgePaths:
         Whether there is one from each vertex.
     windows : float, optional
         Of exact distances, by those of the vertices nearest to the sources.
+    longest_length, target_length : float, optional
+        Length of the longest path, and mean length of those to the targets of shortest paths.
     """
 
     total: float
     longest: float
     reach_all: bool = True
     windows: float | None = None
+    longest_length: float | None = None
+    target_length: float | None = None
 
 
 @dataclass(frozen=True)
@@ -51,6 +59,11 @@ class InputSize:
         Elements of the largest connected component; default all.
     angle_deficit : float, optional
         Sum over the faces of 1 - (smallest angle / angle of --refine), where that is positive.
+    angle_contrast : float, optional
+        Sum over the edges of the differences of log(smallest angle) between their faces, where the angles are
+        at most that of --refine.
+    crossings_per_root_face : float
+        Crossings of the edges with those of another triangulation, over the root of the number of its faces.
     further_overlay_faces : int
         Of the common subdivision of the mesh and its intrinsic Delaunay triangulation, beyond those of the
         mesh.
@@ -77,6 +90,16 @@ class InputSize:
         small separators.
     mean_chord : float
         Mean length of straight lines from boundary to boundary.
+    starts_at_boundary : bool
+        The first source is a vertex of the boundary.
+    total_edge_length, extent : float
+        Of the mesh; half the diagonal of its bounding box.
+    n_legs : int
+        Pairs of successive way-points of straightened and edge paths.
+    leg_length : float
+        Mean distance in space between both.
+    field_length : float, optional
+        Length of an integral curve in its time; `steps` counts its fixed steps.
     n_components, equal_components : int
         Connected components, and the most that are alike.
     offset_faces : int, optional
@@ -99,6 +122,8 @@ class InputSize:
     frame_count: int = 1
     component_elements: int | None = None
     angle_deficit: float | None = None
+    angle_contrast: float | None = None
+    crossings_per_root_face: float = 0.0
     further_overlay_faces: int = 0
     noise: str = ""
     fitted_pairs: tuple[float, ...] = ()
@@ -114,6 +139,12 @@ class InputSize:
     n_curves: int = 1
     crossings_per_length: float = 0.0
     mean_chord: float = math.inf
+    starts_at_boundary: bool = False
+    total_edge_length: float = 0.0
+    extent: float = 0.0
+    n_legs: int = 0
+    leg_length: float = 0.0
+    field_length: float | None = None
     compactness: float = 1.0
     picture_share: float = 0.5
     betti_number: int = 0
@@ -151,3 +182,8 @@ class Use:
     range: Range = KNOWN
     assumes: str = ""
     once: bool = False
+
+
+def iterative_suffix(options: Mapping[str, Any]) -> str:
+    """End of the names of kernels that solve linear systems, by the solver: nothing for factorisations."""
+    return f" {options['solver']}" if options.get("solver") in ITERATIVE_SOLVERS else ""
