@@ -87,7 +87,8 @@ class MessageHandler(logging.Handler):
 
 
 def _without_numbers(message: str) -> str:
-    return re.sub(r"[\d.]*\d(?:e[+-]?\d+)?", "#", message)
+    """The text with one sign for every number; the numbers in names, as of an object `s1`, stay."""
+    return re.sub(r"(?<![\w.])\d[\d.,]*(?:e[+-]?\d+)?(?!\w)", "#", message)
 
 
 def path_from_here(path: str) -> str:

@@ -31,6 +31,13 @@ def test_warnings_that_differ_in_numbers_only_are_counted(handler, count, more):
     assert all("more such" not in text for text in steps[:-1])
 
 
+def test_warnings_of_objects_whose_names_hold_numbers_all_come(handler):
+    texts = [f"object 's{k}': step of {1.5 * k:g} s is long" for k in range(6)]
+    for text in texts:
+        logging.getLogger("ddgcli").warning(text)
+    assert handler.warnings() == texts
+
+
 def test_the_same_warning_comes_once(handler):
     for _ in range(5):
         logging.getLogger("ddgcli").warning("3 faces are flat")
