@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
+from ddgcli.geometry.t_junctions import t_junctions
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import repeated_rows
 from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.tet_mesh import TetMesh
-from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_side_blocks
 from ddgcli.mesh.vectors import cross, dot, vector_length
 
@@ -64,7 +64,8 @@ def warn_of_pieces(mesh: TriangleMesh | TetMesh) -> None:
     """Warn of components whose boundaries meet at equal positions: a mesh in pieces, which a weld joins.
 
     Where edges (faces) of the boundaries do not coincide, as at T-junctions, a weld makes vertices of several
-    fans instead. No warning where a weld would only undo a split of edges with three faces and more.
+    fans instead. No warning where a weld would only undo a split of fans: at edges with three faces and more,
+    or at vertices of surfaces that touch there alone.
 
     Parameters
     ----------
@@ -86,8 +87,10 @@ def warn_of_pieces(mesh: TriangleMesh | TetMesh) -> None:
     if n_touching:
         advice = cure(defect)
         coincide = len(repeated_rows(np.sort(place[ends.reshape(rim.shape)], axis=1))) > 0
-        if coincide and isinstance(mesh, TriangleMesh) and not _weld_joins_sheets(mesh):
-            return
+        if isinstance(mesh, TriangleMesh):
+            gains = _weld_joins_sheets(mesh) if coincide else len(t_junctions(_welded(mesh))[1]) > 0
+            if not gains:
+                return
         if not coincide:
             advice = f"no {side}s of theirs coincide (T-junctions), so that a weld joins vertices alone; "
             advice += cure("slits") if side == "edge" else "divide the faces so that they match"
@@ -121,8 +124,12 @@ def weld_advice(mesh: SurfaceMesh, unreached: NDArray[np.bool_]) -> str:
 
 def _weld_joins_sheets(mesh: TriangleMesh) -> bool:
     """Whether a weld gains edges of two faces: not where it undoes a split of fans, at edges with three."""
+    n_before, n_after = ((m.topology.edge_face_count == 2).sum() for m in (mesh, _welded(mesh)))
+    return bool(n_after > n_before)
+
+
+def _welded(mesh: TriangleMesh) -> TriangleMesh:
+    """The mesh with one vertex at each position, without the faces that then name a vertex twice."""
     points, place = merged_points(mesh.points)
     faces = place[mesh.faces]
-    joined = Topology(faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)], len(points))
-    n_before, n_after = ((t.edge_face_count == 2).sum() for t in (mesh.topology, joined))
-    return bool(n_after > n_before)
+    return TriangleMesh.from_arrays(points, faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)])
