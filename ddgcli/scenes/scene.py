@@ -323,8 +323,6 @@ def _time(document: Document, kind: SceneKind, overrides: dict[str, Any]) -> Any
         values["step"] = kind.default_step
     _leave_out_other_scheme(kind, str(written.get("integrator", kind.integrator)), name, values)
     model = time_model(kind.integrators[name])
-    if name == "static":
-        _refuse_times_of_steps(document, overrides, written, values)
     time = checked(document, ("time",), model, values, "[time]")
     if steps is not None:
         if steps < 1:
@@ -338,19 +336,6 @@ def _time(document: Document, kind: SceneKind, overrides: dict[str, Any]) -> Any
     elif default and time.step > time.duration:
         time = time.model_copy(update={"step": time.duration})
     return time
-
-
-def _refuse_times_of_steps(
-    document: Document, overrides: Mapping[str, Any], written: dict[str, Any], values: dict[str, Any]
-) -> None:
-    """Keys of steps in time beside `static`; where the command line names it, those of the scene go."""
-    for key in ("tolerance", "frame_every"):
-        text = "has no effect on equilibria, each of which is a frame; take it out"
-        if overrides.get(key) is not None:
-            raise ParameterError(text, parameter=key)
-        if key in values and written.get("integrator") == "static":
-            raise SceneError(located(document, ("time", key), f"{key} {text}"))
-        values.pop(key, None)
 
 
 def _is_default(document: Document, kind: SceneKind, overrides: Mapping[str, Any], time: Any) -> bool:

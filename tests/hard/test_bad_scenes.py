@@ -149,9 +149,6 @@ BAD = [
     (FLOOR, "plane = {}\ntimes = [-1, 0]\npositions = [[0, 0, 0], [0, 0, 1]]", 14, ["begin at -1 s"]),
     (FLOOR, "plane = {}\ntimes = [0, 1]\npositions = [[0, 0, 0], [0, 0, 1]]\ncenter = [1, 0, 0]", 14,
      ["center needs rotations"]),
-    ('integrator = "newmark"\nbeta = 0.25', 'integrator = "static"', 5, ["frame_every has no effect"]),
-    ('frame_every = 0.005\nintegrator = "newmark"\nbeta = 0.25', 'tolerance = 1\nintegrator = "static"', 5,
-     ["tolerance has no effect"]),
     ("contact = {", "plasticity = { hardening = 1 } #", 22, ["yield_strain", "yield_angle"]),
     ("contact = {", "plasticity = { yield_angle = -1 } #", 22, ["yield_angle", "greater than 0"]),
     ('role = "obstacle"', TWO_SHELLS, 18, ["object", "hat"]),
@@ -203,14 +200,6 @@ def test_key_frames_that_begin_earlier_may_rest_until_the_start(run, tmp_path, t
     result = run("shell-sim", tmp_path / "scene.toml")
     assert result.exit_code == 0
     assert result.stderr.count("no contact or attach names obstacle 'floor'") == 1
-
-
-def test_static_by_the_command_line_leaves_out_the_keys_of_steps(run, tmp_path):
-    text = GOOD.replace("gravity = {", "pin = { vertices = [0, 1, 2] }\ngravity = {")
-    (tmp_path / "scene.toml").write_text(text)
-    assert run("shell-sim", tmp_path / "scene.toml", "--integrator", "static").exit_code == 0
-    result = run("shell-sim", tmp_path / "scene.toml", "--integrator", "static", "--tolerance", 0.1)
-    assert result.exit_code == 2 and "--tolerance: has no effect on equilibria" in result.stderr
 
 
 def test_steps_of_lengths_that_a_tolerance_chooses_are_not_counted(run, tmp_path):

@@ -205,7 +205,7 @@ def files_of_comparisons():
             yield pytest.param(command, path, marks=marks, id=f"{command}-{path.name}")
 
 
-@pytest.mark.parametrize(("command", "path"), files_of_comparisons())
+@pytest.mark.parametrize(("command", "path"), list(files_of_comparisons()))
 def test_a_comparison_on_a_hard_file_has_rows_or_one_error_line(run, tmp_path, command, path):
     assert_compared(run, command, path, tmp_path / "rows.json")
 

@@ -166,7 +166,7 @@ def test_needles_that_round_off_the_load_are_named_and_the_repair_helps(run, tmp
     write_mesh(str(path), AnnotatedMesh(plate))
     lowest, printed = deflection(run, end, scene, path)
     advice = with_repair_command(needle_advice([plate]), [str(path)])
-    assert lowest is None and "16 faces (first: face 48)" in advice and advice in printed
+    assert lowest is None and "16 faces have sides (first: face 48)" in advice and advice in printed
     words = advice.split(f"ddgcli repair {path} ")[1].split(" -o ")[0].split()
     assert run("repair", path, *words, "-o", fixed).exit_code == 0
     end.unlink(missing_ok=True)

@@ -40,7 +40,7 @@ def test_patches_that_would_fold_onto_the_surface_are_refused_with_a_cure_that_w
     from_centre = np.abs(flat.points[flat.faces].mean(axis=1) - flat.points.mean(axis=0)).max(axis=1)
     holes = submesh(flat, flat.faces[from_centre > 0.2 * np.ptp(flat.points[:, 0])])
     for mesh, advice in [(triangle, "repair=largest"), (flat, "leave `fill` out"), (holes, "such as `fill=")]:
-        with pytest.raises(MeshError, match="1 boundary loops bound flat pieces") as error:
+        with pytest.raises(MeshError, match="1 boundary loop bounds flat pieces") as error:
             fill_loops(mesh)
         assert advice in str(error.value)
     closed = fill_loops(holes, int(re.search("fill=([0-9]+)", str(error.value))[1]))[0]
