@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ddgcli.mesh.ragged import repeat_with_place, unique_keys
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -64,6 +63,8 @@ def _near_pairs(
     Points are searched around samples of the segments, as far apart as a segment is long on average: twice
     as many samples as segments at most.
     """
+    from scipy.spatial import cKDTree  # runs that only warn of pieces do without
+
     length = np.linalg.norm(head - tail, axis=1)
     spacing = max(float(length.mean()), limit, np.finfo(float).tiny)
     count = np.maximum(np.ceil(length / spacing), 1.0).astype(np.int64)
