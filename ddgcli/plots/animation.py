@@ -6,6 +6,7 @@ import importlib.util
 import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 # frames per second; viewers slow shorter GIF frames down
 MIN_RATE, MAX_RATE, MAX_GIF_RATE = 0.01, 1000.0, 50.0
+SHADES_PER_BLOCK = 4096  # of a picture, whose nearest colours are searched at once
 
 
 def draw_animation(
@@ -49,11 +51,14 @@ def draw_animation(
         Processes that draw.
     """
     across, down = size or (1280, 960)
-    pictures = _pictures(plot_frames, style, across, down, progress, jobs)
-    if path.lower().endswith(".mp4"):
+    is_mp4 = path.lower().endswith(".mp4")
+    finish = None if is_mp4 else partial(_reduce_colours, across=across, down=down)
+    pixels = _pixels(plot_frames, style, across, down, progress, jobs, finish)
+    if is_mp4:
+        pictures = (np.ascontiguousarray(p.reshape(down, across, 4)[..., :3]) for p in pixels)
         _write_mp4(path, pictures, frames_per_second, across, down)
         return
-    first, *others = (_in_256_colours(picture) for picture in pictures)
+    first, *others = (_indexed_picture(p, across, down) for p in pixels)
     first.save(
         path, format="GIF", save_all=True, append_images=others, loop=0,
         duration=round(1000 / frames_per_second), optimize=False,
@@ -94,42 +99,75 @@ def check_animation(path: str, size: tuple[int, int] | None, frames_per_second: 
         raise MissingExtraError(f"{path}: animations need pillow; pip install 'ddgcli[plot]'")
 
 
-def _pictures(
+def _pixels(
     plot_frames: Iterable[PlotFrame],
     style: SequenceStyle,
     across: int,
     down: int,
     progress: Callable[[int], None],
     jobs: int,
+    finish: Callable[[str], None] | None,
 ) -> Iterator[NDArray[np.uint8]]:
-    """(down, across, 3) picture of each frame."""
+    """Bytes of the file of each frame: four a pixel, or what `finish` wrote."""
     page_size = {"width": 7.0, "height": 7.0 * down / across, "dpi": across / 7.0}
     with tempfile.TemporaryDirectory() as folder:
-        files = draw_frames(plot_frames, style, folder, RAW, page_size, jobs)
+        files = draw_frames(plot_frames, style, folder, RAW, page_size, jobs, finish)
         for k, path in enumerate(files):
-            pixels = np.fromfile(path, dtype=np.uint8).reshape(down, across, 4)
+            pixels = np.fromfile(path, dtype=np.uint8)
             os.unlink(path)
-            yield np.ascontiguousarray(pixels[..., :3])
+            yield pixels
             progress(k + 1)
 
 
-def _in_256_colours(pixels: NDArray[np.uint8]) -> Picture:
-    """Picture in the colours of a median cut of every sixteenth pixel, which takes a tenth of that of all."""
-    from PIL import Image
-    from scipy.spatial import KDTree
+def _reduce_colours(path: str, across: int, down: int) -> None:
+    """Replace the pixels in a file by 256 colours and the number of that of each pixel."""
+    pixels = np.fromfile(path, dtype=np.uint8).reshape(down, across, 4)
+    palette, number = in_256_colours(pixels[..., :3])
+    np.concatenate([palette.ravel(), number.ravel()]).tofile(path)
 
-    palette = Image.fromarray(pixels[::4, ::4].copy()).quantize(256).getpalette() or []
-    colours = np.array(palette).reshape(-1, 3)
+
+def in_256_colours(pixels: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Palette of a picture: a median cut of every sixteenth pixel, which takes a tenth of that of all.
+
+    Parameters
+    ----------
+    pixels : (h, w, 3) ndarray of uint8
+
+    Returns
+    -------
+    palette : (256, 3) ndarray of uint8
+    number : (h, w) ndarray of uint8
+        Of the colour of each pixel.
+    """
+    from PIL import Image
+
+    colours = Image.fromarray(pixels[::4, ::4].copy()).quantize(256).getpalette() or []
+    palette = np.zeros((256, 3), dtype=np.uint8)
+    palette.ravel()[: len(colours)] = colours
     red, green, blue = (pixels[..., k] >> 1 for k in range(3))
     shade = (red.astype(np.int32) << 14) | (green.astype(np.int32) << 7) | blue  # of 128 a channel
     is_used = np.zeros(1 << 21, dtype=bool)
     is_used[shade.ravel()] = True
     used = np.flatnonzero(is_used)
-    centres = np.stack([used >> 14, (used >> 7) & 127, used & 127], axis=1) * 2 + 0.5
     number = np.zeros(len(is_used), dtype=np.uint8)
-    number[used] = KDTree(colours).query(centres)[1]
-    picture = Image.fromarray(number[shade])
-    picture.putpalette(palette)
+    for block in np.array_split(used, 1 + len(used) // SHADES_PER_BLOCK):
+        centre = np.stack([block >> 14, (block >> 7) & 127, block & 127], axis=1) * 4 + 1
+        number[block] = _nearest(centre, 2 * palette[: len(colours) // 3].astype(np.int64))
+    return palette, number[shade]
+
+
+def _nearest(point: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Of each point, the number of the nearest of some others; in whole numbers, so that ties are exact."""
+    return np.argmin((others * others).sum(axis=1) - 2 * (point @ others.T), axis=1)
+
+
+def _indexed_picture(pixels: NDArray[np.uint8], across: int, down: int) -> Picture:
+    """Picture of the bytes that `_reduce_colours` wrote."""
+    from PIL import Image
+
+    palette, number = np.split(pixels, [3 * 256])
+    picture = Image.fromarray(number.reshape(down, across))
+    picture.putpalette(palette.tobytes())
     return picture
 
 

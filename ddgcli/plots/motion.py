@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -206,6 +206,7 @@ def draw_frames(
     suffix: str,
     page_size: Mapping[str, float],
     jobs: int = 1,
+    finish: Callable[[str], None] | None = None,
 ) -> Iterator[str]:
     """Draw frames to numbered files in a folder.
 
@@ -220,6 +221,8 @@ def draw_frames(
         `width`, `height` and `dpi` of `draw_frame`.
     jobs : int
         Processes; the files have the same bytes for any number.
+    finish : callable (path) -> None, optional
+        Changes each file in the process that has drawn it.
 
     Yields
     ------
@@ -227,14 +230,23 @@ def draw_frames(
         Path of each file, in order, as soon as it is written.
     """
     tasks = (
-        (f"{folder}/{k}{suffix}", plot_frame, style, page_size) for k, plot_frame in enumerate(plot_frames)
+        (f"{folder}/{k}{suffix}", plot_frame, style, page_size, finish)
+        for k, plot_frame in enumerate(plot_frames)
     )
     yield from results_in_order(_draw_file, tasks, jobs, modules=(__name__, *DRAWING_MODULES))
 
 
-def _draw_file(path: str, plot_frame: PlotFrame, style: SequenceStyle, page_size: Mapping[str, float]) -> str:
+def _draw_file(
+    path: str,
+    plot_frame: PlotFrame,
+    style: SequenceStyle,
+    page_size: Mapping[str, float],
+    finish: Callable[[str], None] | None,
+) -> str:
     """Path of one file of `draw_frames`, written here."""
     draw_frame(path, plot_frame, style, **page_size)
+    if finish is not None:
+        finish(path)
     return path
 
 
