@@ -22,12 +22,20 @@ def repeat_options(command: click.Command, words: list[str]) -> list[str]:
         if isinstance(option, click.Option) and option.multiple and option.nargs == 1
         for name in option.opts
     }
+    may_lack_value = {
+        name
+        for option in command.params
+        if isinstance(option, click.Option) and not option.is_flag and isinstance(option.flag_value, str)
+        for name in option.opts
+    }
     result: list[str] = []
     current, before = "", ""
     waiting = False
     for position, word in enumerate(words):
         if word == "--":
             return result + words[position:]
+        if result and result[-1] in may_lack_value and word.startswith("-") and _NUMBER.match(word):
+            word = " " + word  # click reads a negative number there as an option
         if waiting:
             waiting, before = False, word
         elif word in repeatable:

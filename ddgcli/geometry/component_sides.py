@@ -1,4 +1,4 @@
-"""Mean sides of the components of a mesh: the unit of length on each, whatever lies beside it."""
+"""Mean sides and extents of the components of a mesh: units of length on each, whatever lies beside it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 def component_mean_side(mesh: SurfaceMesh) -> NDArray[np.float64]:
@@ -45,3 +46,26 @@ def on_vertices(mesh: SurfaceMesh, values: NDArray) -> NDArray[np.float64]:
         1 at vertices of no face.
     """
     return np.append(values, 1.0).take(mesh.topology.vertex_component)
+
+
+def component_extents(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """Largest extent of each component along an axis.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    (c,) ndarray of float64
+    """
+    topology = mesh.topology
+    vertices = np.flatnonzero(topology.referenced_vertex)
+    piece, n = topology.vertex_component[vertices], topology.n_components
+    extent = np.zeros(n)
+    for coordinate in mesh.points[vertices].T:
+        low, high = np.full(n, np.inf), np.full(n, -np.inf)
+        np.minimum.at(low, piece, coordinate)
+        np.maximum.at(high, piece, coordinate)
+        np.maximum(extent, high - low, out=extent)
+    return extent

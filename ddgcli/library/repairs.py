@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.inspection import inspect_mesh as inspection
@@ -63,7 +65,7 @@ def repair_mesh(
     fill_holes: int | None = None,
     cut_to_disk: bool = False,
     drop_unused: bool = False,
-    for_command: str | None = None,
+    for_command: str | Sequence[str] | None = None,
 ) -> Measurement:
     """Repair a mesh by steps that run in the order of the parameters; nothing else is changed.
 
@@ -76,7 +78,7 @@ def repair_mesh(
         Remove faces (cells) without area (volume); faces that occur twice.
     split_edges : float, optional
         Divide boundary edges, and their faces, at boundary vertices at most so far from them (T-junctions;
-        length units; 0: rounding of single precision).
+        length units; 0: what rounding of coordinates explains).
     largest : bool
         Keep the component with the largest area.
     split_fans : bool
@@ -91,15 +93,15 @@ def repair_mesh(
         Cut every component open to a disk.
     drop_unused : bool
         Remove vertices that belong to no cell.
-    for_command : str, optional
-        In place of steps: those that a command of the command line needs, such as "willmore-flow".
+    for_command : str or sequence of str, optional
+        In place of steps: those that commands of the command line need, such as "willmore-flow".
 
     Returns
     -------
     Measurement
         The repaired `mesh`; `vertex["input_vertex"]` and `face["input_face"]` (tetrahedra: `input_cell`) name
         where its elements come from, -1 for new ones; `results` has `changes` (by step) and `refused_by` (by
-        command: why it still refuses the mesh). `converged` is False if `for_command` still does.
+        command: why it still refuses the mesh). `converged` is False if one of `for_command` still does.
 
     Raises
     ------
@@ -127,27 +129,30 @@ def repair_mesh(
             raise ParameterError(f"must be 0 or more, not {distance:g}", parameter=name)
     if fill_holes is not None and fill_holes < 3:
         raise ParameterError(f"must be 3 or more, not {fill_holes}", parameter="fill_holes")
-    if for_command is not None and steps != pipeline.RepairSteps():
+    commands = [for_command] if isinstance(for_command, str) else list(for_command or [])
+    if commands and steps != pipeline.RepairSteps():
         raise ParameterError("selects the steps; leave the others out", parameter="for_command")
     if isinstance(mesh, TetMesh):
-        cells = solid.repair_solid(mesh, solid.solid_steps_for(for_command) if for_command else steps)
+        steps = pipeline.all_steps(map(solid.solid_steps_for, commands)) if commands else steps
+        cells = solid.repair_solid(mesh, steps)
         origin = {"input_cell": cells.input_cell}
-        return _judged(cells.mesh, cells.changes, for_command, cells.input_vertex, origin)
-    steps = pipeline.steps_for(for_command) if for_command else steps
+        return _judged(cells.mesh, cells.changes, commands, cells.input_vertex, origin)
+    steps = pipeline.all_steps(map(pipeline.steps_for, commands)) if commands else steps
     faces, changes = pipeline.repair_mesh(mesh, steps)
-    return _judged(faces.mesh, changes, for_command, faces.input_vertex, {"input_face": faces.input_face})
+    return _judged(faces.mesh, changes, commands, faces.input_vertex, {"input_face": faces.input_face})
 
 
 def _judged(
     mesh: TriangleMesh | TetMesh,
     changes: dict[str, int],
-    for_command: str | None,
+    commands: list[str],
     input_vertex: NDArray,
     origin: dict[str, NDArray],
 ) -> Measurement:
     """A repaired mesh with its maps, and which commands still refuse it."""
     refused_by = {name: with_repair_call(text) for name, text in pipeline.refusals(mesh).items()}
+    accepted = refused_by.keys().isdisjoint(commands)
     return Measurement(
         mesh, {"input_vertex": input_vertex}, origin,
-        results={"changes": changes, "refused_by": refused_by}, converged=for_command not in refused_by,
+        results={"changes": changes, "refused_by": refused_by}, converged=accepted,
     )  # fmt: skip

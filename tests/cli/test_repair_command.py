@@ -125,9 +125,23 @@ def test_a_command_that_repairs_cannot_satisfy_is_exit_1(summary, moebius):
     assert "one-sided" in result["results"]["refused_by"]["fluid-sim"]
 
 
+def test_the_steps_of_several_commands_are_those_of_each(summary, bad, moebius, tmp_path):
+    steps = {
+        name: summary("repair", bad, "--for", name)["results"]["changes"]
+        for name in ("laplacian", "delaunay")
+    }
+    both = summary("repair", bad, "--for", "delaunay", "--for", "laplacian")["results"]["changes"]
+    assert set(both) == set(steps["laplacian"]) | set(steps["delaunay"]) > set(steps["laplacian"])
+    for calls in (("fluid-sim", "delaunay"), ("delaunay", "fluid-sim")):
+        words = [word for name in calls for word in ("--for", name)]
+        assert "fluid-sim" in summary("repair", moebius, *words, code=1)["results"]["refused_by"]
+
+
 @pytest.mark.parametrize(
     "words, text",
     [
+        (("--weld", "-1"), "-1 is less than 0"),
+        (("--split-edges", "-1e-3"), "-1e-3 is less than 0"),
         ((), "no repair is chosen; name one, such as --orient, or a command by --for"),
         (("--for", "frames"), "--for: 'frames' takes no surface"),
         (("--for", "delaunay", "--orient"), "leave the other flags out"),

@@ -10,6 +10,7 @@ from ddgcli.algorithms.inspection.quality import surface_defects
 from ddgcli.algorithms.repair.pipeline import RepairSteps, repair_mesh
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import face_area
+from ddgcli.geometry.t_junctions import t_junctions
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -56,6 +57,49 @@ def test_slits_in_coordinates_of_single_precision_are_closed():
     mesh, n_slits = with_slits(shapes.torus(12, 8), 3)
     points = Rotation.random(random_state=5).apply(mesh.points.copy()).astype(np.float32)
     repaired, changes = repair_mesh(mesh.moved(points.astype(float)), RepairSteps(split_edges=0.0))
+    assert changes["split_edges"] == n_slits and repaired.mesh.topology.is_closed
+
+
+def two_grids(coarse, fine, shift, offset):
+    """Two grids of the unit square, the second one shifted, and both far from the origin."""
+    squares = []
+    for n in (coarse, fine):
+        square = shapes.grid(n, n)
+        squares.append(square.points / np.ptp(square.points, axis=0).max())
+    points = np.concatenate([squares[0], squares[1] + shift]) + offset
+    faces = [shapes.grid(coarse, coarse).faces, shapes.grid(fine, fine).faces + len(squares[0])]
+    return TriangleMesh.from_arrays(points, np.concatenate(faces))
+
+
+@pytest.mark.parametrize("offset", [(0, 0, 0), (1e4, 1e5, 0), (1e5, 5e5, -1e3)])
+@pytest.mark.parametrize("single", [False, True])
+def test_the_distance_of_the_origin_changes_no_slit(offset, single):
+    """Far from the origin sheets were joined, and slits missed: the tolerance grew with the coordinates."""
+    beside = two_grids(4, 16, [1.0, 0, 0], offset)
+    above = two_grids(4, 5, [0, 0, 0.0078125], offset)
+    for mesh, slits in ((beside, 12), (above, 0)):
+        if single:  # a sixteenth is a number of single precision at each of these places
+            mesh = mesh.moved((16 * mesh.points).astype(np.float32).astype(float))
+        assert len(t_junctions(mesh)[1]) == slits
+        for tilt in [] if single else [Rotation.from_euler("xyz", [0.3, -0.4, 0.9])]:
+            turned = mesh.moved(tilt.apply(mesh.points.copy()))
+            assert len(t_junctions(turned)[1]) == slits
+
+
+def test_a_large_body_elsewhere_joins_no_sheets():
+    sheets, body = two_grids(4, 5, [0, 0, 0.0075], 0.0), shapes.icosphere(2, 1e5)
+    points = np.concatenate([sheets.points, body.points + [2e5, 0, 0]])
+    mesh = TriangleMesh.from_arrays(points, np.concatenate([sheets.faces, body.faces + sheets.n_vertices]))
+    _, changes = repair_mesh(mesh, RepairSteps(split_edges=0.0))
+    assert changes == {"split_edges": 0}
+
+
+def test_slits_of_single_precision_far_from_the_origin_are_closed():
+    mesh, n_slits = with_slits(shapes.torus(12, 8), 3)
+    turned = Rotation.random(random_state=5).apply(40 * mesh.points) + [3e4, -1e5, 2e3]
+    repaired, changes = repair_mesh(
+        mesh.moved(turned.astype(np.float32).astype(float)), RepairSteps(split_edges=0.0)
+    )
     assert changes["split_edges"] == n_slits and repaired.mesh.topology.is_closed
 
 

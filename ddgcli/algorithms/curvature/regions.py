@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError, counted
+from ddgcli.geometry.component_sides import component_extents
 from ddgcli.mesh.ragged import expand_lists, list_starts
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -158,29 +159,6 @@ def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float, sc
 MIN_GROUP_VERTICES = 60  # of components of one size, which are sampled apart
 
 
-def piece_extents(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """Largest extent of each component along an axis.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-
-    Returns
-    -------
-    (c,) ndarray of float64
-    """
-    topology = mesh.topology
-    vertices = np.flatnonzero(topology.referenced_vertex)
-    piece, n = topology.vertex_component[vertices], topology.n_components
-    extent = np.zeros(n)
-    for coordinate in mesh.points[vertices].T:
-        low, high = np.full(n, np.inf), np.full(n, -np.inf)
-        np.minimum.at(low, piece, coordinate)
-        np.maximum.at(high, piece, coordinate)
-        np.maximum(extent, high - low, out=extent)
-    return extent
-
-
 def size_groups(mesh: TriangleMesh) -> list[tuple[NDArray[np.int64], int]]:
     """Vertices and number of the components of each size, up to a factor of two; none where all are alike.
 
@@ -196,7 +174,7 @@ def size_groups(mesh: TriangleMesh) -> list[tuple[NDArray[np.int64], int]]:
     """
     if mesh.topology.n_components == 1:
         return []
-    extent = piece_extents(mesh)
+    extent = component_extents(mesh)
     octave = np.full(len(extent), -1)
     octave[extent > 0] = np.rint(np.log2(extent.max() / extent[extent > 0]))
     component = mesh.topology.vertex_component
@@ -219,7 +197,7 @@ def check_reach(mesh: TriangleMesh, radius: float) -> None:
     ------
     ParameterError
     """
-    extent = piece_extents(mesh)
+    extent = component_extents(mesh)
     whole = extent <= 2 * radius
     if whole.all():
         widest = float(extent.max())
@@ -265,7 +243,7 @@ def warn_of_short_radius(mesh: TriangleMesh, radius: float, scheme: str, in_ring
     if len(short) == 0:
         return
     least = EDGES_OF_A_BALL * float(side[is_short[mesh.faces].any(axis=1)].mean())
-    works = least < piece_extents(mesh).max() / 4
+    works = least < component_extents(mesh).max() / 4
     _log.warning(
         "balls of radius %g hold %s around %s (first: vertex %d): %s; %s",
         radius,

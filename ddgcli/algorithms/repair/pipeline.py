@@ -36,8 +36,8 @@ class RepairSteps:
         Merge vertices whose distance is at most this (length units; 0: equal positions).
     drop_degenerate, drop_duplicates : bool
     split_edges : float, optional
-        Divide boundary edges at boundary vertices at most so far from them (length units; 0: rounding of
-        single precision).
+        Divide boundary edges at boundary vertices at most so far from them (length units; 0: what rounding
+        of coordinates explains).
     largest, split_fans, orient, split_folds : bool
     fill_holes : int, optional
         Fill boundary loops of at most so many edges.
@@ -56,6 +56,26 @@ class RepairSteps:
     fill_holes: int | None = None
     cut_to_disk: bool = False
     drop_unused: bool = False
+
+
+def all_steps(steps: Iterable[RepairSteps]) -> RepairSteps:
+    """The steps that any of some choices has.
+
+    Parameters
+    ----------
+    steps : iterable of RepairSteps
+        Distances are 0 where they are chosen, as `steps_for` does.
+
+    Returns
+    -------
+    RepairSteps
+    """
+    values: dict[str, Any] = {}
+    for one in steps:
+        values |= {
+            name: value for name, value in vars(one).items() if value is not None and value is not False
+        }
+    return RepairSteps(**values)
 
 
 def requirement_of(command: str, kind: str) -> Requirement:

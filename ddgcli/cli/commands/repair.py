@@ -53,9 +53,9 @@ if TYPE_CHECKING:
 )
 @click.option("--largest", is_flag=True, help="Keep the component with the largest area.")
 @click.option("--cut-to-disk", is_flag=True, help="Cut every component open to a disk.")
-@click.option("--for", "for_command", metavar="COMMAND", help="The steps that COMMAND needs.")
+@click.option("--for", "for_command", multiple=True, metavar="COMMAND", help="The steps that COMMAND needs.")
 @options.common
-def command(mesh_path: str, common: CommonOptions, for_command: str | None, **steps: Any) -> None:
+def command(mesh_path: str, common: CommonOptions, for_command: tuple[str, ...], **steps: Any) -> None:
     """Repair the surface MESH, or tetrahedra, and write it with maps to the input.
 
     Every step has a flag; nothing else is changed. Steps run in this order: --weld, --drop-degenerate,
@@ -75,8 +75,8 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
       ddgcli repair part.stl --weld --split-edges -o joined.ply
       ddgcli repair torus.ply --cut-to-disk -o disk.obj
     """
-    run = Run("repair", common, for_command=for_command, **steps)
-    if for_command is not None and any(value is not None and value is not False for value in steps.values()):
+    run = Run("repair", common, for_command=list(for_command), **steps)
+    if for_command and any(value is not None and value is not False for value in steps.values()):
         raise ParameterError("--for selects the steps; leave the other flags out")
     source = run.read(mesh_path, ("surface", "tetrahedra"))
     if source.kind == "tetrahedra":
@@ -84,6 +84,7 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
         return
     from ddgcli.algorithms.repair.pipeline import (
         RepairSteps,
+        all_steps,
         check_steps,
         refusals,
         repair_mesh,
@@ -93,7 +94,7 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
     from ddgcli.mesh.fields import AnnotatedMesh
 
     mesh = source.surface
-    selected = steps_for(for_command) if for_command else RepairSteps(**steps)
+    selected = all_steps(map(steps_for, for_command)) if for_command else RepairSteps(**steps)
     check_steps(mesh, selected)
     marks = ("input_vertex", "input_face")
     run.begin((*source.vertex, *source.face, *marks), (*source.vertex, *source.face, *marks))
@@ -110,7 +111,7 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
     reasons = refusals(repaired.mesh)
     written = run.common.outputs[:1]
     refused_by = {name: with_repair_command(reason, written) for name, reason in reasons.items()}
-    accepted = for_command is None or for_command not in reasons
+    accepted = reasons.keys().isdisjoint(for_command)
     run.write(annotated, converged=accepted)
     name, values = run.picture_array({**annotated.vertex, **annotated.face}, "input_face")
     from ddgcli.plots.array import draw_array
@@ -120,15 +121,15 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **st
     run.finish(results, {}, converged=accepted)
 
 
-def _repair_cells(run: Run, source: MeshInput, for_command: str | None, flags: dict[str, Any]) -> None:
+def _repair_cells(run: Run, source: MeshInput, for_command: tuple[str, ...], flags: dict[str, Any]) -> None:
     """Repair tetrahedra, and write them with maps to the input."""
-    from ddgcli.algorithms.repair.pipeline import RepairSteps, refusals
+    from ddgcli.algorithms.repair.pipeline import RepairSteps, all_steps, refusals
     from ddgcli.algorithms.repair.solid import check_solid_steps, repair_solid, solid_steps_for
     from ddgcli.mesh.fields import AnnotatedMesh, surface_arrays
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.plots.array import draw_array
 
-    steps = solid_steps_for(for_command) if for_command else RepairSteps(**flags)
+    steps = all_steps(map(solid_steps_for, for_command)) if for_command else RepairSteps(**flags)
     mesh = cast(TetMesh, source.mesh)
     check_solid_steps(mesh, steps)
     arrays = (*source.vertex, *source.face, "input_vertex", "input_cell")
@@ -146,7 +147,7 @@ def _repair_cells(run: Run, source: MeshInput, for_command: str | None, flags: d
     refused_by = {
         name: with_repair_command(reason, written, tetrahedra=True) for name, reason in reasons.items()
     }
-    accepted = for_command is None or for_command not in reasons
+    accepted = reasons.keys().isdisjoint(for_command)
     run.write(annotated, converged=accepted)
     shown = annotated.vertex | surface_arrays(repaired.mesh, annotated.face)
     name, values = run.picture_array(shown, "input_vertex")

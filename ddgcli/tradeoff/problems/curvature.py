@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.regions import piece_extents
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.component_sides import component_extents
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.tradeoff.candidates import (
     NO_OPTIONS,
@@ -49,7 +49,9 @@ def problem(
     if not inside.any() or edge == 0.0:
         why = "every vertex is on the boundary" if edge else "there is no triangle of any size"
         raise MeshError(f"{why}: no mean curvature to compare")
-    most = float(piece_extents(mesh).max()) / 2 / edge  # mean edges: larger balls hold every component whole
+    most = (
+        float(component_extents(mesh).max()) / 2 / edge
+    )  # mean edges: larger balls hold every component whole
     radius_option = options.get("radius")
     if isinstance(radius_option, str):
         raise ParameterError(
