@@ -150,7 +150,7 @@ class Noise:
 
     def radii_of(self, scheme: str, n_vertices: int) -> float | NDArray[np.float64]:
         """The same for the components of each size, at (n,) vertices; one radius where they are alike."""
-        if not self.groups or scheme not in FITTED_SCHEMES:
+        if len(self.groups) < 2 or scheme not in FITTED_SCHEMES:
             return self.radius_of(scheme)
         radius = np.full(n_vertices, self.radius_of(scheme))
         for group in self.groups:
@@ -198,7 +198,7 @@ def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> flo
     best = "normal-voting" if scheme == "normal-voting" else noise.best_scheme
     cure = "use" if best == scheme else f"use `scheme={best}` with"
     radius = f"`radius={noise.radius_of(best) * scale:.3g}` or `radius=auto`"
-    if noise.groups:
+    if len(noise.groups) > 1:
         radii = [group.scales_of(best).best_radius * scale for group in noise.groups]
         radius = f"`radius=auto` ({min(radii):.3g} to {max(radii):.3g} by the sizes of the components)"
     logging.getLogger("ddgcli").warning(

@@ -45,6 +45,8 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 Effort = Literal["fits", "warn", "auto"]
 
+INDEPENDENT_KINDS = ("noise", "rounded")  # in which neighbours deviate independently
+
 BENDING_SAMPLE_SIZE = 100  # vertices sampled for curvature
 CONFIRMING_SAMPLE_SIZE = 400  # vertices that confirm what so few show, where scans are near the limits
 VOTING_SAMPLE_SIZE = 32  # vertices sampled for curvature by averaged normals
@@ -88,7 +90,7 @@ def estimate_noise(
     if deviation is None:
         return Noise(None)
     kind, deviation = noise_kind(mesh, faces, dihedral, deviation)
-    balls = _Balls(mesh, faces, deviation.normal, scheme)
+    balls = _Balls(mesh, faces, deviation.normal, scheme, deviation.relative * faces.mean_length)
     scales = _settled_scales(balls, kind, deviation) if kind else None
     if scales is None and repeats_with_voxels(faces):
         kind, scales = "lattice", _settled_scales(balls, "lattice", deviation)
@@ -123,7 +125,7 @@ def radii_of_search(mesh: TriangleMesh, faces: Faces, deviation: Deviation, sche
     -------
     list of float
     """
-    balls = _Balls(mesh, faces, deviation.normal, scheme)
+    balls = _Balls(mesh, faces, deviation.normal, scheme, deviation.relative * faces.mean_length)
     extent = balls.extent()
     radii = scale_radii(extent.first_radius(deviation.regions), balls.largest_radius(extent), MAX_SCALES)
     return list(radii)
@@ -166,13 +168,14 @@ class _Extent:
 class _Balls:
     """Fits in balls around some vertices of a surface, with the radii that a scheme can measure in.
 
-    `normal` (3, n) is that of the vertices, averaged by areas.
+    `normal` (3, n) is that of the vertices, averaged by areas; `deviation` theirs, in length units.
     """
 
     mesh: TriangleMesh
     faces: Faces
     normal: NDArray[np.float64]
     scheme: str
+    deviation: float
 
     def extent(self, vertices: NDArray | None = None, n_components: int = 1) -> _Extent:
         """Of the components that have these vertices, or of all."""
@@ -206,6 +209,7 @@ class _Balls:
             self.largest_radius(extent),
             QUADRATIC_BIAS_GROWTH,
             hidden_bias=partial(hidden_bias, independent=kind != "voxels"),
+            noise=self.deviation * extent.vertex_area**0.5 if kind in INDEPENDENT_KINDS else np.inf,
             max_radii=max_radii,
         )
 

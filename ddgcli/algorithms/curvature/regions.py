@@ -162,7 +162,7 @@ MIN_GROUP_VERTICES = 60  # of components of one size, which are sampled apart
 def size_groups(mesh: TriangleMesh) -> list[tuple[NDArray[np.int64], int]]:
     """Vertices and number of the components of each size, up to a factor of two; none where all are alike.
 
-    Components with fewer than `MIN_GROUP_VERTICES` of one size are left out.
+    Sizes with fewer than `MIN_GROUP_VERTICES` vertices are left out: dust beside a body.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def size_groups(mesh: TriangleMesh) -> list[tuple[NDArray[np.int64], int]]:
     of_vertex = np.where(component >= 0, octave[component], -1)
     members = {k: np.flatnonzero(of_vertex == k) for k in np.unique(octave[octave >= 0])}
     groups = [(v, int((octave == k).sum())) for k, v in members.items() if len(v) >= MIN_GROUP_VERTICES]
-    return groups if len(groups) > 1 else []
+    return groups if len(members) > 1 else []
 
 
 def check_reach(mesh: TriangleMesh, radius: float) -> None:

@@ -30,6 +30,12 @@ MAX_NOISE_RATIO = (
 # distance of curvature to that in much wider balls over its change to the next radius, where noise dominates:
 # the changes of independent vertices and of voxels have 1.0 to 1.2
 MAX_NOISE_DISTANCE = 1.3
+# change to the next radius over the one after it: below this it is not that of noise. A distance of so many
+# times the noise there, which is known from the residuals of fits, is bias
+MIN_NOISE_FALL, MAX_KNOWN_NOISE = 2.0, 1.5
+# mean noise of a quadratic fit times radius^3, over the deviation of the vertices and the root of the area of
+# one: on random and regular meshes of spheres, planes and tubes
+NOISE_OF_FITS = 3.0
 # of the error over a change of the mean of all vertices that has grown, as bias does: twice it where the bias
 # doubles once more, as it does not on tubes, in balls wider than these
 MIN_SHARED_RATIO = 1.25
@@ -138,9 +144,7 @@ class Scales:
     @property
     def correlation(self) -> float:
         """Correlation of the curvature over the default region with that in the first balls; 1 of none."""
-        at, after = (_without_tails(values - values.mean()) for values in (self.default, self.first_mean))
-        size = float((at @ at) * (after @ after)) ** 0.5
-        return float(at @ after) / size if size > 0 else 1.0
+        return _correlation(self.default, self.first_mean)
 
 
 def measure_scales(
@@ -153,6 +157,7 @@ def measure_scales(
     *,
     reference: NDArray | None = None,
     hidden_bias: HiddenBias | None = None,
+    noise: float = np.inf,
     max_radii: int = MAX_SCALES,
 ) -> Scales | None:
     """Mean curvature of some vertices in balls whose radii grow by the square root of two.
@@ -174,6 +179,9 @@ def measure_scales(
     hidden_bias : callable, optional
         Mean bias that the changes do not show, from `default`, the fits of a radius and of the next one, the
         radius, and the largest bias of a vertex over the median one.
+    noise : float
+        Standard deviation of the vertices, if those of neighbours are independent, times the root of the area
+        per vertex; else inf.
     max_radii : int
         At least two.
 
@@ -186,7 +194,8 @@ def measure_scales(
     if len(fits) < 2:
         return None
     mean = np.stack([fit.mean for fit in fits])
-    error = error_of_radii(mean, default, reference)
+    known = NOISE_OF_FITS * noise / np.array(radii) ** 3
+    error = error_of_radii(mean, default, reference, noise=known)
     best = int(np.argmin(error))
     larger = np.maximum(np.abs(fits[best].low), np.abs(fits[best].high))
     least_size = MIN_MEAN_SHARE * float(np.median(larger))
@@ -195,8 +204,9 @@ def measure_scales(
     if stated_size < MIN_SIZE_WITHOUT_RIMS * size:
         # the curvature jumps where rims begin: its bias is proportional to the radius
         stated_size, max_change, bias_growth = size, np.inf, min(bias_growth, RADIUS_RATIO)
-    whole_error = _whole_error(mean, default, reference, best, bias_growth, max_change)
-    if hidden_bias is not None:
+    whole_error = _whole_error(mean, default, reference, best, bias_growth, max_change, known)
+    # a default region that errs against the curvature, as in long cells, shows no bias of balls
+    if hidden_bias is not None and _correlation(default, mean[0]) > 0:
         hidden = hidden_bias(default, fits[best], fits[best + 1], radii[best], bound=max_change)
         whole_error = float(np.hypot(whole_error, hidden))
     if not size * radii[best] > MIN_TURNING:
@@ -292,14 +302,21 @@ def scale_radii(first: float, largest: float, max_radii: int) -> Iterator[float]
 
 
 def error_of_radii(
-    mean: NDArray, default: NDArray | None = None, reference: NDArray | None = None, *, bound: float = np.inf
+    mean: NDArray,
+    default: NDArray | None = None,
+    reference: NDArray | None = None,
+    *,
+    bound: float = np.inf,
+    noise: NDArray | None = None,
 ) -> NDArray[np.float64]:
     """(r - 1,) error of curvatures (r, k) of k vertices at each radius but the last, by their changes.
 
     The mean change to the next radius; or, if that is more, the distance to the curvature at a smaller radius
     beyond the noise of that; or the error that all vertices share (`_shared_error`); or the flattening of
     `reference` (k,); or a share of the change from the radius before, at the first one from the default
-    region (k,), if there is one and no reference.
+    region (k,), if there is one and no reference. Where the change to the next radius does not fall as noise
+    does, the known `noise` (r,) bounds that of a radius: waves change from each radius to the next, until
+    balls hold them whole.
 
     Notes
     -----
@@ -309,9 +326,13 @@ def error_of_radii(
     first = 0.0 if default is None or reference is not None else _mean_size(mean[0] - default, bound)
     before = np.append(first, change[:-1])
     error = np.maximum(change, before / MAX_NOISE_RATIO)
+    steady = np.append(change[:-1] < MIN_NOISE_FALL * change[1:], False)
     for j in range(1, len(error)):
         distance = np.array([_mean_size(before - mean[j], bound) for before in mean[:j]])
         error[j] = max(error[j], float((distance - MAX_NOISE_DISTANCE * change[:j]).max()))
+        if noise is not None:
+            biased = steady[:j] & (distance > MAX_KNOWN_NOISE * noise[:j])
+            error[j] = max(error[j], float(distance.max(initial=0.0, where=biased)))
     error = np.maximum(error, _shared_error(mean))
     if reference is None:
         return error
@@ -365,6 +386,13 @@ def _without_tails(values: NDArray) -> NDArray[np.float64]:
     return np.clip(values, -most, most)
 
 
+def _correlation(one: NDArray, other: NDArray) -> float:
+    """Correlation of two values of the same vertices, without tails; 1 where one of them is constant."""
+    a, b = (_without_tails(values - values.mean()) for values in (one, other))
+    size = float((a @ a) * (b @ b)) ** 0.5
+    return float(a @ b) / size if size > 0 else 1.0
+
+
 def _kurtosis(difference: NDArray) -> float:
     """Mean fourth power over the squared mean square: 3 of normal noise, 1.5 of a wave; 1 of zeros."""
     squared = difference**2
@@ -389,6 +417,7 @@ def _whole_error(
     best: int,
     bias_growth: float,
     max_change: float,
+    noise: NDArray,
 ) -> float:
     """Error at the best radius with the whole bias, where the error is part noise, part bias.
 
@@ -396,7 +425,7 @@ def _whole_error(
     that, or is the flattening of the reference: the rest of the error is noise, which changes by its whole
     size.
     """
-    error = float(error_of_radii(mean, default, reference, bound=max_change)[best])
+    error = float(error_of_radii(mean, default, reference, bound=max_change, noise=noise)[best])
     bias = error
     if best + 2 < len(mean):
         bias = _mean_size(mean[best + 2] - mean[best + 1], max_change) / bias_growth
