@@ -19,6 +19,7 @@ from ddgcli.models.willmore import setup
 from ddgcli.models.willmore.descent import folded_faces, vertex_normals
 from ddgcli.models.willmore.flow import Flow
 from ddgcli.models.willmore.flow_options import with_stop
+from ddgcli.models.willmore.redistribution import redistribute
 from ddgcli.models.willmore.remesh_step import _same_surface
 from ddgcli.models.willmore.remeshing import Remesh, remeshed
 from ddgcli.models.willmore.setup import FlowOptions
@@ -121,6 +122,14 @@ def test_curvature_shortens_edges_on_request():
         z, length = np.abs(m.points[m.faces].mean(axis=1)[:, 2]), m.side_length.mean(axis=1)
         ratio.append(length[z > 4.6].mean() / length[z < 2.0].mean())
     assert ratio[1] < 0.75 * ratio[0]
+
+
+def test_where_no_slide_improves_a_triangle_nothing_changes():
+    """Angles of 39 degrees, edges near the target, and every vertex the mean of its neighbours already."""
+    mesh = shapes.grid(8, 8, 8.0, 10.0)  # no coordinate is rounded
+    assert 35 < smallest_angle(mesh) < 40
+    assert redistribute(mesh, vertex_normals(mesh), ~mesh.topology.boundary_vertex) is None
+    assert even(mesh, length=1.24) is None
 
 
 def test_a_folded_or_displaced_surface_is_no_remesh():

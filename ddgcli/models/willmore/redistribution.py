@@ -48,7 +48,7 @@ def redistribute(mesh: TriangleMesh, normal: NDArray, movable: NDArray) -> Trian
         points = np.where(sliding[:, None], target, mesh.points)
         worse = sliding & ~(_star_angle(mesh.moved(points)) > before)
         if not worse.any():
-            return mesh.moved(points)
+            break
         sliding &= ~worse
     return mesh.moved(np.where(sliding[:, None], target, mesh.points)) if sliding.any() else None
 
