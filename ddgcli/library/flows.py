@@ -125,13 +125,14 @@ def willmore_flow(
     schedule = surfaces.schedule(surface_flow, times)
 
     def end_of(outcome: Outcome) -> End:
+        frame_times = outcome.times if surface_flow.timed else None
         results, accuracy = report.summary(
             outcome.series, surface_flow.convention, schedule.steps, outcome.stopped, outcome.failure,
-            bounded=bounded, times=outcome.times if surface_flow.timed else None,
+            bounded=bounded, times=frame_times,
         )  # fmt: skip
         last = mesh_of_frame(mesh, outcome.end)
         reason = report.failure_reason(outcome.stopped, mesh, last, options)
-        results["self_intersections"] = report_of(outcome.series, outcome.times, last)
+        results["self_intersections"] = report_of(outcome.series, frame_times, last)
         report.warn_of_surfaces(mesh, last, options, results["energy"][0])
         return End(results, accuracy, reason)
 

@@ -38,6 +38,10 @@ def test_a_sphere_that_grows_into_a_ball_crosses_it_at_the_end(height, crosses, 
     assert counts["start"] == 0
     assert (counts["end"] > 0) == crosses
     assert (WORDS in caplog.text) == crosses
+    assert "seen at time" not in caplog.text  # steps to rest have no time
+    if crosses:
+        first = int(caplog.text.split("first seen at step ")[1].split(")")[0])
+        assert 0 < first <= end.results["steps"]
 
 
 def test_a_ball_that_is_swallowed_crosses_on_the_way_alone_and_the_time_is_named(caplog):

@@ -146,12 +146,13 @@ def command(
     )  # fmt: skip
     begin_flow(run, job, bounded=bounded)
     outcome = simulate(run, job)
+    times = outcome.times if flow.timed else None
     results, accuracy = report.summary(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure, bounded=bounded,
-        times=outcome.times if flow.timed else None,
+        times=times,
     )  # fmt: skip
     last = last_mesh(outcome.last)
-    results["self_intersections"] = report_of(outcome.series, outcome.times, last)
+    results["self_intersections"] = report_of(outcome.series, times, last)
     report.warn_of_surfaces(mesh, last, flow_options, results["energy"][0], source.surface)
     if parameters["fill"] is not None:
         results["patch"] = {"vertices": int(region.sum()), "faces": mesh.n_faces - source.surface.n_faces}

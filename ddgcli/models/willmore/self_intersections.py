@@ -54,14 +54,17 @@ def checked(before: FlowState, after: FlowState) -> FlowState:
     return replace(after, self_intersections=self_intersections(mesh))
 
 
-def report_of(series: Mapping[str, NDArray], times: NDArray, last: TriangleMesh) -> dict[str, int | None]:
+def report_of(
+    series: Mapping[str, NDArray], times: NDArray | None, last: TriangleMesh
+) -> dict[str, int | None]:
     """Intersections at the start, at the end and the most of a run, with a warning where it made some.
 
     Parameters
     ----------
     series : mapping of str to (T,) ndarray
         Scalars of every frame.
-    times : (T,) ndarray
+    times : (T,) ndarray or None
+        Of the frames of a flow in time; others are at steps.
     last : TriangleMesh
         At the end.
 
@@ -77,10 +80,11 @@ def report_of(series: Mapping[str, NDArray], times: NDArray, last: TriangleMesh)
         return {"start": None if counts[0] == UNKNOWN else int(counts[0]), "end": None, "most": None}
     start, most = int(counts[0]), int(counts.max())
     if most > start:
-        first = float(times[int(np.argmax(counts > start))])
+        first = int(np.argmax(counts > start))
+        when = f"step {series['steps'][first]:.0f}" if times is None else f"time {times[first]:.6g}"
         logging.getLogger("ddgcli").warning(
             "the surface passes through itself, which no energy prevents: %s at the end "
-            "(%d at the start, at most %d; more than at the start first seen at time %.6g)",
-            counted(int(counts[-1]), "pair of faces crosses", "pairs of faces cross"), start, most, first,
+            "(%d at the start, at most %d; more than at the start first seen at %s)",
+            counted(int(counts[-1]), "pair of faces crosses", "pairs of faces cross"), start, most, when,
         )  # fmt: skip
     return {"start": start, "end": int(counts[-1]), "most": most}
