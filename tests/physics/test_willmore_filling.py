@@ -175,3 +175,38 @@ def test_a_loop_with_an_edge_of_rounding_is_refused():
     cone = TriangleMesh.from_arrays(points, [[0, 1, 3], [1, 2, 3], [2, 0, 3]])
     with pytest.raises(MeshError, match="runs back along itself"):
         fill_loops(cone)
+
+
+@pytest.mark.parametrize("words", [(), ("--duration", 0.1)], ids=["to rest", "in time"])
+def test_a_hole_of_one_face_is_filled_with_a_warning_that_nothing_moves(run, tmp_path, words):
+    """Once the reason named the boundary, which the filled surface does not have, without a warning."""
+    ball = shapes.icosphere(1)
+    path, out = tmp_path / "a.npz", tmp_path / "b.npz"
+    write_mesh(str(path), AnnotatedMesh(TriangleMesh.from_arrays(ball.points, ball.faces[1:])))
+    result = run("willmore-flow", path, "--fill", "all", *words, "-o", out, "--json")
+    summary = json.loads(result.stdout)
+    reason = "no vertex can move: the patches have no vertices inside"
+    assert summary["results"]["stopped_because"] == reason
+    assert [reason in warning for warning in summary["warnings"]] == [True]
+    assert result.exit_code == 0 and read_mesh(str(out)).surface.topology.is_closed
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ((), "all lie on the boundary, which is clamped, or beside it"),
+        (("--boundary", "fixed", "--region", "0"), "all of the region lie on the boundary, which is fixed"),
+        (("--flow", "mean-curvature", "--duration", 1), "all lie on the boundary, which is fixed"),
+    ],
+)
+def test_a_surface_whose_vertices_are_all_held_stays_with_a_warning(run, tmp_path, words, reason):
+    path, region = tmp_path / "a.npz", tmp_path / "r.txt"
+    write_mesh(str(path), AnnotatedMesh(shapes.grid(1, 1)))
+    region.write_text("0\n")
+    result = run("willmore-flow", path, *(region if word == "0" else word for word in words), "--json")
+    summary = json.loads(result.stdout)
+    assert summary["results"]["stopped_because"] == f"no vertex can move: {reason}"
+    (warning,) = summary["warnings"]
+    assert reason in warning and "--boundary free" in warning and "--subdivide" in warning
+    freed = run("willmore-flow", path, "--boundary", "free", "--json")
+    assert "no vertex can move" not in freed.stdout

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.willmore import step_rules as rules
 from ddgcli.models.willmore.conformal import log_ratio_change
 from ddgcli.models.willmore.constraints import Constraints, areas
 from ddgcli.models.willmore.descent import (
@@ -88,6 +87,8 @@ class FlowTerms:
         The surface is one torus, free to become that of Clifford, of the energy `least`.
     lowest : float
         Energy below which only the mesh's error takes the surface.
+    stopped_at_start : str
+        Why no vertex moves, or "".
     """
 
     topology: Topology
@@ -117,6 +118,7 @@ class FlowTerms:
     round_energy: float = math.inf
     to_torus: bool = False
     lowest: float = -math.inf
+    stopped_at_start: str = ""
     _last_terms: TopologyTerms | None = None
     _last_gradient: EnergyGradient | None = None
     _last_preconditioner: tuple[Preconditioner, float] | None = None
@@ -218,8 +220,3 @@ class FlowTerms:
             left = state.ends.remaining(self.topology, self.topology.vertex_component)
             state = replace(state, topology=left)
         return replace(state, stopped=self.stopped_at_start)
-
-    @property
-    def stopped_at_start(self) -> str:
-        """Why there is nothing to do, or ""."""
-        return "" if len(self.free) else rules.NO_FREE_VERTEX_REASON

@@ -21,9 +21,11 @@ from ddgcli.models.willmore.state import FILM_STOP
 from ddgcli.models.willmore.step_rules import (
     CONFORMAL_REASON,
     CRUMPLING_REASON,
+    EMPTY_PATCH_REASON,
     FALSE_REST_REASON,
     FALSE_TORUS_REST_REASON,
     LOWER_BOUND_REASON,
+    NO_FREE_VERTEX_REASON,
     NO_STEP_REASON,
     ROUNDING_REASON,
     SINGULAR_REASON,
@@ -43,6 +45,7 @@ RESOLUTION_REASONS = (
     SLOW_NEWTON_REASON,
 )  # ends that are neither at rest nor on the flow
 FILM_RESTS = (SMALL_FALL_REASON.format(FILM_STOP.fall), NO_STEP_REASON, ROUNDING_REASON)
+RELEASE_ADVICE = ": begin with a finer mesh (`subdivide`), or use `boundary=free`"
 FLAT_ENERGY = 1e-9  # smaller energies, which have no unit, are the rounding of flat surfaces
 ENERGY_RATIO_WARNING = 1.2  # growth of the ratio of two energies at which a warning is due
 REFINEMENT_ANGLE = 25  # smallest angle that the advice names for `delaunay --refine`
@@ -87,6 +90,12 @@ def summary(
             "the surface is not at rest after %d steps, the most without `steps` or `duration`; "
             "`steps=%d` leads further", limit, 5 * limit,
         )  # fmt: skip
+    if stopped.startswith(NO_FREE_VERTEX_REASON):
+        logging.getLogger("ddgcli").warning(
+            "%s; the surface stays as it is%s",
+            stopped,
+            "" if stopped == EMPTY_PATCH_REASON else RELEASE_ADVICE,
+        )
     last = {name: float(values[-1]) for name, values in series.items() if values.ndim == 1}
     results = {
         "energy": series["energy"].tolist(),

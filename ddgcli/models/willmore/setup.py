@@ -62,6 +62,16 @@ def free_vertices(topology: Topology, boundary: str, region: NDArray | None = No
     return np.flatnonzero(topology.referenced_vertex & ~fixed & inside)
 
 
+def _held_reason(free: NDArray, boundary: str, region: NDArray | None) -> str:
+    """Why no vertex moves, or ""; a region without vertices is that of patches of single triangles."""
+    if len(free):
+        return ""
+    if region is not None and not region.any():
+        return rules.EMPTY_PATCH_REASON
+    place, beside = "" if region is None else " of the region", ", or beside it" * (boundary == "clamped")
+    return rules.HELD_REASON.format(rules.NO_FREE_VERTEX_REASON, place, boundary, beside)
+
+
 def region_mask(values: NDArray, topology: Topology) -> NDArray[np.bool_]:
     """Vertices of the region that an array describes.
 
@@ -323,7 +333,7 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         topology, energy_kind, _convention(definition, options, film, curvature), free, constraints,
         options.flow == "mean-curvature" and not film, scheme,
         options.timed, options.stop, centre, scale, area(unit), mesh.points,
-        least, lowest=lowest,
+        least, lowest=lowest, stopped_at_start=_held_reason(free, boundary, region),
         keeps_triangles=not options.timed and kind != "conformal" and (film or definition.keeps_triangles),
         of_area=film, kind=kind, of_surface=definition.of_surface,
         remesh=_remesh_target(unit, options, scale, kind, energy_name),

@@ -50,7 +50,9 @@ REST_GRADIENT, NEWTON_REST_GRADIENT, REST_FALL = 1e-6, 1e-9, 1e-8
 # relative fall of the energy in a Newton step, below which a surface that could become round is stuck above
 LEAST_NEWTON_FALL = 1e-4
 # why flows end
-NO_FREE_VERTEX_REASON = "no vertex can move: all lie on the boundary or, if that is clamped, beside it"
+NO_FREE_VERTEX_REASON = "no vertex can move"
+HELD_REASON = "{}: all{} lie on the boundary, which is {}{}"
+EMPTY_PATCH_REASON = f"{NO_FREE_VERTEX_REASON}: the patches have no vertices inside"
 SMALL_GRADIENT_REASON = "gradient below {:g}"
 SMALL_FALL_REASON = "energy fell by less than {:g} of itself in a step"
 LOWER_BOUND_REASON = (
