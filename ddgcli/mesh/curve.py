@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +16,9 @@ from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import own_points
 
 PLANARITY_TOLERANCE = 1e-6  # of the curve's size: coordinates in text files have six digits
+PARALLEL_COSINE = (
+    1.0 - 5e-7
+)  # of the normals of parallel planes: those of thin curves are known to 1e-3 or so
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +92,7 @@ class CurveSet:
     @property
     def planar(self) -> bool:
         """Whether each curve lies in a plane."""
-        return all(plane_normal(self.points[path]) is not None for path, _ in self.paths())
+        return all(normal is not None for normal in plane_normals(self))
 
     def paths(self) -> list[tuple[NDArray[np.int64], bool]]:
         """Vertices of each curve in order, and whether it is closed (its first vertex is not repeated).
@@ -179,6 +183,42 @@ def plane_normal(points: NDArray) -> NDArray[np.float64] | None:
     if np.abs(centred @ normal).max() > PLANARITY_TOLERANCE:
         return None
     return normal * np.sign(normal[nearest_axis(normal)])
+
+
+def plane_normals(curves: CurveSet) -> list[NDArray[np.float64] | None]:
+    """Unit normal of the plane of each curve, None in space; parallel planes have the same one.
+
+    Parameters
+    ----------
+    curves : CurveSet
+
+    Returns
+    -------
+    list of (3,) ndarray of float64 or None
+        Of `plane_normal`; that of a plane parallel to the first one points to the same side.
+    """
+    normals = [plane_normal(curves.points[path]) for path, _ in curves.paths()]
+    first = next((normal for normal in normals if normal is not None), None)
+    return [
+        -normal if normal is not None and first is not None and normal @ first < -PARALLEL_COSINE else normal
+        for normal in normals
+    ]
+
+
+def are_parallel(normals: Sequence[NDArray | None]) -> bool:
+    """Whether all curves lie in parallel planes, so that their signed areas and turning numbers have a sum.
+
+    Parameters
+    ----------
+    normals : sequence of (3,) ndarray or None
+        Of `plane_normals`.
+
+    Returns
+    -------
+    bool
+    """
+    planes = [normal for normal in normals if normal is not None]
+    return len(planes) == len(normals) and all(normal @ planes[0] > PARALLEL_COSINE for normal in planes)
 
 
 def nearest_axis(normal: NDArray) -> int:

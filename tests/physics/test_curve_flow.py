@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
+import ddgcli as ddg
 from ddgcli.errors import MeshError
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.trajectories.trajectory import Trajectory
@@ -499,3 +500,33 @@ def test_a_failure_of_a_huge_step_names_one_that_works(tmp_path, run, flow, dt):
     assert failed.exit_code == 1
     step = re.search(r"make the step (\S+) length", failed.stderr)[1]
     assert run(*words, step).exit_code == 0
+
+
+def two_ellipses(tilt):
+    """One inside the other, which runs the other way round, in planes at an angle (in degrees)."""
+    outer, inner = ellipse(), ellipse(30, 0.5, 0.5)
+    c, s = np.cos(np.radians(tilt)), np.sin(np.radians(tilt))
+    points = np.concatenate([outer.points, inner.points[::-1] @ [[1, 0, 0], [0, c, s], [0, -s, c]]])
+    return CurveSet(points, np.concatenate([outer.lines, inner.lines + 48]))
+
+
+@pytest.mark.parametrize("tilt, has_sum", [(0, True), (180, True), (90, False), (30, False)])
+def test_areas_are_summed_in_parallel_planes_alone_whatever_the_axes(tilt, has_sum, caplog):
+    """Once the sum was that of the areas or their difference, as the file was turned."""
+    curves, rng = two_ellipses(tilt), np.random.default_rng(3)
+    area = 48 / 2 * 2 * np.sin(2 * np.pi / 48), 30 / 2 / 4 * np.sin(2 * np.pi / 30)  # of regular polygons
+    total = area[0] + (1 if tilt == 180 else -1) * area[1]
+    for _ in range(6):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn *= np.sign(np.linalg.det(turn))
+        caplog.clear()
+        end = ddg.curve_flow(curves.moved(curves.points @ turn), steps=1, step=1e-9).finish()
+        each = [abs(one["area"]) for one in end.results["curves"]]
+        assert each == pytest.approx(area, rel=1e-6)
+        assert [abs(one["turning_number"]) for one in end.results["curves"]] == [1, 1]
+        assert ("planes that are not parallel" in caplog.text) != has_sum
+        if has_sum:
+            assert abs(end.results["area"][0]) == pytest.approx(total, rel=1e-6)
+            assert abs(end.results["turning_number"]) == (2 if tilt == 180 else 0)
+        else:
+            assert end.results["area"] is end.results["turning_number"] is None

@@ -17,11 +17,15 @@ from ddgcli.algorithms.curvature.curve_frames import (
     resampled,
 )
 from ddgcli.errors import MeshError
-from ddgcli.mesh.curve import CurveSet, nearest_axis, plane_normal
+from ddgcli.mesh.curve import CurveSet, are_parallel, nearest_axis, plane_normals
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import ratio, row_cross, row_dot, vector_length
 
 log = logging.getLogger("ddgcli")
+
+
+# sums whose terms have the sign of a view of their planes
+SIGNED_SUMS = ("total_signed_curvature", "turning_number")
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +82,7 @@ def measure_curves(
         each.append(results)
     if not each or not any(r["length"] > 0 for r in each):
         raise _no_length_error()
-    results = _together(each)
+    results = _together(each, parallel := are_parallel(normals))
     residuals = [r["turning_number_residual"] for r in each if r["turning_number_residual"] is not None]
     for r in (results, *each):
         del r["turning_number_residual"]
@@ -88,6 +92,11 @@ def measure_curves(
     if not residuals:
         log.warning("turning_number is unknown: only a closed curve in the plane has one; %s",
                     "this one is open" if planar else "this one is in space")  # fmt: skip
+    elif planar and not parallel:
+        log.warning(
+            "turning_number and total_signed_curvature have no sum over curves in planes that are not "
+            "parallel: see those of each curve"
+        )
     if with_frames:
         arrays, holonomy = curve_frames(curves)
         own, results = own | arrays, results | holonomy
@@ -135,11 +144,6 @@ def array_names(
     return scalars, ["gauss_map", *(FRAME_VECTORS if with_frames else ())]
 
 
-def plane_normals(curves: CurveSet) -> list[NDArray | None]:
-    """Normal of the plane of each curve; None in space."""
-    return [plane_normal(curves.points[path]) for path, _ in curves.paths()]
-
-
 def _scalar_names(planar: bool) -> list[str]:
     return ["turning_angle", "curvature", "vertex_length", "gauss_angle" if planar else "torsion"]
 
@@ -148,8 +152,11 @@ def _no_length_error() -> MeshError:
     return MeshError("no segment of positive length; curvature needs a curve: check the points")
 
 
-def _together(each: list[dict[str, Any]]) -> dict[str, Any]:
-    """Sums over the curves; a sum is unknown where one of its terms is."""
+def _together(each: list[dict[str, Any]], parallel: bool) -> dict[str, Any]:
+    """Sums over the curves; a sum is unknown where one of its terms is.
+
+    Signed ones are where the planes are not parallel: from which side each is seen depends on the axes.
+    """
     if len(each) == 1:
         return dict(each[0])
     total: dict[str, Any] = {
@@ -162,6 +169,7 @@ def _together(each: list[dict[str, Any]]) -> dict[str, Any]:
         values = [r.get(name, 0.0) for r in each]  # a plane curve has no torsion
         all_defined = all(v is not None for v in values)
         combine = max if name in ("longest_segment", "turning_number_residual") else sum
+        all_defined &= parallel or name not in SIGNED_SUMS
         total[name] = combine(values) if all_defined else None
     return total
 

@@ -258,6 +258,8 @@ class CurveFlow:
             "self_crossings": self_crossings(mesh, state.points),
         }
         scalar: dict[str, Any] = {name: float(values.sum()) for name, values in by_curve.items()}
+        if not self.mesh.has_total_area:
+            scalar |= {"area": np.nan, "turning_number": np.nan}
         scalar |= {f"{name}_by_curve": values for name, values in by_curve.items()}
         scalar |= {
             "collapsed": float((~state.active).sum()),

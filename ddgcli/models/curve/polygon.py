@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
-from ddgcli.mesh.curve import CurveSet, plane_normal
+from ddgcli.mesh.curve import CurveSet, are_parallel, plane_normals
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import row_cross, row_dot, unit_vectors, vector_length
 
@@ -57,6 +58,11 @@ class Polygons:
         """(c,) curves that are closed and lie in a plane."""
         return self.closed & self.normal.any(axis=1)
 
+    @cached_property
+    def has_total_area(self) -> bool:
+        """Whether all curves are closed and lie in parallel planes: else a sum of areas has no sign."""
+        return bool(self.bounds_area.all()) and are_parallel(list(self.normal))
+
     def by_curve(self, points: NDArray, values: NDArray) -> NDArray[np.float64]:
         """(c,) sums by curve of values at points or segments (given by their tails)."""
         return sum_by_index(self.curve[points], values, self.n_curves)
@@ -77,9 +83,8 @@ def polygons(curves: CurveSet) -> Polygons:
     n, paths = curves.n_vertices, curves.paths()
     curve = np.full(n, -1, dtype=np.int64)
     normal = np.zeros((len(paths), 3))
-    for k, (path, _) in enumerate(paths):
+    for k, ((path, _), plane) in enumerate(zip(paths, plane_normals(curves), strict=True)):
         curve[path] = k
-        plane = plane_normal(curves.points[path])
         normal[k] = 0.0 if plane is None else plane
     tail, head = curves.lines.T
     leaving, entering = np.full(n, -1), np.full(n, -1)

@@ -49,23 +49,21 @@ def summary(
     -------
     results, accuracy : dict
     """
-    bounds, several = bool(flow.mesh.bounds_area.all()), flow.mesh.n_curves > 1
+    has_total, several = flow.mesh.has_total_area, flow.mesh.n_curves > 1
     collapse = np.atleast_1d(series["collapse_time_by_curve"][-1])
     results: dict[str, Any] = {
         "times": times.tolist(),
         "length": series["length"].tolist(),
-        "area": series["area"].tolist() if bounds else None,
+        "area": series["area"].tolist() if has_total else None,
         "elastic_energy": series["elastic_energy"].tolist(),
-        "turning_number": int(series["turning_number"][-1]) if bounds else None,
+        "turning_number": int(series["turning_number"][-1]) if has_total else None,
         "self_crossings": series["self_crossings"].astype(int).tolist() if _is_plane(flow) else None,
         "stopped_because": failure or stopped or f"{limit} steps were taken",
         "collapse_times": [None if t < 0 else float(t) for t in collapse],
     }
     if several:
-        names = ("length", "area", "elastic_energy")
         results["curves"] = [
-            {name: float(series[f"{name}_by_curve"][-1, k]) for name in names}
-            for k in range(flow.mesh.n_curves)
+            _last_values(series, k, flow.mesh.bounds_area[k]) for k in range(flow.mesh.n_curves)
         ]
     spacing = series["longest_segment"] / np.maximum(series["shortest_segment"], 1e-300)
     accuracy: dict[str, Any] = {
@@ -82,10 +80,26 @@ def summary(
         "spacing_ratio": [float(spacing[0]), float(spacing[-1])],
         "largest_turning_degrees": float(np.degrees(series["largest_turning"].max())),
     }
+    if flow.mesh.bounds_area.all() and not has_total:
+        log.warning(
+            "area and turning_number have no sum over curves in planes that are not parallel: see those of "
+            "each curve"
+        )
     _warn(accuracy, series)
     if flow.stop_at_rest and not (stopped or failure):
         _warn_of_motion(flow, limit, float(times[-1]) / limit, series)
     return results, {name: value for name, value in accuracy.items() if value is not None}
+
+
+def _last_values(series: Mapping[str, NDArray], k: int, bounds_area: bool) -> dict[str, float | None]:
+    """Length, area, elastic energy and turning number of curve k at the end."""
+    last = {
+        name: float(series[f"{name}_by_curve"][-1, k])
+        for name in ("length", "area", "elastic_energy", "turning_number")
+    }
+    if not bounds_area:
+        return {**last, "area": None, "turning_number": None}
+    return {**last, "turning_number": int(last["turning_number"])}
 
 
 def _warn_of_motion(flow: CurveFlow, limit: int, dt: float, series: Mapping[str, NDArray]) -> None:
