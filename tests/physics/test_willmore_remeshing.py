@@ -124,6 +124,19 @@ def test_curvature_shortens_edges_on_request():
     assert ratio[1] < 0.75 * ratio[0]
 
 
+@pytest.mark.parametrize("mesh", [shapes.torus(24, 12), shapes.box(8, 5, 4)], ids=["torus", "box"])
+def test_rounding_does_not_decide_which_of_equal_edges_are_remeshed(mesh):
+    """Once a turned surface, or another processor, had other faces."""
+    plain = even(mesh, length=0.9 * mesh.side_length.mean()).mesh
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn *= np.sign(np.linalg.det(turn))
+        turned = even(mesh.moved(mesh.points @ turn), length=0.9 * mesh.side_length.mean()).mesh
+        assert np.array_equal(turned.faces, plain.faces)
+        assert np.allclose(turned.points, plain.points @ turn, atol=1e-9)
+
+
 def test_where_no_slide_improves_a_triangle_nothing_changes():
     """Angles of 39 degrees, edges near the target, and every vertex the mean of its neighbours already."""
     mesh = shapes.grid(8, 8, 8.0, 10.0)  # no coordinate is rounded

@@ -17,6 +17,8 @@ from ddgcli.models.willmore.redistribution import redistribute
 MAX_TURN = np.cos(np.radians(35.0))  # cosine of the angle by which a flip may turn normals
 FLIP_TOLERANCE = 1e-6  # radians by which opposite angles exceed pi before an edge flips
 ANGLE_ERROR = 1e-3  # of angles from lengths
+RANK_DIGITS = 6  # of lengths and angles by which edges are ranked: others are rounding
+SCATTER = 2654435761  # of D. E. Knuth: times consecutive numbers, modulo 2^32, it scatters them
 MAX_FLIP_ROUNDS, MAX_IMPROVEMENTS = 10, 30
 LEAST_IMPROVEMENT = np.radians(0.1)  # of the smallest angle, for another round of slides
 
@@ -67,7 +69,7 @@ def _flippable(points: NDArray, topology: Topology, movable: NDArray) -> tuple[N
     low, high = np.sort(quad[edges, 2:], axis=1).T
     is_new = (low != high) & (edge_numbers(topology.edges, quad[edges, 2:]) < 0)
     worst = np.flatnonzero(is_new)
-    worst = worst[np.argsort(-excess[worst], kind="stable")]
+    worst = worst[largest_first(excess[worst])]
     edges, key = edges[worst], (low * topology.n_vertices + high)[worst]
     rank = np.arange(len(edges))
     claim = np.full(topology.n_faces, len(edges))
@@ -76,6 +78,25 @@ def _flippable(points: NDArray, topology: Topology, movable: NDArray) -> tuple[N
     first[np.unique(key, return_index=True)[1]] = True
     edges = edges[first & (claim[faces[edges]] == rank[:, None]).all(axis=1)]
     return quad[edges], faces[edges]
+
+
+def largest_first(values: NDArray) -> NDArray[np.int64]:
+    """Order of decreasing values, in which rounding decides nothing.
+
+    Values with the same first digits are in an order that looks random: along a row of equal edges the choice
+    of an independent set by their numbers would be one end of it.
+
+    Parameters
+    ----------
+    values : (k,) ndarray
+        Of size 1.
+
+    Returns
+    -------
+    (k,) ndarray of int64
+    """
+    scattered = np.arange(len(values)) * SCATTER % 2**32
+    return np.lexsort((scattered, -np.round(values, RANK_DIGITS)))
 
 
 def _may_exceed(points: NDArray, topology: Topology, side: NDArray, twin: NDArray) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross, row_dot, unit_vectors, vector_length
-from ddgcli.models.willmore.edge_flips import delaunay_flips, improved
+from ddgcli.models.willmore.edge_flips import RANK_DIGITS, delaunay_flips, improved, largest_first
 from ddgcli.models.willmore.redistribution import redistribute
 
 LONGEST, SHORTEST = 4.0 / 3.0, 4.0 / 5.0  # edges, in target lengths: beyond these they split and collapse
@@ -162,7 +162,7 @@ class _Edges:
         quad, side, twin = quad[free], side[free], twin[free]
         span = vector_length(mesh.points[quad[:, 1]] - mesh.points[quad[:, 0]])
         aim = 0.5 * (target[quad[:, 0]] + target[quad[:, 1]])
-        return cls(quad, np.stack([side // 3, twin // 3], axis=1), span / aim)
+        return cls(quad, np.stack([side // 3, twin // 3], axis=1), np.round(span / aim, RANK_DIGITS))
 
     def rows(self, rows: NDArray) -> _Edges:
         return _Edges(self.quad[rows], self.face[rows], self.ratio[rows])
@@ -182,7 +182,7 @@ def _split_round(
     mesh, n = now.mesh, now.mesh.n_vertices
     edges = _Edges.of(mesh, fixed, target)
     edges = edges.rows(np.flatnonzero(edges.ratio > LONGEST))
-    edges = edges.rows(np.argsort(-edges.ratio, kind="stable"))
+    edges = edges.rows(largest_first(edges.ratio))
     rank = np.arange(len(edges.ratio))
     claim = np.full(mesh.n_faces, len(rank))
     np.minimum.at(claim, edges.face.ravel(), np.repeat(rank, 2))
@@ -209,7 +209,7 @@ def _collapse_round(
     edges = edges.rows(
         np.flatnonzero((edges.ratio < SHORTEST) & _keeps_topology(mesh.topology, edges, fixed))
     )
-    edges = edges.rows(np.argsort(edges.ratio, kind="stable"))
+    edges = edges.rows(largest_first(-edges.ratio))
     for _ in range(MAX_ROUNDS):  # what an edge that must stay has claimed is free again
         if not len(edges.ratio):
             return None

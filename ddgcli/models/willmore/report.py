@@ -237,7 +237,7 @@ def _cure(stopped: str, start: TriangleMesh, options: FlowOptions) -> str:
     elif options.remesh is not None:
         cure = "use a shorter `remesh`"
     elif _can_remesh(options):
-        cure = "begin with `subdivide=1`, or use `remesh=mean`"  # which on few faces hangs on rounding
+        cure = "begin with `subdivide=1`, or use `remesh=mean`"  # which does not help where faces are few
     return cure
 
 
