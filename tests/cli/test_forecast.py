@@ -303,6 +303,7 @@ def test_the_range_of_seconds_is_printed_where_it_is_wide():
     assert prediction.as_text({**facts, "seconds": 99.7}, full=False)[1].endswith("100 s")
     assert "(1 to 50 s:" in prediction.as_text({**facts, "seconds_range": [1.0, 50.0]}, full=False)[1]
     facts["kernels"] = [{"kernel": "a", "assumes": "100 steps"}, {"kernel": "b"}]
+    facts["kernels"].append({"kernel": "search", "assumes": "100 steps"})  # stated once
     assert (
         "(1 to 50 s: assumes 100 steps)"
         in prediction.as_text({**facts, "seconds_range": [1.0, 50.0]}, full=False)[1]

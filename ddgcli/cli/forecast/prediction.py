@@ -250,13 +250,14 @@ def as_text(results: Mapping[str, Any], full: bool) -> list[str]:
         return []
     low, high = results.get("seconds_range") or 2 * (results["seconds"],)
     known = high <= (1 + UNCERTAINTY) * results["seconds"] and low >= (1 - UNCERTAINTY) * results["seconds"]
-    assumed = "; ".join(row["assumes"] for row in results.get("kernels", ()) if "assumes" in row)
+    kernels = results.get("kernels", ())
+    assumed = "; ".join(dict.fromkeys(row["assumes"] for row in kernels if "assumes" in row))
     reason = f"assumes {assumed}" if assumed else "only the run shows how long it is"
     spread = "" if known else f" ({_two_digits(low)} to {_two_digits(high)} s: {reason})"
     return [
         f"peak memory  {results['peak_mib']:.0f} MiB of {results['available_mib']:.0f} MiB available",
         f"CPU time     {_two_digits(results['seconds'])} s{spread}",
-        *(_kernel_lines(results.get("kernels", ())) if full else ()),
+        *(_kernel_lines(kernels) if full else ()),
     ]
 
 
