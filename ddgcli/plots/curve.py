@@ -8,12 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.vectors import vector_length
 from ddgcli.plots.colour import colour_bar, colour_scale, extremes, robust_limits
 from ddgcli.plots.page import draw_texts, page, picture_axes
 from ddgcli.plots.raster import Camera, View, fitted_camera, unit_box, view_axes
 
 _PAPER, _RIM = (1.0, 1.0, 1.0, 1.0), (0.25, 0.25, 0.25, 1.0)
 SIGNED_ARRAYS = ("torsion", "turning_angle")
+HALO_WIDTH = 6.0  # points, of the white edge of a curve before others
+NEIGHBOUR_RADII = 4.0  # along a curve, within which its segments are neighbours and do not cut each other
+MAX_CUT_SEGMENTS = 50_000
 VECTOR_SHARE = 0.1  # length of a vector in the picture, in halves of the size of the curves
 
 
@@ -23,6 +27,7 @@ def draw_curves(
     values: Sequence[NDArray] | None = None,
     *,
     closed: Sequence[bool] | bool = False,
+    groups: Sequence[int] | None = None,
     label: str = "",
     title: str = "",
     signed: bool | None = None,
@@ -36,7 +41,7 @@ def draw_curves(
     height: float = 5.25,
     dpi: float = 200,
 ) -> None:
-    """Write a picture of polylines; where one passes behind another, it is cut by a white edge.
+    """Write a picture of polylines; where one passes behind another, it is cut.
 
     Parameters
     ----------
@@ -46,6 +51,8 @@ def draw_curves(
     values : sequence of (k,) ndarray, optional
         One array of vertex values a curve.
     closed : bool, or one for each curve
+    groups : sequence of int, optional
+        Of each curve: those of different groups, as of different times, do not cut each other.
     label, title, signed, limits, bar, fit, view, up
         As for `draw_surface`.
     vectors : sequence of (points (k, 3), vectors (k, 3), colour)
@@ -55,7 +62,8 @@ def draw_curves(
     dpi : float
     """
     flags = [closed] * len(curves) if isinstance(closed, bool) else list(closed)
-    start, stop, shade = _segments(curves, values, flags)
+    start, stop, shade, curve = _segments(curves, values, flags)
+    several = groups is not None and len(set(groups)) > 1
     if fit is None:
         fit = np.concatenate([start, stop]) if len(start) else np.zeros((1, 3))
     placed = unit_box(fit)
@@ -72,13 +80,16 @@ def draw_curves(
             margin=0.12 if vectors else 0.05,
         )
         a, b = camera.project(start), camera.project(stop)
+        flat = bool(np.ptp(np.concatenate([a[:, 2], b[:, 2]])) < 1e-6 * camera.width)
         order = np.argsort(-(a[:, 2] + b[:, 2]), kind="stable")
+        if several and not flat:
+            group = np.asarray(groups)[curve]
+            order = order[~is_cut((a + b) / 2, group, curve, HALO_WIDTH / 2 * dpi / 72)[order]]
         lines = np.stack([a, b], axis=1)[order, :, :2]
         mappable = _colour_scale(shade, True if label in SIGNED_ARRAYS else signed, limits)
         plain = np.tile([0.2, 0.4, 0.7, 1.0], (len(order), 1))
         tint = plain if values is None else mappable.to_rgba(shade[order])
-        flat = bool(np.ptp(np.concatenate([a[:, 2], b[:, 2]])) < 1e-6 * camera.width)
-        axes.add_collection(_rimmed_lines(lines, tint, flat))
+        axes.add_collection(_rimmed_lines(lines, tint, flat or several))
         for points, directions, colour in vectors:
             axes.add_collection(_vector_lines(camera, placed(points), directions, colour))
         axes.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal")
@@ -106,14 +117,48 @@ def _vector_lines(camera: Camera, foot: NDArray, directions: NDArray, colour: st
     return LineCollection(np.stack(ends, axis=1), colors=[colour], linewidths=0.8)
 
 
+def is_cut(middle: NDArray, group: NDArray, curve: NDArray, radius: float) -> NDArray[np.bool_]:
+    """Whether a nearer segment of the same group passes before a segment.
+
+    Parameters
+    ----------
+    middle : (k, 3) ndarray
+        Middles of the segments in the picture, in order along each curve, the last coordinate their depth.
+    group, curve : (k,) ndarray of int
+    radius : float
+        Distance in the picture up to which a segment passes before another one.
+
+    Returns
+    -------
+    (k,) ndarray of bool
+        None is cut where there are more than `MAX_CUT_SEGMENTS`: they fill the picture.
+    """
+    hidden = np.zeros(len(middle), dtype=bool)
+    if len(middle) > MAX_CUT_SEGMENTS:
+        return hidden
+    from scipy.spatial import cKDTree
+
+    i, j = cKDTree(middle[:, :2]).query_pairs(radius, output_type="ndarray").T
+    along = np.cumsum(vector_length(np.diff(middle[:, :2], axis=0, prepend=middle[:1, :2])))
+    size = np.bincount(curve)
+    last = np.cumsum(size) - 1
+    whole = along[last] - along[last - size + 1]
+    apart = np.abs(along[i] - along[j])
+    apart = np.minimum(apart, whole[curve[i]] - apart)  # of a closed curve, the other way round
+    crosses = (group[i] == group[j]) & ((curve[i] != curve[j]) | (apart > NEIGHBOUR_RADII * radius))
+    behind = np.where(middle[i, 2] > middle[j, 2], i, j)
+    hidden[behind[crosses]] = True
+    return hidden
+
+
 def _rimmed_lines(lines: NDArray, tint: NDArray, flat: bool) -> Any:
     """Segments (k, 2, 2), farthest first, over their own dark rims.
 
-    In space each rim is over a white edge too, which cuts the segments behind it.
+    Unless `flat` each rim is over a white edge too, which cuts the segments behind it.
     """
     from matplotlib.collections import LineCollection
 
-    layers = [(3.0, _RIM), (2.2, None)] if flat else [(6.0, _PAPER), (3.0, _RIM), (2.2, None)]
+    layers = [(3.0, _RIM), (2.2, None)] if flat else [(HALO_WIDTH, _PAPER), (3.0, _RIM), (2.2, None)]
     colour = np.stack([tint if c is None else np.broadcast_to(c, tint.shape) for _, c in layers], axis=1)
     return LineCollection(
         np.repeat(lines, len(layers), axis=0),
@@ -125,9 +170,10 @@ def _rimmed_lines(lines: NDArray, tint: NDArray, flat: bool) -> Any:
 
 def _segments(
     curves: Sequence[NDArray], values: Sequence[NDArray] | None, closed: list[bool]
-) -> tuple[NDArray, NDArray, NDArray]:
-    """Starts (k, 3), ends (k, 3) and values (k,) of all segments, cut fine so that depth can order them."""
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Starts (k, 3), ends (k, 3), values and curves (k,) of segments, fine enough for an order by depth."""
     starts, ends, shades = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
+    counts = np.zeros(len(curves), dtype=np.int64)
     for i, curve in enumerate(curves):
         points = np.zeros((len(curve), 3))
         points[:, : np.shape(curve)[1]] = curve
@@ -142,5 +188,7 @@ def _segments(
         fine_value = np.interp(at, np.arange(len(points)), value)
         starts.append(fine[:-1])
         ends.append(fine[1:])
+        counts[i] = len(fine) - 1
         shades.append((fine_value[:-1] + fine_value[1:]) / 2)
-    return np.concatenate(starts), np.concatenate(ends), np.concatenate(shades)
+    curve = np.repeat(np.arange(len(curves)), counts)
+    return np.concatenate(starts), np.concatenate(ends), np.concatenate(shades), curve

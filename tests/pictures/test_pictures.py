@@ -10,7 +10,7 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.chart import draw_chart
 from ddgcli.plots.colour import is_signed, robust_limits, value_scale
-from ddgcli.plots.curve import draw_curves
+from ddgcli.plots.curve import draw_curves, is_cut
 from ddgcli.plots.motion import PlotFrame, sequence_style
 from ddgcli.plots.page import cells
 from ddgcli.plots.raster import fitted_camera, rasterise, view_axes, visible_runs
@@ -349,3 +349,15 @@ def test_two_shapes_stand_in_the_columns_that_show_them_largest(extents, columns
     across, down = [(1.0, 0.375), (0.5, 0.75)][columns - 1]
     assert boxes[0] == (0.0, 1.0 - down, across, down)
     assert boxes[1] == ((0.0, 0.25, 1.0, 0.375) if columns == 1 else (0.5, 0.25, 0.5, 0.75))
+
+
+@pytest.mark.parametrize("same_time", [True, False])
+def test_a_curve_is_cut_where_it_passes_behind_one_of_its_own_time_alone(same_time):
+    """Once curves of other times cut each other into dashes."""
+    x = np.linspace(-50.0, 50.0, 101)
+    near, far = np.stack([x, 0 * x, 0 * x], axis=1), np.stack([0 * x, x, 1 + 0 * x], axis=1)
+    curve = np.repeat([0, 1], 101)
+    cut = is_cut(np.concatenate([near, far]), np.zeros(202) if same_time else curve, curve, 5.0)
+    assert not cut[:101].any()
+    assert np.array_equal(cut[101:], (np.abs(x) <= 5.0) & same_time)
+    assert not is_cut(far, np.zeros(101), np.zeros(101, dtype=int), 5.0).any()  # neighbours along one curve

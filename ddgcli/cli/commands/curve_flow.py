@@ -109,4 +109,5 @@ def _draw(path: str, curves: CurveSet, outcome: Outcome, unit: str, look: dict[s
     positions = [curve_frame.points[path] for curve_frame in drawn_frames for path, _ in paths]  # type: ignore[index]
     times = [np.full(len(path), curve_frame.time) for curve_frame in drawn_frames for path, _ in paths]
     closed = [flag for _ in drawn_frames for _, flag in paths]
-    draw_curves(path, positions, times, closed=closed, label=f"time [{unit}]", **look)
+    frame_number = [k for k in range(len(drawn_frames)) for _ in paths]
+    draw_curves(path, positions, times, closed=closed, groups=frame_number, label=f"time [{unit}]", **look)
