@@ -1,10 +1,12 @@
 """Flows in time: the sphere stays, modes decay at their rates, steps have their order."""
 
+import logging
 import re
 
 import numpy as np
 import pytest
 
+import ddgcli as ddg
 from benchmarks.common.mesh_classes import SPHERES, ellipsoids
 from benchmarks.common.submesh import submesh
 from ddgcli import write_mesh
@@ -183,6 +185,21 @@ def test_balls_go_on_after_their_neck_has_pinched_off(tmp_path, summary):
     out = summary("willmore-flow", path, "--flow", "mean-curvature", "--dt", 1e-3)
     assert out["results"]["stopped_because"] == "the surface collapsed"
     assert not any("mollified" in w for w in out["warnings"])
+
+
+@pytest.mark.parametrize("radius, closes", [(1.5, True), (4.0, False)])
+def test_the_hole_of_a_torus_that_closes_is_reported_with_time_and_place(radius, closes, caplog):
+    """A thinner torus shrinks to its circle, with a hole to the end."""
+    centre = np.array([3.0, -2.0, 1.0])
+    torus = shapes.torus(36, 24, radius, 1.0)
+    with caplog.at_level(logging.WARNING, "ddgcli"):
+        moved = torus.moved(torus.points + centre)
+        ddg.willmore_flow(moved, "mean-curvature", step=0.01, duration=0.55).finish()
+    assert ("has closed" in caplog.text) == closes
+    if closes:
+        time, place = re.search(r"has closed by time (\S+) \(near ([^)]*)\)", caplog.text).groups()
+        assert np.linalg.norm(np.array(place.split(), dtype=float) - centre) < 0.01
+        assert 0.3 < float(time) < 0.5  # 0.37 with short steps
 
 
 @pytest.mark.parametrize("words", [("willmore-flow", "ellipsoid.ply"), ("curve-flow", "ellipse.csv")])

@@ -17,6 +17,7 @@ from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import ENERGIES, SECOND_ENERGIES
 from ddgcli.models.willmore.films import FOLDED_REASON, PINCH_REASON, THIN_STAR_REASON
 from ddgcli.models.willmore.flow_options import FlowOptions, chosen_energy, is_film
+from ddgcli.models.willmore.least_energies import is_spheres
 from ddgcli.models.willmore.state import FILM_STOP
 from ddgcli.models.willmore.step_rules import (
     CONFORMAL_REASON,
@@ -46,6 +47,8 @@ RESOLUTION_REASONS = (
 )  # ends that are neither at rest nor on the flow
 FILM_RESTS = (SMALL_FALL_REASON.format(FILM_STOP.fall), NO_STEP_REASON, ROUNDING_REASON)
 RELEASE_ADVICE = ": begin with a finer mesh (`subdivide`), or use `boundary=free`"
+# growth of the bending energy, and smallest angle in degrees, at which a hole has closed
+CLOSED_HOLE_GROWTH, CLOSED_HOLE_ANGLE = 10.0, 1.0
 FLAT_ENERGY = 1e-9  # smaller energies, which have no unit, are the rounding of flat surfaces
 ENERGY_RATIO_WARNING = 1.2  # growth of the ratio of two energies at which a warning is due
 REFINEMENT_ANGLE = 25  # smallest angle that the advice names for `delaunay --refine`
@@ -146,6 +149,38 @@ def _collapse_times(series: Mapping[str, NDArray], stopped: str) -> list[float |
             counted(int(singular.sum()), "component became", "components became"), first, time[first],
         )  # fmt: skip
     return [None if t < 0 else float(t) for t in time]
+
+
+def warn_of_closed_hole(series: Mapping[str, NDArray], times: NDArray | None, last: TriangleMesh) -> None:
+    """Warn where a hole or a neck shrank to less than its faces resolve during mean curvature flow in time.
+
+    No flow of smooth surfaces continues from there. A tube that shrinks to its circle has no such hole: its
+    energy grows as its area falls. Spheres are left out: there bad triangles do the same.
+
+    Parameters
+    ----------
+    series : mapping of str to (T,) ndarray
+        Scalars of every frame.
+    times : (T,) ndarray or None
+        Of the frames of a flow in time.
+    last : TriangleMesh
+        At the end.
+    """
+    if times is None or "end_time_by_component" not in series or series["singular_by_component"].any():
+        return
+    energy, angle, area = (series[name] for name in ("energy", "min_angle_degrees", "area"))
+    closed = (energy > CLOSED_HOLE_GROWTH * max(energy[0], 4.0 * np.pi)) & (angle < CLOSED_HOLE_ANGLE)
+    closed &= area * CLOSED_HOLE_GROWTH > area[0]
+    if is_spheres(last.topology) or not closed.any():
+        return
+    face, side = divmod(int(np.argmin(last.side_length)), 3)
+    place = last.points[last.faces[face, [side, (side + 1) % 3]]].mean(axis=0)
+    logging.getLogger("ddgcli").warning(
+        "a hole or a neck of the surface has closed by time %.6g (near %s): its faces no longer resolve it, "
+        "what follows is no mean curvature flow, and the surface may pass through itself; use a shorter "
+        "`duration`",
+        times[np.argmax(closed)], " ".join(f"{x:.4g}" for x in place),
+    )  # fmt: skip
 
 
 def _finite(value: float) -> float | None:
