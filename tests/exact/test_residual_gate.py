@@ -52,6 +52,22 @@ def test_constant_sources_and_values_are_solved_exactly(value):
     assert harmonic.accuracy["maximum_principle_violation"] < 1e-12
 
 
+@pytest.mark.parametrize("cells", ["faces", "tetrahedra"])
+def test_values_of_unused_vertices_count_nowhere(cells):
+    """Their zeros lay outside the fixed values: exit 1 with a violation of the maximum principle of 2."""
+    body = {"faces": shapes.icosphere(1), "tetrahedra": shapes.box_tetrahedra(2, 2, 2)}[cells]
+    corners = getattr(body, cells)
+    points = np.concatenate([[[9.0, 9, 9]], body.points, [[5.0, 5, 5]]])
+    mesh = type(body).from_arrays(points, corners + 1)
+    fixed = {5: 2.0, 9: 3.0}
+    for of_unused in ({}, {0: -7.0}):
+        result = solve_laplacian_tasks(mesh, LaplacianTasks(harmonic=True, fixed=fixed | of_unused))
+        assert result.converged and result.accuracy["maximum_principle_violation"] < 1e-12
+        assert (result.results["harmonic"]["min"], result.results["harmonic"]["max"]) == (2.0, 3.0)
+    result = solve_laplacian_tasks(mesh, LaplacianTasks(poisson=np.zeros(len(points)), fixed=fixed))
+    assert result.results["poisson"]["min"] == 2.0
+
+
 def test_one_element_and_everything_fixed():
     triangle = TriangleMesh.from_arrays(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), [[0, 1, 2]])
     fixed = {0: 1.0, 1: 2.0, 2: 3.0}
