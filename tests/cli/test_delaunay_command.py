@@ -160,6 +160,14 @@ def test_wrong_inputs_are_refused_in_one_line(run, shared_meshes, name, words):
     assert words in result.stderr and result.stderr.count("\n") == 1
 
 
+def test_points_without_faces_are_not_sent_to_an_operator_that_needs_faces_too(run, tmp_path):
+    path = tmp_path / "point.off"
+    path.write_text("OFF\n1 0 0\n0 0 0\n")
+    for command in ("delaunay", "laplacian"):
+        result = run(command, path)
+        assert result.exit_code == 2 and "no triangles" in result.stderr and "tufted" not in result.stderr
+
+
 def test_a_format_that_cannot_hold_it_is_refused_before_any_work(run, stretched, tmp_path):
     result = run("delaunay", stretched, "-o", tmp_path / "idt.obj")
     assert result.exit_code == 2 and ".npz" in result.stderr

@@ -216,6 +216,7 @@ def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str, *, one_sided:
     MeshError
     """
     refuse_repeated_vertices(mesh)
+    require(mesh, verb, sized=False)
     try:
         need = {"sized": False, "manifold_edges": True, "oriented": True, "one_sided": one_sided}
         require(mesh, verb, **need)

@@ -191,9 +191,16 @@ def check_mesh(mesh: SpaceMesh) -> None:
         raise MeshError("curves have no Hodge decomposition; give a surface or a mesh of tetrahedra")
     require(mesh, "hodge", manifold=True, oriented=True, one_sided=True)
     warn_of_pieces(mesh)
-    if mesh.topology.one_sided_face.any():
-        log.warning("the surface is one-sided (not orientable): the sign of copotentials depends on the "
-                    "orientation of the faces, and some generators have finite order")  # fmt: skip
+    topology = mesh.topology
+    if topology.one_sided_face.any():
+        bounded = topology.face_component[topology.boundary_vertex[mesh.faces].any(axis=1)]
+        is_closed = ~np.isin(topology.face_component, bounded)
+        has_torsion = (topology.one_sided_face & is_closed).any()
+        log.warning(
+            "the surface is one-sided (not orientable): the sign of copotentials depends on the orientation "
+            "of the faces%s",
+            ", and some generators have finite order" if has_torsion else "",
+        )
 
 
 def _warn_of_folds(mesh: TetMesh) -> None:
