@@ -13,6 +13,7 @@ from ddgcli.algorithms.hodge.harmonic import harmonic_basis
 from ddgcli.algorithms.hodge.hodge_analysis import hodge_analysis
 from ddgcli.algorithms.hodge.homology import betti_numbers
 from ddgcli.errors import ParameterError
+from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import complex_of
@@ -42,14 +43,28 @@ def test_parts_are_orthogonal_and_sum_to_the_field(name, boundary):
     rng = np.random.default_rng(0)
     split = decompose_form(mesh, rng.normal(size=c.counts[1]), boundary)
     vectors = rng.normal(size=(len(c.corners), 3))
-    if c.dimension == 2:
-        vectors, _ = tangent_part(mesh, vectors)
     for result in (split, decompose_cell_vectors(mesh, vectors, boundary)):
         assert result.orthogonality < 1e-12
         assert result.reconstruction_residual < 1e-10
         assert result.harmonic_residual < 1e-10
         squares = sum(result.norms[component] ** 2 for component in ("exact", "coexact", "harmonic"))
         assert squares == pytest.approx(result.norms["field"] ** 2, rel=1e-10)
+
+
+@pytest.mark.parametrize("place", ["cell", "vertex"])
+@pytest.mark.parametrize("noise", [0.0, 1e-13, 1e-8])
+def test_a_normal_field_has_no_parts_and_its_rounding_is_no_residual(place, noise):
+    """The tangent part of a normal field is rounding, and its parts were not its sum to a digit: exit 1."""
+    tangent = noise * np.random.default_rng(0).normal(size=(320, 3))
+    sphere, square = rotated(shapes.icosphere(2)), rotated(shapes.grid(8, 8))
+    for mesh in (sphere, square) if place == "cell" else (square,):
+        normal = (
+            face_normal(mesh) if place == "cell" else np.tile(face_normal(mesh)[:1], (mesh.n_vertices, 1))
+        )
+        result = hodge_analysis(mesh, (normal + tangent[: len(normal)], place), "tangential", False)
+        assert result.converged and result.accuracy["orthogonality"] < 1e-12
+        assert place == "vertex" or result.accuracy["reconstruction_residual"] < 1e-12
+        assert result.results["norms"]["field"] < 100 * max(noise, 1e-15)
 
 
 def test_known_parts_of_a_form_are_recovered():

@@ -48,11 +48,12 @@ class HodgeDecomposition:
     copotential : ndarray or None
         On faces for 1-forms, on edges for face vectors; None for vectors in tetrahedra.
     norms : dict of str to float
-        L2 norms of `field`, `exact`, `coexact`, `harmonic`.
+        L2 norms of `field` (of its tangent part on surfaces), `exact`, `coexact`, `harmonic`.
     orthogonality : float
         Largest |<a, b>| between two parts, relative to |field|^2.
     reconstruction_residual : float
-        |field - sum of parts| / |field|; every part is computed independently.
+        |field - sum of parts| / |field|; every part is computed independently. On surfaces the sum is that
+        of the tangent part, and the size in the denominator that of the whole field.
     harmonic_residual : float
         Largest curl or divergence left in the harmonic part, relative to the field.
     """
@@ -113,8 +114,9 @@ def decompose_cell_vectors(
 ) -> HodgeDecomposition:
     """Split a field of vectors constant on cells (faces, or tetrahedra) into its three parts.
 
-    On surfaces normal components must have been removed (`tangent_part`). In tetrahedra the coexact part is a
-    curl of tangential vectors on the faces, which are not unique and not returned.
+    On surfaces the tangent part is split; residuals are relative to the field with its normal part, whose
+    rounding is in the tangent part. In tetrahedra the coexact part is a curl of tangential vectors on the
+    faces, which are not unique and not returned.
 
     Parameters
     ----------
@@ -134,7 +136,9 @@ def decompose_cell_vectors(
     """
     projection = closed_projection(mesh, boundary)
     complex_ = projection.complex
-    vectors = finite_field(vectors, len(complex_.corners), "cell")
+    whole = vectors = finite_field(vectors, len(complex_.corners), "cell")
+    if isinstance(mesh, TriangleMesh):
+        vectors, _ = tangent_part(mesh, whole)
     measure = complex_.metric.measure[:, None]
     load = whitney_load(mesh, vectors)
     potential = projection.potential(load)
@@ -151,7 +155,7 @@ def decompose_cell_vectors(
     return _assembled(
         lambda a, b: float((measure * a * b).sum()),
         vectors, (exact, coexact, harmonic), potential, copotential,
-        _relative(projection.residual(form), harmonic, vectors),
+        _relative(projection.residual(form), harmonic, whole), whole,
     )  # fmt: skip
 
 
@@ -181,10 +185,7 @@ def decompose_vertex_vectors(
     """
     vectors = finite_field(vectors, mesh.n_vertices, "vertex")
     corners = mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces
-    on_cells = vectors[corners].mean(axis=1)
-    if isinstance(mesh, TriangleMesh):
-        on_cells, _ = tangent_part(mesh, on_cells)
-    split = decompose_cell_vectors(mesh, on_cells, boundary)
+    split = decompose_cell_vectors(mesh, vectors[corners].mean(axis=1), boundary)
     components = [to_vertices(mesh, component) for component in (split.exact, split.coexact, split.harmonic)]
     weight = _vertex_measure(mesh)[:, None]
     remainder = vectors - sum(components)
@@ -429,13 +430,14 @@ def _relative(residual: float, component: NDArray, whole: NDArray) -> float:
     return float(residual * np.abs(component).max(initial=0.0) / largest) if largest else 0.0
 
 
-def _assembled(inner, whole, components, potential, copotential, residual) -> HodgeDecomposition:
+def _assembled(inner, field, components, potential, copotential, residual, whole=None) -> HodgeDecomposition:
+    """Decomposition with its residuals, relative to `whole`, whose tangent part the field is."""
     exact, coexact, harmonic = components
     norm = {name: np.sqrt(max(inner(component, component), 0.0)) for name, component in zip(
-        ("field", "exact", "coexact", "harmonic"), (whole, *components))}  # fmt: skip
-    scale = norm["field"] or 1.0
+        ("field", "exact", "coexact", "harmonic"), (field, *components))}  # fmt: skip
+    scale = (norm["field"] if whole is None else np.sqrt(inner(whole, whole))) or 1.0
     pairs = ((exact, coexact), (exact, harmonic), (coexact, harmonic))
-    remainder = whole - sum(components)
+    remainder = field - sum(components)
     return HodgeDecomposition(
         exact=exact,
         coexact=coexact,

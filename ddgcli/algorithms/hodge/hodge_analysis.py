@@ -306,7 +306,7 @@ def _decomposed_at_unit_size(
     if place == "vertex":
         return decompose_vertex_vectors(mesh, array, boundary)
     if isinstance(mesh, TriangleMesh):
-        array, removed = tangent_part(mesh, array)
+        _, removed = tangent_part(mesh, array)
         if removed > 1e-6:
             log.warning("the field has normal components of up to %.2g of its size: only its tangent part "
                         "is decomposed", removed)  # fmt: skip
