@@ -35,6 +35,21 @@ def test_angles_that_contradict_gauss_bonnet_are_those_of_the_option_that_was_gi
     assert refused.value.parameter == "boundary_values"
 
 
+@pytest.mark.parametrize("size", [1.0, 1e100])
+@pytest.mark.parametrize("value", [1000.0, -1000.0])
+def test_scale_factors_whose_exponential_overflows_are_refused_with_the_range(size, value):
+    """They missed the angle sums by up to nan radians, and the smallest left no face with an area."""
+    mesh = flat_disk()
+    mesh = mesh.moved(size * mesh.points)
+    with pytest.raises(ParameterError, match="is -?1000, .* use -?[0-9]+ to [0-9]+") as refused:
+        conformal_map(mesh, boundary="lengths", boundary_values=np.full(mesh.n_vertices, value))
+    assert refused.value.parameter == "boundary_values"
+    low, high = (float(word) for word in str(refused.value).split("; use ")[1].split(" to "))
+    for shift in (low, 60.0 - np.log(size), high):  # at the start only the boundary had the factor
+        mapped = conformal_map(mesh, boundary="lengths", boundary_values=np.full(mesh.n_vertices, shift))
+        assert mapped.converged
+
+
 def test_a_line_of_too_many_crossings_is_not_blamed_on_sides_without_length(caplog):
     sphere = shapes.icosphere(2)
     lines = trace(sphere, [0], [[0.3, 0.3, 0.4]], [[1.0, 0.2, 0.0]], [1e3], max_crossings=500)

@@ -99,6 +99,8 @@ def cone_metric(
     referenced[state.tail] = True
     u = np.where(targets.fixed, targets.scale, 0.0)
     free = referenced & ~targets.fixed
+    if targets.fixed.any():  # lengths times a constant have the same angles
+        u[free] = targets.scale[targets.fixed].mean()
     work = _Newton(state, n_vertices, targets.angle, free, ~free)
     if not (targets.fixed & referenced).any():
         work.fixed = ~free

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.choices import CONFORMAL_BOUNDARIES
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.cures import cure
-from ddgcli.mesh.require import require
+from ddgcli.mesh.require import LENGTH_RANGE, require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -72,7 +72,8 @@ def conformal_targets(
     MeshError
         Several components, or no oriented manifold.
     ParameterError
-        A vertex without faces, an angle that is not positive, or angle sums that contradict Gauss-Bonnet.
+        A vertex without faces, an angle that is not positive, a scale factor that leaves no length whose
+        square is a number, or angle sums that contradict Gauss-Bonnet.
     """
     verb = "`parameterize=discrete-conformal`"
     require(mesh, verb, manifold=True, oriented=True, extent=True)
@@ -91,6 +92,7 @@ def conformal_targets(
     on_boundary = _checked_cones(mesh, degrees, boundary)
     if boundary == "lengths":
         scale[edge] = np.asarray(boundary_values, dtype=float)[edge]
+        _check_scale(mesh, np.flatnonzero(edge), scale[edge])
     elif boundary == "angles" and boundary_values is not None:
         angle[edge] = np.radians(np.asarray(boundary_values, dtype=float)[edge])
     vertex = np.fromiter(degrees, dtype=np.int64, count=len(degrees))
@@ -128,6 +130,19 @@ def _check_boundary(boundary: str, values: NDArray | None, mesh: TriangleMesh) -
     if values.shape != (mesh.n_vertices,) or not np.isfinite(values[mesh.topology.boundary_vertex]).all():
         raise ParameterError(
             f"needs a finite number at each of {mesh.n_vertices} vertices", parameter="boundary_values"
+        )
+
+
+def _check_scale(mesh: TriangleMesh, vertex: NDArray, scale: NDArray) -> None:
+    """Raise ParameterError for a scale factor whose exponential takes sides out of the range of lengths."""
+    low, high = np.log(LENGTH_RANGE[2]) - np.log(mesh.side_length.max())
+    bad = np.flatnonzero((scale < low) | (scale > high))
+    if len(bad):
+        raise ParameterError(
+            f"the logarithmic scale factor of vertex {vertex[bad[0]]} is {scale[bad[0]]:.6g}, and lengths "
+            f"times its exponential over- or underflow if squared; use {np.ceil(low):.0f} to "
+            f"{np.floor(high):.0f}",
+            parameter="boundary_values",
         )
 
 
