@@ -81,6 +81,35 @@ def test_poisson_of_an_array_of_the_mesh_and_of_a_file(mesh_file, summary, tmp_p
     assert np.load(result)["poisson"][0] == 5
 
 
+@pytest.mark.parametrize("fix", [[], ["--fix", "0=5"]])
+def test_poisson_solves_for_each_column(mesh_file, summary, tmp_path, fix):
+    mesh = shapes.icosphere(2)
+    path, result, one = mesh_file(mesh, f=mesh.points[:, :2]), tmp_path / "r.npz", tmp_path / "one.npz"
+    both = summary("laplacian", path, "--poisson", "f", *fix, "-o", result)["results"]["poisson"]
+    columns = []
+    for k in range(2):
+        np.save(tmp_path / "f.npy", mesh.points[:, k])
+        out = summary("laplacian", path, "--poisson", tmp_path / "f.npy", *fix, "-o", one)
+        columns.append(out["results"]["poisson"])
+        assert np.abs(np.load(result)["poisson"][:, k] - np.load(one)["poisson"]).max() < 1e-13
+    assert both["max"] == pytest.approx(max(column["max"] for column in columns))
+    assert both["dirichlet_energy"] == pytest.approx(sum(c["dirichlet_energy"] for c in columns))
+
+
+@pytest.mark.parametrize(
+    "words", [["--poisson"], ["--heat", "--duration", "1"], ["--wave", "--duration", "1"]]
+)
+def test_values_whose_integral_overflows_are_refused_where_they_are_named(mesh_file, run, tmp_path, words):
+    """Each value is finite, but an error named a right-hand side that is not."""
+    mesh = shapes.icosphere(1, radius=1e3)
+    option, *rest = words
+    np.save(tmp_path / "f.npy", np.full(mesh.n_vertices, 1e308))
+    result = run("laplacian", mesh_file(mesh), option, tmp_path / "f.npy", *rest)
+    assert result.exit_code == 2 and result.stderr.count("\n") == 1
+    assert f"{option}: values of up to 1e+308 are too large" in result.stderr
+    assert "rescale the array" in result.stderr
+
+
 def test_arrays_follow_the_subdivision(tmp_path, summary):
     mesh, finer = shapes.icosphere(2), shapes.midpoint_subdivided(shapes.icosphere(2), 2)
     arrays = {"f": mesh.points[:, 2] + 0.5, "label": np.arange(mesh.n_vertices)}

@@ -147,6 +147,7 @@ def evolve_function(
     """
     n = operator.stiffness.shape[0]
     start = checked_start(start, n, equation)
+    operator.integrated(start, equation)
     vertices = operator.referenced_vertices  # rows of others are empty: no equation holds there
     L, M = (csc_array(matrix)[:, vertices][vertices] for matrix in (operator.stiffness, operator.mass))
     u = start[vertices]

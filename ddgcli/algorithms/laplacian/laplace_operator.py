@@ -67,6 +67,20 @@ class LaplaceOperator:
         """Vertices that a face or tetrahedron uses."""
         return np.flatnonzero(self.mass.diagonal() > 0)
 
+    def integrated(self, values: NDArray, parameter: str) -> NDArray[np.float64]:
+        """M f for finite (n, ...) values; ParameterError of `parameter` where sums of it overflow."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            result = self.mass @ values
+            total = np.abs(result).sum()
+        if not np.isfinite(total):
+            measure = {2: "area", 3: "volume"}[self.dimension]
+            raise ParameterError(
+                f"values of up to {np.abs(values).max():.3g} are too large: their integral over the "
+                f"{measure} of {self.mass.sum():.3g} overflows; rescale the array",
+                parameter=parameter,
+            )
+        return result
+
 
 def laplace_operator(
     mesh: TriangleMesh | TetMesh,

@@ -58,10 +58,10 @@ def poisson(operator: LaplaceOperator, source: NDArray, fixed: Mapping[int, floa
     Raises
     ------
     ParameterError
-        For a source of another shape, or values that are not finite.
+        For a source of another shape, or values that are not finite or whose integral overflows.
     """
     source = checked_source(source, operator.stiffness.shape[0])
-    rhs = operator.mass @ source
+    rhs = operator.integrated(source, "poisson")
     if fixed:
         return _with_fixed(operator, fixed, rhs)
     problem = Poisson(operator.stiffness, operator.mass)
@@ -91,7 +91,9 @@ def checked_source(source: NDArray, n: int) -> NDArray[np.float64]:
     source = np.asarray(source, dtype=np.float64)
     if source.shape[:1] != (n,) or source.ndim > 2:
         raise ParameterError(
-            f"an array of shape {source.shape}; use one number for each of {n} vertices", parameter="poisson"
+            f"an array of shape {source.shape}; use one number, or a row of numbers, for each of {n} "
+            "vertices",
+            parameter="poisson",
         )
     if not np.isfinite(source).all():
         bad = np.flatnonzero(~np.isfinite(source.reshape(n, -1)).all(axis=1))

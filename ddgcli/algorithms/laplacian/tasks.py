@@ -29,8 +29,8 @@ class LaplacianTasks:
         See `laplace_operator`.
     eigen : int, optional
         Number of eigenpairs.
-    poisson : (n,) ndarray, optional
-        Source of a Poisson problem.
+    poisson : (n,) or (n, c) ndarray, optional
+        Source of a Poisson problem, or of one for each column.
     harmonic : bool
         Interpolate the fixed values.
     fixed : mapping of vertex to value

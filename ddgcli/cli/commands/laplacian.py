@@ -73,7 +73,8 @@ class FixedValue(click.ParamType):
 @click.option(
     "--poisson",
     metavar="ARRAY|FILE",
-    help="Solve L u = M f (minus the Laplacian of u is f) for an array of MESH or of a file.",
+    help="Solve L u = M f (minus the Laplacian of u is f) for an array of MESH or of a file; "
+    "one solution for each column.",
 )
 @click.option("--harmonic", is_flag=True, help="Interpolate the values of --fix harmonically.")
 @click.option(
