@@ -94,8 +94,8 @@ def heat_kernel_signature(
     Returns
     -------
     HeatKernelSignature
-        `values` (n, t) in 1/length^2; `truncation` (t,), an estimate of the relative error by the
-        eigenfunctions that were left out.
+        `values` (n, t) in 1/length^2; `truncation` (t,), an estimate of the largest relative error by
+        the eigenfunctions that were left out.
 
     Raises
     ------
