@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.mesh.frozen import FrozenArrays, frozen
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import unique_keys
-from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross
 
 
 @dataclass(frozen=True, eq=False)
-class SurfacePoints:
+class SurfacePoints(FrozenArrays):
     """Points on the faces of a mesh.
 
     Parameters

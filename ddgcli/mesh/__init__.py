@@ -13,6 +13,7 @@ __all__ = [
     "double_cover",
     "edge_lookup",
     "fields",
+    "frozen",
     "intrinsic_mesh",
     "masked",
     "midpoint_subdivision",

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.frozen import FrozenArrays, frozen
 from ddgcli.mesh.masked import unmasked
 from ddgcli.mesh.ragged import list_starts
-from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import own_points
 
 PLANARITY_TOLERANCE = 1e-6  # of the curve's size: coordinates in text files have six digits
@@ -22,7 +22,7 @@ PARALLEL_COSINE = (
 
 
 @dataclass(frozen=True, eq=False)
-class CurveSet:
+class CurveSet(FrozenArrays):
     """Polylines over one array of points, with arrays on them.
 
     `from_arrays` checks its arguments; the constructor does not.
@@ -47,6 +47,10 @@ class CurveSet:
     points: NDArray[np.float64]
     lines: NDArray[np.int64]
     point_arrays: dict[str, NDArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", frozen(self.points))
+        object.__setattr__(self, "lines", frozen(self.lines))
 
     def __repr__(self) -> str:
         return f"CurveSet({self.n_vertices} vertices, {len(self.lines)} lines)"
@@ -78,7 +82,7 @@ class CurveSet:
         bad = np.flatnonzero(((segments < 0) | (segments >= len(checked))).any(axis=1))
         if len(bad):
             raise MeshError(f"segment {bad[0]} names a point outside 0..{len(checked) - 1}")
-        return cls(frozen(checked), frozen(segments.astype(np.int64)))
+        return cls(checked, segments.astype(np.int64))
 
     @property
     def n_vertices(self) -> int:

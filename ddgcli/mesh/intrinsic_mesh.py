@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.topology import Topology, frozen
+from ddgcli.mesh.frozen import FrozenArrays, frozen
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 @dataclass(frozen=True, eq=False)
-class IntrinsicMesh:
+class IntrinsicMesh(FrozenArrays):
     """Triangulation with side lengths; intrinsic operators accept it like a TriangleMesh.
 
     Parameters

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.frozen import FrozenArrays, frozen
 from ddgcli.mesh.masked import unmasked
 from ddgcli.mesh.ragged import repeated_rows
-from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh, own_points
 from ddgcli.mesh.vectors import cone_volume
 
@@ -26,7 +26,7 @@ FLAT_POSITION_TOLERANCE = 2 * FLAT_VOLUME_TOLERANCE
 
 
 @dataclass(frozen=True, eq=False)
-class TetMesh:
+class TetMesh(FrozenArrays):
     """Tetrahedral mesh.
 
     `from_arrays` checks its arguments; the constructor does not.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.frozen import FrozenArrays, frozen
 from ddgcli.mesh.ragged import sorted_keys, unique_keys
 
 NEXT = np.array([1, 2, 0])
@@ -23,25 +24,8 @@ NEXT_OFFSET, PREVIOUS_OFFSET = NEXT - np.arange(3), PREVIOUS - np.arange(3)
 MAX_ROTATION_STEPS = 500  # corners of a vertex up to which rotation about all vertices at once is cheap
 
 
-def frozen(array: NDArray) -> NDArray:
-    """Make an array contiguous and read-only.
-
-    Parameters
-    ----------
-    array : ndarray
-
-    Returns
-    -------
-    ndarray
-        The array itself where it is contiguous already.
-    """
-    array = np.ascontiguousarray(array)
-    array.flags.writeable = False
-    return array
-
-
 @dataclass(frozen=True, eq=False)
-class Topology:
+class Topology(FrozenArrays):
     """Connectivity of a triangle mesh; may be a Delta-complex when its gluing is given.
 
     Parameters

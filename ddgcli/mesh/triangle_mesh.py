@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError, counted
+from ddgcli.mesh.frozen import FrozenArrays, frozen
 from ddgcli.mesh.masked import unmasked
-from ddgcli.mesh.topology import NEXT, Topology, check_faces, frozen
+from ddgcli.mesh.topology import NEXT, Topology, check_faces
 from ddgcli.mesh.vectors import bounding_box, cross, dot, vector_length
 
 FLAT_AREA_TOLERANCE = 1e-12  # twice the area of a flat face, over its longest side squared
@@ -76,7 +77,7 @@ def own_points(points: ArrayLike) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class TriangleMesh:
+class TriangleMesh(FrozenArrays):
     """Triangle mesh in space.
 
     `from_arrays` checks its arguments; the constructor does not.

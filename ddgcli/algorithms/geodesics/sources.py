@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.frozen import FrozenArrays, frozen
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import unique_keys
-from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -44,7 +44,7 @@ def edge_lengths(mesh: SurfaceMesh) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class Sources:
+class Sources(FrozenArrays):
     """Sources of a distance, numbered: first the vertices, then the points, then the curves.
 
     Parameters

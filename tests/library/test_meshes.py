@@ -1,0 +1,56 @@
+"""Meshes of the library are immutable: their copies too, and whatever points they are moved to."""
+
+import copy
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ddgcli as ddg
+from ddgcli.geometry.surface_points import face_centroids
+from ddgcli.mesh.shapes import box_tetrahedra
+
+BALL = ddg.icosphere(1)
+MESHES: dict[str, Any] = {
+    "surface": BALL,
+    "topology": BALL.topology,
+    "intrinsic": ddg.intrinsic_delaunay(BALL),
+    "tetrahedra": box_tetrahedra(1, 1, 1),
+    "curves": ddg.CurveSet.from_arrays(np.eye(3), [[0, 1], [1, 2]]),
+    "isolines": ddg.isolines(BALL, BALL.points[:, 2]).mesh,
+    "path": ddg.shortest_paths(BALL, 0, 9).mesh,
+    "places": face_centroids(BALL),
+}
+
+
+def arrays_of(mesh: Any) -> list[np.ndarray]:
+    """Arrays of a mesh, cached ones too; tuples of arrays are cached as such."""
+    values = [value for name, value in vars(mesh).items() if name != "point_arrays"]
+    return [
+        array
+        for value in values
+        for array in (value if isinstance(value, tuple) else [value])
+        if isinstance(array, np.ndarray)
+    ]
+
+
+@pytest.mark.parametrize("kind", MESHES)
+def test_arrays_of_meshes_are_read_only_in_copies_and_pickles_too(kind):
+    mesh = MESHES[kind]
+    if isinstance(mesh, ddg.TetMesh):
+        assert len(mesh.edges) == 19 and mesh.boundary.n_faces == 12  # cached from here on
+    for copied in (mesh, copy.copy(mesh), copy.deepcopy(mesh), pickle.loads(pickle.dumps(mesh))):
+        arrays = arrays_of(copied)
+        assert len(arrays) == len(arrays_of(mesh)) > 0
+        assert not any(array.flags.writeable for array in arrays)
+        for array, original in zip(arrays, arrays_of(mesh)):
+            np.testing.assert_array_equal(array, original)
+
+
+def test_the_surface_of_a_copied_measurement_is_read_only():
+    surface = copy.deepcopy(ddg.curvature(BALL)).mesh
+    with pytest.raises(ValueError, match="read-only"):
+        surface.points[0] = 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        surface.topology.faces[0] = 0
