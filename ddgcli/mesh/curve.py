@@ -13,7 +13,7 @@ from ddgcli.errors import MeshError
 from ddgcli.mesh.frozen import FrozenArrays, frozen
 from ddgcli.mesh.masked import unmasked
 from ddgcli.mesh.ragged import list_starts
-from ddgcli.mesh.triangle_mesh import own_points
+from ddgcli.mesh.triangle_mesh import moved_points, own_points
 
 PLANARITY_TOLERANCE = 1e-6  # of the curve's size: coordinates in text files have six digits
 PARALLEL_COSINE = (
@@ -89,8 +89,27 @@ class CurveSet(FrozenArrays):
         """Number of points."""
         return len(self.points)
 
-    def moved(self, points: NDArray) -> CurveSet:
-        """The same curves with other (n, 3) points, without arrays."""
+    def moved(self, points: ArrayLike) -> CurveSet:
+        """The same curves at other positions, without arrays.
+
+        Parameters
+        ----------
+        points : (n, 2) or (n, 3) array_like of float
+            One point for each vertex; copied.
+
+        Returns
+        -------
+        CurveSet
+
+        Raises
+        ------
+        MeshError
+            On a wrong shape, or a point that is not finite.
+        """
+        return self.moved_unchecked(moved_points(points, self.n_vertices))
+
+    def moved_unchecked(self, points: NDArray) -> CurveSet:
+        """`moved` without checks and without a copy: the array becomes read-only."""
         return CurveSet(np.asarray(points, dtype=np.float64), self.lines)
 
     @property

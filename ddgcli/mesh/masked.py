@@ -1,6 +1,9 @@
-"""Masked arrays, whose masks numpy drops on conversion."""
+"""Arrays of callers: masks, which numpy drops on conversion, and objects in place of numbers."""
 
 from __future__ import annotations
+
+import contextlib
+import numbers
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +13,8 @@ from ddgcli.errors import MeshError
 
 def unmasked(values: ArrayLike, what: str) -> NDArray:
     """Array of values; a masked entry is an error, since the array would have the value behind the mask.
+
+    Objects that are real numbers become integers or floats.
 
     Parameters
     ----------
@@ -27,4 +32,32 @@ def unmasked(values: ArrayLike, what: str) -> NDArray:
     """
     if np.ma.is_masked(values):
         raise MeshError(f"{what} has masked entries; give them values first, as numpy.ma.filled does")
-    return np.asarray(values)
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise MeshError(f"{what} has rows of different lengths; give rows of the same length") from error
+    return real_objects(array, what) if array.dtype.kind == "O" else array
+
+
+def real_objects(array: NDArray, what: str) -> NDArray:
+    """Array of objects, such as fractions, as whole or real numbers; an error for other objects.
+
+    Parameters
+    ----------
+    array : ndarray of objects
+    what : str
+        Subject of the message.
+
+    Returns
+    -------
+    ndarray of int64 or float64
+
+    Raises
+    ------
+    MeshError
+    """
+    for kind, dtype in ((numbers.Integral, np.int64), (numbers.Real, np.float64)):
+        if all(isinstance(number, kind) for number in array.flat):
+            with contextlib.suppress(OverflowError):
+                return array.astype(dtype)
+    raise MeshError(f"{what} holds objects that are no real numbers")

@@ -69,7 +69,7 @@ def mesh_on_sphere(mesh: TriangleMesh) -> TriangleMesh:
     -------
     TriangleMesh
     """
-    return mesh.moved(_on_sphere(mesh.points))
+    return mesh.moved_unchecked(_on_sphere(mesh.points))
 
 
 def midpoint_subdivided(mesh: TriangleMesh, times: int = 1) -> TriangleMesh:

@@ -13,7 +13,7 @@ from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.frozen import FrozenArrays, frozen
 from ddgcli.mesh.masked import unmasked
 from ddgcli.mesh.ragged import repeated_rows
-from ddgcli.mesh.triangle_mesh import TriangleMesh, own_points
+from ddgcli.mesh.triangle_mesh import TriangleMesh, moved_points, own_points
 from ddgcli.mesh.vectors import cone_volume
 
 # faces of a positively oriented tetrahedron, outward; face i is opposite corner i
@@ -90,8 +90,27 @@ class TetMesh(FrozenArrays):
         """Number of vertices."""
         return len(self.points)
 
-    def moved(self, points: NDArray) -> TetMesh:
-        """The same cells at other points."""
+    def moved(self, points: ArrayLike) -> TetMesh:
+        """The same cells at other positions.
+
+        Parameters
+        ----------
+        points : (n, 2) or (n, 3) array_like of float
+            One point for each vertex; copied.
+
+        Returns
+        -------
+        TetMesh
+
+        Raises
+        ------
+        MeshError
+            On a wrong shape, or a point that is not finite.
+        """
+        return self.moved_unchecked(moved_points(points, self.n_vertices))
+
+    def moved_unchecked(self, points: NDArray) -> TetMesh:
+        """`moved` without checks and without a copy: the array becomes read-only."""
         return TetMesh(points, self.tetrahedra)
 
     @cached_property

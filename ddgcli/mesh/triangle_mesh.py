@@ -76,6 +76,28 @@ def own_points(points: ArrayLike) -> NDArray[np.float64]:
     return checked.copy() if np.may_share_memory(checked, array) else checked
 
 
+def moved_points(points: ArrayLike, n_vertices: int) -> NDArray[np.float64]:
+    """Positions as `own_points` converts them, one for each vertex of a mesh.
+
+    Parameters
+    ----------
+    points : (n, 3) or (n, 2) array_like
+    n_vertices : int
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+
+    Raises
+    ------
+    MeshError
+    """
+    own = own_points(points)
+    if len(own) != n_vertices:
+        raise MeshError(f"points must have shape ({n_vertices}, 3), one for each vertex, not {own.shape}")
+    return own
+
+
 @dataclass(frozen=True, eq=False)
 class TriangleMesh(FrozenArrays):
     """Triangle mesh in space.
@@ -131,8 +153,27 @@ class TriangleMesh(FrozenArrays):
             points, Topology(check_faces(unmasked(faces, "the array of faces"), len(points)), len(points))
         )
 
-    def moved(self, points: NDArray) -> TriangleMesh:
-        """The same connectivity at other positions (n, 3)."""
+    def moved(self, points: ArrayLike) -> TriangleMesh:
+        """The same connectivity at other positions.
+
+        Parameters
+        ----------
+        points : (n, 2) or (n, 3) array_like of float
+            One point for each vertex; copied.
+
+        Returns
+        -------
+        TriangleMesh
+
+        Raises
+        ------
+        MeshError
+            On a wrong shape, or a point that is not finite.
+        """
+        return self.moved_unchecked(moved_points(points, self.n_vertices))
+
+    def moved_unchecked(self, points: NDArray) -> TriangleMesh:
+        """`moved` without checks and without a copy: the array becomes read-only."""
         return TriangleMesh(points, self.topology)
 
     @property

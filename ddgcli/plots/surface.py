@@ -187,7 +187,7 @@ def _paint(
     size = _sampled_size(figure, axes)
     margin = ARROW_LENGTH + MARGIN if arrows else MARGIN
     camera = fitted_camera(fit_points, view_axes(fit_points, view, up or "z"), size[0], size[1], margin)
-    others = [other.moved(placed(other.points)) for other in context]
+    others = [other.moved_unchecked(placed(other.points)) for other in context]
     from_below = bool(camera.axes[2]["xyz".index(up or "z")] < 0)
     image, visible, mappable = _surface_image(camera, mesh, values, signed, limits, others, edges, from_below)
     axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none")
@@ -292,7 +292,7 @@ def _in_unit_box(mesh: TriangleMesh, fit: NDArray | None) -> tuple[TriangleMesh,
     if len(fit_points) == 0:
         fit_points = np.zeros((1, 3))
     placed = unit_box(fit_points)
-    return mesh.moved(placed(mesh.points)), placed(fit_points), placed
+    return mesh.moved_unchecked(placed(mesh.points)), placed(fit_points), placed
 
 
 def _relevant(mesh: TriangleMesh, values: NDArray) -> NDArray[np.float64]:

@@ -49,10 +49,10 @@ def _shape(section: Any, bodies: NDArray, read: Callable[[str], Any]) -> Triangl
         return _square(np.array(section.plane.point), np.array(section.plane.normal), bodies)
     if getattr(section, "sphere", None) is not None:
         ball = icosphere(BALL_SUBDIVISIONS, section.sphere.radius)
-        return ball.moved(ball.points + np.array(section.sphere.center))
+        return ball.moved_unchecked(ball.points + np.array(section.sphere.center))
     if getattr(section, "box", None) is not None:
         solid = box(1, 1, 1, section.box.size)
-        return solid.moved(solid.points + np.array(section.box.corner))
+        return solid.moved_unchecked(solid.points + np.array(section.box.corner))
     if getattr(section, "cylinder", None) is not None:
         shape = section.cylinder
         return _cylinder(np.array(shape.start), np.array(shape.end), shape.radius)
@@ -66,7 +66,7 @@ def _placed(section: Any, mesh: TriangleMesh) -> TriangleMesh:
     rotation = getattr(section, "rotation", None)
     if rotation is not None:
         points = points @ rotation_matrix(rotation.axis, np.radians(rotation.degrees)).T
-    return mesh.moved(points + np.array(getattr(section, "position", (0.0, 0.0, 0.0))))
+    return mesh.moved_unchecked(points + np.array(getattr(section, "position", (0.0, 0.0, 0.0))))
 
 
 def _square(point: NDArray, normal: NDArray, bodies: NDArray) -> TriangleMesh:
@@ -79,7 +79,7 @@ def _square(point: NDArray, normal: NDArray, bodies: NDArray) -> TriangleMesh:
     across, along = tangents(normal)
     flat = grid(PLANE_CELLS, PLANE_CELLS)
     share = flat.points[:, :2] / flat.points[:, :2].max() * 2.0 - 1.0
-    return flat.moved(middle + reach * (share[:, :1] * across + share[:, 1:] * along))
+    return flat.moved_unchecked(middle + reach * (share[:, :1] * across + share[:, 1:] * along))
 
 
 def _cylinder(start: NDArray, end: NDArray, radius: float) -> TriangleMesh:

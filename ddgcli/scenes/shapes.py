@@ -229,7 +229,7 @@ def place(section: SurfaceObject, read: Callable[[str], Any], volumes: bool = Fa
         nx, ny, nz = section.box.cells
         solid = box_tetrahedra(nx, ny, nz, section.box.size)
         inside = np.asarray(solid.points) + np.array(section.box.corner)
-        return PlacedMesh(solid.moved(_moved(section, inside)), {})
+        return PlacedMesh(solid.moved_unchecked(_moved(section, inside)), {})
     if section.grid is not None and section.grid.periodic:
         flat = periodic_grid(section.grid)
         points = _moved(section, np.asarray(flat.points))
@@ -244,12 +244,12 @@ def place(section: SurfaceObject, read: Callable[[str], Any], volumes: bool = Fa
             logging.getLogger("ddgcli").warning("object %s: %s", section.name, note)
         mesh, vertex, sha256, face = source.mesh, source.vertex, source.sha256, source.face
         if volumes and isinstance(mesh, TetMesh):
-            return PlacedMesh(mesh.moved(_moved(section, np.asarray(mesh.points))), vertex, sha256)
+            return PlacedMesh(mesh.moved_unchecked(_moved(section, np.asarray(mesh.points))), vertex, sha256)
         if not isinstance(mesh, TriangleMesh):
             raise ValueError(kind_error(mesh, ("surface",), path=section.mesh))
     else:
         mesh = shape_mesh(section)
-    return PlacedMesh(mesh.moved(_moved(section, np.asarray(mesh.points))), vertex, sha256, face)
+    return PlacedMesh(mesh.moved_unchecked(_moved(section, np.asarray(mesh.points))), vertex, sha256, face)
 
 
 def shape_mesh(section: Any) -> TriangleMesh:
@@ -270,10 +270,10 @@ def shape_mesh(section: Any) -> TriangleMesh:
         return cylinder_mesh(section.cylinder)
     if section.sphere is not None:
         ball = icosphere(section.sphere.subdivisions, section.sphere.radius)
-        return ball.moved(ball.points + np.array(section.sphere.center))
+        return ball.moved_unchecked(ball.points + np.array(section.sphere.center))
     nx, ny, nz = section.box.cells
     solid = box(nx, ny, nz, section.box.size)
-    return solid.moved(solid.points + np.array(section.box.corner))
+    return solid.moved_unchecked(solid.points + np.array(section.box.corner))
 
 
 def cylinder_mesh(side: CylinderSide) -> TriangleMesh:

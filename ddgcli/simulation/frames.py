@@ -122,7 +122,7 @@ def mesh_of_frame(mesh: Any, trajectory_frame: TrajectoryFrame) -> Any:
     if trajectory_frame.points is None:
         return mesh
     if trajectory_frame.faces is None:
-        return mesh.moved(trajectory_frame.points)
+        return mesh.moved_unchecked(trajectory_frame.points)
     return TriangleMesh(
         trajectory_frame.points, Topology(trajectory_frame.faces, len(trajectory_frame.points))
     )

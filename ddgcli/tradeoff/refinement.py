@@ -139,11 +139,11 @@ def _interpolated(source: Any, meshes: list[TriangleMesh]) -> Any:
 def _split(mesh: TriangleMesh, section: Any) -> TriangleMesh:
     if section.sphere is not None:
         centre, radius = np.array(section.sphere.center), section.sphere.radius
-        unit = mesh_on_sphere(midpoint_subdivided(mesh.moved((mesh.points - centre) / radius)))
-        return unit.moved(centre + radius * unit.points)
+        unit = mesh_on_sphere(midpoint_subdivided(mesh.moved_unchecked((mesh.points - centre) / radius)))
+        return unit.moved_unchecked(centre + radius * unit.points)
     if section.cylinder is not None:
         finer = midpoint_subdivided(mesh)
-        return finer.moved(on_cylinder(section.cylinder, np.asarray(finer.points)))
+        return finer.moved_unchecked(on_cylinder(section.cylinder, np.asarray(finer.points)))
     return smoothly_subdivided(mesh) if section.mesh is not None else midpoint_subdivided(mesh)
 
 

@@ -51,7 +51,7 @@ def smoothly_subdivided(mesh: TriangleMesh) -> TriangleMesh:
     finer = midpoint_subdivided(mesh)
     points = np.array(finer.points)
     points[mesh.n_vertices :] += lift
-    return finer.moved(points)
+    return finer.moved_unchecked(points)
 
 
 def smooth_midpoint_values(mesh: TriangleMesh, values: NDArray) -> NDArray[np.float64]:

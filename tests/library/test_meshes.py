@@ -54,3 +54,42 @@ def test_the_surface_of_a_copied_measurement_is_read_only():
         surface.points[0] = 0.0
     with pytest.raises(ValueError, match="read-only"):
         surface.topology.faces[0] = 0
+
+
+MOVABLE = ("surface", "tetrahedra", "curves")
+
+
+@pytest.mark.parametrize("kind", MOVABLE)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int64])
+def test_points_to_which_a_mesh_is_moved_stay_those_of_the_caller(kind, dtype):
+    mesh = MESHES[kind]
+    points = (4 * mesh.points).astype(dtype)
+    moved = mesh.moved(points)
+    expected = points.astype(np.float64)
+    points[:] = 7
+    np.testing.assert_array_equal(moved.points, expected)
+    assert moved.points.dtype == np.float64 and not moved.points.flags.writeable
+
+
+@pytest.mark.parametrize("kind", MOVABLE)
+def test_a_mesh_is_not_moved_to_what_is_no_point_for_each_vertex(kind):
+    mesh = MESHES[kind]
+    not_finite = np.where(np.arange(mesh.n_vertices) == 2, np.nan, 1.0)[:, None] * mesh.points
+    ragged: list[Any] = [[0, 0, 0], [1, 0]]
+    for points, words in (
+        (mesh.points[1:], "one for each vertex"),
+        (mesh.points.ravel(), "shape"),
+        (mesh.points + 1j, "real numbers"),
+        (not_finite, "vertex 2 is not finite"),
+        (np.full(mesh.points.shape, np.inf), "vertex 0 is not finite"),
+        (ragged, "rows of different lengths"),
+        (np.array([["a", 1, 2]], dtype=object), "no real numbers"),
+        ("abc", "real numbers"),
+    ):
+        with pytest.raises(ddg.errors.MeshError, match=words):
+            mesh.moved(points)
+
+
+def test_a_mesh_moved_to_points_of_the_plane_has_no_height():
+    flat = BALL.moved(BALL.points[:, :2])
+    np.testing.assert_array_equal(flat.points, BALL.points * [1, 1, 0])

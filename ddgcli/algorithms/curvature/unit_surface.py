@@ -116,7 +116,7 @@ def prepare_surface(mesh: TriangleMesh, scheme: str) -> UnitSurface:
     scale = 2.0 ** round(math.log2(extent))
     points = mesh.points - middle
     points /= scale
-    unit = mesh.moved(points)
+    unit = mesh.moved_unchecked(points)
     orientable = mesh.topology.is_oriented or mesh.topology.is_orientable
     if not mesh.topology.is_oriented:
         unit = _oriented(unit, faces_to_turn(unit))

@@ -79,7 +79,8 @@ def sphere_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
     N. Max, "Weights for computing vertex normals from facet normals", 1999.
     """
     scale = float(mesh.side_length.max(initial=0.0)) or 1.0
-    unit = mesh.moved((mesh.points - mesh.points[:1]) / scale)  # squares stay in the range of numbers
+    # squares stay in the range of numbers
+    unit = mesh.moved_unchecked((mesh.points - mesh.points[:1]) / scale)
     squared = unit.side_length**2
     weight = ratio(1.0, squared * squared[:, PREVIOUS])
     star = face_area_vector(unit)[:, None, :] * weight[:, :, None]

@@ -193,7 +193,7 @@ class _Stepper:
         rhs = mass @ points
         moved = self.problem.solve(points[self.problem.fixed], rhs)
         positions = np.where(self.fixed[:, None], mesh.points, moved + self.centre)
-        return mesh.moved(positions), self.problem.residual(moved, rhs), int((lack > 0).sum())
+        return mesh.moved_unchecked(positions), self.problem.residual(moved, rhs), int((lack > 0).sum())
 
     def excess(self, mesh: TriangleMesh, moved: TriangleMesh) -> float:
         """Energy that a step left over, at the rate at its end; at each vertex at most the area it had.

@@ -289,7 +289,6 @@ def write_matrices(run: Run, result: LaplacianResult, matrix: str | None, mass_m
 
 def draw(path: str, result: LaplacianResult, name: str, values: NDArray | None, look: dict[str, Any]) -> None:
     """Draw the surface with an array; flat coordinates as squares on it beside the flat layout."""
-    import numpy as np
 
     from ddgcli.plots.array import draw_array
 
@@ -297,12 +296,12 @@ def draw(path: str, result: LaplacianResult, name: str, values: NDArray | None, 
         opened = result.conformal.overlay()
         surface: Any = opened.mesh
         uv = opened.vertex["uv"]
-        draw_layout(path, (surface, uv), (surface.moved(np.column_stack([uv, np.zeros(len(uv))])), uv), look)
+        draw_layout(path, (surface, uv), (surface.moved(uv), uv), look)
         return
     if values is None or values.ndim == 1 or values.shape[1] != 2:
         draw_array(path, result.surface, name, values, **look)
         return
-    layout = result.surface.moved(np.column_stack([values, np.zeros(len(values))]))
+    layout = result.surface.moved(values)
     draw_layout(path, (result.surface, values), (layout, values), look)
 
 

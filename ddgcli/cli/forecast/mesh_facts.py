@@ -101,7 +101,7 @@ def _unit_surface(mesh: TriangleMesh) -> tuple[TriangleMesh | None, float]:
     extent = float(np.ptp(mesh.points / 2, axis=0).max()) if mesh.n_faces else 0.0
     if not (extent > 0.0 and (topology.is_oriented or topology.is_orientable)):
         return None, extent
-    unit = mesh.moved((mesh.points - mesh.points[mesh.faces[0, 0]]) / extent)
+    unit = mesh.moved_unchecked((mesh.points - mesh.points[mesh.faces[0, 0]]) / extent)
     return unit if topology.is_oriented else reverse_faces(unit, faces_to_turn(unit)), extent
 
 
@@ -170,7 +170,7 @@ def ball_work(mesh: TriangleMesh, radius: float, scheme: str) -> float:
     unit = float(mesh.side_length.max()) or 1.0  # no square over- or underflows
     pairs = _clipped_faces if scheme in CLIPPING_SCHEMES else _ball_vertices
     whole = float(np.ptp(mesh.points / unit, axis=0).sum())  # wider balls contain no more
-    return mesh.n_vertices * pairs(mesh.moved(mesh.points / unit), min(radius / unit, whole))
+    return mesh.n_vertices * pairs(mesh.moved_unchecked(mesh.points / unit), min(radius / unit, whole))
 
 
 def _ball_vertices(mesh: TriangleMesh, radius: float) -> float:
@@ -380,7 +380,7 @@ def picture_share(mesh: TriangleMesh) -> float:
 
     if not mesh.n_faces:
         return 0.0
-    mesh = mesh.moved(unit_box(mesh.points)(mesh.points))
+    mesh = mesh.moved_unchecked(unit_box(mesh.points)(mesh.points))
     axes = view_axes(mesh.points, None, up_axis_of(mesh))
     camera = fitted_camera(mesh.points, axes, *PICTURE_PIXELS)
     seen = float(np.abs(face_area_vector(mesh) @ axes[2]).sum()) * camera.scale**2

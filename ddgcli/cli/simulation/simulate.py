@@ -81,7 +81,7 @@ class Job:
         """The obstacles where they are at a time."""
         poses = self.obstacle_poses(time)
         return [
-            mesh.moved(moved_rigidly(mesh.points, poses[name])) if name in poses else mesh
+            mesh.moved_unchecked(moved_rigidly(mesh.points, poses[name])) if name in poses else mesh
             for name, mesh in self.obstacles.items()
         ]
 

@@ -116,7 +116,7 @@ class Trajectory:
         """The mesh of frame k."""
         faces = self.faces(k)
         return (
-            self.mesh.moved(self.points(k))
+            self.mesh.moved_unchecked(self.points(k))
             if faces is None
             else TriangleMesh.from_arrays(self.points(k), faces)
         )

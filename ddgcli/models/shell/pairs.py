@@ -103,9 +103,9 @@ def _obstacle_mesh(context: ShellContext, obstacle: Obstacle) -> TriangleMesh:
     """Triangles of an obstacle, in the coordinates of its motion."""
     if obstacle.box is not None:
         solid = box(1, 1, 1, obstacle.box.size)
-        return solid.moved(np.asarray(solid.points) + np.array(obstacle.box.corner))
+        return solid.moved_unchecked(np.asarray(solid.points) + np.array(obstacle.box.corner))
     mesh = context.obstacles[obstacle.name].mesh
-    return mesh.moved(np.asarray(mesh.points) * (obstacle.scale or 1.0))
+    return mesh.moved_unchecked(np.asarray(mesh.points) * (obstacle.scale or 1.0))
 
 
 def self_pairs(parameters: Any, context: ShellContext) -> list[Any]:

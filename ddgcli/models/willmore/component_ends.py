@@ -146,7 +146,7 @@ def _stepped(
             points[own] = mean_curvature_step(mesh, own, dt).points[own]
         except SolveError:
             failed[k] = True
-    return mesh.moved(points), failed
+    return mesh.moved_unchecked(points), failed
 
 
 def _folded_share(mesh: TriangleMesh, component: NDArray, n_components: int) -> NDArray[np.float64]:
@@ -174,7 +174,7 @@ def with_components_of(
     TriangleMesh
     """
     stays = (component >= 0) & components[component]
-    return after.moved(np.where(stays[:, None], before.points, after.points))
+    return after.moved_unchecked(np.where(stays[:, None], before.points, after.points))
 
 
 def not_finite(mesh: TriangleMesh, component: NDArray, energy_kind: EnergyBuilder) -> NDArray[np.bool_]:

@@ -60,11 +60,11 @@ def conformal_step(mesh: TriangleMesh, share: float) -> TriangleMesh:
     points = _integrated(mesh, spin)
     mass = lumped_vertex_area(mesh)[:, None]
     old_centre = (mass * mesh.points).sum(axis=0) / mass.sum()
-    moved = mesh.moved(points)
+    moved = mesh.moved_unchecked(points)
     scale = np.sqrt(mass.sum() / face_area(moved.side_length).sum())
     new_mass = lumped_vertex_area(moved)[:, None]
     centre = (new_mass * points).sum(axis=0) / new_mass.sum()
-    return mesh.moved(scale * (points - centre) + old_centre)
+    return mesh.moved_unchecked(scale * (points - centre) + old_centre)
 
 
 @dataclass(frozen=True, eq=False)

@@ -244,7 +244,7 @@ class Constraints:
             span = ConstraintSpan.of(self.gradients(mesh, free), solve, label, self.count)
             points = np.array(mesh.points)
             points[free] -= span.combined(span.solved(residual))
-            mesh = mesh.moved(points)
+            mesh = mesh.moved_unchecked(points)
         residual = np.array(list(self.residuals(mesh).values()))
         if np.abs(residual).max() <= 1e-10:
             return mesh

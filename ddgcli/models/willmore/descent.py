@@ -437,4 +437,4 @@ def mean_curvature_step(mesh: TriangleMesh, free: NDArray, dt: float) -> Triangl
 def _shifted(mesh: TriangleMesh, free: NDArray, motion: NDArray) -> TriangleMesh:
     points = np.array(mesh.points)
     points[free] += motion
-    return mesh.moved(points)
+    return mesh.moved_unchecked(points)

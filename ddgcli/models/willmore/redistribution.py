@@ -46,11 +46,11 @@ def redistribute(mesh: TriangleMesh, normal: NDArray, movable: NDArray) -> Trian
     target = _slid_points(mesh, normal, sliding)
     for _ in range(3):  # a slide undone changes the stars beside it
         points = np.where(sliding[:, None], target, mesh.points)
-        worse = sliding & ~(_star_angle(mesh.moved(points)) > before)
+        worse = sliding & ~(_star_angle(mesh.moved_unchecked(points)) > before)
         if not worse.any():
             break
         sliding &= ~worse
-    return mesh.moved(np.where(sliding[:, None], target, mesh.points)) if sliding.any() else None
+    return mesh.moved_unchecked(np.where(sliding[:, None], target, mesh.points)) if sliding.any() else None
 
 
 def _star_angle(mesh: TriangleMesh) -> NDArray[np.float64]:

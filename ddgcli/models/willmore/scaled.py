@@ -43,8 +43,8 @@ def centred_at_unit_size(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.f
         raise MeshError(
             f"the surface measures {extent:.3g} from its centre; willmore-flow takes 1e-60 to 1e60: rescale"
         )
-    unit = mesh.moved((mesh.points - centre) / extent)
+    unit = mesh.moved_unchecked((mesh.points - centre) / extent)
     refuse_flat_faces(unit.flat_faces, mesh.topology, manifold=True, oriented=True)
     radius = extent * math.sqrt(vector_length(face_area_vector(unit)).sum() / (4.0 * math.pi))
     scale = 2.0 ** round(math.log2(radius))
-    return mesh.moved((mesh.points - centre) / scale), centre, scale
+    return mesh.moved_unchecked((mesh.points - centre) / scale), centre, scale
