@@ -15,6 +15,20 @@ from ddgcli.mesh.vectors import row_cross
 BYTES_OF_FACE = 260.0  # of arrays while a mesh is made and its topology is computed
 
 
+def check_cells(least: int = 1, **cells: int) -> None:
+    """Refuse fewer cells than a direction needs: 3 where the last cell ends at the first vertices."""
+    for name, count in cells.items():
+        if count < least:
+            raise ParameterError(f"must be {least} or more, not {count}", parameter=name)
+
+
+def check_sizes(**sizes: float) -> None:
+    """Refuse sizes that are not positive and finite."""
+    for name, size in sizes.items():
+        if not 0 < size < np.inf:
+            raise ParameterError(f"must be positive and finite, not {size:g}", parameter=name)
+
+
 def icosphere(subdivisions: int = 3, radius: float = 1.0) -> TriangleMesh:
     """Geodesic sphere about the origin: the icosahedron, each face split in four, outward.
 
@@ -36,6 +50,7 @@ def icosphere(subdivisions: int = 3, radius: float = 1.0) -> TriangleMesh:
     """
     if subdivisions < 0:
         raise ParameterError(f"must be 0 or more, not {subdivisions}", parameter="subdivisions")
+    check_sizes(radius=radius)
     n_faces = 20 * 4.0 ** min(subdivisions, 100)
     check_memory(n_faces * BYTES_OF_FACE, "spheres of so many subdivisions", "use fewer")
     g = (1 + np.sqrt(5)) / 2
@@ -51,7 +66,7 @@ def icosphere(subdivisions: int = 3, radius: float = 1.0) -> TriangleMesh:
     mesh = TriangleMesh.from_arrays(_on_sphere(points), faces)
     for _ in range(subdivisions):
         mesh = mesh_on_sphere(midpoint_subdivided(mesh))
-    return TriangleMesh(radius * mesh.points, mesh.topology)
+    return mesh.moved(radius * mesh.points)
 
 
 def _on_sphere(points: np.ndarray) -> np.ndarray:
@@ -178,6 +193,8 @@ def grid(
     >>> ddg.grid(4, 3).n_faces
     24
     """
+    check_cells(nx=nx, ny=ny)
+    check_sizes(width=width, height=height)
     u, v, faces = wrapped_grid(nx, ny, pattern=pattern)
     return TriangleMesh.from_arrays(np.stack([width * u, height * v, 0 * u], axis=1), faces)
 
@@ -190,7 +207,7 @@ def torus(
     Parameters
     ----------
     nu, nv : int
-        Cells along the major and the minor circle, two triangles each.
+        Cells along the major and the minor circle, 3 or more, two triangles each.
     major, minor : float
         Radii of the two circles, in length units.
     pattern : {'right', 'left', 'alternating'}
@@ -206,6 +223,8 @@ def torus(
     >>> ddg.torus(16, 8).topology.genus
     1
     """
+    check_cells(3, nu=nu, nv=nv)
+    check_sizes(major=major, minor=minor)
     u, v, faces = wrapped_grid(nu, nv, wrap_u=True, wrap_v=True, pattern=pattern)
     u, v = 2 * np.pi * u, 2 * np.pi * v
     radius = major + minor * np.cos(v)
@@ -220,7 +239,7 @@ def cylinder(nu: int = 32, nz: int = 16, radius: float = 1.0, height: float = 2.
     Parameters
     ----------
     nu, nz : int
-        Cells around and along the axis, two triangles each.
+        Cells around (3 or more) and along the axis, two triangles each.
     radius, height : float
         In length units.
 
@@ -234,6 +253,9 @@ def cylinder(nu: int = 32, nz: int = 16, radius: float = 1.0, height: float = 2.
     >>> ddg.cylinder(12, 4).topology.boundary_loops
     2
     """
+    check_cells(3, nu=nu)
+    check_cells(nz=nz)
+    check_sizes(radius=radius, height=height)
     u, v, faces = wrapped_grid(nu, nz, wrap_u=True)
     points = np.stack([radius * np.cos(2 * np.pi * u), radius * np.sin(2 * np.pi * u), height * v], axis=1)
     return TriangleMesh.from_arrays(points, faces)
@@ -301,6 +323,9 @@ def box(
     >>> ddg.box(1, 1, 1).n_faces
     12
     """
+    check_cells(nx=nx, ny=ny, nz=nz)
+    for length in size:
+        check_sizes(size=length)
     counts = np.array([nx, ny, nz])
     points, faces, start = [], [], 0
     for axis in range(3):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.curvature.measures import angle_defect
+from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume
 from ddgcli.mesh import shapes
 
@@ -41,3 +42,35 @@ def test_box_dihedral_angles_are_right_angles_on_its_twelve_edges():
     angle = dihedral_angle(mesh)
     assert np.sum(np.isclose(angle, np.pi / 2)) == 12
     assert np.sum(np.isclose(angle, 0)) == 6
+
+
+@pytest.mark.parametrize(
+    ("make", "parameter"),
+    [
+        (lambda: shapes.icosphere(-1), "subdivisions"),
+        *((lambda r=r: shapes.icosphere(1, r), "radius") for r in (0.0, -1.0, np.inf, np.nan)),
+        (lambda: shapes.grid(nx=0), "nx"),
+        (lambda: shapes.grid(ny=0), "ny"),
+        (lambda: shapes.grid(2, 2, 0), "width"),
+        (lambda: shapes.grid(2, 2, height=-1), "height"),
+        (lambda: shapes.torus(2, 6), "nu"),
+        (lambda: shapes.torus(6, 2), "nv"),
+        (lambda: shapes.torus(6, 6, np.inf), "major"),
+        (lambda: shapes.torus(6, 6, minor=0), "minor"),
+        (lambda: shapes.cylinder(2, 1), "nu"),
+        (lambda: shapes.cylinder(3, 0), "nz"),
+        (lambda: shapes.cylinder(3, 1, 0.0), "radius"),
+        (lambda: shapes.cylinder(3, 1, height=np.inf), "height"),
+        (lambda: shapes.box(1, 0, 1), "ny"),
+        (lambda: shapes.box(size=(1.0, 0.0, 1.0)), "size"),
+    ],
+)
+def test_shapes_without_extent_are_refused_by_the_name_of_the_parameter(make, parameter):
+    with pytest.raises(ParameterError) as refused:
+        make()
+    assert refused.value.parameter == parameter
+
+
+def test_the_least_periodic_shapes_are_manifold():
+    for mesh, euler in ((shapes.torus(3, 3), 0), (shapes.cylinder(3, 1), 0)):
+        assert mesh.topology.is_manifold and mesh.topology.euler_characteristic == euler
