@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
 import logging
@@ -10,7 +11,7 @@ import numbers
 import operator
 import os
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -25,11 +26,12 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 MAX_INTEGER = 2**63 - 1  # of numpy's indices
-# parameters of the core that functions of the library give another name
+# parameters of the core that functions of the library give other names: the first that a function has
 LIBRARY_NAMES = {
-    "source": "sources", "target": "targets", "fix": "fixed", "spread_vector": "vectors",
-    "kind": "star", "eigen": "k", "form_eigen": "k",
-    "fan": "rays", "fan_length": "length", "fan_circles": "circles",
+    "source": ("sources", "starts"), "target": ("targets",), "fix": ("fixed",), "spread_vector": ("vectors",),
+    "kind": ("star",), "eigen": ("k",), "form_eigen": ("k",), "cone": ("cones",), "offset": ("distance",),
+    "heat": ("start",), "wave": ("start",), "poisson": ("source",),
+    "fan": ("rays",), "fan_length": ("length",), "fan_circles": ("circles",),
 }  # fmt: skip
 
 
@@ -70,8 +72,20 @@ def with_own_names(message: str, names: Collection[str]) -> str:
 
 def own_name(name: str, names: Collection[str]) -> str:
     """Name that a function with parameters `names` has for a parameter of the core."""
-    other = LIBRARY_NAMES.get(name, name)
-    return other if name not in names and other in names else name
+    if name in names:
+        return name
+    return next((other for other in LIBRARY_NAMES.get(name, ()) if other in names), name)
+
+
+@contextlib.contextmanager
+def naming(parameter: str) -> Iterator[None]:
+    """Give errors of the core that name no parameter the name of one of a function."""
+    try:
+        yield
+    except ParameterError as error:
+        if error.parameter is not None:
+            raise
+        raise ParameterError(error.message, parameter=parameter) from error
 
 
 class _OwnWords(logging.Filter):

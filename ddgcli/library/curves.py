@@ -19,6 +19,7 @@ from ddgcli.algorithms.geodesics.surface_curves import Curves, trace_curves
 from ddgcli.algorithms.tangent_fields.field_curves import add_transport
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.library.arguments import naming
 from ddgcli.library.distances import surface_sources, vertex_numbers
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.result import Measurement
@@ -121,7 +122,7 @@ def shortest_paths(
         cover.mesh,
         cover.lift_exact(distance.exact),  # type: ignore[arg-type]
         cover.lift_sources(checked),
-        vertex_numbers(targets),
+        vertex_numbers(targets, "targets"),
         join_lifts=cover.join_lifts,
     )
     measured = _transported(cover, curves, transport)
@@ -169,8 +170,10 @@ def straighten_paths(
     """
     cover = oriented_cover(mesh)
     cover.require_two_sides("straightening")
-    waypoints = [vertex_numbers(path) for path in paths]
-    return _transported(cover, straighten_curves(cover.mesh, waypoints, [closed] * len(waypoints)), transport)
+    waypoints = [vertex_numbers(path, "paths") for path in paths]
+    with naming("paths"):
+        curves = straighten_curves(cover.mesh, waypoints, [closed] * len(waypoints))
+    return _transported(cover, curves, transport)
 
 
 @accepts_arrays("surface")
@@ -223,24 +226,37 @@ def trace(
     """
     if np.size(face) and np.asarray(face).dtype.kind not in "iu":
         raise ParameterError("must be whole numbers, such as 0 or [0, 5]", parameter="face")
+    rows = _vectors(barycentric, "barycentric"), _vectors(direction, "direction")
+    if np.asarray(length).dtype.kind == "b":
+        raise ParameterError("must be a number, not True or False", parameter="length")
     try:
-        faces, lengths, weights, vectors = _broadcast(face, length, barycentric, direction)
+        faces, lengths, weights, vectors = _broadcast(face, length, *rows)
     except (TypeError, ValueError) as error:
         raise ParameterError(
             f"face, length, barycentric and direction do not fit together: {error}"
         ) from error
     cover = oriented_cover(mesh)
-    start = cover.lift_points(SurfacePoints.checked(faces, weights, mesh.n_faces))
+    with naming("face" if ((faces < 0) | (faces >= mesh.n_faces)).any() else "barycentric"):
+        points = SurfacePoints.checked(faces, weights, mesh.n_faces)
+    start = cover.lift_points(points)
     curves = trace_curves(
         cover.mesh, start.face, start.barycentric, vectors, lengths, at_boundary=at_boundary
     )
     return _transported(cover, curves, transport)
 
 
-def _broadcast(face: ArrayLike, length: ArrayLike, *vectors: ArrayLike) -> tuple[NDArray, ...]:
-    """Numbers as (k,) and vectors as (k, 3), each repeated where it is given once."""
+def _vectors(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Vectors of a parameter as (k, 3)."""
+    array = np.asarray(values)
+    if array.dtype.kind == "b" or array.ndim not in (1, 2) or array.shape[-1] != 3:
+        what = "True or False" if array.dtype.kind == "b" else f"those of shape {array.shape}"
+        raise ParameterError(f"must be numbers of shape (3,) or (k, 3), not {what}", parameter=name)
+    return np.atleast_2d(array.astype(np.float64))
+
+
+def _broadcast(face: ArrayLike, length: ArrayLike, *rows: NDArray) -> tuple[NDArray, ...]:
+    """Numbers as (k,) and rows (k, 3) of vectors, each repeated where it is given once."""
     numbers = np.asarray(face), np.asarray(length, dtype=np.float64)
-    rows = [np.atleast_2d(np.asarray(v, dtype=np.float64)) for v in vectors]
     (k,) = np.broadcast_shapes(*(a.shape for a in numbers), *(a.shape[:1] for a in rows), (1,))
     return *(np.broadcast_to(a, (k,)) for a in numbers), *(np.broadcast_to(a, (k, 3)) for a in rows)
 

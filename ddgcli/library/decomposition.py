@@ -19,6 +19,8 @@ from ddgcli.library.result import Measurement
 
 __all__ = ["betti_numbers", "harmonic_basis", "hodge_decomposition", "homology_generators"]
 
+FIELD_PLACES = ("", "vertex", "face", "edge")
+
 
 @accepts_arrays("surface", "tetrahedra")
 def hodge_decomposition(
@@ -71,6 +73,10 @@ def hodge_decomposition(
     True
     """
     _check(mesh, boundary)
+    if place not in FIELD_PLACES:
+        raise ParameterError(
+            f"unknown place {place!r}; choose one of {', '.join(FIELD_PLACES[1:])}", parameter="place"
+        )
     measured = analysis.hodge_analysis(mesh, (np.atleast_1d(field), place), boundary, False)
     arrays = measured.annotated
     return Measurement(

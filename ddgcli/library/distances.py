@@ -280,6 +280,8 @@ def surface_sources(
     sources: int | Sequence[int] | NDArray,
     source_points: ArrayLike | None = None,
     source_edges: ArrayLike | None = None,
+    *,
+    name: str = "sources",
 ) -> Sources:
     """Sources at vertices, at the points of the surface nearest to positions, and on edges; checked.
 
@@ -290,6 +292,8 @@ def surface_sources(
     source_points : (k, 3) array_like of float, optional
     source_edges : array_like, optional
         See `edge_set`; connected edges are one source.
+    name : str
+        Parameter that holds the vertices, for messages.
     """
     points = edge = curve = None
     if source_edges is not None:
@@ -300,14 +304,14 @@ def surface_sources(
         if position.ndim != 2 or position.shape[1] != 3 or not np.isfinite(position).all():
             raise ParameterError("source_points must be finite positions of shape (k, 3)")
         points, _ = nearest_points(mesh_of_kind(mesh, ("surface",), "source_points"), position)
-    return check_sources(mesh, Sources.at(vertex_numbers(sources), points, edge, curve))
+    return check_sources(mesh, Sources.at(vertex_numbers(sources, name), points, edge, curve))
 
 
-def vertex_numbers(vertices: int | Sequence[int] | NDArray) -> list[int]:
-    """Vertex numbers as a list; ParameterError for anything but whole numbers."""
-    numbers = np.atleast_1d(real_array(vertices, "vertices"))
+def vertex_numbers(vertices: int | Sequence[int] | NDArray, name: str) -> list[int]:
+    """Vertex numbers of a parameter as a list; ParameterError for anything but whole numbers."""
+    numbers = np.atleast_1d(real_array(vertices, name))
     if numbers.ndim != 1 or (numbers.dtype.kind not in "iu" and len(numbers)):
-        raise ParameterError("vertices must be whole numbers, such as [0, 5]")
+        raise ParameterError("vertices must be whole numbers, such as [0, 5]", parameter=name)
     return [int(v) for v in numbers]
 
 
@@ -319,7 +323,7 @@ def distance_gradient(mesh: TriangleMesh, distance: ArrayLike) -> NDArray[np.flo
     ----------
     mesh : TriangleMesh or (points, faces) pair
     distance : (n,) array_like of float
-        As `geodesic_distance` returns it.
+        As `geodesic_distance` returns it: inf where no source reaches.
 
     Returns
     -------
@@ -329,7 +333,7 @@ def distance_gradient(mesh: TriangleMesh, distance: ArrayLike) -> NDArray[np.flo
     Raises
     ------
     ParameterError
-        When there is not one distance per vertex.
+        When there is not one distance per vertex, or one is NaN.
 
     Examples
     --------
@@ -341,4 +345,9 @@ def distance_gradient(mesh: TriangleMesh, distance: ArrayLike) -> NDArray[np.flo
     values = np.asarray(distance, dtype=np.float64)
     if values.shape != (mesh.n_vertices,):
         raise ParameterError(f"distance has shape {values.shape}; it needs one number for each vertex")
+    unknown = np.flatnonzero(np.isnan(values))
+    if len(unknown):
+        raise ParameterError(
+            f"is NaN at vertex {unknown[0]}; write inf where no source reaches", parameter="distance"
+        )
     return distances.distance_gradient(mesh, values)

@@ -17,6 +17,7 @@ from ddgcli.algorithms.tangent_fields.geodesic_query import query_vectors
 from ddgcli.algorithms.tangent_fields.vertex_vectors import VertexVectors, transport_vectors
 from ddgcli.choices import LOG_MAP_METHODS
 from ddgcli.errors import ParameterError
+from ddgcli.library.arguments import naming
 from ddgcli.library.curves import curve_measurement
 from ddgcli.library.distances import surface_sources
 from ddgcli.library.mesh_arguments import accepts_arrays
@@ -68,9 +69,9 @@ def parallel_transport(
     cover = oriented_cover(mesh)
     cover.require_two_sides("parallel transport")
     at = surface_sources(mesh, sources)
-    return _vertex_measurement(
-        mesh, transport_vectors(cover.mesh, cover.lift_sources(at), np.atleast_2d(vectors))
-    )
+    with naming("vectors"):
+        moved = transport_vectors(cover.mesh, cover.lift_sources(at), np.atleast_2d(vectors))
+    return _vertex_measurement(mesh, moved)
 
 
 @accepts_arrays("surface")
@@ -118,7 +119,7 @@ def logarithmic_map(
         raise ParameterError(f"the logarithmic map follows {', '.join(LOG_MAP_METHODS)}, not {method!r}")
     cover = oriented_cover(mesh)
     cover.require_two_sides("the logarithmic map")
-    at = surface_sources(mesh, source)
+    at = surface_sources(mesh, source, name="source")
     options = DistanceOptions(directions=mesh.topology.is_oriented)
     distance = measure_distance(mesh, at, method, options)
     vectors = query_vectors(mesh, CurveQuery(log_map=True), at, distance)
@@ -199,7 +200,7 @@ def integral_curves(
     if starts is None:
         points = random_starts(cover.mesh, count, seed)
     else:
-        at = surface_sources(mesh, starts)
+        at = surface_sources(mesh, starts, name="starts")
         points = starts_at(cover.mesh, cover.lift_sources(at))
     curves = field_curves(
         cover.mesh, values, points, duration, order=order, step=step, tolerance=tolerance, place=place

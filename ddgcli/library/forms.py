@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.laplacian.form_spectrum import FormSpectrum, form_spectrum
 from ddgcli.errors import ParameterError
+from ddgcli.library.arguments import naming
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.mesh.require import require
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -182,6 +183,9 @@ def wedge(mesh: SpaceMesh, a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     """
     _require_forms(mesh, "wedge")
     complex_ = complex_of(mesh)
+    for name, form in (("a", a), ("b", b)):
+        with naming(name):
+            whitney.degree_of(complex_, form_values(complex_, form))
     return whitney.wedge(complex_, *operands(complex_, "wedge", a, b))
 
 

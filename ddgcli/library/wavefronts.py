@@ -57,7 +57,8 @@ def signed_distance(mesh: TriangleMesh, curves: ArrayLike, method: str = "auto")
     >>> round(float(ddg.signed_distance(square, rim)[4]), 12)
     -0.5
     """
-    return core_signed_distance(mesh, edge_set(mesh, np.asarray(curves)), method).distance
+    edges = edge_set(mesh, np.asarray(curves), parameter="curves")
+    return core_signed_distance(mesh, edges, method).distance
 
 
 @accepts_arrays("surface")
@@ -97,7 +98,11 @@ def distance_matrix(
     [[1.0, 1.0], [0.707107, 0.707107]]
     """
     return core_distance_matrix(
-        mesh, np.array(vertex_numbers(sources)), np.array(vertex_numbers(targets)), method, jobs=jobs
+        mesh,
+        np.array(vertex_numbers(sources, "sources")),
+        np.array(vertex_numbers(targets, "targets")),
+        method,
+        jobs=jobs,
     )
 
 

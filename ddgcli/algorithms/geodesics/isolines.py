@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,8 @@ from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.topology import NEXT
+
+log = logging.getLogger("ddgcli")
 
 
 def isoline_curves(mesh: SurfaceMesh, values: NDArray, count: int) -> Curves:
@@ -27,6 +31,8 @@ def isoline_curves(mesh: SurfaceMesh, values: NDArray, count: int) -> Curves:
     Curves
         With the array `level` on their points.
     """
+    if len(values) and not np.isfinite(values).any():
+        log.warning("no value is finite: there are no level lines; correct the array")
     paths, level = isolines(mesh, values, even_levels(values, count))
     entries = [
         {"kind": "isoline", "level": float(x), "length": float(length), "closed": bool(closed)}

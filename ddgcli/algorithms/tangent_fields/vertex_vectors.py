@@ -123,6 +123,9 @@ def vectors_at_sources(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike)
         raise ParameterError(f"{number} for {starts}; `spread_vector` takes one for each")
     if vectors.ndim != 2 or vectors.shape[1] != 3:
         raise ParameterError(f"vectors have three components; these have the shape {vectors.shape}")
+    bad = np.flatnonzero(~np.isfinite(vectors).all(axis=1))
+    if len(bad):
+        raise ParameterError(f"vector {bad[0]} is not finite; give three finite numbers")
     first, row = np.unique(sources.vertex, return_index=True, return_inverse=True)[1:]
     other = np.flatnonzero((vectors != vectors[first[row]]).any(axis=1))
     if len(other):

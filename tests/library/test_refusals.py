@@ -1,0 +1,94 @@
+"""Refusals and warnings of the library name its own parameters, and what is wrong with their values."""
+
+import numpy as np
+import pytest
+
+import ddgcli as ddg
+
+BALL = ddg.icosphere(1)
+N = BALL.n_vertices
+ONES = np.ones(N)
+INFINITE = np.where(np.arange(N) == 0, np.inf, 1.0)
+CENTRE = [0.25, 0.25, 0.5]
+
+
+def traced(face=0, barycentric=CENTRE, direction=(1, 0, 0), length=1.0):
+    return ddg.trace(BALL, face, barycentric, direction, length)
+
+
+@pytest.mark.parametrize(
+    ("call", "parameter"),
+    [
+        (lambda: ddg.heat_equation(BALL, INFINITE, 0.1), "start"),
+        (lambda: ddg.wave_equation(BALL, INFINITE, 0.1), "start"),
+        (lambda: ddg.poisson(BALL, INFINITE), "source"),
+        (lambda: ddg.offset_body(BALL, -1.0), "distance"),
+        (lambda: ddg.conformal_map(BALL, {0: -100.0}), "cones"),
+        (lambda: ddg.hodge_decomposition(BALL, np.ones(BALL.topology.n_edges), place="edges"), "place"),
+        (lambda: ddg.distance_gradient(BALL, ONES * np.nan), "distance"),
+        (lambda: ddg.distance_matrix(BALL, [0.5], [0]), "sources"),
+        (lambda: ddg.distance_matrix(BALL, [0], targets=[1.5]), "targets"),
+        (lambda: ddg.geodesic_distance(BALL, [0.5]), "sources"),
+        (lambda: ddg.logarithmic_map(BALL, np.array([0, 1.5])), "source"),
+        (lambda: ddg.integral_curves(BALL, np.ones((N, 3)), [0.5]), "starts"),
+        (lambda: ddg.parallel_transport(BALL, [0], [[0, 1]]), "vectors"),
+        (lambda: ddg.parallel_transport(BALL, [0, 1], [[0, 1, 0]]), "vectors"),
+        (lambda: ddg.parallel_transport(BALL, [0], [[0, 1, np.nan]]), "vectors"),
+        (lambda: ddg.straighten_paths(BALL, [[0, 999]]), "paths"),
+        (lambda: ddg.straighten_paths(BALL, [[0, 0.5]]), "paths"),
+        (lambda: ddg.signed_distance(BALL, [[0, 999]]), "curves"),
+        (lambda: ddg.signed_distance(BALL, [1.0]), "curves"),
+        (lambda: ddg.wedge(BALL, [1, 2], ONES), "a"),
+        (lambda: ddg.wedge(BALL, ONES, INFINITE), "b"),
+        (lambda: traced(face=80), "face"),
+        (lambda: traced(barycentric=[0.5, 0.5, 0.5]), "barycentric"),
+        (lambda: traced(barycentric=[0.5, 0.5]), "barycentric"),
+        *((lambda v=v: traced(direction=v), "direction") for v in (True, 1.5, [7], [1, 0], [[[1, 0, 0]]])),
+        (lambda: traced(direction=[True, False, False]), "direction"),
+        (lambda: traced(length=True), "length"),
+        (lambda: traced(length=[True]), "length"),
+    ],
+)
+def test_a_wrong_value_is_refused_by_the_name_that_its_parameter_has(call, parameter):
+    with pytest.raises(ddg.errors.ParameterError) as refused:
+        call()
+    assert refused.value.parameter == parameter
+    assert str(refused.value).startswith(f"{parameter}: ")
+
+
+def test_no_start_of_integral_curves_is_refused_by_their_own_word():
+    with pytest.raises(ddg.errors.ParameterError, match="`starts=0`"):
+        ddg.integral_curves(BALL, np.ones((N, 3)), [])
+
+
+def test_a_place_that_is_none_lists_the_places():
+    with pytest.raises(ddg.errors.ParameterError, match="vertex, face, edge"):
+        ddg.hodge_decomposition(BALL, np.ones(BALL.topology.n_edges), place="edges")
+
+
+def test_signatures_of_short_times_advise_what_the_function_has(caplog):
+    ddg.heat_kernel_signature(ddg.icosphere(3), [1e-4])
+    assert "use longer times" in caplog.text and "eigen`" not in caplog.text
+
+
+def test_a_distance_that_reaches_not_everywhere_has_no_gradient_there_and_nan_is_refused():
+    gradient = ddg.distance_gradient(BALL, np.where(np.arange(N) == 0, np.inf, BALL.points[:, 2]))
+    reached = (BALL.faces != 0).all(axis=1)
+    assert not gradient[~reached].any() and gradient[reached].any(axis=1).all()
+    with pytest.raises(ddg.errors.ParameterError, match="NaN at vertex 3"):
+        ddg.distance_gradient(BALL, np.where(np.arange(N) == 3, np.nan, 1.0))
+
+
+def test_level_lines_of_no_finite_value_are_none_with_a_warning(caplog):
+    assert not ddg.isolines(BALL, ONES).polylines and not caplog.text
+    assert not ddg.isolines(BALL, ONES * np.nan).polylines
+    assert "no value is finite" in caplog.text
+
+
+@pytest.mark.parametrize("shape", ["one", "many"])
+def test_lines_are_traced_from_one_or_many_directions(shape):
+    once = traced().polylines[0]
+    directions = [[1, 0, 0], [0, 1, 0]] if shape == "many" else [[1, 0, 0]]
+    lines = traced(direction=directions, length=np.float32(1.0)).polylines
+    assert len(lines) == len(directions)
+    np.testing.assert_array_equal(lines[0], once)
