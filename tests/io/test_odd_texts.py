@@ -111,3 +111,47 @@ def test_a_name_that_a_format_does_not_take_is_changed_with_a_warning(tmp_path, 
             str(tmp_path / f"a{suffix}"), AnnotatedMesh(shapes.icosphere(0), vertex={name: np.arange(12.0)})
         )
     assert f"{suffix} does not take the name {name!r}: written as 'a_b'" in caplog.text
+
+
+FORMATS = (".npz", ".vtu", ".vtp", ".vtk", ".vtkhdf", ".ply", ".xdmf")
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("character", ["\x1b", "\0", "\x7f", "\ufffe", "\ud800"])
+def test_characters_that_damage_files_are_replaced_in_names_of_every_format(
+    tmp_path, suffix, character, caplog
+):
+    path, values = str(tmp_path / f"a{suffix}"), np.arange(12.0)
+    name = f"a{character}b"
+    arrays = {"a_b": values, name: values + 1}
+    with caplog.at_level(logging.WARNING):
+        write_mesh(path, AnnotatedMesh(shapes.icosphere(0), vertex=arrays, face={name: np.arange(20.0)}))
+    back = read_mesh(path)
+    np.testing.assert_array_equal(back.vertex["a_b"], values)
+    np.testing.assert_array_equal(back.vertex["a_b_2"], values + 1)
+    if suffix != ".npz":  # which has one space of names
+        np.testing.assert_array_equal(back.face["a_b"], np.arange(20.0))
+    assert "written as" in caplog.text
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("dtype", [np.longdouble, np.float16])
+def test_floats_that_a_format_lacks_are_written_in_one_that_it_has(tmp_path, suffix, dtype):
+    path, values = str(tmp_path / f"a{suffix}"), np.arange(12).astype(dtype) / 8
+    write_mesh(path, AnnotatedMesh(shapes.icosphere(0), vertex={"a": values}))
+    back = read_mesh(path).vertex["a"]
+    assert back.dtype == (np.float64 if dtype is np.longdouble else np.float32)
+    np.testing.assert_array_equal(back, values.astype(np.float64))
+
+
+@pytest.mark.parametrize("name", ["metadata", "METADATA", "Metadata"])
+def test_an_array_of_a_legacy_file_may_have_the_name_of_a_section(tmp_path, name):
+    path, arrays = (
+        str(tmp_path / "a.vtk"),
+        {"first": np.arange(12.0), name: np.ones((12, 3)), "c": np.zeros(12)},
+    )
+    write_mesh(path, AnnotatedMesh(shapes.icosphere(0), vertex=arrays))
+    back = read_mesh(path).vertex
+    assert list(back) == list(arrays)
+    for key, values in arrays.items():
+        np.testing.assert_array_equal(back[key], values)

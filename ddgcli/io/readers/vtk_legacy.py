@@ -111,6 +111,11 @@ class _Words:
         self.at += len(window) - (len(tokens[count]) if len(tokens) > count else 0)
         return b" ".join(tokens[:count])
 
+    def at_line_end(self) -> bool:
+        """Whether no word follows on the line."""
+        end = self.data.find(b"\n", self.at)
+        return not self.data[self.at : len(self.data) if end < 0 else end].strip()
+
     def skip_paragraph(self) -> None:
         """Go to the next blank line."""
         end = self.data.find(b"\n\n", self.at)
@@ -231,7 +236,8 @@ def _scalar_width(words: _Words) -> int:
 
 def _pass_metadata(words: _Words) -> None:
     before = words.at
-    if words.next().upper() == "METADATA":
+    # alone on its line: an array may have this name
+    if words.next().upper() == "METADATA" and words.at_line_end():
         words.skip_paragraph()
     else:
         words.at = before

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +23,8 @@ SURFACE_FORMATS = (".glb", ".off", ".stl")  # that cannot hold curves
 SINGLE_PRECISION_FORMATS = (".glb", ".stl")
 NUMBERINGS = {"edges", "triangles", "input_vertex"}  # arrays that only number those with values
 MAX_SHARE_OF_ROUNDING = 1e-4  # of the extent, that 32-bit coordinates may be off
+# control characters but those of white space, half characters and noncharacters: XML takes none of them
+NOT_IN_NAMES = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 
 log = logging.getLogger("ddgcli")
 
@@ -92,7 +96,8 @@ def cell_data_of(annotated: AnnotatedMesh) -> CellData:
     if edge and "edges" not in edge:
         edge = {"edges": mesh.topology.edges, **edge}  # type: ignore[union-attr]
     vertex, cell = _with_columns(vertex), _with_columns(cell)
-    data = CellData(points, kind, cells, vertex, cell, edge, dict(annotated.whole), annotated.metadata)
+    vertex, cell, edge, whole = map(_with_plain_names, (vertex, cell, edge, annotated.whole))
+    data = CellData(points, kind, cells, vertex, cell, edge, whole, annotated.metadata)
     _check(data)
     return data
 
@@ -103,6 +108,17 @@ def _with_columns(arrays: dict[str, NDArray]) -> dict[str, NDArray]:
     if missing:
         log.warning(f"arrays without a name or a column are not written: {', '.join(map(repr, missing))}")
     return {name: values for name, values in arrays.items() if name not in missing}
+
+
+def _with_plain_names(arrays: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """The arrays, with `_` for the characters of their names that end or damage files, with a warning."""
+    plain = {name: NOT_IN_NAMES.sub("_", name) for name in arrays}
+    used_names = {name for name in arrays if plain[name] == name}
+    out = {}
+    for name, values in arrays.items():
+        other = name if name in used_names else free_name(name, used_names, "a file", plain[name])
+        out[other] = values
+    return out
 
 
 def neighbors(side_twin: NDArray) -> NDArray[np.int64]:
@@ -160,13 +176,14 @@ def two_dimensional(value: NDArray) -> NDArray:
     Returns
     -------
     (n,) or (n, k) ndarray
-        Further dimensions become columns; booleans become uint8, and half precision single precision.
+        Further dimensions become columns; booleans become uint8, half precision single
+        precision, and more than double precision double precision.
     """
     value = np.asarray(value)
     if value.dtype == bool:
         value = value.astype(np.uint8)
-    if value.dtype == np.float16:
-        value = value.astype(np.float32)
+    if value.dtype.kind == "f" and value.dtype.itemsize not in (4, 8):
+        value = value.astype(np.float32 if value.dtype.itemsize < 4 else np.float64)
     return np.ascontiguousarray(row_matrix(value) if value.ndim != 1 else value)
 
 
