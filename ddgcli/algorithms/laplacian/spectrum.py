@@ -158,7 +158,7 @@ def heat_kernel_signature(
     if is_coarse.any():
         log.warning(
             "%d eigenpairs do not resolve the heat kernel at time %g (an error of about %.2g of it): "
-            "increase `eigen`, or use longer times",
+            "use longer times, or more eigenpairs",
             len(pairs.values),
             times[is_coarse].min(),
             truncation.max(),
