@@ -70,7 +70,7 @@ def heavy(M):
 
 
 def eigenvectors(sound):
-    return lambda L, M, values, X, **how: sound(L, M, values, scattered(X), **how)
+    return lambda L, M, values, X, *rest, **how: sound(L, M, values, scattered(X), *rest, **how)
 
 
 def lopsided(L):

@@ -18,6 +18,7 @@ from scipy.sparse.linalg import splu
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.backends import direct_fits, shift_is_cheap
 from ddgcli.linalg.constrain import Poisson, components, floating_components
+from ddgcli.linalg.eigenspaces import canonical_vectors
 from ddgcli.linalg.indices import compact
 from ddgcli.linalg.lanczos import BlockLanczos
 from ddgcli.linalg.ordering import fill_reducing_ordering
@@ -48,7 +49,7 @@ class Eigenpairs:
     values : (k,) ndarray of float64
         Zero exactly, once for each component without mass term.
     vectors : (n, k) ndarray of float64
-        M-orthonormal; the first entry within 1e-6 of the largest magnitude is positive.
+        M-orthonormal; bases of multiple eigenvalues and signs are those of `canonical_vectors`.
     residuals : (k,) ndarray of float64
         Norm of L x - lambda M x relative to that of |L| |x|, the terms that L x is summed from, plus that of
         lambda M x: the relative change of L that would make the pair exact.
@@ -224,16 +225,17 @@ def _scaled_eigenpairs(
         # the least of the components, beside which no eigenvalue loses digits
         null, shift = null_space.vectors[:, :k], float(null_space.shift.min())
         definite = csr_array(L + shift * M)
-    if null.shape[1] == k:
-        return _with_residuals(L, M, np.zeros(k), null, complete=True)
+    n_null = null.shape[1]
+    if n_null == k:
+        return _with_residuals(L, M, np.zeros(k), null, n_null, complete=True)
     if n <= MAX_DENSE_SIZE or 3 * k > n:
         values, vectors = _dense(M, Poisson(definite, weight, **options), shift, null, k)
-        return _with_residuals(L, M, values, vectors, complete=True)
+        return _with_residuals(L, M, values, vectors, n_null, complete=True)
     inverse = _shifted(L, M, k, **options) or _pinned(L, definite, M, weight, shift, options)
-    values, vectors, complete = _lanczos(M, inverse, null, k - null.shape[1], seed, progress)
+    values, vectors, complete = _lanczos(M, inverse, null, k - n_null, seed, progress)
     values = _with_small_values(L, M, label, values, vectors, SMALL * inverse.shift)
-    values = np.concatenate([np.zeros(null.shape[1]), values])
-    pairs = _with_residuals(L, M, values, np.column_stack([null, vectors]), complete=complete)
+    values = np.concatenate([np.zeros(n_null), values])
+    pairs = _with_residuals(L, M, values, np.column_stack([null, vectors]), n_null, complete=complete)
     return replace(pairs, solver=inverse.solver)
 
 
@@ -260,12 +262,11 @@ def _null_vectors(label: NDArray, weight: NDArray, k: int) -> NDArray[np.float64
     return vectors
 
 
-def _with_residuals(L: csr_array, M: csr_array, values: NDArray, X: NDArray, *, complete: bool) -> Eigenpairs:
-    """Eigenpairs with unique signs and their residuals."""
-    k = len(values)
-    largest = np.abs(X).max(axis=0)
-    first = np.argmax(np.abs(X) >= (1 - 1e-6) * largest, axis=0)
-    X = np.ascontiguousarray(X * np.where(X[first, np.arange(k)] < 0, -1.0, 1.0))
+def _with_residuals(
+    L: csr_array, M: csr_array, values: NDArray, X: NDArray, n_null: int, *, complete: bool
+) -> Eigenpairs:
+    """Eigenpairs with unique bases and signs, and their residuals."""
+    X = canonical_vectors(values, X, M @ X, n_single=n_null)
     LX, MX = L @ X, M @ X
     norm = np.linalg.norm
     scale = norm(abs(L) @ np.abs(X), axis=0) + values * norm(MX, axis=0)

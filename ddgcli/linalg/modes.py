@@ -9,6 +9,7 @@ from scipy.sparse import csc_array, csr_array, diags_array
 
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.eigen import MAX_DENSE_SIZE
+from ddgcli.linalg.eigenspaces import canonical_vectors
 from ddgcli.linalg.factor import Factor, negative_eigenvalues
 from ddgcli.linalg.lanczos import BlockLanczos
 from ddgcli.linalg.low_rank import negative_eigenvalues_of_sum, solver
@@ -40,7 +41,7 @@ def lowest_eigenpairs(
     values : (k,) ndarray
         Ascending; those within rounding are 0.
     vectors : (n, k) ndarray
-        M-orthonormal.
+        M-orthonormal; bases of multiple eigenvalues and signs are those of `canonical_vectors`.
 
     Raises
     ------
@@ -68,7 +69,7 @@ def lowest_eigenpairs(
             shift = max(FINAL_SHIFT * float(np.abs(values).max()), -2 * float(values.min()), zero)
             values, vectors = _shifted(stiffness, columns, mass, root, heavy, k, shift, seed)
     values = np.where(np.abs(values) <= zero, 0.0, values)
-    return values, vectors
+    return values, canonical_vectors(values, vectors, mass[:, None] * vectors, rounding=zero)
 
 
 def _is_dense(n: int, k: int) -> bool:
@@ -167,14 +168,15 @@ def largest_ratios(
     values : (k,) ndarray of float64
         Descending; fewer if n < k.
     vectors : (n, k) ndarray of float64
-        Orthonormal in K.
+        Orthonormal in K; bases of multiple eigenvalues and signs are those of `canonical_vectors`.
     """
     n = stiffness.shape[0]
     if _is_dense(n, k):
         values, vectors = eigh(
             numerator.toarray(), stiffness.toarray(), subset_by_index=[max(n - k, 0), n - 1]
         )
-        return values[::-1], vectors[:, ::-1]
+        values, vectors = values[::-1], vectors[:, ::-1]
+        return values, canonical_vectors(values, vectors, stiffness @ vectors)
     factor = Factor(stiffness)
 
     def apply(rows: NDArray) -> NDArray:
@@ -182,4 +184,4 @@ def largest_ratios(
 
     search = BlockLanczos(apply, csr_array(stiffness), np.zeros((0, n)), seed)
     values, rows, _ = search.first(k, lambda theta: True)
-    return values, rows.T
+    return values, canonical_vectors(values, rows.T, stiffness @ rows.T)

@@ -287,7 +287,5 @@ def _with_loads(system: System, factor: float) -> System:
 
 
 def _shape(move: NDArray) -> NDArray[np.float64]:
-    """A displacement whose longest vector has length 1, its largest coordinate positive."""
-    largest = np.argmax(np.abs(move) > (1 - 1e-6) * np.abs(move).max())
-    sign = -1.0 if move.ravel()[largest] < 0 else 1.0
-    return sign * move / np.linalg.norm(move, axis=1).max()
+    """A displacement whose longest vector has length 1."""
+    return move / np.linalg.norm(move, axis=1).max()

@@ -13,6 +13,7 @@ from ddgcli.errors import ParameterError
 from ddgcli.linalg import eigen, lanczos
 from ddgcli.linalg.backends import cholmod_available
 from ddgcli.linalg.eigen import NullSpace, count_below, smallest_eigenpairs
+from ddgcli.linalg.eigenspaces import canonical_vectors
 from ddgcli.linalg.shift_invert import ShiftInvert
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -117,13 +118,46 @@ def test_a_definite_matrix_has_no_zero():
     assert np.allclose(shifted.values, plain.values + 0.5, rtol=1e-10)
 
 
-def test_signs_and_values_repeat_bit_for_bit():
+def test_vectors_and_values_repeat_bit_for_bit():
     L, M = three_bodies(2, 3)
     first, second = smallest_eigenpairs(L, M, 15), smallest_eigenpairs(L, M, 15)
     assert np.array_equal(first.values, second.values) and np.array_equal(first.vectors, second.vectors)
-    magnitude = np.abs(first.vectors)
-    large = (magnitude >= (1 - 1e-6) * magnitude.max(axis=0)).argmax(axis=0)
-    assert (first.vectors[large, np.arange(15)] > 0).all()
+
+
+def test_the_basis_of_equal_eigenvalues_does_not_depend_on_the_basis_that_was_computed():
+    rng, M = np.random.default_rng(5), diags_array(np.linspace(1.0, 2.0, 60)).tocsr()
+    groups = [[0], [1, 2, 3], [4], [5, 6]]
+    values = np.array([0.0, 2.0, 2.0 * (1 + 1e-14), 2.0 * (1 + 2e-14), 3.0, 5.0, 5.0])
+    X = np.linalg.qr(rng.normal(size=(60, 7)))[0] / np.sqrt(M.diagonal())[:, None]
+    rotated = X.copy()
+    for group in groups:
+        rotated[:, group] = X[:, group] @ np.linalg.qr(rng.normal(size=(len(group), len(group))))[0]
+    basis, other = (canonical_vectors(values, Y, M @ Y) for Y in (X, rotated))
+    assert np.abs(X - rotated).max() > 0.01
+    assert np.abs(basis - other).max() < 1e-12
+    assert np.abs(basis.T @ (M @ basis) - np.eye(7)).max() < 1e-13
+    for group in groups:  # of the same space
+        coefficients = X[:, group].T @ (M @ basis[:, group])
+        assert np.abs(X[:, group] @ coefficients - basis[:, group]).max() < 1e-13
+
+
+def test_a_dense_solver_and_lanczos_with_any_seed_return_the_same_vectors(monkeypatch):
+    # k ends at a gap: 1 + 3 + 5 + 7 of a symmetric sphere
+    mesh = shapes.icosphere(3)
+    L, M = stiffness(mesh), lumped_mass(mesh)
+    lanczos_pairs, other_seed = (smallest_eigenpairs(L, M, 16, seed=seed) for seed in (0, 7))
+    monkeypatch.setattr(eigen, "MAX_DENSE_SIZE", 1000)
+    dense = smallest_eigenpairs(L, M, 16)
+    assert np.abs(other_seed.vectors - lanczos_pairs.vectors).max() < 1e-9
+    assert np.abs(dense.vectors - lanczos_pairs.vectors).max() < 1e-9
+    assert dense.residuals.max() < 1e-12 and lanczos_pairs.residuals.max() < 1e-12
+
+
+def test_null_vectors_of_components_stay_constants():
+    L, M = three_bodies(3)
+    vectors = smallest_eigenpairs(L, M, 5).vectors[:, :3]
+    assert ((vectors != 0).sum(axis=0) == 162).all()
+    assert (vectors >= 0).all()
 
 
 def test_count_below_is_the_inertia():
