@@ -21,7 +21,8 @@ class MessageHandler(logging.Handler):
     """Collect warnings of the core for the summary; with -v print all its messages at once.
 
     A warning of one row (`row_label` of the record) that was also given for the whole input is left out.
-    Of warnings that differ in numbers only, the first `WARNINGS_OF_A_KIND` are kept, the others are counted.
+    Of warnings that differ in numbers only, the first `WARNINGS_OF_A_KIND` are kept, the others are counted;
+    of rows the first, with the names of all its rows.
 
     Parameters
     ----------
@@ -35,6 +36,7 @@ class MessageHandler(logging.Handler):
         super().__init__(logging.DEBUG if verbose > 1 else logging.INFO if verbose else logging.WARNING)
         self._warnings: dict[str, str] = {}  # kind of each text
         self._counts: Counter[str] = Counter()
+        self._rows: dict[str, dict[str, str]] = {}  # of each kind of warnings of rows: text by label
         self.options = options
         self.verbose, self.quiet = verbose, quiet
 
@@ -44,9 +46,10 @@ class MessageHandler(logging.Handler):
         message = with_repair_of_input(message, {} if context is None else context.meta)
         if record.levelno >= logging.WARNING and record.name != "py.warnings":
             label = getattr(record, "row_label", "")
-            of_input = message.removeprefix(f"{label}: ")
-            if not {message, of_input} & set(self._warnings):
-                self._collect(message, kind=label + _without_numbers(of_input))
+            if label:
+                self._collect_of_row(message.removeprefix(f"{label}: "), label)
+            elif message not in self._warnings:
+                self._collect(message, kind=_without_numbers(message))
             message = f"Warning: {message}"
         if self.verbose and not self.quiet:
             click.echo(message, err=True)
@@ -56,11 +59,21 @@ class MessageHandler(logging.Handler):
         if self._counts[kind] <= WARNINGS_OF_A_KIND:
             self._warnings[message] = kind
 
+    def _collect_of_row(self, text: str, label: str) -> None:
+        kind = f"row: {_without_numbers(text)}"
+        if kind in self._rows:
+            self._rows[kind].setdefault(label, text)
+        elif text not in self._warnings:
+            self._rows[kind] = {label: text}
+            self._warnings[f"{label}: {text}"] = kind
+
     def warnings(self) -> list[str]:
         """The warnings so far; the last kept one of a kind states how many more there were."""
         last = {kind: message for message, kind in self._warnings.items()}
         return [
-            message + (self._more(kind) if message == last[kind] else "")
+            _of_rows(self._rows[kind])
+            if kind in self._rows
+            else message + (self._more(kind) if message == last[kind] else "")
             for message, kind in self._warnings.items()
         ]
 
@@ -84,6 +97,13 @@ class MessageHandler(logging.Handler):
         if not self.verbose and not self.quiet:
             for message in self.warnings():
                 click.echo(f"Warning: {message}", err=True)
+
+
+def _of_rows(texts: Mapping[str, str]) -> str:
+    """One warning of several rows, with the numbers of the first."""
+    first = next(iter(texts))
+    differ = len(set(texts.values())) > 1
+    return f"{', '.join(texts)}: {texts[first]}" + (f" (the numbers are of {first})" if differ else "")
 
 
 def _without_numbers(message: str) -> str:

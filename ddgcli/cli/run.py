@@ -19,7 +19,6 @@ from ddgcli.cli.input_facts import input_facts, reason_of_no_genus
 from ddgcli.cli.messages import MessageHandler, path_from_here, with_repair_of_input
 from ddgcli.cli.options import CommonOptions, page_size
 from ddgcli.cli.output_checks import check_mesh, check_outputs, check_picture
-from ddgcli.cli.parameters import option_names
 from ddgcli.cli.progress import Progress
 from ddgcli.cli.summary import plain, print_summary
 from ddgcli.errors import MeshError, OutputError, named_array
@@ -85,7 +84,7 @@ class Run:
         self._planned_outputs: list[str] = []
         self.staged = meta["ddgcli.outputs"] = StagedOutputs()
         self._progress = Progress(command, False, None)
-        self._messages = MessageHandler(common.verbose, common.quiet, option_names(self._context.command))
+        self._messages = MessageHandler(common.verbose, common.quiet, meta["ddgcli.options"])
         self._messages.install()
         check_outputs(common, formats, self.plan_output)
         check_picture(command, common, pictures)

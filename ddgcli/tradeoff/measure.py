@@ -87,7 +87,8 @@ def run_problem(
         report_progress(0)
         _calibrate(problem, time_budget)
         table.reference = reference = _reference(problem, time_budget, table)
-        find_mesh_limit(problem, time_budget, table)
+        with _prefix_warnings("finer meshes"):
+            find_mesh_limit(problem, time_budget, table)
         _run_candidates(problem, table, reference, time_budget, repeat, clock, report_progress)
         find_polyhedron_error(problem, reference, time_budget, table)
     except KeyboardInterrupt:
@@ -102,7 +103,8 @@ def _calibrate(problem: Problem, time_budget: TimeBudget) -> None:
     cheapest = problem.candidates[0]
     setup, solve = 0.0, time_budget.seconds  # recorded if the run is stopped
     try:
-        with time_budget.limit_time(REFERENCE_SHARE * time_budget.seconds_left()):
+        seconds = REFERENCE_SHARE * time_budget.seconds_left()
+        with time_budget.limit_time(seconds), _prefix_warnings(label_of(cheapest)):
             for _ in range(2):  # the first also includes imports
                 state, setup = _timed(cheapest.setup, time.perf_counter)
                 solve = _timed(partial(cheapest.solve, state), time.perf_counter)[1]
@@ -186,7 +188,7 @@ def _reference(problem: Problem, time_budget: TimeBudget, table: Table) -> Refer
         why = f"estimated {estimate:.3g} s, and may take {max(share, 0):.3g} s"
         if estimate <= share:
             try:
-                with time_budget.limit_time(share):
+                with time_budget.limit_time(share), _prefix_warnings("reference"):
                     return compute()
             except BudgetExceeded:
                 why = f"stopped after {share:.3g} s, {why}"

@@ -49,3 +49,21 @@ def test_a_print_of_warnings_has_those_of_the_summary(handler, capsys):
         logging.getLogger("ddgcli").warning("face %d is flat", k)
     handler.print_warnings()
     assert capsys.readouterr().err.splitlines() == [f"Warning: {text}" for text in handler.warnings()]
+
+
+def test_a_warning_of_several_rows_comes_once_with_their_names(handler):
+    log = logging.getLogger("ddgcli")
+    log.warning("the mesh is open")
+    for label, text in [
+        ("reference", "the error is 5 %"),
+        ("cotan", "the error is 5 %"),
+        ("cotan", "the mesh is open"),
+        ("quadric", "3 faces are flat"),
+        ("corrected", "the error is 7 %"),
+    ]:
+        log.warning(f"{label}: {text}", extra={"row_label": label})
+    assert handler.warnings() == [
+        "the mesh is open",
+        "reference, cotan, corrected: the error is 5 % (the numbers are of reference)",
+        "quadric: 3 faces are flat",
+    ]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -358,3 +359,17 @@ def test_an_interrupt_leaves_whole_partial_tables(tmp_path):
 def test_every_help_ends_with_advice_and_its_source(command, run):
     end = " ".join(run(command, "--help").stdout.split("\n\n")[-1].replace("-\n  ", "-").split())
     assert end.startswith(("Which", "Choosing")) and end.endswith(f"docs/accuracy/{command}.md.")
+
+
+def test_warnings_of_rows_name_the_rows_and_options(tmp_path, summary):
+    ball, rng = shapes.random_sphere(300), np.random.default_rng(1)
+    path = tmp_path / "noisy.ply"
+    write_mesh(str(path), AnnotatedMesh(ball.moved(ball.points + 0.01 * rng.normal(size=ball.points.shape))))
+    warnings = summary("tradeoff", "curvature", path, "--repeat", 1)["warnings"]
+    noise = [text for text in warnings if "noise" in text]
+    assert noise and not any("`" in text for text in noise)
+    assert all("--radius" in text for text in noise)
+    kinds = [re.sub(r"[\d.]+", "#", text.partition(": the surface")[2]) for text in noise]
+    assert len(set(kinds)) == len(kinds)
+    named = {label for text in noise for label in text.partition(": the surface")[0].split(", ")}
+    assert {"reference", "cotan radius=own", "normal-cycle radius=own"} <= named

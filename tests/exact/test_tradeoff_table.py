@@ -369,8 +369,7 @@ def test_a_warning_about_the_input_is_not_repeated_for_each_row():
         log.removeHandler(handler)
     assert handler.warnings() == [
         "the object hat names no material",
-        "newmark dt=0.1: steps are long",
-        "verlet dt=0.1: steps are long",
+        "newmark dt=0.1, verlet dt=0.1: steps are long",
     ]
 
 

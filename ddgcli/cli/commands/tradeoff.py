@@ -23,7 +23,7 @@ from ddgcli.cli.commands.tradeoff_options import (
 from ddgcli.cli.forecast.check_cost import dry_run_of
 from ddgcli.cli.forecast.use import InputSize
 from ddgcli.cli.options import CommonOptions
-from ddgcli.cli.parameters import option_names, with_option_names
+from ddgcli.cli.parameters import with_option_names
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
@@ -170,7 +170,9 @@ def measure(
     progress = run.progress("tradeoff")
     table = run_problem(problem, repeat=repeat, budget=budget, began=run.clock.began, progress=progress)
     cheapest = assign_verdicts(table, within, norm)
-    table.undecided = with_option_names(table.undecided, option_names(click.get_current_context().command))
+    names = click.get_current_context().meta["ddgcli.options"]
+    table.undecided = with_option_names(table.undecided, names)
+    table.left_out = [(row, with_option_names(why, names)) for row, why in table.left_out]
     results = results_of(table, problem, command_of, cheapest=cheapest, within=within, norm=norm)
     write(run, results)
     if table.rows:

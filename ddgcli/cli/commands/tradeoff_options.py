@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from ddgcli.cli.multi_value import repeat_options
+from ddgcli.cli.parameters import option_names
 from ddgcli.errors import ParameterError
 
 TIME_OPTIONS = ("steps", "duration", "step", "tolerance")
@@ -52,7 +53,7 @@ class CommandCall:
 
 
 def parse(compared: str, words: tuple[str, ...]) -> CommandCall:
-    """Parse INPUT and options with the compared command's parser.
+    """Parse INPUT and options with the compared command's parser; messages name its options from here on.
 
     Raises
     ------
@@ -64,6 +65,7 @@ def parse(compared: str, words: tuple[str, ...]) -> CommandCall:
     context = click.get_current_context()
     group = context.find_root().command
     command = group.get_command(context, compared)  # type: ignore[attr-defined]
+    context.meta["ddgcli.options"] = option_names(command) | context.meta["ddgcli.options"]
     words_of_call = repeat_options(command, list(words))
     try:
         inner = command.make_context(compared, list(words_of_call), parent=context.parent)
