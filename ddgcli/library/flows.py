@@ -133,6 +133,7 @@ def willmore_flow(
         last = mesh_of_frame(mesh, outcome.end)
         reason = report.failure_reason(outcome.stopped, mesh, last, options)
         results["self_intersections"] = report_of(outcome.series, frame_times, last)
+        results |= report.component_results(last)
         report.warn_of_closed_hole(outcome.series, frame_times, last)
         report.warn_of_surfaces(mesh, last, options, results["energy"][0])
         return End(results, accuracy, reason)

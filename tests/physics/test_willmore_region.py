@@ -5,12 +5,14 @@ import json
 import numpy as np
 import pytest
 
+from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.models.willmore.constraints import area
 from ddgcli.models.willmore.descent import vertex_normals
 from ddgcli.models.willmore.energies import ENERGIES
-from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, run_flow
+from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, run_flow, two_components
 
 
 def dented_ball(level):
@@ -98,3 +100,19 @@ def test_reduced_volume_of_a_spheroid_is_right(summary, tmp_path):
     truth = 2.0 / (area / (4 * np.pi)) ** 1.5
     results = summary("willmore-flow", path, "--fix-area", "--fix-volume", "--steps", 1)["results"]
     assert results["reduced_volume"] == pytest.approx(truth, rel=2e-3)
+
+
+def test_each_of_several_components_has_its_own_reduced_volume(summary, tmp_path):
+    """Once two spheres had 0.7: their volume over that of the sphere of the area of both."""
+    path = tmp_path / "two.ply"
+    ball = shapes.icosphere(3)
+    write_mesh(str(path), AnnotatedMesh(two_components(ball, ellipsoid(3))))
+    results = summary("willmore-flow", path, "--fix-area", "--fix-volume", "--steps", 1)["results"]
+    alone = [6 * np.sqrt(np.pi) * enclosed_volume(mesh) / area(mesh) ** 1.5 for mesh in (ball, ellipsoid(3))]
+    assert results["reduced_volume"] is None
+    assert results["reduced_volumes"] == pytest.approx(alone, rel=1e-9)
+    single = tmp_path / "one.ply"
+    write_mesh(str(single), AnnotatedMesh(ball))
+    results = summary("willmore-flow", single, "--steps", 1)["results"]
+    assert results["reduced_volume"] == pytest.approx(alone[0], rel=1e-4)
+    assert "reduced_volumes" not in results

@@ -153,6 +153,7 @@ def command(
     )  # fmt: skip
     last = last_mesh(outcome.last)
     results["self_intersections"] = report_of(outcome.series, times, last)
+    results |= report.component_results(last)
     report.warn_of_closed_hole(outcome.series, times, last)
     report.warn_of_surfaces(mesh, last, flow_options, results["energy"][0], source.surface)
     if parameters["fill"] is not None:

@@ -15,7 +15,7 @@ from ddgcli.mesh.ragged import group_by_key
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import cone_volume, row_dot, unit_vectors
+from ddgcli.mesh.vectors import cone_volume, ratio, row_dot, unit_vectors
 from ddgcli.models.willmore.area_energy import AreaEnergy, signed_volume, volume_gradient
 
 PreconditionerSolve = Callable[[NDArray], NDArray]
@@ -124,6 +124,24 @@ def volumes_inside(
     middle = sum_by_index(label, corner.mean(axis=1), len(n_faces)) / n_faces[:, None]
     a, b, c = (corner - middle[label][:, None]).transpose(1, 2, 0)
     return sum_by_index(label, cone_volume(a, b, c), len(n_faces))
+
+
+def reduced_volumes(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """Volume of each component over that of the sphere of its area.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Closed.
+
+    Returns
+    -------
+    (c,) ndarray of float64
+        Not negative; 0 of a component without area.
+    """
+    component = mesh.topology.vertex_component
+    volume = 6.0 * np.sqrt(np.pi) * np.abs(volumes_inside(mesh, None, component))
+    return ratio(volume, areas(mesh, component) ** 1.5)
 
 
 def _translations(mesh: TriangleMesh, free: NDArray) -> list[NDArray]:

@@ -202,7 +202,7 @@ class FlowTerms:
         """The surface in the input's frame, its energy, area, volume and smallest angle."""
         mesh = self.mesh(state)
         scalar = counters(state, self.scale**self.energy_power)
-        scalar |= measured(mesh, self.constraints, self.scale)
+        scalar |= measured(mesh, self.constraints, self.scale, self.topology.n_components)
         if self.kind == "conformal":
             scalar |= log_ratio_change(self._unit_start, mesh)
         for name, kind in self.reported.items():

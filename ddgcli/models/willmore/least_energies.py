@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.willmore.constraints import areas, volumes_inside
+from ddgcli.models.willmore.constraints import reduced_volumes
 
 # least int H^2 / (4 pi) of spheres of a reduced volume: oblate up to 0.65, prolate above, to 1e-3
 # (U. Seifert, K. Berndl, R. Lipowsky, "Shape transformations of vesicles", 1991)
@@ -86,8 +86,5 @@ def least_energies_of_vesicles(mesh: TriangleMesh) -> NDArray[np.float64]:
     -------
     (c,) ndarray of float64
     """
-    component = mesh.topology.vertex_component
-    volume = volumes_inside(mesh, None, component)
-    reduced = 6.0 * np.sqrt(np.pi) * np.abs(volume) / areas(mesh, component) ** 1.5
-    smooth = reduced + POLYHEDRON_DEFICIT / np.bincount(mesh.topology.face_component)
+    smooth = reduced_volumes(mesh) + POLYHEDRON_DEFICIT / np.bincount(mesh.topology.face_component)
     return 4.0 * np.pi * np.interp(smooth, REDUCED_VOLUMES, LEAST_OF_VESICLES)

@@ -10,16 +10,19 @@ from numpy.typing import NDArray
 
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.willmore.constraints import Constraints, area, volume_inside
+from ddgcli.models.willmore.constraints import Constraints, area, reduced_volumes, volume_inside
 from ddgcli.models.willmore.film_polish import mean_curvature_spread
 from ddgcli.models.willmore.state import FlowState
 from ddgcli.simulation.model import Observation
 
 
-def measured(mesh: TriangleMesh, constraints: Constraints, scale: float) -> dict[str, float]:
+def measured(
+    mesh: TriangleMesh, constraints: Constraints, scale: float, n_components: int
+) -> dict[str, float]:
     """Area, smallest angle, volume and reduced volume of a surface.
 
-    The volume of a closed surface, or of one whose constraints have caps; the reduced volume of a closed one.
+    The volume of a closed surface, or of one whose constraints have caps; the reduced volume of a closed one
+    of one component.
 
     Parameters
     ----------
@@ -28,6 +31,8 @@ def measured(mesh: TriangleMesh, constraints: Constraints, scale: float) -> dict
     constraints : Constraints
     scale : float
         Length unit of `mesh` in units of the input.
+    n_components : int
+        At the start: components that have ended are not part of `mesh`.
 
     Returns
     -------
@@ -44,7 +49,8 @@ def measured(mesh: TriangleMesh, constraints: Constraints, scale: float) -> dict
         volume = volume_inside(mesh, constraints.caps)
         scalar["volume"] = volume * scale**3
         if closed:
-            scalar["reduced_volume"] = 6.0 * math.sqrt(math.pi) * abs(volume) / total**1.5
+            if n_components == 1:
+                scalar["reduced_volume"] = float(reduced_volumes(mesh)[0])
             if constraints.in_place:
                 scalar["mean_curvature_spread"] = mean_curvature_spread(mesh)
     for name, residual in constraints.residuals(mesh).items():

@@ -13,6 +13,7 @@ from ddgcli.errors import counted
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_matrix
+from ddgcli.models.willmore.constraints import reduced_volumes
 from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import ENERGIES, SECOND_ENERGIES
 from ddgcli.models.willmore.films import FOLDED_REASON, PINCH_REASON, THIN_STAR_REASON
@@ -181,6 +182,24 @@ def warn_of_closed_hole(series: Mapping[str, NDArray], times: NDArray | None, la
         "`duration`",
         times[np.argmax(closed)], " ".join(f"{x:.4g}" for x in place),
     )  # fmt: skip
+
+
+def component_results(last: TriangleMesh) -> dict[str, list[float]]:
+    """Reduced volume of each component at the end, of a closed surface of several.
+
+    Parameters
+    ----------
+    last : TriangleMesh
+        At the end.
+
+    Returns
+    -------
+    dict of str to list of float
+        Empty for other surfaces: the whole has no reduced volume that means a shape.
+    """
+    if not last.topology.is_closed or last.topology.n_components == 1:
+        return {}
+    return {"reduced_volumes": reduced_volumes(last).tolist()}
 
 
 def _finite(value: float) -> float | None:
