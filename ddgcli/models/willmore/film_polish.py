@@ -65,10 +65,25 @@ def uneven_rest(at: EnergyGradient, constraints: Constraints, tolerance: float |
     -------
     bool
     """
+    uneven = has_uneven_curvature(at, constraints, tolerance)
+    return uneven and curvature_variation(at, constraints) <= (tolerance or 0.0)
+
+
+def has_uneven_curvature(at: EnergyGradient, constraints: Constraints, tolerance: float | None) -> bool:
+    """Whether the curvature of a closed film is not equal at all vertices, all of which may move.
+
+    Parameters
+    ----------
+    at, constraints, tolerance
+        As in `uneven_rest`.
+
+    Returns
+    -------
+    bool
+    """
     if not (constraints.in_place and constraints.active and tolerance and len(at.free) == at.mesh.n_vertices):
         return False
-    rest = curvature_variation(at, constraints) <= tolerance
-    return rest and mean_curvature_spread(at.mesh) > tolerance
+    return mean_curvature_spread(at.mesh) > tolerance
 
 
 def polished_film(

@@ -31,7 +31,7 @@ from ddgcli.models.willmore.descent import (
     secant_motion,
     size_across,
 )
-from ddgcli.models.willmore.film_polish import polished_film, uneven_rest
+from ddgcli.models.willmore.film_polish import has_uneven_curvature, polished_film, uneven_rest
 from ddgcli.models.willmore.films import film_reason
 from ddgcli.models.willmore.flow_terms import FlowTerms
 from ddgcli.models.willmore.remesh_step import improved_state, remeshed_state
@@ -74,7 +74,7 @@ class Flow(FlowTerms):
             stepped = self._longest_step(improved, self._gradient(improved))
             if stepped.steps and stepped.energy <= state.energy:
                 return stepped
-        return self._longest_step(state, at)
+        return self._with_polish(self._longest_step(state, at))
 
     def _after_remeshing(self, state: FlowState, changed: FlowState) -> FlowState:
         """A step from a remeshed state; the remeshed state alone where none lowers the energy."""
@@ -155,6 +155,16 @@ class Flow(FlowTerms):
             return replace(state, stopped=rules.UNEVEN_FILM_REASON)
         stepped = self._accepted(state, at, moved, energy.value(moved.points), 0.0)
         return replace(stepped, stopped=f"curvature equal at all vertices to {tolerance:g}")
+
+    def _with_polish(self, state: FlowState) -> FlowState:
+        """The state, polished where rounding of a closed film's area ended its flow before it was at rest."""
+        if not (self.of_area and state.stopped in rules.ROUNDED_FILM_REASONS):
+            return state
+        at = self._gradient(state)
+        if not has_uneven_curvature(at, self.constraints, self.stop.gradient):
+            return state
+        polished = self._polished(replace(state, stopped=""), at)
+        return state if polished.stopped == rules.UNEVEN_FILM_REASON else polished
 
     def _timed_step(self, state: FlowState, at: EnergyGradient, dt: float) -> FlowState:
         for moved in self._attempts(at, dt / self.time_unit):

@@ -15,6 +15,7 @@ from ddgcli.models.willmore.component_ends import ComponentEnds
 from ddgcli.models.willmore.secant_pairs import SecantPairs
 from ddgcli.models.willmore.step_rules import (
     ENERGY_ROUNDING,
+    FILM_REST_FALL,
     NEWTON_REST_GRADIENT,
     REST_FALL,
     REST_GRADIENT,
@@ -48,7 +49,7 @@ CONFORMAL_STOP = Stop(1e-6, 1e-4)  # curvature and energy are discretised apart:
 NEWTON_STOP = Stop(NEWTON_REST_GRADIENT, None, True)
 # along the normals a membrane has a minimum on most meshes
 CONSTRAINED_NEWTON_STOP = Stop(NEWTON_REST_GRADIENT)
-FILM_STOP = Stop(6e-7, 1e-17)  # of 2 H times the radius: its largest deviation from a constant
+FILM_STOP = Stop(6e-7, FILM_REST_FALL)  # of 2 H times the radius: its largest deviation from a constant
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,6 +47,7 @@ FOLDED_AREA_FRACTION = 0.5  # share of the area on faces that are folded over, a
 ENERGY_ROUNDING = 1e-13  # relative rise of the energy that counts as one
 # size of the gradient, and relative fall of the energy in a step, at which flows end by default
 REST_GRADIENT, NEWTON_REST_GRADIENT, REST_FALL = 1e-6, 1e-9, 1e-8
+FILM_REST_FALL = 1e-17  # the same of films: less is rounding
 # relative fall of the energy in a Newton step, below which a surface that could become round is stuck above
 LEAST_NEWTON_FALL = 1e-4
 # why flows end
@@ -81,6 +82,8 @@ REST_REASONS = (
     SMALL_GRADIENT_REASON.format(NEWTON_REST_GRADIENT),
     SMALL_FALL_REASON.format(REST_FALL),
 )
+# ends of films by rounding of their area, whatever the curvature
+ROUNDED_FILM_REASONS = (SMALL_FALL_REASON.format(FILM_REST_FALL), NO_STEP_REASON)
 COLLAPSE_REASON = "the surface collapsed"
 SINGULAR_REASON = (
     "the surface became singular at time {:.6g}: most of it has shrunk to lines, or its faces are too slender"
