@@ -179,13 +179,14 @@ def _truncation(
     if not 0 < k < len(vertices):
         return np.zeros(len(times))
     ratio = (np.arange(k + 0.5, len(vertices)) / (k - 0.5)) ** (2.0 / operator.dimension)
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         weight = np.array([np.exp(-max(pairs.values[-1], 0.0) * time * ratio).sum() for time in times])
-    computed = (pairs.vectors[vertices] ** 2).sum(axis=1)
-    rest = 1.0 / (operator.mass @ np.ones(operator.mass.shape[0]))[vertices] - computed
-    square = np.minimum(OMITTED_SQUARE * computed / k, np.maximum(rest, 0.0) / (len(vertices) - k))
-    tail = square[:, None] * weight
-    return (tail / (values[vertices] + tail)).max(axis=0)
+        computed = (pairs.vectors[vertices] ** 2).sum(axis=1)
+        rest = 1.0 / (operator.mass @ np.ones(operator.mass.shape[0]))[vertices] - computed
+        square = np.minimum(OMITTED_SQUARE * computed / k, np.maximum(rest, 0.0) / (len(vertices) - k))
+        tail = square[:, None] * weight
+        share = np.where(tail > 0, tail / (values[vertices] + tail), 0.0)
+    return np.where(np.isnan(share), 1.0, share).max(axis=0)
 
 
 def _squared_constants(operator: LaplaceOperator) -> NDArray[np.float64]:
