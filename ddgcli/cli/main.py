@@ -84,7 +84,8 @@ class CommandGroup(click.Group):
         words = list(args)
         set_thread_variables(words)
         try:
-            context = super().make_context(info_name, args, *rest, **extra)
+            # messages name the script, also where `python -m ddgcli` runs it, as batches do
+            context = super().make_context("ddgcli", args, *rest, **extra)
         except click.exceptions.NoArgsIsHelpError:
             raise
         except click.UsageError as error:

@@ -173,6 +173,8 @@ def format_of(path: str, input_format: str | None = None) -> str:
         return suffix
     if suffix == ".toml":
         raise MeshFileError(f"{path}: is a scene of shell-sim or fluid-sim; name a mesh file")
+    if suffix in COMPRESSED:
+        raise MeshFileError(f"{path}: is compressed: unpack it ({COMPRESSED[suffix]})")
     from ddgcli.io.readers import foreign  # imports what starts processes
 
     if suffix not in foreign.suffixes():
@@ -183,6 +185,8 @@ def format_of(path: str, input_format: str | None = None) -> str:
         )
     return suffix
 
+
+COMPRESSED = {".gz": "gunzip", ".bz2": "bunzip2", ".xz": "unxz", ".zst": "unzstd"}
 
 # first bytes of formats, for files with a wrong extension
 _BEGINNINGS = {

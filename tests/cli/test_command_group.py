@@ -56,6 +56,10 @@ def test_help_imports_nothing_heavy():
     assert heavy == [f"HEAVY {words} []" for words in ([], *([name] for name in COMMANDS))], done.stderr
 
 
+def test_advice_names_the_script_where_python_runs_the_module():
+    assert b"see ddgcli curvature --help" in process("curvature", "a.ply", "--schem", "x").stderr
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_help_with_an_example(run, name):
     result = run(name, "--help")

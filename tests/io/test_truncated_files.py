@@ -216,6 +216,12 @@ def test_a_compressed_file_is_called_so(tmp_path):
         read_mesh(str(path))
 
 
+@pytest.mark.parametrize("suffix, program", [(".gz", "gunzip"), (".GZ", "gunzip"), (".xz", "unxz")])
+def test_a_file_with_the_extension_of_a_compressed_one_is_called_so(tmp_path, suffix, program):
+    with pytest.raises(InputError, match=rf"compressed: unpack it \({program}\)"):
+        read_mesh(str(tmp_path / f"a.ply{suffix}"))
+
+
 def test_the_message_of_meshio_before_it_exits_is_reported(tmp_path):
     path = tmp_path / "a.vtk"
     path.write_text("# vtk DataFile Version 7.9\na\nASCII\nDATASET FIELD\n")
