@@ -51,7 +51,7 @@ def as_mesh(mesh: MeshLike) -> AnyMesh:
 
     Parameters
     ----------
-    mesh : mesh, (points, cells) pair, or object with an attribute `mesh`
+    mesh : mesh, (points, cells) pair, or object with `mesh`, or with `vertices` and `faces`
         A pair holds points (n, 2) or (n, 3) and cells (m, 3), (m, 4) or (m, 2): triangles, tetrahedra or
         segments. A mesh that is used several times is better converted once, since it keeps its topology.
 
@@ -83,6 +83,8 @@ def as_mesh(mesh: MeshLike) -> AnyMesh:
     own_mesh = getattr(mesh, "mesh", None)
     if isinstance(own_mesh, AnyMesh):
         return own_mesh
+    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):  # such as trimesh.Trimesh
+        return as_mesh((mesh.vertices, mesh.faces))
     raise MeshError(
         f"{type(mesh).__name__} is not a mesh; give a mesh, a pair (points, faces) of arrays, or what "
         "read_mesh returns"

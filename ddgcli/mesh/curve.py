@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.frozen import FrozenArrays, frozen
-from ddgcli.mesh.masked import unmasked
+from ddgcli.mesh.masked import indices
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import moved_points, own_points
 
@@ -74,7 +74,7 @@ class CurveSet(FrozenArrays):
         MeshError
             On a wrong shape, a point that is not finite, or a segment that names no point.
         """
-        checked, segments = own_points(points), unmasked(lines, "the array of lines")
+        checked, segments = own_points(points), indices(lines, "the array of lines")
         if segments.ndim != 2 or segments.shape[1] != 2 or segments.dtype.kind not in "iu":
             raise MeshError(
                 f"lines must be integers of shape (k, 2), not {segments.dtype} of shape {segments.shape}"

@@ -39,6 +39,31 @@ def unmasked(values: ArrayLike, what: str) -> NDArray:
     return real_objects(array, what) if array.dtype.kind == "O" else array
 
 
+def indices(values: ArrayLike, what: str) -> NDArray:
+    """Array of vertex numbers, as `unmasked` returns it; floats that are whole numbers become integers.
+
+    Parameters
+    ----------
+    values : array_like
+    what : str
+        Subject of the message.
+
+    Returns
+    -------
+    ndarray
+        Other floats stay as they are.
+
+    Raises
+    ------
+    MeshError
+    """
+    array = unmasked(values, what)
+    # numbers of vertices are far below 2^53, up to which floats hold every whole number
+    if array.dtype.kind == "f" and ((np.rint(array) == array) & (np.abs(array) < 2.0**53)).all():
+        return array.astype(np.int64)
+    return array
+
+
 def real_objects(array: NDArray, what: str) -> NDArray:
     """Array of objects, such as fractions, as whole or real numbers; an error for other objects.
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ddgcli.errors import MeshError
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.frozen import FrozenArrays, frozen
-from ddgcli.mesh.masked import unmasked
+from ddgcli.mesh.masked import indices
 from ddgcli.mesh.ragged import repeated_rows
 from ddgcli.mesh.triangle_mesh import TriangleMesh, moved_points, own_points
 from ddgcli.mesh.vectors import cone_volume
@@ -75,7 +75,7 @@ class TetMesh(FrozenArrays):
             On a wrong shape, a point that is not finite, or a corner that names no point.
         """
         points = own_points(points)
-        tetrahedra = unmasked(tetrahedra, "the array of tetrahedra")
+        tetrahedra = indices(tetrahedra, "the array of tetrahedra")
         if tetrahedra.ndim != 2 or tetrahedra.shape[1] != 4:
             raise MeshError(f"tetrahedra must have shape (k, 4), not {tetrahedra.shape}")
         if tetrahedra.dtype.kind not in "iu":

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError, counted
 from ddgcli.mesh.frozen import FrozenArrays, frozen
-from ddgcli.mesh.masked import unmasked
+from ddgcli.mesh.masked import indices, unmasked
 from ddgcli.mesh.topology import NEXT, Topology, check_faces
 from ddgcli.mesh.vectors import bounding_box, cross, dot, vector_length
 
@@ -136,7 +136,7 @@ class TriangleMesh(FrozenArrays):
         ----------
         points : (n, 2) or (n, 3) array_like of float
             In the plane, z is 0.
-        faces : (m, 3) array_like of int
+        faces : (m, 3) array_like of int, or of floats that are whole numbers
             Corners, counter-clockwise seen from outside.
 
         Returns
@@ -150,7 +150,7 @@ class TriangleMesh(FrozenArrays):
         """
         points = own_points(points)
         return cls(
-            points, Topology(check_faces(unmasked(faces, "the array of faces"), len(points)), len(points))
+            points, Topology(check_faces(indices(faces, "the array of faces"), len(points)), len(points))
         )
 
     def moved(self, points: ArrayLike) -> TriangleMesh:

@@ -155,3 +155,41 @@ def test_an_array_of_a_legacy_file_may_have_the_name_of_a_section(tmp_path, name
     assert list(back) == list(arrays)
     for key, values in arrays.items():
         np.testing.assert_array_equal(back[key], values)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "text", "notes"),
+    [
+        (".off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", []),
+        (
+            ".off",
+            "COFF\n3 1 0\n0 0 0 9 9 9 9\n1 0 0 9 9 9 9\n0 1 0 9 9 9 9\n3 0 1 2\n",
+            ["after the coordinates"],
+        ),
+        (".off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 255 0 0\n", ["after the corners"]),
+        (".ply", f"ply\nformat ascii 1.0\n{TRIANGLE}{BODY.format(chr(10))}", []),
+        (
+            ".ply",
+            f"ply\nformat ascii 1.0\n{TRIANGLE}property list uchar int vertex_indices\n"
+            "property list uchar int marks\nelement camera 1\nproperty float focus\nelement none 0\n"
+            "property float y\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 2 5 6\n50\n",
+            ["elements of the PLY file omitted: camera", "lists of the PLY file omitted: marks of face"],
+        ),
+    ],
+)
+def test_what_no_array_holds_is_omitted_with_one_note_for_each_kind(tmp_path, suffix, text, notes):
+    path = tmp_path / f"a{suffix}"
+    path.write_text(text)
+    read = read_mesh(str(path))
+    assert read.mesh.n_faces == 1 and len(read.notes) == len(notes)
+    assert all(words in note for words, note in zip(notes, read.notes, strict=True))
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_further_dimensions_of_arrays_become_columns_as_the_page_says(tmp_path, suffix):
+    path, tensor = str(tmp_path / f"a{suffix}"), np.arange(108.0).reshape(12, 3, 3)
+    write_mesh(path, AnnotatedMesh(shapes.icosphere(0), vertex={"t": tensor, "one": tensor[:, 0, :1]}))
+    back = read_mesh(path).vertex
+    np.testing.assert_array_equal(back["t"], tensor if suffix == ".npz" else tensor.reshape(12, 9))
+    is_flat = suffix in (".vtu", ".vtp", ".vtk", ".ply")
+    np.testing.assert_array_equal(back["one"], tensor[:, 0, 0] if is_flat else tensor[:, 0, :1])

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -93,3 +94,35 @@ def test_a_mesh_is_not_moved_to_what_is_no_point_for_each_vertex(kind):
 def test_a_mesh_moved_to_points_of_the_plane_has_no_height():
     flat = BALL.moved(BALL.points[:, :2])
     np.testing.assert_array_equal(flat.points, BALL.points * [1, 1, 0])
+
+
+@pytest.mark.parametrize("kind", MOVABLE)
+def test_numbers_of_vertices_may_be_whole_floats_or_objects(kind):
+    mesh = MESHES[kind]
+    cells = {"surface": "faces", "tetrahedra": "tetrahedra", "curves": "lines"}[kind]
+    corners = getattr(mesh, cells)
+    for numbers in (corners.astype(np.float64), corners.astype(object), corners.astype(np.float32).tolist()):
+        again = ddg.as_mesh((mesh.points.astype(object), numbers))
+        np.testing.assert_array_equal(getattr(again, cells), corners)
+        np.testing.assert_array_equal(again.points, mesh.points)
+    for wrong in (corners + 0.5, np.where(corners == 0, np.nan, corners), np.where(corners == 0, 1e300, 0.0)):
+        with pytest.raises(ddg.errors.MeshError, match="integers"):
+            ddg.as_mesh((mesh.points, wrong))
+
+
+def test_objects_with_vertices_and_faces_are_meshes():
+    class Other:
+        vertices, faces = np.array(BALL.points), np.array(BALL.faces)
+
+    np.testing.assert_allclose(ddg.lumped_mass(Other()).diagonal(), ddg.lumped_mass(BALL).diagonal())
+
+
+def test_arrays_of_objects_that_are_real_numbers_are_written(tmp_path):
+    path = str(tmp_path / "a.vtu")
+    values = np.array([Fraction(i, 2) for i in range(BALL.n_vertices)], dtype=object)
+    ddg.write_mesh(path, BALL, vertex={"a": values, "b": np.arange(BALL.n_vertices).astype(object)})
+    back = ddg.read_mesh(path).vertex
+    np.testing.assert_array_equal(back["a"], values.astype(float))
+    assert back["b"].dtype.kind == "i" and back["b"].tolist() == list(range(BALL.n_vertices))
+    with pytest.raises(ddg.errors.MeshError, match="vertex array 'a'"):
+        ddg.write_mesh(path, BALL, vertex={"a": [None] * BALL.n_vertices})

@@ -44,9 +44,18 @@ def read_off(data: bytes) -> RawMesh:
             f"but only {len(number) - at} lines follow; the file is truncated or the header is wrong"
         )
     split = at + n_vertices
-    points = _points(lines.select(np.arange(at, split)))
-    corners, sizes = _faces(lines.select(np.arange(split, split + n_faces)), len(points))
-    return RawMesh(points, corners, sizes)
+    vertex_lines, face_lines = (
+        lines.select(np.arange(at, split)),
+        lines.select(np.arange(split, split + n_faces)),
+    )
+    points = _points(vertex_lines)
+    corners, sizes = _faces(face_lines, len(points))
+    raw = RawMesh(points, corners, sizes)
+    if (vertex_lines.n_words > 3).any():
+        raw.notes.append("numbers after the coordinates (colours, normals, texture coordinates) are omitted")
+    if (face_lines.n_words > sizes + 1).any():
+        raw.notes.append("numbers after the corners of faces (colours) are omitted")
+    return raw
 
 
 def _counts(words: list[bytes], head: list[bytes], number: list[int]) -> tuple[int, int, int]:

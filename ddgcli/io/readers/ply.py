@@ -26,6 +26,9 @@ TYPES = {
 END_OF_HEADER = re.compile(rb"[\r\n][ \t]*end_header *(?:\r\n|\n|\r|\Z)")  # a comment may have the word
 COUNT_TYPES = {name: code for name, code in TYPES.items() if code[0] != "f"}  # of the length of a list
 
+# lists that are read of each element; of "tristrips" all
+READ_LISTS = {"vertex": (), "face": ("vertex_indices", "vertex_index", "texcoord"), "edge": ()}
+
 
 @dataclass
 class _Property:
@@ -322,7 +325,7 @@ def _raw(columns: dict[str, Columns]) -> RawMesh:
             points[:, k] = vertex.pop(name)
     else:
         points = np.zeros((0, 3))
-    raw = RawMesh(points, vertex=_with_appearance(_scalars(vertex)))
+    raw = RawMesh(points, vertex=_with_appearance(_scalars(vertex)), notes=_omissions(columns))
     face = dict(columns.get("face", {}))
     corners = next((face.pop(k) for k in ("vertex_indices", "vertex_index") if k in face), None)
     if corners is not None and not isinstance(corners, tuple):
@@ -333,6 +336,8 @@ def _raw(columns: dict[str, Columns]) -> RawMesh:
         texture = face.get("texcoord")
         if isinstance(texture, tuple) and np.array_equal(texture[1], 2 * raw.sizes):
             raw.corner_uv = np.asarray(texture[0], dtype=np.float64).reshape(-1, 2)
+        elif isinstance(texture, tuple) and texture[1].any():
+            raw.notes.append("the list 'texcoord' has no two numbers for each corner: it is omitted")
     for members, _ in (v for v in columns.get("tristrips", {}).values() if isinstance(v, tuple)):
         raw.add_faces(_strips(whole_numbers(np.asarray(members), "vertex number").ravel()))
     edge = columns.get("edge", {})
@@ -343,6 +348,22 @@ def _raw(columns: dict[str, Columns]) -> RawMesh:
         raw.lines = np.stack([whole_numbers(np.asarray(end), "vertex number") for end in ends], axis=1)
         raw.line = _scalars({k: v for k, v in edge.items() if k not in ("vertex1", "vertex2")})
     return raw
+
+
+def _omissions(columns: dict[str, Columns]) -> list[str]:
+    """Notes about elements and lists that no array can hold."""
+    notes = []
+    elements = [name for name in columns if name not in (*READ_LISTS, "tristrips")]
+    lists = [
+        f"{name} of {element}"
+        for element, read in READ_LISTS.items()
+        for name, values in columns.get(element, {}).items()
+        if isinstance(values, tuple) and name not in read
+    ]
+    for what, names in (("elements", elements), ("lists", lists)):
+        if names:
+            notes.append(f"{what} of the PLY file omitted: {excerpt(', '.join(names), 80)}")
+    return notes
 
 
 def _scalars(columns: Columns) -> dict[str, NDArray]:
