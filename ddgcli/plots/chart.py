@@ -36,6 +36,7 @@ def draw_chart(
     caption: str = "",
     labels: Mapping[str, Sequence[str]] | None = None,
     ringed: Mapping[str, Sequence[int]] | None = None,
+    bars: Mapping[str, Sequence[float]] | None = None,
     pareto_front: Series | None = None,
     threshold: tuple[str, float] | None = None,
     styles: Mapping[str, int] | None = None,
@@ -62,6 +63,8 @@ def draw_chart(
         A text beside each point of a series, where no other text or point is; elsewhere with a thin line.
     ringed : mapping of name to indices, optional
         Points to mark with a ring, such as those of the Pareto front.
+    bars : mapping of name to lengths, optional
+        Uncertainty of each value, drawn as a vertical bar up and down; on a logarithmic axis down to its end.
     pareto_front : (x, y), optional
         Pareto front, drawn as a broad grey line behind the series.
     threshold : (name, y), optional
@@ -92,6 +95,8 @@ def draw_chart(
         if threshold is not None:
             axes.axhline(threshold[1], label=threshold[0], color="0.3", linewidth=1.0, linestyle=(0, (1, 2)))
         _widen(axes, drawable, log)
+        for name, lengths in (bars or {}).items():
+            _draw_bars(axes, *drawable[name], np.asarray(lengths, dtype=np.float64))
         wrapped_ylabel = textwrap.fill(ylabel, int(CHARACTERS_PER_INCH * height))
         axes.set(xlabel=xlabel, ylabel=wrapped_ylabel, title=title)
         _draw_grid_and_legend(axes, log, has_legend)
@@ -115,6 +120,17 @@ def _draw_pareto_front(axes: Any, x: NDArray, y: NDArray, shown: NDArray) -> Non
 def _draw_rings(axes: Any, x: NDArray, y: NDArray, points: Sequence[int]) -> None:
     for i in points:
         axes.plot(x[i], y[i], "o", ms=12, mfc="none", mec="0.3", mew=0.9)
+
+
+def _draw_bars(axes: Any, x: NDArray, y: NDArray, shown: NDArray, length: NDArray) -> None:
+    """Draw vertical bars; those that reach below the axis, such as to 0 of a logarithmic one, end there."""
+    shown = shown & (length > 0)
+    if not shown.any():
+        return
+    low, high = axes.get_ylim()
+    below, above = np.maximum((y - length)[shown], low), (y + length)[shown]
+    axes.vlines(x[shown], below, above, color="0.55", linewidth=0.9, zorder=1)
+    axes.set_ylim(low, max(high, 1.1 * float(above.max())))
 
 
 def _scale(axes: Any, log: str) -> None:

@@ -235,12 +235,12 @@ def _left_out(left_out: list[dict[str, str]]) -> list[str]:
     )
 
 
-def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> dict[str, Any]:
+def chart_of(rows: list[Row], norm: str, within: float | None) -> dict[str, Any]:
     """Series of the plot of a comparison: one for each method, its parameters as labels.
 
     A line joins rows that differ in numbers alone.
 
-    Errors below `floor`, the uncertainty of the reference, are drawn there.
+    Bars show the uncertainty of each error.
 
     Parameters
     ----------
@@ -248,7 +248,6 @@ def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> 
     norm : {'max', 'mean'}
     within : float or None
         Error to mark.
-    floor : float
 
     Returns
     -------
@@ -264,22 +263,32 @@ def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> 
     series = {
         name: (
             [r.total_seconds if r else math.nan for r in line],
-            [max(r.error(norm), floor) if r else math.nan for r in line],
+            [_drawn_error(r, norm) if r else math.nan for r in line],
         )
         for name, line in lines.items()
     }
     labels = {name: [_parameter_values(row) if row else "" for row in line] for name, line in lines.items()}
     ringed = {name: [k for k, row in enumerate(line) if row and row.on_front] for name, line in lines.items()}
-    best = sorted((r.total_seconds, max(r.error(norm), floor)) for r in rows if r.on_front)
-    pareto_front = ([x for x, _ in best], [y for _, y in best]) if best else None
+    bars = {
+        name: [row.significant_uncertainty(norm) if row else 0.0 for row in line]
+        for name, line in lines.items()
+    }
+    best = sorted((r.total_seconds, _drawn_error(r, norm)) for r in rows if r.on_front)
+    pareto_front = ([x for x, _ in best], [y for _, y in best]) if len(best) > 1 else None
     threshold = None if within is None else (f"within {within:g}", within)
     return {
         "series": series,
         "labels": labels,
         "ringed": ringed,
+        "bars": bars,
         "pareto_front": pareto_front,
         "threshold": threshold,
     }
+
+
+def _drawn_error(row: Row, norm: str) -> float:
+    """The error; one of 0, which a logarithmic axis has no place for, is drawn at its uncertainty."""
+    return row.error(norm) or row.uncertainty.at(norm)
 
 
 def _words_of(row: Row | None) -> list[str]:

@@ -16,6 +16,7 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.tradeoff.candidates import (
     Candidate,
+    ErrorNorms,
     Problem,
     Reference,
     Row,
@@ -385,13 +386,25 @@ def test_a_line_of_the_plot_joins_rows_that_differ_in_numbers_alone():
         for seconds, name, n, error in planted
     ]
     rows.insert(1, row("harmonic", 0.0, 1.5, 3.0))
-    chart = chart_of(rows, "max", None, 0.0)
+    chart = chart_of(rows, "max", None)
     assert list(chart["series"]) == ["conformal", "harmonic"]
     x, y = chart["series"]["conformal"]
     np.testing.assert_array_equal(y, [4.0, 1.0, np.nan, 2.0])
     np.testing.assert_array_equal(x, [1.0, 3.0, np.nan, 2.0])
     assert chart["labels"]["conformal"] == ["cotan 0", "cotan 1", "", "tufted 0"]
     assert chart["ringed"]["conformal"] == [1]
+
+
+def test_the_plot_shows_the_errors_of_the_table_with_their_uncertainty():
+    bound = ErrorNorms(2e-3, 2e-3)
+    near, far = row("a", 0.0, 1.0, 4e-4), row("a", 0.0, 2.0, 5e-3)
+    rows = [replace(near, uncertainty=bound, on_front=True), replace(far, uncertainty=bound)]
+    chart = chart_of(rows, "max", None)
+    assert list(chart["series"]["a"][1]) == [4e-4, 5e-3]
+    assert list(chart["bars"]["a"]) == [2e-3, 2e-3]
+    assert chart["pareto_front"] is None  # a line of one point has no length
+    exact = replace(rows[0], max_error=0.0)
+    assert list(chart_of([exact], "max", None)["series"]["a"][1]) == [2e-3]
 
 
 def test_what_compiled_code_makes_of_the_end_of_a_budget_counts_as_that_end():

@@ -334,9 +334,12 @@ def draw(
     remark = "Rings: Pareto front." if any_on_front else f"No Pareto front: {results['undecided']}."
     names = ", ".join(dict.fromkeys(name for row in table.rows for name in row.parameters))
     remark = f"Labels of points: {names}. {remark}" if names else remark
+    chart = chart_of(table.rows, results["norm"], within)
+    if any(map(any, chart["bars"].values())):
+        remark += " Vertical bars: errors more or less their uncertainty."
     draw_chart(
         path,
-        **chart_of(table.rows, results["norm"], within, results["reference_uncertainty"] or 0.0),
+        **chart,
         **size,
         xlabel="seconds (set-up and one query)",
         ylabel=f"{'largest' if results['norm'] == 'max' else 'mean'} error, relative",
