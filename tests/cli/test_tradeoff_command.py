@@ -20,6 +20,7 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.models.willmore import setup
 from ddgcli.simulation.account import Account
+from ddgcli.simulation.model import RunFailed
 from ddgcli.simulation.time_loop import evolve
 from ddgcli.tradeoff import pareto
 from ddgcli.tradeoff.candidates import relative_to_largest, relative_to_rms
@@ -373,3 +374,16 @@ def test_warnings_of_rows_name_the_rows_and_options(tmp_path, summary):
     assert len(set(kinds)) == len(kinds)
     named = {label for text in noise for label in text.partition(": the surface")[0].split(", ")}
     assert {"reference", "cotan radius=own", "normal-cycle radius=own"} <= named
+
+
+def test_a_flow_whose_reference_fails_names_it_and_a_duration(tmp_path, run, monkeypatch):
+    def fails(state):
+        raise RunFailed("t = 0.1 length^4, surface: energy rises; make the step 1e-09 length^4", ())
+
+    monkeypatch.setattr(willmore_flow, "_answer", fails)
+    path = tmp_path / "sphere.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(1)))
+    result = run("tradeoff", "willmore-flow", path, "--repeat", 1)
+    assert result.exit_code == 1
+    assert re.search(r"its run of 1 step over a time of 0\.000\d+ failed at t = 0\.1", result.stderr)
+    assert result.stderr.endswith("make the step 1e-09 length^4, with a --duration of two such steps\n")

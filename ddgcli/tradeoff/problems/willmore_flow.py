@@ -17,6 +17,7 @@ from ddgcli.models.willmore import setup
 from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.report import FLAT_ENERGY
 from ddgcli.simulation.account import Account
+from ddgcli.simulation.model import RunFailed
 from ddgcli.simulation.time_loop import evolve
 from ddgcli.tradeoff.candidates import (
     NO_OPTIONS,
@@ -152,13 +153,30 @@ def _candidate(
 
 def _reference(mesh: TriangleMesh, fixed_options: CommandOptions, span: float, steps: int) -> Reference:
     counts = [steps // 8, steps // 4, steps // 2, steps]
-    runs = [float(_answer(_setup(mesh, fixed_options, span, {"step": span / n}))[0]) for n in counts]
+    runs = [_reference_run(mesh, fixed_options, span, n) for n in counts]
     lowered = _lowered(fixed_options)
     scale = max(abs(runs[-1]), _least(lowered)) or 1.0
     differences = ((b - a) / scale for a, b in itertools.pairwise(runs))
     gap = remaining_error(*differences, order=1.0 if lowered == "area" else 2.0)
     name = f"{steps} steps (uncertainty from {counts[2]}, {counts[1]} and {counts[0]} steps)"
     return Reference(name, np.array(runs[-1:]), gap)
+
+
+def _reference_run(mesh: TriangleMesh, fixed_options: CommandOptions, span: float, steps: int) -> float:
+    """Energy or area at the end of a run of the reference.
+
+    Raises
+    ------
+    SolveError
+        Names the run, and the time for which others may succeed: its step is not one of the caller's.
+    """
+    try:
+        return float(_answer(_setup(mesh, fixed_options, span, {"step": span / steps}))[0])
+    except RunFailed as error:
+        run = f"{steps} step{'s' * (steps > 1)} over a time of {span:.3g}"
+        raise SolveError(
+            f"no reference: its run of {run} failed at {error}, with a `duration` of two such steps"
+        ) from error
 
 
 def _fine_meshes(mesh: TriangleMesh, fixed_options: CommandOptions, span: float, times: int) -> MeshLimit:
