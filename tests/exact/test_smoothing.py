@@ -142,6 +142,42 @@ def test_the_time_at_which_a_surface_has_vanished_is_not_that_of_long_steps(time
     assert f"({noise:.2g} removes noise, {shape:.2g} changes the shape)" in caplog.text
 
 
+@pytest.mark.parametrize("flow", SMOOTHING_FLOWS)
+@pytest.mark.parametrize("time", [100.0, 1e6, 1e8])
+def test_a_surface_that_reaches_its_steady_state_has_no_error_whatever_the_time(flow, time, caplog):
+    """Reported between two near rings: 46 % of the area, the end of the flow, a collapse of all vertices."""
+    mesh = shapes.cylinder(24, 12, height=1.0)
+    steady = smooth(mesh, time, steps=20, flow=flow).area[-1]
+    report = solve_laplacian_tasks(mesh, LaplacianTasks(smooth=time, smooth_flow=flow))
+    assert report.converged and not caplog.text
+    assert report.results["smooth_collapsed_vertices"] == 0
+    assert abs(report.results["smooth_area"]["after"] / steady - 1) < 1e-5
+    assert report.accuracy["smooth_time_error"] < 1e-6
+
+
+@pytest.mark.parametrize("steps", [1, 3])
+def test_the_error_of_few_long_steps_to_a_steady_state_is_the_distance_to_it(steps):
+    mesh = shapes.cylinder(24, 12, height=1.0)
+    steady = smooth(mesh, 100.0, steps=20).area[-1]
+    smoothed = smooth(mesh, 100.0, steps=steps)
+    assert 0.3 < smoothed.time_error / (1 - steady / smoothed.area[-1]) < 3
+
+
+@pytest.mark.parametrize("flow", SMOOTHING_FLOWS)
+def test_a_flat_surface_stays_for_any_time_and_nothing_of_it_collapses(flow):
+    mesh = shapes.grid(8, 8, pattern="alternating")
+    report = solve_laplacian_tasks(mesh, LaplacianTasks(smooth=1e8, smooth_flow=flow))
+    assert report.converged and report.results["smooth_collapsed_vertices"] == 0
+    assert np.abs(report.vertex["displacement"]).max() < 1e-12
+
+
+@pytest.mark.parametrize("height, time", [(1.4, 100.0), (2.0, 3.0), (2.0, 1e6), (4.0, 1.0), (4.0, 1e6)])
+def test_a_neck_that_pinches_between_two_rings_is_not_converged(height, time):
+    """Rings further apart than 1.33 radii have no steady state: the surface comes near one, and pinches."""
+    mesh = shapes.cylinder(32, 16, height=height)
+    assert not solve_laplacian_tasks(mesh, LaplacianTasks(smooth=time)).converged
+
+
 def test_steps_that_remove_noise_have_no_error_in_time():
     mesh = shapes.icosphere(3)
     noise = 0.2 * np.random.default_rng(3).standard_normal((mesh.n_vertices, 1))

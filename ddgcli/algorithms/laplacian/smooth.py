@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array, diags_array, eye_array
 
 from ddgcli.algorithms.laplacian.laplace_operator import MASS_FUNCTIONS, LaplaceOperator, laplace_operator
 from ddgcli.choices import SMOOTHING_FLOWS
@@ -15,6 +15,7 @@ from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.laplacian import lumped_vertex_area
 from ddgcli.operators.mollify import mollify_mesh
 from ddgcli.progress import ProgressCallback
 from ddgcli.representation import short_repr
@@ -27,6 +28,11 @@ MAX_WEIGHT, MIN_MASS = 1e5, 1e-8
 MAX_FLIP_ROUNDS = 200
 # Share of the first area below which the surface counts as vanished.
 VANISHED_AREA = 1e-9
+# Share of a vertex's first area below which it lies on a part that pinches off, and share of the energy left
+# below which energy above a steady state is rounding.
+THIN_AREA, STEADY_ENERGY = 1e-3, 1e-6
+# Of the energy left: smaller excesses are not compared with that of the steady state, which takes a factorisation.
+MIN_CAPPED_SHARE = 1e-3
 # Growth of the bounding box, as a share of its diagonal, that rounding explains.
 BOX_TOLERANCE = 1e-9
 
@@ -48,12 +54,14 @@ class SmoothingResult:
         Largest distance of a vertex from the first bounding box, relative to its diagonal. Mean curvature
         flow never leaves the box (maximum principle).
     collapsed : int
-        Vertices whose area has fallen below 1e-8 of the time step: parts that have become lines or points.
+        Vertices whose area has fallen below 1e-8 of the time step (of the first area of the surface, if that
+        is less): parts that have become lines or points.
     collapse_time : float or None
         Start of the first step with a collapsed vertex.
     time_error : float
         Estimate of what the steps left too much of the area (`conformalized`: of the Dirichlet energy of the
-        positions), relative to what is left; at most 1, where the flow has ended before.
+        positions), relative to what is left; at most 1, where the flow has ended before. On surfaces that
+        approach a steady state with a fixed boundary, no more than the distance to it.
     """
 
     mesh: TriangleMesh
@@ -127,6 +135,7 @@ def smooth(
     area = [float(face_area(mesh.side_length).sum())]
     worst = reached = growth = excess = 0.0
     collapsed, collapse_time = 0, None
+    reducible: list[float] = []
     for step in range(steps):
         if progress is not None:
             progress(step, steps)
@@ -140,6 +149,9 @@ def smooth(
         if thin and collapse_time is None:
             collapse_time = reached
         excess += stepper.excess(mesh, moved)
+        if reducible or excess > MIN_CAPPED_SHARE * stepper.energy(moved):
+            reducible = reducible or [stepper.reducible_energy(mesh)]
+            reducible.append(stepper.reducible_energy(moved))
         outside = float(np.maximum(moved.points - high, low - moved.points).max())
         growth = max(growth, outside / diagonal)
         mesh, worst, reached = moved, max(worst, residual), time * (step + 1) / steps
@@ -147,8 +159,23 @@ def smooth(
         if _has_vanished(area):
             break
     left = stepper.energy(mesh)
+    if reducible and not stepper.has_thinned(mesh):
+        excess = min(excess, _most_excess(reducible, left))
     time_error = min(1.0, excess / left) if left > 0 else 0.0
     return SmoothingResult(mesh, area, worst, reached, growth, collapsed, collapse_time, time_error)
+
+
+def _most_excess(reducible: list[float], left: float) -> float:
+    """Most energy that steps can have left over, where every one of them approached a steady state.
+
+    `reducible`: energy above the harmonic surface of the same boundary, before and after every step. Where
+    there is no steady state, as between two rings too far apart, a surface comes near one and then leaves it.
+    """
+    before, after = np.array(reducible[:-1]), np.array(reducible[1:])
+    if ((after >= before) & (after > STEADY_ENERGY * left)).any():
+        return np.inf
+    ratio = after[-1] / before[-1] if before[-1] > 0 else 0.0
+    return float(after[-1] / (1.0 - ratio) if ratio < 1.0 else after[-1])
 
 
 def _has_vanished(area: list[float]) -> bool:
@@ -170,6 +197,9 @@ class _Stepper:
     def __init__(self, mesh: TriangleMesh, dt: float, flow: str, operator: str | None, mass: str) -> None:
         self.dt, self.operator, self.mass = dt, operator, mass
         self.fixed = mesh.topology.boundary_vertex | ~mesh.topology.referenced_vertex
+        self.first_area = lumped_vertex_area(mesh)
+        # a vertex that stays is not thin because a step is longer than the area
+        self.collapsed_mass = MIN_MASS * min(1.0, float(self.first_area.sum()) / dt)
         low, high = mesh.bounding_box
         self.centre = low / 2 + high / 2
         conformalized = flow == "conformalized"
@@ -182,8 +212,10 @@ class _Stepper:
         if self.fixed.all():
             return mesh, 0.0, 0
         stiffness, mass = self._matrices(mesh)
-        lack = np.maximum(MIN_MASS - mass @ np.ones(mesh.n_vertices), 0.0)
+        vertex_mass = mass @ np.ones(mesh.n_vertices)
+        lack = np.maximum(MIN_MASS - vertex_mass, 0.0)
         lack[self.fixed] = 0.0
+        collapsed = int(((vertex_mass < self.collapsed_mass) & ~self.fixed).sum())
         mass = mass + diags_array(lack, format="csr")
         if self.problem is None:
             self.problem = Dirichlet(mass + stiffness, self.fixed, pivot=False)
@@ -193,7 +225,7 @@ class _Stepper:
         rhs = mass @ points
         moved = self.problem.solve(points[self.problem.fixed], rhs)
         positions = np.where(self.fixed[:, None], mesh.points, moved + self.centre)
-        return mesh.moved_unchecked(positions), self.problem.residual(moved, rhs), int((lack > 0).sum())
+        return mesh.moved_unchecked(positions), self.problem.residual(moved, rhs), collapsed
 
     def excess(self, mesh: TriangleMesh, moved: TriangleMesh) -> float:
         """Energy that a step left over, at the rate at its end; at each vertex at most the area it had.
@@ -214,6 +246,28 @@ class _Stepper:
         rate = np.einsum("ij,ij->i", force, force) / np.maximum(mass_at_end @ ones, MIN_MASS)
         possible = float(np.minimum(rate, self.dt * (mass @ ones)).sum())
         return max(0.0, possible - (self.energy(mesh) - self.energy(moved)))
+
+    def reducible_energy(self, mesh: TriangleMesh) -> float:
+        """Energy above that of the harmonic surface with the same boundary; infinite for closed surfaces.
+
+        It is what long steps have left over near a steady state, where the rate times the step is more.
+        """
+        if mesh.topology.is_closed or self.fixed.all():
+            return np.inf
+        try:
+            stiffness, _ = self._matrices(mesh)
+            points = mesh.points - self.centre
+            regular = MIN_MASS * eye_array(mesh.n_vertices, format="csr")  # of closed components
+            problem = Dirichlet(stiffness + regular, self.fixed, pivot=False)
+            rest = points - problem.solve(points[problem.fixed], MIN_MASS * points)
+        except (SolveError, MeshError):
+            return np.inf
+        return 0.5 * float(np.sum(rest * (stiffness @ rest)))
+
+    def has_thinned(self, mesh: TriangleMesh) -> bool:
+        """Whether a vertex has lost nearly all of its area, as on a neck that pinches off."""
+        thin = lumped_vertex_area(mesh) < THIN_AREA * self.first_area
+        return bool((thin & ~self.fixed).any())
 
     def energy(self, mesh: TriangleMesh) -> float:
         """What the flow lowers: the area, or the Dirichlet energy of the positions."""
