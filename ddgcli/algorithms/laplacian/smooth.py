@@ -31,7 +31,7 @@ VANISHED_AREA = 1e-9
 # Share of a vertex's first area below which it lies on a part that pinches off, and share of the energy left
 # below which energy above a steady state is rounding.
 THIN_AREA, STEADY_ENERGY = 1e-3, 1e-6
-# Of the energy left: smaller excesses are not compared with that of the steady state, which takes a factorisation.
+# Of the energy left: a smaller excess is not compared with the steady state, which takes a factorisation.
 MIN_CAPPED_SHARE = 1e-3
 # Growth of the bounding box, as a share of its diagonal, that rounding explains.
 BOX_TOLERANCE = 1e-9
