@@ -54,4 +54,5 @@ EXPLICIT_INTEGRATORS = ("verlet", "symplectic-euler", "avi")  # of shells: their
 # of sparse definite systems: chosen by size and memory, direct ones, iterative ones
 ITERATIVE_SOLVERS = ("multigrid", "conjugate-gradients")
 LINEAR_SOLVERS = ("auto", "multifrontal", "superlu", "cholmod", "pivoted", *ITERATIVE_SOLVERS)
+MAX_ELEVATION = 90  # degrees of a view: beyond it, pictures are upside down
 MIN_PIXELS, MAX_PIXELS = 200, 8000  # of each side of a picture

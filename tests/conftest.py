@@ -32,7 +32,7 @@ def shared_meshes() -> Path:
     return SHARED_MESHES
 
 
-def _small_pages(size: tuple[int, int] | None, inches: float = options.PAGE_WIDTH) -> dict[str, Any]:
+def _small_pages(size: tuple[int, int] | None, inches: float | None = None) -> dict[str, Any]:
     return page_size(size or (640, 480), inches)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from ddgcli.choices import LINEAR_SOLVERS, MAX_PIXELS, MIN_PIXELS
+from ddgcli.choices import LINEAR_SOLVERS, MAX_ELEVATION, MAX_PIXELS, MIN_PIXELS
 from ddgcli.errors import ParameterError
 
 
@@ -146,6 +146,8 @@ class View(click.ParamType):
             self.fail(f"{value!r} is not x, y, z, iso or ELEVATION,AZIMUTH (then :UP)", param, ctx)
         if not (math.isfinite(elevation) and math.isfinite(azimuth)):
             self.fail(f"{value!r} is not finite", param, ctx)
+        if abs(elevation) > MAX_ELEVATION:
+            self.fail(f"elevation {elevation:g} in {value!r} is beyond {MAX_ELEVATION} degrees", param, ctx)
         return {"view": (elevation, azimuth), **up_axis}
 
 
@@ -165,15 +167,13 @@ class Size(click.ParamType):
         return int(width), int(height)
 
 
-PAGE_WIDTH = 7.0  # inches: the text scales with the picture
-
-
-def page_size(size: tuple[int, int] | None, inches: float = PAGE_WIDTH) -> dict[str, Any]:
+def page_size(size: tuple[int, int] | None, inches: float | None = None) -> dict[str, Any]:
     """`width`, `height` and `dpi` of a drawing function for a size in pixels; nothing for None."""
     if size is None:
         return {}
-    width, height = size
-    return {"width": inches, "height": inches * height / width, "dpi": width / inches}
+    from ddgcli.plots.page import PAGE_WIDTH, size_in_inches
+
+    return size_in_inches(size, inches or PAGE_WIDTH)
 
 
 def use_solver(name: str | None) -> None:

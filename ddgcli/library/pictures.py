@@ -18,12 +18,10 @@ from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.array import draw_array
 from ddgcli.plots.curve import draw_curves
-from ddgcli.plots.page import FORMATS
+from ddgcli.plots.page import FORMATS, size_in_inches
 from ddgcli.plots.raster import VIEWS
 
 __all__ = ["write_picture"]
-
-INCHES = 7.0  # width of a page, which fixes the size of its letters
 
 
 @checked_arguments
@@ -86,8 +84,7 @@ def write_picture(
     shape = as_mesh(mesh)
     shape = shape.boundary if isinstance(shape, TetMesh) else shape
     array = _array_of(mesh, values)
-    look: dict[str, Any] = {"view": view, "up": up, "dpi": size[0] / INCHES}
-    look |= {"width": INCHES, "height": INCHES * size[1] / size[0]}
+    look: dict[str, Any] = {"view": view, "up": up, **size_in_inches(size)}
     label = name or (values if isinstance(values, str) else "")
     with atomic_output(os.fspath(path)) as target:
         if isinstance(shape, CurveSet):

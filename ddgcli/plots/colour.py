@@ -7,8 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.plots.page import PAGE_WIDTH
+
 ROUNDING_SHARE = 1e-10  # values below this share of the largest are rounding
 MIN_RANGE_SHARE = 0.05  # of the size of the values: a narrower range would magnify noise
+MAX_BAR_LENGTH = 4.5  # inches: arrow heads are in proportion to it
 BAR_PLACE = (0.865, 0.14, 0.022, 0.7)  # left, bottom, width, height
 # quantities with a sign: their colours diverge about zero
 SIGNED_ARRAYS = (
@@ -240,7 +243,11 @@ def colour_bar(
     unit = 10.0**exponent
     scale = ScalarMappable(Normalize(low / unit, high / unit), mappable.cmap)
     bar = figure.colorbar(
-        scale, cax=figure.add_axes(place), extend=ends, label=label, format=CommonPowerFormatter(exponent)
+        scale,
+        cax=figure.add_axes(_bounded(place, *figure.get_size_inches())),
+        extend=ends,
+        label=label,
+        format=CommonPowerFormatter(exponent),
     )
     if whole and not exponent:
         bar.locator = MaxNLocator(integer=True)
@@ -250,3 +257,11 @@ def colour_bar(
         "left"
     )  # the power of ten starts there and is over the bar and its numbers
     bar.outline.set_linewidth(0.5)
+
+
+def _bounded(place: tuple[float, float, float, float], width: float, height: float) -> tuple[float, ...]:
+    """The place of a bar on a page in inches: not longer than MAX_BAR_LENGTH, with space for its numbers."""
+    left, bottom, across, length = place
+    shorter = min(length, MAX_BAR_LENGTH / height)
+    left = min(left, 1 - (1 - left) * PAGE_WIDTH / width)
+    return left, bottom + 0.5 * (length - shorter), max(across, across * PAGE_WIDTH / width), shorter

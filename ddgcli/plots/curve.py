@@ -70,7 +70,8 @@ def draw_curves(
     start, stop, fit = placed(start), placed(stop), placed(fit)
     axes3 = view_axes(fit, view, up or "z")
     with page(path, width, height, dpi) as figure:
-        axes = picture_axes(figure, coloured=bar and values is not None)
+        caption = "" if values is None else extremes(label, np.concatenate(values))
+        axes = picture_axes(figure, bar and values is not None, caption=caption)
         box = axes.get_position()
         camera = fitted_camera(
             fit,
@@ -96,7 +97,6 @@ def draw_curves(
         axes.set_axis_off()
         if bar and values is not None:
             colour_bar(figure, mappable, label)
-        caption = "" if values is None else extremes(label, np.concatenate(values))
         draw_texts(axes, title, caption)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterator
+import textwrap
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,9 @@ Box = tuple[float, float, float, float]  # left, bottom, width and height, as sh
 WHOLE_PAGE: Box = (0.0, 0.0, 1.0, 1.0)
 FORMATS = (".png", ".svg", ".pdf")
 RAW = ".rgba"  # bytes of the pixels alone, for pictures that are read again at once
+CAPTION_POINTS = 7.5
+CHARACTERS_PER_INCH, LINE_HEIGHT = 17, 0.13  # of a caption, and inches
+BAR_SPACE = 1.1  # inches beside a picture for a colour bar, its numbers and its label
 # dates and versions are omitted, because they differ between equal pictures
 _NO_DATE = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}, RAW: None}
 _STYLE = {
@@ -29,6 +33,29 @@ _STYLE = {
     "figure.facecolor": "white",
     "text.parse_math": False,  # dollars in the names of files and arrays are dollars
 }
+
+
+PAGE_WIDTH = 7.0  # inches: the text scales with the picture,
+MIN_DPI = 80.0  # but not below this resolution, at which its least letters have 8 pixels
+
+
+def size_in_inches(pixels: Sequence[int], width: float = PAGE_WIDTH) -> dict[str, float]:
+    """Arguments of `page` for a picture.
+
+    Parameters
+    ----------
+    pixels : (int, int)
+        Width and height.
+    width : float
+        Largest width in inches.
+
+    Returns
+    -------
+    dict
+        `width`, `height` and `dpi`.
+    """
+    width = min(width, pixels[0] / MIN_DPI)
+    return {"width": width, "height": width * pixels[1] / pixels[0], "dpi": pixels[0] / width}
 
 
 def require_matplotlib() -> None:
@@ -105,7 +132,7 @@ def cells(count: int, extents: NDArray, area: Box, page_ratio: float) -> list[Bo
     ]
 
 
-def picture_axes(figure: Any, coloured: bool, box: Box = WHOLE_PAGE) -> Any:
+def picture_axes(figure: Any, coloured: bool, box: Box = WHOLE_PAGE, caption: str = "") -> Any:
     """Axes of a picture on a part of a page.
 
     Parameters
@@ -115,14 +142,25 @@ def picture_axes(figure: Any, coloured: bool, box: Box = WHOLE_PAGE) -> Any:
         Leave space for a colour bar.
     box : Box
         That part.
+    caption : str
+        Below the picture; leave space for its lines.
 
     Returns
     -------
     matplotlib.axes.Axes
     """
     left, bottom, width, height = box
-    inner = (left + 0.01, bottom + 0.05 * height, width * (0.84 if coloured else 0.98), 0.87 * height)
+    page_width, page_height = figure.get_size_inches()
+    lines = len(_wrapped(caption, width * page_width))
+    below = min(max(0.05 * height, (lines * LINE_HEIGHT + 0.05) / page_height if lines else 0), 0.5 * height)
+    share = max(0.16 * width, (BAR_SPACE + 0.01) / page_width) if coloured else 0.02 * width
+    inner = (left + 0.01, bottom + below, width - share, 0.92 * height - below)
     return figure.add_axes(inner)
+
+
+def _wrapped(caption: str, width: float) -> list[str]:
+    """Lines of a caption that fit into a width in inches."""
+    return textwrap.wrap(caption, max(int(CHARACTERS_PER_INCH * width), 12))
 
 
 def draw_texts(axes: Any, title: str, caption: str, box: Box = WHOLE_PAGE) -> None:
@@ -137,8 +175,12 @@ def draw_texts(axes: Any, title: str, caption: str, box: Box = WHOLE_PAGE) -> No
         As for `picture_axes`.
     """
     inner, figure = axes.get_position(), axes.figure
-    _, bottom, _, height = box
+    _, bottom, width, height = box
     middle = (inner.x0 + inner.x1) / 2
     figure.text(middle, bottom + 0.955 * height, title, ha="center", va="center", fontsize=10)
-    caption_style = {"ha": "left", "va": "center", "fontsize": 7.5, "color": "0.35"}
-    figure.text(inner.x0 + 0.01, bottom + 0.02 * height, caption, **caption_style)
+    lines = _wrapped(caption, width * figure.get_size_inches()[0])
+    caption_style = {"ha": "left", "va": "center", "fontsize": CAPTION_POINTS, "color": "0.35"}
+    middle_of_lines = max(
+        0.02 * height, (0.5 * len(lines) * LINE_HEIGHT + 0.02) / figure.get_size_inches()[1]
+    )
+    figure.text(inner.x0 + 0.01, bottom + middle_of_lines, "\n".join(lines), **caption_style)

@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.choices import MAX_ELEVATION
+from ddgcli.errors import ParameterError
 from ddgcli.mesh.ragged import ranges
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.vectors import row_cross
@@ -70,9 +72,16 @@ def view_axes(points: NDArray, view: View = None, up: str = "z") -> NDArray[np.f
     -------
     (3, 3) ndarray of float64
         Rows: to the right, up, towards the viewer.
+
+    Raises
+    ------
+    ParameterError
+        For an elevation beyond 90 degrees.
     """
     if view is None:
         view = flat_view(np.ptp(points, axis=0), up) or "iso"
+    if not isinstance(view, str) and not abs(view[0]) <= MAX_ELEVATION:
+        raise ParameterError(f"elevation {view[0]:g} is beyond {MAX_ELEVATION} degrees", parameter="view")
     elevation, azimuth = np.radians(VIEWS[view] if isinstance(view, str) else view)
     towards = np.array(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]

@@ -174,9 +174,11 @@ def _paint(
 ) -> None:
     """Paint a surface on a part of the page."""
     mesh, fit_points, placed = _in_unit_box(mesh, fit)
-    axes = picture_axes(figure, bar and values is not None and values.ndim == 1, box)
     squares = values is not None and values.ndim == 2
     plot_values = None if values is None or squares else _relevant(mesh, values)
+    if plot_values is not None:
+        caption = "; ".join(filter(None, [caption, extremes(label, plot_values)]))
+    axes = picture_axes(figure, bar and plot_values is not None, box, caption)
     if plot_values is not None and limits is None:
         low, high, signed = robust_limits(plot_values, signed, value_size)
         limits = low, high
@@ -200,11 +202,9 @@ def _paint(
         draw_glyphs(axes, camera, visible, replace(glyphs, places=placed(glyphs.places)))
     draw_arrows(axes, camera, visible, [replace(one, places=placed(one.places)) for one in arrows])
     axes.set(xlim=(0, size[0]), ylim=(size[1], 0))
-    if plot_values is not None and limits is not None:
-        if bar:
-            whole = values is not None and np.asarray(values).dtype.kind in "iub"
-            colour_bar(figure, mappable, label, beyond(plot_values, *limits), whole=whole)
-        caption = "; ".join(filter(None, [caption, extremes(label, plot_values)]))
+    if plot_values is not None and limits is not None and bar:
+        whole = values is not None and np.asarray(values).dtype.kind in "iub"
+        colour_bar(figure, mappable, label, beyond(plot_values, *limits), whole=whole)
     draw_texts(axes, title, caption, box)
 
 

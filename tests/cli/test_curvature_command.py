@@ -112,6 +112,7 @@ def test_pictures_are_written(run, torus, tmp_path, extension):
     [
         (("--show", "nothing", "--plot", "a.png"), "mean_curvature"),
         (("--view", "sideways"), "ELEVATION"),
+        (("--view", "95,10"), "beyond 90 degrees"),
         (("--radius", "0"), "greater than 0"),
         (("--radius", "1", "--scheme", "cotan"), "takes no radius"),
         (("--scheme", "best"), "quadric"),

@@ -6,10 +6,12 @@ import re
 import numpy as np
 import pytest
 
+from ddgcli.errors import ParameterError
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.plots import page
 from ddgcli.plots.chart import draw_chart
-from ddgcli.plots.colour import is_signed, robust_limits, value_scale
+from ddgcli.plots.colour import colour_bar, colour_scale, is_signed, robust_limits, value_scale
 from ddgcli.plots.curve import draw_curves, is_cut
 from ddgcli.plots.motion import PlotFrame, sequence_style
 from ddgcli.plots.page import cells
@@ -108,10 +110,10 @@ def test_the_picture_of_a_sphere_s_curvature_has_one_colour(tmp_path):
 
     sphere = shapes.icosphere(3)
     wavy = 1 + 1e-4 * np.sin(5 * sphere.points[:, 0])
-    draw_surface(str(tmp_path / "a.png"), sphere, wavy, label="H", width=3, height=3, dpi=100)
+    draw_surface(str(tmp_path / "a.png"), sphere, wavy, label="H", width=7, height=7, dpi=300 / 7)
     disk = imread(tmp_path / "a.png")[100:200, 80:180, :3].reshape(-1, 3)
     assert np.ptp(disk / disk.sum(axis=1, keepdims=True), axis=0).max() < 0.02
-    draw_surface(str(tmp_path / "a.svg"), sphere, wavy, label="H", caption="scheme", width=3, height=3)
+    draw_surface(str(tmp_path / "a.svg"), sphere, wavy, label="H", caption="scheme")
     text = (tmp_path / "a.svg").read_text()
     assert f"scheme; H from {wavy.min():.6g} to {wavy.max():.6g}" in text
 
@@ -120,7 +122,9 @@ def test_pixels_have_the_colour_of_their_values(tmp_path):
     from matplotlib.image import imread
 
     mesh = shapes.grid(40, 40)
-    draw_surface(str(tmp_path / "a.png"), mesh, np.sign(mesh.points[:, 0] - 0.5), width=3, height=3, dpi=100)
+    draw_surface(
+        str(tmp_path / "a.png"), mesh, np.sign(mesh.points[:, 0] - 0.5), width=7, height=7, dpi=300 / 7
+    )
     picture = imread(tmp_path / "a.png")[:, :, :3]
     left, right = picture[150, 50], picture[150, 210]
     assert left[2] > left[0] + 0.2, "negative is blue"
@@ -361,3 +365,26 @@ def test_a_curve_is_cut_where_it_passes_behind_one_of_its_own_time_alone(same_ti
     assert not cut[:101].any()
     assert np.array_equal(cut[101:], (np.abs(x) <= 5.0) & same_time)
     assert not is_cut(far, np.zeros(101), np.zeros(101, dtype=int), 5.0).any()  # neighbours along one curve
+
+
+@pytest.mark.parametrize("pixels", [(200, 200), (300, 1200), (560, 420), (1400, 1050), (4000, 300)])
+def test_letters_have_eight_pixels_and_bars_a_bounded_length(pixels):
+    size = page.size_in_inches(pixels)
+    assert (size["width"] * size["dpi"], size["height"] * size["dpi"]) == pytest.approx(pixels)
+    assert page.CAPTION_POINTS / 72 * size["dpi"] >= 8
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(size["width"], size["height"]), dpi=size["dpi"])
+    colour_bar(figure, colour_scale(-1.0, 2.0, True), "height", "both")
+    place = figure.axes[0].get_position()
+    assert place.height * size["height"] <= 4.6
+    axes = page.picture_axes(figure, coloured=True, caption="a long caption " * 4)
+    assert axes.get_position().x1 < place.x0 < 1 - 0.9 / size["width"]
+
+
+def test_elevations_beyond_the_poles_are_refused(tmp_path):
+    ball = shapes.icosphere(1)
+    draw_surface(str(tmp_path / "ball.png"), ball, view=(90.0, 10.0), dpi=40)
+    for elevation in (95.0, -90.5, float("nan")):
+        with pytest.raises(ParameterError, match="beyond 90 degrees"):
+            draw_surface(str(tmp_path / "ball.png"), ball, view=(elevation, 10.0))
