@@ -183,7 +183,7 @@ def test_steps_that_the_mesh_error_hides_are_not_told_apart():
     assert "differ by at most" in table.undecided
     assert {row.verdict.split(";")[0] for row in table.rows} == {"no verdict possible"}
     assert not any(row.on_front for row in table.rows)
-    chart = chart_of(table.rows, "max", None, 0.0)
+    chart = chart_of(table.rows, "max", None)
     assert chart["pareto_front"] is None and not any(chart["ringed"].values())
 
 

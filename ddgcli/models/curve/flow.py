@@ -259,7 +259,7 @@ class CurveFlow:
         }
         scalar: dict[str, Any] = {name: float(values.sum()) for name, values in by_curve.items()}
         if not self.mesh.has_total_area:
-            scalar |= {"area": np.nan, "turning_number": np.nan}
+            del scalar["area"], scalar["turning_number"]
         scalar |= {f"{name}_by_curve": values for name, values in by_curve.items()}
         scalar |= {
             "collapsed": float((~state.active).sum()),
