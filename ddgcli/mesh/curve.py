@@ -16,9 +16,8 @@ from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import moved_points, own_points
 
 PLANARITY_TOLERANCE = 1e-6  # of the curve's size: coordinates in text files have six digits
-PARALLEL_COSINE = (
-    1.0 - 5e-7
-)  # of the normals of parallel planes: those of thin curves are known to 1e-3 or so
+# of the normals of parallel planes: those of thin curves are known to 1e-3 or so
+PARALLEL_COSINE = 1.0 - 5e-7
 
 
 @dataclass(frozen=True, eq=False)

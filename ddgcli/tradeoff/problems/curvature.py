@@ -49,9 +49,8 @@ def problem(
     if not inside.any() or edge == 0.0:
         why = "every vertex is on the boundary" if edge else "there is no triangle of any size"
         raise MeshError(f"{why}: no mean curvature to compare")
-    most = (
-        float(component_extents(mesh).max()) / 2 / edge
-    )  # mean edges: larger balls hold every component whole
+    # in mean edges: larger balls hold every component whole
+    most = float(component_extents(mesh).max()) / 2 / edge
     radius_option = options.get("radius")
     if isinstance(radius_option, str):
         raise ParameterError(
