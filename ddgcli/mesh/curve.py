@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
-from ddgcli.mesh.frozen import FrozenArrays, frozen
+from ddgcli.mesh.frozen import frozen
 from ddgcli.mesh.masked import indices
 from ddgcli.mesh.ragged import list_starts
-from ddgcli.mesh.triangle_mesh import moved_points, own_points
+from ddgcli.mesh.triangle_mesh import PointMesh, own_points
 
 PLANARITY_TOLERANCE = 1e-6  # of the curve's size: coordinates in text files have six digits
 # of the normals of parallel planes: those of thin curves are known to 1e-3 or so
@@ -21,7 +21,7 @@ PARALLEL_COSINE = 1.0 - 5e-7
 
 
 @dataclass(frozen=True, eq=False)
-class CurveSet(FrozenArrays):
+class CurveSet(PointMesh):
     """Polylines over one array of points, with arrays on them.
 
     `from_arrays` checks its arguments; the constructor does not.
@@ -88,28 +88,9 @@ class CurveSet(FrozenArrays):
         """Number of points."""
         return len(self.points)
 
-    def moved(self, points: ArrayLike) -> CurveSet:
-        """The same curves at other positions, without arrays.
-
-        Parameters
-        ----------
-        points : (n, 2) or (n, 3) array_like of float
-            One point for each vertex; copied.
-
-        Returns
-        -------
-        CurveSet
-
-        Raises
-        ------
-        MeshError
-            On a wrong shape, or a point that is not finite.
-        """
-        return self.moved_unchecked(moved_points(points, self.n_vertices))
-
-    def moved_unchecked(self, points: NDArray) -> CurveSet:
+    def moved_unchecked(self, points: NDArray) -> Self:
         """`moved` without checks and without a copy: the array becomes read-only."""
-        return CurveSet(np.asarray(points, dtype=np.float64), self.lines)
+        return type(self)(np.asarray(points, dtype=np.float64), self.lines)
 
     @property
     def planar(self) -> bool:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.frozen import FrozenArrays, frozen
+from ddgcli.mesh.frozen import frozen
 from ddgcli.mesh.masked import indices
 from ddgcli.mesh.ragged import repeated_rows
-from ddgcli.mesh.triangle_mesh import TriangleMesh, moved_points, own_points
+from ddgcli.mesh.triangle_mesh import PointMesh, TriangleMesh, own_points
 from ddgcli.mesh.vectors import cone_volume
 
 # faces of a positively oriented tetrahedron, outward; face i is opposite corner i
@@ -26,7 +27,7 @@ FLAT_POSITION_TOLERANCE = 2 * FLAT_VOLUME_TOLERANCE
 
 
 @dataclass(frozen=True, eq=False)
-class TetMesh(FrozenArrays):
+class TetMesh(PointMesh):
     """Tetrahedral mesh.
 
     `from_arrays` checks its arguments; the constructor does not.
@@ -90,28 +91,9 @@ class TetMesh(FrozenArrays):
         """Number of vertices."""
         return len(self.points)
 
-    def moved(self, points: ArrayLike) -> TetMesh:
-        """The same cells at other positions.
-
-        Parameters
-        ----------
-        points : (n, 2) or (n, 3) array_like of float
-            One point for each vertex; copied.
-
-        Returns
-        -------
-        TetMesh
-
-        Raises
-        ------
-        MeshError
-            On a wrong shape, or a point that is not finite.
-        """
-        return self.moved_unchecked(moved_points(points, self.n_vertices))
-
-    def moved_unchecked(self, points: NDArray) -> TetMesh:
+    def moved_unchecked(self, points: NDArray) -> Self:
         """`moved` without checks and without a copy: the array becomes read-only."""
-        return TetMesh(points, self.tetrahedra)
+        return type(self)(points, self.tetrahedra)
 
     @cached_property
     def signed_volume(self) -> NDArray[np.float64]:

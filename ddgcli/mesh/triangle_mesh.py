@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,30 +77,45 @@ def own_points(points: ArrayLike) -> NDArray[np.float64]:
     return checked.copy() if np.may_share_memory(checked, array) else checked
 
 
-def moved_points(points: ArrayLike, n_vertices: int) -> NDArray[np.float64]:
-    """Positions as `own_points` converts them, one for each vertex of a mesh.
+class PointMesh(FrozenArrays):
+    """Base of meshes with positions of vertices."""
 
-    Parameters
-    ----------
-    points : (n, 3) or (n, 2) array_like
-    n_vertices : int
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices."""
+        raise NotImplementedError
 
-    Returns
-    -------
-    (n, 3) ndarray of float64
+    def moved(self, points: ArrayLike) -> Self:
+        """The same connectivity at other positions, without arrays.
 
-    Raises
-    ------
-    MeshError
-    """
-    own = own_points(points)
-    if len(own) != n_vertices:
-        raise MeshError(f"points must have shape ({n_vertices}, 3), one for each vertex, not {own.shape}")
-    return own
+        Parameters
+        ----------
+        points : (n, 2) or (n, 3) array_like of float
+            One point for each vertex; copied.
+
+        Returns
+        -------
+        mesh of the same class
+
+        Raises
+        ------
+        MeshError
+            On a wrong shape, or a point that is not finite.
+        """
+        own = own_points(points)
+        if len(own) != self.n_vertices:
+            raise MeshError(
+                f"points must have shape ({self.n_vertices}, 3), one for each vertex, not {own.shape}"
+            )
+        return self.moved_unchecked(own)
+
+    def moved_unchecked(self, points: NDArray) -> Self:
+        """`moved` without checks and without a copy: the array becomes read-only."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
-class TriangleMesh(FrozenArrays):
+class TriangleMesh(PointMesh):
     """Triangle mesh in space.
 
     `from_arrays` checks its arguments; the constructor does not.
@@ -153,28 +169,9 @@ class TriangleMesh(FrozenArrays):
             points, Topology(check_faces(indices(faces, "the array of faces"), len(points)), len(points))
         )
 
-    def moved(self, points: ArrayLike) -> TriangleMesh:
-        """The same connectivity at other positions.
-
-        Parameters
-        ----------
-        points : (n, 2) or (n, 3) array_like of float
-            One point for each vertex; copied.
-
-        Returns
-        -------
-        TriangleMesh
-
-        Raises
-        ------
-        MeshError
-            On a wrong shape, or a point that is not finite.
-        """
-        return self.moved_unchecked(moved_points(points, self.n_vertices))
-
-    def moved_unchecked(self, points: NDArray) -> TriangleMesh:
+    def moved_unchecked(self, points: NDArray) -> Self:
         """`moved` without checks and without a copy: the array becomes read-only."""
-        return TriangleMesh(points, self.topology)
+        return type(self)(points, self.topology)
 
     @property
     def faces(self) -> NDArray[np.int64]:

@@ -8,10 +8,15 @@ import pytest
 
 from benchmarks.common import further_surfaces, known_surfaces, mesh_noise
 from benchmarks.common.known_surfaces import error_as_stated as mean_error
-from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals
+from ddgcli.algorithms.curvature.point_grid import PointGrid
 from ddgcli.algorithms.curvature.regions import size_groups
-from ddgcli.algorithms.curvature.scales import error_of_radii, measure_scales
+from ddgcli.algorithms.curvature.sampled_fits import fits_in_balls
+from ddgcli.algorithms.curvature.scale_errors import error_of_radii
+from ddgcli.algorithms.curvature.scales import NOISE_OF_FITS, measure_scales
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
+from ddgcli.geometry.intrinsic import face_area
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -85,6 +90,31 @@ def test_radii_behind_which_the_curvature_changes_little_do_not_hide_its_bias():
     sign = np.where(np.random.default_rng(1).random((6, 400)) < 0.5, -1, 1)
     error = error_of_radii(1 - bias[:, None] + noise[:, None] * sign)
     assert np.argmin(error) == 1 and error[4] > 0.3
+
+
+@pytest.mark.parametrize("radius", [3.0, 4.5, 6.0])
+@pytest.mark.parametrize("name", ["plane", "tube", "regular sphere", "random sphere"])
+def test_noise_of_fits_falls_with_the_cube_of_the_radius(name, radius):
+    """The constant by which known noise bounds curvature in balls."""
+    mesh, normal = {
+        "plane": lambda: (shapes.grid(60, 60), np.array([0.0, 0.0, 1.0])),
+        "tube": lambda: ((tube := shapes.cylinder(90, 60, 1.0, 4.0)), tube.points * [1, 1, 0]),
+        "regular sphere": lambda: ((ball := shapes.icosphere(4)), ball.points),
+        "random sphere": lambda: ((ball := shapes.random_sphere(4000, 1)), ball.points),
+    }[name]()
+    edge, area = mesh.side_length.mean(), face_area(mesh.side_length).sum() / mesh.n_vertices
+    deviation = 0.03 * edge * np.random.default_rng(0).normal(size=mesh.n_vertices)
+    middle, half = mesh.points.mean(axis=0), 0.3 * np.ptp(mesh.points, axis=0)
+    inside = (np.abs(mesh.points - middle) <= half)[:, [2] if name == "tube" else [0, 1]].all(axis=1)
+    few = np.flatnonzero(inside | ("sphere" in name))[::7]
+
+    def mean_curvature(surface):
+        faces = Faces.of(surface)
+        return fits_in_balls(faces, PointGrid(faces.points), area_normals(faces), few, radius * edge).mean
+
+    noise = mean_curvature(mesh.moved(mesh.points + deviation[:, None] * normal)) - mean_curvature(mesh)
+    constant = np.abs(noise).mean() * (radius * edge) ** 3 / (0.03 * edge * area**0.5)
+    assert constant == pytest.approx(NOISE_OF_FITS, rel=0.2)
 
 
 def threaded_tube(n_around, n_along, share):

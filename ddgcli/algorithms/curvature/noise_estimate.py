@@ -29,11 +29,11 @@ from ddgcli.algorithms.curvature.noise_kind import (
 from ddgcli.algorithms.curvature.point_grid import PointGrid
 from ddgcli.algorithms.curvature.regions import Regions, largest_radius, listed, size_groups
 from ddgcli.algorithms.curvature.sampled_fits import fits_at, fits_in_balls
+from ddgcli.algorithms.curvature.scale_errors import RADIUS_RATIO
 from ddgcli.algorithms.curvature.scales import (
     MAX_SCALES,
     MAX_SURFACE_SHARE,
     QUADRATIC_BIAS_GROWTH,
-    RADIUS_RATIO,
     VOTING_BIAS_GROWTH,
     Scales,
     apart_from,
