@@ -150,7 +150,7 @@ def test_clipped_faces_are_counted_as_the_run_clips_them():
     stretched = sphere.moved(sphere.points * [1.0, 1.0, 25.0])
     for mesh in (sphere, stretched):
         balls = FaceBalls(mesh, 0.6)
-        for vertex, near in ball_blocks(mesh.points, 0.6):
+        for vertex, near in ball_blocks(balls.tree, 0.6):
             balls.around(vertex, near)
         n = mesh.n_vertices
         work = n * clipping_work(balls.n_clipped / n, balls.n_inside / n)

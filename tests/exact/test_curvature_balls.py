@@ -138,7 +138,7 @@ def test_balls_hold_the_faces_and_chords_of_a_direct_search(name, reach, every):
     radius = reach * mesh.side_length.mean()
     length = mesh.side_length
     balls, n_balls = FaceBalls(mesh, radius), 0
-    for vertex, near in ball_blocks(mesh.points, radius):
+    for vertex, near in ball_blocks(balls.tree, radius):
         ball = balls.around(vertex, near)
         n_balls += len(vertex)
         for at, k in list(enumerate(vertex))[::every]:
@@ -228,7 +228,7 @@ def test_vertices_of_no_face_have_empty_balls_wherever_they_stand(before, after)
 
 def areas_of_whole_faces(balls):
     areas = np.zeros(balls.mesh.n_vertices)
-    for vertex, near in ball_blocks(balls.mesh.points, balls.radius):
+    for vertex, near in ball_blocks(balls.tree, balls.radius):
         areas[vertex] = balls.around(vertex, near).whole @ balls.face_area
     return areas
 

@@ -15,14 +15,30 @@ MEMBERS_PER_BLOCK = 1_000_000
 MIN_TOTAL_SHARE = 1e-12  # of the total area vector over the area: below, its direction is rounding
 
 
+def star_areas(faces: Faces) -> NDArray[np.float64]:
+    """Total area vectors of the stars of vertices, and their areas.
+
+    Parameters
+    ----------
+    faces : Faces
+
+    Returns
+    -------
+    (4, n) ndarray of float64
+        Twice the vectors and the areas, vertex by vertex in memory.
+    """
+    return np.asfortranarray(faces.stars(np.vstack([faces.doubled, faces.doubled_area])))
+
+
 def averaged_normals(
-    faces: Faces, normal: NDArray, regions: Regions, *, member_normal: NDArray | None = None
+    areas: NDArray, normal: NDArray, regions: Regions, *, member_normal: NDArray | None = None
 ) -> NDArray[np.float64]:
     """Directions of the total area vectors of regions.
 
     Parameters
     ----------
-    faces : Faces
+    areas : (4, n) ndarray of float64
+        Of all vertices (`star_areas`).
     normal : (3, k) ndarray of float64
         Unit normals to return where the total is zero, as that of a closed surface.
     regions : Regions
@@ -37,13 +53,12 @@ def averaged_normals(
     (3, k) ndarray of float64
         Unit vectors.
     """
-    columns = faces.stars(np.vstack([faces.doubled, faces.doubled_area]))
     sums = np.empty((4, normal.shape[1]))
     for first, last in chunks(regions, MEMBERS_PER_BLOCK):
         block, own = regions_of_range(regions, first, last), slice(first, last)
         if member_normal is not None:
             block = _same_side(member_normal, normal[:, own], block)
-        sums[:, own] = region_sums(block, columns)
+        sums[:, own] = region_sums(block, areas)
     total, size = sums[:3], sums[3]
     length = np.sqrt(dot(total, total))
     return np.where(length > MIN_TOTAL_SHARE * size, ratio(total, length), normal)

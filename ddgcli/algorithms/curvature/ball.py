@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ddgcli.algorithms.curvature.ball_blocks import ball_blocks
+from ddgcli.algorithms.curvature.ball_blocks import blocks_of_leaf, leaves, point_tree
 from ddgcli.algorithms.curvature.face_balls import Ball, FaceBalls
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
@@ -72,8 +72,8 @@ class _Corrected(NamedTuple):
         return ball.whole @ self.of_face + share @ self.of_face
 
 
-def _corrected(mesh: TriangleMesh, radius: float, of_face: NDArray, area: NDArray) -> _Corrected:
-    return _Corrected(FaceBalls(mesh, radius), of_face, area)
+def _corrected(balls: tuple, of_face: NDArray, area: NDArray) -> _Corrected:
+    return _Corrected(FaceBalls(*balls), of_face, area)
 
 
 def normal_cycle_in_balls(
@@ -137,8 +137,9 @@ class _NormalCycle(NamedTuple):
         return sums
 
 
-def _normal_cycle(mesh: TriangleMesh, radius: float, defect: NDArray, dihedral: NDArray) -> _NormalCycle:
-    balls, side = FaceBalls(mesh, radius), mesh.side_vector
+def _normal_cycle(of_balls: tuple, defect: NDArray, dihedral: NDArray) -> _NormalCycle:
+    balls = FaceBalls(*of_balls)
+    mesh, side = balls.mesh, balls.mesh.side_vector
     length = np.sqrt(np.einsum("fki,fki->fk", side, side))
     x, y, z = np.moveaxis(ratio(side, length[..., None]), -1, 0)
     # every edge is visited from both of its faces: half from each
@@ -160,19 +161,21 @@ def _sums(
     k: int,
     jobs: int,
 ) -> NDArray[np.float64]:
-    """(k, n) sums of `prepare(mesh, radius, *values)` over the balls around all vertices."""
-    sums = np.zeros((mesh.n_vertices, k))
-    blocks = ball_blocks(mesh.points, radius)
-    arguments = mesh, radius, *values
-    for vertex, of_balls in results_in_order(_block_sums, blocks, jobs, prepare=prepare, arguments=arguments):
+    """(k, n) sums over the balls around all vertices, of what `prepare` makes of the balls and values."""
+    sums, tree = np.zeros((mesh.n_vertices, k)), point_tree(mesh.points)
+    arguments = (mesh, radius, tree), *values
+    tasks = ((leaf,) for leaf in leaves(tree))
+    for vertex, of_balls in results_in_order(_leaf_sums, tasks, jobs, prepare=prepare, arguments=arguments):
         sums[vertex] = of_balls
     return np.ascontiguousarray(sums.T)
 
 
-def _block_sums(
-    surface: _Corrected | _NormalCycle, vertex: NDArray, near: NDArray
+def _leaf_sums(
+    surface: _Corrected | _NormalCycle, leaf: NDArray
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    return vertex, surface.sums(surface.balls.around(vertex, near))
+    balls = surface.balls
+    blocks = blocks_of_leaf(balls.tree, balls.radii, leaf)
+    return leaf, np.concatenate([surface.sums(balls.around(*block)) for block in blocks])
 
 
 def _defect_of_fans(mesh: TriangleMesh, defect: NDArray, balls: FaceBalls) -> NDArray[np.float64]:

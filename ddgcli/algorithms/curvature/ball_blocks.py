@@ -23,52 +23,96 @@ MAX_BLOCK_CELLS = 4_000_000  # pairs of a ball and a vertex that may lie in it, 
 BITS_PER_WORD = 64
 
 
-def ball_blocks(
-    points: NDArray, radius: float | NDArray, most: int | None = None
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Divide the balls around all points into blocks.
+def point_tree(points: NDArray) -> cKDTree:
+    """K-d tree whose leaves are the blocks of balls around all points.
 
     Parameters
     ----------
     points : (n, 3) ndarray of float64
-    radius : float or (n,) ndarray
-        Of all balls, or of that around each point.
-    most : int, optional
-        Number of leaves of the KD-tree, evenly chosen, whose blocks are given; default all.
 
-    Yields
-    ------
-    owner : (b,) ndarray of int64
-        Centres of the balls of a block, ascending.
-    near : (k,) ndarray of int64
-        All points that these balls may hold, ascending.
+    Returns
+    -------
+    cKDTree
     """
     from scipy.spatial import cKDTree  # a sixth of a small run's time, needed by wide radii only
 
-    tree = cKDTree(points, leafsize=BALLS_PER_BLOCK)
-    radii = np.broadcast_to(radius, len(points))
-    leaves = list(_leaves(tree))
-    for leaf in leaves[:: max(1, len(leaves) // most) if most else 1]:
-        owner = np.sort(leaf)
-        corner = points[owner].min(axis=0), points[owner].max(axis=0)
-        middle = corner[0] / 2 + corner[1] / 2
-        # longer by a few roundings, so that no member of a ball is lost
-        reach = (radii[owner].max() + np.linalg.norm(corner[1] - middle)) * (1 + 1e-9)
-        near = np.array(tree.query_ball_point(middle, reach, return_sorted=True), dtype=np.int64)
-        n_balls = max(1, min(BALLS_PER_BLOCK, MAX_BLOCK_CELLS // len(near)))
-        for first in range(0, len(owner), n_balls):
-            yield owner[first : first + n_balls], near
+    return cKDTree(points, leafsize=BALLS_PER_BLOCK)
 
 
-def _leaves(tree: cKDTree) -> Iterator[NDArray]:
-    """Points of each leaf of a KD-tree."""
+def leaves(tree: cKDTree) -> Iterator[NDArray[np.int64]]:
+    """Points of each leaf of a k-d tree.
+
+    Parameters
+    ----------
+    tree : cKDTree
+
+    Yields
+    ------
+    (b,) ndarray of int64
+        Ascending.
+    """
     nodes = [tree.tree]
     while nodes:
         node = nodes.pop()
         if node.split_dim >= 0:
             nodes += [node.lesser, node.greater]
         else:
-            yield node.indices
+            yield np.sort(node.indices)
+
+
+def blocks_of_leaf(
+    tree: cKDTree, radii: NDArray, leaf: NDArray
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Divide the balls around the points of a leaf into blocks.
+
+    Parameters
+    ----------
+    tree : cKDTree
+        Of n points.
+    radii : (n,) ndarray of float64
+        Of the ball around each point.
+    leaf : (b,) ndarray of int64
+        Points near each other, ascending.
+
+    Yields
+    ------
+    owner : (c,) ndarray of int64
+        Centres of the balls of a block, ascending.
+    near : (k,) ndarray of int64
+        All points that these balls may hold, ascending.
+    """
+    points = tree.data[leaf]
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = low / 2 + high / 2
+    # longer by a few roundings, so that no member of a ball is lost
+    reach = (radii[leaf].max() + np.linalg.norm(high - middle)) * (1 + 1e-9)
+    near = np.array(tree.query_ball_point(middle, reach, return_sorted=True), dtype=np.int64)
+    n_balls = max(1, min(BALLS_PER_BLOCK, MAX_BLOCK_CELLS // len(near)))
+    for first in range(0, len(leaf), n_balls):
+        yield leaf[first : first + n_balls], near
+
+
+def ball_blocks(
+    tree: cKDTree, radius: float, most: int | None = None
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Divide the balls of one radius around all points, or those of some leaves, into blocks.
+
+    Parameters
+    ----------
+    tree : cKDTree
+        Of `point_tree`.
+    radius : float
+    most : int, optional
+        Number of leaves, evenly chosen, whose blocks are given; default all.
+
+    Yields
+    ------
+    owner, near : ndarray of int64
+        As those of `blocks_of_leaf`.
+    """
+    of_tree, radii = list(leaves(tree)), np.broadcast_to(radius, tree.n)
+    for leaf in of_tree[:: max(1, len(of_tree) // most) if most else 1]:
+        yield from blocks_of_leaf(tree, radii, leaf)
 
 
 def within(columns: NDArray, near: NDArray, centres: NDArray, radius: float | NDArray) -> NDArray[np.bool_]:

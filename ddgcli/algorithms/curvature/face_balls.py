@@ -7,6 +7,7 @@ face by face only where the sphere cuts a side with both ends outside.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from ddgcli.algorithms.curvature.ball_blocks import (
     lists_of,
     neighbours_among,
     packed,
+    point_tree,
     unpacked,
     within,
 )
@@ -24,6 +26,9 @@ from ddgcli.algorithms.curvature.clip import FacePlanes
 from ddgcli.mesh.ragged import contains, expand_lists, group_by_key, unique_keys
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +83,8 @@ class FaceBalls:
     ----------
     mesh : TriangleMesh
     radius : float
+    tree : cKDTree, optional
+        Of `point_tree(mesh.points)`.
 
     Attributes
     ----------
@@ -85,8 +92,10 @@ class FaceBalls:
         Pairs of a ball with a face that it contains, and with a face that was clipped, so far: the work.
     """
 
-    def __init__(self, mesh: TriangleMesh, radius: float) -> None:
+    def __init__(self, mesh: TriangleMesh, radius: float, tree: cKDTree | None = None) -> None:
         self.mesh, self.radius = mesh, radius
+        self.tree = point_tree(mesh.points) if tree is None else tree
+        self.radii = np.broadcast_to(radius, mesh.n_vertices)
         self.n_inside = self.n_clipped = 0
         # a vertex with several fans counts once for each fan: other fans count only where they are connected
         fan = mesh.topology.corner_fans

@@ -18,6 +18,7 @@ from ddgcli.algorithms.curvature.regions import Regions, chunks
 
 _PENALTIES = (1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4)  # from a quartic fit to a quadratic one
 QUADRATIC_PENALTY = _PENALTIES[-1]
+_MAX_TESTED = 400  # vertices of a region
 _MAX_PAIRS = 40_000  # neighbours handled at once
 
 
@@ -47,6 +48,21 @@ def cross_validated_penalty(columns: NDArray, normal: NDArray, some: Regions, ve
     return _best_penalty(*_systems(columns, normal, some, vertices))
 
 
+def testable_regions(regions: Regions) -> NDArray[np.int64]:
+    """Choose the regions with enough vertices to test a fit, and not so many that each takes long.
+
+    Parameters
+    ----------
+    regions : Regions
+
+    Returns
+    -------
+    (c,) ndarray of int64
+        Numbers of regions.
+    """
+    return np.flatnonzero((regions.count > len(QUARTIC.terms) + 3) & (regions.count <= _MAX_TESTED))
+
+
 def sampled_regions(columns: NDArray, centre: NDArray, regions: Regions, most: int) -> NDArray[np.int64]:
     """Choose about `most` regions with enough vertices to test a fit, small and large ones.
 
@@ -65,8 +81,7 @@ def sampled_regions(columns: NDArray, centre: NDArray, regions: Regions, most: i
         Numbers of regions, ordered by their size where there are more than `most`, so that the choice does
         not depend on the numbering of the vertices.
     """
-    count = regions.count
-    able = np.flatnonzero((count > len(QUARTIC.terms) + 3) & (count <= 400))
+    able = testable_regions(regions)
     if len(able) > most:
         size = _squared_offset(columns, centre, regions)[able]
         able = able[np.argsort(size, kind="stable")][:: len(able) // most]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from functools import cached_property
 from math import comb
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,6 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, eigen_2x2, tangent_frame
 from ddgcli.algorithms.curvature.regions import Regions, chunks, cosines, regions_of_range
 from ddgcli.mesh.ragged import list_starts
-from ddgcli.workers import results_in_order
 
 LOW_TERM_PENALTY = 1e-12  # of the low terms, so that three neighbours determine a fit too
 _MIN_PIVOT = 1e-7  # of the low terms, a share of the number of neighbours, below which a fit is repeated
@@ -26,7 +24,6 @@ _RIGHT_ANGLE = 1e-9  # cosine of normals at a right angle, whatever their roundi
 _MIN_SAME_SIDE = 3  # neighbours, the vertex itself aside, that determine a fit: fewer show no curvature
 _MIN_SPREAD = 1e-20  # of the squared spread across over that along: below, the neighbours lie on a line
 _MAX_PAIRS = 40_000  # neighbours handled at once: the working arrays stay in the cache
-_PAIRS_PER_TASK = 200_000  # of a process
 
 
 class Basis:
@@ -81,51 +78,41 @@ def fit_forms(
     normal: NDArray,
     regions: Regions,
     penalty: float,
+    centre: NDArray,
+    centre_normal: NDArray,
     *,
-    jobs: int = 1,
     basis: Basis = QUARTIC,
-    member_normal: NDArray | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """First and second derivatives of the surface as heights over approximate tangent planes.
 
     Parameters
     ----------
-    columns : (3, n) ndarray
-        Coordinates.
-    normal : (3, n) ndarray
-        Unit normals; they need only be near the true ones.
+    columns, normal : (3, n) ndarray
+        Coordinates and unit normals of all vertices: a fit takes the members on its own side.
     regions : Regions
-        Neighbour vertices of each vertex, itself included.
+        Neighbour vertices of each of k vertices, itself included.
     penalty : float
         Weight of the squared coefficients of degree three and four, a share of the number of neighbours.
-    jobs : int
-        Processes; each fits blocks of vertices, which do not depend on their number.
+    centre, centre_normal : (3, k) ndarray
+        Coordinates of the k vertices, and unit normals of the planes; these need only be near the true ones.
     basis : Basis
         Terms of the polynomials: without high ones the penalty has no effect.
-    member_normal : (3, n) ndarray, optional
-        Unit normals of the vertices as neighbours, of which a fit takes those on its own side; default
-        `normal`.
 
     Returns
     -------
-    gradient : (2, n) ndarray
-        z_x and z_y in the frame of `tangent_frame(normal)`.
-    hessian : (3, n) ndarray
+    gradient : (2, k) ndarray
+        z_x and z_y in the frame of `tangent_frame(centre_normal)`.
+    hessian : (3, k) ndarray
         z_xx, z_xy and z_yy.
     """
-    n = columns.shape[1]
-    gradient, hessian = np.zeros((2, n)), np.zeros((3, n))
-    vertex_frame = np.concatenate([*tangent_frame(normal), normal])
-    ranges = list(chunks(regions, _PAIRS_PER_TASK))
-    fits = results_in_order(
-        _fits,
-        ((begin, regions_of_range(regions, begin, end)) for begin, end in ranges),
-        jobs,
-        prepare=_Surface,
-        arguments=(columns, vertex_frame, normal if member_normal is None else member_normal, penalty, basis),
-    )
-    for (begin, end), fit in zip(ranges, fits, strict=True):
-        gradient[:, begin:end], hessian[:, begin:end] = fit
+    k = centre.shape[1]
+    gradient, hessian = np.zeros((2, k)), np.zeros((3, k))
+    axes = np.concatenate([*tangent_frame(centre_normal), centre_normal])
+    for begin, end in chunks(regions, _MAX_PAIRS):
+        own = slice(begin, end)
+        planes = centre[:, own], axes[:, own]
+        block = regions_of_range(regions, begin, end)
+        gradient[:, own], hessian[:, own] = _fit(columns, normal, block, penalty, *planes, basis)
     return gradient, hessian
 
 
@@ -160,35 +147,22 @@ def fitted_gradient(
     return np.where(has_fit & (pivot >= _MIN_PIVOT * count), along * first + across * second, 0.0)
 
 
-class _Surface(NamedTuple):
-    """What all blocks of fits share."""
-
-    columns: NDArray
-    vertex_frame: NDArray  # (9, n)
-    member_normal: NDArray  # (3, n)
-    penalty: float
-    basis: Basis
-
-
-def _fits(surface: _Surface, first: int, regions: Regions) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gradient (2, c) and Hessian (3, c) of the fits over the regions of c vertices, from `first` on."""
-    blocks = chunks(regions, _MAX_PAIRS)
-    fits = [_fit(surface, first + begin, regions_of_range(regions, begin, end)) for begin, end in blocks]
-    gradients, hessians = zip(*fits)
-    return np.concatenate(gradients, axis=1), np.concatenate(hessians, axis=1)
-
-
-def _fit(surface: _Surface, first: int, regions: Regions) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """As `_fits`, of vertices that are fitted at once."""
-    columns, basis = surface.columns, surface.basis
-    own = slice(first, first + len(regions.start) - 1)
-    start, member = _same_side(surface.vertex_frame[6:9, own], surface.member_normal, regions)
-    x, y, z = local_coordinates(columns, columns[:, own], surface.vertex_frame[:, own], start, member)
-    x, y, axes = scaled(x, y, start)
+def _fit(
+    columns: NDArray,
+    normal: NDArray,
+    regions: Regions,
+    penalty: float,
+    centre: NDArray,
+    axes: NDArray,
+    basis: Basis,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """As `fit_forms`, of vertices that are fitted at once, over planes with axes (9, c)."""
+    start, member = _same_side(axes[6:9], normal, regions)
+    x, y, z = local_coordinates(columns, centre, axes, start, member)
+    x, y, scales = scaled(x, y, start)
     matrix, right = normal_equations(x, y, z, start, basis)
     count = np.diff(start)
     # fewer data than terms: the low terms have precedence
-    penalty = surface.penalty
     share = np.where(count > len(basis.terms), penalty, np.maximum(penalty, 1.0))
     _add_penalty(matrix, share, count, basis)
     low, pivot = _solve_low(matrix, right, basis.n_high)
@@ -197,7 +171,7 @@ def _fit(surface: _Surface, first: int, regions: Regions) -> tuple[NDArray[np.fl
         some = np.flatnonzero(singular & (count == size))
         place = start[some, None] + np.arange(size)
         low[:, some] = _least_coefficients(x[place], y[place], z[place], share[some], basis)
-    return _unscaled(low, axes)
+    return _unscaled(low, scales)
 
 
 def local_coordinates(

@@ -8,24 +8,39 @@ quadratic one.
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
+from typing import NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.curvature.ball_blocks import BALLS_PER_BLOCK, leaves
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.fit_penalty import (
     QUADRATIC_PENALTY,
     cross_validated_penalty,
     sampled_regions,
+    testable_regions,
 )
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.polynomial_fits import fit_forms, principal_of_forms
-from ddgcli.algorithms.curvature.regions import Regions, larger, listed
-from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
+from ddgcli.algorithms.curvature.regions import (
+    Regions,
+    chunks,
+    joined,
+    larger,
+    listed,
+    regions_of_range,
+)
+from ddgcli.algorithms.curvature.vertex_balls import VertexBalls
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.workers import results_in_order
 
 _PENALTY_SAMPLE_SIZE = 96  # vertices whose fits choose among the penalties
+_PAIRS_PER_TASK = 200_000  # of a process
 _MIN_NEIGHBOURS = 15  # below which a third ring is added
 
 
@@ -61,24 +76,84 @@ def quadric(
     -------
     PrincipalCurvatures
     """
-    rings = regions = neighbourhoods(mesh, faces, normal, _MIN_NEIGHBOURS)
-    if radius is not None:
-        regions = larger(rings, vertex_balls(mesh, radius, jobs=jobs))
-    columns, member_normal = faces.points, normal
-    if noisy and radius is not None:
+    rings = neighbourhoods(mesh, faces, normal, _MIN_NEIGHBOURS)
+    balls = None if radius is None else VertexBalls.of(mesh, radius)
+    areas = None
+    if noisy and balls is not None:
+        from ddgcli.algorithms.curvature.area_vectors import star_areas  # imports scipy.sparse
+
+        areas, penalty = star_areas(faces), QUADRATIC_PENALTY
+    else:
+        penalty = _sampled_penalty(faces.points, normal, rings, balls)
+    logging.getLogger("ddgcli").info("quadric: penalty %g on the terms of degree three and four", penalty)
+    principal = _fits_of_all(_Surface(faces.points, normal, penalty, areas, balls), rings, jobs)
+    return replace(principal, in_rings=balls is not None and principal.in_rings)
+
+
+class _Surface(NamedTuple):
+    """What all blocks of fits share: `areas` (`star_areas`) where normals are averaged, balls or None."""
+
+    columns: NDArray
+    normal: NDArray
+    penalty: float
+    areas: NDArray | None
+    balls: VertexBalls | None
+
+
+class _Fits(NamedTuple):
+    """Fits around c vertices: over planes normal to `normal` (3, c)."""
+
+    own: NDArray
+    normal: NDArray
+    gradient: NDArray
+    hessian: NDArray
+    in_rings: bool
+
+
+def _fits_of_all(surface: _Surface, rings: Regions, jobs: int) -> PrincipalCurvatures:
+    n = surface.columns.shape[1]
+    normal, gradient, hessian = np.zeros((3, n)), np.zeros((2, n)), np.zeros((3, n))
+    in_rings = True
+    tasks = _tasks(rings, surface.balls)
+    for fits in results_in_order(_fits, tasks, jobs, prepare=_Surface, arguments=surface):
+        own = fits.own
+        normal[:, own], gradient[:, own], hessian[:, own] = fits.normal, fits.gradient, fits.hessian
+        in_rings = in_rings and fits.in_rings
+    return replace(principal_of_forms(gradient, hessian, normal), in_rings=in_rings)
+
+
+def _tasks(rings: Regions, balls: VertexBalls | None) -> Iterator[tuple[list[NDArray], Regions]]:
+    """Blocks of vertices near each other, with their rings; about `_PAIRS_PER_TASK` neighbours in all."""
+    if balls is None:
+        for begin, end in chunks(rings, _PAIRS_PER_TASK):
+            yield [np.arange(begin, end)], regions_of_range(rings, begin, end)
+        return
+    blocks = leaves(balls.tree)
+    n_blocks = max(1, round(_PAIRS_PER_TASK / (BALLS_PER_BLOCK * balls.mean_size())))
+    while several := list(islice(blocks, n_blocks)):
+        yield several, listed(rings, np.concatenate(several))
+
+
+def _fits(surface: _Surface, blocks: list[NDArray], rings: Regions) -> _Fits:
+    regions, own = rings, np.concatenate(blocks)
+    if surface.balls is not None:
+        regions = larger(rings, joined([surface.balls.around(block) for block in blocks]))
+    centre_normal = surface.normal[:, own]
+    if surface.areas is not None:
         from ddgcli.algorithms.curvature.area_vectors import averaged_normals  # imports scipy.sparse
 
-        normal = averaged_normals(faces, normal, regions, member_normal=normal)
-        penalty = QUADRATIC_PENALTY
-    else:
-        penalty = _sampled_penalty(columns, normal, regions)
-    logging.getLogger("ddgcli").info("quadric: penalty %g on the terms of degree three and four", penalty)
-    gradient, hessian = fit_forms(columns, normal, regions, penalty, jobs=jobs, member_normal=member_normal)
-    principal = principal_of_forms(gradient, hessian, normal)
-    return replace(principal, in_rings=radius is not None and regions is rings)
+        centre_normal = averaged_normals(surface.areas, centre_normal, regions, member_normal=surface.normal)
+    columns = surface.columns
+    forms = fit_forms(columns, surface.normal, regions, surface.penalty, columns[:, own], centre_normal)
+    return _Fits(own, centre_normal, *forms, regions is rings)
 
 
-def _sampled_penalty(columns: NDArray, normal: NDArray, regions: Regions) -> float:
-    """`cross_validated_penalty` of a sample of vertices with small and large neighbourhoods."""
-    able = sampled_regions(columns, columns, regions, _PENALTY_SAMPLE_SIZE)
-    return cross_validated_penalty(columns, normal, listed(regions, able), able)
+def _sampled_penalty(columns: NDArray, normal: NDArray, rings: Regions, balls: VertexBalls | None) -> float:
+    """`cross_validated_penalty` of a sample of vertices with narrow and wide rings."""
+    few = sampled_regions(columns, columns, rings, _PENALTY_SAMPLE_SIZE)
+    regions = listed(rings, few)
+    if balls is not None and len(few):
+        regions = larger(regions, joined([balls.around(one) for one in few[:, None]]))
+        able = testable_regions(regions)
+        few, regions = few[able], listed(regions, able)
+    return cross_validated_penalty(columns, normal, regions, few)

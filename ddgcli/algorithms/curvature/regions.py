@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -271,6 +271,21 @@ def listed(regions: Regions, vertices: NDArray) -> Regions:
     """
     _, member = expand_lists(vertices, vertices, (regions.start, regions.member))
     return Regions(list_starts(regions.count[vertices]), member)
+
+
+def joined(several: Sequence[Regions]) -> Regions:
+    """Regions of several blocks, one after the other.
+
+    Parameters
+    ----------
+    several : sequence of Regions
+
+    Returns
+    -------
+    Regions
+    """
+    counts = np.concatenate([regions.count for regions in several])
+    return Regions(list_starts(counts), np.concatenate([regions.member for regions in several]))
 
 
 def larger(one: Regions, other: Regions) -> Regions:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
@@ -39,10 +38,10 @@ def fits_in_balls(
     PrincipalCurvatures
         Of the k vertices.
     """
-    from ddgcli.algorithms.curvature.area_vectors import averaged_normals  # imports scipy.sparse
+    from ddgcli.algorithms.curvature.area_vectors import averaged_normals, star_areas  # imports scipy.sparse
 
     regions = grid.balls(few, radius)
-    averaged = averaged_normals(faces, normal[:, few], regions, member_normal=normal)
+    averaged = averaged_normals(star_areas(faces), normal[:, few], regions, member_normal=normal)
     return fits_at(faces.points, normal, few, averaged, regions, basis=QUADRATIC)
 
 
@@ -78,9 +77,7 @@ def fits_at(
     PrincipalCurvatures
         Of the k vertices.
     """
-    columns = np.concatenate([points[:, few], np.take(points, regions.member, axis=1)], axis=1)
-    normals = np.concatenate([centre_normal, np.take(normal, regions.member, axis=1)], axis=1)
-    own = Regions(regions.start, len(few) + np.arange(len(regions.member)))
-    gradient, hessian = fit_forms(columns, normals, own, penalty, basis=basis)
-    k = slice(0, len(few))
-    return principal_of_forms(gradient[:, k], hessian[:, k], normals[:, k])
+    gradient, hessian = fit_forms(
+        points, normal, regions, penalty, points[:, few], centre_normal, basis=basis
+    )
+    return principal_of_forms(gradient, hessian, centre_normal)

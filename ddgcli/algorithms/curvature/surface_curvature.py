@@ -135,7 +135,7 @@ def measure_curvature(
         Unknown scheme; a radius for 'cotan'.
     """
     check_curvature(mesh, scheme, radius, image=image)
-    start_early(jobs, JOB_MODULES[scheme])
+    start_early(jobs, [*JOB_MODULES[scheme], *(["scipy.spatial"] if radius is not None else [])])
     surface = prepare_surface(mesh, scheme)
     measured = _measured(mesh, surface, scheme, radius, jobs, full)
     principal = measured.principal
@@ -161,7 +161,7 @@ def measure_curvature(
 _PACKAGE = "ddgcli.algorithms.curvature"
 # that the processes of several jobs import
 JOB_MODULES = {
-    "quadric": (f"{_PACKAGE}.vertex_balls", f"{_PACKAGE}.polynomial_fits"),
+    "quadric": (f"{_PACKAGE}.quadric",),
     "normal-voting": (f"{_PACKAGE}.vertex_balls",),
     "corrected": (f"{_PACKAGE}.ball",),
     "normal-cycle": (f"{_PACKAGE}.ball",),

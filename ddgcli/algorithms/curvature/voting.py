@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.area_vectors import averaged_normals, region_sums
+from ddgcli.algorithms.curvature.area_vectors import averaged_normals, region_sums, star_areas
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, tangent_frame
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
@@ -76,7 +76,7 @@ def normal_voting(
     rings = regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS)
     if radius is not None:
         regions = larger(rings, vertex_balls(mesh, radius, jobs=jobs))
-    averaged = averaged_normals(faces, normal, regions)
+    averaged = averaged_normals(star_areas(faces), normal, regions)
     hessian = _differential(faces.points, averaged, _weights(faces), regions, averaged)
     principal = principal_of_forms(np.zeros((2, mesh.n_vertices)), hessian, averaged)
     return replace(principal, in_rings=radius is not None and regions is rings)
@@ -110,7 +110,7 @@ def normal_voting_at(
     if len(around) * regions.count.mean() > max_pairs:
         return None
     own = balls_around(faces.points, around, tree, radius)
-    averaged = averaged_normals(faces, normal[:, around], own)
+    averaged = averaged_normals(star_areas(faces), normal[:, around], own)
     local = Regions(regions.start, place.astype(np.int64))
     centre = averaged[:, np.searchsorted(around, few)]
     weight = _weights(faces)[around]

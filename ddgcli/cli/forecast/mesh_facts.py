@@ -199,7 +199,7 @@ def _clipped_faces(mesh: TriangleMesh, radius: float) -> float:
     balls = FaceBalls(mesh, radius)
     wide = int(SAMPLED_PAIRS / (SAMPLED_BLOCKS * _ball_vertices(mesh, radius)))
     n_balls, block = 0, max(1, min(BALLS_PER_BLOCK, wide))
-    for vertex, near in ball_blocks(mesh.points, radius, SAMPLED_BLOCKS):
+    for vertex, near in ball_blocks(balls.tree, radius, SAMPLED_BLOCKS):
         balls.around(vertex[:block], near)
         n_balls += len(vertex[:block])
     return clipping_work(balls.n_clipped / n_balls, balls.n_inside / n_balls)
