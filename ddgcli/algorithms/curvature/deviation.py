@@ -26,7 +26,7 @@ SAMPLE_SIZE = 400  # vertices sampled for residuals
 MAX_UNSAMPLED_VERTICES = 6400  # up to which all vertices may be in the sample
 # vertices, by the areas of their stars, among which the sample is chosen on larger meshes
 CANDIDATES_PER_SAMPLE = 4
-MIN_NEIGHBOURS = 15
+MIN_SAMPLE = 15  # vertices: fewer show no noise
 # dihedral angle up to which two faces count as one plane (files of single precision)
 FLAT_ANGLE_TOLERANCE = 1e-3
 # share of flat edges from which large residuals are creases of a part, not noise
@@ -109,12 +109,12 @@ def vertex_deviation(
     """
     normal = area_normals(faces)
     vertices = _candidates(mesh, faces)
-    regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS, vertices)
+    regions = neighbourhoods(mesh, faces, normal, vertices)
     if vertices is None:
         vertices = np.arange(mesh.n_vertices)
     sample_rows = sampled_regions(faces.points, faces.points[:, vertices], regions, SAMPLE_SIZE)
     sample_rows = sample_rows[~mesh.topology.boundary_vertex[vertices[sample_rows]]]
-    if len(sample_rows) < MIN_NEIGHBOURS:
+    if len(sample_rows) < MIN_SAMPLE:
         return None
     sample, some = vertices[sample_rows], listed(regions, sample_rows)
     edge = faces.mean_length
@@ -139,7 +139,7 @@ def vertex_deviation(
 def _of_bent(whole: Deviation, cubic: NDArray, quartic: NDArray, edge: float) -> Deviation | None:
     """Deviation of the regions that are not flat; None where they are few."""
     bent = np.isfinite(quartic) & (cubic > MIN_BENT_RESIDUAL * edge)
-    if bent.sum() < max(MIN_NEIGHBOURS, MIN_BENT_SHARE * len(bent)):
+    if bent.sum() < max(MIN_SAMPLE, MIN_BENT_SHARE * len(bent)):
         return None
     deviation, quartic_deviation = float(np.median(cubic[bent])), float(np.median(quartic[bent]))
     ratio = deviation / quartic_deviation if quartic_deviation > 0 else np.inf

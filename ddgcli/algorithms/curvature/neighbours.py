@@ -17,6 +17,7 @@ from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot
 
+MIN_NEIGHBOURS = 15  # below which a third ring is added
 _NON_DELAUNAY_COTAN_SUM = -0.5  # sum of the cotangents opposite an edge below which it is far from Delaunay
 _MIN_NON_DELAUNAY_SHARE = 0.1  # share of such edges above which the Delaunay triangulation is tried
 _MAX_TURNING_RATIO = 0.7  # of the normal's turning over Delaunay rings, below which these rings are used
@@ -24,7 +25,7 @@ _MAX_PAIRS = 200_000  # neighbours handled at once
 
 
 def neighbourhoods(
-    mesh: TriangleMesh, faces: Faces, normal: NDArray, at_least: int, vertices: NDArray | None = None
+    mesh: TriangleMesh, faces: Faces, normal: NDArray, vertices: NDArray | None = None
 ) -> Regions:
     """Neighbours of every vertex, itself included, for fits of heights.
 
@@ -35,8 +36,6 @@ def neighbourhoods(
         Of the mesh.
     normal : (3, n) ndarray
         Approximate unit normals.
-    at_least : int
-        Neighbours below which a third ring is added.
     vertices : (k,) ndarray of int, optional
         Whose neighbours; default all.
 
@@ -44,14 +43,14 @@ def neighbourhoods(
     -------
     Regions
     """
-    rings = two_rings(mesh.topology, at_least, vertices)
+    rings = two_rings(mesh.topology, MIN_NEIGHBOURS, vertices)
     if not is_sheared(mesh, faces):
         return rings
     from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 
-    rounder = two_rings(flip_to_delaunay(mesh).mesh.topology, at_least, vertices)
+    rounder = two_rings(flip_to_delaunay(mesh).mesh.topology, MIN_NEIGHBOURS, vertices)
     centre = normal if vertices is None else normal[:, vertices]
-    turns_less = _turning(centre, normal, rounder) < _MAX_TURNING_RATIO * _turning(centre, normal, rings)
+    turns_less = turning(centre, normal, rounder) < _MAX_TURNING_RATIO * turning(centre, normal, rings)
     return select_regions(rings, rounder, turns_less)
 
 
@@ -86,13 +85,28 @@ def is_sheared(mesh: TriangleMesh, faces: Faces) -> bool:
     return topology.is_oriented and not len(topology.nonmanifold_edges) and not faces.flat.any()
 
 
-def _turning(centre: NDArray, normal: NDArray, regions: Regions) -> NDArray[np.float64]:
-    """(k,) mean of 1 - cos of the angle between normals (3, k) at vertices and at their neighbours."""
-    turning = np.zeros(centre.shape[1])
+def turning(centre: NDArray, normal: NDArray, regions: Regions) -> NDArray[np.float64]:
+    """How far the normal turns between vertices and their neighbours.
+
+    Parameters
+    ----------
+    centre : (3, k) ndarray of float64
+        Unit normals at the k vertices.
+    normal : (3, n) ndarray of float64
+        Unit normals at all vertices.
+    regions : Regions
+        Neighbours of the k vertices.
+
+    Returns
+    -------
+    (k,) ndarray of float64
+        Means of 1 - cos of the angles.
+    """
+    mean = np.zeros(centre.shape[1])
     for begin, end in chunks(regions, _MAX_PAIRS):
         count = regions.count[begin:end]
         member = regions.member[regions.start[begin] : regions.start[end]]
         apart = np.repeat(centre[:, begin:end], count, axis=1) - np.take(normal, member, axis=1)
         total = np.add.reduceat(0.5 * dot(apart, apart), regions.start[begin:end] - regions.start[begin])
-        turning[begin:end] = total / count
-    return turning
+        mean[begin:end] = total / count
+    return mean

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.deviation import MIN_NEIGHBOURS, Deviation, vertex_deviation
+from ddgcli.algorithms.curvature.deviation import MIN_SAMPLE, Deviation, vertex_deviation
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.fit_penalty import cross_validated_penalty
 from ddgcli.algorithms.curvature.hidden_bias import hidden_bias
@@ -237,10 +237,10 @@ class _Balls:
         """Curvature in balls around some vertices of components of like size."""
         inner = vertices[~self.mesh.topology.boundary_vertex[vertices]]
         few = inner[:: max(1, len(inner) // BENDING_SAMPLE_SIZE)]
-        if len(few) < MIN_NEIGHBOURS:
+        if len(few) < MIN_SAMPLE:
             return None
         extent = self.extent(vertices, n_components)
-        regions = neighbourhoods(self.mesh, self.faces, self.normal, MIN_NEIGHBOURS, few)
+        regions = neighbourhoods(self.mesh, self.faces, self.normal, few)
         scales = self.scales(regions, few, extent, kind)
         return (
             None if scales is None else SizeGroup(vertices, scales, self.voting_scales(scales, pairs, extent))

@@ -41,7 +41,6 @@ from ddgcli.workers import results_in_order
 
 _PENALTY_SAMPLE_SIZE = 96  # vertices whose fits choose among the penalties
 _PAIRS_PER_TASK = 200_000  # of a process
-_MIN_NEIGHBOURS = 15  # below which a third ring is added
 
 
 def quadric(
@@ -76,7 +75,7 @@ def quadric(
     -------
     PrincipalCurvatures
     """
-    rings = neighbourhoods(mesh, faces, normal, _MIN_NEIGHBOURS)
+    rings = neighbourhoods(mesh, faces, normal)
     balls = None if radius is None else VertexBalls.of(mesh, radius)
     areas = None
     if noisy and balls is not None:

@@ -230,7 +230,7 @@ def _measured(
     if expected_error is None:
         warn_of_spikes(surface.mesh, surface.faces, surface.dihedral)
         if scheme == "quadric":
-            warn_of_coarse_faces(surface.mesh, surface.dihedral)
+            warn_of_coarse_faces(surface.mesh, surface.faces, surface.dihedral)
     return _Measured(principal, noise, None, expected_error)
 
 

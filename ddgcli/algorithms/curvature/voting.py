@@ -28,7 +28,6 @@ from ddgcli.mesh.vectors import dot, ratio
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-MIN_NEIGHBOURS = 15
 MIN_DETERMINANT = 1e-12  # of the scatter of a region over its squared trace: below, the points lie on a line
 # of a region's squared extent over its squared distance to the origin, below which moments are taken again
 # about its own centre: above, they keep eight digits
@@ -73,7 +72,7 @@ def normal_voting(
     D. L. Page et al., "Normal vector voting", 2002, and M. Salfer et al., "Reliable estimation of membrane
     curvature", 2020, vote along geodesics; here the regions are balls and the vote a fit.
     """
-    rings = regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS)
+    rings = regions = neighbourhoods(mesh, faces, normal)
     if radius is not None:
         regions = larger(rings, vertex_balls(mesh, radius, jobs=jobs))
     averaged = averaged_normals(star_areas(faces), normal, regions)
