@@ -104,7 +104,7 @@ def _draw_curve_set(
     _check_length(array, (shape.n_vertices,))
     if array is not None and array.ndim > 1:
         raise ParameterError(f"has shape {array.shape}; curves are coloured by numbers", parameter="values")
-    paths = shape.paths()
+    paths = shape.paths
     draw_curves(
         target, [shape.points[vertices] for vertices, _ in paths],
         None if array is None else [array[vertices] for vertices, _ in paths],

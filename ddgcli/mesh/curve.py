@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.frozen import frozen
 from ddgcli.mesh.masked import indices
-from ddgcli.mesh.ragged import list_starts
+from ddgcli.mesh.ragged import list_starts, ranges
 from ddgcli.mesh.triangle_mesh import PointMesh, own_points
 
 PLANARITY_TOLERANCE = 1e-6  # of the curve's size: coordinates in text files have six digits
@@ -97,10 +99,12 @@ class CurveSet(PointMesh):
         """Whether each curve lies in a plane."""
         return all(normal is not None for normal in plane_normals(self))
 
-    def paths(self) -> list[tuple[NDArray[np.int64], bool]]:
+    @cached_property
+    def paths(self) -> tuple[tuple[NDArray[np.int64], bool], ...]:
         """Vertices of each curve in order, and whether it is closed (its first vertex is not repeated).
 
-        Segments keep their direction. Points that no segment uses are left out.
+        Segments keep their direction. Points that no segment uses are left out. Open curves come first, by
+        their first vertices; a closed curve begins at its lowest vertex. The arrays are read-only.
 
         Raises
         ------
@@ -108,34 +112,22 @@ class CurveSet(PointMesh):
             Where three or more segments meet, or two point against each other.
         """
         tail, head = self.lines.T if len(self.lines) else np.zeros((2, 0), dtype=np.int64)
-        n = self.n_vertices
         for ends, what in ((tail, "leave"), (head, "enter")):
-            many = np.flatnonzero(np.bincount(ends, minlength=n) > 1)
+            many = np.flatnonzero(np.bincount(ends, minlength=self.n_vertices) > 1)
             if len(many):
                 raise MeshError(
                     f"two segments {what} point {many[0]}; a curve passes a point once: split it there"
                 )
-        after = np.full(n, -1, dtype=np.int64)
-        after[tail] = head
-        is_start = np.zeros(n, dtype=bool)
-        is_start[tail] = True
-        is_start[head] = False
-        visited = np.zeros(n, dtype=bool)
-        paths = []
-        for start in [*np.flatnonzero(is_start), *np.sort(tail)]:
-            if visited[start]:
-                continue
-            path, at = [], int(start)
-            while at >= 0 and not visited[at]:
-                visited[at] = True
-                path.append(at)
-                at = int(after[at])
-            paths.append((np.array(path, dtype=np.int64), at == start))
-        return paths
+        member, start, closed = _chains(tail, head, self.n_vertices)
+        member = frozen(member)
+        return tuple(
+            (member[i:j], flag)
+            for i, j, flag in zip(start[:-1].tolist(), start[1:].tolist(), closed.tolist(), strict=True)
+        )
 
     def describe(self) -> dict[str, Any]:
         """Counts for the summary."""
-        curves = self.paths()
+        curves = self.paths
         return {
             "vertices": self.n_vertices,
             "lines": len(self.lines),
@@ -155,6 +147,39 @@ class CurveSet(PointMesh):
         point_arrays = {"path_id": np.repeat(np.arange(len(paths)), sizes)}
         point_arrays |= {name: np.concatenate(pieces) for name, pieces in arrays.items() if pieces}
         return cls(points, np.concatenate(lines) if lines else np.zeros((0, 2), dtype=np.int64), point_arrays)
+
+
+def _chains(tail: NDArray, head: NDArray, n: int) -> tuple[NDArray, NDArray, NDArray]:
+    """Ragged lists (member, start) of the points of each curve in order, and which curves are closed.
+
+    Each point is the tail of one segment at most, and the head of one. Runs of successive numbers stay
+    together; where a run begins in its curve follows by pointer doubling.
+    """
+    is_used, before = np.zeros(n, dtype=bool), np.full(n, -2)
+    is_used[tail] = is_used[head] = True
+    before[head] = tail
+    begins = before != np.arange(n) - 1
+    first = np.flatnonzero(begins)
+    length = np.diff(first, append=n)
+    is_end, run = before[first] < 0, np.arange(len(first))
+    previous = np.where(is_end, run, (np.cumsum(begins) - 1)[before[first].clip(min=0)])
+    n_curves, curve = connected_labels(run, previous, len(run))
+    root = np.full(n_curves, len(run))
+    np.minimum.at(root, curve, run)
+    root[curve[is_end]] = run[is_end]
+    closed = np.ones(n_curves, dtype=bool)
+    closed[curve[is_end]] = False
+    previous[root] = root
+    place = length[previous]
+    place[root] = 0
+    while not np.array_equal(further := previous[previous], previous):
+        place += place[previous]
+        previous = further
+    by_curve = np.lexsort((place, root[curve], closed[curve]))
+    by_curve = by_curve[is_used[first[by_curve]]]
+    begins_curve = np.flatnonzero(place[by_curve] == 0)
+    member, start = ranges(first[by_curve], length[by_curve])
+    return member, np.append(start[begins_curve], len(member)), closed[curve[by_curve[begins_curve]]]
 
 
 def plane_normal(points: NDArray) -> NDArray[np.float64] | None:
@@ -200,7 +225,7 @@ def plane_normals(curves: CurveSet) -> list[NDArray[np.float64] | None]:
     list of (3,) ndarray of float64 or None
         Of `plane_normal`; that of a plane parallel to the first one points to the same side.
     """
-    normals = [plane_normal(curves.points[path]) for path, _ in curves.paths()]
+    normals = [plane_normal(curves.points[path]) for path, _ in curves.paths]
     first = next((normal for normal in normals if normal is not None), None)
     return [
         -normal if normal is not None and first is not None and normal @ first < -PARALLEL_COSINE else normal

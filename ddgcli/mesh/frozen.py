@@ -29,8 +29,14 @@ class FrozenArrays:
     """Base of objects with read-only arrays: numpy makes those of deep copies and of pickles writable."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        for value in state.values():
-            for array in value if isinstance(value, tuple) else (value,):
-                if isinstance(array, np.ndarray):
-                    array.flags.writeable = False
+        _freeze(tuple(state.values()))
         self.__dict__.update(state)
+
+
+def _freeze(value: object) -> None:
+    """Make an array, or the arrays of a tuple, read-only."""
+    if isinstance(value, np.ndarray):
+        value.flags.writeable = False
+    elif isinstance(value, tuple):
+        for item in value:
+            _freeze(item)

@@ -187,7 +187,7 @@ def draw_frame(
         "width": width, "height": height, "dpi": dpi, **dict(style.view or {}),
     }  # fmt: skip
     if isinstance(mesh, CurveSet):
-        paths = mesh.paths()
+        paths = mesh.paths
         colours = None if values is None else [values[vertices] for vertices, _ in paths]
         closed = [is_closed for _, is_closed in paths]
         draw_curves(path, [mesh.points[vertices] for vertices, _ in paths], colours, closed=closed, **look)

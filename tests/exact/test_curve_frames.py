@@ -121,7 +121,7 @@ def test_resampling_keeps_ends_and_spaces_points_evenly_by_arc_length():
     assert (chord <= arc + 1e-13).all() and (chord > 0.98 * arc).all()
     ring = resampled(knot(), 80)
     assert np.array_equal(ring.points[0], knot().points[0]) and len(ring.lines) == 80
-    assert ring.paths()[0][1], "closed"
+    assert ring.paths[0][1], "closed"
     polygon = resampled(closed_curve([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]), 16)
     assert np.abs(np.linalg.norm(np.diff(polygon.points, axis=0), axis=1) - 0.5).max() < 1e-14
 

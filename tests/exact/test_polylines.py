@@ -37,6 +37,33 @@ def trefoil(n=200):
     return np.stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)], axis=1)
 
 
+@given(st.integers(0, 2**32 - 1), st.integers(0, 30))
+@settings(max_examples=150, deadline=None)
+def test_paths_are_the_chains_of_segments_open_ones_first(seed, n):
+    rng = np.random.default_rng(seed)
+    tail, head = (rng.permutation(n) for _ in range(2))
+    if rng.random() < 0.5:
+        tail = np.arange(n)
+        head = np.roll(tail, -1)
+    lines = np.stack([tail, head], axis=1)[rng.permutation(n)][: rng.integers(n + 1)]
+    curves = CurveSet(np.zeros((n, 3)), lines)
+    segments = []
+    for path, closed in curves.paths:
+        ends = np.append(path, path[0]) if closed else path
+        segments += zip(ends[:-1].tolist(), ends[1:].tolist())
+        assert not closed or path[0] == path.min()
+    assert sorted(segments) == sorted(map(tuple, lines.tolist()))
+    members = [point for path, _ in curves.paths for point in path.tolist()]
+    assert sorted(members) == np.unique(lines).tolist()
+    order = [(closed, path[0]) for path, closed in curves.paths]
+    assert order == sorted(order)
+
+
+def test_paths_are_computed_once():
+    curves = closed_curve(circle(7))
+    assert curves.paths is curves.paths
+
+
 @pytest.mark.parametrize(
     ("points", "number"),
     [(circle(7), 1), (circle(7)[::-1], -1), (circle(11, turns=2), 2), (figure_eight(), 0), (circle(3), 1)],

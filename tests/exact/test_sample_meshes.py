@@ -74,7 +74,7 @@ def test_the_sample_ball_has_positive_cells_and_its_volume():
 @pytest.mark.parametrize("name, length", [("ellipse.csv", 8 * ellipe(0.75)), ("trefoil.obj", None)])
 def test_sample_curves_are_closed_with_their_length(name, length):
     curves = read_mesh(str(FOLDER / name)).mesh
-    ((path, closed),) = curves.paths()
+    ((path, closed),) = curves.paths
     assert closed and len(path) == curves.n_vertices
     assert curves.planar == (name == "ellipse.csv")
     if length is not None:

@@ -24,7 +24,7 @@ def test_paths_that_end_where_they_begin_are_closed_and_keep_their_arrays(tmp_pa
     path = str(tmp_path / f"curves{suffix}")
     write_mesh(path, AnnotatedMesh(curves, vertex={} if suffix == ".obj" else {"number": number}))
     source = read_mesh(path)
-    assert sorted(is_closed for _, is_closed in source.mesh.paths()) == [False, True, True]
+    assert sorted(is_closed for _, is_closed in source.mesh.paths) == [False, True, True]
     assert source.mesh.n_vertices == curves.n_vertices - 2
     assert np.array_equal(source.mesh.points[source.input_vertex], curves.points)
     if suffix != ".obj":

@@ -120,7 +120,7 @@ def test_curves_come_back(tmp_path, suffix):
     curves = read_mesh(path).mesh
     np.testing.assert_array_equal(curves.points, annotated.mesh.points)
     np.testing.assert_array_equal(curves.lines, annotated.mesh.lines)
-    assert [len(path) for path, _ in curves.paths()] == [4, 3]
+    assert [len(path) for path, _ in curves.paths] == [4, 3]
 
 
 @pytest.mark.parametrize("suffix", [".off", ".stl", ".glb"])

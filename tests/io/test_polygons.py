@@ -147,7 +147,7 @@ def test_bricks_are_refused_with_a_cure(tmp_path):
 def test_csv_curves_are_closed_where_the_last_row_repeats_the_first(tmp_path, text, closed, n):
     path = tmp_path / "a.csv"
     path.write_text(text)
-    ((curve, is_closed),) = read_mesh(str(path)).mesh.paths()
+    ((curve, is_closed),) = read_mesh(str(path)).mesh.paths
     assert (len(curve), is_closed) == (n, closed)
 
 
@@ -174,7 +174,7 @@ def test_obj_polylines_keep_their_order_and_closure(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nl 1 2 3 1\nv 5 5 5\nv 6 6 6\nl -2 -1\n")
     curves = read_mesh(str(path)).mesh
-    assert [(path.tolist(), closed) for path, closed in curves.paths()] == [
+    assert [(path.tolist(), closed) for path, closed in curves.paths] == [
         ([3, 4], False),
         ([0, 1, 2], True),
     ]

@@ -46,7 +46,7 @@ def curve_frames(curves: CurveSet) -> tuple[dict[str, NDArray], dict[str, Any]]:
     arrays: dict[str, NDArray] = {name: np.zeros((n, 3)) for name in FRAME_VECTORS}
     arrays |= {name: np.zeros(n) for name in FRAME_SCALARS}
     holonomy: list[float | None] = []
-    for path, closed in curves.paths():
+    for path, closed in curves.paths:
         own, turned = _frenet_and_bishop(curves.points[path], closed, path)
         for name, values in own.items():
             arrays[name][path] = values
@@ -67,7 +67,7 @@ def check_frames(curves: CurveSet) -> None:
     ----------
     curves : CurveSet
     """
-    for path, closed in curves.paths():
+    for path, closed in curves.paths:
         _segment_directions(curves.points[path], closed, path)
 
 
@@ -188,7 +188,7 @@ def resampled(curves: CurveSet, count: int) -> CurveSet:
     if not 3 <= count <= MAX_SAMPLES:
         raise ParameterError(f"needs 3 to {MAX_SAMPLES:,} points, not {count}", parameter="resample")
     paths, lines, reaches = [], [], []
-    for number, (path, closed) in enumerate(curves.paths()):
+    for number, (path, closed) in enumerate(curves.paths):
         points = curves.points[path]
         chain = np.concatenate([points, points[:1]]) if closed else points
         reach = np.concatenate([[0.0], np.cumsum(vector_length(np.diff(chain, axis=0)))])

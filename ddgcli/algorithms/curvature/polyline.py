@@ -75,7 +75,7 @@ def measure_curves(
     vertex = {name: np.zeros(curves.n_vertices) for name in names}
     vertex["gauss_map"] = np.zeros((curves.n_vertices, 3))
     each = []
-    for (path, closed), normal in zip(curves.paths(), normals, strict=True):
+    for (path, closed), normal in zip(curves.paths, normals, strict=True):
         arrays, results = measure_curve(curves.points[path], closed, normal)
         for name in vertex:
             vertex[name][path] = arrays[name]
@@ -116,7 +116,7 @@ def check_query(curves: CurveSet, *, with_frames: bool = False, resample: int | 
     """
     if resample is not None:
         curves = resampled(curves, resample)
-    if not any((vector_length(np.diff(curves.points[path], axis=0)) > 0).any() for path, _ in curves.paths()):
+    if not any((vector_length(np.diff(curves.points[path], axis=0)) > 0).any() for path, _ in curves.paths):
         raise _no_length_error()
     if with_frames:
         check_frames(curves)

@@ -360,7 +360,7 @@ def curve_quality(curves: CurveSet) -> dict[str, Any]:
     return {
         "length": length.sum(),
         "planar": curves.planar,
-        "curve_vertices": [len(path) for path, _ in curves.paths()],
+        "curve_vertices": [len(path) for path, _ in curves.paths],
         "degenerate_segments": int((length == 0).sum()),
         "unreferenced_vertices": int((~referenced).sum()),
         "coincident_vertices": len(coincident(curves.points, referenced)),
@@ -380,7 +380,7 @@ def curve_marks(curves: CurveSet) -> dict[str, NDArray]:
     """
     component = np.full(curves.n_vertices, -1, dtype=np.int64)
     boundary = np.zeros(curves.n_vertices, dtype=np.uint8)
-    for number, (path, closed) in enumerate(curves.paths()):
+    for number, (path, closed) in enumerate(curves.paths):
         component[path] = number
         if not closed:
             boundary[path[[0, -1]]] = 1

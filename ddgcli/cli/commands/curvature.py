@@ -240,7 +240,7 @@ def _draw_curves(
     """Draw curves coloured by an array, with the vectors of their frames at some points."""
     from ddgcli.plots.curve import draw_curves
 
-    paths = curves.paths()
+    paths = curves.paths
     some = slice(None, None, max(1, curves.n_vertices // DRAWN_FRAMES))
     draw_curves(
         path,

@@ -104,7 +104,7 @@ def _draw(path: str, curves: CurveSet, outcome: Outcome, unit: str, look: dict[s
 
     from ddgcli.plots.curve import draw_curves
 
-    paths = curves.paths()
+    paths = curves.paths
     drawn_frames = [curve_frame for curve_frame in outcome.picture_frames if curve_frame.points is not None]
     positions = [curve_frame.points[path] for curve_frame in drawn_frames for path, _ in paths]  # type: ignore[index]
     times = [np.full(len(path), curve_frame.time) for curve_frame in drawn_frames for path, _ in paths]

@@ -68,7 +68,7 @@ def draw(path: str, source: MeshInput, name: str, values: NDArray | None, look: 
     if isinstance(source.mesh, CurveSet):
         from ddgcli.plots.curve import draw_curves
 
-        paths, points = source.mesh.paths(), source.mesh.points
+        paths, points = source.mesh.paths, source.mesh.points
         draw_curves(path, [points[p] for p, _ in paths], closed=[closed for _, closed in paths], **look)
         return
     from ddgcli.plots.array import draw_array

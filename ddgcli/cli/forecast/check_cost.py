@@ -114,7 +114,7 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
 
 def _n_curves(mesh: CurveSet) -> int:
     try:
-        return max(1, len(mesh.paths()))
+        return max(1, len(mesh.paths))
     except MeshError:  # the command itself refuses curves that meet
         return 1
 

@@ -107,9 +107,9 @@ def _with_closed_paths(curves: CurveSet, raw: RawMesh) -> CurveSet:
     half = 0.5 * points  # whose extent is a number
     index, gap = np.arange(n), 0.0
     try:
-        paths = curves.paths()
+        paths = curves.paths
     except MeshError:  # which commands that follow the curves raise
-        paths = []
+        paths = ()
     for path, is_closed in paths:
         if is_closed or len(path) < 3:
             continue

@@ -80,7 +80,7 @@ def polygons(curves: CurveSet) -> Polygons:
     -------
     Polygons
     """
-    n, paths = curves.n_vertices, curves.paths()
+    n, paths = curves.n_vertices, curves.paths
     curve = np.full(n, -1, dtype=np.int64)
     normal = np.zeros((len(paths), 3))
     for k, ((path, _), plane) in enumerate(zip(paths, plane_normals(curves), strict=True)):

@@ -76,7 +76,7 @@ def without_repeated_points(curves: CurveSet) -> CurveSet:
         No segment, or a curve with too few different points.
     """
     paths, lines, start, repeated = [], [], 0, 0
-    for number, (path, closed) in enumerate(curves.paths()):
+    for number, (path, closed) in enumerate(curves.paths):
         points = curves.points[path]
         before = np.roll(points, 1, axis=0)
         distinct = vector_length(points - before) > 0
