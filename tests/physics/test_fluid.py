@@ -79,6 +79,15 @@ def test_velocity_and_vorticity_are_inverse(space):
     assert space.kinetic_energy(phi, omega, c) == pytest.approx(by_faces, rel=1e-11)
 
 
+def test_harmonic_coefficients_are_inner_products_with_the_velocities_of_the_flows(space):
+    rng = np.random.default_rng(1)
+    velocity = rng.normal(size=len(space.area)) + 1j * rng.normal(size=len(space.area))
+    flows = [space.face_velocity(flow[space.side_edge] * space.side_sign) for flow in space.harmonic]
+    products = [float(space.area @ (velocity * np.conj(flow)).real) for flow in flows]
+    assert np.allclose(space.harmonic_part(velocity), products, rtol=0, atol=1e-13 * np.abs(velocity).sum())
+    assert np.array_equal(space.vorticity_of_face_velocity(velocity), space.of_face_velocity(velocity)[0])
+
+
 def test_transport_conserves_exactly(space):
     """Energy, enstrophy, total vorticity, circulation along every boundary: rates at round-off, any mesh."""
     omega, c = some_flow(space)

@@ -104,7 +104,7 @@ class CovectorAdvection:
         carried = self._covector(velocity, space.side + shift[:, NEXT] - shift)
         still = self._covector(corner, space.side)
         own = space.face_velocity(flux) - still if self.keeps_own else 0.0
-        after, _ = space.of_face_velocity(carried + own)
+        after = space.vorticity_of_face_velocity(carried + own)
         coefficients = space.harmonic_part(carried - still)  # of interpolation alone there is no gain
         if len(self.rim):
             rim = BackwardPaths(*(array[self.rim] for array in vars(paths).values()))

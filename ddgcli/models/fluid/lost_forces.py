@@ -134,8 +134,7 @@ def harmonic_shares(space: SurfaceSpace, fields: Sequence[NDArray]) -> list[floa
         if not size > 0:
             shares.append(0.0)
             continue
-        vorticity, _ = space.of_face_velocity(vectors)
-        phi = space.stream_function_change(vorticity)
+        phi = space.stream_function_change(space.vorticity_of_face_velocity(vectors))
         rest = vectors - space.face_velocity(space.side_flux(phi, np.zeros(0)))
         along = space.area[:, None] * (rest[:, None] * np.conj(slope)).real
         load = sum_by_index(space.side_edge, along, space.mesh.topology.n_edges)

@@ -251,17 +251,28 @@ class SurfaceSpace:
         At boundary vertices the cell is closed by the boundary sides, with the velocity of their faces
         (nothing at natural outflows) or `along_boundary` (s, 2), integrals for tail and head.
         """
-        along = (velocity[:, None] * np.conj(self.side)).real  # (m, 3)
-        around = 0.5 * sum_by_index(
-            self.faces, along[:, NEXT], self.n
-        )  # half of the side opposite the corner
-        face, k, ends = self.boundary_sides
         if along_boundary is None:
-            along_boundary = np.repeat(0.5 * along[face, k][:, None], 2, axis=1)
-            if self.open_vertices is not None:  # a flow has no tangential velocity there
-                along_boundary[self.open_vertices[ends]] = 0.0
+            along_boundary = self._along_boundary(velocity)
         closing, at_outflows = self.of_boundary_integrals(along_boundary)
-        return around + closing, self.harmonic_part(velocity) + at_outflows
+        return self._around(velocity) + closing, self.harmonic_part(velocity) + at_outflows
+
+    def vorticity_of_face_velocity(self, velocity: NDArray) -> NDArray[np.float64]:
+        """(n,) vorticity alone of `of_face_velocity`."""
+        closing = sum_by_index(self.boundary_sides[2], self._along_boundary(velocity), self.n)
+        return self._around(velocity) + closing
+
+    def _around(self, velocity: NDArray) -> NDArray[np.float64]:
+        """(n,) circulation of face velocities around the cells, by sides opposite corners."""
+        along = (velocity[:, None] * np.conj(self.side[:, NEXT])).real
+        return 0.5 * sum_by_index(self.faces, along, self.n)
+
+    def _along_boundary(self, velocity: NDArray) -> NDArray[np.float64]:
+        """(s, 2) integrals of face velocities along the boundary sides, for tail and head."""
+        face, k, ends = self.boundary_sides
+        along = np.repeat(0.5 * (velocity[face] * np.conj(self.side[face, k])).real[:, None], 2, axis=1)
+        if self.open_vertices is not None:  # a flow has no tangential velocity there
+            along[self.open_vertices[ends]] = 0.0
+        return along
 
     def of_boundary_integrals(self, along: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Vorticity (n,) and harmonic coefficients (b,) of integrals along the boundary.
@@ -282,13 +293,18 @@ class SurfaceSpace:
         return face, k, np.stack([self.faces[face, k], self.faces[face, NEXT[k]]], axis=1)
 
     def harmonic_part(self, velocity: NDArray) -> NDArray[np.float64]:
-        """(b,) inner products of face velocities with the harmonic flows."""
-        count = len(self.harmonic)
-        coefficients = np.zeros(count)
-        for j in range(count):
-            flow = self.face_velocity(self.harmonic[j][self.side_edge] * self.side_sign)
-            coefficients[j] = np.sum(self.area * (velocity * np.conj(flow)).real)
-        return coefficients
+        """(b,) inner products of face velocities with the harmonic flows.
+
+        The transpose of `face_velocity` acts on the velocity, and not on each flow.
+        """
+        if not len(self.harmonic):
+            return np.zeros(0)
+        sides = [0, 2]
+        by_flux = 0.5 * (velocity[:, None] * np.conj(self.side[:, [2, 0]])).real * [1.0, -1.0]
+        by_edge = sum_by_index(
+            self.side_edge[:, sides], by_flux * self.side_sign[:, sides], self.harmonic.shape[1]
+        )
+        return self.harmonic @ by_edge
 
     # ------------------------------------------------------------------ what is conserved
 

@@ -207,14 +207,13 @@ class VolumeSpace:
     def vorticity(self, velocity: NDArray, time: float = 0.0) -> NDArray[np.float64]:
         """(n, 3) weak curl of cell velocities, lumped; closed by the velocity of walls with friction."""
         turning = -row_cross(self.slope, velocity[:, None]) * self.volume[:, None, None]
-        total = np.stack([sum_by_index(self.cells, turning[..., a], self.n) for a in range(3)], axis=1)
+        total = sum_by_index(self.cells, turning, self.n)
         cell, i = self.boundary
         walls = self._conditions.velocity_at(time)
         along = np.where(self._conditions.friction[:, None], walls, velocity[cell])
         rim = row_cross(self.area[cell, i], along) / 3.0
         vertex = self.cells[cell[:, None], TET_FACES[i]]
-        for a in range(3):
-            total[:, a] += sum_by_index(vertex, np.repeat(rim[:, a, None], 3, axis=1), self.n)
+        total += sum_by_index(vertex, np.repeat(rim[:, None], 3, axis=1), self.n)
         return total * self.inverse_mass[:, None]
 
     @cached_property
