@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.frozen import FrozenArrays, frozen
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross
+from ddgcli.mesh.vectors import row_cross, row_dot
+
+DISTANCE_ROUNDING = 1e-12  # of distances over the size of the mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,17 +159,32 @@ def nearest_points(mesh: TriangleMesh, positions: NDArray) -> tuple[SurfacePoint
         return SurfacePoints.none(), np.zeros(0)
     if mesh.n_faces == 0:
         raise MeshError("no triangles; a surface point needs a surface")
-    corners = mesh.points[mesh.faces]
-    faces, weights, distances = [], [], []
-    for position in positions:
-        relative = corners - position
-        size = float(np.abs(relative).max()) or 1.0  # squares of lengths neither overflow nor underflow
-        barycentric, distance = nearest_on_triangle(np.zeros(3), relative / size)
-        face = int(np.argmin(distance))
-        faces.append(face)
-        weights.append(barycentric[face])
-        distances.append(distance[face] * size)
+    search = _search(mesh)
+    faces, weights, distances = zip(*(search(position) for position in positions), strict=True)
     return SurfacePoints(np.array(faces), np.array(weights)), np.array(distances)
+
+
+def _search(mesh: TriangleMesh) -> Callable[[NDArray], tuple[int, NDArray, float]]:
+    """Function that finds the face nearest to a position, its point's coordinates (3,), and the distance.
+
+    It computes the distances of those faces alone that may be nearer than the nearest vertex.
+    """
+    used = mesh.topology.referenced_vertex
+    points, corner = mesh.points[used], (np.cumsum(used) - 1)[mesh.faces.T]
+    extent = mesh.side_length.max(axis=1)  # at least the distance of any point of a face from a corner
+
+    def nearest(position: NDArray) -> tuple[int, NDArray, float]:
+        relative = points - position
+        size = float(np.abs(relative).max()) or 1.0  # squares of lengths neither overflow nor underflow
+        relative /= size
+        apart = np.sqrt(row_dot(relative, relative))
+        gap = np.minimum(np.minimum(apart[corner[0]], apart[corner[1]]), apart[corner[2]])
+        near = np.flatnonzero(gap - extent / size <= apart.min() + DISTANCE_ROUNDING)
+        barycentric, distance = nearest_on_triangle(np.zeros(3), relative[corner[:, near].T])
+        best = int(np.argmin(distance))
+        return int(near[best]), barycentric[best], distance[best] * size
+
+    return nearest
 
 
 def largest_distance(mesh: TriangleMesh, positions: NDArray) -> float:
@@ -186,10 +203,11 @@ def largest_distance(mesh: TriangleMesh, positions: NDArray) -> float:
     """
     from scipy.spatial import cKDTree
 
-    bound = cKDTree(mesh.points[unique_keys(mesh.faces.ravel())]).query(positions)[0]  # to the nearest vertex
-    largest = 0.0
+    # to the nearest vertex
+    bound = cKDTree(mesh.points[mesh.topology.referenced_vertex]).query(positions)[0]
+    search, largest = _search(mesh), 0.0
     for k in np.argsort(-bound, kind="stable"):
         if not bound[k] > largest:
             break
-        largest = max(largest, float(nearest_points(mesh, positions[k])[1][0]))
+        largest = max(largest, float(search(positions[k])[2]))
     return largest

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ddgcli.errors import MeshError
-from ddgcli.geometry.surface_points import nearest_points
+from ddgcli.geometry.surface_points import nearest_on_triangle, nearest_points
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -43,6 +43,21 @@ def test_nearest_points_are_invariant_under_translation():
     np.testing.assert_allclose(
         nearest.positions(mesh), once.positions(mesh), atol=1e-6
     )  # 3e8 / 2**53 and slopes
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_nearest_point_is_the_nearest_of_all_faces(seed):
+    """Of needles, faces of all sizes, and a vertex of no face that is nearer than the surface."""
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(120, 3)) * np.exp(2 * rng.normal(size=(120, 1)))
+    positions = queries(TriangleMesh.from_arrays(points, np.array([[0, 1, 2]])), k=60, seed=seed)
+    mesh = TriangleMesh.from_arrays(np.vstack([points, positions[:1]]), np.arange(120).reshape(-1, 3))
+    nearest, distance = nearest_points(mesh, positions)
+    for k, position in enumerate(positions):
+        weights, away = nearest_on_triangle(position, mesh.points[mesh.faces])
+        assert nearest.face[k] == np.argmin(away)
+        np.testing.assert_allclose(distance[k], away.min(), rtol=1e-10)
+        np.testing.assert_allclose(nearest.barycentric[k], weights[nearest.face[k]], atol=1e-8)
 
 
 def test_meshes_without_faces_are_refused():
