@@ -2,7 +2,7 @@
 
 `factor` is the only place where matrices are factorised; `backends` holds the solvers behind it, `eigen`
 smallest eigenpairs, `constrain` Dirichlet problems, `conjugate` conjugate gradients, `displacements` those of
-mechanical systems whose factors do not fit.
+mechanical systems whose factors do not fit, `secant` quasi-Newton equations.
 """
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "ordering",
     "residual_gate",
     "scaled_rows",
+    "secant",
     "separators",
     "superlu",
 ]

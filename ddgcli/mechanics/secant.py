@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.linalg.secant import secant_solve
+
 MAX_SECANTS = 8
 # of the last move: up to this length, a move by secants costs less than one by a new Hessian
 MAX_SECANT_RATIO = 0.8
@@ -19,16 +21,15 @@ class Secants:
     """
 
     def __init__(self) -> None:
-        self._pairs: list[tuple[NDArray, NDArray, float]] = []
+        self._pairs: list[tuple[NDArray, NDArray]] = []
         self._last: tuple[NDArray, NDArray] | None = None
 
     def add(self, y: NDArray, g: NDArray) -> None:
         """Positions and the gradient there, as vectors of the unknowns."""
         if self._last is not None:
             move, change = y - self._last[0], g - self._last[1]
-            inner = float(move @ change)
-            if inner > 0:
-                self._pairs = [*self._pairs, (move, change, inner)][-MAX_SECANTS:]
+            if float(move @ change) > 0:
+                self._pairs = [*self._pairs, (move, change)][-MAX_SECANTS:]
         self._last = y, g
 
     def restart(self) -> None:
@@ -37,11 +38,4 @@ class Secants:
 
     def solve(self, rhs: NDArray, precondition: Callable[[NDArray], NDArray]) -> NDArray[np.float64]:
         """Approximate solution with the Hessian, by that with a nearby matrix, positive definite like it."""
-        rest, factors = rhs.copy(), []
-        for move, change, inner in reversed(self._pairs):
-            factors.append(float(move @ rest) / inner)
-            rest -= factors[-1] * change
-        x = precondition(rest)
-        for (move, change, inner), factor in zip(self._pairs, reversed(factors)):
-            x += (factor - float(change @ x) / inner) * move
-        return x
+        return secant_solve(rhs, self._pairs, precondition)

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.linalg.secant import secant_solve
+
 MAX_PAIRS = 5
 LEAST_PRODUCT = 1e-12  # of motion and change of the gradient over their norms: others show no convexity
 
@@ -30,8 +32,8 @@ class SecantPairs:
 
     def with_pair(self, motion: NDArray, change: NDArray) -> SecantPairs:
         """With the last step's pair, if the energy was convex over it, in place of the oldest."""
-        size = np.sqrt(_product(motion, motion) * _product(change, change))
-        if not _product(motion, change) > LEAST_PRODUCT * size:
+        size = np.sqrt(np.vdot(motion, motion) * np.vdot(change, change))
+        if not np.vdot(motion, change) > LEAST_PRODUCT * size:
             return self
         return SecantPairs((*self.motions, motion)[-MAX_PAIRS:], (*self.changes, change)[-MAX_PAIRS:])
 
@@ -45,19 +47,7 @@ class SecantPairs:
             A preconditioner's inverse, (k, 3) to (k, 3): it stands for the inverse Hessian where no pair
             does, and is only ever made smaller.
         """
-        pairs = list(zip(self.motions, self.changes))
-        reduced_gradient, shares = np.array(gradient), []
-        for motion, change in reversed(pairs):
-            share = _product(motion, reduced_gradient) / _product(motion, change)
-            shares.append(share)
-            reduced_gradient -= share * change
-        result = solve(reduced_gradient)
-        if pairs:
-            motion, change = pairs[-1]
-            result *= min(1.0, _product(motion, change) / _product(change, solve(change)))
-        for (motion, change), share in zip(pairs, reversed(shares)):
-            result += (share - _product(change, result) / _product(motion, change)) * motion
-        return -result
+        return -secant_solve(gradient, list(zip(self.motions, self.changes)), solve, scaled=True)
 
     def arrays(self, n: int) -> dict[str, NDArray]:
         """As arrays of fixed shape (MAX_PAIRS, n, 3), zero where there is no pair."""
@@ -75,7 +65,3 @@ class SecantPairs:
         motions, changes = (np.asarray(arrays[f"pair_{name}"])[:, :count] for name in ("motions", "changes"))
         nonzero = [k for k in range(len(motions)) if motions[k].any()]
         return cls(tuple(motions[k] for k in nonzero), tuple(changes[k] for k in nonzero))
-
-
-def _product(a: NDArray, b: NDArray) -> float:
-    return float(np.sum(a * b))
