@@ -26,11 +26,12 @@ from benchmarks.common.measure import cpu_seconds, print_table
 from benchmarks.common.mesh_sequences import SHARED_MESHES
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.geometry.normals import sphere_normals
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import setup
-from ddgcli.models.willmore.descent import mean_curvature_step, vertex_normals
+from ddgcli.models.willmore.descent import mean_curvature_step
 from ddgcli.models.willmore.flow_options import FlowOptions, with_stop
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
@@ -169,7 +170,7 @@ def smoothing(name: str) -> list[list]:
     clean = read_mesh(str(MESHES / f"{name}.obj")).surface
     edge = float(clean.side_length.mean())
     height = 0.1 * edge * np.random.default_rng(0).normal(size=clean.n_vertices)
-    noisy = clean.moved(clean.points + vertex_normals(clean) * height[:, None])
+    noisy = clean.moved(clean.points + sphere_normals(clean) * height[:, None])
     volume, table_rows = enclosed_volume(clean), []
     for tool, smooth in smoothers(noisy).items():
         module = MODULES.get(tool.split()[0])

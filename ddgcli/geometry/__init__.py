@@ -1,8 +1,9 @@
 """Formulas on arrays: lengths, angles, areas, normals, unfolding, points on surfaces.
 
-`intrinsic` reads side lengths alone, `extrinsic` positions in space; `unfolding` lays faces out in the plane;
-`intersections` lists faces that cross, `t_junctions` vertices inside boundary edges;
-`component_sides` has the mean sides of components.
+`intrinsic` reads side lengths alone, `extrinsic` positions in space; `normals` holds those of vertices;
+`unfolding` lays faces out in the plane; `intersections` lists
+faces that cross, `t_junctions` vertices inside boundary edges; `component_sides` has the mean sides of
+components.
 """
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "hinges",
     "intersections",
     "intrinsic",
+    "normals",
     "surface_points",
     "t_junctions",
     "unfolding",

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from ddgcli.errors import MeshError
-from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import corner_cotan
+from ddgcli.geometry.normals import area_normals
 from ddgcli.geometry.unfolding import Fans, vertex_fans
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mesh.cures import cure
@@ -163,8 +163,7 @@ def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.flo
         At vertices that join several fans of faces.
     """
     fans = vertex_fans(mesh)
-    star = np.repeat(face_area_vector(mesh), 3, axis=0)
-    normal = unit_vectors(sum_by_index(mesh.faces.ravel(), star, mesh.n_vertices))
+    normal = area_normals(mesh)
     side = mesh.side_vector.reshape(-1, 3)
     first = np.zeros((mesh.n_vertices, 3))
     first[fans.vertex] = side[fans.corner[fans.start[:-1]]]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.polynomial_fits import fitted_gradient
 from ddgcli.algorithms.curvature.rings import two_rings
-from ddgcli.algorithms.geodesics.darboux import sphere_normals
 from ddgcli.geometry.extrinsic import dihedral_angle
+from ddgcli.geometry.normals import sphere_normals
 from ddgcli.mesh.shapes import midpoint_subdivided
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_dot

@@ -9,6 +9,7 @@ import pytest
 from benchmarks.common.submesh import submesh
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.geometry.normals import sphere_normals
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh import shapes
@@ -16,7 +17,7 @@ from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import setup
-from ddgcli.models.willmore.descent import folded_faces, vertex_normals
+from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.flow import Flow
 from ddgcli.models.willmore.flow_options import with_stop
 from ddgcli.models.willmore.redistribution import redistribute
@@ -52,7 +53,7 @@ def smallest_angle(mesh):
 def even(mesh, movable=None, length=None, adaptive=False):
     start = Remesh(mesh, np.arange(mesh.n_vertices))
     movable = np.ones(mesh.n_vertices, dtype=bool) if movable is None else movable
-    return remeshed(start, movable, length or mesh.side_length.mean(), adaptive, vertex_normals)
+    return remeshed(start, movable, length or mesh.side_length.mean(), adaptive, sphere_normals)
 
 
 def run_remeshed(mesh, steps=None, **options):
@@ -141,7 +142,7 @@ def test_where_no_slide_improves_a_triangle_nothing_changes():
     """Angles of 39 degrees, edges near the target, and every vertex the mean of its neighbours already."""
     mesh = shapes.grid(8, 8, 8.0, 10.0)  # no coordinate is rounded
     assert 35 < smallest_angle(mesh) < 40
-    assert redistribute(mesh, vertex_normals(mesh), ~mesh.topology.boundary_vertex) is None
+    assert redistribute(mesh, sphere_normals(mesh), ~mesh.topology.boundary_vertex) is None
     assert even(mesh, length=1.24) is None
 
 

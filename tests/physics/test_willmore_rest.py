@@ -10,6 +10,7 @@ import pytest
 from benchmarks.common.mesh_classes import ellipsoids
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.geometry.normals import sphere_normals
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -181,7 +182,7 @@ def test_advice_for_crumpled_ends_never_leads_back():
 def test_a_grown_second_energy_is_reported(caplog):
     mesh = shapes.torus(20, 8, pattern="alternating")
     sign = (-1.0) ** np.add(*np.divmod(np.arange(mesh.n_vertices), 8))
-    end = mesh.moved(mesh.points + 0.1 * sign[:, None] * descent.vertex_normals(mesh))
+    end = mesh.moved(mesh.points + 0.1 * sign[:, None] * sphere_normals(mesh))
     report.warn_of_disagreement(mesh, mesh, FlowOptions())
     assert caplog.text == ""
     report.warn_of_disagreement(mesh, end, FlowOptions())

@@ -5,11 +5,11 @@ import pytest
 
 from benchmarks.common.mesh_classes import ellipsoids
 from benchmarks.common.submesh import submesh
+from ddgcli.geometry.normals import sphere_normals
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.models.willmore import vertex_noise
-from ddgcli.models.willmore.descent import vertex_normals
 from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.secant_pairs import MAX_PAIRS, SecantPairs
 from ddgcli.models.willmore.setup import FlowOptions
@@ -40,7 +40,7 @@ def horned(level=3):
 
 def with_noise(mesh, share):
     height = share * mesh.side_length.mean() * np.random.default_rng(0).normal(size=mesh.n_vertices)
-    return mesh.moved(mesh.points + vertex_normals(mesh) * height[:, None])
+    return mesh.moved(mesh.points + sphere_normals(mesh) * height[:, None])
 
 
 def test_secant_pairs_minimise_a_quadratic_function_in_as_many_steps_as_it_has_stiffnesses():

@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.paths import SurfacePaths
 from ddgcli.algorithms.geodesics.surface_curves import Curves
-from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.face_frames import relative_position
-from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.topology import PREVIOUS
+from ddgcli.geometry.normals import sphere_normals
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio, row_cross, row_dot, unit_vectors, vector_length
 
@@ -60,31 +58,6 @@ def add_darboux_frames(mesh: TriangleMesh, curves: Curves) -> Curves:
         value = np.append(total, 0.0)  # integrals over segments
         arrays[name] = ratio(value[before] + value[after], weight[before] + weight[after])
     return replace(curves, arrays=curves.arrays | arrays)
-
-
-def sphere_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """Unit normals at vertices, exact where a vertex and its neighbours lie on a sphere.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-
-    Returns
-    -------
-    (n, 3) ndarray of float64
-        Zero where undefined.
-
-    References
-    ----------
-    N. Max, "Weights for computing vertex normals from facet normals", 1999.
-    """
-    scale = float(mesh.side_length.max(initial=0.0)) or 1.0
-    # squares stay in the range of numbers
-    unit = mesh.moved_unchecked((mesh.points - mesh.points[:1]) / scale)
-    squared = unit.side_length**2
-    weight = ratio(1.0, squared * squared[:, PREVIOUS])
-    star = face_area_vector(unit)[:, None, :] * weight[:, :, None]
-    return unit_vectors(sum_by_index(mesh.faces.ravel(), star.reshape(-1, 3), mesh.n_vertices))
 
 
 def _segments(mesh: TriangleMesh, paths: SurfacePaths) -> tuple[NDArray, NDArray, NDArray, NDArray]:

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.vectors import row_cross
+from ddgcli.geometry.normals import area_normals
 from ddgcli.models.fluid.conservative import (
     RK4_LIMIT,
     Rates,
@@ -79,11 +78,7 @@ def vertex_normals(context: FluidContext) -> NDArray[np.float64]:
     mesh = context.mesh
     if context.period.any():
         return np.tile([0.0, 0.0, 1.0], (mesh.n_vertices, 1))
-    corner = context.points[mesh.faces]
-    around = np.repeat(row_cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 1]), 3, axis=0)
-    summed = sum_by_index(mesh.faces.ravel(), around, mesh.n_vertices)
-    length = np.linalg.norm(summed, axis=1, keepdims=True)
-    return np.divide(summed, length, out=np.zeros_like(summed), where=length > 0)
+    return area_normals(mesh)
 
 
 def build(parameters: RotationSection, context: FluidContext) -> list[PhaseRequest]:

@@ -16,13 +16,13 @@ from scipy.sparse import csc_array
 from ddgcli.algorithms.hodge.harmonic import harmonic_basis
 from ddgcli.errors import SolveError
 from ddgcli.geometry.intrinsic import face_area
+from ddgcli.geometry.normals import sphere_normals
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.willmore.area_energy import AreaEnergy
-from ddgcli.models.willmore.descent import vertex_normals
 from ddgcli.models.willmore.step_rules import MIN_CONFORMAL_SHARE
 from ddgcli.models.willmore.vertex_energies import FaceSides
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
@@ -152,7 +152,7 @@ def _curvature_change(mesh: TriangleMesh) -> NDArray[np.float64]:
     """
     mass = lumped_vertex_area(mesh)
     by_area = AreaEnergy(mesh.topology).value_and_gradient(mesh.points)[1]
-    curvature = 0.5 * np.einsum("ij,ij->i", by_area, vertex_normals(mesh)) / mass
+    curvature = 0.5 * np.einsum("ij,ij->i", by_area, sphere_normals(mesh)) / mass
     basis = np.concatenate([np.ones((len(mass), 1)), _tearing_changes(mesh, mass)], axis=1)
     weighted = np.sqrt(mass)[:, None] * basis
     share = np.linalg.lstsq(weighted, np.sqrt(mass) * curvature, rcond=None)[0]
@@ -166,7 +166,7 @@ def _tearing_changes(mesh: TriangleMesh, mass: NDArray) -> NDArray[np.float64]:
     those whose spinor s turns the edges into a form with a part along w: its derivative by the change, by one
     solution of the adjoint equation each.
     """
-    basis = [vertex_normals(mesh)]
+    basis = [sphere_normals(mesh)]
     if mesh.topology.genus:
         faces = FaceSides.at(mesh.points, mesh.faces)
         e = _imaginary(faces.opposite)

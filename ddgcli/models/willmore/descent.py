@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
 from ddgcli.geometry.extrinsic import face_area_vector
+from ddgcli.geometry.normals import sphere_normals
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
@@ -18,9 +19,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.willmore.constraints import Constraints, combined
 from ddgcli.models.willmore.energies import Energy
-from ddgcli.models.willmore.gauss_map_energy import Normals
 from ddgcli.models.willmore.secant_pairs import SecantPairs
-from ddgcli.models.willmore.vertex_energies import FaceSides
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 from ddgcli.operators.mollify import mollify_mesh
 
@@ -67,27 +66,9 @@ def size_across(at: EnergyGradient) -> float:
     -------
     float
     """
-    across = row_dot(at.gradient, vertex_normals(at.mesh)[at.free])
+    across = row_dot(at.gradient, sphere_normals(at.mesh)[at.free])
     scale = at.mass.sum() / max(abs(at.energy), 1e-300)
     return float(np.sqrt((across**2 / at.mass).sum()) * scale)
-
-
-def vertex_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """Unit normals at the vertices, radial on meshes inscribed in spheres.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-
-    Returns
-    -------
-    (n, 3) ndarray of float64
-        Zero where they vanish.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        sides = FaceSides.at(mesh.points, mesh.faces).opposite
-        normals = Normals.at(sides, mesh.faces, mesh.n_vertices)
-    return np.where(normals.length[:, None] > 0, normals.unit, 0.0)
 
 
 def folded_faces(mesh: TriangleMesh) -> int:
@@ -115,7 +96,7 @@ def is_folded(mesh: TriangleMesh) -> NDArray[np.bool_]:
     -------
     (m,) ndarray of bool
     """
-    normal = vertex_normals(mesh)[mesh.faces]
+    normal = sphere_normals(mesh)[mesh.faces]
     return np.einsum("fki,fi->fk", normal, face_area_vector(mesh)).min(axis=1) < 0.0
 
 
@@ -141,7 +122,7 @@ def energy_gradient(
     value, gradient = energy.value_and_gradient(mesh.points)
     mass = lumped_vertex_area(mesh)[free]
     if along_normals:
-        normal = vertex_normals(mesh)[free]
+        normal = sphere_normals(mesh)[free]
         share = constraints.multipliers(mesh, free, mass, gradient[free], normal)
         rows = constraints.gradients(mesh, free)
         tangential_gradient = gradient[free] - combined(share, rows, constraints.label(free))
@@ -265,7 +246,7 @@ class Preconditioner:
         On a smooth surface the second is zero: it measures the error that the mesh brings.
         """
         g = self.at.gradient
-        normal = vertex_normals(self.at.mesh)[self.at.free]
+        normal = sphere_normals(self.at.mesh)[self.at.free]
         across = np.einsum("ij,ij->i", g, normal)[:, None] * normal
         moved = self.solve(across)
         return float(np.sum(across * moved)), float(np.sum((g - across) * (self.steepest - moved)))
@@ -295,7 +276,7 @@ def preconditioner_at(
     -------
     Preconditioner
     """
-    normal = vertex_normals(at.mesh)[at.free] if of_area else None
+    normal = sphere_normals(at.mesh)[at.free] if of_area else None
     if of_area:
         matrix = second_order_matrix(at.mesh, at.free, dt, normal)
     else:

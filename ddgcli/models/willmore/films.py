@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import enclosed_volume
+from ddgcli.geometry.normals import sphere_normals
 from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import unit_vectors
 from ddgcli.models.willmore.area_energy import AreaEnergy, VolumeEnergy, mean_curvature, volume_gradient
 from ddgcli.models.willmore.constraints import Constraints, areas, cap_faces, volumes_inside
-from ddgcli.models.willmore.descent import EnergyGradient, vertex_normals
+from ddgcli.models.willmore.descent import EnergyGradient
 from ddgcli.models.willmore.energies import EnergyBuilder
 from ddgcli.models.willmore.flow_options import FlowOptions
 
@@ -42,7 +43,7 @@ def curvature_variation(at: EnergyGradient, constraints: Constraints) -> float:
         Times the radius, without unit; inf where the curvature is not finite.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        normal = vertex_normals(at.mesh)
+        normal = sphere_normals(at.mesh)
         off = 2.0 * mean_curvature(at.mesh, normal)[at.free]
     if not np.isfinite(off).all():
         return np.inf

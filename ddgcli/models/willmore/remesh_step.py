@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.geometry.normals import sphere_normals
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.area_energy import signed_volume
 from ddgcli.models.willmore.constraints import area
-from ddgcli.models.willmore.descent import folded_faces, vertex_normals
+from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.edge_flips import improved
 from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.remeshing import LONGEST, SHORTEST, Remesh, remeshed, target_length
@@ -78,7 +79,7 @@ def remeshed_state(
     if waiting or past.count >= MAX_REMESHES or not _is_due(mesh, target):
         return None
     origin = np.arange(mesh.n_vertices) if past.origin is None else past.origin
-    result = remeshed(Remesh(mesh, origin), movable, target.length, target.adaptive, vertex_normals)
+    result = remeshed(Remesh(mesh, origin), movable, target.length, target.adaptive, sphere_normals)
     if result is None or not _same_surface(mesh, result.mesh):
         return None
     changed = replace(
@@ -114,7 +115,7 @@ def improved_state(
     FlowState or None
         None where there is nothing to flip or slide.
     """
-    mesh = improved(TriangleMesh(state.points, state.topology), vertex_normals, movable)
+    mesh = improved(TriangleMesh(state.points, state.topology), sphere_normals, movable)
     if mesh is None:
         return None
     mesh = restored(replace(state, points=mesh.points, topology=mesh.topology))
@@ -129,7 +130,7 @@ def _is_due(mesh: TriangleMesh, target: RemeshTarget) -> bool:
     """Whether edges are far from the target, or angles small."""
     if corner_angle(mesh.side_length).min() < MIN_ANGLE:
         return True
-    aim = target_length(mesh, target.length, target.adaptive, vertex_normals)
+    aim = target_length(mesh, target.length, target.adaptive, sphere_normals)
     ratio = mesh.side_length / (0.5 * (aim[mesh.faces] + aim[np.roll(mesh.faces, -1, axis=1)]))
     return float(np.mean((ratio > LONGEST) | (ratio < SHORTEST))) > MAX_SHARE_OUTSIDE
 

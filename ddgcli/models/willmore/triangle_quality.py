@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.geometry.normals import sphere_normals
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.willmore.descent import vertex_normals
 from ddgcli.models.willmore.edge_flips import delaunay_flips
 from ddgcli.models.willmore.redistribution import redistribute
 
@@ -60,7 +60,7 @@ def better_triangles(
     Improvement
     """
     slides = flips = 0
-    slid = redistribute(mesh, vertex_normals(mesh), movable)
+    slid = redistribute(mesh, sphere_normals(mesh), movable)
     if slid is not None:
         slid = restore(slid)
         if (slid_energy := value(slid)) <= highest:

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
+from ddgcli.geometry.normals import sphere_normals
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio, row_dot
 from ddgcli.models.willmore.constraints import Constraints, ConstraintSpan, areas, combined
-from ddgcli.models.willmore.descent import Preconditioner, moved_along, vertex_normals
+from ddgcli.models.willmore.descent import Preconditioner, moved_along
 from ddgcli.models.willmore.energies import Energy
 from ddgcli.models.willmore.state import rounding_scale
 from ddgcli.models.willmore.step_rules import ENERGY_ROUNDING, PREDICTED_FALL_TOLERANCE
@@ -237,7 +238,7 @@ def descending_newton_step(
         None where no step does; the same surface where rounding hides the fall of the model.
     """
     at = metric.at
-    normal = vertex_normals(at.mesh)[at.free] if along_normals else None
+    normal = sphere_normals(at.mesh)[at.free] if along_normals else None
     solve = tangent_solve(metric, constraints, normal)
     lagrangian = energy
     if constraints.active:
