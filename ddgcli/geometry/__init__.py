@@ -1,13 +1,14 @@
 """Formulas on arrays: lengths, angles, areas, normals, unfolding, points on surfaces.
 
-`intrinsic` reads side lengths alone, `extrinsic` positions in space; `normals` holds those of vertices;
-`unfolding` lays faces out in the plane; `intersections` lists
+`intrinsic` reads side lengths alone, `extrinsic` positions in space; `normals` holds those of vertices,
+`circle_angles` angles between circumcircles; `unfolding` lays faces out in the plane; `intersections` lists
 faces that cross, `t_junctions` vertices inside boundary edges; `component_sides` has the mean sides of
 components.
 """
 
 __all__ = [
     "cells",
+    "circle_angles",
     "component_sides",
     "cures",
     "extrinsic",

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.geometry.circle_angles import circle_angle, side_product
 from ddgcli.geometry.extrinsic import EDGES_PER_BLOCK, hinge_bending
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS, PREVIOUS_OFFSET, Topology
@@ -184,20 +185,10 @@ def _circle_angle(faces: Faces, topology: Topology, inside: NDArray) -> float | 
         squared = [dot(v, v) for v in quad]
         if min(size.min() for size in squared) <= 0:
             return None
-        angle[block] = _angle_between_circles(*(v / np.sqrt(size) for v, size in zip(quad, squared)))
+        product = side_product(*(v / np.sqrt(size) for v, size in zip(quad, squared)))
+        angle[block] = circle_angle(*product)
     total = sum_by_index(i, angle, n) + sum_by_index(j, angle, n)
     return max(float(0.5 * (total[inside] - 2 * np.pi).sum()), 0.0)  # below zero is rounding
-
-
-def _angle_between_circles(a: NDArray, b: NDArray, c: NDArray, d: NDArray) -> NDArray[np.float64]:
-    """(h,) angles in [0, pi] between both circles through the corners of quads; a, b, c, d unit sides (3, h).
-
-    It is pi less the argument of the product abcd of the sides as imaginary quaternions (Bobenko, Schroeder
-    2005), by the arctangent of both its parts: the arccosine of one loses half the digits near 0 and pi.
-    """
-    ab, cd, left, right = dot(a, b), dot(c, d), cross(a, b), cross(c, d)
-    imaginary = cross(left, right) - ab * right - cd * left
-    return np.arctan2(np.sqrt(dot(imaginary, imaginary)), dot(left, right) - ab * cd)
 
 
 def _between(points: NDArray, tail: NDArray, head: NDArray) -> NDArray[np.float64]:
