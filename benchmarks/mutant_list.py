@@ -52,7 +52,7 @@ MUTANTS = (
     Mutant("ddgcli/scenes/units.py", '"c": 1e-2', '"c": 1e-3', "tests/exact/test_scene_pieces.py::test_quantities_are_converted_exactly"),
     Mutant("ddgcli/scenes/expressions.py", "return -value if isinstance(node.op, ast.USub)", "return value if isinstance(node.op, ast.USub)", "tests/exact/test_scene_pieces.py::test_expressions_have_their_value"),
     # models
-    Mutant("ddgcli/models/shell/hinge.py", "s, st = dot(p, u) / length, dot(q, u) / length", "st, s = dot(p, u) / length, dot(q, u) / length", "tests/physics/test_shell_terms.py::test_gradients_equal_finite_differences"),
+    Mutant("ddgcli/geometry/hinges.py", "s, st = dot(p, u) / length, dot(q, u) / length", "st, s = dot(p, u) / length, dot(q, u) / length", "tests/physics/test_shell_terms.py::test_gradients_equal_finite_differences"),
     Mutant("ddgcli/models/shell/gravity.py", "(0.0, 0.0, -9.81)", "(0.0, 0.0, 9.81)", "tests/library/test_simulations.py::test_integrator_of_a_simulation_is_used"),
     Mutant("ddgcli/models/fluid/rotation.py", "2.0 * vertex_normals", "1.0 * vertex_normals", "tests/physics/test_fluid_forces.py::test_rossby_haurwitz_waves_in_a_turning_frame"),
     Mutant("ddgcli/models/fluid/circulation.py", "middle = hinge + 0.5 * space", "middle = hinge + 0.4 * space", "tests/physics/test_fluid.py::test_harmonic_flow_stays"),

@@ -1,101 +1,28 @@
-"""Hinges of a surface: the angle at every interior edge, its gradient and its Hessian in closed form.
+"""Second derivatives of the angles of hinges in closed form; the angles are those of `geometry.hinges`.
 
-A hinge is a row (x0, x1, x2, x3) of `geometry.hinges.hinges`.
-The angle is 0 where the faces are coplanar and positive where their normals diverge (convex). Formulas after
-Tamstorf and Grinspun 2013, checked by finite differences.
+Formulas after Tamstorf and Grinspun 2013, checked by finite differences.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.geometry.hinges import HingeFrame, angle_gradient, angle_slopes, hinge_frame
 from ddgcli.mechanics.pair_blocks import vertex_pairs, whole_elements
-from ddgcli.mesh.scatter import columns_at
-from ddgcli.mesh.vectors import cross, dot
+from ddgcli.mesh.vectors import cross
 
-
-@dataclass(frozen=True, eq=False)
-class HingeFrame:
-    """Geometry of every hinge: normals n, nt; heights h, ht; feet s, st; edge direction u; its length.
-
-    Vectors are (3, h): whole components lie together, which numpy works on four times as fast.
-    """
-
-    n: NDArray
-    nt: NDArray
-    h: NDArray
-    ht: NDArray
-    s: NDArray
-    st: NDArray
-    u: NDArray
-    length: NDArray
-    angle: NDArray
-
-    def __getitem__(self, rows: slice) -> HingeFrame:
-        """Some of the hinges."""
-        return HingeFrame(*(getattr(self, field.name)[..., rows] for field in fields(self)))
-
-
-def hinge_frame(x: NDArray, stencil: NDArray) -> HingeFrame:
-    """Geometry of hinges: normals, heights, angle.
-
-    Parameters
-    ----------
-    x : (n, 3) ndarray of float64
-        Positions.
-    stencil : (h, 4) ndarray of int64
-        Of `geometry.hinges.hinges`.
-
-    Returns
-    -------
-    HingeFrame
-    """
-    x0, x1, x2, x3 = columns_at(x, stencil)
-    e, p, q = x1 - x0, x2 - x0, x3 - x0
-    length = np.sqrt(dot(e, e))
-    u = e / length
-    n, nt = cross(e, p), cross(q, e)
-    double, double_t = np.sqrt(dot(n, n)), np.sqrt(dot(nt, nt))
-    n, nt = n / double, nt / double_t
-    angle = np.arctan2(dot(cross(n, nt), u), dot(n, nt))
-    s, st = dot(p, u) / length, dot(q, u) / length
-    return HingeFrame(n, nt, double / length, double_t / length, s, st, u, length, angle)
-
-
-def angle_slopes(f: HingeFrame) -> list[NDArray]:
-    """Gradient of the hinge angle in each of the four vertices.
-
-    Parameters
-    ----------
-    f : HingeFrame
-
-    Returns
-    -------
-    list of four (3, h) ndarray of float64
-        In 1/length.
-    """
-    a, at = f.n / f.h, f.nt / f.ht
-    head, head_t = f.s * a, f.st * at
-    return [a - head + at - head_t, head + head_t, -a, -at]
-
-
-def angle_gradient(f: HingeFrame) -> NDArray[np.float64]:
-    """Gradient of the hinge angle in the four vertices.
-
-    Parameters
-    ----------
-    f : HingeFrame
-
-    Returns
-    -------
-    (h, 4, 3) ndarray of float64
-        In 1/length.
-    """
-    return np.stack(angle_slopes(f), axis=1).transpose(2, 1, 0)
+__all__ = [
+    "HingeFrame",
+    "angle_gradient",
+    "angle_hessian",
+    "angle_second_derivatives",
+    "angle_slopes",
+    "hinge_frame",
+    "wrapped",
+]
 
 
 def angle_hessian(f: HingeFrame) -> NDArray[np.float64]:

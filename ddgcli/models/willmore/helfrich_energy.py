@@ -47,18 +47,12 @@ class HelfrichEnergy:
     def _hinges(self) -> Hinges:
         return Hinges.of(self.topology)
 
-    def _addition(self, points: NDArray) -> tuple[float, FaceSides, BentHinges, NDArray[np.float64]]:
-        """-2 H0 M + H0^2 A, and what its gradient needs: faces, hinges, edge lengths."""
+    def _addition(self, points: NDArray) -> tuple[float, FaceSides, BentHinges]:
+        """-2 H0 M + H0^2 A, and what its gradient needs: faces, hinges."""
         faces = FaceSides.at(points, self.topology.faces)
-        hinges = self._hinges.bent(points, faces)
-        length = np.sqrt(hinges.squared)
-        total = 0.5 * float((length * hinges.angle).sum())
-        return (
-            self.curvature * (self.curvature * float(faces.area.sum()) - 2.0 * total),
-            faces,
-            hinges,
-            length,
-        )
+        hinges = self._hinges.bent(points)
+        total = 0.5 * float((hinges.shape.length * hinges.shape.angle).sum())
+        return self.curvature * (self.curvature * float(faces.area.sum()) - 2.0 * total), faces, hinges
 
     def value(self, points: NDArray) -> float:
         """Energy; not finite on a surface with a face without area."""
@@ -67,11 +61,12 @@ class HelfrichEnergy:
     def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]:
         """Energy and its exact gradient (n, 3)."""
         value, gradient = self.bending.value_and_gradient(points)
-        addition, faces, hinges, length = self._addition(points)
+        addition, faces, hinges = self._addition(points)
         corners = self.topology.faces
         by_area = self.curvature**2 * area_gradient(faces)
         gradient = gradient + sum_by_index(corners, by_area, self.topology.n_vertices)
-        gradient += hinges.gradient(-self.curvature * length, -0.5 * self.curvature * hinges.angle / length)
+        shape = hinges.shape
+        gradient += hinges.gradient(-self.curvature * shape.length, -self.curvature * shape.angle)
         return value + addition, gradient
 
 

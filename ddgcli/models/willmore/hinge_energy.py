@@ -38,10 +38,9 @@ class HingeEnergy:
     def value(self, points: NDArray) -> float:
         """Energy; not finite where an angle is undefined."""
         faces = FaceSides.at(points, self.topology.faces)
-        hinges = self._hinges.bent(points, faces)
-        terms, constant = self._bending(
-            hinges.squared, hinges.angle, faces.area[self._hinges.face].sum(axis=1)
-        )
+        shape = self._hinges.bent(points).shape
+        area = faces.area[self._hinges.face].sum(axis=1)
+        terms, constant = self._bending(shape.length**2, shape.angle, area)
         return float(terms.sum()) + constant
 
     def _bending(self, squared: NDArray, angle: NDArray, area: NDArray) -> tuple[NDArray[np.float64], float]:
@@ -53,12 +52,11 @@ class HingeEnergy:
         """Energy and its exact gradient (n, 3)."""
         corners, n = self.topology.faces, self.topology.n_vertices
         faces = FaceSides.at(points, corners)
-        hinges = self._hinges.bent(points, faces)
+        hinges = self._hinges.bent(points)
+        length, angle = hinges.shape.length, hinges.shape.angle
         total = faces.area[self._hinges.face].sum(axis=1)
-        terms, constant = self._bending(hinges.squared, hinges.angle, total)
-        gradient = hinges.gradient(
-            0.5 * hinges.squared * hinges.angle / total, 0.25 * hinges.angle**2 / total
-        )
+        terms, constant = self._bending(length**2, angle, total)
+        gradient = hinges.gradient(0.5 * length**2 * angle / total, 0.5 * length * angle**2 / total)
         by_area = sum_by_index(self._hinges.face.ravel(), np.repeat(-terms / total, 2), len(corners))
         gradient += sum_by_index(corners, by_area[:, None, None] * area_gradient(faces), n)
         return float(terms.sum()) + constant, gradient

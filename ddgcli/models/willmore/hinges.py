@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.geometry.hinges import hinge_sides, hinges
-from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.geometry.hinges import HingeFrame, angle_slopes, hinge_frame, hinge_sides, hinges
+from ddgcli.mesh.scatter import sum_columns_by_index
 from ddgcli.mesh.topology import Topology
-from ddgcli.mesh.vectors import row_cross, row_dot
-from ddgcli.models.willmore.vertex_energies import FaceSides
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,15 +32,10 @@ class Hinges:
         side, other = hinge_sides(topology)
         return cls(np.stack([side // 3, other // 3], axis=1), hinges(topology))
 
-    def bent(self, points: NDArray, faces: FaceSides) -> BentHinges:
-        """Lengths and angles at given positions; `faces` are those of the same positions."""
-        edge = points[self.vertex[:, 1]] - points[self.vertex[:, 0]]
-        squared = row_dot(edge, edge)
-        n0, n1 = faces.normal[self.face[:, 0]], faces.normal[self.face[:, 1]]
+    def bent(self, points: NDArray) -> BentHinges:
+        """Lengths and angles at given positions."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            unit = edge / np.sqrt(squared)[:, None]
-        angle = np.arctan2(row_dot(row_cross(n0, n1), unit), row_dot(n0, n1))
-        return BentHinges(self, points, faces, edge, squared, angle)
+            return BentHinges(self, len(points), hinge_frame(points, self.vertex))
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,40 +45,17 @@ class BentHinges:
     Parameters
     ----------
     hinges : Hinges
-    points : (n, 3) ndarray
-    faces : FaceSides
-    edge : (h, 3) ndarray
-        From tail to head.
-    squared : (h,) ndarray
-        Squared lengths.
-    angle : (h,) ndarray
-        Signed angle between the normals of the two faces about the edge, positive where convex.
+    n_vertices : int
+    shape : HingeFrame
     """
 
     hinges: Hinges
-    points: NDArray[np.float64]
-    faces: FaceSides
-    edge: NDArray[np.float64]
-    squared: NDArray[np.float64]
-    angle: NDArray[np.float64]
+    n_vertices: int
+    shape: HingeFrame
 
-    def gradient(self, by_angle: NDArray, by_squared: NDArray) -> NDArray[np.float64]:
-        """(n, 3) derivative by the points of a function of angles and squared lengths with these derivatives.
-
-        Notes
-        -----
-        Each apex moves the angle along its face's normal by 1 / height; the ends balance force and moment.
-        """
-        face, vertex = self.hinges.face, self.hinges.vertex
-        length, area = np.sqrt(self.squared), self.faces.area[face]
-        by_apex = -self.faces.normal[face] * (0.5 * length[:, None] / area)[:, :, None]
-        arm = self.points[vertex[:, 2:]] - self.points[vertex[:, 0]][:, None]
-        foot_share = row_dot(arm, self.edge[:, None]) / self.squared[:, None]
-        by_head = -np.einsum("hk,hkj->hj", foot_share, by_apex)
-        by_tail = -by_apex.sum(axis=1) - by_head
-        weight, stretch = by_angle[:, None], 2.0 * by_squared[:, None] * self.edge
-        local = np.stack(
-            [weight * by_tail - stretch, weight * by_head + stretch,
-             weight * by_apex[:, 0], weight * by_apex[:, 1]], axis=1
-        )  # fmt: skip
-        return sum_by_index(vertex, local, len(self.points))
+    def gradient(self, by_angle: NDArray, by_length: NDArray) -> NDArray[np.float64]:
+        """(n, 3) derivative by the points of a function of angles and lengths with these derivatives."""
+        tail, head, *apex = (by_angle * slope for slope in angle_slopes(self.shape))
+        stretch = by_length * self.shape.u
+        columns = [tail - stretch, head + stretch, *apex]
+        return sum_columns_by_index(self.hinges.vertex, columns, self.n_vertices)
