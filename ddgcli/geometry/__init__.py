@@ -3,7 +3,7 @@
 `intrinsic` reads side lengths alone, `extrinsic` positions in space; `normals` holds those of vertices,
 `circle_angles` angles between circumcircles; `unfolding` lays faces out in the plane; `intersections` lists
 faces that cross, `t_junctions` vertices inside boundary edges; `component_sides` has the mean sides of
-components.
+components, `solids` signed distances.
 """
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "intersections",
     "intrinsic",
     "normals",
+    "solids",
     "surface_points",
     "t_junctions",
     "unfolding",

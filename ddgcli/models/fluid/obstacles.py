@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, counted
 from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.geometry.solids import BoxGap, CylinderGap, SphereGap, Surface, winding_number
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross
 from ddgcli.models.fluid.context import FluidContext
 
 SMOOTHING_PASSES = 12
@@ -28,7 +28,6 @@ PROJECTION_STEPS = 4
 MIN_SEPARATION = 0.3  # of two vertices on the outline, over the edge between them before
 DIFFERENCE_STEP = 1e-6  # of the fluid's size, for the slope of a signed distance
 OBSTACLE_CURE = "change the size or the place of an obstacle"
-WINDING_CHUNK = 4_000_000  # pairs of points and faces at a time
 SignedDistance = Callable[[NDArray], NDArray[np.float64]]
 
 
@@ -50,16 +49,9 @@ def signed_distance(section: Any, read: Callable[[str], Any]) -> tuple[SignedDis
         Whether its size is a length.
     """
     shift = np.array(section.position)
-    if section.sphere is not None:
-        centre, radius = np.array(section.sphere.center) + shift, section.sphere.radius
-        return lambda x: np.linalg.norm(x - centre, axis=1) - radius, True
-    if section.box is not None:
-        half = 0.5 * np.array(section.box.size)
-        middle = np.array(section.box.corner) + half + shift
-        return lambda x: _box_distance(np.abs(x - middle) - half), True
-    if section.cylinder is not None:
-        start, end = np.array(section.cylinder.start) + shift, np.array(section.cylinder.end) + shift
-        return lambda x: _cylinder_distance(x, start, end, section.cylinder.radius), True
+    if (solid := _solid(section, shift)) is not None:
+        gap = solid.gap
+        return lambda x: gap(x)[0], True
     mesh = read(section.mesh).mesh
     if not isinstance(mesh, TriangleMesh) or not mesh.topology.is_closed:
         raise MeshError(f"{section.mesh}: an obstacle must be a closed surface; fill its holes")
@@ -67,38 +59,16 @@ def signed_distance(section: Any, read: Callable[[str], Any]) -> tuple[SignedDis
     return lambda x: np.where(np.abs(winding_number(triangles, x)) > 0.5, -1.0, 1.0), False
 
 
-def _box_distance(beyond: NDArray) -> NDArray[np.float64]:
-    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
-    return outside + np.minimum(beyond.max(axis=1), 0.0)
-
-
-def _cylinder_distance(x: NDArray, start: NDArray, end: NDArray, radius: float) -> NDArray[np.float64]:
-    axis = end - start
-    length = float(np.linalg.norm(axis))
-    along = (x - start) @ (axis / length)
-    across = np.linalg.norm(x - start - along[:, None] * (axis / length), axis=1)
-    return _box_distance(np.stack([across - radius, np.abs(along - 0.5 * length) - 0.5 * length], axis=1))
-
-
-def winding_number(triangles: NDArray, points: NDArray) -> NDArray[np.float64]:
-    """(k,) winding number of triangles (m, 3, 3) about points (k, 3).
-
-    A. van Oosterom and J. Strackee, "The solid angle of a plane triangle", 1983.
-    """
-    total = np.zeros(len(points))
-    rows = max(1, WINDING_CHUNK // max(len(triangles), 1))
-    for first in range(0, len(points), rows):
-        a, b, c = (triangles[None, :, k] - points[first : first + rows, None] for k in range(3))
-        la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
-        volume = np.einsum("ijk,ijk->ij", a, row_cross(b, c))
-        dots = (
-            la * lb * lc
-            + np.einsum("ijk,ijk->ij", a, b) * lc
-            + np.einsum("ijk,ijk->ij", b, c) * la
-            + np.einsum("ijk,ijk->ij", c, a) * lb
-        )
-        total[first : first + rows] = np.arctan2(volume, dots).sum(axis=1) / (2.0 * np.pi)
-    return total
+def _solid(section: Any, shift: NDArray) -> Surface | None:
+    """Sphere, box or cylinder of a section of the scene; None for another shape."""
+    if section.sphere is not None:
+        return SphereGap(np.array(section.sphere.center) + shift, section.sphere.radius)
+    if section.box is not None:
+        return BoxGap(np.array(section.box.corner) + shift, section.box.size)
+    if section.cylinder is not None:
+        start, end = np.array(section.cylinder.start) + shift, np.array(section.cylinder.end) + shift
+        return CylinderGap(start, end, section.cylinder.radius)
+    return None
 
 
 def without_obstacles(

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.geometry.solids import Surface
 from ddgcli.mechanics.terms import Mode, Potential
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle_motion import PlacedMotion
-from ddgcli.models.shell.surfaces import PosedSurface, Surface
+from ddgcli.models.shell.surfaces import PosedSurface
 from ddgcli.scenes.scene import Scene
 
 STANDARD_GRAVITY = 9.81  # m/s^2, of scenes without gravity

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from ddgcli.geometry.solids import Surface
 from ddgcli.models.shell.barrier import (
     MIN_START_DISTANCE,
     REPULSION_DISTANCE,
@@ -26,7 +27,7 @@ from ddgcli.models.shell.barrier import (
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle import Obstacle
 from ddgcli.models.shell.obstacle_motion import PlacedMotion, middle_of, motion_of, surface_of
-from ddgcli.models.shell.surfaces import PosedSurface, Surface
+from ddgcli.models.shell.surfaces import PosedSurface
 from ddgcli.scenes.sections import Key, Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.geometry.solids import BoxGap, CylinderGap, PlaneGap, SphereGap, Surface
 from ddgcli.models.shell.key_frames import Pose, RigidKeyFrames, turns
 from ddgcli.models.shell.obstacle import Obstacle
-from ddgcli.models.shell.surfaces import BoxGap, CylinderGap, PlaneGap, SphereGap, Surface
 from ddgcli.scenes.shapes import Rotation, rotation_matrix
 
 
