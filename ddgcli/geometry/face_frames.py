@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
+from ddgcli.geometry.surface_points import interpolated
 from ddgcli.geometry.unfolding import Unfolding, corner_position
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -95,7 +96,7 @@ def surface_position(mesh: SurfaceMesh, face: NDArray, barycentric: NDArray) -> 
     ParameterError
         When the mesh has no positions.
     """
-    return np.einsum("ij,ijk->ik", barycentric, _positions(mesh)[mesh.faces[face]])
+    return interpolated(_positions(mesh), mesh.faces[face], barycentric)
 
 
 def relative_position(mesh: SurfaceMesh, face: NDArray, barycentric: NDArray) -> NDArray[np.float64]:

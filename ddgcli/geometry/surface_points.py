@@ -75,7 +75,25 @@ class SurfacePoints(FrozenArrays):
 
     def positions(self, mesh: TriangleMesh) -> NDArray[np.float64]:
         """(k, 3) positions in space."""
-        return np.einsum("kc,kcd->kd", self.barycentric, mesh.points[mesh.faces[self.face]])
+        return interpolated(mesh.points, mesh.faces[self.face], self.barycentric)
+
+
+def interpolated(values: NDArray, corners: NDArray, barycentric: NDArray) -> NDArray[np.float64]:
+    """Vectors at points on faces, linear between those at the corners.
+
+    Parameters
+    ----------
+    values : (n, d) ndarray of float64
+        At the vertices.
+    corners : (k, 3) ndarray of int64
+        Vertices of the face of each point.
+    barycentric : (k, 3) ndarray of float64
+
+    Returns
+    -------
+    (k, d) ndarray of float64
+    """
+    return np.einsum("kc,kcd->kd", barycentric, values[corners])
 
 
 def face_centroids(mesh: SurfaceMesh) -> SurfacePoints:

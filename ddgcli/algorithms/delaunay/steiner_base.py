@@ -13,7 +13,7 @@ from scipy.sparse import coo_array
 
 from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation
 from ddgcli.algorithms.delaunay.gluing import Gluing, around
-from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.geometry.surface_points import SurfacePoints, interpolated
 from ddgcli.geometry.unfolding import corner_position, unfold
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -75,7 +75,7 @@ def with_steiner_points(mesh: TriangleMesh, steiner: SteinerPoints) -> BaseTrian
     column = np.concatenate([np.arange(n), mesh.faces[steiner.face].ravel()])
     value = np.concatenate([np.ones(n), steiner.barycentric.ravel()])
     interpolation = coo_array((value, (row, column)), shape=(n + s, n)).tocsr()
-    position = np.einsum("ij,ijk->ik", steiner.barycentric, mesh.points[mesh.faces[steiner.face]])
+    position = interpolated(mesh.points, mesh.faces[steiner.face], steiner.barycentric)
     points = np.concatenate([mesh.points, position])
     faces, twin = work.gluing.tail.reshape(-1, 3), work.gluing.twin[:-1].reshape(-1, 3)
     refined = TriangleMesh(points, Topology(faces, len(points), twin))

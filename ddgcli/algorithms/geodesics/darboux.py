@@ -11,6 +11,7 @@ from ddgcli.algorithms.geodesics.paths import SurfacePaths
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.geometry.face_frames import relative_position
 from ddgcli.geometry.normals import sphere_normals
+from ddgcli.geometry.surface_points import interpolated
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio, row_cross, row_dot, unit_vectors, vector_length
 
@@ -41,7 +42,7 @@ def add_darboux_frames(mesh: TriangleMesh, curves: Curves) -> Curves:
     """
     paths = curves.paths
     at_vertex = sphere_normals(mesh)
-    normal = unit_vectors(np.einsum("ij,ijk->ik", paths.barycentric, at_vertex[mesh.faces[paths.face]]))
+    normal = unit_vectors(interpolated(at_vertex, mesh.faces[paths.face], paths.barycentric))
     before, after, segment, length = _segments(mesh, paths)
     direction = unit_vectors(segment)
     middle = np.concatenate([direction, np.zeros((1, 3))])  # row -1: no segment
