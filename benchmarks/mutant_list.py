@@ -68,6 +68,6 @@ MUTANTS = (
     Mutant("ddgcli/io/readers/ply.py", r"end_header *(?:\r\n|\n|\r|\Z)", r"end_header *(?:\n|\r|\Z)", "tests/io/test_mesh_files.py::test_a_binary_ply_whose_header_ends_its_lines_with_cr_lf_keeps_every_byte_of_its_body"),
     Mutant("ddgcli/plots/raster.py", "np.array([1.0, -1.0, -1.0])", "np.array([1.0, 1.0, -1.0])", "tests/pictures/test_pictures.py::test_what_is_higher_in_space_is_higher_in_the_picture"),
     Mutant("ddgcli/cli/multi_value.py", "return bool(shape) and [c for c in word", "return bool(shape) or [c for c in word", "tests/cli/test_multi_value_options.py::test_words_are_spread"),
-    Mutant("ddgcli/cli/parameters.py", 'f"{names[name]} {value}"', 'f"{names[name]}={value}"', "tests/cli/test_parameters.py::test_quoted_parameters_become_options_and_other_quotes_stay"),
+    Mutant("ddgcli/cli/parameters.py", 'f"{names[name]} {DICT_ENTRY', 'f"{names[name]}={DICT_ENTRY', "tests/cli/test_parameters.py::test_quoted_parameters_become_options_and_other_quotes_stay"),
     Mutant("ddgcli/cli/threads.py", "str(requested or 1)", "str(requested or 2)", "tests/cli/test_threads.py::test_the_default_is_one_thread_and_threads_n_gives_more"),
 )  # fmt: skip

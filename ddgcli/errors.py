@@ -125,6 +125,61 @@ class ParameterError(InputError):
         super().__init__(message if parameter is None else f"{parameter}: {message}")
         self.message, self.parameter = with_short_words(message), parameter
 
+    def rename(self, names: Mapping[str, str]) -> None:
+        """Write other names for parameters, from the name of each."""
+        self.message = with_parameter_names(self.message, names)
+        self.parameter = names.get(self.parameter or "", self.parameter)
+        self.args = (self.message if self.parameter is None else f"{self.parameter}: {self.message}",)
+
+
+def with_parameter_names(message: str, names: Mapping[str, str]) -> str:
+    """A message with other names for the parameters in its back quotes.
+
+    Parameters
+    ----------
+    message : str
+    names : mapping of str to str
+
+    Returns
+    -------
+    str
+    """
+
+    def renamed(match: re.Match[str]) -> str:
+        name, value = match.groups()
+        return f"`{names.get(name, name)}`" if value is None else f"`{names.get(name, name)}={value}`"
+
+    return QUOTED_PARAMETER.sub(renamed, message)
+
+
+@contextmanager
+def renamed_parameters(default: str | None = None, /, **names: str) -> Iterator[None]:
+    """Name the parameters of a called function in its errors as the caller names them.
+
+    Parameters
+    ----------
+    default : str, optional
+        The parameter of errors that name none.
+    **names : str
+        The caller's name of each parameter of the called function:
+        ``with renamed_parameters(k="eigen"): spectrum(operator, eigen)``.
+
+    Yields
+    ------
+    None
+    """
+    try:
+        yield
+    except ParameterError as error:
+        error.rename(names)
+        if error.parameter is None and default is not None:
+            error.parameter = default
+            error.rename({})
+        raise
+    except DdgError as error:
+        error.args = (with_parameter_names(str(error), names),)
+        raise
+
 
 def named_array(arrays: Mapping[str, T], name: str, what: str = "array") -> T:
     """Array of a name.

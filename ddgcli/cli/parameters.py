@@ -15,6 +15,8 @@ import click
 
 from ddgcli.errors import QUOTED_PARAMETER, QUOTED_REPAIR, ParameterError
 
+DICT_ENTRY, OPTION_VALUE = re.compile(r"^\{([^:}]+): ([^:}]+)\}$"), r"\1=\2"
+
 
 def option_names(command: click.Command) -> dict[str, str]:
     """Long option of each parameter of a command: `{"heat_time": "--heat-time"}`."""
@@ -27,13 +29,18 @@ def option_names(command: click.Command) -> dict[str, str]:
 
 
 def with_option_names(message: str, names: Mapping[str, str]) -> str:
-    """The message with every quoted parameter that is an option written as that option."""
+    """The message with every quoted parameter that is an option written as that option.
+
+    A value of a dict, `` `fixed={3: 0.5}` ``, becomes `--fix 3=0.5`.
+    """
 
     def option(match: re.Match[str]) -> str:
         name, value = match.groups()
         if name not in names:
             return match.group(0)
-        return names[name] if value is None else f"{names[name]} {value}"
+        if value is None:
+            return names[name]
+        return f"{names[name]} {DICT_ENTRY.sub(OPTION_VALUE, value)}"
 
     return QUOTED_PARAMETER.sub(option, message)
 

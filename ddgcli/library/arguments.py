@@ -28,9 +28,8 @@ R = TypeVar("R")
 MAX_INTEGER = 2**63 - 1  # of numpy's indices
 # parameters of the core that functions of the library give other names: the first that a function has
 LIBRARY_NAMES = {
-    "source": ("sources", "starts"), "target": ("targets",), "fix": ("fixed",), "spread_vector": ("vectors",),
-    "kind": ("star",), "eigen": ("k",), "form_eigen": ("k",), "cone": ("cones",), "offset": ("distance",),
-    "heat": ("start",), "wave": ("start",), "poisson": ("source",),
+    "source": ("sources", "starts"), "target": ("targets",), "spread_vector": ("vectors",),
+    "kind": ("star",), "offset": ("distance",),
     "fan": ("rays",), "fan_length": ("length",), "fan_circles": ("circles",),
 }  # fmt: skip
 

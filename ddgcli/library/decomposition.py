@@ -94,7 +94,9 @@ def _check(mesh: analysis.SpaceMesh, boundary: str) -> None:
     """Refuse meshes without a decomposition, and unknown boundary conditions."""
     analysis.check_mesh(mesh)
     if boundary not in FIELD_BOUNDARIES:
-        raise ParameterError(f"unknown boundary {boundary!r}; choose one of {', '.join(FIELD_BOUNDARIES)}")
+        raise ParameterError(
+            f"{boundary!r} is not one of {', '.join(FIELD_BOUNDARIES)}", parameter="boundary"
+        )
 
 
 @accepts_arrays("surface", "tetrahedra")

@@ -115,7 +115,7 @@ def heat_kernel_signature(
     """
     time = np.asarray(times, dtype=np.float64)
     if time.ndim != 1 or not len(time) or not (np.isfinite(time) & (time > 0)).all():
-        raise ParameterError("times must be a list of positive numbers")
+        raise ParameterError("must be a list of positive numbers", parameter="times")
     laplacian = laplace_operator(mesh, operator, mass)
     pairs = spectrum.spectrum(laplacian, spectrum.signature_pairs(laplacian, time.tolist()), seed=seed)
     return spectrum.heat_kernel_signature(laplacian, pairs, time)
@@ -162,9 +162,7 @@ def poisson(
     >>> float(abs(solution.values - z / 2).max()) < 0.01, solution.residual < 1e-10
     (True, True)
     """
-    values = np.asarray(source, dtype=np.float64)
-    if values.ndim not in (1, 2) or len(values) != mesh.n_vertices:
-        raise ParameterError(f"source has shape {values.shape}; it needs one entry for each vertex")
+    values = problems.checked_source(np.asarray(source, dtype=np.float64), mesh.n_vertices)
     return problems.poisson(laplace_operator(mesh, operator, mass), values, fixed)
 
 
@@ -253,7 +251,7 @@ def parameterize(
     """
     methods = {"conformal": maps.parameterize_conformal, "harmonic": maps.parameterize_harmonic}
     if method not in methods:
-        raise ParameterError(f"unknown method {method!r}; choose one of {', '.join(methods)}")
+        raise ParameterError(f"{method!r} is not one of {', '.join(methods)}", parameter="method")
     return methods[method](mesh, laplace_operator(mesh, operator))
 
 
@@ -301,6 +299,4 @@ def mean_curvature_flow(
     >>> round(float((flow.mesh.points[0] ** 2).sum()), 1)
     0.6
     """
-    if not (np.isfinite(time) and time > 0 and steps >= 1):
-        raise ParameterError(f"time and steps must be positive, not {time} and {steps}")
     return smoothing.smooth(mesh, time, steps=steps, operator=operator, mass=mass)

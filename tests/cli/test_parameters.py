@@ -1,9 +1,10 @@
 """Parameters in the messages of the core become options on the command line."""
 
 import click
+import pytest
 
 from ddgcli.cli.parameters import error_text, option_names, with_option_names
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import MeshError, ParameterError, renamed_parameters
 
 
 @click.command()
@@ -20,6 +21,21 @@ def test_quoted_parameters_become_options_and_other_quotes_stay():
     text = "use `heat_time`, `n_values=3` or `count`; `d.array` and `unknown=2` stay"
     expected = "use --heat-time, --count 3 or --count; `d.array` and `unknown=2` stay"
     assert with_option_names(text, NAMES) == expected
+
+
+def test_an_entry_of_a_dict_becomes_the_word_of_an_option():
+    assert with_option_names("add `n_values={12: 0.5}`", NAMES) == "add --count 12=0.5"
+
+
+def test_a_caller_names_its_own_parameters_in_errors_of_a_function():
+    with pytest.raises(ParameterError) as caught, renamed_parameters(k="eigen", time="smooth"):
+        raise ParameterError("exceeds `time=3` or `other`", parameter="k")
+    assert caught.value.parameter == "eigen"
+    assert str(caught.value) == "eigen: exceeds `smooth=3` or `other`"
+    with pytest.raises(MeshError, match="^lower `smooth`$"), renamed_parameters("all", time="smooth"):
+        raise MeshError("lower `time`")
+    with pytest.raises(ParameterError, match="^all: is wrong$"), renamed_parameters("all", time="smooth"):
+        raise ParameterError("is wrong")
 
 
 def test_the_parameter_of_an_error_begins_the_message():

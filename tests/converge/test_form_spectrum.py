@@ -125,7 +125,7 @@ def test_forms_of_a_one_sided_surface_are_refused_in_one_line(run, tmp_path):
     np.savez(path, points=mobius.points, faces=turned)
     result = run("laplacian", path, "--form-eigen", 2, "--operator", "cotan")
     assert result.exit_code == 2 and result.stderr.count("\n") == 1
-    assert "--form-eigen needs consistently oriented faces" in result.stderr
+    assert "the spectrum of forms needs consistently oriented faces" in result.stderr
 
 
 def test_a_factor_that_does_not_fit_is_refused_where_the_matrix_alone_would_fit(run, tmp_path, monkeypatch):

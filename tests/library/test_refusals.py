@@ -22,6 +22,14 @@ def traced(face=0, barycentric=CENTRE, direction=(1, 0, 0), length=1.0):
         (lambda: ddg.heat_equation(BALL, INFINITE, 0.1), "start"),
         (lambda: ddg.wave_equation(BALL, INFINITE, 0.1), "start"),
         (lambda: ddg.poisson(BALL, INFINITE), "source"),
+        (lambda: ddg.poisson(BALL, ONES, {0: 1.0, N: 2.0}), "fixed"),
+        (lambda: ddg.harmonic_interpolation(BALL, {}), "fixed"),
+        (lambda: ddg.eigenforms(BALL, 999), "k"),
+        (lambda: ddg.heat_equation(BALL, N, 0.1), "start"),
+        (lambda: ddg.heat_equation(BALL, ONES, 0.1, time_step=1.0), "time_step"),
+        (lambda: ddg.mean_curvature_flow(BALL, 0.1, steps=0), "steps"),
+        (lambda: ddg.mean_curvature_flow(BALL, np.inf), "time"),
+        (lambda: ddg.heat_kernel_signature(BALL, [-1.0]), "times"),
         (lambda: ddg.offset_body(BALL, -1.0), "distance"),
         (lambda: ddg.conformal_map(BALL, {0: -100.0}), "cones"),
         (lambda: ddg.hodge_decomposition(BALL, np.ones(BALL.topology.n_edges), place="edges"), "place"),
@@ -59,6 +67,12 @@ def test_a_wrong_value_is_refused_by_the_name_that_its_parameter_has(call, param
 def test_no_start_of_integral_curves_is_refused_by_their_own_word():
     with pytest.raises(ddg.errors.ParameterError, match="`starts=0`"):
         ddg.integral_curves(BALL, np.ones((N, 3)), [])
+
+
+def test_a_component_without_a_fixed_value_is_refused_by_an_entry_of_the_dict():
+    two = (np.vstack([BALL.points, BALL.points + 9.0]), np.vstack([BALL.faces, BALL.faces + N]))
+    with pytest.raises(ddg.errors.ParameterError, match=f"add `fixed={{{N}: VALUE}}`"):
+        ddg.harmonic_interpolation(two, {0: 1.0})
 
 
 def test_a_place_that_is_none_lists_the_places():

@@ -75,7 +75,7 @@ def conformal_targets(
         A vertex without faces, an angle that is not positive, a scale factor that leaves no length whose
         square is a number, or angle sums that contradict Gauss-Bonnet.
     """
-    verb = "`parameterize=discrete-conformal`"
+    verb = "a discrete conformal map"
     require(mesh, verb, manifold=True, oriented=True, extent=True)
     topology = mesh.topology
     if topology.n_components != 1:
@@ -103,12 +103,12 @@ def conformal_targets(
         bad = int(np.argmin(angle))
         raise ParameterError(
             f"the angle sum of vertex {bad} is {np.degrees(angle[bad]):.4g} degrees; it must be positive",
-            parameter="cone",
+            parameter="cones",
         )
     fixed = edge & (boundary != "angles")
     if not fixed.any():
         values_alone = boundary == "angles" and boundary_values is not None and not degrees
-        _check_total(mesh, angle, "boundary_values" if values_alone else "cone")
+        _check_total(mesh, angle, "boundary_values" if values_alone else "cones")
     return ConformalTargets(angle, fixed, scale, ~edge & (np.abs(angle - 2 * np.pi) > GAUSS_BONNET_TOLERANCE))
 
 
@@ -153,15 +153,15 @@ def _checked_cones(mesh: TriangleMesh, degrees: dict[int, float], boundary: str)
         if not 0 <= vertex < mesh.n_vertices or not topology.referenced_vertex[vertex]:
             raise ParameterError(
                 f"vertex {vertex} belongs to no face; use vertices of faces, below {mesh.n_vertices}",
-                parameter="cone",
+                parameter="cones",
             )
         if not 0 < value < np.inf:
-            raise ParameterError(f"vertex {vertex} has {value:g} degrees; use more than 0", parameter="cone")
+            raise ParameterError(f"vertex {vertex} has {value:g} degrees; use more than 0", parameter="cones")
         if topology.boundary_vertex[vertex]:
             on_boundary = True
             if boundary != "angles":
                 raise ParameterError(
-                    f"vertex {vertex} lies on the boundary; add `boundary=angles`", parameter="cone"
+                    f"vertex {vertex} lies on the boundary; add `boundary=angles`", parameter="cones"
                 )
     return on_boundary
 
@@ -189,7 +189,7 @@ def _check_total(mesh: TriangleMesh, angle: NDArray, parameter: str) -> None:
                 f"a closed surface of genus {topology.genus} needs cones, whose 360 minus angle sum to "
                 f"{360 * euler} (Gauss-Bonnet): {2 * abs(euler)} vertices with {360 - 180 * np.sign(euler)} "
                 f"degrees, for example; or {cure('no boundary', topology)}",
-                parameter="cone",
+                parameter="cones",
             )
         where = "vertices" if topology.is_closed else "vertices, 180 minus it on the boundary,"
         raise ParameterError(

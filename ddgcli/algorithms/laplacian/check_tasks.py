@@ -14,7 +14,7 @@ from ddgcli.algorithms.conformal.distortion import DISTORTION_ARRAYS
 from ddgcli.algorithms.laplacian.laplace_operator import check_operator
 from ddgcli.algorithms.laplacian.tasks import LaplacianTasks
 from ddgcli.choices import CONFORMAL_BOUNDARIES
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -43,15 +43,18 @@ def check_tasks(mesh: TriangleMesh | TetMesh, tasks: LaplacianTasks) -> None:
     if tasks.eigen is not None:
         from ddgcli.algorithms.laplacian.spectrum import check_pair_count
 
-        check_pair_count(tasks.eigen, int(np.count_nonzero(_is_of_cells(mesh))))
+        with renamed_parameters(k="eigen"):
+            check_pair_count(tasks.eigen, int(np.count_nonzero(_is_of_cells(mesh))))
     if tasks.form_eigen:
         from ddgcli.algorithms.laplacian.form_spectrum import check_forms
 
-        check_forms(mesh, tasks.form_eigen)
+        with renamed_parameters(k="form_eigen"):
+            check_forms(mesh, tasks.form_eigen)
     if tasks.poisson is not None:
         from ddgcli.algorithms.laplacian.poisson import checked_source
 
-        checked_source(tasks.poisson, mesh.n_vertices)
+        with renamed_parameters(source="poisson"):
+            checked_source(tasks.poisson, mesh.n_vertices)
     if tasks.fixed and (tasks.harmonic or tasks.poisson is not None):
         _check_fixed(mesh, tasks.fixed)
     if tasks.parameterize == "discrete-conformal" and isinstance(mesh, TriangleMesh):
@@ -64,19 +67,18 @@ def check_tasks(mesh: TriangleMesh | TetMesh, tasks: LaplacianTasks) -> None:
     elif tasks.parameterize and isinstance(mesh, TriangleMesh):
         from ddgcli.algorithms.laplacian.parameterize import boundary_loops, require_size_at_boundary
 
-        loops = boundary_loops(mesh, f"`parameterize={tasks.parameterize}`")
+        loops = boundary_loops(mesh, f"a {tasks.parameterize} map")
         require_size_at_boundary(loops, _is_of_cells(mesh))
 
 
 def check_evolution(
-    mesh: TriangleMesh | TetMesh, equation: str, start: NDArray | int, operator: str | None, mass: str
+    mesh: TriangleMesh | TetMesh, start: NDArray | int, operator: str | None, mass: str
 ) -> None:
     """Raise the errors of `solve_evolution` and its operator, before they compute.
 
     Parameters
     ----------
     mesh : TriangleMesh or TetMesh
-    equation : {'heat', 'wave'}
     start : (n,) ndarray or int
         As in `solve_evolution`.
     operator : str or None
@@ -87,13 +89,13 @@ def check_evolution(
     ------
     ParameterError, MeshError
     """
-    from ddgcli.algorithms.laplacian.evolution import check_vertex, checked_start
+    from ddgcli.algorithms.laplacian.evolution import check_start_vertex, checked_start
 
     check_operator(mesh, operator, mass)
     if isinstance(start, int):
-        check_vertex(start, mesh.n_vertices, _is_of_cells(mesh), equation)
+        check_start_vertex(start, mesh.n_vertices, _is_of_cells(mesh))
     else:
-        checked_start(start, mesh.n_vertices, equation)
+        checked_start(start, mesh.n_vertices)
 
 
 def array_names(mesh: TriangleMesh | TetMesh, tasks: LaplacianTasks) -> dict[str, list[str]]:

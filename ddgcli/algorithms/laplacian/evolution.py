@@ -75,8 +75,8 @@ class EvolutionTimes:
     every: int
 
     @classmethod
-    def of(cls, duration: float | None, step: float | None, n_frames: int | None) -> EvolutionTimes:
-        """Times from options: steps divide the duration evenly; 100 of them unless `step` is set.
+    def of(cls, duration: float | None, time_step: float | None, n_frames: int | None) -> EvolutionTimes:
+        """Times from options: steps divide the duration evenly; 100 of them unless `time_step` is set.
 
         Raises
         ------
@@ -85,32 +85,33 @@ class EvolutionTimes:
         """
         if duration is None:
             raise ParameterError("give the time to evolve with `duration=TIME`", parameter="duration")
-        for name, number in (("duration", duration), ("time_step", step)):
+        for name, number in (("duration", duration), ("time_step", time_step)):
             if number is not None and not (0 < number < math.inf):
                 raise ParameterError(f"must be a positive number, not {number:g}", parameter=name)
         if n_frames is not None and n_frames < 1:
             raise ParameterError(f"must be 1 or more, not {n_frames}", parameter="n_frames")
-        if step is not None and step > duration * (1 + 1e-9):
+        if time_step is not None and time_step > duration * (1 + 1e-9):
             raise ParameterError(
-                f"{step:g} is longer than the duration of {duration:g}; give {duration:g} or less",
+                f"{time_step:g} is longer than the duration of {duration:g}; give {duration:g} or less",
                 parameter="time_step",
             )
-        ratio = DEFAULT_STEPS if step is None else duration / step  # infinite where it overflows
+        ratio = DEFAULT_STEPS if time_step is None else duration / time_step  # infinite where it overflows
         count = max(1, math.ceil(min(ratio, 2.0 * MAX_STEPS) - 1e-9))
         if count > MAX_STEPS:
             raise ParameterError(
                 f"{ratio:,.10g} steps are more than {MAX_STEPS:,}; take longer ones", parameter="time_step"
             )
         times = cls(duration, count, max(1, math.ceil(count / (n_frames or min(count, DEFAULT_FRAMES)))))
-        times.warn_of_other(step, n_frames)
+        times.warn_of_other(time_step, n_frames)
         return times
 
-    def warn_of_other(self, step: float | None, n_frames: int | None) -> None:
+    def warn_of_other(self, time_step: float | None, n_frames: int | None) -> None:
         """Report a step and a number of frames that are others than the options name."""
         dt, count = self.duration / self.steps, math.ceil(self.steps / self.every)
-        if step is not None and abs(dt - step) > 1e-6 * step:
+        if time_step is not None and abs(dt - time_step) > 1e-6 * time_step:
             log.warning(
-                f"`time_step={step:g}` does not divide the duration of {self.duration:g}: steps take {dt:g}"
+                f"`time_step={time_step:g}` does not divide the duration of {self.duration:g}: "
+                f"steps take {dt:g}"
             )
         if n_frames is not None and count != n_frames:
             every = "each step" if self.every == 1 else f"every {self.every} steps"
@@ -146,8 +147,8 @@ def evolve_function(
     steps.
     """
     n = operator.stiffness.shape[0]
-    start = checked_start(start, n, equation)
-    operator.integrated(start, equation)
+    start = checked_start(start, n)
+    operator.integrated(start, "start")
     vertices = operator.referenced_vertices  # rows of others are empty: no equation holds there
     L, M = (csc_array(matrix)[:, vertices][vertices] for matrix in (operator.stiffness, operator.mass))
     u = start[vertices]
@@ -163,7 +164,7 @@ def evolve_function(
             u, velocity = advance(u, velocity)
 
 
-def checked_start(start: NDArray, n: int, equation: str) -> NDArray[np.float64]:
+def checked_start(start: NDArray, n: int) -> NDArray[np.float64]:
     """Check the function from which an evolution starts.
 
     Parameters
@@ -171,8 +172,6 @@ def checked_start(start: NDArray, n: int, equation: str) -> NDArray[np.float64]:
     start : (n,) or (n, 1) ndarray
     n : int
         Vertices of the mesh.
-    equation : str
-        Named in errors.
 
     Returns
     -------
@@ -187,7 +186,7 @@ def checked_start(start: NDArray, n: int, equation: str) -> NDArray[np.float64]:
     if values.shape not in ((n,), (n, 1)):
         raise ParameterError(
             f"an array of shape {np.shape(start)}; use one number for each of {n} vertices",
-            parameter=equation,
+            parameter="start",
         )
     values = values.reshape(n)
     bad = np.flatnonzero(~np.isfinite(values))
@@ -195,7 +194,7 @@ def checked_start(start: NDArray, n: int, equation: str) -> NDArray[np.float64]:
         raise ParameterError(
             f"not finite at vertex {bad[0]} ({counted(len(bad), 'such vertex', 'such vertices')}); "
             "correct the array",
-            parameter=equation,
+            parameter="start",
         )
     return values
 
@@ -410,34 +409,32 @@ def _energy_of_rounding(operator: LaplaceOperator, start: NDArray, times: Evolut
     return 0.5 * float(error @ error)
 
 
-def check_vertex(vertex: int, n: int, has_size: NDArray, equation: str) -> None:
+def check_start_vertex(start: int, n: int, has_size: NDArray) -> None:
     """Raise an error for a vertex that does not exist, or whose cells have no size.
 
     Parameters
     ----------
-    vertex : int
+    start : int
     n : int
         Vertices of the mesh.
     has_size : (n,) ndarray of bool
         Vertices with a cell that has a size.
-    equation : str
-        Named in errors.
 
     Raises
     ------
     ParameterError
     """
-    if not 0 <= vertex < n:
-        raise ParameterError(f"vertex {vertex} is outside 0..{n - 1}", parameter=equation)
-    if not has_size[vertex]:
-        raise ParameterError(f"vertex {vertex} has no cell with a size; choose another", parameter=equation)
+    if not 0 <= start < n:
+        raise ParameterError(f"vertex {start} is outside 0..{n - 1}", parameter="start")
+    if not has_size[start]:
+        raise ParameterError(f"vertex {start} has no cell with a size; choose another", parameter="start")
 
 
 def _unit_at(operator: LaplaceOperator, vertex: int, equation: str) -> NDArray[np.float64]:
     """Function of integral 1 at one vertex."""
     n = operator.stiffness.shape[0]
     vertex_size = operator.mass @ np.ones(n)
-    check_vertex(vertex, n, vertex_size > 0, equation)
+    check_start_vertex(vertex, n, vertex_size > 0)
     area = float(vertex_size[vertex])
     start = np.zeros(n)
     start[vertex] = 1.0 / area

@@ -69,13 +69,13 @@ def check_forms(mesh: TriangleMesh | TetMesh, k: int) -> Complex:
     if isinstance(mesh, TetMesh):
         require_sized_solid(mesh)
         require_manifold_cells(mesh)
-        require_manifold_body(mesh, "`form_eigen`")
+        require_manifold_body(mesh, "the spectrum of forms")
     surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
-    require(surface, "`form_eigen`", manifold=True, oriented=True)
+    require(surface, "the spectrum of forms", manifold=True, oriented=True)
     complex_ = complex_of(mesh)
     if k > complex_.counts[1]:
         raise ParameterError(
-            f"{k} eigenforms exceed the {complex_.counts[1]} edges; use at most that", parameter="form_eigen"
+            f"{k} eigenforms exceed the {complex_.counts[1]} edges; use at most that", parameter="k"
         )
     return complex_
 

@@ -93,7 +93,7 @@ def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Para
     ----------
     W. Tutte, "How to draw a graph", 1963; Floater2003 in docs/references.bib.
     """
-    loops = boundary_loops(mesh, "`parameterize=harmonic`")
+    loops = boundary_loops(mesh, "a harmonic map")
     loop = loops[0]
     angle = _arc_length_angle(mesh.points[loop])
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -133,7 +133,7 @@ def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Par
     ----------
     P. Mullen et al., "Spectral conformal parameterization", 2008.
     """
-    loops = boundary_loops(mesh, "`parameterize=conformal`")
+    loops = boundary_loops(mesh, "a conformal map")
     vertices = operator.referenced_vertices
     local = _local_numbers(mesh.n_vertices, vertices, loops)
     H, B = _conformal_energy(mesh, operator.stiffness[vertices][:, vertices], loops, local)
@@ -299,7 +299,7 @@ def _with_quality(
         )
     if flipped_input:
         log.warning(
-            "%s flipped in the plane: `parameterize=discrete-conformal` flips none",
+            "%s flipped in the plane: a discrete conformal map flips none",
             counted(flipped_input, "triangle of the mesh is", "triangles of the mesh are"),
         )
     area, stretch = face_area(mesh.side_length), angle_distortion(mesh, uv[mesh.faces])

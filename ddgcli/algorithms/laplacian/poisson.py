@@ -61,7 +61,7 @@ def poisson(operator: LaplaceOperator, source: NDArray, fixed: Mapping[int, floa
         For a source of another shape, or values that are not finite or whose integral overflows.
     """
     source = checked_source(source, operator.stiffness.shape[0])
-    rhs = operator.integrated(source, "poisson")
+    rhs = operator.integrated(source, "source")
     if fixed:
         return _with_fixed(operator, fixed, rhs)
     problem = Poisson(operator.stiffness, operator.mass)
@@ -93,14 +93,14 @@ def checked_source(source: NDArray, n: int) -> NDArray[np.float64]:
         raise ParameterError(
             f"an array of shape {source.shape}; use one number, or a row of numbers, for each of {n} "
             "vertices",
-            parameter="poisson",
+            parameter="source",
         )
     if not np.isfinite(source).all():
         bad = np.flatnonzero(~np.isfinite(source.reshape(n, -1)).all(axis=1))
         raise ParameterError(
             f"not finite at vertex {bad[0]} ({counted(len(bad), 'such vertex', 'such vertices')}); "
             "correct the array",
-            parameter="poisson",
+            parameter="source",
         )
     return source
 
@@ -123,7 +123,7 @@ def harmonic(operator: LaplaceOperator, fixed: Mapping[int, float]) -> Solution:
         Without fixed values, or for a component that has none.
     """
     if not fixed:
-        raise ParameterError("no value is fixed; add `fix=ID=VALUE`", parameter="fix")
+        raise ParameterError("no value is fixed; add `fixed={ID: VALUE}`", parameter="fixed")
     return _with_fixed(operator, fixed, None)
 
 
@@ -165,7 +165,7 @@ def check_fixed_vertices(fixed: Mapping[int, float], n: int) -> None:
     outside = [v for v in fixed if not 0 <= v < n]
     if outside:
         raise ParameterError(
-            f"vertex {outside[0]} does not exist; vertices are 0 to {n - 1}", parameter="fix"
+            f"vertex {outside[0]} does not exist; vertices are 0 to {n - 1}", parameter="fixed"
         )
 
 
@@ -190,5 +190,6 @@ def refuse_floating(label: NDArray, vertices: NDArray, fixed: Mapping[int, float
         raise ParameterError(
             f"{counted(len(missing), 'component has', 'components have')} no fixed value (one holds vertex "
             f"{first}); "
-            f"add `fix={first}=VALUE`"
+            f"add `fixed={{{first}: VALUE}}`",
+            parameter="fixed",
         )

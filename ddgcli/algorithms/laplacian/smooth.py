@@ -183,12 +183,12 @@ def _has_vanished(area: list[float]) -> bool:
 
 
 def _check(time: float, steps: int, flow: str) -> None:
-    if not time > 0:
-        raise ParameterError(f"must be positive, not {time:g}", parameter="smooth")
+    if not 0 < time < np.inf:
+        raise ParameterError(f"must be positive and finite, not {time:g}", parameter="time")
     if steps < 1:
-        raise ParameterError(f"must be at least 1, not {steps}", parameter="smooth_steps")
+        raise ParameterError(f"must be at least 1, not {steps}", parameter="steps")
     if flow not in SMOOTHING_FLOWS:
-        raise ParameterError(f"{flow!r} is not one of {', '.join(SMOOTHING_FLOWS)}", parameter="smooth_flow")
+        raise ParameterError(f"{flow!r} is not one of {', '.join(SMOOTHING_FLOWS)}", parameter="flow")
 
 
 class _Stepper:

@@ -19,7 +19,7 @@ from ddgcli.algorithms.laplacian.laplace_operator import (
 )
 from ddgcli.algorithms.laplacian.tasks import LaplacianResult, LaplacianTasks
 from ddgcli.choices import CONFORMAL_BOUNDARIES, ITERATIVE_SOLVERS, SMOOTHING_FLOWS
-from ddgcli.errors import counted
+from ddgcli.errors import counted, renamed_parameters
 from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.linalg.residual_gate import within_residuals
@@ -173,7 +173,8 @@ def _poisson(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressC
         return
     from ddgcli.algorithms.laplacian.poisson import poisson
 
-    solution = poisson(result.operator, tasks.poisson, tasks.fixed)
+    with renamed_parameters(source="poisson"):
+        solution = poisson(result.operator, tasks.poisson, tasks.fixed)
     result.vertex["poisson"] = solution.values
     result.results["poisson"] = _summary(result.operator, solution.values)
     result.accuracy["poisson_residual"] = solution.residual
@@ -256,15 +257,16 @@ def _smooth(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCa
 
     before = result.surface
     flow = tasks.smooth_flow or SMOOTHING_FLOWS[0]
-    smoothed = smooth(
-        before,
-        tasks.smooth,
-        steps=tasks.smooth_steps or 10,
-        flow=flow,
-        operator=tasks.operator,
-        mass=tasks.mass,
-        progress=progress,
-    )
+    with renamed_parameters(time="smooth", steps="smooth_steps", flow="smooth_flow"):
+        smoothed = smooth(
+            before,
+            tasks.smooth,
+            steps=tasks.smooth_steps or 10,
+            flow=flow,
+            operator=tasks.operator,
+            mass=tasks.mass,
+            progress=progress,
+        )
     edge, shape = sensible_times(before)
     result.mesh = smoothed.mesh
     result.vertex["displacement"] = smoothed.mesh.points - before.points

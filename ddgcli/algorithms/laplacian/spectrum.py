@@ -40,7 +40,7 @@ def check_pair_count(k: int, n: int) -> None:
     if k > n:
         raise ParameterError(
             f"{k} eigenpairs exceed the {n} vertices of the faces or tetrahedra; use at most {n}",
-            parameter="eigen",
+            parameter="k",
         )
 
 

@@ -69,15 +69,16 @@ class LaplacianTasks:
 
     def __post_init__(self) -> None:
         if self.harmonic and not self.fixed:
-            raise ParameterError("needs fixed values; add `fix=ID=VALUE`", parameter="harmonic")
+            raise ParameterError("needs fixed values; add `fixed={ID: VALUE}`", parameter="harmonic")
         if self.fixed and not self.harmonic and self.poisson is None:
-            raise ParameterError("applies to `harmonic` and `poisson`; add one of them", parameter="fix")
+            raise ParameterError("applies to `harmonic` and `poisson`; add one of them", parameter="fixed")
         for name in ("smooth_steps", "smooth_flow"):
             if getattr(self, name) is not None and self.smooth is None:
                 raise ParameterError("applies to `smooth`; add `smooth=TIME`", parameter=name)
-        conformal = {"cone": self.cones, "boundary": self.boundary, "boundary_values": self.boundary_values}
-        for name, value in conformal.items():
-            if value is not None and not (name == "cone" and not value):
+        if self.cones:
+            self._require_discrete_conformal("cones")
+        for name in ("boundary", "boundary_values"):
+            if getattr(self, name) is not None:
                 self._require_discrete_conformal(name)
 
     def _require_discrete_conformal(self, name: str) -> None:

@@ -22,7 +22,7 @@ from ddgcli.cli.commands.laplacian_evolution import (
 )
 from ddgcli.cli.options import CommonOptions, Real
 from ddgcli.cli.run import Run
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -79,6 +79,7 @@ class FixedValue(click.ParamType):
 @click.option("--harmonic", is_flag=True, help="Interpolate the values of --fix harmonically.")
 @click.option(
     "--fix",
+    "fixed",
     multiple=True,
     type=FixedValue(),
     metavar="ID=VALUE...",
@@ -109,6 +110,7 @@ class FixedValue(click.ParamType):
 )
 @click.option(
     "--cone",
+    "cones",
     multiple=True,
     type=FixedValue("degrees"),
     metavar="ID=DEGREES...",
@@ -150,8 +152,8 @@ class FixedValue(click.ParamType):
 @options.subdivide
 @options.common
 def command(
-    mesh_path: str, matrix: str | None, mass_matrix: str | None, poisson: str | None, fix: tuple,
-    cone: tuple, boundary_values: str | None, overlay: str | None, evolution: EvolutionOptions,
+    mesh_path: str, matrix: str | None, mass_matrix: str | None, poisson: str | None, fixed: tuple,
+    cones: tuple, boundary_values: str | None, overlay: str | None, evolution: EvolutionOptions,
     solver: str | None, subdivide: int, common: CommonOptions, **tasks: Any,
 ) -> None:  # fmt: skip
     """Assemble the Laplace matrices of MESH, a surface or tetrahedra, and solve with them.
@@ -170,10 +172,10 @@ def command(
     """
     options.use_solver(solver)
     selected = [value for name, value in tasks.items() if name not in OPERATOR_OPTIONS]
-    evolution.check(any((matrix, mass_matrix, poisson, fix, cone, boundary_values, overlay, *selected)))
+    evolution.check(any((matrix, mass_matrix, poisson, fixed, cones, boundary_values, overlay, *selected)))
     run = Run("laplacian", common, matrix=matrix, mass_matrix=mass_matrix, poisson=poisson,
-              fix=[f"{vertex}={value:.17g}" for vertex, value in fix],
-              cone=[f"{vertex}={value:.17g}" for vertex, value in cone],
+              fix=[f"{vertex}={value:.17g}" for vertex, value in fixed],
+              cone=[f"{vertex}={value:.17g}" for vertex, value in cones],
               boundary_values=boundary_values, overlay=overlay,
               **({"solver": solver} if solver else {}),
               subdivide=subdivide, **tasks, **evolution.changed())  # fmt: skip
@@ -195,8 +197,8 @@ def command(
 
     selected_tasks = LaplacianTasks(
         poisson=vertex_values(source, poisson, "poisson"),
-        fixed=values_by_vertex(fix, "fix"),
-        cones=values_by_vertex(cone, "cone"),
+        fixed=values_by_vertex(fixed, "fixed"),
+        cones=values_by_vertex(cones, "cones"),
         boundary_values=vertex_values(
             source,
             boundary_values,
@@ -233,12 +235,14 @@ def _evolve(
     mesh, equation = mesh_of(source), str(evolution.equation)
     times = EvolutionTimes.of(evolution.duration, evolution.time_step, evolution.n_frames)
     start = start_of(source, evolution)
-    check_evolution(mesh, equation, start, operator, mass)
+    with renamed_parameters(start=equation):
+        check_evolution(mesh, start, operator, mass)
     names = array_names(equation)
     run.begin(names, names)
-    result = solve_evolution(
-        laplace_operator(mesh, operator, mass), equation, start, times, run.progress(equation)
-    )
+    with renamed_parameters(start=equation):
+        result = solve_evolution(
+            laplace_operator(mesh, operator, mass), equation, start, times, run.progress(equation)
+        )
     name, values = run.picture_array(result.arrays, equation)
     write_evolution(run, mesh, result)
     run.plot(lambda path: draw_array(path, source.surface, name, values, **run.picture_options))
