@@ -13,7 +13,7 @@ from ddgcli.algorithms.curvature.polyline import measure_curves
 from ddgcli.algorithms.curvature.region_measures import RegionMeasures, measures_in_ball
 from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME, measure_curvature
 from ddgcli.algorithms.curvature.surface_query import labelled_measures, require_regions
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.library.arguments import real_array, real_number
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.result import Measurement
@@ -71,7 +71,8 @@ def curvature_measures(
             raise ParameterError("give (centre, radius)", parameter="ball")
         centre = np.asarray(real_array(ball[0], "ball"), dtype=np.float64)
         return measures_in_ball(mesh, centre, real_number(ball[1], "ball"))
-    return labelled_measures(mesh, np.asarray(regions, dtype=np.float64))[0]
+    with renamed_parameters(array="regions"):
+        return labelled_measures(mesh, np.asarray(regions, dtype=np.float64))[0]
 
 
 @accepts_arrays("surface")
@@ -170,13 +171,19 @@ def curvature(
     """
     if isinstance(mesh, CurveSet):
         if scheme is not None or radius is not None:
-            raise ParameterError("scheme and radius belong to surfaces; leave them out for curves")
+            raise ParameterError(
+                "belongs to surfaces; leave it out for curves",
+                parameter="radius" if scheme is None else "scheme",
+            )
         curves = measure_curves(mesh, with_frames=with_frames, resample=resample)
         return Measurement(
             curves.curves, vertex=curves.vertex, results=curves.results, accuracy=curves.accuracy
         )
     if with_frames or resample is not None:
-        raise ParameterError("with_frames and resample belong to curves; leave them out for surfaces")
+        raise ParameterError(
+            "belongs to curves; leave it out for surfaces",
+            parameter="with_frames" if with_frames else "resample",
+        )
     ball: float | Literal["auto"] | None = "auto"
     if not isinstance(radius, str):
         ball = radius

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.inspection import inspect_mesh as inspection
 from ddgcli.algorithms.repair import pipeline, solid
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.library.arguments import with_repair_call
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.result import Measurement
@@ -133,13 +133,18 @@ def repair_mesh(
     if commands and steps != pipeline.RepairSteps():
         raise ParameterError("selects the steps; leave the others out", parameter="for_command")
     if isinstance(mesh, TetMesh):
-        steps = pipeline.all_steps(map(solid.solid_steps_for, commands)) if commands else steps
+        steps = _steps_for(solid.solid_steps_for, commands) if commands else steps
         cells = solid.repair_solid(mesh, steps)
         origin = {"input_cell": cells.input_cell}
         return _judged(cells.mesh, cells.changes, commands, cells.input_vertex, origin)
-    steps = pipeline.all_steps(map(pipeline.steps_for, commands)) if commands else steps
+    steps = _steps_for(pipeline.steps_for, commands) if commands else steps
     faces, changes = pipeline.repair_mesh(mesh, steps)
     return _judged(faces.mesh, changes, commands, faces.input_vertex, {"input_face": faces.input_face})
+
+
+def _steps_for(steps_of: Callable[[str], pipeline.RepairSteps], commands: list[str]) -> pipeline.RepairSteps:
+    with renamed_parameters(command="for_command"):
+        return pipeline.all_steps(map(steps_of, commands))
 
 
 def _judged(

@@ -235,7 +235,7 @@ def test_the_cure_for_tetrahedra_works():
         (lambda: ddg.write_mesh("x.vtu", SQUARE, vertex={1: np.ones(16)}), "must be a name in quotes, not 1"),
         (lambda: ddg.eigenpairs(SPHERE, "5"), "k: must be a whole number, not '5'"),
         (lambda: ddg.curvature(SPHERE, "corrected", -1.0), "radius must be a positive length"),
-        (lambda: ddg.curvature((SQUARE.points, [[0, 1]]), radius=1.0), "belong to surfaces"),
+        (lambda: ddg.curvature((SQUARE.points, [[0, 1]]), radius=1.0), "radius: belongs to surfaces"),
         (lambda: ddg.curvature_measures(SQUARE), "one of the two"),
         (lambda: ddg.curvature_measures(SQUARE, [0, 1]), "one value for each of 18 faces"),
         (lambda: ddg.heat_equation(SQUARE, [1.0], 0.1), "each of 16 vertices"),

@@ -9,6 +9,7 @@ BALL = ddg.icosphere(1)
 N = BALL.n_vertices
 ONES = np.ones(N)
 INFINITE = np.where(np.arange(N) == 0, np.inf, 1.0)
+RING = ddg.CurveSet.from_arrays([[1, 0], [0, 1], [-1, 0]], [[0, 1], [1, 2], [2, 0]])
 CENTRE = [0.25, 0.25, 0.5]
 
 
@@ -31,6 +32,15 @@ def traced(face=0, barycentric=CENTRE, direction=(1, 0, 0), length=1.0):
         (lambda: ddg.mean_curvature_flow(BALL, np.inf), "time"),
         (lambda: ddg.heat_kernel_signature(BALL, [-1.0]), "times"),
         (lambda: ddg.offset_body(BALL, -1.0), "distance"),
+        (lambda: ddg.offset_body(BALL, 0.1, angle=-1.0), "angle"),
+        (lambda: ddg.delaunay_refinement(BALL, 50.0), "degrees"),
+        (lambda: ddg.curvature_measures(BALL, [0, 1]), "regions"),
+        (lambda: ddg.curvature_measures(BALL, ONES * 0.5), "regions"),
+        (lambda: ddg.curvature(BALL, with_frames=True), "with_frames"),
+        (lambda: ddg.curvature(BALL, resample=9), "resample"),
+        (lambda: ddg.curvature(RING, "cotan"), "scheme"),
+        (lambda: ddg.curvature(RING, resample=2), "resample"),
+        (lambda: ddg.repair_mesh(BALL, for_command="curve-flow"), "for_command"),
         (lambda: ddg.conformal_map(BALL, {0: -100.0}), "cones"),
         (lambda: ddg.hodge_decomposition(BALL, np.ones(BALL.topology.n_edges), place="edges"), "place"),
         (lambda: ddg.distance_gradient(BALL, ONES * np.nan), "distance"),

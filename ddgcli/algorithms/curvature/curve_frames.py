@@ -186,7 +186,7 @@ def resampled(curves: CurveSet, count: int) -> CurveSet:
         When a curve has no length.
     """
     if not 3 <= count <= MAX_SAMPLES:
-        raise ParameterError(f"needs 3 to {MAX_SAMPLES:,} points, not {count}", parameter="resample")
+        raise ParameterError(f"needs 3 to {MAX_SAMPLES:,} points, not {count}", parameter="count")
     paths, lines, reaches = [], [], []
     for number, (path, closed) in enumerate(curves.paths):
         points = curves.points[path]

@@ -63,7 +63,7 @@ class OffsetArcs:
     n_points: int
 
 
-def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> OffsetArcs:
+def check_offset(mesh: TriangleMesh, distance: float, angle: float) -> OffsetArcs:
     """Directions of the arcs of an offset body; raises the errors of `offset_body`.
 
     Parameters
@@ -71,7 +71,7 @@ def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> Offs
     mesh : TriangleMesh
     distance : float
         Of the offset, positive.
-    resolution : float
+    angle : float
         Largest step of the arcs, in degrees.
 
     Returns
@@ -86,19 +86,17 @@ def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> Offs
         When the surface is not closed, oriented and manifold, or has normals without arcs between them.
     """
     if not (np.isfinite(distance) and distance > 0):
-        raise ParameterError(f"must be a positive length, not {distance}", parameter="offset")
+        raise ParameterError(f"must be a positive length, not {distance}", parameter="distance")
     if not distance < MAX_DISTANCE:
         raise ParameterError(
             f"{distance:g} has a volume beyond the range of numbers; give less than {MAX_DISTANCE:g}",
-            parameter="offset",
+            parameter="distance",
         )
-    if not 0 < resolution <= 90:
-        raise ParameterError(
-            f"must be an angle from 0 to 90 degrees, not {resolution}", parameter="offset_angle"
-        )
+    if not 0 < angle <= 90:
+        raise ParameterError(f"must be an angle from 0 to 90 degrees, not {angle}", parameter="angle")
     topology = mesh.topology
     if topology.one_sided_face.any():
-        raise MeshError("the surface is one-sided and bounds no body; leave `offset` out")
+        raise MeshError("the surface is one-sided and bounds no body")
     require(mesh, "an offset body", manifold=True, oriented=True, closed=True)
     normal = face_normal(mesh)
     if not normal.any(axis=1).all():
@@ -113,7 +111,7 @@ def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> Offs
         a, b = topology.side_tail[side[bad]], topology.side_head[side[bad]]
         raise MeshError(
             f"the surface folds back at edge {a}-{b}: its normals have no arc; move a vertex, "
-            "or leave `offset` out if it is a sheet, which bounds no body"
+            "unless it is a sheet, which bounds no body"
         )
     centre = unit_vectors(sum_by_index(mesh.faces.ravel(), np.repeat(normal, 3, axis=0), mesh.n_vertices))
     if not centre[mesh.topology.referenced_vertex].any(axis=1).all():
@@ -124,12 +122,12 @@ def check_offset(mesh: TriangleMesh, distance: float, resolution: float) -> Offs
     )
     widest = np.zeros(mesh.n_vertices)
     np.maximum.at(widest, mesh.faces.ravel(), normal_angle)
-    arc, rings = _steps(fold, resolution), _steps(widest, resolution)
+    arc, rings = _steps(fold, angle), _steps(widest, angle)
     of_ends = rings[topology.side_tail[side]] + rings[topology.side_head[side]]
     count = mesh.n_faces + 2 * int((arc * (1 + of_ends)).sum())
     if count > MAX_OFFSET_FACES:
         raise ParameterError(
-            f"the offset mesh would have {count:,} faces; give a larger angle", parameter="offset_angle"
+            f"the offset mesh would have {count:,} faces; give a larger angle", parameter="angle"
         )
     n_points = 3 * mesh.n_faces + int(((arc + 1) * (4 + of_ends)).sum())
     return OffsetArcs(side, normal, centre, arc, rings, count, n_points)
@@ -140,11 +138,11 @@ def _steps(angle: NDArray, resolution: float) -> NDArray[np.int64]:
     return np.maximum(1, np.ceil(angle / np.radians(resolution) - 1e-9).astype(np.int64))
 
 
-def offset_body(mesh: TriangleMesh, distance: float, resolution: float = 6.0) -> OffsetBody:
+def offset_body(mesh: TriangleMesh, distance: float, angle: float = 6.0) -> OffsetBody:
     """Mesh of the points at a distance outside a closed surface along its normals.
 
     The faces move along their normals; edges become parts of cylinders and vertices parts of spheres,
-    inscribed with `resolution`. Of a convex body this is the boundary of its parallel body; elsewhere
+    inscribed with steps of `angle`. Of a convex body this is the boundary of its parallel body; elsewhere
     parts with reversed orientation overlap others, and the signed volume is still that of the Steiner
     polynomial, up to the inscription.
 
@@ -154,7 +152,7 @@ def offset_body(mesh: TriangleMesh, distance: float, resolution: float = 6.0) ->
         Closed, manifold, faces outward, all of positive area.
     distance : float
         Positive, in length units.
-    resolution : float
+    angle : float
         Largest angle of a step of an arc, in degrees.
 
     Returns
@@ -166,9 +164,9 @@ def offset_body(mesh: TriangleMesh, distance: float, resolution: float = 6.0) ->
     MeshError
         When the surface is not closed and oriented, has faces without area, or folds back by pi at an edge.
     ParameterError
-        On a distance or a resolution that is not positive, or when the mesh would have too many faces.
+        On a distance or an angle that is not positive, or when the mesh would have too many faces.
     """
-    arcs = check_offset(mesh, distance, resolution)
+    arcs = check_offset(mesh, distance, angle)
     points, faces, part_of_face = _assemble(mesh, arcs, distance)
     points, faces, part_of_face = _welded(points, faces, part_of_face)
     offset = TriangleMesh.from_arrays(points, faces)

@@ -16,7 +16,7 @@ from ddgcli.algorithms.curvature.curve_frames import (
     curve_frames,
     resampled,
 )
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, renamed_parameters
 from ddgcli.mesh.curve import CurveSet, are_parallel, nearest_axis, plane_normals
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import ratio, row_cross, row_dot, vector_length
@@ -67,7 +67,8 @@ def measure_curves(
     """
     own: dict[str, NDArray] = {}
     if resample is not None:
-        curves = resampled(curves, resample)
+        with renamed_parameters(count="resample"):
+            curves = resampled(curves, resample)
         own = dict(curves.point_arrays)
     normals = plane_normals(curves)
     planar = all(normal is not None for normal in normals)
@@ -115,7 +116,8 @@ def check_query(curves: CurveSet, *, with_frames: bool = False, resample: int | 
         As in `measure_curves`.
     """
     if resample is not None:
-        curves = resampled(curves, resample)
+        with renamed_parameters(count="resample"):
+            curves = resampled(curves, resample)
     if not any((vector_length(np.diff(curves.points[path], axis=0)) > 0).any() for path, _ in curves.paths):
         raise _no_length_error()
     if with_frames:

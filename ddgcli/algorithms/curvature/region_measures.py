@@ -228,8 +228,8 @@ def labels_of(array: NDArray) -> tuple[NDArray[np.int64], NDArray]:
         np.isfinite(values).all() and (values == np.round(values)).all() and (np.abs(values) < 2.0**63).all()
     )
     if values.ndim != 1 or not whole:
-        raise ParameterError("regions are whole numbers, one a face or a vertex", parameter="region")
+        raise ParameterError("regions are whole numbers, one a face or a vertex", parameter="array")
     names, label = np.unique(values.astype(np.int64), return_inverse=True)
     if len(names) > MAX_REGIONS:
-        raise ParameterError(f"{len(names)} different regions are too many; give labels", parameter="region")
+        raise ParameterError(f"{len(names)} different regions are too many; give labels", parameter="array")
     return label.reshape(-1).astype(np.int64), names

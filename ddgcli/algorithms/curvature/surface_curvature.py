@@ -366,8 +366,8 @@ def _check_image(mesh: TriangleMesh, image: NDArray) -> None:
     """Raise ParameterError for an array that is no map of the vertices."""
     if image.ndim != 2 or image.shape[1] not in (2, 3) or len(image) != mesh.n_vertices:
         raise ParameterError(
-            f"an array of shape {image.shape}; a map gives each vertex 2 or 3 coordinates", parameter="map"
+            f"an array of shape {image.shape}; a map gives each vertex 2 or 3 coordinates", parameter="image"
         )
     if not np.isfinite(image).all():
         bad = np.flatnonzero(~np.isfinite(image).all(axis=1))[0]
-        raise ParameterError(f"the map is not finite at vertex {bad}; correct the array", parameter="map")
+        raise ParameterError(f"the map is not finite at vertex {bad}; correct the array", parameter="image")

@@ -19,7 +19,7 @@ from ddgcli.algorithms.curvature.surface_curvature import (
     check_curvature,
     measure_curvature,
 )
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio, row_dot, vector_length
@@ -90,7 +90,8 @@ def measure_surface(
     if offset is not None:
         from ddgcli.algorithms.curvature.offset_body import offset_body
 
-        body = offset_body(mesh, offset, offset_angle)
+        with renamed_parameters(distance="offset", angle="offset_angle"):
+            body = offset_body(mesh, offset, offset_angle)
         volume = float(np.polyval(results["steiner_polynomial"][::-1], offset))
         results["offset"] = {
             "distance": offset, "volume": volume, "mesh_volume": body.volume, "faces": body.mesh.n_faces,
@@ -121,12 +122,14 @@ def check_query(
     check_curvature(mesh, scheme, radius, image=image)
     if regions or balls:
         require_regions(mesh)
-    for array, place in regions:
-        region_labels(mesh, array, place)
+    with renamed_parameters(array="regions"):
+        for array, place in regions:
+            region_labels(mesh, array, place)
     if offset is not None:
         from ddgcli.algorithms.curvature.offset_body import check_offset
 
-        check_offset(mesh, offset, offset_angle)
+        with renamed_parameters(distance="offset", angle="offset_angle"):
+            check_offset(mesh, offset, offset_angle)
 
 
 def array_names(*, full: bool = True, vertex_vectors: bool = False) -> list[str]:
@@ -196,7 +199,7 @@ def region_labels(mesh: TriangleMesh, array: NDArray, place: str = "") -> tuple[
             f"an array of length {len(label)}; regions have one value for each of {mesh.n_faces} "
             "faces or "
             f"{mesh.n_vertices} vertices",
-            parameter="region",
+            parameter="array",
         )
     return label, names, place
 
@@ -212,7 +215,8 @@ def _regions(
     gaps = []
     whole = measures_of_labels(mesh, np.zeros(mesh.n_faces, dtype=np.int64), "face")
     for array, place in regions:
-        measures, label, names, place = labelled_measures(mesh, array, place)
+        with renamed_parameters(array="regions"):
+            measures, label, names, place = labelled_measures(mesh, array, place)
         size = np.bincount(label)
         entries += [
             {"region": int(name), "on": place, "elements": int(k), **entry}

@@ -24,6 +24,7 @@ from ddgcli.algorithms.delaunay.triangulation import (
     working_lengths,
 )
 from ddgcli.algorithms.delaunay.triangulation_statistics import metric_residuals, triangulation_statistics
+from ddgcli.errors import renamed_parameters
 from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.residual_gate import within_residuals
@@ -124,7 +125,8 @@ def check_query(
     if transferred:
         from ddgcli.algorithms.delaunay.transfer import check_transferable
 
-        check_transferable(transferred, OWN_ARRAYS)
+        with renamed_parameters(arrays="transferred"):
+            check_transferable(transferred, OWN_ARRAYS)
     if degrees is not None:
         from ddgcli.algorithms.delaunay.refine import check_refinement
 

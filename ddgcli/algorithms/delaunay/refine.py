@@ -88,7 +88,7 @@ def check_refinement(mesh: TriangleMesh, degrees: float) -> None:
         raise ParameterError(
             f"refinement to {degrees:g} degrees does not end; use at most {MAX_REFINEMENT_DEGREES:g} "
             "(25 always succeeds)",
-            parameter="refine",
+            parameter="degrees",
         )
     require_surface(mesh, "refinement")
     require(mesh, "refinement", extent=True)

@@ -88,17 +88,17 @@ def check_transferable(arrays: dict[str, NDArray], reserved: Collection[str]) ->
     """
     for name, values in arrays.items():
         if name in reserved:
-            raise ParameterError(f"the output has its own array {name!r}; rename yours", parameter="transfer")
+            raise ParameterError(f"the output has its own array {name!r}; rename yours", parameter="arrays")
         if values.dtype.kind not in "fiub":
             raise ParameterError(
-                f"the array {name!r} has type {values.dtype}; use an array of numbers", parameter="transfer"
+                f"the array {name!r} has type {values.dtype}; use an array of numbers", parameter="arrays"
             )
         bad = np.flatnonzero(~row_matrix(np.isfinite(values)).all(axis=1))
         if len(bad):
             raise ParameterError(
                 f"the array {name!r} is not finite at vertex {bad[0]} "
                 f"({counted(len(bad), 'such vertex', 'such vertices')}); correct it",
-                parameter="transfer",
+                parameter="arrays",
             )
 
 

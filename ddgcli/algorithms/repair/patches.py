@@ -47,16 +47,16 @@ def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMes
     MeshError, ParameterError
         When there is no such loop, or a loop encloses no area or bounds a flat piece.
     """
-    require(mesh, "`fill`", manifold=True, oriented=True)
+    require(mesh, "filling", manifold=True, oriented=True)
     loops = boundary_vertex_loops(mesh.topology)
     if not loops:
-        raise MeshError("the surface is closed and has no boundary loop to fill; leave `fill` out")
+        raise MeshError("the surface is closed and has no boundary loop to fill; use it as it is")
     if loop is not None:
         loops = [vertices for vertices in loops if loop in vertices]
         if not loops:
             on_boundary = np.flatnonzero(mesh.topology.boundary_vertex)
             raise ParameterError(
-                f"vertex {loop} is on no boundary loop (vertex {on_boundary[0]} is)", parameter="fill"
+                f"vertex {loop} is on no boundary loop (vertex {on_boundary[0]} is)", parameter="loop"
             )
     n, points, faces = mesh.n_vertices, [mesh.points], [mesh.faces]
     for vertices in loops:
@@ -76,7 +76,7 @@ def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMes
 def _without_area(vertices: NDArray) -> MeshError:
     return MeshError(
         f"the boundary loop through vertex {vertices[0]} runs back along itself: its patch has faces "
-        "without area; leave `fill` out, or name another loop by one of its vertices"
+        "without area; name another loop by one of its vertices, or leave this one open"
     )
 
 
@@ -90,9 +90,9 @@ def _refuse_folded_patches(mesh: TriangleMesh, closed: TriangleMesh, loops: list
     component = mesh.topology.vertex_component
     others = [vertices for vertices in loops if (folded[vertices] <= 1).any()]
     if not others:
-        advice = "leave `fill` out"
+        advice = "leave them open"
     elif {component[v[0]] for v in others} & {component[v[0]] for v in flat}:
-        advice = f"name another loop by one of its vertices, such as `fill={others[0][0]}`"
+        advice = f"name another loop by one of its vertices, such as `loop={others[0][0]}`"
     else:
         advice = f"{cure('components')}, then fill its loops"
     raise MeshError(

@@ -98,7 +98,7 @@ def requirement_of(command: str, kind: str) -> Requirement:
     if command not in REQUIREMENTS or kind not in REQUIREMENTS[command].kinds:
         commands = ", ".join(name for name, need in REQUIREMENTS.items() if kind in need.kinds)
         raise ParameterError(
-            f"{command!r} takes no {kind}; commands that do: {commands}", parameter="for_command"
+            f"{command!r} takes no {kind}; commands that do: {commands}", parameter="command"
         )
     return REQUIREMENTS[command]
 

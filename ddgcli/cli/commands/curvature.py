@@ -19,7 +19,7 @@ from ddgcli.cli.commands.curvature_measures import (
 )
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
-from ddgcli.errors import ParameterError, named_array
+from ddgcli.errors import ParameterError, named_array, renamed_parameters
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -155,7 +155,8 @@ def _surface(
     image = None if map_name is None else named_array(source.vertex, map_name, "vertex array")
     arguments = surface_arguments(source, measures)
     full = run.common.exceeds_short_summary
-    check_query(mesh, scheme, radius, image=image, **arguments)
+    with renamed_parameters(image="map_name", regions="region"):
+        check_query(mesh, scheme, radius, image=image, **arguments)
     names = array_names(full=full or measures.offset is not None, vertex_vectors=measures.vertex_vectors)
     run.begin(names, names)
     energies = run.common.shows_all_results

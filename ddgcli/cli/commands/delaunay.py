@@ -9,7 +9,7 @@ import click
 from ddgcli.cli import options
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
-from ddgcli.errors import ParameterError, named_array
+from ddgcli.errors import ParameterError, named_array, renamed_parameters
 
 if TYPE_CHECKING:
     from ddgcli.algorithms.delaunay.intrinsic_delaunay import DelaunayResult
@@ -111,7 +111,8 @@ def command(
     from ddgcli.algorithms.delaunay.intrinsic_delaunay import check_query, intrinsic_delaunay, overlay_mesh
     from ddgcli.mesh.fields import AnnotatedMesh
 
-    check_query(source.surface, refine, transferred)
+    with renamed_parameters(degrees="refine", transferred="transfer"):
+        check_query(source.surface, refine, transferred)
     run.begin(shown=())
     result = intrinsic_delaunay(
         source.surface,

@@ -11,7 +11,7 @@ from ddgcli.cli.input_facts import input_facts
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.parameters import with_repair_command
 from ddgcli.cli.run import Run
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 
 if TYPE_CHECKING:
     from ddgcli.io.mesh_file import MeshInput
@@ -94,7 +94,8 @@ def command(mesh_path: str, common: CommonOptions, for_command: tuple[str, ...],
     from ddgcli.mesh.fields import AnnotatedMesh
 
     mesh = source.surface
-    selected = all_steps(map(steps_for, for_command)) if for_command else RepairSteps(**steps)
+    with renamed_parameters(command="for_command"):
+        selected = all_steps(map(steps_for, for_command)) if for_command else RepairSteps(**steps)
     check_steps(mesh, selected)
     marks = ("input_vertex", "input_face")
     run.begin((*source.vertex, *source.face, *marks), (*source.vertex, *source.face, *marks))
@@ -129,7 +130,8 @@ def _repair_cells(run: Run, source: MeshInput, for_command: tuple[str, ...], fla
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.plots.array import draw_array
 
-    steps = all_steps(map(solid_steps_for, for_command)) if for_command else RepairSteps(**flags)
+    with renamed_parameters(command="for_command"):
+        steps = all_steps(map(solid_steps_for, for_command)) if for_command else RepairSteps(**flags)
     mesh = cast(TetMesh, source.mesh)
     check_solid_steps(mesh, steps)
     arrays = (*source.vertex, *source.face, "input_vertex", "input_cell")

@@ -12,7 +12,7 @@ from ddgcli.cli import options
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.options import flow_time_options
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 
 
 def _names(names: tuple[str, ...]) -> str:
@@ -191,7 +191,8 @@ def _filled(mesh: Any, loop: str | None, region: str | None) -> Any:
         raise ParameterError(
             f"{loop!r} is not a vertex number; name one on the loop, or all", parameter="fill"
         )
-    return fill_loops(mesh, None if loop == "all" else int(loop))
+    with renamed_parameters(loop="fill"):
+        return fill_loops(mesh, None if loop == "all" else int(loop))
 
 
 def _region(source: Any, name: str | None) -> Any:
