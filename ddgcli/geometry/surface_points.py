@@ -56,13 +56,16 @@ class SurfacePoints(FrozenArrays):
         points = cls(face, barycentric)
         outside = np.flatnonzero((points.face < 0) | (points.face >= n_faces))
         if len(outside):
-            raise ParameterError(f"face {points.face[outside[0]]} is outside 0..{n_faces - 1}")
+            raise ParameterError(
+                f"face {points.face[outside[0]]} is outside 0..{n_faces - 1}", parameter="face"
+            )
         total = points.barycentric.sum(axis=1)
         bad = np.flatnonzero(~((points.barycentric >= -1e-12).all(axis=1) & (np.abs(total - 1) <= 1e-6)))
         if len(bad):
             raise ParameterError(
                 f"coordinates {points.barycentric[bad[0]].tolist()} on face {points.face[bad[0]]} "
-                "must be non-negative and sum to 1"
+                "must be non-negative and sum to 1",
+                parameter="barycentric",
             )
         weights = np.maximum(points.barycentric, 0.0)
         return cls(points.face, weights / weights.sum(axis=1, keepdims=True))

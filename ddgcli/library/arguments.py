@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import inspect
 import logging
@@ -11,27 +10,23 @@ import numbers
 import operator
 import os
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextvars import ContextVar
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.choices import MAX_PIXELS, MIN_PIXELS
-from ddgcli.errors import QUOTED_PARAMETER, QUOTED_REPAIR, DdgError, ParameterError, excerpt
+from ddgcli.errors import QUOTED_REPAIR, DdgError, ParameterError, excerpt
 
 _log = logging.getLogger("ddgcli")
+_is_in_library: ContextVar[bool] = ContextVar("_is_in_library", default=False)
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 MAX_INTEGER = 2**63 - 1  # of numpy's indices
-# parameters of the core that functions of the library give other names: the first that a function has
-LIBRARY_NAMES = {
-    "source": ("sources", "starts"), "target": ("targets",), "spread_vector": ("vectors",),
-    "kind": ("star",), "offset": ("distance",),
-    "fan": ("rays",), "fan_length": ("length",), "fan_circles": ("circles",),
-}  # fmt: skip
 
 
 def with_repair_call(message: str) -> str:
@@ -45,70 +40,26 @@ def with_repair_call(message: str) -> str:
     return QUOTED_REPAIR.sub(call, message)
 
 
-def with_own_names(message: str, names: Collection[str]) -> str:
-    """The message with quoted parameters of the core, such as `` `source=0` ``, as those of a function.
+class _RepairCalls(logging.Filter):
+    """Write the repairs that warnings of the core advise as calls, inside functions of the library.
 
-    Parameters
-    ----------
-    message : str
-    names : collection of str
-        Parameters of the function.
-
-    Returns
-    -------
-    str
+    The command line has the same logger and writes them as commands.
     """
 
-    def own(match: re.Match[str]) -> str:
-        name, value = own_name(match.group(1), names), match.group(2)
-        if name == match.group(1) or value is None:
-            return f"`{name}`" if value is None else match.group(0)
-        key, _, number = value.partition("=")
-        return f"`{name}={{{key}: {number}}}`" if number else f"`{name}={value}`"
-
-    return QUOTED_PARAMETER.sub(own, message)
-
-
-def own_name(name: str, names: Collection[str]) -> str:
-    """Name that a function with parameters `names` has for a parameter of the core."""
-    if name in names:
-        return name
-    return next((other for other in LIBRARY_NAMES.get(name, ()) if other in names), name)
-
-
-@contextlib.contextmanager
-def naming(parameter: str) -> Iterator[None]:
-    """Give errors of the core that name no parameter the name of one of a function."""
-    try:
-        yield
-    except ParameterError as error:
-        if error.parameter is not None:
-            raise
-        raise ParameterError(error.message, parameter=parameter) from error
-
-
-class _OwnWords(logging.Filter):
-    """Warnings of the core in the words of a function of the library."""
-
-    def __init__(self, names: Collection[str]) -> None:
-        super().__init__()
-        self.names = names
-
     def filter(self, record: logging.LogRecord) -> bool:
-        if "`" in (message := record.getMessage()):
-            record.msg, record.args = with_own_names(with_repair_call(message), self.names), ()
+        if _is_in_library.get() and "`repair" in (message := record.getMessage()):
+            record.msg, record.args = with_repair_call(message), ()
         return True
 
 
-def _with_own_words(error: DdgError, names: Collection[str]) -> None:
-    """Change the message of an error of the core to the words of a function of the library."""
+_log.addFilter(_RepairCalls())
+
+
+def _with_repair_calls(error: DdgError) -> None:
+    """Write the repairs that an error of the core advises as calls."""
     if isinstance(error, ParameterError):
-        error.message = with_own_names(with_repair_call(error.message), names)
-        if error.parameter:
-            error.parameter = own_name(error.parameter, names)
-            error.args = (f"{error.parameter}: {error.message}",)
-            return
-    error.args = (with_own_names(with_repair_call(str(error)), names),)
+        error.message = with_repair_call(error.message)
+    error.args = (with_repair_call(str(error)),)
 
 
 def _scalar(value: Any) -> Any:
@@ -320,7 +271,6 @@ def checked_arguments(function: Callable[P, R]) -> Callable[P, R]:
         if (conversion := _conversion(p)) is not None
     }
     positional = [p.name for p in parameters if p.kind is not p.KEYWORD_ONLY]
-    all_names = frozenset(p.name for p in parameters)
 
     def converted(name: str, value: Any) -> Any:
         if name not in checks:
@@ -332,14 +282,13 @@ def checked_arguments(function: Callable[P, R]) -> Callable[P, R]:
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         names = positional + [""] * (len(args) - len(positional))  # too many: Python's own error
         own = [converted(name, value) for name, value in zip(names, args)]
-        own_words = _OwnWords(all_names)
-        _log.addFilter(own_words)
+        token = _is_in_library.set(True)
         try:
             return function(*own, **{name: converted(name, value) for name, value in kwargs.items()})
         except DdgError as error:
-            _with_own_words(error, all_names)
+            _with_repair_calls(error)
             raise
         finally:
-            _log.removeFilter(own_words)
+            _is_in_library.reset(token)
 
     return call

@@ -21,7 +21,7 @@ from ddgcli.choices import (
     WILLMORE_ENERGIES,
     WILLMORE_FLOWS,
 )
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.library.arguments import checked_arguments, real_number, text, whole_number
 from ddgcli.library.arguments import truth as boolean
 from ddgcli.library.distances import surface_sources
@@ -168,7 +168,8 @@ def tradeoff_table(
     more: dict[str, Any] = {} if error is None else {"error_part": error}
     if sources is not None:
         more["sources"] = surface_sources(surface, sources)
-    known_truth = None if truth is None else parse_truth(truth, surface.points)
+    with renamed_parameters(text="truth"):
+        known_truth = None if truth is None else parse_truth(truth, surface.points)
     problem = mesh_problem(question, surface, truth=known_truth, options=options, **more)
     if not problem.candidates and not problem.left_out:
         raise ParameterError(f"no method of {question!r} has the options {options}")

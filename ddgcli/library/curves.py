@@ -17,9 +17,8 @@ from ddgcli.algorithms.geodesics.path_results import curve_set
 from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths as core_shortest_paths
 from ddgcli.algorithms.geodesics.surface_curves import Curves, trace_curves
 from ddgcli.algorithms.tangent_fields.field_curves import add_transport
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.geometry.surface_points import SurfacePoints
-from ddgcli.library.arguments import naming
 from ddgcli.library.distances import surface_sources, vertex_numbers
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.result import Measurement
@@ -61,9 +60,11 @@ def isolines(mesh: TriangleMesh, values: ArrayLike, count: int = 10) -> Measurem
     """
     function = np.asarray(values, dtype=np.float64)
     if function.shape != (mesh.n_vertices,):
-        raise ParameterError(f"values have shape {function.shape}; they need one number for each vertex")
+        raise ParameterError(
+            f"has shape {function.shape}; it needs one number for each vertex", parameter="values"
+        )
     if count < 1:
-        raise ParameterError(f"count must be at least 1, not {count}")
+        raise ParameterError(f"must be at least 1, not {count}", parameter="count")
     cover = oriented_cover(mesh)
     if cover.is_one_sided:
         return curve_measurement(mesh, isoline_curves(mesh, function, count))
@@ -171,7 +172,7 @@ def straighten_paths(
     cover = oriented_cover(mesh)
     cover.require_two_sides("straightening")
     waypoints = [vertex_numbers(path, "paths") for path in paths]
-    with naming("paths"):
+    with renamed_parameters("paths"):
         curves = straighten_curves(cover.mesh, waypoints, [closed] * len(waypoints))
     return _transported(cover, curves, transport)
 
@@ -233,11 +234,10 @@ def trace(
         faces, lengths, weights, vectors = _broadcast(face, length, *rows)
     except (TypeError, ValueError) as error:
         raise ParameterError(
-            f"face, length, barycentric and direction do not fit together: {error}"
+            f"face, length, barycentric and direction do not fit together: {error}", parameter="face"
         ) from error
     cover = oriented_cover(mesh)
-    with naming("face" if ((faces < 0) | (faces >= mesh.n_faces)).any() else "barycentric"):
-        points = SurfacePoints.checked(faces, weights, mesh.n_faces)
+    points = SurfacePoints.checked(faces, weights, mesh.n_faces)
     start = cover.lift_points(points)
     curves = trace_curves(
         cover.mesh, start.face, start.barycentric, vectors, lengths, at_boundary=at_boundary

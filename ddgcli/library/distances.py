@@ -12,7 +12,7 @@ from ddgcli.algorithms.geodesics import distance as distances
 from ddgcli.algorithms.geodesics.edge_sets import edge_set
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.choices import DEFAULT_HEAT_TIME
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.geometry.surface_points import nearest_points
 from ddgcli.library.arguments import checked_arguments, real_array, real_number, text, whole_number
 from ddgcli.library.mesh_arguments import MeshLike, accepts_arrays, mesh_of_kind
@@ -263,15 +263,15 @@ def _distance_options(method: str, options: dict[str, Any]) -> distances.Distanc
     for name, value in options.items():
         if name not in own:
             names = ", ".join(own) or "none"
-            raise ParameterError(f"method {method!r} has no option {name!r}; its options: {names}")
+            raise ParameterError(f"is no option of method {method!r}; its options: {names}", parameter=name)
         if name == "operator":
             checked[name] = None if value is None else text(value, name)
             continue
         checked[name] = number = (whole_number if name == "heat_refine" else real_number)(value, name)
         if name == "heat_time" and not 0 < number < np.inf:
-            raise ParameterError(f"heat_time must be positive, not {value}")
+            raise ParameterError(f"must be positive, not {value}", parameter=name)
         if not 0 <= number < np.inf:
-            raise ParameterError(f"{name} must be 0 or more, not {value}")
+            raise ParameterError(f"must be 0 or more, not {value}", parameter=name)
     return distances.DistanceOptions(**checked)
 
 
@@ -297,14 +297,15 @@ def surface_sources(
     """
     points = edge = curve = None
     if source_edges is not None:
-        edges = edge_set(mesh, np.asarray(source_edges))
+        edges = edge_set(mesh, np.asarray(source_edges), parameter="source_edges")
         edge, curve = edges.edge, edges.curves(mesh)
     if source_points is not None:
         position = np.atleast_2d(np.asarray(source_points, dtype=np.float64))
         if position.ndim != 2 or position.shape[1] != 3 or not np.isfinite(position).all():
-            raise ParameterError("source_points must be finite positions of shape (k, 3)")
+            raise ParameterError("must be finite positions of shape (k, 3)", parameter="source_points")
         points, _ = nearest_points(mesh_of_kind(mesh, ("surface",), "source_points"), position)
-    return check_sources(mesh, Sources.at(vertex_numbers(sources, name), points, edge, curve))
+    with renamed_parameters(sources=name):
+        return check_sources(mesh, Sources.at(vertex_numbers(sources, name), points, edge, curve))
 
 
 def vertex_numbers(vertices: int | Sequence[int] | NDArray, name: str) -> list[int]:
@@ -344,7 +345,9 @@ def distance_gradient(mesh: TriangleMesh, distance: ArrayLike) -> NDArray[np.flo
     """
     values = np.asarray(distance, dtype=np.float64)
     if values.shape != (mesh.n_vertices,):
-        raise ParameterError(f"distance has shape {values.shape}; it needs one number for each vertex")
+        raise ParameterError(
+            f"has shape {values.shape}; it needs one number for each vertex", parameter="distance"
+        )
     unknown = np.flatnonzero(np.isnan(values))
     if len(unknown):
         raise ParameterError(

@@ -16,8 +16,7 @@ from ddgcli.algorithms.tangent_fields.field_curves import field_curves
 from ddgcli.algorithms.tangent_fields.geodesic_query import query_vectors
 from ddgcli.algorithms.tangent_fields.vertex_vectors import VertexVectors, transport_vectors
 from ddgcli.choices import LOG_MAP_METHODS
-from ddgcli.errors import ParameterError
-from ddgcli.library.arguments import naming
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.library.curves import curve_measurement
 from ddgcli.library.distances import surface_sources
 from ddgcli.library.mesh_arguments import accepts_arrays
@@ -69,8 +68,7 @@ def parallel_transport(
     cover = oriented_cover(mesh)
     cover.require_two_sides("parallel transport")
     at = surface_sources(mesh, sources)
-    with naming("vectors"):
-        moved = transport_vectors(cover.mesh, cover.lift_sources(at), np.atleast_2d(vectors))
+    moved = transport_vectors(cover.mesh, cover.lift_sources(at), np.atleast_2d(vectors))
     return _vertex_measurement(mesh, moved)
 
 
@@ -116,13 +114,14 @@ def logarithmic_map(
     True
     """
     if method not in LOG_MAP_METHODS:
-        raise ParameterError(f"the logarithmic map follows {', '.join(LOG_MAP_METHODS)}, not {method!r}")
+        raise ParameterError(f"must be {', '.join(LOG_MAP_METHODS)}, not {method!r}", parameter="method")
     cover = oriented_cover(mesh)
     cover.require_two_sides("the logarithmic map")
     at = surface_sources(mesh, source, name="source")
     options = DistanceOptions(directions=mesh.topology.is_oriented)
     distance = measure_distance(mesh, at, method, options)
-    vectors = query_vectors(mesh, CurveQuery(log_map=True), at, distance)
+    with renamed_parameters(sources="source"):
+        vectors = query_vectors(mesh, CurveQuery(log_map=True), at, distance)
     return _vertex_measurement(mesh, vectors, converged=distance.converged)
 
 
@@ -196,13 +195,14 @@ def integral_curves(
     cover = oriented_cover(mesh)
     values, place = cover.lift_values(np.atleast_1d(np.asarray(vectors, dtype=np.float64)))
     if count < 1:
-        raise ParameterError(f"count must be at least 1, not {count}")
+        raise ParameterError(f"must be at least 1, not {count}", parameter="count")
     if starts is None:
         points = random_starts(cover.mesh, count, seed)
     else:
         at = surface_sources(mesh, starts, name="starts")
         points = starts_at(cover.mesh, cover.lift_sources(at))
-    curves = field_curves(
-        cover.mesh, values, points, duration, order=order, step=step, tolerance=tolerance, place=place
-    )
+    with renamed_parameters(values="vectors"):
+        curves = field_curves(
+            cover.mesh, values, points, duration, order=order, step=step, tolerance=tolerance, place=place
+        )
     return curve_measurement(mesh, cover.project(curves))

@@ -7,7 +7,7 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import MeshError, ParameterError, renamed_parameters
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.simulations import End, Simulation
 from ddgcli.mesh.curve import CurveSet
@@ -111,16 +111,21 @@ def willmore_flow(
     for name, limit in (("stop_gradient", stop_gradient), ("stop_energy", stop_energy)):
         if limit is not None and not limit > 0:
             raise ParameterError(f"must be a positive number, not {limit:g}", parameter=name)
+    with renamed_parameters(length="remesh"):
+        length = flow_options.remesh_length(remesh)
     stated = flow_options.FlowOptions(
         energy, flow, boundary, fix_area, fix_volume, spontaneous_curvature,
         timed=step is not None or duration is not None, integrator=integrator,
-        remesh=flow_options.remesh_length(remesh), remesh_adaptive=remesh_adaptive,
+        remesh=length, remesh_adaptive=remesh_adaptive,
         stop=Stop(stop_gradient, stop_energy),
     )  # fmt: skip
     surfaces.chosen_scheme(stated)
     bounded = steps is not None or duration is not None
     options = flow_options.with_stop(stated, mesh.topology, bounded)
-    mask = None if region is None else surfaces.region_mask(np.asarray(region, np.float64), mesh.topology)
+    mask = None
+    if region is not None:
+        with renamed_parameters(values="region"):
+            mask = surfaces.region_mask(np.asarray(region, np.float64), mesh.topology)
     surface_flow, model = surfaces.build(mesh, options, mask)
     schedule = surfaces.schedule(surface_flow, times)
 

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.laplacian.form_spectrum import FormSpectrum, form_spectrum
-from ddgcli.errors import ParameterError
-from ddgcli.library.arguments import naming
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.mesh.require import require
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -97,9 +96,12 @@ def flat(mesh: SpaceMesh, vectors: ArrayLike) -> NDArray[np.float64]:
     _require_forms(mesh, "flat")
     values = np.asarray(vectors, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] != 3:
-        raise ParameterError(f"an array of shape {values.shape} is not a field; give (n, 3) vectors")
-    require_finite_vectors(values)
-    return whitney.flat(mesh, values)
+        raise ParameterError(
+            f"an array of shape {values.shape} is not a field; give (n, 3) vectors", parameter="vectors"
+        )
+    with renamed_parameters("vectors"):
+        require_finite_vectors(values)
+        return whitney.flat(mesh, values)
 
 
 @accepts_arrays("surface", "tetrahedra")
@@ -138,7 +140,8 @@ def sharp(mesh: SpaceMesh, form: ArrayLike) -> NDArray[np.float64]:
     """
     _require_forms(mesh, "sharp")
     complex_ = complex_of(mesh)
-    values = form_values(complex_, form)
+    with renamed_parameters("form"):
+        values = form_values(complex_, form)
     if len(values) != complex_.counts[1]:
         raise ParameterError(
             f"{len(values)} numbers for {complex_.counts[1]} edges; a 1-form has one on each edge",
@@ -183,10 +186,8 @@ def wedge(mesh: SpaceMesh, a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     """
     _require_forms(mesh, "wedge")
     complex_ = complex_of(mesh)
-    for name, form in (("a", a), ("b", b)):
-        with naming(name):
-            whitney.degree_of(complex_, form_values(complex_, form))
-    return whitney.wedge(complex_, *operands(complex_, "wedge", a, b))
+    with renamed_parameters(first="a", form="b"):
+        return whitney.wedge(complex_, *operands(complex_, "wedge", a, b))
 
 
 @accepts_arrays("surface", "tetrahedra")
@@ -226,7 +227,8 @@ def interior_product(mesh: SpaceMesh, vectors: ArrayLike, form: ArrayLike) -> ND
     3.0
     """
     _require_forms(mesh, "interior_product")
-    return whitney.interior_product(mesh, *operands(complex_of(mesh), "interior_product", vectors, form))
+    with renamed_parameters(first="vectors"):
+        return whitney.interior_product(mesh, *operands(complex_of(mesh), "interior_product", vectors, form))
 
 
 @accepts_arrays("surface", "tetrahedra")
@@ -267,7 +269,8 @@ def lie_derivative(mesh: SpaceMesh, vectors: ArrayLike, form: ArrayLike) -> NDAr
     3.0
     """
     _require_forms(mesh, "lie_derivative")
-    return whitney.lie_derivative(mesh, *operands(complex_of(mesh), "lie_derivative", vectors, form))
+    with renamed_parameters(first="vectors"):
+        return whitney.lie_derivative(mesh, *operands(complex_of(mesh), "lie_derivative", vectors, form))
 
 
 def _require_forms(mesh: SpaceMesh, verb: str) -> None:

@@ -185,7 +185,7 @@ def geodesic_fan(
     """
     vertices = [] if source_point is not None else [source]
     points = None if source_point is None else np.atleast_2d(np.asarray(source_point, dtype=np.float64))
-    start = surface_sources(mesh, vertices, points)
+    start = surface_sources(mesh, vertices, points, name="source")
     cover = oriented_cover(mesh)
     cover.require_two_sides("the fan")
     fan = core_geodesic_fan(cover.mesh, cover.lift_sources(start), rays, length, circles)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
-from ddgcli.errors import MeshError, counted
+from ddgcli.errors import MeshError, counted, renamed_parameters
 from ddgcli.linalg.indices import compact
 from ddgcli.memory import check_memory
 from ddgcli.mesh.requirements import require_sized_cells
@@ -88,7 +88,8 @@ def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
     """
     n = complex_.dimension
     derivative = [compact(csr_array(d.astype(np.int64))) for d in complex_.derivatives]
-    stars = [compact(csr_array(hodge_star(complex_, k, star))) for k in range(n + 1)]
+    with renamed_parameters(kind="star"):
+        stars = [compact(csr_array(hodge_star(complex_, k, star))) for k in range(n + 1)]
     inverse = [_inverse(complex_, k, star) for k in range(n)]
     matrices = {f"d{k}": d for k, d in enumerate(derivative)}
     matrices |= {f"star{k}": matrix for k, matrix in enumerate(stars)}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.operators.dec import Complex, complex_of
 from ddgcli.operators.whitney import (
     SpaceMesh,
@@ -104,7 +104,7 @@ def form_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray] |
                     after - before, after, before, derivative
                 )
         except ParameterError as error:
-            raise ParameterError(str(error), parameter=name) from error
+            raise ParameterError(error.message, parameter=name) from error
     return out
 
 
@@ -126,7 +126,7 @@ def check_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray]]
         try:
             operands(complex_, name, *pair)
         except ParameterError as error:
-            raise ParameterError(str(error), parameter=name) from error
+            raise ParameterError(error.message, parameter=name) from error
 
 
 def operands(
@@ -150,16 +150,19 @@ def operands(
     ParameterError
         For arrays that are no forms or fields, or products that are zero by their degrees.
     """
-    second = form_values(complex_, form)
-    degree = degree_of(complex_, second)
-    if name == "wedge":
-        one = form_values(complex_, first)
-        check_degrees(complex_, degree_of(complex_, one), degree)
-        return one, second
-    vectors = cell_vectors(complex_, first)
+    with renamed_parameters("form"):
+        second = form_values(complex_, form)
+        degree = degree_of(complex_, second)
+    with renamed_parameters("first"):
+        if name == "wedge":
+            one = form_values(complex_, first)
+            check_degrees(complex_, degree_of(complex_, one), degree)
+            return one, second
+        vectors = cell_vectors(complex_, first)
     if name == "interior_product" and degree == 0:
         raise ParameterError(
-            f"a 0-form has no interior product; name values on {_listed(ELEMENTS[complex_.dimension][1:])}"
+            f"a 0-form has no interior product; name values on {_listed(ELEMENTS[complex_.dimension][1:])}",
+            parameter="form",
         )
     return vectors, second
 

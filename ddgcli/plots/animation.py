@@ -88,7 +88,7 @@ def check_animation(path: str, size: tuple[int, int] | None, frames_per_second: 
         suffix = path[path.rindex(".") :]
         raise ParameterError(
             f"{frames_per_second:g}: a {suffix} shows {MIN_RATE:g} to {most:g} frames per second",
-            parameter="fps",
+            parameter="frames_per_second",
         )
     if path.lower().endswith(".mp4"):
         if importlib.util.find_spec("imageio_ffmpeg") is None:

@@ -254,7 +254,7 @@ def _check_clock(scene: Scene, overridden: set[str]) -> None:
         if key not in overridden:
             scene.refuse(("time", key), f"{key} = {value} {reason}")
         # no line of the scene holds it
-        raise ParameterError(f"{value} {reason}", parameter="dt" if key == "step" else key)
+        raise ParameterError(f"{value} {reason}", parameter=key)
 
     each = (time.frame_every or time.duration / 50) if time.tolerance is not None else time.step
     count = time.duration / each
@@ -278,7 +278,7 @@ def _check_clock(scene: Scene, overridden: set[str]) -> None:
             raise ParameterError(
                 f"{time.step:g} is longer than the duration of {time.duration:g}; "
                 f"give {time.duration:g} or less",
-                parameter="dt",
+                parameter="step",
             )
         scene.refuse(
             ("time", "step"),

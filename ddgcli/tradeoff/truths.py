@@ -154,7 +154,7 @@ def parse_truth(text: str, points: NDArray) -> Truth:
     """
     name, _, numbers = text.partition(":")
     if name not in SHAPES:
-        raise ParameterError(f"{text!r}: unknown shape; known: {', '.join(_forms())}", parameter="truth")
+        raise ParameterError(f"{text!r}: unknown shape; known: {', '.join(_forms())}", parameter="text")
     shape, names = SHAPES[name]
     count = len(names.split(",")) if names else 0
     try:
@@ -165,7 +165,7 @@ def parse_truth(text: str, points: NDArray) -> Truth:
     if len(radii) != count or not all(low <= r <= high for r in radii):
         raise ParameterError(
             f"{text!r}: {name} takes {count} numbers from {low:g} to {high:g}; known: {', '.join(_forms())}",
-            parameter="truth",
+            parameter="text",
         )
     truth = shape(*radii)
     off = truth.residual(points)
@@ -174,7 +174,7 @@ def parse_truth(text: str, points: NDArray) -> Truth:
         raise ParameterError(
             f"{text!r}: vertex {worst} lies {off[worst]:.2g} of its size off the {truth.name}; "
             "use the right shape, or none",
-            parameter="truth",
+            parameter="text",
         )
     return truth
 

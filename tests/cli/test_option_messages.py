@@ -41,12 +41,41 @@ def paths(tmp_path_factory):
         (("delaunay", "ball", "--refine", 50), "--refine: refinement to 50 degrees"),
         (("delaunay", "ball", "--transfer", "bad"), "--transfer: the array 'bad' is not finite"),
         (("repair", "ball", "--for", "curve-flow"), "--for: 'curve-flow' takes no surface"),
+        (("hodge", "ball", "--field", "fields"), "--field: not finite at vertex 1"),
+        (("geodesic", "ball", "--source", 99), "--source: source vertex 99 is outside 0..41"),
+        (("geodesic", "ball", "--source-face", "99:1,0,0"), "--source-face: face 99 is outside"),
+        (("geodesic", "ball", "--source", 0, "--path-to", 99), "--path-to: vertex 99 does not exist"),
+        (("geodesic", "ball", "--source", 0, 1, "--log-map"), "--source: a tangent frame has exactly one"),
+        (
+            ("geodesic", "ball", "--source", 0, 1, "--spread-vector", "1,0,0"),
+            "--spread-vector: 1 vector for 2",
+        ),
+        (("geodesic", "ball", "--trace", "99:1,0,0:1,0,0:1"), "--trace: face 99 is outside"),
+        (("geodesic", "ball", "--trace", "0:1,0,0:0,0,0:1"), "--trace: line 0 has no direction"),
+        (("geodesic", "ball", "--field", "fields"), "--field: the field's vector 1 is not finite"),
+        (
+            ("geodesic", "ball", "--source", 0, 1, "--fan", 9, "--fan-length", 1),
+            "--source: a fan has exactly",
+        ),
+        (
+            ("geodesic", "ball", "--source", 0, "--method", "heat", "--heat-time", 1e308),
+            "--heat-time: the heat after",
+        ),
+        (("dec", "ball", "--wedge", "fields", "half"), "--wedge: an array of shape (42, 3) is not a form"),
+        (("dec", "ball", "--interior-product", "half", "half"), "--interior-product: "),
+        (("dec", "ball", "--star", "circumcentric", "--wedge", "fields", "half"), "--wedge: an array"),
+        (("willmore-flow", "ball", "--remesh", "short"), "--remesh: 'short' is not a length"),
+        (("willmore-flow", "ball", "--region", "bad"), "--region: must have one finite number"),
+        (("willmore-flow", "ball", "--region", "half"), "--region: is the whole surface"),
+        (("tradeoff", "curvature", "ball", "--truth", "egg:1"), "--truth: 'egg:1': unknown shape"),
+        (("tradeoff", "shell-sim", "pendulum", "--conserved", "momentum"), "--conserved: the pivot"),
         (("willmore-flow", "grid", "--fill", 5), "--fill: vertex 5 is on no boundary loop"),
     ],
 )
 def test_an_error_begins_with_the_option(run, paths, words, message):
-    command, mesh, *options = words
-    result = run(command, paths[mesh], *options)
+    result = run(*(paths.get(word, word) for word in words))
     assert result.exit_code == 2
-    line = result.stderr.partition("Error: ")[2].removeprefix(f"{paths[mesh]}: ")
+    line = result.stderr.partition("Error: ")[2]
+    for path in paths.values():
+        line = line.removeprefix(f"{path}: ")
     assert line.startswith(message), result.stderr

@@ -224,8 +224,8 @@ def test_the_cure_for_tetrahedra_works():
     [
         (lambda: ddg.geodesic_distance(SPHERE), "no source"),
         (lambda: ddg.geodesic_distance(SPHERE, [1.5]), "whole numbers"),
-        (lambda: ddg.geodesic_distance(SPHERE, 0, "heat", tolerance=1), "'heat' has no option 'tolerance'"),
-        (lambda: ddg.geodesic_distance(SPHERE, 0, tolerance=-1), "tolerance must be 0 or more"),
+        (lambda: ddg.geodesic_distance(SPHERE, 0, "heat", tolerance=1), "tolerance: is no option of"),
+        (lambda: ddg.geodesic_distance(SPHERE, 0, tolerance=-1), "tolerance: must be 0 or more"),
         (lambda: ddg.geodesic_distance(SPHERE, source_points=[[0, 0]]), r"of shape \(k, 3\)"),
         (lambda: ddg.HeatSolver(SPHERE, heat_time=float("nan")), "heat_time: must be a number"),
         (lambda: ddg.HeatSolver(SPHERE, heat_refine=1.5), "heat_refine: must be a whole number"),
@@ -262,7 +262,7 @@ def test_the_cure_for_tetrahedra_works():
         (lambda: ddg.hodge_decomposition(SPHERE, [1.0]), "use vectors on 42 vertices"),
         (lambda: ddg.hodge_decomposition(SPHERE, np.ones(120), "free"), "boundary: 'free' is not one of"),
         (lambda: ddg.logarithmic_map(SPHERE, 0, "dijkstra"), "not 'dijkstra'"),
-        (lambda: ddg.isolines(SPHERE, SPHERE.points[:, 0], 0), "count must be at least 1"),
+        (lambda: ddg.isolines(SPHERE, SPHERE.points[:, 0], 0), "count: must be at least 1"),
         (lambda: ddg.trace(SPHERE, [0, 1], [1, 0, 0], [1, 0, 0], [1, 2, 3]), "do not fit together"),
         (lambda: ddg.shortest_paths(SPHERE, 0, 1.5), "whole numbers"),
         (lambda: ddg.tradeoff_table("geodesic", SPHERE, scheme="cotan"), "no option 'scheme'"),
@@ -405,7 +405,7 @@ def test_flat_of_a_linear_field_on_vertices_is_the_derivative_of_its_quadratic_p
     [
         (lambda: ddg.harmonic_interpolation(SPHERE, {}), "fixed: no value is fixed; add `fixed={ID: VALUE}`"),
         (lambda: ddg.harmonic_interpolation(SPHERE, {-1: 0.0}), "fixed: vertex -1 does not exist"),
-        (lambda: ddg.parallel_transport(SPHERE, [0, 1], [[1, 0, 0]]), "`vectors` takes one for each"),
+        (lambda: ddg.parallel_transport(SPHERE, [0, 1], [[1, 0, 0]]), "vectors: 1 vector for 2"),
         (lambda: ddg.distance_matrix(SPHERE, [0, 1], []), "no target; name a vertex, such as `targets=0`"),
         (lambda: ddg.distance_matrix(SPHERE, [], [0]), "no source; name a vertex, such as `sources=0`"),
         (lambda: ddg.distance_matrix(SPHERE, [0], [10**6]), "target vertex 1000000 is outside"),

@@ -1,9 +1,13 @@
 """Refusals and warnings of the library name its own parameters, and what is wrong with their values."""
 
+import logging
+from threading import Thread
+
 import numpy as np
 import pytest
 
 import ddgcli as ddg
+from ddgcli.library.arguments import checked_arguments
 
 BALL = ddg.icosphere(1)
 N = BALL.n_vertices
@@ -31,6 +35,41 @@ def traced(face=0, barycentric=CENTRE, direction=(1, 0, 0), length=1.0):
         (lambda: ddg.mean_curvature_flow(BALL, 0.1, steps=0), "steps"),
         (lambda: ddg.mean_curvature_flow(BALL, np.inf), "time"),
         (lambda: ddg.heat_kernel_signature(BALL, [-1.0]), "times"),
+        (lambda: ddg.interior_product(BALL, ONES, ONES), "vectors"),
+        (lambda: ddg.interior_product(BALL, np.ones((N, 3)), ONES), "form"),
+        (lambda: ddg.interior_product(BALL, np.ones((N, 3)), [1.0]), "form"),
+        (lambda: ddg.lie_derivative(BALL, np.full((N, 3), np.inf), ONES), "vectors"),
+        (lambda: ddg.lie_derivative(BALL, np.ones((N, 3)), INFINITE), "form"),
+        (lambda: ddg.flat(BALL, [1.0]), "vectors"),
+        (lambda: ddg.flat(BALL, [[1.0, 0.0, 0.0]]), "vectors"),
+        (lambda: ddg.sharp(BALL, [1.0]), "form"),
+        (lambda: ddg.geodesic_distance(BALL, []), "sources"),
+        (lambda: ddg.geodesic_distance(BALL, [N]), "sources"),
+        (lambda: ddg.geodesic_distance(BALL, 0, "heat", heat_time=-1.0), "heat_time"),
+        (lambda: ddg.geodesic_distance(BALL, 0, "heat", heat_time=1e308), "heat_time"),
+        (lambda: ddg.geodesic_distance(BALL, 0, tolerance=-1.0), "tolerance"),
+        (lambda: ddg.geodesic_distance(BALL, source_points=[[np.nan, 0, 0]]), "source_points"),
+        (lambda: ddg.geodesic_distance(BALL, source_edges=[[0, 0]]), "source_edges"),
+        (lambda: ddg.distance_matrix(BALL, [0], [N]), "targets"),
+        (lambda: ddg.distance_matrix(BALL, [N], [0]), "sources"),
+        (lambda: ddg.distance_gradient(BALL, [1.0]), "distance"),
+        (lambda: ddg.geodesic_fan(BALL, 0, 2, 1.0), "rays"),
+        (lambda: ddg.geodesic_fan(BALL, 0, 9, -1.0), "length"),
+        (lambda: ddg.geodesic_fan(BALL, 0, 9, 1.0, circles=-1), "circles"),
+        (lambda: ddg.geodesic_fan(BALL, N, 9, 1.0), "source"),
+        (lambda: ddg.logarithmic_map(BALL, [0, 1]), "source"),
+        (lambda: ddg.logarithmic_map(BALL, 0, "dijkstra"), "method"),
+        (lambda: ddg.shortest_paths(BALL, 0, N), "targets"),
+        (lambda: ddg.integral_curves(BALL, np.ones((N, 3)), count=0), "count"),
+        (lambda: ddg.integral_curves(BALL, np.ones((N, 3)), order=3), "order"),
+        (lambda: ddg.integral_curves(BALL, np.ones((N, 3)), step=-1.0), "step"),
+        (lambda: ddg.integral_curves(BALL, np.ones((N, 3)), duration=-1.0), "duration"),
+        (lambda: ddg.integral_curves(BALL, np.zeros((N, 3))), "vectors"),
+        (lambda: ddg.isolines(BALL, ONES, 0), "count"),
+        (lambda: ddg.isolines(BALL, [1.0]), "values"),
+        (lambda: ddg.hodge_decomposition(BALL, np.full((N, 3), np.nan)), "field"),
+        (lambda: traced(length=-1.0), "length"),
+        (lambda: traced(direction=[0, 0, 0]), "direction"),
         (lambda: ddg.offset_body(BALL, -1.0), "distance"),
         (lambda: ddg.offset_body(BALL, 0.1, angle=-1.0), "angle"),
         (lambda: ddg.delaunay_refinement(BALL, 50.0), "degrees"),
@@ -116,3 +155,21 @@ def test_lines_are_traced_from_one_or_many_directions(shape):
     lines = traced(direction=directions, length=np.float32(1.0)).polylines
     assert len(lines) == len(directions)
     np.testing.assert_array_equal(lines[0], once)
+
+
+def test_repairs_are_written_as_calls_in_warnings_of_this_call_alone(caplog):
+    """A filter on the logger would rewrite the warnings of other threads, such as those of a command."""
+    log = logging.getLogger("ddgcli")
+
+    @checked_arguments
+    def warns(steps: int) -> None:
+        log.warning("use `repair=orient`")
+        other = Thread(target=log.warning, args=("use `repair=weld`",))
+        other.start()
+        other.join()
+
+    warns(1)
+    log.warning("use `repair=drop_degenerate`")
+    assert caplog.messages == [
+        "use `ddg.repair_mesh(mesh, orient=True)`", "use `repair=weld`", "use `repair=drop_degenerate`",
+    ]  # fmt: skip

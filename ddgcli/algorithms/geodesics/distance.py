@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.edge_distance import downhill_source
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
 from ddgcli.choices import DEFAULT_HEAT_TIME, DISTANCE_METHODS, HEAT_OPERATORS
-from ddgcli.errors import MeshError, ParameterError, counted
+from ddgcli.errors import MeshError, ParameterError, counted, renamed_parameters
 from ddgcli.geometry.cures import cure_of_bad_shapes, weld_advice
 from ddgcli.geometry.surface_points import SurfacePoints, face_centroids
 from ddgcli.linalg.residual_gate import WARNING_RESIDUAL, within_residuals
@@ -138,7 +138,7 @@ def prepare_solver(
     if method == "exact":
         return _exact(mesh, options, targets, progress, regions=regions)
     if len(targets):
-        raise ParameterError(f"targets inside faces need `method=exact`, not {method}")
+        raise ParameterError(f"of points inside faces need `method=exact`, not {method}", parameter="targets")
     return _from_curve_vertices(mesh, makers[method](mesh, options))
 
 
@@ -203,14 +203,16 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
     from ddgcli.choices import ITERATIVE_SOLVERS
 
     operator, base = _heat_mesh(mesh, options.operator)
-    solver = HeatSolver(base, time_factor=options.heat_time, refine=options.heat_refine, source_mesh=mesh)
+    with renamed_parameters(time_factor="heat_time", refine="heat_refine"):
+        solver = HeatSolver(base, time_factor=options.heat_time, refine=options.heat_refine, source_mesh=mesh)
 
     def solve(sources: Sources) -> DistanceResult:
         heat = solver.distance(sources)
         if not heat.heat_residual <= MAX_HEAT_RESIDUAL:
             raise ParameterError(
-                f"heat of `heat_time={options.heat_time:g}` is lost to rounding (residual "
-                f"{heat.heat_residual:.2g}); give a shorter `heat_time`, or use another method"
+                f"the heat after {options.heat_time:g} is lost to rounding (residual "
+                f"{heat.heat_residual:.2g}); give a shorter time, or use another method",
+                parameter="heat_time",
             )
         accuracy: dict[str, Any] = {
             "error_estimate": gradient_error(base, heat.extended),
@@ -288,7 +290,8 @@ def check_heat(mesh: SurfaceMesh, operator: str | None, heat_time: float | None 
         glue(mesh)
     elif name == "tufted":
         refuse_repeated_vertices(mesh)
-    diffusion_time(mesh, DEFAULT_HEAT_TIME if heat_time is None else heat_time)
+    with renamed_parameters(factor="heat_time"):
+        diffusion_time(mesh, DEFAULT_HEAT_TIME if heat_time is None else heat_time)
     if all_flat(mesh.side_length):
         check_mollifiable(_heat_mesh(mesh, operator)[1])
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.distance import DistanceOptions, Solver, prepare_solver
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.choices import SYMMETRIC_METHODS
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.progress import ProgressCallback
 from ddgcli.workers import results_in_order
@@ -46,7 +46,8 @@ def distance_matrix(
         inf between different components.
     """
     first = check_sources(mesh, np.asarray(sources, dtype=np.int64)).vertex
-    last = check_sources(mesh, np.asarray(targets, dtype=np.int64), "target").vertex
+    with renamed_parameters(sources="targets"):
+        last = check_sources(mesh, np.asarray(targets, dtype=np.int64), "target").vertex
     if jobs < 1:
         raise ParameterError(f"must be 1 or more, not {jobs}", parameter="jobs")
     if method in SYMMETRIC_METHODS and len(np.unique(last)) < len(np.unique(first)):

@@ -17,7 +17,7 @@ from ddgcli.algorithms.geodesics.query import DistanceQuery
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.choices import DEFAULT_HEAT_TIME
-from ddgcli.errors import counted
+from ddgcli.errors import counted, renamed_parameters
 from ddgcli.geometry.surface_points import SurfacePoints, nearest_points
 from ddgcli.mesh.require import refuse_repeated_vertices
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -65,7 +65,8 @@ def query_sources(mesh: TriangleMesh, query: DistanceQuery, source_edges: EdgeSe
     ------
     ParameterError, MeshError
     """
-    points = surface_points(mesh, query.source_point, query.source_face)
+    with renamed_parameters(face="source_face", barycentric="source_face"):
+        points = surface_points(mesh, query.source_point, query.source_face)
     sets = [source_edges] if source_edges is not None else []
     if query.source_boundary:
         refuse_repeated_vertices(mesh)  # which have a boundary of their own
@@ -76,9 +77,10 @@ def query_sources(mesh: TriangleMesh, query: DistanceQuery, source_edges: EdgeSe
         edges.append(source_set.edge)
         curves.append(curve + count)
         count += int(curve.max(initial=-1)) + 1
-    return check_sources(
-        mesh, Sources.at(query.vertices, points, np.concatenate(edges), np.concatenate(curves))
-    )
+    with renamed_parameters(sources="source"):
+        return check_sources(
+            mesh, Sources.at(query.vertices, points, np.concatenate(edges), np.concatenate(curves))
+        )
 
 
 def query_options(

@@ -13,7 +13,7 @@ from scipy.sparse import csc_array, csr_array, diags_array
 
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources, corner_distance, face_frame
 from ddgcli.choices import DEFAULT_HEAT_TIME
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import MeshError, ParameterError, renamed_parameters
 from ddgcli.geometry.component_sides import component_mean_side, on_vertices
 from ddgcli.linalg.constrain import Dirichlet, Poisson
 from ddgcli.linalg.factor import Factor
@@ -104,7 +104,7 @@ def diffusion_time(mesh: SurfaceMesh, factor: float) -> NDArray[np.float64]:
         raise ParameterError(
             f"{factor:g} squared mean side lengths ({side[bad[0]]:g}) are no positive and finite time; "
             "change it",
-            parameter="heat_time",
+            parameter="factor",
         )
     return time
 
@@ -147,7 +147,8 @@ class HeatSolver:
         if time is not None and not 0 < time < np.inf:
             raise ParameterError(f"must be positive and finite, not {time}", parameter="time")
         n = mesh.topology.n_components
-        self.time = diffusion_time(mesh, time_factor) if time is None else np.full(n, time)
+        with renamed_parameters(factor="time_factor"):
+            self.time = diffusion_time(mesh, time_factor) if time is None else np.full(n, time)
         self.stiffness = stiffness(mesh)
         self._area = lumped_vertex_area(mesh)
         flow = scaled_rows(self.stiffness, on_vertices(mesh, self.time))

@@ -273,5 +273,5 @@ class WaveQuery:
             raise ParameterError("belongs to `fan`; give that too", parameter="fan_circles")
         if self.jobs > 1 and not (self.target or distance.each_source):
             raise ParameterError(
-                "is for the rows of a `distance_matrix` and for `each_source`; add one", parameter="jobs"
+                "is for the distances to each `target` and for `each_source`; add one", parameter="jobs"
             )

@@ -57,7 +57,9 @@ def check_targets(mesh: SurfaceMesh, targets: list[int]) -> None:
     refuse_repeated_vertices(mesh)
     bad = [t for t in targets if not 0 <= t < mesh.n_vertices]
     if bad:
-        raise ParameterError(f"target vertex {bad[0]} does not exist; vertices are 0..{mesh.n_vertices - 1}")
+        raise ParameterError(
+            f"vertex {bad[0]} does not exist; vertices are 0..{mesh.n_vertices - 1}", parameter="targets"
+        )
 
 
 def shortest_paths(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import MeshError, ParameterError, renamed_parameters
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.frozen import FrozenArrays, frozen
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -181,7 +181,7 @@ def check_sources(
     mesh : TriangleMesh or IntrinsicMesh
     sources : Sources, vertex number or array of vertex numbers
     what : str
-        Parameter that holds them, for errors.
+        Noun for one of them, in errors.
 
     Returns
     -------
@@ -197,23 +197,30 @@ def check_sources(
     if not isinstance(sources, Sources):
         sources = Sources(np.asarray(sources))
     if len(sources) == 0:
-        raise ParameterError(f"no {what}; name a vertex, such as `{what}=0`, or a point on the surface")
+        raise ParameterError(
+            f"no {what}; name a vertex, such as `sources=0`, or a point on the surface", parameter="sources"
+        )
     n = mesh.n_vertices
     if mesh.n_faces == 0:
         raise MeshError("no triangles; a distance along the surface needs a surface")
     outside = np.flatnonzero((sources.vertex < 0) | (sources.vertex >= n))
     if len(outside):
-        raise ParameterError(f"{what} vertex {sources.vertex[outside[0]]} is outside 0..{n - 1}")
+        raise ParameterError(
+            f"{what} vertex {sources.vertex[outside[0]]} is outside 0..{n - 1}", parameter="sources"
+        )
     unused = np.flatnonzero(~mesh.topology.referenced_vertex[sources.vertex])
     if len(unused):
         raise ParameterError(
-            f"{what} vertex {sources.vertex[unused[0]]} belongs to no face; choose a vertex of the surface"
+            f"{what} vertex {sources.vertex[unused[0]]} belongs to no face; choose a vertex of the surface",
+            parameter="sources",
         )
-    SurfacePoints.checked(sources.points.face, sources.points.barycentric, mesh.n_faces)
+    with renamed_parameters(face="sources", barycentric="sources"):
+        SurfacePoints.checked(sources.points.face, sources.points.barycentric, mesh.n_faces)
     outside = np.flatnonzero((sources.edge < 0) | (sources.edge >= mesh.topology.n_edges))
     if len(outside):
         raise ParameterError(
-            f"source edge {sources.edge[outside[0]]} is outside 0..{mesh.topology.n_edges - 1}"
+            f"source edge {sources.edge[outside[0]]} is outside 0..{mesh.topology.n_edges - 1}",
+            parameter="sources",
         )
     return sources
 

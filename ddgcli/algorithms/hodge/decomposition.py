@@ -17,7 +17,7 @@ from scipy.sparse.linalg import cg, lsmr
 
 from ddgcli.algorithms.hodge.harmonic import ClosedProjection, closed_projection
 from ddgcli.algorithms.hodge.homology import Boundary
-from ddgcli.errors import ParameterError, counted
+from ddgcli.errors import ParameterError, counted, renamed_parameters
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.linalg.constrain import Dirichlet, Poisson, floating_components
 from ddgcli.linalg.factor import Factor
@@ -91,7 +91,8 @@ def decompose_form(mesh: SpaceMesh, form: NDArray, boundary: Boundary = "tangent
         For a form of another length or with values that are not finite.
     """
     projection = ClosedProjection(mesh, boundary)  # with the inner product of forms that are not closed
-    form = finite_field(form, projection.complex.counts[1], "edge")
+    with renamed_parameters(values="form"):
+        form = finite_field(form, projection.complex.counts[1], "edge")
     star1 = projection.star1
     load = star1 @ form
     potential = projection.potential(load)
@@ -136,7 +137,8 @@ def decompose_cell_vectors(
     """
     projection = closed_projection(mesh, boundary)
     complex_ = projection.complex
-    whole = vectors = finite_field(vectors, len(complex_.corners), "cell")
+    with renamed_parameters(values="vectors"):
+        whole = vectors = finite_field(vectors, len(complex_.corners), "cell")
     if isinstance(mesh, TriangleMesh):
         vectors, _ = tangent_part(mesh, whole)
     measure = complex_.metric.measure[:, None]
@@ -183,7 +185,8 @@ def decompose_vertex_vectors(
     ParameterError
         For a field of another length or with values that are not finite.
     """
-    vectors = finite_field(vectors, mesh.n_vertices, "vertex")
+    with renamed_parameters(values="vectors"):
+        vectors = finite_field(vectors, mesh.n_vertices, "vertex")
     corners = mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces
     split = decompose_cell_vectors(mesh, vectors[corners].mean(axis=1), boundary)
     components = [to_vertices(mesh, component) for component in (split.exact, split.coexact, split.harmonic)]
@@ -277,14 +280,14 @@ def finite_field(values: NDArray, count: int, place: str) -> NDArray[np.float64]
     values = np.asarray(values, dtype=np.float64)
     if len(values) != count:
         raise ParameterError(
-            f"an array of {len(values)} values; a field on {place}s has {count}", parameter="field"
+            f"an array of {len(values)} values; a field on {place}s has {count}", parameter="values"
         )
     bad = np.flatnonzero(~np.isfinite(row_matrix(values)).all(axis=1))
     if len(bad):
         raise ParameterError(
             f"not finite at {place} {bad[0]} ({counted(len(bad), 'such value', 'such values')}); "
             "correct the array",
-            parameter="field",
+            parameter="values",
         )
     return values
 

@@ -23,7 +23,7 @@ from ddgcli.algorithms.hodge.harmonic import HarmonicBasis, harmonic_basis
 from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, generator_loops
 from ddgcli.algorithms.hodge.solid_decomposition import component_numbers, joined_decomposition
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
-from ddgcli.errors import MeshError, ParameterError, counted
+from ddgcli.errors import MeshError, ParameterError, counted, renamed_parameters
 from ddgcli.geometry.cures import cure_of_bad_shapes, warn_of_pieces
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -136,7 +136,8 @@ def check_query(mesh: SpaceMesh, field: tuple[NDArray, str] | None, with_basis: 
     if field is None:
         return "edge" if with_basis else ""
     place = field_place(mesh, *field)
-    finite_field(field[0], len(field[0]), place)
+    with renamed_parameters(values="field"):
+        finite_field(field[0], len(field[0]), place)
     return place
 
 

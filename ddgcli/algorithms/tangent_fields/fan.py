@@ -14,7 +14,7 @@ from ddgcli.algorithms.geodesics.surface_curves import Curves, concatenate_curve
 from ddgcli.algorithms.tangent_fields.log_map import SourceFrame
 from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, FAILURE_STATUS, Traces
 from ddgcli.algorithms.tracing.trace import STATUS_TEXT, Tracer, check_lengths
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.geometry.component_sides import component_mean_side
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.geometry.face_frames import relative_position, surface_position
@@ -104,14 +104,17 @@ def check_fan(
     ParameterError
     """
     if rays < 3:
-        raise ParameterError(f"needs 3 rays or more, not {rays}", parameter="fan")
+        raise ParameterError(f"needs 3 rays or more, not {rays}", parameter="rays")
     if not (np.isfinite(length) and length > 0):
-        raise ParameterError(f"must be a positive length, not {length}", parameter="fan_length")
+        raise ParameterError(f"must be a positive length, not {length}", parameter="length")
     if circles < 0:
-        raise ParameterError(f"must be 0 or more, not {circles}", parameter="fan_circles")
+        raise ParameterError(f"must be 0 or more, not {circles}", parameter="circles")
     if len(source) != 1 or len(source.edge):
-        raise ParameterError(f"needs exactly one source vertex or point, not {len(source)}", parameter="fan")
-    source_frame = SourceFrame(tracer or Tracer(mesh), source)
+        raise ParameterError(
+            f"a fan has exactly one source vertex or point, not {len(source)}", parameter="source"
+        )
+    with renamed_parameters(sources="source"):
+        source_frame = SourceFrame(tracer or Tracer(mesh), source)
     face = source_frame.first // 3 if source_frame.vertex >= 0 else source_frame.face
     check_lengths(mesh, np.array([face]), np.array([length]))
     return source_frame

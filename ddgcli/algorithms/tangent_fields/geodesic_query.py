@@ -27,6 +27,7 @@ from ddgcli.algorithms.tangent_fields.vertex_vectors import (
     transport_vectors,
 )
 from ddgcli.algorithms.tangent_fields.wave_query import query_waves
+from ddgcli.errors import renamed_parameters
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.progress import StageProgress, no_stage_progress
 
@@ -174,14 +175,14 @@ def query_curves(
     if query.straighten or query.loop:
         from ddgcli.algorithms.geodesics.flipout import straighten_curves
 
-        cover.require_two_sides("`straighten` or `loop`")
+        cover.require_two_sides("straightening")
         stage_progress("straightening")
         closed = [False] * len(query.straighten) + [True] * len(query.loop)
         curve_sets.append(straighten_curves(cover.mesh, [*query.straighten, *query.loop], closed))
     if query.curve:
         from ddgcli.algorithms.geodesics.edge_curves import edge_curves
 
-        cover.require_two_sides("`curve`")
+        cover.require_two_sides("an edge path")
         curve_sets.append(edge_curves(cover.mesh, list(query.curve)))
     if field is not None:
         curve_sets.append(_integral_curves(cover, query, sources, field, seed, stage_progress))
@@ -192,7 +193,7 @@ def query_curves(
     if query.darboux:
         from ddgcli.algorithms.geodesics.darboux import add_darboux_frames
 
-        cover.require_two_sides("`darboux`")
+        cover.require_two_sides("a Darboux frame")
         curves = add_darboux_frames(cover.mesh, curves)
     if query.transport:
         from ddgcli.algorithms.tangent_fields.field_curves import add_transport
@@ -213,7 +214,7 @@ def _shortest_paths(
     from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
 
     if len(sources.points):
-        cover.require_two_sides("`path_to` from points inside faces")
+        cover.require_two_sides("a path from points inside faces")
     stage_progress("shortest paths")
     return shortest_paths(
         cover.mesh,
@@ -250,11 +251,13 @@ def _integral_curves(
         starts = random_starts(cover.mesh, query.field_seeds or 16, seed)
     else:
         starts = starts_at(cover.mesh, cover.lift_sources(sources))
-    return field_curves(
-        cover.mesh, values, starts, query.field_time, order=int(query.field_order),
-        step=query.field_step, tolerance=query.field_tolerance,
-        progress=stage_progress("integral curves"), place=place,
-    )  # fmt: skip
+    names = {"duration": "field_time", "step": "field_step", "tolerance": "field_tolerance"}
+    with renamed_parameters(values="field", **names):
+        return field_curves(
+            cover.mesh, values, starts, query.field_time, order=int(query.field_order),
+            step=query.field_step, tolerance=query.field_tolerance,
+            progress=stage_progress("integral curves"), place=place,
+        )  # fmt: skip
 
 
 def query_vectors(
@@ -281,7 +284,7 @@ def query_vectors(
     VertexVectors
     """
     cover, vector_sets = oriented_cover(mesh), []
-    cover.require_two_sides("`log_map` or `spread_vector`")
+    cover.require_two_sides("a tangent frame")
     sources = cover.lift_sources(sources)
     if query.log_map:
         arrival = (

@@ -14,6 +14,7 @@ from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_c
 from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery, WaveQuery
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tangent_fields.wave_query import check_waves
+from ddgcli.errors import renamed_parameters
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -60,7 +61,8 @@ class GeodesicTask:
                 check_heat(mesh, distance_query.operator, distance_query.heat_time)
         faces = np.array([face for face, _ in distance_query.target_face], dtype=np.int64)
         weights = np.array([weights for _, weights in distance_query.target_face], dtype=float)
-        SurfacePoints.checked(faces, weights.reshape(-1, 3), mesh.n_faces)
+        with renamed_parameters(face="target_face", barycentric="target_face"):
+            SurfacePoints.checked(faces, weights.reshape(-1, 3), mesh.n_faces)
         check_waves(mesh, wave_query, sources, distance_query.method, signed_curves)
         if curve_query.has_curves or curve_query.has_vectors or curve_query.darboux:
             cover = oriented_cover(mesh)
@@ -101,18 +103,20 @@ def _check_curves(
         from ddgcli.algorithms.geodesics.shortest_paths import check_targets
 
         if len(sources.points):
-            cover.require_two_sides("`path_to` from points inside faces")
-        check_targets(cover.base, list(query.path_to))
+            cover.require_two_sides("a path from points inside faces")
+        with renamed_parameters(targets="path_to"):
+            check_targets(cover.base, list(query.path_to))
     if query.trace:
         from ddgcli.algorithms.tracing.trace import Tracer, check_lengths
 
         start, direction, length = trace_starts(cover, query)
-        Tracer(cover.mesh).checked_start(start.face, start.barycentric, direction, length)
-        check_lengths(cover.mesh, start.face, length, query.at_boundary)
+        with renamed_parameters(direction="trace", length="trace"):
+            Tracer(cover.mesh).checked_start(start.face, start.barycentric, direction, length)
+            check_lengths(cover.mesh, start.face, length, query.at_boundary)
     if query.straighten or query.loop or query.curve:
         from ddgcli.algorithms.geodesics.flippable_mesh import check_waypoints
 
-        cover.require_two_sides("`curve`" if query.curve else "`straighten` or `loop`")
+        cover.require_two_sides("an edge path" if query.curve else "straightening")
         for waypoints in (*query.straighten, *query.curve):
             check_waypoints(cover.mesh, waypoints, closed=False)
         for waypoints in query.loop:
@@ -121,13 +125,14 @@ def _check_curves(
         from ddgcli.algorithms.tangent_fields.integral_curves import check_field_step
         from ddgcli.algorithms.tangent_fields.tangent_field import checked_field, default_duration
 
-        values, _ = checked_field(cover.base, *field)
-        duration = query.field_time
-        check_field_step(
-            query.field_step, default_duration(cover.base, values) if duration is None else duration
-        )
+        with renamed_parameters(values="field", step="field_step"):
+            values, _ = checked_field(cover.base, *field)
+            duration = query.field_time
+            check_field_step(
+                query.field_step, default_duration(cover.base, values) if duration is None else duration
+            )
     if query.darboux:
-        cover.require_two_sides("`darboux`")
+        cover.require_two_sides("a Darboux frame")
 
 
 def trace_starts(cover: OrientedCover, query: CurveQuery) -> tuple[SurfacePoints, NDArray, NDArray]:
@@ -147,23 +152,26 @@ def trace_starts(cover: OrientedCover, query: CurveQuery) -> tuple[SurfacePoints
     length : (k,) ndarray
     """
     face, barycentric, direction, length = (np.array(x) for x in zip(*query.trace, strict=True))
-    start = cover.lift_points(SurfacePoints.checked(face, barycentric, cover.base.n_faces))
+    with renamed_parameters(face="trace", barycentric="trace"):
+        start = cover.lift_points(SurfacePoints.checked(face, barycentric, cover.base.n_faces))
     return start, direction, length
 
 
 def _check_vectors(cover: OrientedCover, query: CurveQuery, sources: Sources, method: str) -> None:
     """Raise the errors of the logarithmic map and of transported vectors."""
-    cover.require_two_sides("`log_map` or `spread_vector`")
+    cover.require_two_sides("a tangent frame")
     lifted = cover.lift_sources(sources)
     if query.log_map and method == "heat":
         from ddgcli.algorithms.tangent_fields.heat_log_map import require_source_vertex
 
-        require_source_vertex(lifted)
+        with renamed_parameters(sources="source"):
+            require_source_vertex(lifted)
     if query.log_map:
         from ddgcli.algorithms.tangent_fields.log_map import SourceFrame
         from ddgcli.algorithms.tracing.trace import Tracer
 
-        SourceFrame(Tracer(cover.mesh), lifted)
+        with renamed_parameters(sources="source"):
+            SourceFrame(Tracer(cover.mesh), lifted)
     if query.spread_vector or (query.log_map and method == "heat"):
         from ddgcli.algorithms.tangent_fields.vector_heat import check_vector_heat
 
@@ -171,4 +179,5 @@ def _check_vectors(cover: OrientedCover, query: CurveQuery, sources: Sources, me
     if query.spread_vector:
         from ddgcli.algorithms.tangent_fields.vertex_vectors import vectors_at_sources
 
-        vectors_at_sources(cover.mesh, lifted, query.spread_vector)
+        with renamed_parameters(vectors="spread_vector"):
+            vectors_at_sources(cover.mesh, lifted, query.spread_vector)

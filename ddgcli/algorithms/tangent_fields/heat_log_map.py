@@ -55,8 +55,8 @@ def require_source_vertex(sources: Sources) -> None:
     require_single_source(sources)
     if not len(sources.vertex):
         raise ParameterError(
-            "by the heat method starts at a vertex; use `method=exact` or `method=fast-marching` for a point",
-            parameter="log_map",
+            "by the heat method must be a vertex; use `method=exact` or `method=fast-marching` for a point",
+            parameter="sources",
         )
 
 

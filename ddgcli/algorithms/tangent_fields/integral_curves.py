@@ -144,12 +144,12 @@ def integral_curves(
         For an order, a duration, a step or a tolerance out of range.
     """
     if order not in (1, 2, 4):
-        raise ParameterError(f"the order must be 1, 2 or 4, not {order}")
+        raise ParameterError(f"must be 1, 2 or 4, not {order}", parameter="order")
     if not 0 < duration < np.inf:
-        raise ParameterError(f"the time to integrate must be positive and finite, not {duration}")
+        raise ParameterError(f"must be positive and finite, not {duration}", parameter="duration")
     check_field_step(step, duration, max_steps)
     if tolerance is not None and not 0 < tolerance < np.inf:
-        raise ParameterError(f"the tolerance must be positive and finite, not {tolerance}")
+        raise ParameterError(f"must be positive and finite, not {tolerance}", parameter="tolerance")
     tracer = Tracer(mesh)
     if step is None:
         run = _CurveIntegrator(tracer, field, starts, duration, order, max_steps, progress)
@@ -180,12 +180,13 @@ def check_field_step(step: float | None, duration: float, max_steps: int = MAX_S
     if step is None:
         return
     if not 0 < step < np.inf:
-        raise ParameterError(f"the step must be positive and finite, not {step}")
+        raise ParameterError(f"must be positive and finite, not {step}", parameter="step")
     if duration > step * max_steps * (1 + 1e-9):
         raise ParameterError(
             f"a step of {step:g} takes {duration / step:.3g} steps to the time {duration:g}, more than "
             f"{max_steps:,}; use a step of at least {1.01 * duration / max_steps:.3g}, or a time of at most "
-            f"{0.99 * step * max_steps:.3g}"
+            f"{0.99 * step * max_steps:.3g}",
+            parameter="step",
         )
 
 

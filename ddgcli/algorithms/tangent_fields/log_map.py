@@ -67,7 +67,9 @@ def require_single_source(sources: Sources) -> None:
     ParameterError
     """
     if len(sources) != 1:
-        raise ParameterError(f"needs exactly one source, not {len(sources)}", parameter="log_map")
+        raise ParameterError(
+            f"a tangent frame has exactly one source, not {len(sources)}", parameter="sources"
+        )
 
 
 class SourceFrame:
@@ -87,14 +89,16 @@ class SourceFrame:
                 if mesh.topology.edge_face_count[edge] > 2:
                     raise ParameterError(
                         f"the source lies on an edge of {mesh.topology.edge_face_count[edge]} faces and has "
-                        "no tangent plane there; use another source"
+                        "no tangent plane there; use another source",
+                        parameter="sources",
                     )
         if self.vertex >= 0:
             fans = tracer.fans
             own = np.flatnonzero(fans.vertex == self.vertex)
             if len(own) != 1:
                 raise ParameterError(
-                    f"vertex {self.vertex} joins {len(own)} fans of faces; use another source"
+                    f"vertex {self.vertex} joins {len(own)} fans of faces; use another source",
+                    parameter="sources",
                 )
             self.fan = int(own[0])
             self.first = int(fans.corner[fans.start[self.fan]])

@@ -120,14 +120,15 @@ def check_query(mesh: TriangleMesh, curves: EdgeSet, method: str = "auto") -> ND
     sign = None if method == "heat" else region_signs(mesh, curves)
     if sign is None and method == "exact":
         raise ParameterError(
-            "the curves do not separate the surface into a negative and a positive side; use the heat method"
+            "the curves do not separate the surface into a negative and a positive side; use the heat method",
+            parameter="curves",
         )
     if sign is None and not curves.sign.all():
         edge = mesh.topology.edges[curves.edge[int(np.argmin(np.abs(curves.sign)))]]
         raise ParameterError(
             f"the curves do not separate the surface, and edge {edge[0]}-{edge[1]} has no direction; "
             "give directed vertex pairs (the negative side on their left)",
-            parameter="signed_distance",
+            parameter="curves",
         )
     if sign is None:
         check_tangent_planes(mesh)

@@ -41,11 +41,12 @@ def checked_field(mesh: TriangleMesh, values: NDArray, place: str = "") -> tuple
     if values.shape != shapes.get(place):
         raise ParameterError(
             f"the field has shape {values.shape}; give vectors on vertices ({mesh.n_vertices}, 3) "
-            f"or on faces ({mesh.n_faces}, 3)"
+            f"or on faces ({mesh.n_faces}, 3)",
+            parameter="values",
         )
     if not np.isfinite(values).all():
         bad = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
-        raise ParameterError(f"the field's vector {bad} is not finite; repair the array")
+        raise ParameterError(f"the field's vector {bad} is not finite; repair the array", parameter="values")
     return values, place
 
 
@@ -101,6 +102,8 @@ def default_duration(mesh: TriangleMesh, values: NDArray) -> float:
     """
     speed = float(np.sqrt(np.mean(np.einsum("ij,ij->i", values, values))))
     if not speed > 0:
-        raise ParameterError("the field is zero everywhere and has no integral curves; give another field")
+        raise ParameterError(
+            "the field is zero everywhere and has no integral curves; give another field", parameter="values"
+        )
     points = mesh.points[mesh.topology.referenced_vertex]
     return float(np.linalg.norm(points.max(axis=0) - points.min(axis=0))) / speed

@@ -120,21 +120,23 @@ def vectors_at_sources(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike)
     if len(sources.points) or len(vectors) != len(sources.vertex):
         number = counted(len(vectors), "vector", "vectors")
         starts = counted(len(sources.vertex), "source vertex", "source vertices")
-        raise ParameterError(f"{number} for {starts}; `spread_vector` takes one for each")
+        raise ParameterError(f"{number} for {starts}; give one for each", parameter="vectors")
     if vectors.ndim != 2 or vectors.shape[1] != 3:
-        raise ParameterError(f"vectors have three components; these have the shape {vectors.shape}")
+        raise ParameterError(
+            f"vectors have three components; these have the shape {vectors.shape}", parameter="vectors"
+        )
     bad = np.flatnonzero(~np.isfinite(vectors).all(axis=1))
     if len(bad):
-        raise ParameterError(f"vector {bad[0]} is not finite; give three finite numbers")
+        raise ParameterError(f"vector {bad[0]} is not finite; give three finite numbers", parameter="vectors")
     first, row = np.unique(sources.vertex, return_index=True, return_inverse=True)[1:]
     other = np.flatnonzero((vectors != vectors[first[row]]).any(axis=1))
     if len(other):
         pair = " and ".join(str(vectors[i].tolist()) for i in (first[row[other[0]]], other[0]))
         raise ParameterError(
             f"vertex {sources.vertex[other[0]]} has two vectors, {pair}; give one, such as their sum",
-            parameter="spread_vector",
+            parameter="vectors",
         )
-    require(mesh, "`spread_vector`")
+    require(mesh, "the transport of vectors")
     in_space = np.zeros((mesh.n_vertices, 3))
     in_space[sources.vertex] = vectors
     start = to_vertex_frames(mesh, in_space)[sources.vertex]
@@ -143,7 +145,8 @@ def vectors_at_sources(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike)
     if len(bad):
         raise ParameterError(
             f"vector {vectors[bad[0]].tolist()} has no tangential component at vertex "
-            f"{sources.vertex[bad[0]]}; give one that is not normal to the surface"
+            f"{sources.vertex[bad[0]]}; give one that is not normal to the surface",
+            parameter="vectors",
         )
     return start
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,11 @@ from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
 from ddgcli.algorithms.geodesics.query import WaveQuery
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.progress import StageProgress, no_stage_progress
 
+_FAN_NAMES = partial(renamed_parameters, rays="fan", length="fan_length", circles="fan_circles")
 SYMMETRY_TOLERANCE = 1e-9  # of exact distances, relative to the largest
 
 
@@ -64,20 +66,23 @@ def check_waves(
     if query.target and sources is not None:
         if sources.first_curve != len(sources.vertex) or len(sources.edge):
             raise ParameterError(
-                "has rows for source vertices only; name each source by its vertex",
-                parameter="distance_matrix",
+                "has distances from source vertices only; name each source by its vertex",
+                parameter="target",
             )
-        check_sources(mesh, query.targets, "target")
+        with renamed_parameters(sources="target"):
+            check_sources(mesh, query.targets, "target")
     if signed_curves is not None:
         from ddgcli.algorithms.tangent_fields.signed_distance import check_query
 
-        check_query(mesh, signed_curves, "heat" if method == "heat" else "auto")
+        with renamed_parameters(curves="signed_distance"):
+            check_query(mesh, signed_curves, "heat" if method == "heat" else "auto")
     if query.fan is not None and sources is not None:
         from ddgcli.algorithms.tangent_fields.fan import check_fan
 
         cover = oriented_cover(mesh)
-        cover.require_two_sides("`fan`")
-        check_fan(cover.mesh, cover.lift_sources(sources), query.fan, query.fan_length or 0.0)
+        cover.require_two_sides("the fan")
+        with _FAN_NAMES():
+            check_fan(cover.mesh, cover.lift_sources(sources), query.fan, query.fan_length or 0.0)
 
 
 def query_waves(
@@ -145,11 +150,12 @@ def query_waves(
     from ddgcli.algorithms.tangent_fields.fan import describe_fan, geodesic_fan
 
     cover = oriented_cover(mesh)
-    cover.require_two_sides("`fan`")
-    fan = geodesic_fan(
-        cover.mesh, cover.lift_sources(sources), query.fan, query.fan_length or 0.0, query.fan_circles,
-        progress=stage_progress("fan"),
-    )  # fmt: skip
+    cover.require_two_sides("the fan")
+    with _FAN_NAMES():
+        fan = geodesic_fan(
+            cover.mesh, cover.lift_sources(sources), query.fan, query.fan_length or 0.0, query.fan_circles,
+            progress=stage_progress("fan"),
+        )  # fmt: skip
     result.results["fan"] = describe_fan(fan)
     return WaveResult(
         result.vertex, result.face, result.results, result.accuracy, result.matrix, cover.project(fan)

@@ -236,7 +236,8 @@ def check_lengths(
         bad = int(np.argmax(too_long))
         raise ParameterError(
             f"line {bad} has length {length[bad]:g}, but a line ends after {MAX_CROSSINGS:,} crossings, here "
-            f"after a length of {most:.3g} at most; give a shorter length"
+            f"after a length of {most:.3g} at most; give a shorter length",
+            parameter="length",
         )
 
 
@@ -259,7 +260,8 @@ def _refuse_flat_starts(tracer: Tracer, start: LineStart, direction: NDArray) ->
         bad = flat[leaves][0]
         raise ParameterError(
             f"line {bad} starts in face {start.face[bad]}, which has no area, and leads out of it; "
-            "start in a neighbouring face"
+            "start in a neighbouring face",
+            parameter="direction",
         )
 
 
@@ -273,21 +275,28 @@ def check_start(
     k = len(face)
     if len(barycentric) != k:
         raise ParameterError(
-            f"{k} faces but {len(barycentric)} barycentric coordinates; give one triple per face"
+            f"{k} faces but {len(barycentric)} barycentric coordinates; give one triple per face",
+            parameter="barycentric",
         )
     length = np.broadcast_to(np.asarray(length, dtype=np.float64), (k,))
     bad = np.flatnonzero(~(length >= 0) | ~np.isfinite(length))
     if len(bad):
         raise ParameterError(
-            f"line {bad[0]} has length {length[bad[0]]:g}; lengths must be finite and not negative"
+            f"line {bad[0]} has length {length[bad[0]]:g}; lengths must be finite and not negative",
+            parameter="length",
         )
     direction = np.atleast_2d(np.asarray(direction, dtype=np.float64))
     if direction.ndim != 2 or direction.shape[1] not in (2, 3) or len(direction) not in (1, k):
-        raise ParameterError(f"directions must have shape ({k}, 3) or ({k}, 2), not {direction.shape}")
+        raise ParameterError(
+            f"must have shape ({k}, 3) or ({k}, 2), not {direction.shape}", parameter="direction"
+        )
     direction = np.broadcast_to(direction, (k, direction.shape[1]))
     if not np.isfinite(direction).all():
         bad = np.flatnonzero(~np.isfinite(direction).all(axis=1))
-        raise ParameterError(f"line {bad[0]} has a direction that is not finite; give three finite numbers")
+        raise ParameterError(
+            f"line {bad[0]} has a direction that is not finite; give three finite numbers",
+            parameter="direction",
+        )
     size = np.abs(direction).max(axis=1, initial=0.0)
     planar = direction / np.where(size > 0, size, 1.0)[:, None]
     if direction.shape[1] == 3:
@@ -297,6 +306,7 @@ def check_start(
     if len(bad):
         raise ParameterError(
             f"line {bad[0]} has no direction within face {face[bad[0]]} "
-            "(zero, across its plane, or a face without area); give a direction along the surface"
+            "(zero, across its plane, or a face without area); give a direction along the surface",
+            parameter="direction",
         )
     return LineStart(face, barycentric, np.ascontiguousarray(planar / norm[:, None]), length)

@@ -19,7 +19,7 @@ from ddgcli.cli.input_facts import input_facts
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.output_checks import check_holdable
 from ddgcli.cli.run import Run
-from ddgcli.errors import OutputError, ParameterError, named_array
+from ddgcli.errors import OutputError, ParameterError, named_array, renamed_parameters
 
 if TYPE_CHECKING:
     from ddgcli.io.trajectories.trajectory import Trajectory
@@ -102,7 +102,8 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
         if drawn or common.plot is not None:
             _array_name(source, settings)
         if settings["paths"] and common.outputs:
-            check_particles(source)
+            with renamed_parameters(source="paths"):
+                check_particles(source)
         for output in common.outputs:
             if Path(output).suffix.lower() == ".pvd":
                 run.plan_folder(str(Path(output).with_suffix("")))
@@ -155,7 +156,8 @@ def _check_picture_options(common: CommonOptions, settings: dict[str, Any]) -> N
             raise ParameterError(f"--{name} is for {' '.join(sorted(suffixes))}; write one with -o")
     for output in common.outputs:
         if Path(output).suffix.lower() in ANIMATIONS:
-            check_animation(output, common.size, settings["fps"])
+            with renamed_parameters(frames_per_second="fps"):
+                check_animation(output, common.size, settings["fps"])
 
 
 def _without_defaults(settings: dict[str, Any]) -> dict[str, Any]:

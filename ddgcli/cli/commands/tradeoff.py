@@ -25,7 +25,7 @@ from ddgcli.cli.forecast.use import InputSize
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.parameters import with_option_names
 from ddgcli.cli.run import Run
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 
 if TYPE_CHECKING:
     from ddgcli.tradeoff.candidates import Problem, Row, Table
@@ -230,7 +230,8 @@ def _mesh_problem(run: Run, compared: str, call: CommandCall, truth: str | None,
     from ddgcli.tradeoff.truths import parse_truth
 
     mesh = run.read(call.path).surface
-    known_truth = parse_truth(truth, mesh.points) if truth else None
+    with renamed_parameters(text="truth"):
+        known_truth = parse_truth(truth, mesh.points) if truth else None
     keywords: dict[str, Any] = {"error_part": error_part} if compared in SIMULATORS else {}
     if compared == "geodesic" and any(name in call.options for name in SOURCE_OPTIONS):
         from ddgcli.algorithms.geodesics.distance_query import query_sources
@@ -265,9 +266,11 @@ def _conservation_problem(run: Run, compared: str, call: CommandCall, quantity: 
 
     if _is_example(call.path):
         run.set_input(call.path, "")
-        return example_problem(call.path, quantity, options=call.options)
+        with renamed_parameters(quantity="conserved"):
+            return example_problem(call.path, quantity, options=call.options)
     document, read = _scene(run, "shell", call)
-    return scene_problem(document, read, quantity, options=call.options)
+    with renamed_parameters(quantity="conserved"):
+        return scene_problem(document, read, quantity, options=call.options)
 
 
 def _is_example(path: str) -> bool:

@@ -207,7 +207,8 @@ def _region(source: Any, name: str | None) -> Any:
     values, place = input_array(base, name)
     if place not in ("vertex", ""):
         raise ParameterError(f"{name!r} is a {place} array; name one of the vertices", parameter="region")
-    mask = region_mask(values, base.surface.topology)
+    with renamed_parameters(values="region"):
+        mask = region_mask(values, base.surface.topology)
     return mask if base is source else source.subdivision.vertex_mask(mask)
 
 
@@ -217,11 +218,13 @@ def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
 
     if parameters["report_energy"] not in (None, "all"):
         raise ParameterError(f"--report-energy {parameters['report_energy']!r}: write all")
+    with renamed_parameters(length="remesh"):
+        remesh = remesh_length(parameters["remesh"])
     return FlowOptions(
         **{name: parameters[name] for name in ("energy", "flow", "boundary", "fix_area", "fix_volume")},
         spontaneous_curvature=parameters["spontaneous_curvature"] or 0.0,
         timed=any(overrides.get(name) for name in ("step", "duration")),
-        remesh=remesh_length(parameters["remesh"]),
+        remesh=remesh,
         remesh_adaptive=parameters["remesh_adaptive"],
         report_energies=parameters["report_energy"] is not None,
         integrator=overrides.get("integrator"),

@@ -33,7 +33,7 @@ def check_particles(source: Trajectory) -> list[str]:
     names = [name for name in source.scalars if name.startswith(PREFIX)]
     if not names:
         raise ParameterError(
-            "the run has no particles; name the effect particles in a scene of fluid-sim", parameter="paths"
+            "the run has no particles; name the effect particles in a scene of fluid-sim", parameter="source"
         )
     return names
 

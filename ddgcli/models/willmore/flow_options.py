@@ -92,7 +92,7 @@ def remesh_length(length: str | float | None) -> str | float | None:
         return float(length)
     except ValueError:
         raise ParameterError(
-            f"{length!r} is not a length; write a number, or mean", parameter="remesh"
+            f"{length!r} is not a length; write a number, or mean", parameter="length"
         ) from None
 
 

@@ -92,7 +92,7 @@ def region_mask(values: NDArray, topology: Topology) -> NDArray[np.bool_]:
     """
     n = topology.n_vertices
     if values.ndim != 1 or not np.isfinite(values).all():
-        raise ParameterError("must have one finite number per row", parameter="region")
+        raise ParameterError("must have one finite number per row", parameter="values")
     if len(values) == n:
         mask = values != 0
     else:
@@ -101,15 +101,15 @@ def region_mask(values: NDArray, topology: Topology) -> NDArray[np.bool_]:
             raise ParameterError(
                 f"has {len(values)} values, neither one for each of the {n} vertices nor vertex numbers from "
                 f"0 to {n - 1} (first wrong: {values[wrong][0]:g})",
-                parameter="region",
+                parameter="values",
             )
         mask = np.zeros(n, dtype=bool)
         mask[values.astype(np.int64)] = True
     mask &= topology.referenced_vertex
     if not mask.any():
-        raise ParameterError("has no vertex of the surface; mark at least one", parameter="region")
+        raise ParameterError("has no vertex of the surface; mark at least one", parameter="values")
     if mask[topology.referenced_vertex].all():
-        raise ParameterError("is the whole surface; leave `region` out", parameter="region")
+        raise ParameterError("is the whole surface; leave it out", parameter="values")
     return mask
 
 

@@ -149,7 +149,10 @@ def example_problem(name: str, quantity: str, *, options: CommandOptions = NO_OP
     if name not in MECHANICAL_EXAMPLES:
         raise ParameterError(f"{name!r} is not one of {', '.join(MECHANICAL_EXAMPLES)}")
     if name == "pendulum" and quantity != "energy":
-        raise ParameterError("the pivot of a pendulum changes its momenta; use `conserved=energy`")
+        raise ParameterError(
+            "the pivot of a pendulum changes its momenta; use `quantity=energy`",
+            parameter="quantity",
+        )
     example = _example(name)
 
     def setup(integrator: str, step: float, span: float) -> Any:
@@ -200,7 +203,7 @@ def scene_problem(
             if effect in FORBIDDEN_EFFECTS[quantity]:
                 raise ParameterError(
                     f"effect {effect} changes the {quantity.replace('-', ' ')}; use a scene without it",
-                    parameter="conserved",
+                    parameter="quantity",
                 )
         shells = {n: context for n, (context, _) in model.contexts(scene, read).items()}
         mass = float(sum(context.mass.sum() for context in shells.values()))
@@ -216,10 +219,10 @@ def _check(quantity: str, options: CommandOptions, accepted: Sequence[str] = ())
     """Raise ParameterError for an unknown quantity, or an option that the problem does not use."""
     for name in options:
         if name == "tolerance" or (accepted and name not in accepted):
-            raise ParameterError("changes nothing that `conserved` compares; leave it out", parameter=name)
+            raise ParameterError("changes nothing in this comparison; leave it out", parameter=name)
     if quantity not in CONSERVED_QUANTITIES:
         quantities = ", ".join(CONSERVED_QUANTITIES)
-        raise ParameterError(f"{quantity!r} is not one of {quantities}", parameter="conserved")
+        raise ParameterError(f"{quantity!r} is not one of {quantities}", parameter="quantity")
 
 
 def _span(options: CommandOptions, step: float, duration: float) -> float:
