@@ -18,7 +18,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = (
     "ddgcli.algorithms",
-    "ddgcli.batch",
+    "ddgcli.cli.batch",
     "ddgcli.errors",
     "ddgcli.geometry",
     "ddgcli.io",

@@ -18,7 +18,6 @@ MAY_IMPORT = {
     "__init__": {"errors", "library"},
     "__main__": {"cli"},
     "errors": set(),
-    "batch": {"errors", "waiting"},
     "choices": set(),
     "memory": {"errors"},
     "progress": set(),
@@ -38,7 +37,7 @@ MAY_IMPORT = {
     "tradeoff": SIMULATORS | {"models"},
     "plots": BASE | {"mesh", "geometry"},
     "library": SIMULATORS | {"io", "models", "plots", "tradeoff"},
-    "cli": SIMULATORS | {"__init__", "batch", "io", "models", "tradeoff", "plots"},
+    "cli": SIMULATORS | {"__init__", "io", "models", "tradeoff", "plots"},
 }
 # packages of `algorithms`, and which of the others each may import
 TOPICS = {

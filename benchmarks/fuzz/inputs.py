@@ -143,8 +143,8 @@ def read_expression() -> Callable[[bytes], object]:
 
 def read_table(suffix: str) -> Callable[[bytes], object]:
     """A table of an interrupted batch."""
-    from ddgcli.batch.table import completed_rows
-    from ddgcli.batch.tasks import Task
+    from ddgcli.cli.batch.table import completed_rows
+    from ddgcli.cli.batch.tasks import Task
 
     task = Task(0, "a.ply", {"radius": "1"}, None, ("info", "a.ply"))
     return _by_path(f"t{suffix}", lambda path: completed_rows(path, [task], {"a.ply": "0" * 64}, ["area"]))
@@ -284,7 +284,7 @@ def kinds() -> dict[str, Kind]:
 
 def table_seeds() -> list[bytes]:
     """A table as a batch writes it."""
-    from ddgcli.batch.process import TaskRow
-    from ddgcli.batch.table import table_bytes
+    from ddgcli.cli.batch.process import TaskRow
+    from ddgcli.cli.batch.table import table_bytes
 
     return [table_bytes("t.csv", [TaskRow(**ROW)])]

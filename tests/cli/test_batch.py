@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from ddgcli.batch import process
-from ddgcli.batch.process import TaskLimits, TaskRow
-from ddgcli.batch.run import run_batch
-from ddgcli.batch.table import completed_rows
-from ddgcli.batch.tasks import Task, make_tasks, parsed_sweeps, shard_of
+from ddgcli.cli.batch import process
+from ddgcli.cli.batch.process import TaskLimits, TaskRow
+from ddgcli.cli.batch.run import run_batch
+from ddgcli.cli.batch.table import completed_rows
+from ddgcli.cli.batch.tasks import Task, make_tasks, parsed_sweeps, shard_of
 from ddgcli.errors import MissingExtraError, ParameterError
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
@@ -253,7 +253,7 @@ def test_an_interrupted_batch_leaves_no_process(inputs, tmp_path):
     """SIGINT to the batch ends its running tasks too."""
     code = (  # a shell without job control starts background jobs, and what they start, with SIGINT ignored
         "import signal, sys\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from ddgcli.batch import process\n"
+        "from ddgcli.cli.batch import process\n"
         f"process.PROGRAM = (sys.executable, '-c', {STUB!r})\n"
         "from ddgcli.cli.main import main\nmain()\n"
     )

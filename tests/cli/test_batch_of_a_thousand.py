@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ddgcli.batch import process
+from ddgcli.cli.batch import process
 from tests.conftest import ROOT
 
 SCALE = """
@@ -39,7 +39,7 @@ def thousand(tmp_path):
     for k in range(1000):
         (folder / f"m{k:04d}.ply").write_text(str(k))
     code = (
-        f"import sys\nfrom ddgcli.batch import process\nprocess.PROGRAM = {SCALE_PROGRAM!r}\n"
+        f"import sys\nfrom ddgcli.cli.batch import process\nprocess.PROGRAM = {SCALE_PROGRAM!r}\n"
         "from ddgcli.cli.main import main\nmain()\n"
     )
     limits = ("--jobs", "8", "--timeout", "15", "--memory", "200", "--collect", "results.area", "-q")

@@ -6,8 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from ddgcli.batch.tasks import Task
 from ddgcli.choices import ITERATIVE_SOLVERS
+from ddgcli.cli.batch.tasks import Task
 from ddgcli.cli.forecast import batch_cost, check_cost, prediction
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
 from ddgcli.cli.forecast.simulator_kernels import CONTACT_STEPS

@@ -10,10 +10,10 @@ import time
 
 import pytest
 
-from ddgcli.batch import process
-from ddgcli.batch.process import TaskLimits
-from ddgcli.batch.run import run_batch
-from ddgcli.batch.tasks import make_tasks
+from ddgcli.cli.batch import process
+from ddgcli.cli.batch.process import TaskLimits
+from ddgcli.cli.batch.run import run_batch
+from ddgcli.cli.batch.tasks import make_tasks
 from ddgcli.tradeoff.measure import peak_mib
 from ddgcli.waiting import captured_run
 

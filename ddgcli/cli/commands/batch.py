@@ -23,8 +23,8 @@ from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
-    from ddgcli.batch.process import TaskRow
-    from ddgcli.batch.tasks import Task
+    from ddgcli.cli.batch.process import TaskRow
+    from ddgcli.cli.batch.tasks import Task
 
 log = logging.getLogger("ddgcli")
 
@@ -81,10 +81,10 @@ def command(
       ddgcli batch a.ply b.ply --sweep radius=0.5,1 -o '{stem}.{radius}.vtu' -- curvature --scheme corrected
       ddgcli batch 'scans/*.ply' --jobs 8 --timeout 60 --collect results.area --table t.jsonl -- curvature
     """
-    from ddgcli.batch.process import TaskLimits
-    from ddgcli.batch.run import run_batch
-    from ddgcli.batch.table import TABLE_FORMATS, journal_path, table_bytes
-    from ddgcli.batch.tasks import (
+    from ddgcli.cli.batch.process import TaskLimits
+    from ddgcli.cli.batch.run import run_batch
+    from ddgcli.cli.batch.table import TABLE_FORMATS, journal_path, table_bytes
+    from ddgcli.cli.batch.tasks import (
         expanded_inputs,
         make_tasks,
         parsed_sweeps,

@@ -12,7 +12,7 @@ from ddgcli.cli.forecast.check_cost import CURES, dry_run_of
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
-    from ddgcli.batch.tasks import Task
+    from ddgcli.cli.batch.tasks import Task
 
 __all__ = ["batch_cost", "dry_runs", "may_not_fit", "refuse_batch", "with_refused_runs"]
 

@@ -217,7 +217,7 @@ def dry_run_of(words: Sequence[str]) -> dict[str, Any]:
     import json
     import sys
 
-    from ddgcli.batch.process import MESSAGE_LENGTH
+    from ddgcli.cli.batch.process import MESSAGE_LENGTH
 
     call = [sys.executable, "-m", "ddgcli", *words, "--dry-run", "--json"]
     process = captured_run(call)

@@ -10,9 +10,9 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
-from ddgcli.batch.process import TaskLimits, TaskRow, file_hash, run_task
-from ddgcli.batch.table import completed_rows, journal_line, journal_path
-from ddgcli.batch.tasks import Task
+from ddgcli.cli.batch.process import TaskLimits, TaskRow, file_hash, run_task
+from ddgcli.cli.batch.table import completed_rows, journal_line, journal_path
+from ddgcli.cli.batch.tasks import Task
 from ddgcli.errors import MissingExtraError, ParameterError, SolveError, excerpt
 from ddgcli.waiting import wait_in_steps
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ddgcli.batch.tasks import Task
+from ddgcli.cli.batch.tasks import Task
 
 POLL_SECONDS = 0.02
 MESSAGE_LENGTH = 600  # messages have their cure at the end

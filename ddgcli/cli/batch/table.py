@@ -10,8 +10,8 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-from ddgcli.batch.process import TaskRow
-from ddgcli.batch.tasks import Task
+from ddgcli.cli.batch.process import TaskRow
+from ddgcli.cli.batch.tasks import Task
 
 TABLE_FORMATS = (".jsonl", ".csv")
 COLUMNS = tuple(f.name for f in fields(TaskRow))
