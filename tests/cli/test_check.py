@@ -1,6 +1,9 @@
 """`check` sees what moved, and nothing else."""
 
 import json
+import re
+import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +13,8 @@ from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -157,6 +162,32 @@ def test_every_moved_number_and_text_is_a_difference():
     assert [m["key"] for m in moved] == ["results.b[1]", "results.c", "results.d", "results.e"]
     assert moved[0]["difference"] == 1
     assert compared == 7
+
+
+def test_a_list_that_gains_entries_is_reported_with_their_number():
+    moved, _ = compare({"warnings": []}, {"warnings": ["a", {"b": 1, "c": 2}]}, Tolerances())
+    assert moved[0] == {"key": "warnings", "expected": "0 entries", "found": "2 entries"}
+    assert [e["key"] for e in moved[1:]] == ["warnings[0]", "warnings[1].b", "warnings[1].c"]
+    moved, _ = compare({"rows": ["a"]}, {"rows": []}, Tolerances())
+    assert {"key": "rows", "expected": "1 entry", "found": "0 entries"} in moved
+
+
+def test_warnings_about_output_formats_are_not_compared():
+    of_format, other = ".vtu holds no arrays on edges", "2 faces are degenerate"
+    assert compare({"warnings": []}, {"warnings": [of_format]}, Tolerances())[0] == []
+    assert compare({"warnings": [other]}, {"warnings": [of_format, other]}, Tolerances())[0] == []
+    assert compare({"warnings": []}, {"warnings": [of_format, other]}, Tolerances())[0] != []
+
+
+def test_the_examples_of_the_page_agree_with_what_they_store(tmp_path, run, monkeypatch):
+    (tmp_path / "sample_meshes").symlink_to(ROOT / "sample_meshes")
+    monkeypatch.chdir(tmp_path)
+    block = re.findall(r"^```sh\n(.*?)^```", (ROOT / "docs/check.md").read_text("utf-8"), re.M | re.S)[0]
+    lines = [shlex.split(line, comments=True)[1:] for line in block.splitlines()]
+    assert len(lines) == 5
+    for words in lines:
+        result = run(*words)
+        assert result.exit_code == 0, (words, result.stdout)
 
 
 def test_nothing_but_json_is_stored_over(run, tmp_path):

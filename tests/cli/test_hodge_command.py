@@ -55,7 +55,7 @@ def test_parts_come_in_the_form_of_the_input(torus, tmp_path, summary, place):
 def test_arrays_on_edges_that_a_format_does_not_hold_have_a_warning(torus, tmp_path, run, call, lost, suffix):
     result = run(*call.format(torus, tmp_path).split(), "-o", tmp_path / f"out{suffix}")
     assert result.exit_code == 0
-    warned = f"{suffix} holds no arrays on edges and on faces of tetrahedra ({lost}" in result.stderr
+    warned = f"{suffix} holds no arrays on edges ({lost}" in result.stderr
     assert warned == (suffix not in (".npz", ".vtkhdf"))
 
 

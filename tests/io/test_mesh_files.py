@@ -314,3 +314,21 @@ def test_the_digest_of_an_input_is_that_of_the_bytes_that_were_read(tmp_path):
     source = read_mesh(str(path))
     path.write_bytes(b"another file")
     assert source.sha256 == expected == source.sha256
+
+
+@pytest.mark.parametrize(
+    "mesh, places, text",
+    [
+        (shapes.torus(8, 6), ["edge"], "on edges (e)"),
+        (shapes.torus(8, 6), ["whole"], "of the whole mesh (w)"),
+        (shapes.box_tetrahedra(1, 1, 1), ["whole"], "on faces of tetrahedra (w)"),
+        (shapes.box_tetrahedra(1, 1, 1), ["edge", "whole"], "on edges and on faces of tetrahedra (e, w)"),
+    ],
+)
+def test_the_warning_of_lost_arrays_names_their_elements_alone(tmp_path, caplog, mesh, places, text):
+    edges = mesh.edges if isinstance(mesh, TetMesh) else mesh.topology.edges
+    arrays = {"edge": {"edges": edges, "e": np.ones(len(edges))}, "whole": {"w": np.ones(3)}}
+    write_mesh(str(tmp_path / "m.vtu"), AnnotatedMesh(mesh, **{place: arrays[place] for place in places}))
+    assert [r.getMessage() for r in caplog.records] == [
+        f".vtu holds no arrays {text}; write .npz or .vtkhdf to keep them"
+    ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import math
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ VOLATILE_FIELDS = (
     "seconds", "seconds.*", "*.seconds", "*_seconds", "*.seconds_by_part*", "*.share", "*peak_mib", "version",
     "input.path", "outputs", "outputs*", "tolerances*",
 )  # fmt: skip
+WARNING_OF_A_FORMAT = re.compile(r"\.[a-z0-9]+ ")  # about an output: it begins with the extension
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 def compare(
     expected: dict[str, Any], actual: dict[str, Any], tolerances: Tolerances
 ) -> tuple[list[dict[str, Any]], int]:
-    """Compare every leaf of two summaries.
+    """Compare every leaf of two summaries, but for warnings about the formats of outputs.
 
     Parameters
     ----------
@@ -103,10 +105,12 @@ def compare(
     -------
     moved : list of dict
         `key`, `expected`, `found`, and for numbers `difference` and `allowed`; 'missing' stands for a value
-        that only the other summary has.
+        that only the other summary has, and the number of entries for a list that is empty in one of them.
     compared : int
     """
-    before, after = dict(flat(expected)), dict(flat(actual))
+    before, after = _leaves(expected), _leaves(actual)
+    for own, other in ((before, after), (after, before)):
+        _count_entries_of_empty_lists(own, other)
     names = [name for name in {**before, **after} if not tolerances.leaves_out(name)]
     moved = []
     for name in names:
@@ -122,6 +126,24 @@ def compare(
         elif a != b or isinstance(a, bool) != isinstance(b, bool):
             moved.append(entry)
     return moved, len(names)
+
+
+def _leaves(summary: dict[str, Any]) -> dict[str, Any]:
+    """Compared leaves by dotted name."""
+    warnings = summary.get("warnings")
+    if isinstance(warnings, list):
+        others = [w for w in warnings if not (isinstance(w, str) and WARNING_OF_A_FORMAT.match(w))]
+        summary = {**summary, "warnings": others}
+    return dict(flat(summary))
+
+
+def _count_entries_of_empty_lists(own: dict[str, Any], other: dict[str, Any]) -> None:
+    """Replace empty lists of `own` that have entries in `other` by the number of entries, in both."""
+    for name in [name for name, value in own.items() if value == [] and name not in other]:
+        numbers = {key[len(name) + 1 :].partition("]")[0] for key in other if key.startswith(f"{name}[")}
+        if numbers:
+            own[name] = "0 entries"
+            other[name] = f"{len(numbers)} entr{'y' if len(numbers) == 1 else 'ies'}"
 
 
 def _number(value: Any) -> bool:

@@ -268,12 +268,13 @@ def warn_of_lost_edge_arrays(data: CellData, suffix: str) -> None:
     suffix : str
         Extension of a format without them.
     """
-    missing = [name for name in (*data.edge, *data.whole) if name not in NUMBERINGS]
-    if missing:
-        log.warning(
-            f"{suffix} holds no arrays on edges and on faces of tetrahedra ({_first_names(missing)}); "
-            "write .npz or .vtkhdf to keep them"
-        )
+    whole = "on faces of tetrahedra" if data.kind == "tetrahedra" else "of the whole mesh"
+    names = {"on edges": [*data.edge], whole: [*data.whole]}
+    missing = {place: [n for n in arrays if n not in NUMBERINGS] for place, arrays in names.items()}
+    places = " and ".join(place for place, arrays in missing.items() if arrays)
+    if places:
+        shown = _first_names([name for arrays in missing.values() for name in arrays])
+        log.warning(f"{suffix} holds no arrays {places} ({shown}); write .npz or .vtkhdf to keep them")
 
 
 def _first_names(names: list[str]) -> str:
