@@ -5,6 +5,7 @@ import shlex
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from docs import make_pictures
@@ -90,6 +91,19 @@ def test_the_numbers_of_the_tutorial_are_those_of_its_commands(command, number, 
     name, *words = command.split(" ", 1)
     lines = [line for line in tutorial_summaries if line.split()[1] == name and all(w in line for w in words)]
     assert number in tutorial_summaries[lines[0]].stdout
+
+
+def test_the_generators_of_the_tutorial_wind_around_its_torus_as_it_states(folder, tutorial_summaries):
+    from ddgcli.io.mesh_file import read_mesh
+
+    curves = read_mesh(str(folder / "generators.vtp"))
+    turns = []
+    for number in range(2):
+        lines = curves.mesh.lines[curves.face["path_id"] == number]
+        x, y, z = curves.mesh.points[np.append(lines[:, 0], lines[0, 0])].T
+        angles = np.arctan2([y, z], [x, np.hypot(x, y) - 1.0])
+        turns.append(np.abs(np.diff(np.unwrap(angles)).sum(axis=1)) / (2 * np.pi))
+    np.testing.assert_allclose(turns, [[0, 1], [1, 3]], atol=1e-9)  # around the hole, around the tube
 
 
 def test_paths_on_the_architecture_page_exist():
