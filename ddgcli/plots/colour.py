@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,26 @@ SIGNED_ARRAYS = (
     "principal_curvature_max", "dihedral_angle", "torsion", "vorticity", "potential", "copotential",
     "stream_function", "signed_distance", "turning_angle",
 )  # fmt: skip
+# numbers of other elements, of curves or of an input: no quantities
+MAP_ARRAYS = ("input_vertex", "input_face", "input_cell", "path_id", "vertex", "face")
 # quantities relative to 1, of which values below `ROUNDING_SHARE` are rounding
 RELATIVE_ARRAYS = ("strain", "strain_tensor", "principal_strain")
+
+
+def first_quantity(names: Iterable[str]) -> str | None:
+    """The array that a picture shows by default.
+
+    Parameters
+    ----------
+    names : iterable of str
+
+    Returns
+    -------
+    str or None
+        The vorticity of a flow, else the first array that is no map; None if there is none.
+    """
+    quantities = sorted((n for n in names if n not in MAP_ARRAYS), key=lambda name: name != "vorticity")
+    return next(iter(quantities), None)
 
 
 def value_scale(name: str) -> float:

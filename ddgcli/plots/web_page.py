@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.plots.colour import is_signed, robust_limits, value_scale
+from ddgcli.plots.colour import first_quantity, is_signed, robust_limits, value_scale
 from ddgcli.plots.viewpoint import up_axis_of
 
 
@@ -58,7 +58,7 @@ def page_bytes(
     times : sequence of float
         Of the frames, in seconds; empty where nothing moves.
     show : str, optional
-        Array to begin with.
+        Array to begin with; default: the first that is no map, such as `input_vertex`.
     up : {'y', 'z'}, optional
         Default: z with times, else from the shape.
 
@@ -73,7 +73,7 @@ def page_bytes(
         "centre": centre.tolist(),
         "size": size,
         "times": [float(time) for time in times],
-        "show": show,
+        "show": show or first_quantity(n for o in objects for n in (*o.vertex, *o.face)) or "",
         "up": up or ("z" if times else up_axis_of(_first_frame(objects, centre, size))),
     }
     text = json.dumps(data, allow_nan=False, ensure_ascii=False).replace("<", "\\u003c")

@@ -296,3 +296,19 @@ def test_paths_of_a_run_without_particles_name_the_command_that_has_them(run, tr
     result = run("frames", trajectory, "--paths", "-o", tmp_path / "paths.vtp")
     assert result.exit_code == 2 and result.stderr.count(str(trajectory)) == 1
     assert "name the effect particles in a scene of fluid-sim" in result.stderr
+
+
+def test_the_default_colours_are_of_a_quantity():
+    """A remeshed flow has the numbers of its vertices as its only array; its picture is plain."""
+    from types import SimpleNamespace
+
+    from ddgcli.cli.commands.frames import _array_name
+
+    def default(*names):
+        return _array_name(
+            SimpleNamespace(vertex=lambda k: dict.fromkeys(names, np.ones(3))), {"array": None}
+        )
+
+    assert default("input_vertex") is None and default() is None
+    assert default("input_vertex", "strain") == default("strain", "path_id") == "strain"
+    assert default("strain", "vorticity") == "vorticity"

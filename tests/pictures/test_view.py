@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,8 +16,11 @@ from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh import shapes
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.plots.web_page import ViewedObject, page_bytes
 from tests.physics.test_willmore_flips import slanted_torus
 
+NODE = shutil.which("node") or shutil.which("nodejs")
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 ARGUMENTS = (
     "--headless --no-sandbox --disable-quic --no-first-run --disable-background-networking --disable-sync "
@@ -45,6 +49,22 @@ def evaluated(page, tmp_path, script):
     command = [BROWSER, *ARGUMENTS.split(), f"--user-data-dir={tmp_path / 'profile'}", copy.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     return json.loads(html.unescape(re.search(r'data-result="([^"]*)"', done.stdout)[1]))
+
+
+def without_browser(page, tmp_path, script):
+    """Value of a JavaScript expression in the page, as Node gives it with a document that draws nothing."""
+    if NODE is None:
+        pytest.skip("no Node: the logic of the page is not tried")
+    text = page.read_text("utf-8")
+    program = tmp_path / "page.js"
+    source = re.search(r"<script>(.*?)</script>", text, re.S)[1]
+    data = re.search(r'<script id="data" type="application/json">(.*?)</script>', text, re.S)[1]
+    head = (Path(__file__).parent / "document.js").read_text("utf-8")
+    tail = f"\nconst viewer = window.viewer; console.log(JSON.stringify({script}));"
+    program.write_text(f"const pageData = {json.dumps(data)};\n{head}\n{source}{tail}", "utf-8")
+    done = subprocess.run([NODE, str(program)], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
 
 
 # share of the page that is drawn, its mean red, and how much of it is grey
@@ -252,3 +272,79 @@ def test_names_in_the_page_cannot_end_its_script(summary, tmp_path):
     text = page.read_text("utf-8")
     assert "a&lt;b&amp;.vtu" in text and "a<b" not in text
     assert text.count("</script>") == 2
+
+
+def test_jumps_are_to_drawn_places_of_shown_inputs_and_centre_on_them(summary, tmp_path):
+    mesh, page = shapes.icosphere(2), tmp_path / "page.html"
+    apart = mesh.moved(mesh.points + [3.0, 0, 0])
+    unused = np.vstack([mesh.points, [[0, 0, 9.0]]])
+    height = {"height": np.append(mesh.points[:, 2], 99.0)}
+    write_mesh(str(tmp_path / "a.vtu"), AnnotatedMesh(TriangleMesh.from_arrays(unused, mesh.faces), height))
+    write_mesh(str(tmp_path / "b.vtu"), AnnotatedMesh(apart, {"height": 5.0 + mesh.points[:, 2]}))
+    report = summary("view", tmp_path / "a.vtu", tmp_path / "b.vtu", "-o", page)
+    assert report["input"]["path"] == f"{tmp_path / 'a.vtu'} {tmp_path / 'b.vtu'}"
+    assert report["input"]["faces"] == 2 * mesh.n_faces and report["input"]["vertices"] == 325
+    place = "viewer.place(viewer.data.objects[viewer.state.probe.number], viewer.state.probe.vertex)"
+    shown, hidden, centre, span = without_browser(page, tmp_path, f"""(() => {{
+      const span = viewer.state.range, shown = viewer.jump(1); viewer.data.objects[1].visible = false;
+      viewer.state.zoom = 8; return [shown, viewer.jump(1), {place}, span]; }})()""")  # fmt: skip
+    assert (shown["object"], shown["value"]) == ("b.vtu", 5.0 + mesh.points[:, 2].max())
+    assert (hidden["object"], hidden["value"]) == ("a.vtu", mesh.points[:, 2].max())
+    assert hidden["vertex"] in mesh.faces[hidden["face"]]
+    np.testing.assert_allclose(centre, 0.0, atol=1e-6)
+    assert span[0] < -0.9 and span[1] > 5.9  # of both inputs
+
+
+def test_the_values_of_a_place_follow_the_frames(run, summary, tmp_path):
+    write_mesh(str(tmp_path / "ball.ply"), AnnotatedMesh(shapes.icosphere(2)))
+    out, page = tmp_path / "run.vtkhdf", tmp_path / "page.html"
+    words = ["--vorticity", "5*z+x*y", "--duration", "0.2", "--dt", "0.1", "-o", out]
+    assert run("fluid-sim", tmp_path / "ball.ply", *words).exit_code == 0
+    summary("view", out, "-o", page)
+    script = """(() => { const first = viewer.jump(1); viewer.setFrame(2);
+      return [first, viewer.state.probe, viewer.state.array,
+        document.getElementById("probe").textContent]; })()"""
+    first, last, array, text = without_browser(page, tmp_path, script)
+    with Trajectory(str(out)) as trajectory:
+        before, after = (float(trajectory.vertex(k)["vorticity"][first["vertex"]]) for k in (0, 2))
+    assert array == "vorticity" and first["vertex"] == last["vertex"]
+    assert (first["value"], last["value"]) == (before, after) and before != after
+    assert f"vorticity {after!r}" in text
+
+
+def test_the_place_of_a_mesh_with_other_vertices_is_cleared(tmp_path):
+    spheres = [shapes.icosphere(k) for k in (1, 2)]
+    values = [mesh.points[:, 2] for mesh in spheres]
+    viewed = ViewedObject("x", [m.points for m in spheres], [m.faces for m in spheres], {"z": values})
+    page = tmp_path / "page.html"
+    page.write_bytes(page_bytes("x", [viewed], [0.0, 1.0]))
+    script = "[viewer.jump(1).value, (viewer.setFrame(1), viewer.state.probe), viewer.jump(1).value]"
+    first, gone, last = without_browser(page, tmp_path, script)
+    assert gone is None and [first, last] == [values[0].max(), values[1].max()]
+
+
+def test_tubes_have_the_values_of_their_vertices(summary, tmp_path):
+    x = np.arange(5.0)
+    curve = CurveSet.from_paths([np.stack([x, x**2, 0 * x], axis=1)])
+    write_mesh(str(tmp_path / "curve.npz"), AnnotatedMesh(curve, {"curvature": 10 + x}))
+    page = tmp_path / "page.html"
+    summary("view", tmp_path / "curve.npz", "-o", page)
+    script = "[viewer.state.array, viewer.jump(1), viewer.gl.uploads.map((x) => [...x])]"
+    array, largest, uploads = without_browser(page, tmp_path, script)
+    assert array == "curvature" and (largest["vertex"], largest["face"], largest["value"]) == (4, 3, 14.0)
+    positions, values = np.reshape(uploads[0], (-1, 3)), np.array(uploads[1])
+    data = json.loads(page.read_text("utf-8").split('json">')[1].split("</script>")[0])
+    centres = (curve.points - data["centre"]) / data["size"]
+    nearest = np.linalg.norm(positions[:, None] - centres, axis=2).argmin(axis=1)
+    np.testing.assert_array_equal(values, 10 + nearest)
+
+
+@pytest.mark.parametrize("arrays", [{"input_vertex": 1, "area": 2}, {"area": 2}, {"input_vertex": 1}])
+def test_numbers_of_elements_are_no_default(summary, tmp_path, arrays):
+    mesh, page = shapes.icosphere(1), tmp_path / "page.html"
+    vertex = {name: k * np.arange(mesh.n_vertices) for name, k in arrays.items()}
+    write_mesh(str(tmp_path / "m.npz"), AnnotatedMesh(mesh, vertex))
+    summary("view", tmp_path / "m.npz", "-o", page)
+    data = json.loads(page.read_text("utf-8").split('json">')[1].split("</script>")[0])
+    assert data["show"] == ("area" if "area" in arrays else "")
+    assert without_browser(page, tmp_path, "viewer.state.array") == data["show"]

@@ -341,12 +341,13 @@ def _plot_frames(
 
 
 def _array_name(source: Trajectory, settings: dict[str, Any]) -> str | None:
-    """Array that colours the pictures; by default vorticity or the first scalar."""
+    """Array that colours the pictures; by default vorticity or the first scalar that is no map."""
     arrays = source.vertex(0)
     if settings["array"] in (None, "none"):
-        plain = [name for name, values in arrays.items() if values.ndim == 1]
-        plain.sort(key=lambda name: name != "vorticity")
-        return plain[0] if plain and settings["array"] is None else None
+        from ddgcli.plots.colour import first_quantity
+
+        scalars = [name for name, values in arrays.items() if values.ndim == 1]
+        return first_quantity(scalars) if settings["array"] is None else None
     named_array(arrays, settings["array"])
     return str(settings["array"])
 

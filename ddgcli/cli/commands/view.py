@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ddgcli.plots.web_page import ViewedObject
 
 TRAJECTORY_SUFFIXES = (".vtkhdf", ".h5", ".part")
+COUNTS = ("vertices", "faces", "tetrahedra", "lines", "frames")  # of several inputs the summary has the sums
 MAX_PAGE_MIB = 400  # a browser reads the page as one string
 
 
@@ -57,6 +58,7 @@ def command(
 
     objects: list[ViewedObject] = []
     times: list[float] = []
+    totals: dict[str, int] = {}
     for path in paths:
         trajectory_frames = _trajectory(run, path, every)
         if trajectory_frames is not None and times:
@@ -64,6 +66,9 @@ def command(
         viewed, seconds = trajectory_frames or ([_static(run, path)], [])
         objects += viewed
         times = seconds or times
+        totals |= {name: totals.get(name, 0) + run.input[name] for name in COUNTS if name in run.input}
+    if len(paths) > 1:
+        run.input = {"path": " ".join(paths), **totals}
     if every > 1 and not times:
         raise ParameterError("is for trajectories, and no input is one; leave it out", parameter="every")
     names = sorted({name for viewed in objects for name in (*viewed.vertex, *viewed.face)})
@@ -92,7 +97,8 @@ def _static(run: Run, path: str) -> ViewedObject:
 
     name = Path(path).name
     if isinstance(source.mesh, CurveSet):
-        return ViewedObject(name, [source.mesh.points], [source.mesh.lines])
+        arrays = [{k: [v] for k, v in own.items() if _drawable(v)} for own in (source.vertex, source.face)]
+        return ViewedObject(name, [source.mesh.points], [source.mesh.lines], *arrays)
     faces = surface_arrays(source.mesh, source.face)
     vertex = {key: [values] for key, values in source.vertex.items() if _drawable(values)}
     face = {key: [values] for key, values in faces.items() if _drawable(values)}
