@@ -5,9 +5,14 @@ import pytest
 
 from ddgcli.errors import SceneError
 from ddgcli.io.mesh_file import MeshInput
+from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh.shapes import icosphere
 from ddgcli.models.shell.pair_contact import PairBarrier, PairFriction, PairMesh
+from ddgcli.models.shell.scene import KIND
+from ddgcli.models.shell.shell_scene import ShellScene
+from ddgcli.scenes.scene import resolve
 from ddgcli.scenes.shapes import Grid, grid_mesh
+from ddgcli.simulation.account import Account
 from tests.simulate import scalar, shell_run
 from tests.triangle_pairs import meshes_intersect
 
@@ -385,3 +390,17 @@ def test_vertices_attached_to_an_obstacle_turn_with_it():
     velocity = snapshots[-1].observations["s"].vertex["velocity"][:3]
     assert np.allclose(velocity, np.cross([0, 0, 5], expected))
     assert "reaction_force_attach_0" in snapshots[-1].observations["s"].scalar
+
+
+def test_a_dry_run_of_attached_shells_names_the_terms_of_both():
+    text = scene(
+        'duration = 0.05\nstep = 1e-3\n', shell("a", "", 2), shell("b", "position = [0.2, 0, 0]", 2),
+        obstacle('mesh = "ball"\nposition = [0.1, 0.1, -0.2]'),
+        effects='contact = { pairs = [["a", "o"], ["b", "o"]] }\n'
+        '[[effects.attach]]\nobject = "a"\nto = "b"\nbox = [[0.2, 0, 0], [0.2, 0.2, 0]]\n',
+    )  # fmt: skip
+    dry = ShellScene(resolve(parse_scene(text), KIND, {}), Account(), read_ball, read_ball)
+    assert dry.assembled(dry.scene.schedule())["a+b"]["terms"] == {
+        "stretching": "StVK, 16 elements", "bending": "HingeBending, 16 elements",
+        "contact": "PairBarrier, elements found in each step", "attach": "Ties, 3 elements",
+    }  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from ddgcli.choices import EXPLICIT_INTEGRATORS
@@ -96,8 +97,7 @@ def assembled(
     }
     for group in groups(scene, shells):
         system = systems[group.name]
-        acting: list[Any] = [*system.potentials, *system.dissipations]
-        terms = {p.name: _term_text(p) for p in acting}
+        terms = _term_texts([*system.potentials, *system.dissipations])
         meshes = [context.mesh for context in group.shells.values()]
         description[group.name] = {
             "vertices": len(system.mass),
@@ -109,9 +109,17 @@ def assembled(
     return description
 
 
-def _term_text(term: Any) -> str:
-    kind = type(getattr(term, "part", term)).__name__
-    changing = not len(term.stencil) and hasattr(getattr(term, "part", term), "near")
-    if changing:
-        return f"{kind}, elements found in each step"
-    return f"{kind}, {len(term.stencil)} elements" if len(term.stencil) else kind
+def _term_texts(terms: Iterable[Any]) -> dict[str, str]:
+    """Kinds of the terms of each effect, with the elements of all shells."""
+    counts: dict[str, dict[str, int]] = {}
+    for term in terms:
+        own_term = getattr(term, "own_term", term)
+        kind = type(own_term).__name__
+        if not len(term.stencil) and hasattr(own_term, "near"):
+            kind += ", elements found in each step"
+        of_effect = counts.setdefault(term.name, {})
+        of_effect[kind] = of_effect.get(kind, 0) + len(term.stencil)
+    return {
+        name: "; ".join(f"{kind}, {count} elements" if count else kind for kind, count in of_effect.items())
+        for name, of_effect in counts.items()
+    }
