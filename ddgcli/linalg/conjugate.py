@@ -35,9 +35,9 @@ def truncated_conjugate_gradients(
     apply: Operator,
     precondition: Operator,
     rhs: NDArray,
-    enough: Callable[[float], float],
-    most: int,
-    through: Callable[[float], bool] = lambda first: False,
+    tolerance: Callable[[float], float],
+    max_iterations: int,
+    continue_past: Callable[[float], bool] = lambda first: False,
 ) -> NewtonStep | None:
     """Approximate solution of a symmetric system; a descent direction if rhs = -gradient, wherever it stops.
 
@@ -46,11 +46,10 @@ def truncated_conjugate_gradients(
     apply, precondition : callables (n,) -> (n,)
         The matrix, and the inverse of a positive definite one near it.
     rhs : (n,) ndarray
-    enough : callable float -> float
+    tolerance : callable float -> float
         From the largest entry of the first guess: how large the missing part may be.
-    most : int
-        Rounds.
-    through : callable float -> bool
+    max_iterations : int
+    continue_past : callable float -> bool
         From the same entry: whether to continue where the curvature is negative, to a stationary point of any
         kind (as long as the way there descends).
 
@@ -73,14 +72,14 @@ def truncated_conjugate_gradients(
     first = float(np.abs(z).max(initial=0.0))
     if not rz > 0:
         return NewtonStep(x, 0.0, 0, True) if first == 0.0 else None
-    allowed = enough(first)
+    allowed = tolerance(first)
     guess, p, error, truncated = z, z, first, None
-    for k in range(1, most + 1):
+    for k in range(1, max_iterations + 1):
         ap = apply(p)
         curvature = float(p @ ap)
         if not curvature > 0 and truncated is None:
             truncated = NewtonStep(x.copy() if float(rhs @ x) > 0 else guess, error, k, False)
-            if not through(first) or curvature == 0.0:
+            if not continue_past(first) or curvature == 0.0:
                 return truncated
         step = rz / curvature
         whole = k == 1 and 0.5 < step < 2.0

@@ -53,7 +53,7 @@ class Batch:
 class Levels:
     """Batches by their step: those of `batches[k]` act every dt / 2^k."""
 
-    all_terms: tuple[Any, ...]
+    terms: tuple[Any, ...]
     batches: list[list[Batch]]
 
 
@@ -159,7 +159,7 @@ def levels_of(system: System, dt: float) -> Levels:
     """
     stored = system.cache.setdefault("asynchronous", {})
     levels = stored.get(dt)
-    if levels is None or not _same(levels.all_terms, system.all_terms):
+    if levels is None or not _same(levels.terms, system.terms):
         calls = dict(system.account.calls)
         levels = stored[dt] = _divided(system, dt)
         system.account.calls = calls  # once in a run, and once more where it is resumed
@@ -189,7 +189,7 @@ def _divided(system: System, dt: float) -> Levels:
     largest = float(rate.max(initial=0.0))
     finest = _level(np.array([limit]), dt)[0] if np.isfinite(limit) else 0
     batches: list[list[Batch]] = [[] for _ in range(finest + 1)]
-    for term in system.all_terms:
+    for term in system.terms:
         potential = term.at(system.time) if isinstance(term, TimeDependent) else term
         if not isinstance(potential, Potential):
             continue
@@ -205,7 +205,7 @@ def _divided(system: System, dt: float) -> Levels:
             vertices, stencil = np.unique(potential.stencil[members], return_inverse=True)
             own_term = potential.subset(members, stencil.reshape(-1, potential.stencil.shape[1]))
             batches[k].append(Batch(own_term, vertices, potential.name))
-    return Levels(system.all_terms, batches)
+    return Levels(system.terms, batches)
 
 
 def _level(limits: NDArray, dt: float) -> NDArray[np.int64]:

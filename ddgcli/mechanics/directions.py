@@ -105,7 +105,7 @@ class Directions:
                 low_rank.product(matrix.__matmul__, columns), self._precondition, rhs,
                 lambda first: max(min(MAX_CG_RESIDUAL, first / before) * first, least), MAX_CG_ROUNDS,
                 # near the end a stationary point is a solution, whether or not it could buckle
-                through=lambda first: first < MAX_CG_RESIDUAL * before < np.inf,
+                continue_past=lambda first: first < MAX_CG_RESIDUAL * before < np.inf,
             )  # fmt: skip
         if direction is None:
             return self.projected(y, g)

@@ -53,7 +53,7 @@ def driving_work(
         work += 0.5 * float(np.vdot(force[rows], move[rows]))
         speed = np.sum(after.v[rows] ** 2, axis=1) - np.sum(before.v[rows] ** 2, axis=1)
         work += 0.5 * float(system.mass[rows] @ speed)
-    for term in system.all_terms:
+    for term in system.terms:
         if has_kind(term, TimeDependent):
             then, now = term.at(before.time), term.at(after.time)
             if hasattr(then, "power"):  # of a barrier: its energy at fixed positions may be infinite
@@ -152,7 +152,7 @@ def obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> f
     """
     if not system.pushed:
         return 0.0
-    terms = [term for term in system.all_terms if hasattr(term, "power")]
+    terms = [term for term in system.terms if hasattr(term, "power")]
     return 0.5 * dt * sum(p.at(before.time).power(before.x) + p.at(after.time).power(after.x) for p in terms)
 
 

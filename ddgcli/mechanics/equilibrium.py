@@ -14,7 +14,7 @@ from ddgcli.mechanics.rigid_motions import moves_freely, unsupported_fields
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode
 from ddgcli.mechanics.turning import turned
-from ddgcli.simulation.model import StepRejected
+from ddgcli.simulation.model import Cause, StepRejected
 
 MAX_EQUILIBRIUM_ITERATIONS = 2000
 MAX_CONTRACTION = 0.5  # of a move, what a whole one may leave where energies do not judge it
@@ -57,7 +57,7 @@ class Equilibrium:
                     point, shift, exact_allowed, before = end, NO_SHIFT * unit, True, np.inf
             g = objective.gradient(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
-                raise StepRejected("not finite", worst(g))
+                raise StepRejected(Cause.NOT_FINITE, worst(g))
             self._check_travel(point.y - start)
             try:
                 move, exact_used = self._direction(increment, point.y, g, exact_allowed, shift)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.simulation.model import StepRejected
+from ddgcli.simulation.model import Cause, StepRejected
 
 if TYPE_CHECKING:
     from ddgcli.mechanics.increment import Increment, Point
@@ -35,7 +35,7 @@ class Integrator:
     reach : callable parameters -> float
         Largest stable product of step and frequency.
     rescue : callable like `step`, optional
-        What takes a step that `step` solved and yet rejects, before it is halved; where no step is unstable.
+        Fallback scheme, tried before a rejected step is halved; only for unconditionally stable schemes.
     multistep : bool
         The scheme uses `Motion.past`.
     own_time : bool
@@ -106,7 +106,7 @@ def checked(system: System, motion: Motion, before: NDArray | None = None) -> Mo
     for array in (motion.x, motion.v):
         if not np.isfinite(array).all():
             bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-            raise StepRejected("not finite", f"vertex {bad[0]}", float("nan"))
+            raise StepRejected(Cause.NOT_FINITE, f"vertex {bad[0]}", float("nan"))
     for barrier in system.barriers:
         crossed = barrier.outside(motion.x)
         if crossed is None and before is not None and hasattr(barrier, "crosses"):
@@ -376,7 +376,7 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
 
         unheld = unheld_motions(system)
         cause, cure = f"{rejected}; {unheld}" if unheld else str(rejected), "hold the shell by pins"
-        if rejected.cause == "not finite":  # the first move leads too far
+        if rejected.cause == Cause.NOT_FINITE:  # the first move leads too far
             cure = "apply the load in steps (`load_steps=10`)"
         load, least = largest_load(system, motion.x), force_rounding(system)
         # what pins hold comes to rest under any small load, unless its faces are needles
@@ -393,7 +393,7 @@ def _arc_length(system: System, motion: Motion, dt: float, parameters: Any) -> M
     return checked(system, arc_step(system, motion, dt, parameters))
 
 
-def _leaps(parameters: Any) -> float:
+def _reach_of_leapfrog(parameters: Any) -> float:
     return 2.0
 
 
@@ -408,8 +408,8 @@ def _newmark_reach(parameters: Any) -> float:
 
 
 INTEGRATORS: dict[str, Integrator] = {
-    "symplectic-euler": Integrator("symplectic-euler", 1, _symplectic_euler, _leaps),
-    "verlet": Integrator("verlet", 2, _verlet, _leaps),
+    "symplectic-euler": Integrator("symplectic-euler", 1, _symplectic_euler, _reach_of_leapfrog),
+    "verlet": Integrator("verlet", 2, _verlet, _reach_of_leapfrog),
     "avi": Integrator("avi", 2, _avi, _any_step),
     "newmark": Integrator("newmark", 2, _newmark, _newmark_reach, _composite),
     "implicit-midpoint": Integrator(

@@ -20,7 +20,7 @@ from ddgcli.mechanics.directions import Directions
 from ddgcli.mechanics.increment import Increment, Point, worst
 from ddgcli.mechanics.objective import MOVE_TOLERANCE, Objective
 from ddgcli.mechanics.system import System
-from ddgcli.simulation.model import StepRejected
+from ddgcli.simulation.model import Cause, StepRejected
 
 # a first guess whose acceleration misses no more than this part needs no iteration
 ACCELERATION_TOLERANCE = 1e-8
@@ -142,7 +142,7 @@ class _Newton:
     def _finite_gradient(self, point: Point) -> NDArray:
         g = self._objective.gradient(self._increment, point.y)
         if not np.isfinite(point.value) or not np.isfinite(g).all():
-            raise StepRejected("not finite", worst(g))
+            raise StepRejected(Cause.NOT_FINITE, worst(g))
         return g
 
     def _searched(

@@ -75,7 +75,7 @@ class System:
     Parameters
     ----------
     mass : (n,) ndarray
-    all_terms : sequence of Potential, Dissipation and FixedCoordinates
+    terms : sequence of Potential, Dissipation and FixedCoordinates
     account : Account
     start : (n, 3) ndarray
         Positions at the start of the run, also of a resumed one: the scale of tolerances and of rounding.
@@ -99,24 +99,22 @@ class System:
     def __init__(
         self,
         mass: NDArray,
-        all_terms: Sequence[Any],
+        terms: Sequence[Any],
         account: Account,
         start: NDArray,
         size: float | None = None,
     ) -> None:
         self.mass, self.account, self.time = mass, account, 0.0
-        self.memories = [p for p in all_terms if isinstance(p, Memory)]
-        self.all_terms = tuple(p for p in all_terms if not isinstance(p, Memory))
-        self._choose(self.all_terms)
-        self.prescribed = [p for p in all_terms if isinstance(p, PrescribedMotion)]
-        self.supports = [
-            p for p in all_terms if isinstance(p, FixedCoordinates | PrescribedMotion) and p.name
-        ]
-        self.constraints = [p for p in self.all_terms if hasattr(p, "jacobian")]
+        self.memories = [p for p in terms if isinstance(p, Memory)]
+        self.terms = tuple(p for p in terms if not isinstance(p, Memory))
+        self._choose(self.terms)
+        self.prescribed = [p for p in terms if isinstance(p, PrescribedMotion)]
+        self.supports = [p for p in terms if isinstance(p, FixedCoordinates | PrescribedMotion) and p.name]
+        self.constraints = [p for p in self.terms if hasattr(p, "jacobian")]
         fixed = np.zeros((len(mass), 3), dtype=bool)
-        for any_term in all_terms:
-            if isinstance(any_term, FixedCoordinates | PrescribedMotion):
-                fixed |= any_term.mask
+        for term in terms:
+            if isinstance(term, FixedCoordinates | PrescribedMotion):
+                fixed |= term.mask
         self.free = ~fixed
         self.all_free = not fixed.any()
         self._fixed = np.flatnonzero(fixed)
@@ -124,21 +122,21 @@ class System:
         by_vertex = bool((fixed.all(axis=1) == fixed.any(axis=1)).all())
         self.linear = by_vertex and all(is_dead(p) or hasattr(p, "matrix") for p in self.potentials)
         self.cache: dict[str, Any] = {}
-        timed = any(isinstance(any_term, TimeDependent) for any_term in self.all_terms)
+        timed = any(isinstance(term, TimeDependent) for term in self.terms)
         self.driven = timed or bool(self.prescribed) or any(is_active(d) for d in self.dissipations)
         self.varies = timed or bool(self.prescribed)
-        self.pushed = any(hasattr(any_term, "power") for any_term in self.all_terms)
+        self.pushed = any(hasattr(term, "power") for term in self.terms)
 
-    def _choose(self, all_terms: Sequence[Any], obstacle_time: float | None = None) -> None:
+    def _choose(self, terms: Sequence[Any], obstacle_time: float | None = None) -> None:
         """Sort the terms by kind, those that depend on time at `self.time`, obstacles at their own."""
         of_obstacles = self.time if obstacle_time is None else obstacle_time
-        terms = [
+        now = [
             p.at(of_obstacles if hasattr(p, "power") else self.time) if has_kind(p, TimeDependent) else p
-            for p in all_terms
+            for p in terms
         ]
-        self.potentials: list[Potential] = [in_pieces(p) for p in terms if has_kind(p, Potential)]
-        self.dissipations: list[Dissipation] = [p for p in terms if has_kind(p, Dissipation)]
-        self.barriers: list[BarrierPotential] = [p for p in terms if has_kind(p, BarrierPotential)]
+        self.potentials: list[Potential] = [in_pieces(p) for p in now if has_kind(p, Potential)]
+        self.dissipations: list[Dissipation] = [p for p in now if has_kind(p, Dissipation)]
+        self.barriers: list[BarrierPotential] = [p for p in now if has_kind(p, BarrierPotential)]
 
     def at(self, time: float) -> System:
         """The system at a time in s; itself where nothing depends on time.
@@ -149,13 +147,13 @@ class System:
             return self
         system = copy.copy(self)
         system.time = time
-        system._choose(self.all_terms)
+        system._choose(self.terms)
         return system
 
     def with_obstacles_at(self, time: float) -> System:
         """The system whose moving obstacles are where they are at a time in s, and all else as it is."""
         system = copy.copy(self)
-        system._choose(self.all_terms, time)
+        system._choose(self.terms, time)
         return system
 
     def with_own_account(self) -> System:
@@ -181,8 +179,8 @@ class System:
         if last is None or len(last[0]) != len(memory) or any(a is not b for a, b in zip(last[0], memory)):
             system = copy.copy(self)
             new = {id(m.potential): m.at(arrays) for m, arrays in zip(self.memories, memory)}
-            system.all_terms = tuple(new.get(id(any_term), any_term) for any_term in self.all_terms)
-            system._choose(system.all_terms)
+            system.terms = tuple(new.get(id(term), term) for term in self.terms)
+            system._choose(system.terms)
             last = self.cache["memory"] = (memory, system)
         return last[1]
 
@@ -199,9 +197,9 @@ class System:
         if not self.prescribed:
             return x, v, a
         x, v, a = x.copy(), v.copy(), a.copy()
-        for any_term in self.prescribed:
-            rows = any_term.mask[:, 0]
-            x[rows], v[rows], a[rows] = any_term.motion(self.time)
+        for term in self.prescribed:
+            rows = term.mask[:, 0]
+            x[rows], v[rows], a[rows] = term.motion(self.time)
         return x, v, a
 
     def only_free(self, vectors: NDArray) -> NDArray[np.float64]:
@@ -267,12 +265,12 @@ class System:
         return total
 
     def later_work(self, since: float, before: NDArray, after: NDArray) -> float:
-        """Joules that stored energies which depend on time give along a path more at `time` than in the mean.
+        """Work of time-dependent potentials as at the end of the step, less that by the trapezoidal rule.
 
-        The mean is that of `since`, when the path begins, and `time`, when it ends. Obstacles do not count.
+        The step begins at `since` and ends at `time`. Obstacles do not count.
         """
         work = 0.0
-        for p in self.all_terms:
+        for p in self.terms:
             if not has_kind(p, TimeDependent) or hasattr(p, "power"):
                 continue
             now, then = p.at(self.time), p.at(since)

@@ -128,8 +128,8 @@ class BarrierPotential(Protocol):
 class Dissipation(Protocol):
     """A Rayleigh dissipation function R of the velocities; the force is -dR/dv.
 
-    One with the attribute `smooth` is a smooth function of the positions, also where no barrier lets them:
-    implicit steps take it at predicted positions.
+    One with the attribute `smooth` is a smooth function of the positions, of inadmissible ones too: implicit
+    steps take it at predicted positions.
     """
 
     @property

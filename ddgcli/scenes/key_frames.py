@@ -1,4 +1,4 @@
-"""Checks of key frames in scene sections: what a model reads them as is the model's."""
+"""Checks of key frames in scene sections: each model interprets them."""
 
 from __future__ import annotations
 

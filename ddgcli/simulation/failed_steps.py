@@ -6,7 +6,7 @@ import math
 
 from ddgcli.errors import SolveError
 from ddgcli.simulation.active_model import ActiveModel
-from ddgcli.simulation.model import MAX_HALVINGS, STABILITY_LIMIT, Schedule, StepRejected
+from ddgcli.simulation.model import MAX_HALVINGS, Cause, Schedule, StepRejected
 
 # Rejected steps of a run: some of its steps may need many shorter ones, but if all of them do, the run takes
 # hundreds of times what its scene and its prediction state.
@@ -34,7 +34,7 @@ def step_advice(active: ActiveModel, rejected: StepRejected, dt: float, solvable
     if active.model.advice is not None:
         return active.model.advice()
     shorter = f"make the step {_shorter_step(active, dt, solvable)} {active.model.time_unit}"
-    infinite = rejected.cause == "not finite" or math.isinf(rejected.value)
+    infinite = rejected.cause == Cause.NOT_FINITE or math.isinf(rejected.value)
     return f"weaken the forces and velocities, or {shorter}" if infinite else shorter
 
 
@@ -60,7 +60,7 @@ def largest_solvable(active: ActiveModel, rejected: StepRejected, time: float, d
     """
     if active.model.advice is not None:  # the model's own advice names no step
         return dt / 2
-    if rejected.cause == STABILITY_LIMIT and 1 < rejected.value < math.inf:
+    if rejected.cause == Cause.STABILITY_LIMIT and 1 < rejected.value < math.inf:
         return dt / rejected.value
     for depth in range(1, MAX_HALVINGS + 1):
         try:

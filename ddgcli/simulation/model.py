@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any, Generic, TypeVar
 
 from numpy.typing import NDArray
@@ -20,8 +21,14 @@ Arrays = dict[str, NDArray]
 
 MAX_STEP_COUNT = 1e9  # of a run
 MAX_HALVINGS = 12  # a step is halved at most so often: dt / 4096
-STABILITY_LIMIT = "stability limit"  # cause; `value` is the step times the largest rate, 1 or more
 STEP_GROWTH = 1.1  # see `Model.growth`
+
+
+class Cause(StrEnum):
+    """Causes of failed steps that decide what follows; all others are texts alone."""
+
+    NOT_FINITE = "not finite"
+    STABILITY_LIMIT = "stability limit"  # `value` is the step times the largest rate, 1 or more
 
 
 class StepRejected(Exception):
@@ -29,8 +36,8 @@ class StepRejected(Exception):
 
     Parameters
     ----------
-    cause : str
-        "newton", "not finite", "inverted", ...
+    cause : Cause or str
+        "newton", "inverted", ...
     place : str
         "vertex 12", "edge 3", or "".
     value : float
@@ -42,7 +49,7 @@ class StepRejected(Exception):
 
     def __init__(
         self,
-        cause: str,
+        cause: Cause | str,
         place: str = "",
         value: float = math.nan,
         solved: bool = False,

@@ -146,7 +146,7 @@ def test_negative_curvature_ends_with_a_descent_direction_or_goes_through():
     move = truncated_conjugate_gradients(A.__matmul__, inverse.__matmul__, b, lambda f: 1e-10 * f, 60)
     assert not move.convex and b @ move.x > 0
     saddle = truncated_conjugate_gradients(
-        A.__matmul__, inverse.__matmul__, b, lambda f: 1e-10 * f, 60, through=lambda f: True
+        A.__matmul__, inverse.__matmul__, b, lambda f: 1e-10 * f, 60, continue_past=lambda f: True
     )
     assert saddle.convex and np.abs(A @ saddle.x - b).max() <= 1e-8
     assert truncated_conjugate_gradients(A.__matmul__, lambda r: -r, b, lambda f: 0.0, 5) is None
@@ -266,7 +266,7 @@ def test_a_move_always_descends(through):
         A = near * 10 ** rng.uniform(-0.3, 0.3) + (other + other.T) * 10 ** rng.uniform(-2, 1)
         inverse, b = np.linalg.inv(near), rng.normal(size=n)
         move = truncated_conjugate_gradients(
-            A.__matmul__, inverse.__matmul__, b, lambda f: 1e-2 * f, 15, through=lambda f: through
+            A.__matmul__, inverse.__matmul__, b, lambda f: 1e-2 * f, 15, continue_past=lambda f: through
         )
         if move is not None:
             assert b @ move.x > 0

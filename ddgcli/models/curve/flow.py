@@ -23,7 +23,7 @@ from ddgcli.models.curve import polygon
 from ddgcli.models.curve.crossings import self_crossings
 from ddgcli.models.curve.polygon import Polygons
 from ddgcli.models.curve.spacing import even_points, uneven_curves
-from ddgcli.simulation.model import Observation, StepRejected
+from ddgcli.simulation.model import Cause, Observation, StepRejected
 
 COLLAPSED_LENGTH = 1e-2  # of the first length: a shorter curve has shrunk to a point
 REST_SPEED = 1e-6  # normal speed times radius (elastic: radius^3) at which a curve is at rest
@@ -144,7 +144,7 @@ class CurveFlow:
                 break
         worst = float(np.max(np.where(state.active, ratio(after - before, before), 0.0), initial=0.0))
         if not np.isfinite(points).all() or not np.isfinite(worst):
-            raise StepRejected("not finite")
+            raise StepRejected(Cause.NOT_FINITE)
         if self.kind == "elastic" and worst > MAX_ENERGY_RISE:
             raise StepRejected("energy", value=worst, halvings=MAX_HALVINGS)
         points = self._respaced(points, state.active, before, step)

@@ -22,7 +22,7 @@ from ddgcli.models.fluid.midpoint import PICARD_TOLERANCE, implicit_midpoint
 from ddgcli.models.fluid.phases import FlowPhase, FlowRate, FluidSetting, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
-from ddgcli.simulation.model import STABILITY_LIMIT, Observation, StepRejected
+from ddgcli.simulation.model import Cause, Observation, StepRejected
 
 RK4_LIMIT = 2.8  # on the imaginary axis
 STREAM_SHARE = 1e-3  # of the fluxes of a stream, below which its circulations count as small
@@ -315,7 +315,9 @@ class ConservativeTransport(FlowPhase):
             self.setting.evolve_harmonic, self.setting.coriolis, step.balance, step.time,
         )  # fmt: skip
         if not measure <= (PICARD_TOLERANCE if self.implicit else RK4_LIMIT):
-            raise StepRejected("midpoint iteration" if self.implicit else STABILITY_LIMIT, value=measure)
+            raise StepRejected(
+                "midpoint iteration" if self.implicit else Cause.STABILITY_LIMIT, value=measure
+            )
         after = state.replaced(vorticity=vorticity, coefficients=coefficients)
         if not self.books_loss:
             return after

@@ -30,7 +30,7 @@ from ddgcli.scenes.sections import Key
 from ddgcli.scenes.shapes import place
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
-from ddgcli.simulation.model import Model, Observation, StepRejected
+from ddgcli.simulation.model import Cause, Model, Observation, StepRejected
 
 if TYPE_CHECKING:
     from ddgcli.models.fluid.conditions import BoundaryConditions
@@ -408,7 +408,7 @@ class FluidModel:
         for phase in reversed(self.sources.phases):
             state = self.sources.advanced(phase, Step(time + half, half, state, balance), state)
         if not all(np.isfinite(values).all() for values in state.arrays.values()):
-            raise StepRejected("not finite")
+            raise StepRejected(Cause.NOT_FINITE)
         return state
 
     def observe(self, state: FluidState) -> Observation:

@@ -15,7 +15,7 @@ from ddgcli.geometry.cells import TET_EDGES
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.volume_transport import rate, without_rise
-from ddgcli.simulation.model import Observation, StepRejected
+from ddgcli.simulation.model import Cause, Observation, StepRejected
 
 TAIL, HEAD = np.array(TET_EDGES).T
 
@@ -63,7 +63,7 @@ class VolumeCovectorTransport(FlowPhase):
         flux = self._carried(1.5 * velocity - 0.5 * again, back)
         energy, energy_after = space.kinetic_energy(velocity), space.kinetic_energy(space.velocity(flux))
         if not np.isfinite(energy_after):
-            raise StepRejected("not finite")
+            raise StepRejected(Cause.NOT_FINITE)
         if energy_after > energy:
             flux = without_rise(space, flux, self._carried(velocity, back, smooth=True), energy)
         after = state.replaced(flux=flux)

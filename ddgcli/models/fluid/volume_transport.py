@@ -23,7 +23,7 @@ from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.smoothing import first_root
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.volume_space import VolumeSpace
-from ddgcli.simulation.model import Observation, StepRejected
+from ddgcli.simulation.model import Cause, Observation, StepRejected
 
 
 def rate(space: VolumeSpace, flux: NDArray, time: float = 0.0) -> NDArray[np.float64]:
@@ -187,7 +187,7 @@ class VolumeCirculationTransport(FlowPhase):
         flux = self._carried(1.5 * velocity - 0.5 * again, back, here)
         energy, energy_after = space.kinetic_energy(velocity), space.kinetic_energy(space.velocity(flux))
         if not np.isfinite(energy_after):
-            raise StepRejected("not finite")
+            raise StepRejected(Cause.NOT_FINITE)
         if energy_after > energy:
             flux = without_rise(space, flux, self._carried(velocity, back, here, smooth=True), energy)
         after = state.replaced(flux=flux)

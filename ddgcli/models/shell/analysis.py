@@ -120,7 +120,7 @@ def warn_of_ramps(systems: dict[str, System]) -> None:
     systems : dict of str to System
     """
     for name, system in systems.items():
-        ramps = [ramp for ramp in map(_own, system.all_terms) if isinstance(ramp, RampedLoad)]
+        ramps = [ramp for ramp in map(_own, system.terms) if isinstance(ramp, RampedLoad)]
         factors = [float(np.interp(system.time, ramp.times, ramp.factors)) for ramp in ramps]
         if any(factor != 1.0 for factor in factors):
             log.warning(
@@ -131,9 +131,9 @@ def warn_of_ramps(systems: dict[str, System]) -> None:
             )
 
 
-def _own(any_term: Any) -> Any:
+def _own(term: Any) -> Any:
     """A term of one shell, without its place in a group."""
-    return getattr(any_term, "own_term", any_term)
+    return getattr(term, "own_term", term)
 
 
 def _lowest(

@@ -224,11 +224,11 @@ def terms_of(scene: Scene, context: ShellContext) -> list[Any]:
             if target != context.shell.name:
                 return []
         terms = effect.build(parameters, context)
-        if terms and not any(_strength(any_term) for any_term in terms):
+        if terms and not any(_strength(term) for term in terms):
             log.warning(
                 "effect %s on %s has no strength: it changes nothing", effect.name, context.shell.name
             )
-        terms = [_with_name(any_term, effect, parameters, key) for any_term in terms]
+        terms = [_with_name(term, effect, parameters, key) for term in terms]
         context.terms.setdefault(effect.name, []).extend(terms)
         return terms
 
@@ -236,46 +236,42 @@ def terms_of(scene: Scene, context: ShellContext) -> list[Any]:
     # elastic terms first, which damping needs; handles last, which must not share vertices with pins
     ranks = {"stretching": 0, "bending": 0, "attach": 2, "rigid": 2, "handle": 3}
     ordered = sorted(scene.effects, key=lambda entry: ranks.get(entry[0].name, 1))
-    return [any_term for terms in replace(scene, effects=tuple(ordered)).build(make) for any_term in terms]
+    return [term for terms in replace(scene, effects=tuple(ordered)).build(make) for term in terms]
 
 
-def _with_name(any_term: Any, effect: Effect, parameters: Any, key: Key) -> Any:
+def _with_name(term: Any, effect: Effect, parameters: Any, key: Key) -> Any:
     """Pins and handles with the name of their reaction force: their own, or that of the effect."""
-    if not isinstance(any_term, FixedCoordinates | PrescribedMotion):
-        return any_term
+    if not isinstance(term, FixedCoordinates | PrescribedMotion):
+        return term
     default = effect.name if len(key) < 3 else f"{effect.name}_{key[2]}"
-    return replace(any_term, name=parameters.name or default)
+    return replace(term, name=parameters.name or default)
 
 
-def _strength(any_term: Any) -> bool:
+def _strength(term: Any) -> bool:
     """Whether a term can do anything: dead forces and moments may be zero."""
-    any_term = getattr(any_term, "potential", any_term)
-    values = getattr(any_term, "force", getattr(any_term, "moment", None))
+    term = getattr(term, "potential", term)
+    values = getattr(term, "force", getattr(term, "moment", None))
     return values is None or bool(np.any(values))
 
 
-def _ramped(all_terms: list[Any], time: Any) -> list[Any]:
+def _ramped(terms: list[Any], time: Any) -> list[Any]:
     """Loads without a ramp grow with time where the scene has load steps."""
     if getattr(time, "load_steps", 1) == 1:
-        return all_terms
+        return terms
     times, factors = np.array([0.0, time.duration]), np.array([0.0, 1.0])
 
-    def ramp(any_term: Any) -> Any:
-        return (
-            ProportionalLoad(any_term, time.duration)
-            if time.arc_length
-            else RampedLoad(any_term, times, factors)
-        )
+    def ramp(term: Any) -> Any:
+        return ProportionalLoad(term, time.duration) if time.arc_length else RampedLoad(term, times, factors)
 
-    ramps = {id(any_term): ramp(any_term) for any_term in all_terms if hasattr(any_term, "scaled")}
-    return [_with_ramp(ramps.get(id(any_term), any_term), ramps) for any_term in all_terms]
+    ramps = {id(term): ramp(term) for term in terms if hasattr(term, "scaled")}
+    return [_with_ramp(ramps.get(id(term), term), ramps) for term in terms]
 
 
-def _with_ramp(any_term: Any, ramps: dict[int, Any]) -> Any:
+def _with_ramp(term: Any, ramps: dict[int, Any]) -> Any:
     """A memory whose potential has become a ramp, with that ramp; anything else as it is."""
-    if not isinstance(any_term, Memory) or id(any_term.potential) not in ramps:
-        return any_term
-    memory: Any = any_term
+    if not isinstance(term, Memory) or id(term.potential) not in ramps:
+        return term
+    memory: Any = term
     return replace(memory, potential=ramps[id(memory.potential)])
 
 
@@ -294,41 +290,39 @@ def _group_system(scene: Scene, group: Group, account: Account) -> System:
         scene.refuse(
             ("effects", "rigid"), "rigid edges of shells that touch or are attached are not computed"
         )
-    all_terms, ends = [], group.ends
+    terms, ends = [], group.ends
     for start, context in zip(ends, group.shells.values()):
         rows = Rows(int(start), context.mesh.n_vertices, int(ends[-1]))
-        all_terms += embedded_terms(_own_terms(scene, context), rows)
+        terms += embedded_terms(_own_terms(scene, context), rows)
     mass = np.concatenate([context.mass for context in group.shells.values()])
     start = np.concatenate([np.asarray(context.mesh.points) for context in group.shells.values()])
     size = max(float(np.ptp(points, axis=0).max()) for points in group.split(start).values())
-    return System(mass, [*all_terms, *terms_between(scene, group)], account, start, size)
+    return System(mass, [*terms, *terms_between(scene, group)], account, start, size)
 
 
 def _own_terms(scene: Scene, context: ShellContext) -> list[Any]:
     """Terms of one shell alone."""
     if getattr(scene.time, "arc_length", None) and scene.time.load_steps == 1:
         scene.refuse(("time", "arc_length"), "arc_length needs load_steps, the most steps along the path")
-    all_terms = _ramped(terms_of(scene, context), scene.time)
+    terms = _ramped(terms_of(scene, context), scene.time)
     loose = ~context.mesh.topology.referenced_vertex
     if loose.any():
-        all_terms.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1)))
+        terms.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1)))
     _require_face_arrays(scene, context)
-    masks = [
-        any_term.mask for any_term in all_terms if isinstance(any_term, FixedCoordinates | PrescribedMotion)
-    ]
+    masks = [term.mask for term in terms if isinstance(term, FixedCoordinates | PrescribedMotion)]
     fixed = np.logical_or.reduce(masks) if masks else np.zeros((1, 3), dtype=bool)
     if fixed.all():
-        moved = any(isinstance(any_term, PrescribedMotion) for any_term in all_terms)
+        moved = any(isinstance(term, PrescribedMotion) for term in terms)
         motion = "moves as its handles and obstacles do" if moved else "does not move"
         log.warning("every vertex of %s is held: it %s", context.shell.name, motion)
-    elif fixed.any() and any(_moves_nothing(any_term, fixed) for any_term in all_terms):
+    elif fixed.any() and any(_moves_nothing(term, fixed) for term in terms):
         log.warning("a load on %s acts on held vertices alone: it moves nothing", context.shell.name)
-    return all_terms
+    return terms
 
 
-def _moves_nothing(any_term: Any, fixed: NDArray) -> bool:
+def _moves_nothing(term: Any, fixed: NDArray) -> bool:
     """Whether a term is a dead force other than zero, and all of it acts on held coordinates."""
-    force = getattr(getattr(any_term, "potential", any_term), "force", None)
+    force = getattr(getattr(term, "potential", term), "force", None)
     return isinstance(force, np.ndarray) and bool(np.any(force)) and not np.any(force[~fixed])
 
 

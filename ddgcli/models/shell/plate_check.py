@@ -106,7 +106,7 @@ def plate_twin(system: System, contexts: Mapping[str, ShellContext]) -> PlateTwi
     from ddgcli.mechanics.objective import HESSIAN_SOLVER, Objective  # few runs need it
 
     system.cache.pop(HESSIAN_SOLVER, None)  # factors of the hinges beside those of the plate are memory
-    terms = [with_plate(term) for term in system.all_terms]
+    terms = [with_plate(term) for term in system.terms]
     twin = System(system.mass, terms, Account(), system.start, system.size).at(system.time)
     if Objective(twin).solver(Increment(0.0, system.start)).by_blocks:
         return None
