@@ -57,7 +57,7 @@ def admissible_start(system: System, x: NDArray, since: float) -> NDArray:
 
 
 def _moved_with_obstacles(system: System, x: NDArray, since: float) -> NDArray:
-    moving = [barrier for barrier in system.barriers if hasattr(barrier, "carried")]
+    moving = [barrier for barrier in system.barriers if barrier.carried is not None]
     for barrier in moving:
         with system.account.within(barrier.name):
             moved = barrier.carried(x, since)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import SolveError
 from ddgcli.mechanics.stability import stable_step
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mechanics.terms import Potential, TimeDependent, is_dead
+from ddgcli.mechanics.terms import Potential
 
 SAFETY = 0.8  # of an element's own limit: its neighbours have other steps
 MAX_LEVEL = 14  # dt / 16384
@@ -43,8 +43,7 @@ class Batch:
     def add(self, x: NDArray, time: float, total: NDArray) -> None:
         """Add the gradient at x to (n, 3) numbers."""
         if self.rows is None:
-            timed = isinstance(self.potential, TimeDependent)
-            total += (self.potential.at(time) if timed else self.potential).gradient(x)
+            total += (self.potential if self.potential.at is None else self.potential.at(time)).gradient(x)
         else:
             total[self.rows] += self.potential.gradient(x[self.rows])
 
@@ -140,9 +139,8 @@ def evaluations(system: System, dt: float) -> tuple[float, int]:
         2 to the number of levels below the longest steps.
     """
     batches = levels_of(system, dt).batches
-    counts = [
-        sum(len(b.potential.stencil) for b in level if hasattr(b.potential, "stencil")) for level in batches
-    ]
+    potentials = [[b.potential for b in level if isinstance(b.potential, Potential)] for level in batches]
+    counts = [sum(len(p.stencil) for p in level) for level in potentials]
     shortest = 2 ** (len(batches) - 1)
     if not sum(counts):
         return float(shortest), shortest
@@ -180,22 +178,22 @@ def _divided(system: System, dt: float) -> Levels:
     x = np.asarray(system.start)
     limit = stable_step(system, x, 2.0)
     rate = sum((b.stiffest(x) for b in system.barriers), np.zeros(len(x))) / system.mass
-    for potential in system.potentials:
-        if hasattr(potential, "subset"):
-            rows = np.abs(potential.blocks(x, "material")).sum(axis=2)
-            rows = rows.reshape(*potential.stencil.shape, 3).max(axis=2)
-            rate += np.bincount(potential.stencil.ravel(), rows.ravel(), len(x)) / system.mass
+    for p in system.potentials:
+        if p.subset is not None:
+            rows = np.abs(p.blocks(x, "material")).sum(axis=2)
+            rows = rows.reshape(*p.stencil.shape, 3).max(axis=2)
+            rate += np.bincount(p.stencil.ravel(), rows.ravel(), len(x)) / system.mass
     rate = np.where(system.free.any(axis=1), rate, 0.0)
     largest = float(rate.max(initial=0.0))
     finest = _level(np.array([limit]), dt)[0] if np.isfinite(limit) else 0
     batches: list[list[Batch]] = [[] for _ in range(finest + 1)]
     for term in system.terms:
-        potential = term.at(system.time) if isinstance(term, TimeDependent) else term
+        potential: Any = term if term.at is None else term.at(system.time)
         if not isinstance(potential, Potential):
             continue
-        if potential is not term or not hasattr(potential, "subset") or not largest > 0:
+        if potential is not term or potential.subset is None or not largest > 0:
             # a dead load acts alike at any time; of others nothing is known but the limit of the whole
-            batches[0 if is_dead(potential) else finest].append(Batch(term, None, potential.name))
+            batches[0 if potential.is_dead else finest].append(Batch(term, None, potential.name))
             continue
         own = rate[potential.stencil].max(axis=1)
         steps = limit * np.sqrt(largest / np.maximum(own, 1e-300 * largest))

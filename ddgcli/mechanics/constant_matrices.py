@@ -41,7 +41,7 @@ class _ConstantMatrix:
         whole = diags_array(a * system.mass).tocsr()
         for potential in system.potentials:
             if len(potential.stencil):
-                whole = whole + potential.matrix  # type: ignore[attr-defined]
+                whole = whole + potential.matrix
         free = system.free[:, 0]
         # held vertices keep a row of their own, so that nothing is gathered or spread in a step
         coupled = csc_array(diags_array(free.astype(float)) @ whole @ diags_array(free.astype(float)))

@@ -17,6 +17,7 @@ from scipy.sparse import csc_array, csr_array, diags_array
 
 from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import Factor, negative_eigenvalues
+from ddgcli.mechanics.terms import Constraint
 from ddgcli.simulation.model import StepRejected
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ REDUNDANCE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class RigidEdges:
+class RigidEdges(Constraint):
     """Edges that keep their lengths.
 
     Parameters

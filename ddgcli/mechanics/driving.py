@@ -7,8 +7,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.system import Motion, System, is_active
-from ddgcli.mechanics.terms import TimeDependent, has_kind
+from ddgcli.mechanics.system import Motion, System
+from ddgcli.mechanics.terms import Dissipation, Potential
 from ddgcli.mesh.vectors import row_cross
 
 
@@ -54,27 +54,25 @@ def driving_work(
         speed = np.sum(after.v[rows] ** 2, axis=1) - np.sum(before.v[rows] ** 2, axis=1)
         work += 0.5 * float(system.mass[rows] @ speed)
     for term in system.terms:
-        if has_kind(term, TimeDependent):
+        if term.at is not None:
             then, now = term.at(before.time), term.at(after.time)
-            if hasattr(then, "power"):  # of a barrier: its energy at fixed positions may be infinite
+            if term.power is not None:  # of a barrier: its energy at fixed positions may be infinite
                 work += dt * _mean_power(term, before, after, acts_at)
-            elif hasattr(then, "energy"):
+            elif isinstance(then, Potential):
                 work += 0.5 * (now.energy(before.x) - then.energy(before.x))
                 work += 0.5 * (now.energy(after.x) - then.energy(after.x))
     middle, halfway = before.x + 0.5 * dt * before.v, system.at(0.5 * (before.time + after.time))
     for dissipation, at_half in zip(end.dissipations, halfway.dissipations, strict=True):
-        if is_active(dissipation):
+        if dissipation.active:
             with system.account.within(dissipation.name):
-                if getattr(dissipation, "smooth", False):
+                if dissipation.smooth:
                     drag = at_half.frozen(middle, dt).gradient(move / dt)
                 elif acts_at == "middle":
                     drag = at_half.frozen(before.x + 0.5 * move, dt).gradient(move / dt)
                 else:
                     drag = dissipation.frozen(after.x, dt).gradient(after.v)
                     if acts_at == "ends":
-                        lagged = (
-                            dissipation.lagged(before.time) if hasattr(dissipation, "lagged") else dissipation
-                        )
+                        lagged = dissipation.lagged(before.time) if dissipation.lagged else dissipation
                         drag = 0.5 * (drag + lagged.frozen(before.x, dt).gradient(before.v))
             work -= float(np.vdot(system.only_free(drag), move))
     return work
@@ -129,7 +127,7 @@ def reactions(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDAr
 
 def _couples(system: System, x: NDArray) -> tuple[NDArray, NDArray]:
     """((c, 2) vertices, (c, 3) moments) of the supports on directions of edges that they hold."""
-    couples = [p.couples(x) for p in system.potentials if hasattr(p, "couples")]
+    couples = [p.couples(x) for p in system.potentials if p.couples is not None]
     ends = [np.zeros((0, 2), dtype=np.int64), *(e for e, _ in couples)]
     return np.concatenate(ends), np.concatenate([np.zeros((0, 3)), *(moment for _, moment in couples)])
 
@@ -152,7 +150,7 @@ def obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> f
     """
     if not system.pushed:
         return 0.0
-    terms = [term for term in system.terms if hasattr(term, "power")]
+    terms = [term for term in system.terms if term.power is not None]
     return 0.5 * dt * sum(p.at(before.time).power(before.x) + p.at(after.time).power(after.x) for p in terms)
 
 
@@ -175,14 +173,13 @@ def contact_forces(system: System, motion: Motion, dt: float) -> dict[str, tuple
     forces: dict[str, tuple[NDArray, NDArray]] = {}
     terms: list[Any] = [*system.potentials, *system.dissipations]
     for term in terms:
-        name = getattr(term, "obstacle", "")
-        if not name:
+        if not term.obstacle:
             continue
         with system.account.within(term.name):
-            if hasattr(term, "frozen"):
+            if isinstance(term, Dissipation):
                 push = term.frozen(motion.x, dt).gradient(motion.v)
             else:
                 push = term.gradient(motion.x)
-        force, moment = forces.get(name, (np.zeros(3), np.zeros(3)))
-        forces[name] = force + push.sum(axis=0), moment + row_cross(motion.x, push).sum(axis=0)
+        force, moment = forces.get(term.obstacle, (np.zeros(3), np.zeros(3)))
+        forces[term.obstacle] = force + push.sum(axis=0), moment + row_cross(motion.x, push).sum(axis=0)
     return forces

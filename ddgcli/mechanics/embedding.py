@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mechanics.terms import (
+    OPTIONAL_MEMBERS,
     Arrays,
+    BarrierPotential,
+    Dissipation,
     FixedCoordinates,
+    LinearOperator,
     Memory,
     Mode,
     PlasticMemory,
+    Potential,
     PrescribedMotion,
-    SplittableMemory,
+    Term,
 )
 
 
@@ -39,43 +43,43 @@ class Rows:
         total[self.rows] = values
         return total
 
+    def padded_matrix(self, matrix: Any, size: int = 1) -> Any:
+        """(size n, size n) sparse array with zeros outside the object; `size` rows a vertex."""
+        entries, first, whole = matrix.tocoo(), size * self.start, size * self.n
+        place = (entries.row + first, entries.col + first)
+        return type(entries)((entries.data, place), shape=(whole, whole)).tocsc()
 
-class _Term:
-    """A term of one object, `own_term`, in a system."""
+    def numbers(self, stencil: NDArray) -> NDArray[np.int64]:
+        """A stencil of the object with the numbers of the system."""
+        # behind the vertices come internal unknowns of the term
+        return np.where(stencil < self.count, stencil + self.start, stencil - self.count + self.n)
+
+
+class EmbeddedTerm(Term):
+    """A term of one object in a system; a member that the object's term does not have is None here, too."""
 
     def __init__(self, own_term: Any, rows: Rows) -> None:
-        self.own_term, self.rows = own_term, rows
+        self._own_term, self.rows = own_term, rows
+        for name in OPTIONAL_MEMBERS:
+            value = getattr(own_term, name, None)
+            if not callable(value):
+                setattr(self, name, value)
+        self.vertices = rows.rows
+        if isinstance(own_term, Potential | Dissipation):
+            self.name, self.stencil = own_term.name, rows.numbers(own_term.stencil)
+        if isinstance(own_term, Potential) and own_term.matrix is not None:
+            self.matrix = rows.padded_matrix(own_term.matrix)
 
     @property
-    def name(self) -> str:
-        return self.own_term.name
+    def own_term(self) -> Any:
+        return self._own_term
 
-    @property
-    def stencil(self) -> NDArray[np.int64]:
-        stencil, rows = self.own_term.stencil, self.rows
-        # behind the vertices come internal unknowns of the term
-        return np.where(stencil < rows.count, stencil + rows.start, stencil - rows.count + rows.n)
-
-    @property
-    def obstacle(self) -> str:
-        return getattr(self.own_term, "obstacle", "")
-
-    @property
-    def exact_energy(self) -> bool:
-        return bool(getattr(self.own_term, "exact_energy", True))
-
-    @property
-    def active(self) -> bool:
-        return bool(getattr(self.own_term, "active", False))
-
-    @property
-    def smooth(self) -> bool:
-        return bool(getattr(self.own_term, "smooth", False))
+    def at(self, time: float) -> Any:
+        return embedded(self.own_term.at(time), self.rows)
 
 
-class _Energy:
-    own_term: Any
-    rows: Rows
+class EmbeddedPotential(EmbeddedTerm, Potential):
+    """A potential of one object in a system."""
 
     def energy(self, x: NDArray) -> float:
         return self.own_term.energy(self.rows.of(x))
@@ -86,33 +90,41 @@ class _Energy:
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         return self.own_term.blocks(self.rows.of(x), mode)
 
-
-class _Pairs:
-    own_term: Any
-    rows: Rows
-
     def pair_blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         # its vertices keep their order in the system
         return self.own_term.pair_blocks(self.rows.of(x), mode)
 
-
-class _Changing:
-    own_term: Any
-    rows: Rows
-
     def hessian(self, x: NDArray, mode: Mode) -> Any:
         local = self.own_term.hessian(self.rows.of(x), mode)
-        if local is None:
-            return None
-        entries = local.tocoo()
-        first, size = 3 * self.rows.start, 3 * self.rows.n
-        place = (entries.row + first, entries.col + first)
-        return type(entries)((entries.data, place), shape=(size, size)).tocsc()
+        return None if local is None else self.rows.padded_matrix(local, 3)
+
+    def low_rank(self, x: NDArray) -> NDArray[np.float64]:
+        return self.rows.padded(self.own_term.low_rank(self.rows.of(x)))
+
+    def material_operator(self, x: NDArray) -> LinearOperator:
+        multiply = self.own_term.material_operator(self.rows.of(x))
+        return lambda v: self.rows.padded(multiply(v[self.rows.rows]))
+
+    def subset(self, rows: NDArray, stencil: NDArray) -> Potential:
+        # `stencil` has numbers of its own, without the offset of the object
+        return self.own_term.subset(rows, stencil)
+
+    def linearised(self, x: NDArray, move: NDArray) -> Any:
+        return embedded(self.own_term.linearised(self.rows.of(x), move[self.rows.rows]), self.rows)
+
+    def scaled(self, factor: float) -> Any:
+        return embedded(self.own_term.scaled(factor), self.rows)
+
+    def couples(self, x: NDArray) -> tuple[NDArray, NDArray]:
+        ends, moments = self.own_term.couples(self.rows.of(x))
+        return ends + self.rows.start, moments
+
+    def observed(self, x: NDArray) -> dict[str, Any]:
+        return self.own_term.observed(self.rows.of(x))
 
 
-class _Barrier:
-    own_term: Any
-    rows: Rows
+class EmbeddedBarrier(EmbeddedPotential, BarrierPotential):
+    """A barrier of one object in a system."""
 
     def longest(self, x: NDArray, move: NDArray) -> float:
         return self.own_term.longest(self.rows.of(x), move[self.rows.rows])
@@ -125,25 +137,11 @@ class _Barrier:
         own = self.own_term.stiffest(self.rows.of(x))
         return self.rows.padded(np.broadcast_to(own, (self.rows.count,)))
 
-
-class _Crossing:
-    own_term: Any
-    rows: Rows
-
     def crosses(self, before: NDArray, after: NDArray) -> bool:
         return self.own_term.crosses(before[self.rows.rows], after[self.rows.rows])
 
-
-class _Beginning:
-    own_term: Any
-
     def begin_step(self) -> None:
         self.own_term.begin_step()
-
-
-class _Pushing:
-    own_term: Any
-    rows: Rows
 
     def power(self, x: NDArray) -> float:
         return self.own_term.power(self.rows.of(x))
@@ -157,96 +155,22 @@ class _Pushing:
         return moved
 
 
-class _Dissipation:
-    own_term: Any
-    rows: Rows
+class EmbeddedDissipation(EmbeddedTerm, Dissipation):
+    """A dissipation of one object in a system."""
 
     def frozen(self, x: NDArray, dt: float) -> Any:
         return embedded(self.own_term.frozen(self.rows.of(x), dt), self.rows)
-
-
-class _Lagged:
-    own_term: Any
-    rows: Rows
 
     def lagged(self, time: float) -> Any:
         return embedded(self.own_term.lagged(time), self.rows)
 
 
-class _TimeDependent:
-    own_term: Any
-    rows: Rows
-
-    def at(self, time: float) -> Any:
-        return embedded(self.own_term.at(time), self.rows)
-
-
-class _LowRank:
-    own_term: Any
-    rows: Rows
-
-    def low_rank(self, x: NDArray) -> NDArray[np.float64]:
-        return self.rows.padded(self.own_term.low_rank(self.rows.of(x)))
-
-
-class _Observed:
-    own_term: Any
-    rows: Rows
-
-    def observed(self, x: NDArray) -> dict[str, Any]:
-        return self.own_term.observed(self.rows.of(x))
-
-
-class _Couples:
-    own_term: Any
-    rows: Rows
-
-    def couples(self, x: NDArray) -> tuple[NDArray, NDArray]:
-        ends, moments = self.own_term.couples(self.rows.of(x))
-        return ends + self.rows.start, moments
-
-
-class _Scaled:
-    own_term: Any
-    rows: Rows
-
-    def scaled(self, factor: float) -> Any:
-        return embedded(self.own_term.scaled(factor), self.rows)
-
-
-CAPABILITIES: dict[str, type] = {
-    "energy": _Energy,
-    "pair_blocks": _Pairs,
-    "hessian": _Changing,
-    "longest": _Barrier,
-    "crosses": _Crossing,
-    "begin_step": _Beginning,
-    "power": _Pushing,
-    "frozen": _Dissipation,
-    "lagged": _Lagged,
-    "at": _TimeDependent,
-    "low_rank": _LowRank,
-    "observed": _Observed,
-    "couples": _Couples,
-    "scaled": _Scaled,
-}
-
-
-@cache
-def _kind(names: tuple[str, ...]) -> type:
-    """The class with these methods; protocols are checked by the methods that a class has."""
-    return type("EmbeddedTerm", (_Term, *(CAPABILITIES[name] for name in names)), {})
-
-
-class EmbeddedMemory:
+class EmbeddedMemory(Memory):
     """A memory of one object's term; `potential` is the embedded term that it replaces."""
 
     def __init__(self, memory: Memory, potential: Any, rows: Rows) -> None:
         self.memory, self.potential, self.rows = memory, potential, rows
-
-    @property
-    def effect(self) -> str:
-        return self.memory.effect
+        self.effect = memory.effect
 
     def initial(self) -> Arrays:
         return self.memory.initial()
@@ -257,20 +181,29 @@ class EmbeddedMemory:
     def commit(self, x: NDArray, memory: Arrays) -> Arrays:
         return self.memory.commit(self.rows.of(x), memory)
 
-    def carried(self, before: EmbeddedMemory, memory: Arrays, rows: NDArray) -> Arrays:
-        """Memory of another mesh of the object, whose vertices in the earlier system are `rows`."""
-        own = cast(SplittableMemory, self.memory)
-        return own.carried(before.memory, memory, rows[self.rows.rows] - before.rows.start)
 
-
-class EmbeddedPlasticMemory(EmbeddedMemory):
+class EmbeddedPlasticMemory(EmbeddedMemory, PlasticMemory):
     """A memory of the plastic strains of one object."""
 
+    memory: PlasticMemory
+
     def distance(self, one: Arrays, other: Arrays) -> float:
-        return cast(PlasticMemory, self.memory).distance(one, other)
+        return self.memory.distance(one, other)
 
     def quasi_static(self, x: NDArray, before: Arrays, after: Arrays) -> Arrays:
-        return cast(PlasticMemory, self.memory).quasi_static(self.rows.of(x), before, after)
+        return self.memory.quasi_static(self.rows.of(x), before, after)
+
+    def carried(self, before: EmbeddedPlasticMemory, memory: Arrays, rows: NDArray) -> Arrays:
+        """Memory of another mesh of the object, whose vertices in the earlier system are `rows`."""
+        return self.memory.carried(before.memory, memory, rows[self.rows.rows] - before.rows.start)
+
+
+KINDS: dict[type, type[EmbeddedTerm]] = {
+    BarrierPotential: EmbeddedBarrier,
+    Potential: EmbeddedPotential,
+    Dissipation: EmbeddedDissipation,
+    Term: EmbeddedTerm,
+}  # the first that a term has
 
 
 def embedded(own_term: Any, rows: Rows) -> Any:
@@ -288,7 +221,8 @@ def embedded(own_term: Any, rows: Rows) -> Any:
     """
     if isinstance(own_term, FixedCoordinates | PrescribedMotion):
         return replace(own_term, mask=rows.padded(own_term.mask))
-    return _kind(tuple(name for name in CAPABILITIES if hasattr(own_term, name)))(own_term, rows)
+    kind = next(embedding for kind, embedding in KINDS.items() if isinstance(own_term, kind))
+    return kind(own_term, rows)
 
 
 def terms_of_rows(terms: list[Any], rows: slice) -> list[Any]:
@@ -305,8 +239,7 @@ def terms_of_rows(terms: list[Any], rows: slice) -> list[Any]:
     -------
     list
     """
-    own_terms = [term.own_term for term in terms if isinstance(term, _Term) and term.rows.rows == rows]
-    return own_terms if any(isinstance(term, _Term) for term in terms) else list(terms)
+    return [term.own_term for term in terms if term.vertices is None or term.vertices == rows]
 
 
 def embedded_terms(own_terms: list[Any], rows: Rows) -> list[Any]:

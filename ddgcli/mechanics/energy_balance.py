@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ddgcli.mechanics.objective import MOVE_TOLERANCE
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mechanics.terms import has_exact_energy, is_dead
 from ddgcli.simulation.model import StepRejected
 
 # of the available energy: how far the balance may exceed its minimum, and how far a step may drop it
@@ -38,7 +37,7 @@ class StoredEnergy:
     def at(cls, system: System, x: NDArray) -> StoredEnergy:
         energy, scale, gradient = 0.0, 0.0, np.zeros_like(x)
         for potential in system.potentials:
-            if not is_dead(potential) and has_exact_energy(potential):
+            if not potential.is_dead and potential.exact_energy:
                 with system.account.within(potential.name):
                     own_energy = potential.energy(x)
                     energy, scale = energy + own_energy, scale + abs(own_energy)

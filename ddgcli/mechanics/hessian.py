@@ -14,7 +14,7 @@ from ddgcli.mechanics.increment import Increment
 from ddgcli.mechanics.pair_blocks import have_distinct_vertices
 from ddgcli.mechanics.pieces import pieces_of, stencils_of
 from ddgcli.mechanics.system import System
-from ddgcli.mechanics.terms import Mode, Potential, is_dead
+from ddgcli.mechanics.terms import Mode, Potential
 
 
 def assembly_of(system: System, increment: Increment) -> Assembly:
@@ -31,7 +31,7 @@ def assembly_of(system: System, increment: Increment) -> Assembly:
     Assembly
     """
     terms = [p for p in system.potentials if len(p.stencil)]
-    terms += [p for p in increment.frozen if not hasattr(p, "hessian")]
+    terms += [p for p in increment.frozen if p.hessian is None]
     return assembly_of_terms(system.free, terms)
 
 
@@ -51,7 +51,7 @@ def assembly_of_terms(free: NDArray[np.bool_], terms: Sequence[Potential]) -> As
     for p in terms:
         own = stencils_of(p)
         stencils += own
-        by_pairs += [hasattr(p, "pair_blocks") and all(map(have_distinct_vertices, own))] * len(own)
+        by_pairs += [p.pair_blocks is not None and all(map(have_distinct_vertices, own))] * len(own)
     return Assembly(free, stencils, by_pairs)
 
 
@@ -120,9 +120,9 @@ def _blocks(
     """Blocks of each term in turn, each when the one before is summed; Hessians are added to `changing`."""
     by_pairs = iter(assembly.by_pairs)
     for potential in system.potentials:
-        if is_dead(potential):
+        if potential.is_dead:
             continue
-        if hasattr(potential, "hessian"):
+        if potential.hessian is not None:
             with system.account.within(potential.name):
                 changing.append(potential.hessian(y, mode))
             continue
@@ -134,7 +134,7 @@ def _blocks(
             del block
     for potential in increment.frozen:
         with system.account.within(potential.name):
-            if hasattr(potential, "hessian"):
+            if potential.hessian is not None:
                 hessian = potential.hessian(increment.velocity(y), mode)
                 changing.append(None if hessian is None else increment.c * hessian)
                 continue

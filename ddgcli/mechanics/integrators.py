@@ -109,7 +109,7 @@ def checked(system: System, motion: Motion, before: NDArray | None = None) -> Mo
             raise StepRejected(Cause.NOT_FINITE, f"vertex {bad[0]}", float("nan"))
     for barrier in system.barriers:
         crossed = barrier.outside(motion.x)
-        if crossed is None and before is not None and hasattr(barrier, "crosses"):
+        if crossed is None and before is not None and barrier.crosses is not None:
             crossed = (0, 0.0) if barrier.crosses(before, motion.x) else None
         if crossed is not None:
             raise StepRejected("barrier crossed", f"vertex {crossed[0]}", crossed[1], solved=True)

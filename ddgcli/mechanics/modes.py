@@ -282,7 +282,7 @@ def _stress_part(system: System, x: NDArray) -> csc_array:
 def _with_loads(system: System, factor: float) -> System:
     """The system with its loads times a factor."""
     scaled = copy.copy(system)
-    scaled.potentials = [p.scaled(factor) if hasattr(p, "scaled") else p for p in system.potentials]
+    scaled.potentials = [p if p.scaled is None else p.scaled(factor) for p in system.potentials]
     return scaled
 
 

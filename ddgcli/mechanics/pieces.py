@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import LinearOperator, Mode, Potential
+from ddgcli.mechanics.terms import OPTIONAL_MEMBERS, LinearOperator, Mode, Potential
 
 MIN_PIECE = 1 << 19  # elements
 MAX_PIECES = 16
 
 
-class PotentialPieces:
+class PotentialPieces(Potential):
     """A potential whose energy and gradient are summed over pieces of its elements; else it is as it was.
 
     Unlike a potential of few elements, it keeps nothing between two evaluations.
@@ -24,13 +24,16 @@ class PotentialPieces:
     whole : potential with the methods `subset` and `pair_blocks`
     """
 
-    def __init__(self, whole: Any) -> None:
-        self._whole = whole
-        self.name: str = whole.name
-        self.stencil: NDArray[np.int64] = whole.stencil
+    def __init__(self, whole: Potential) -> None:
+        self._whole, self.name, self.stencil = whole, whole.name, whole.stencil
+        for name in OPTIONAL_MEMBERS:
+            value = getattr(whole, name, None)
+            if value is None or name not in vars(PotentialPieces):
+                setattr(self, name, value)
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.__dict__["_whole"], name)
+    @property
+    def own_term(self) -> Any:
+        return self._whole.own_term
 
     def rows(self) -> Iterator[slice]:
         """Elements of each piece."""
@@ -67,6 +70,9 @@ class PotentialPieces:
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         return self._whole.blocks(x, mode)
 
+    def linearised(self, x: NDArray, move: NDArray) -> Potential:
+        return PotentialPieces(self._whole.linearised(x, move))
+
 
 def in_pieces(potential: Potential) -> Potential:
     """Divide a potential into pieces where it has many elements.
@@ -81,9 +87,8 @@ def in_pieces(potential: Potential) -> Potential:
         The input itself where it is small, or cannot be divided.
     """
     many = len(potential.stencil) > MIN_PIECE
-    if many and hasattr(potential, "subset") and hasattr(potential, "pair_blocks"):
-        return PotentialPieces(potential)
-    return potential
+    divisible = potential.subset is not None and potential.pair_blocks is not None
+    return PotentialPieces(potential) if many and divisible else potential
 
 
 def pieces_of(potential: Any, x: NDArray) -> Iterator[tuple[Any, NDArray]]:

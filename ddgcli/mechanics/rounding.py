@@ -66,7 +66,7 @@ class Rounding:
 
 def _trace(potential: Potential, x: NDArray) -> float:
     """Sum of the traces of the blocks of a potential's elements."""
-    if hasattr(potential, "pair_blocks"):  # the block of a vertex is minus the sum of those with the others
+    if potential.pair_blocks is not None:  # the block of a vertex is minus the sum of those with the others
         return -2.0 * float(np.einsum("iipk->", potential.pair_blocks(x, "material")))
     return float(np.einsum("kii->", potential.blocks(x, "material")))
 

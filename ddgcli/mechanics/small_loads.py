@@ -24,7 +24,7 @@ def largest_load(system: System, x: NDArray) -> float:
     -------
     float
     """
-    loads = [potential.gradient(x) for potential in system.potentials if hasattr(potential, "scaled")]
+    loads = [potential.gradient(x) for potential in system.potentials if potential.scaled is not None]
     return float(np.abs(system.only_free(np.sum([np.zeros_like(x), *loads], axis=0))).max())
 
 

@@ -40,7 +40,7 @@ def stable_step(system: System, x: NDArray, reach: float) -> float:
     barrier = sum((b.stiffest(x) for b in system.barriers), np.zeros(len(x)))
     square = _largest_rate(system, elastic, x, "material") + float((barrier / system.mass).max())
     for p in system.potentials:
-        if hasattr(p, "low_rank"):
+        if p.low_rank is not None:
             square += float(np.sum(p.low_rank(x) ** 2 / system.mass[:, None]))
     frozen = system.frozen(x, 0.0)
     c = _largest_rate(system, frozen, np.zeros_like(x), "exact")

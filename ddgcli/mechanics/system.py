@@ -17,15 +17,13 @@ from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.terms import (
     Arrays,
     BarrierPotential,
+    Constraint,
     Dissipation,
     FixedCoordinates,
     Memory,
     Potential,
     PrescribedMotion,
-    TimeDependent,
-    has_exact_energy,
-    has_kind,
-    is_dead,
+    Term,
 )
 from ddgcli.simulation.account import Account
 
@@ -75,7 +73,7 @@ class System:
     Parameters
     ----------
     mass : (n,) ndarray
-    terms : sequence of Potential, Dissipation and FixedCoordinates
+    terms : sequence of Term and Memory
     account : Account
     start : (n, 3) ndarray
         Positions at the start of the run, also of a resumed one: the scale of tolerances and of rounding.
@@ -99,44 +97,43 @@ class System:
     def __init__(
         self,
         mass: NDArray,
-        terms: Sequence[Any],
+        terms: Sequence[Term | Memory],
         account: Account,
         start: NDArray,
         size: float | None = None,
     ) -> None:
         self.mass, self.account, self.time = mass, account, 0.0
         self.memories = [p for p in terms if isinstance(p, Memory)]
-        self.terms = tuple(p for p in terms if not isinstance(p, Memory))
+        self.terms: tuple[Term, ...] = tuple(p for p in terms if not isinstance(p, Memory))
+        for term in self.terms:
+            _require_kind(term)
         self._choose(self.terms)
         self.prescribed = [p for p in terms if isinstance(p, PrescribedMotion)]
         self.supports = [p for p in terms if isinstance(p, FixedCoordinates | PrescribedMotion) and p.name]
-        self.constraints = [p for p in self.terms if hasattr(p, "jacobian")]
+        self.constraints: list[Any] = [p for p in self.terms if isinstance(p, Constraint)]
         fixed = np.zeros((len(mass), 3), dtype=bool)
-        for term in terms:
-            if isinstance(term, FixedCoordinates | PrescribedMotion):
-                fixed |= term.mask
+        for p in self.terms:
+            if isinstance(p, FixedCoordinates | PrescribedMotion):
+                fixed |= p.mask
         self.free = ~fixed
         self.all_free = not fixed.any()
         self._fixed = np.flatnonzero(fixed)
         self.start, self.size = start, size or float(np.ptp(start, axis=0).max())
         by_vertex = bool((fixed.all(axis=1) == fixed.any(axis=1)).all())
-        self.linear = by_vertex and all(is_dead(p) or hasattr(p, "matrix") for p in self.potentials)
+        self.linear = by_vertex and all(p.is_dead or p.matrix is not None for p in self.potentials)
         self.cache: dict[str, Any] = {}
-        timed = any(isinstance(term, TimeDependent) for term in self.terms)
-        self.driven = timed or bool(self.prescribed) or any(is_active(d) for d in self.dissipations)
+        timed = any(term.at is not None for term in self.terms)
+        self.driven = timed or bool(self.prescribed) or any(d.active for d in self.dissipations)
         self.varies = timed or bool(self.prescribed)
-        self.pushed = any(hasattr(term, "power") for term in self.terms)
+        self.pushed = any(term.power is not None for term in self.terms)
 
-    def _choose(self, terms: Sequence[Any], obstacle_time: float | None = None) -> None:
+    def _choose(self, terms: Sequence[Term], obstacle_time: float | None = None) -> None:
         """Sort the terms by kind, those that depend on time at `self.time`, obstacles at their own."""
         of_obstacles = self.time if obstacle_time is None else obstacle_time
-        now = [
-            p.at(of_obstacles if hasattr(p, "power") else self.time) if has_kind(p, TimeDependent) else p
-            for p in terms
-        ]
-        self.potentials: list[Potential] = [in_pieces(p) for p in now if has_kind(p, Potential)]
-        self.dissipations: list[Dissipation] = [p for p in now if has_kind(p, Dissipation)]
-        self.barriers: list[BarrierPotential] = [p for p in now if has_kind(p, BarrierPotential)]
+        now = [p if p.at is None else p.at(self.time if p.power is None else of_obstacles) for p in terms]
+        self.potentials: list[Potential] = [in_pieces(p) for p in now if isinstance(p, Potential)]
+        self.dissipations: list[Dissipation] = [p for p in now if isinstance(p, Dissipation)]
+        self.barriers: list[BarrierPotential] = [p for p in now if isinstance(p, BarrierPotential)]
 
     def at(self, time: float) -> System:
         """The system at a time in s; itself where nothing depends on time.
@@ -164,9 +161,9 @@ class System:
 
     def begin_step(self) -> None:
         """Discard what terms keep from earlier steps: a step has the bits of its arguments alone."""
-        for potential in self.potentials:
-            if hasattr(potential, "begin_step"):
-                potential.begin_step()
+        for barrier in self.barriers:
+            if barrier.begin_step is not None:
+                barrier.begin_step()
 
     def with_memory_at(self, memory: tuple[Arrays, ...]) -> System:
         """The system whose terms with a memory have these arrays; itself without such terms.
@@ -237,7 +234,7 @@ class System:
 
     def low_rank(self, x: NDArray) -> NDArray[np.float64] | None:
         """(n, 3, k) columns U of the dense part U U^T of the Hessian; None without it."""
-        dense = [p for p in self.potentials if hasattr(p, "low_rank")]
+        dense = [p for p in self.potentials if p.low_rank is not None]
         return np.stack([p.low_rank(x) for p in dense], axis=-1) if dense else None
 
     def full_gradient(self, x: NDArray) -> NDArray[np.float64]:
@@ -271,10 +268,10 @@ class System:
         """
         work = 0.0
         for p in self.terms:
-            if not has_kind(p, TimeDependent) or hasattr(p, "power"):
+            if p.at is None or p.power is not None:
                 continue
             now, then = p.at(self.time), p.at(since)
-            if hasattr(now, "energy") and not is_dead(now) and has_exact_energy(now):
+            if isinstance(now, Potential) and not now.is_dead and now.exact_energy:
                 work += 0.5 * (now.energy(after) - now.energy(before))
                 work -= 0.5 * (then.energy(after) - then.energy(before))
         return work
@@ -290,21 +287,22 @@ class System:
         """
         work = 0.0
         for potential in self.potentials:
-            if is_dead(potential):
+            if potential.is_dead:
                 with self.account.within(potential.name):
                     work += potential.energy(path[0]) - potential.energy(path[-1])
-            elif not has_exact_energy(potential):
+            elif not potential.exact_energy:
                 with self.account.within(potential.name):
                     for before, after in pairwise(path):
                         force = potential.gradient(before) + potential.gradient(after)
                         work -= 0.5 * float(np.vdot(force, after - before))
         for k, dissipation in enumerate(self.dissipations):
-            smooth = getattr(dissipation, "smooth", False)
             with self.account.within(dissipation.name):
                 for (before, after), acting in zip(pairwise(path), frozen, strict=True):
                     move = self.only_free(after - before)
                     terms = (
-                        [dissipation.frozen(0.5 * (before + after), dt)] if smooth else [f[k] for f in acting]
+                        [dissipation.frozen(0.5 * (before + after), dt)]
+                        if dissipation.smooth
+                        else [f[k] for f in acting]
                     )
                     for term in terms:
                         work -= float(np.vdot(term.gradient((after - before) / dt), move)) / len(terms)
@@ -324,10 +322,10 @@ class System:
         """
         potentials = []
         for dissipation in self.dissipations:
-            if since is not None and hasattr(dissipation, "lagged"):
+            if since is not None and dissipation.lagged is not None:
                 dissipation = dissipation.lagged(since)
             with self.account.within(dissipation.name):
-                at = ahead if ahead is not None and getattr(dissipation, "smooth", False) else x
+                at = ahead if ahead is not None and dissipation.smooth else x
                 potentials.append(dissipation.frozen(at, dt))
         return tuple(potentials)
 
@@ -340,18 +338,13 @@ class System:
 
     def has_drag(self, v: NDArray) -> bool:
         """Whether dissipation acts at velocities v (n, 3): at rest only the air of wind does."""
-        return bool(self.dissipations) and (bool(v.any()) or any(is_active(d) for d in self.dissipations))
+        return bool(self.dissipations) and (bool(v.any()) or any(d.active for d in self.dissipations))
 
 
-def is_active(dissipation: Dissipation) -> bool:
-    """Whether a dissipation can also add energy, as wind does, whose air moves.
-
-    Parameters
-    ----------
-    dissipation : Dissipation
-
-    Returns
-    -------
-    bool
-    """
-    return bool(getattr(dissipation, "active", False))
+def _require_kind(term: Any) -> None:
+    """TypeError for a term that a system would leave out."""
+    kinds = Potential | Dissipation
+    if isinstance(term, kinds | FixedCoordinates | PrescribedMotion | Constraint):
+        return
+    if not isinstance(term, Term) or term.at is None or not isinstance(term.at(0.0), kinds):
+        raise TypeError(f"{type(term).__name__} is neither a potential nor a dissipation of a system")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import functools
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,197 +14,240 @@ from numpy.typing import NDArray
 Mode = Literal["exact", "projected", "material"]
 LinearOperator = Callable[[NDArray], NDArray[np.float64]]  # product of a matrix with (n, 3) vectors
 
+NO_ELEMENTS: NDArray[np.int64] = np.zeros((0, 1), dtype=np.int64)
+NO_ELEMENTS.flags.writeable = False
 
-@runtime_checkable
-class Potential(Protocol):
+
+class Term:
+    """What an effect adds to a system; a member that is None is one that the term does not have.
+
+    Attributes
+    ----------
+    name : str
+        Of the effect.
+    obstacle : str
+        Name of the obstacle that the term's force is exerted on; "" without one.
+    vertices : slice or None
+        Of the object, in a system of several.
+    at : method (time in s) -> Potential or Dissipation
+        Of a term that depends on time.
+    power : method (x) -> float
+        Watts that a moving obstacle gives to the vertices.
+    """
+
+    name: str
+    obstacle: str = ""
+    vertices: slice | None = None
+    at: Any = None
+    power: Any = None
+
+    @property
+    def own_term(self) -> Any:
+        """The term of the object alone, without what places or divides it."""
+        return self
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the term is a load of strength zero."""
+        return False
+
+
+class Potential(Term, ABC):
     """An energy of the positions, as a sum over elements.
-
-    `name` is the effect's name. `stencil` (k, s) lists the vertices of each element; it is empty where the
-    gradient is constant. `blocks` returns (k, 3s, 3s) Hessians of the elements, coordinates of a vertex
-    together: `exact`, `projected` (positive semidefinite) or `material` (Gauss-Newton: the part that a rigid
-    motion does not feel); the next call may reuse the array.
 
     An energy that is the least one over internal unknowns (edge rotations) lists these in `stencil` by
     numbers from n on, and `blocks` are Hessians in both; of an internal unknown only the first of its three
-    rows is used. A potential whose elements change from place to place has an empty stencil and a method
-    `hessian(x, mode)`: a (3n, 3n) sparse array, or None for zero.
+    rows is used.
+
+    Attributes
+    ----------
+    stencil : (k, s) ndarray of int
+        Vertices of each element; empty where the gradient is constant.
+    exact_energy : bool
+        Whether the gradient is that of the energy; else the work is that of the force along the path.
+    hessian : method (x, mode) -> (3n, 3n) sparse array, or None for zero
+        Of a potential whose elements change from place to place, and whose stencil is empty.
+    pair_blocks : method (x, mode) -> (3, 3, p, k) ndarray
+        Blocks of the p pairs of vertices of the elements, where the energy is invariant to translations.
+    matrix : (n, n) sparse array
+        Of an energy that is quadratic with the same matrix for each coordinate.
+    low_rank : method (x) -> (n, 3) ndarray u
+        The Hessian is that of the blocks plus u u^T.
+    material_operator : method (x) -> LinearOperator
+        Product of the material Hessian at x with vectors (n, 3), without its blocks.
+    subset : method (rows, stencil) -> Potential
+        Some of the elements, with these numbers of their vertices.
+    linearised : method (x, move) -> Potential
+        The Hessian has the stress to which x + move leads to first order.
+    scaled : method (factor) -> Potential
+        A load times a factor.
+    couples : method (x) -> ((c, 2) vertices, (c, 3) moments)
+        Of the supports on directions of edges that they hold.
+    observed : method (x) -> dict of str to float
+        Scalars of a frame.
     """
 
-    @property
-    def name(self) -> str: ...
-    @property
-    def stencil(self) -> NDArray[np.int64]: ...
+    stencil: NDArray[np.int64]
+    exact_energy: bool = True
+    hessian: Any = None
+    pair_blocks: Any = None
+    matrix: Any = None
+    low_rank: Any = None
+    material_operator: Any = None
+    subset: Any = None
+    linearised: Any = None
+    scaled: Any = None
+    couples: Any = None
+    observed: Any = None
+
+    @abstractmethod
     def energy(self, x: NDArray) -> float: ...
+
+    @abstractmethod
     def gradient(self, x: NDArray) -> NDArray[np.float64]: ...
-    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]: ...
 
+    @abstractmethod
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        """(k, 3s, 3s) Hessians of the elements, coordinates of a vertex together.
 
-class ElasticPotential(Potential, Protocol):
-    """A potential that stiffness damping follows."""
-
-    def material_operator(self, x: NDArray) -> LinearOperator:
-        """Product of the material Hessian at x with vectors (n, 3), without its blocks."""
-        ...
-
-
-_KINDS: dict[tuple[Any, ...], bool] = {}  # of `has_kind`, by protocol, class and attributes
-
-
-def has_kind(term: Any, kind: type) -> bool:
-    """Whether a term has the members of a protocol of this module.
-
-    Parameters
-    ----------
-    term : object
-    kind : type
-        A protocol.
-
-    Returns
-    -------
-    bool
-
-    Notes
-    -----
-    `isinstance` looks up every member at each call: half of an explicit step of a small shell with a handle.
-    """
-    key = (kind, type(term), *getattr(term, "__dict__", ()))
-    if key not in _KINDS:
-        _KINDS[key] = isinstance(term, kind)
-    return _KINDS[key]
-
-
-def is_dead(potential: Any) -> bool:
-    """Whether the gradient of a potential is constant: no elements, and no Hessian of its own.
-
-    Parameters
-    ----------
-    potential : Potential
-
-    Returns
-    -------
-    bool
-    """
-    return len(potential.stencil) == 0 and not hasattr(potential, "hessian")
-
-
-def has_exact_energy(potential: Any) -> bool:
-    """Whether the gradient of a potential is that of its energy.
-
-    Parameters
-    ----------
-    potential : Potential
-
-    Returns
-    -------
-    bool
-        False where its attribute `exact_energy` is: its work is that of its force along the path.
-    """
-    return bool(getattr(potential, "exact_energy", True))
-
-
-@runtime_checkable
-class BarrierPotential(Protocol):
-    """A potential that is infinite outside an admissible set (a barrier)."""
+        `exact`, `projected` (positive semidefinite) or `material` (Gauss-Newton: the part that a rigid motion
+        does not feel); the next call may reuse the array.
+        """
 
     @property
-    def name(self) -> str: ...
-    def energy(self, x: NDArray) -> float:
-        """J; 0 where nothing is in contact."""
-        ...
+    def is_dead(self) -> bool:
+        """Whether the gradient is constant: no elements, and no Hessian of its own."""
+        return len(self.stencil) == 0 and self.hessian is None
 
+
+class BarrierPotential(Potential):
+    """A potential that is infinite outside an admissible set (a barrier); 0 where nothing is in contact.
+
+    Attributes
+    ----------
+    crosses : method (before, after) -> bool
+        Whether surfaces meet along the straight path.
+    begin_step : method () -> None
+        Discards what the potential keeps from earlier steps.
+    carried : method (x, since) -> (n, 3) ndarray or None
+        Positions x of the time `since`, moved along with a moving obstacle; None where surfaces would meet.
+    """
+
+    crosses: Any = None
+    begin_step: Any = None
+    carried: Any = None
+
+    @abstractmethod
     def longest(self, x: NDArray, move: NDArray) -> float:
         """Largest fraction in (0, 1] of `move` that stays inside."""
-        ...
 
+    @abstractmethod
     def outside(self, x: NDArray) -> tuple[int, float] | None:
         """First vertex that is outside and its gap, or None."""
-        ...
 
+    @abstractmethod
     def stiffest(self, x: NDArray) -> NDArray[np.float64]:
         """(n,) curvature in N/m that a vertex is expected to meet from `x` on: for explicit steps."""
-        ...
 
 
-@runtime_checkable
-class Dissipation(Protocol):
+class Dissipation(Term, ABC):
     """A Rayleigh dissipation function R of the velocities; the force is -dR/dv.
 
-    One with the attribute `smooth` is a smooth function of the positions, of inadmissible ones too: implicit
-    steps take it at predicted positions.
+    Attributes
+    ----------
+    stencil : (k, s) ndarray of int
+    active : bool
+        It can also add energy, as wind does, whose air moves.
+    smooth : bool
+        It is a smooth function of the positions, of inadmissible ones too: implicit steps take it at
+        predicted positions.
+    lagged : method (time in s) -> Dissipation
+        The one whose normal forces are those of an earlier time.
     """
 
-    @property
-    def name(self) -> str: ...
-    @property
-    def stencil(self) -> NDArray[np.int64]: ...
+    stencil: NDArray[np.int64]
+    active: bool = False
+    smooth: bool = False
+    lagged: Any = None
+
+    @abstractmethod
     def frozen(self, x: NDArray, dt: float) -> Potential:
         """R as a potential of the velocity, with everything that depends on positions taken at `x`."""
-        ...
 
 
-@runtime_checkable
-class TimeDependent(Protocol):
-    """A potential or dissipation that depends on time."""
+OPTIONAL_MEMBERS = tuple(
+    name
+    for kind in (Term, Potential, BarrierPotential, Dissipation)
+    for name in kind.__annotations__
+    if name in vars(kind)
+)
 
-    def at(self, time: float) -> Any:
-        """The potential or dissipation at a time in s."""
-        ...
+
+class Constraint(Term, ABC):
+    """Equations between the positions that hold at all times."""
+
+    @abstractmethod
+    def jacobian(self, x: NDArray) -> Any:
+        """Sparse (e, 3n) derivatives of the equations in the positions."""
 
 
 BLOCK_ROWS = 4096  # whose working arrays stay in the cache
 Arrays = dict[str, NDArray[np.float64]]
 
 
-@runtime_checkable
-class Memory(Protocol):
+class Memory(ABC):
     """A potential of another term that depends on the past, through arrays that change between steps.
 
-    `potential` is the term that it replaces, `effect` the name that its time is booked to.
+    Attributes
+    ----------
+    potential : Term
+        The one that it replaces.
+    effect : str
+        Name that its time is booked to.
     """
 
+    potential: Any
+    effect: str
+
     @property
-    def potential(self) -> Any: ...
-    @property
-    def effect(self) -> str: ...
+    def is_zero(self) -> bool:
+        """Whether the term that it replaces is a load of strength zero."""
+        return self.potential.is_zero
+
+    @abstractmethod
     def initial(self) -> Arrays:
         """The arrays at the start of a run; `work` (1,), if among them: joules dissipated so far."""
-        ...
 
-    def at(self, memory: Arrays) -> Potential:
-        """The potential for these arrays."""
-        ...
+    @abstractmethod
+    def at(self, memory: Arrays) -> Any:
+        """The term for these arrays."""
 
+    @abstractmethod
     def commit(self, x: NDArray, memory: Arrays) -> Arrays:
         """The arrays after a step that ends at x; the same object where they do not change."""
-        ...
 
 
-@runtime_checkable
-class PlasticMemory(Memory, Protocol):
+class PlasticMemory(Memory):
     """A memory of plastic strains: an equilibrium has to find them together with its positions."""
 
+    @abstractmethod
     def distance(self, one: Arrays, other: Arrays) -> float:
         """Largest difference of the plastic strains of two memories, over the limit."""
-        ...
 
+    @abstractmethod
     def quasi_static(self, x: NDArray, before: Arrays, after: Arrays) -> Arrays:
         """`after` with the work of a slow path from `before` that ends at x, in balance at all times."""
-        ...
 
-
-class SplittableMemory(Memory, Protocol):
-    """A memory that continues after the mesh of its term is split."""
-
+    @abstractmethod
     def carried(self, before: Any, memory: Arrays, rows: NDArray) -> Arrays:
         """The arrays after a change of the mesh, from those of the memory `before` it.
 
         `rows` (n,) are the vertices before that the vertices were.
         """
-        ...
 
 
 @dataclass(frozen=True, eq=False)
-class FixedCoordinates:
+class FixedCoordinates(Term):
     """Coordinates that do not move.
 
     Parameters
@@ -218,7 +262,7 @@ class FixedCoordinates:
 
 
 @dataclass(frozen=True, eq=False)
-class PrescribedMotion:
+class PrescribedMotion(Term):
     """Vertices that follow a given motion.
 
     Parameters
@@ -237,7 +281,7 @@ class PrescribedMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class RampedLoad:
+class RampedLoad(Term):
     """A potential times a factor that is piecewise linear in time.
 
     Parameters
@@ -251,23 +295,31 @@ class RampedLoad:
     times: NDArray[np.float64]
     factors: NDArray[np.float64]
 
+    @property
+    def is_zero(self) -> bool:
+        return self.potential.is_zero
+
     def at(self, time: float) -> Potential:
         return self.potential.scaled(float(np.interp(time, self.times, self.factors)))
 
 
 @dataclass(frozen=True, eq=False)
-class ProportionalLoad:
+class ProportionalLoad(Term):
     """A potential times time over a duration, without bounds: the load of an equilibrium path."""
 
     potential: Any
     duration: float
+
+    @property
+    def is_zero(self) -> bool:
+        return self.potential.is_zero
 
     def at(self, time: float) -> Potential:
         return self.potential.scaled(time / self.duration)
 
 
 @dataclass(frozen=True, eq=False)
-class DeadLoad:
+class DeadLoad(Potential):
     """A constant force: energy -f . x.
 
     Parameters
@@ -279,10 +331,11 @@ class DeadLoad:
 
     name: str
     force: NDArray[np.float64]
+    stencil = NO_ELEMENTS
 
     @property
-    def stencil(self) -> NDArray[np.int64]:
-        return np.zeros((0, 1), dtype=np.int64)
+    def is_zero(self) -> bool:
+        return not np.any(self.force)
 
     def scaled(self, factor: float) -> DeadLoad:
         """The load times a factor."""

@@ -44,7 +44,7 @@ def turned(objective: Objective, start: Point, shift: float) -> tuple[Point | No
     """
     system, increment = objective.system, Increment(0.0, start.y)
     solver = objective.solver(increment)
-    linearisable = any(hasattr(p, "linearised") for p in system.potentials)
+    linearisable = any(p.linearised is not None for p in system.potentials)
     if not linearisable or system.barriers or solver.by_blocks or objective.columns(start.y) is not None:
         return None, 0
     y, assumed = start.y, copy.copy(system)
@@ -66,9 +66,7 @@ def turned(objective: Objective, start: Point, shift: float) -> tuple[Point | No
         if not np.isfinite(size):
             return None, count
         move *= min(1.0, MAX_TURNING_MOVE * system.size / size) if size > 0 else 1.0
-        assumed.potentials = [
-            p.linearised(y, move) if hasattr(p, "linearised") else p for p in system.potentials
-        ]
+        assumed.potentials = [p if p.linearised is None else p.linearised(y, move) for p in system.potentials]
         y, shift = y + move, SHIFT_RATIO * shift
         if size <= END_OF_TURN * system.size:
             end = objective.at(increment, y)

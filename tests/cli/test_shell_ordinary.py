@@ -91,6 +91,7 @@ def test_the_gain_of_energy_is_that_of_the_frames(summary, tmp_path):
     [
         (CLAMPED + "gravity = { acceleration = [0, 0, 0] }", "effect gravity on strip has no strength"),
         (CLAMPED + "load = { traction = [0, 0, 0] }", "effect load on strip has no strength"),
+        (CLAMPED + "load = { moment = 0, vertices = [60, 61, 62] }", "effect load on strip has no strength"),
         ("gravity = {}\npin = { box = [[0, 0, 0], [1, 1, 0]] }", "every vertex of strip is held"),
         (CLAMPED + "load = { force = [0, 0, 1], vertices = [0, 1] }", "acts on held vertices alone"),
     ],

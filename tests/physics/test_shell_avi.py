@@ -73,6 +73,34 @@ def test_elements_of_a_graded_mesh_act_as_often_as_they_need_and_keep_the_order(
     assert evaluations < 0.6 * sum(counts) * 2**finest
 
 
+def test_elements_of_two_coupled_shells_act_as_often_as_they_need(monkeypatch):
+    """The elements of a group were all on the finest level."""
+    divisions, divided = [], asynchronous._divided
+    monkeypatch.setattr(
+        asynchronous, "_divided", lambda *system: divisions.append(divided(*system)) or divisions[-1]
+    )
+
+    def energies(integrator, step):
+        text = SCENE.format(
+            integrator=integrator, step=step, duration=0.02, every=0.01, shape='mesh = "graded"',
+            stretching="stvk", more='attach = { object = "s", to = "other", vertices = [18, 19, 20], '
+            "to_vertices = [0, 1, 2], stiffness = 200 }",
+        )  # fmt: skip
+        start, end = text.index("[[object]]"), text.index("[effects]")
+        other = text[start:end].replace('"s"', '"other"').replace("velocity", "#velocity")
+        other = other.replace("angular_#velocity", "#angular_velocity")
+        text = text[:end] + other + "position = [1, 0, 0.1]\n" + text[end:]
+        scalars = shell_run(text, graded)[0][-1].observations["s"].scalar
+        return np.array([scalars[f"energy_{kind}"] for kind in ("kinetic", "stretching", "bending")])
+
+    shell_energies = energies("avi", 1e-3)
+    (levels,) = divisions
+    counts = [sum(len(b.potential.stencil) for b in batches) for batches in levels.batches]
+    assert len(counts) > 2 and all(counts) and counts[-1] < 0.3 * sum(counts)
+    truth = energies("verlet", 5e-5)
+    assert np.abs(shell_energies - truth).max() < 2e-3 * truth.sum()
+
+
 def test_a_graded_mesh_converges_in_second_order_when_the_steps_of_all_elements_shrink(monkeypatch):
     def end(name, step, safety=1.0):
         monkeypatch.setattr(asynchronous, "SAFETY", safety)

@@ -7,6 +7,7 @@ from ddgcli.cli.parameters import with_repair_command
 from ddgcli.errors import SolveError
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.trajectories.trajectory import Trajectory
+from ddgcli.mechanics import pieces
 from ddgcli.mechanics.equilibrium import Equilibrium
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -125,6 +126,35 @@ def test_a_thin_strip_comes_to_the_elastica_in_one_load_step_of_few_moves(alpha,
     points, _, iterations = shape_and_iterations(text.replace("-1e-3", str(-0.1 * alpha * rigidity)))
     assert np.abs(points[-1, [0, 2]] - [reach, -drop]).max() < 0.004
     assert iterations < 60
+
+
+STRIP = CANTILEVER.format(bending="hinge", cells=10, rows=1).replace("-1e-3", "-160")
+
+
+def test_a_strip_beside_one_that_is_attached_takes_as_many_moves_as_alone():
+    """The moves through large rotations were left out in a group: 148 in place of 30."""
+    points, _, count = shape_and_iterations(STRIP)
+    objects, effects = STRIP.index("[[object]]"), STRIP.index("[effects]")
+    other = STRIP[objects:effects].replace('"s"', '"other"') + "position = [0, 0.2, 0]\n"
+    lines = STRIP[effects:].splitlines()
+    group = STRIP[:effects] + other + "\n".join(lines[:3])
+    for line in lines[3:]:
+        effect, keys = line.rstrip(" }").split(" = {")
+        keys = keys.replace(", clamp", "\nclamp").replace(", force", "\nforce")
+        for name in ("s", "other"):
+            group += f'\n[[effects.{effect}]]\nobject = "{name}"\n{keys}\n'
+    group += '[[effects.attach]]\nobject = "s"\nto = "other"\nvertices = [21]\nto_vertices = [21]\n'
+    in_group, _, iterations = shape_and_iterations(group + "stiffness = 1\n")
+    assert points[-1, 2] < -0.5 and np.abs(in_group - points).max() < 1e-6
+    assert iterations <= count + 3
+
+
+def test_a_strip_in_pieces_bends_through_large_rotations(monkeypatch):
+    """The linearised stress of the whole met the pattern of the pieces, and the run failed."""
+    points, _, count = shape_and_iterations(STRIP)
+    monkeypatch.setattr(pieces, "MIN_PIECE", 3)
+    in_pieces, _, iterations = shape_and_iterations(STRIP)
+    assert np.abs(in_pieces - points).max() < 1e-6 and abs(iterations - count) <= 1
 
 
 def test_a_free_strip_turns_into_the_direction_of_balanced_forces():

@@ -6,18 +6,16 @@ import pytest
 from benchmarks.drops import drop
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.system import Motion, System
+from ddgcli.mechanics.terms import Potential
 from ddgcli.simulation.account import Account
 from tests.simulate import shell_run
 
 
-class Hill:
+class Hill(Potential):
     """Potential -k x^2 / 2 of the distance between two vertices in x."""
 
     name, stiffness = "hill", 4.0
-
-    @property
-    def stencil(self):
-        return np.array([[0, 1]])
+    stencil = np.array([[0, 1]])
 
     def energy(self, x):
         return -0.5 * self.stiffness * float(x[1, 0] - x[0, 0]) ** 2

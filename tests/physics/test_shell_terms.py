@@ -7,8 +7,18 @@ import pytest
 
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mechanics import pieces
+from ddgcli.mechanics.embedding import Rows, embedded
 from ddgcli.mechanics.rounding import Rounding
-from ddgcli.mechanics.terms import Dissipation, Potential
+from ddgcli.mechanics.system import System
+from ddgcli.mechanics.terms import (
+    OPTIONAL_MEMBERS,
+    Dissipation,
+    FixedCoordinates,
+    Memory,
+    Potential,
+    PrescribedMotion,
+    Term,
+)
 from ddgcli.mesh.shapes import icosphere
 from ddgcli.models.shell import model
 from ddgcli.models.shell.scene import EFFECTS, KIND
@@ -57,6 +67,7 @@ bending = {{}}
 gravity = {{}}
 damping = {{ stiffness = 1e-6 }}
 """
+KINDS = (Potential, Dissipation, Memory, FixedCoordinates, PrescribedMotion)
 # effect line -> shape; every effect of the table is in at least one (test_table_is_covered)
 TERMS = {
     "stretching-edges": ('stretching = { model = "edges" }', CURVED),
@@ -179,7 +190,7 @@ def test_hessians_equal_finite_differences(name):
             continue
         n = len(x)
         hessian = dense(p.stencil, p.blocks(x, "exact"), n)
-        if hasattr(p, "low_rank"):
+        if p.low_rank is not None:
             hessian += np.outer(p.low_rank(x), p.low_rank(x))
         estimate = np.zeros_like(hessian)
         h = 1e-5
@@ -306,8 +317,102 @@ def test_bending_scales_as_it_should():
         assert small.energy(bent * scale) == pytest.approx(scale**2 * one.energy(bent), rel=1e-11)
 
 
-def test_terms_are_potentials_or_dissipation():
-    for effect, shape in TERMS.values():
-        _, system = system_of(effect, shape)
-        assert not [p for p in system.potentials if isinstance(p, Dissipation)]
-        assert all(isinstance(p, Potential) for p in system.potentials)
+@pytest.mark.parametrize("name", TERMS)
+def test_each_term_of_an_effect_is_of_exactly_one_kind(name):
+    """A term that is a function of time alone is at each time a potential or a dissipation."""
+    scene = resolve(parse_scene(scene_text(*TERMS[name])), KIND)
+    (context, _) = model.contexts(scene, None)["s"]
+    terms = model.terms_of(scene, context)
+    assert terms
+    for term in terms:
+        kinds = [kind for kind in KINDS if isinstance(term, kind)]
+        if not kinds:
+            assert isinstance(term, Term) and term.at is not None
+            kinds = [kind for kind in KINDS[:2] if isinstance(term.at(0.0), kind)]
+        assert len(kinds) == 1, type(term)
+
+
+def test_a_term_of_no_kind_is_refused():
+    class Misspelt(Potential):
+        def energy(self, x):
+            return 0.0
+
+        def gradiant(self, x):
+            return np.zeros_like(x)
+
+        def blocks(self, x, mode):
+            return np.zeros((0, 3, 3))
+
+    class Nothing(Term):
+        name = "nothing"
+
+    class Once(Term):
+        def at(self, time):
+            return Nothing()
+
+    with pytest.raises(TypeError, match="gradient"):
+        Misspelt()
+    for term in (Nothing(), Once(), object()):
+        with pytest.raises(TypeError, match="is neither a potential nor a dissipation"):
+            System(np.ones(3), [term], Account(), np.eye(3))
+
+
+BEFORE, BEHIND = 2, 3  # vertices of other objects in a system
+
+
+def same(a, b):
+    """Whether two values of a term, one of them in a system, are alike over the vertices of the object."""
+    if a is None or b is None:
+        return a is b
+    if isinstance(a, tuple):
+        return all(same(u, w) for u, w in zip(a, b, strict=True))
+    if hasattr(a, "tocsr"):
+        size = 1 if a.shape[0] + BEFORE + BEHIND == b.shape[0] else 3
+        inside = slice(size * BEFORE, b.shape[0] - size * BEHIND)
+        assert b.nnz == a.nnz  # and nothing outside
+        return np.array_equal(a.toarray(), b.tocsr()[inside, inside].toarray())
+    if np.ndim(b) == 2 and np.shape(a) != np.shape(b):
+        assert not np.delete(b, slice(BEFORE, -BEHIND), axis=0).any()
+        b = b[BEFORE:-BEHIND]
+    return np.array_equal(a, b) if np.ndim(a) else a == b
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_a_term_in_a_system_has_what_it_has_alone(name):
+    """Each optional member: absent in both, or with the same values."""
+    context, system = system_of(*TERMS[name])
+    x = moved(context, size=0.02)
+    rows = Rows(BEFORE, len(x), BEFORE + len(x) + BEHIND)
+    wide, v = np.pad(x, ((BEFORE, BEHIND), (0, 0)), constant_values=7.0), np.random.default_rng(1)
+    v = v.normal(size=x.shape)
+    wide_v = np.pad(v, ((BEFORE, BEHIND), (0, 0)), constant_values=3.0)
+    frozen = [d.frozen(x, 0.01) for d in system.dissipations]
+    for own in system.terms:
+        if own.at is not None:
+            assert type(embedded(own, rows).at(0.3).own_term) is type(own.at(0.3))
+    for own in [*system.potentials, *system.dissipations, *frozen]:
+        term = embedded(own, rows)
+        assert term.own_term is own and term.name == own.name
+        for member in OPTIONAL_MEMBERS:
+            mine, other = getattr(own, member, None), getattr(term, member, None)
+            if not callable(mine) and member not in ("vertices", "matrix"):
+                assert mine == other, member
+            assert callable(mine) == callable(other), member
+        if not isinstance(own, Potential):
+            continue
+        assert same(own.matrix, term.matrix)
+        assert same(own.energy(x), term.energy(wide)) and same(own.gradient(x), term.gradient(wide))
+        for method in ("blocks", "pair_blocks", "hessian"):
+            if getattr(own, method) is not None:
+                assert same(getattr(own, method)(x, "exact"), getattr(term, method)(wide, "exact"))
+        if own.low_rank is not None:
+            assert same(own.low_rank(x), term.low_rank(wide))
+        if own.material_operator is not None:
+            assert same(own.material_operator(x)(v), term.material_operator(wide)(wide_v))
+        if own.linearised is not None:
+            pair = own.linearised(x, v), term.linearised(wide, wide_v)
+            assert same(pair[0].blocks(x, "exact"), pair[1].blocks(wide, "exact"))
+        if own.subset is not None:
+            some = np.arange(3)
+            assert same(own.subset(some, own.stencil[some]).energy(x),
+                        term.subset(some, term.stencil[some]).energy(wide))  # fmt: skip

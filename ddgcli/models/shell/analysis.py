@@ -120,7 +120,7 @@ def warn_of_ramps(systems: dict[str, System]) -> None:
     systems : dict of str to System
     """
     for name, system in systems.items():
-        ramps = [ramp for ramp in map(_own, system.terms) if isinstance(ramp, RampedLoad)]
+        ramps = [term.own_term for term in system.terms if isinstance(term.own_term, RampedLoad)]
         factors = [float(np.interp(system.time, ramp.times, ramp.factors)) for ramp in ramps]
         if any(factor != 1.0 for factor in factors):
             log.warning(
@@ -129,11 +129,6 @@ def warn_of_ramps(systems: dict[str, System]) -> None:
                 system.time,
                 ", ".join(f"{factor:.3g}" for factor in factors),
             )
-
-
-def _own(term: Any) -> Any:
-    """A term of one shell, without its place in a group."""
-    return getattr(term, "own_term", term)
 
 
 def _lowest(

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import LinearOperator, Mode
+from ddgcli.mechanics.terms import LinearOperator, Mode, Potential
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import row_cross
 
 
-class AreaSprings:
+class AreaSprings(Potential):
     """Energy k A0 (A / A0 - 1)^2 / 2 of every face, k in N/m: k adds to the first Lame constant.
 
     The gradient of an area in corner i is N x e_i / 2, with the unit normal N and the opposite edge e_i.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ddgcli.mechanics.terms import FixedCoordinates, Mode, PrescribedMotion
+from ddgcli.mechanics.terms import FixedCoordinates, Mode, Potential, PrescribedMotion
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle_motion import middle_of, motion_of
@@ -42,7 +42,7 @@ class Attach(Section):
     ) = None
 
 
-class Ties:
+class Ties(Potential):
     """Energy k/2 (|x_b - x_a| - l)^2 of pairs of vertices, k and l (t,), l their distances at the start."""
 
     name = "attach"

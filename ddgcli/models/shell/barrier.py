@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.geometry.solids import Surface
-from ddgcli.mechanics.terms import Mode, Potential
+from ddgcli.mechanics.terms import BarrierPotential, Dissipation, Mode, Potential
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle_motion import PlacedMotion
 from ddgcli.models.shell.surfaces import PosedSurface
@@ -20,7 +20,7 @@ REPULSION_DISTANCE = 0.1  # of the gap: what starts nearer is repelled by many g
 SLIP_FRACTION = 1e-4  # of the speed of a fall: the default slip
 
 
-class Barrier:
+class Barrier(BarrierPotential):
     """Energy -k A (d - g)^2 ln(d / g) of every vertex nearer than g, A its area at rest.
 
     `weight` (n,) is k A; `closest` the part of the gap that is left where the vertices have spent what energy
@@ -28,7 +28,6 @@ class Barrier:
     """
 
     name = "contact"
-    obstacle = ""
 
     def __init__(self, surface: Surface, gap: float, weight: NDArray, closest: float = 0.5) -> None:
         self.surface, self.range, self.weight, self.closest = surface, gap, weight, closest
@@ -237,18 +236,14 @@ def slip_speed(slip: float | None, contexts: list[ShellContext], velocity: NDArr
     return SLIP_FRACTION * float(np.sqrt(2 * fall_acceleration(contexts[0].scene) * size + max(squares)))
 
 
-class Friction:
+class Friction(Dissipation):
     """Coulomb friction of a barrier: normal force and tangent plane are those where it is frozen."""
 
     name = "contact"
 
     def __init__(self, barrier: Barrier, coefficient: float, slip: float) -> None:
         self.barrier, self.coefficient, self.slip = barrier, coefficient, slip
-        self.obstacle = barrier.obstacle
-
-    @property
-    def stencil(self) -> NDArray[np.int64]:
-        return self.barrier.stencil
+        self.obstacle, self.stencil = barrier.obstacle, barrier.stencil
 
     def frozen(self, x: NDArray, dt: float) -> Potential:
         near, d, normal = self.barrier.near(x)
@@ -273,7 +268,7 @@ class MovingFriction(Friction):
         return self.at(time)
 
 
-class Sliding:
+class Sliding(Potential):
     """R = sum bound f(|v tangential|), f' = 2 s - s^2 with s = speed / slip up to 1, then 1.
 
     v is the velocity of a vertex relative to the surface, whose velocities (k, 3) are `wall`.

@@ -54,7 +54,7 @@ class Bending(Section):
     ) = None
 
 
-class HingeBending:
+class HingeBending(Potential):
     """Energy K 3 |e|^2 / (A0 + A1) (angle - rest)^2 of every hinge, lengths and areas at rest, K in J."""
 
     name = "bending"
@@ -115,7 +115,7 @@ class HingeBending:
         return PairBlocks(self.stencil)
 
 
-class QuadraticBending:
+class QuadraticBending(Potential):
     """Energy k/2 sum 3 / (A0 + A1) |sum_i c_i x_i|^2 over the hinges: the Hessian is constant."""
 
     name = "bending"

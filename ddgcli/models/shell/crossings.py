@@ -101,7 +101,7 @@ def _tied_vertices(systems: dict[str, System], order: Order) -> NDArray[np.bool_
     for name, system in systems.items():
         rows = np.flatnonzero(owners == name)
         for term in system.potentials:
-            if getattr(term, "name", "") == "attach":  # its module is loaded only where a scene names it
+            if term.name == "attach":  # its module is loaded only where a scene names it
                 tied[rows[term.stencil]] = True
     return tied
 

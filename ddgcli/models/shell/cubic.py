@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import LinearOperator, Mode
+from ddgcli.mechanics.terms import LinearOperator, Mode, Potential
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import row_cross, row_dot
 from ddgcli.models.shell import hinge
@@ -21,7 +21,7 @@ SIDES = ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3))  # of a hinge
 ROTATIONS = ((1, 2, 3), (2, 3, 1), (3, 1, 2))  # of the vertices whose vectors span a hinge's volume
 
 
-class CubicBending:
+class CubicBending(Potential):
     """Energy w 4 sin^2((angle - rest) / 2) of the hinges under isometric moves.
 
     Parameters

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import ElasticPotential, LinearOperator, Mode, Potential
+from ddgcli.mechanics.terms import Dissipation, LinearOperator, Mode, Potential
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.sections import Section
@@ -25,7 +25,7 @@ class Damping(Section):
     stiffness: quantity("s", "by stiffness: leaves rigid motion alone", ge=0) = 0.0
 
 
-class MassDamping:
+class MassDamping(Dissipation):
     """R = alpha/2 v' M v."""
 
     name = "damping"
@@ -39,7 +39,7 @@ class MassDamping:
 
 
 @dataclass(frozen=True, eq=False)
-class Viscous:
+class Viscous(Potential):
     """R = 1/2 v' C v with the element blocks of C."""
 
     name: str
@@ -59,16 +59,15 @@ class Viscous:
         return self.local
 
 
-@dataclass(frozen=True, eq=False)
-class ElasticViscous:
-    """R = beta/2 v' K v, K the material Hessian of a potential at `at`, by its product with v.
+class ElasticViscous(Potential):
+    """R = beta/2 v' K v, K the material Hessian of a potential at `x`, by its product with v.
 
     Explicit steps need the force alone: the blocks, which take twenty times as long, are made for implicit
     ones.
 
     Parameters
     ----------
-    at : (n, 3) ndarray
+    x : (n, 3) ndarray
         Positions in m.
     beta : float
         In s.
@@ -76,15 +75,11 @@ class ElasticViscous:
         Product of K (N/m) with velocities (n, 3) in m/s.
     """
 
-    name: str
-    potential: ElasticPotential
-    at: NDArray
-    beta: float
-    multiply: LinearOperator
-
-    @property
-    def stencil(self) -> NDArray[np.int64]:
-        return self.potential.stencil
+    def __init__(
+        self, name: str, potential: Potential, x: NDArray, beta: float, multiply: LinearOperator
+    ) -> None:
+        self.name, self.stencil, self.potential = name, potential.stencil, potential
+        self.x, self.beta, self.multiply = x, beta, multiply
 
     def energy(self, x: NDArray) -> float:
         return 0.5 * float(np.vdot(x, self.gradient(x)))
@@ -94,24 +89,20 @@ class ElasticViscous:
 
     @cached_property
     def _blocks(self) -> NDArray[np.float64]:
-        return self.beta * self.potential.blocks(self.at, "material")
+        return self.beta * self.potential.blocks(self.x, "material")
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         return self._blocks
 
 
-class StiffnessDamping:
+class StiffnessDamping(Dissipation):
     """R = beta/2 v' K v, K the material part of a potential's Hessian: rigid motion is not damped."""
 
     name = "damping"
     smooth = True
 
-    def __init__(self, potential: ElasticPotential, beta: float) -> None:
-        self.potential, self.beta = potential, beta
-
-    @property
-    def stencil(self) -> NDArray[np.int64]:
-        return self.potential.stencil
+    def __init__(self, potential: Potential, beta: float) -> None:
+        self.potential, self.beta, self.stencil = potential, beta, potential.stencil
 
     def frozen(self, x: NDArray, dt: float) -> Potential:
         multiply = self.potential.material_operator(x)

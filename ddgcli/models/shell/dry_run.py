@@ -8,6 +8,7 @@ from typing import Any
 from ddgcli.choices import EXPLICIT_INTEGRATORS
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.system import System
+from ddgcli.mechanics.terms import Potential
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.groups import groups
 from ddgcli.scenes.scene import Scene
@@ -113,9 +114,8 @@ def _term_texts(terms: Iterable[Any]) -> dict[str, str]:
     """Kinds of the terms of each effect, with the elements of all shells."""
     counts: dict[str, dict[str, int]] = {}
     for term in terms:
-        own_term = getattr(term, "own_term", term)
-        kind = type(own_term).__name__
-        if not len(term.stencil) and hasattr(own_term, "near"):
+        kind = type(term.own_term).__name__
+        if isinstance(term, Potential) and term.hessian is not None:
             kind += ", elements found in each step"
         of_effect = counts.setdefault(term.name, {})
         of_effect[kind] = of_effect.get(kind, 0) + len(term.stencil)

@@ -8,14 +8,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import Arrays, Mode, Potential, ProportionalLoad, RampedLoad, at_last_point
+from ddgcli.mechanics.terms import (
+    Arrays,
+    Memory,
+    Mode,
+    Potential,
+    ProportionalLoad,
+    RampedLoad,
+    at_last_point,
+)
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.midedge import MidedgeBending, inward_directions, one_sided_frame, side_corners
 
 
-class EdgeMoment:
+class EdgeMoment(Potential):
     """Work of couples on the boundary edges, positive where they bend the shell towards convex.
 
     The director of an edge turns by its turn p against the normal of the face, less the turn of the face
@@ -61,6 +69,10 @@ class EdgeMoment:
             stencils = [*bending.angle_stencils(), *stencils]
         self.stencil = np.concatenate(stencils)
 
+    @property
+    def is_zero(self) -> bool:
+        return not np.any(self.couple)
+
     def scaled(self, factor: float) -> EdgeMoment:
         """The moments times a factor."""
         return EdgeMoment(
@@ -102,7 +114,7 @@ class EdgeMoment:
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeTurns:
+class EdgeTurns(Memory):
     """Memory of the turns of the faces under an edge moment, so that they can exceed half a turn."""
 
     potential: Any

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import without_warnings
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mechanics.terms import SplittableMemory
+from ddgcli.mechanics.terms import PlasticMemory
 from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -133,7 +133,7 @@ class Breaking:
         later = self._epoch(opened)
         rows = earlier_rows(epoch, later)
         memory = tuple(
-            cast(SplittableMemory, after).carried(before, arrays, rows)
+            cast(PlasticMemory, after).carried(before, arrays, rows)
             for before, after, arrays in zip(epoch.system.memories, later.system.memories, motion.memory)
         )
         before = epoch.system.with_memory_at(motion.memory).at(motion.time)

@@ -9,6 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.edge_moment import EdgeMoment
+from ddgcli.models.shell.midedge import MidedgeBending
+from ddgcli.models.shell.stretching import StVK
 
 
 def face_arrays(
@@ -38,7 +41,7 @@ def face_arrays(
     face_frame = _face_frames(points, np.asarray(context.mesh.faces))
     gradient = _deformation(points, x, np.asarray(context.mesh.faces), face_frame)
     for potential in potentials:
-        if hasattr(potential, "green_strain"):
+        if isinstance(potential, StVK):
             strain, second = potential.green_strain(x)
             stretch = np.sqrt(np.linalg.det(np.matmul(gradient.transpose(0, 2, 1), gradient)))
             cauchy = second / (stretch * float(context.shell.thickness or 1.0))[:, None, None]
@@ -51,8 +54,8 @@ def face_arrays(
             spatial = np.matmul(np.matmul(elastic, cauchy), elastic.transpose(0, 2, 1))
             arrays["stress"] = spatial.reshape(-1, 9)
             arrays["principal_stress"] = _tangent_values(spatial)
-        elif hasattr(potential, "moment_tensor"):
-            couples = [p for p in potentials if hasattr(p, "added_rotations")]
+        elif isinstance(potential, MidedgeBending):
+            couples = [p for p in potentials if isinstance(p, EdgeMoment)]
             moment = potential.moment_tensor(x, sum(p.added_rotations() for p in couples))
             arrays["bending_moment"] = _in_space(_rotation(gradient), moment)
             arrays["principal_moment"] = _eigenvalues(moment)[:, ::-1]

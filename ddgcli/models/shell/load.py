@@ -60,13 +60,17 @@ class Load(RampSection):
         return self
 
 
-class HingeMoment:
+class HingeMoment(Potential):
     """Energy -m |e| angle: equal and opposite couples on the two faces of an edge, of m N m per metre."""
 
     name = "load"
 
     def __init__(self, stencil: NDArray, moment: NDArray, rest: NDArray) -> None:
         self.stencil, self.moment, self.rest = stencil, moment, rest
+
+    @property
+    def is_zero(self) -> bool:
+        return not np.any(self.moment)
 
     def scaled(self, factor: float) -> HingeMoment:
         """The moment times a factor."""

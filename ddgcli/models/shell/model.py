@@ -17,9 +17,11 @@ from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Step
 from ddgcli.mechanics.stability import stable_step
 from ddgcli.mechanics.system import LINEAR_SOLVER, Motion, System
 from ddgcli.mechanics.terms import (
+    DeadLoad,
     FixedCoordinates,
     Memory,
     PlasticMemory,
+    Potential,
     PrescribedMotion,
     ProportionalLoad,
     RampedLoad,
@@ -224,7 +226,7 @@ def terms_of(scene: Scene, context: ShellContext) -> list[Any]:
             if target != context.shell.name:
                 return []
         terms = effect.build(parameters, context)
-        if terms and not any(_strength(term) for term in terms):
+        if terms and all(term.is_zero for term in terms):
             log.warning(
                 "effect %s on %s has no strength: it changes nothing", effect.name, context.shell.name
             )
@@ -247,13 +249,6 @@ def _with_name(term: Any, effect: Effect, parameters: Any, key: Key) -> Any:
     return replace(term, name=parameters.name or default)
 
 
-def _strength(term: Any) -> bool:
-    """Whether a term can do anything: dead forces and moments may be zero."""
-    term = getattr(term, "potential", term)
-    values = getattr(term, "force", getattr(term, "moment", None))
-    return values is None or bool(np.any(values))
-
-
 def _ramped(terms: list[Any], time: Any) -> list[Any]:
     """Loads without a ramp grow with time where the scene has load steps."""
     if getattr(time, "load_steps", 1) == 1:
@@ -263,7 +258,7 @@ def _ramped(terms: list[Any], time: Any) -> list[Any]:
     def ramp(term: Any) -> Any:
         return ProportionalLoad(term, time.duration) if time.arc_length else RampedLoad(term, times, factors)
 
-    ramps = {id(term): ramp(term) for term in terms if hasattr(term, "scaled")}
+    ramps = {id(t): ramp(t) for t in terms if isinstance(t, Potential) and t.scaled is not None}
     return [_with_ramp(ramps.get(id(term), term), ramps) for term in terms]
 
 
@@ -322,14 +317,20 @@ def _own_terms(scene: Scene, context: ShellContext) -> list[Any]:
 
 def _moves_nothing(term: Any, fixed: NDArray) -> bool:
     """Whether a term is a dead force other than zero, and all of it acts on held coordinates."""
-    force = getattr(getattr(term, "potential", term), "force", None)
-    return isinstance(force, np.ndarray) and bool(np.any(force)) and not np.any(force[~fixed])
+    load = term.potential if isinstance(term, RampedLoad | ProportionalLoad) else term
+    return isinstance(load, DeadLoad) and not load.is_zero and not np.any(load.force[~fixed])
 
 
 def _require_face_arrays(scene: Scene, context: ShellContext) -> None:
     """Refuse names of arrays on faces that the models of the scene do not have."""
-    methods = ("green_strain", "moment_tensor")
-    strains, moments = (any(hasattr(term, method) for term in context.elastic) for method in methods)
+    if not context.shell.face_arrays:
+        return
+    from ddgcli.models.shell.midedge import MidedgeBending
+    from ddgcli.models.shell.stretching import StVK
+
+    strains, moments = (
+        any(isinstance(term, kind) for term in context.elastic) for kind in (StVK, MidedgeBending)
+    )
     for name in context.shell.face_arrays:
         if name.endswith("moment") and not moments:
             scene.refuse(("object",), f'face_arrays: {name} needs bending = {{ model = "midedge" }}')

@@ -36,7 +36,7 @@ def observed(group: Group, system: System, step_size: float, motion: Motion) -> 
     if plastic:
         scalars["plastic_work"] = float(sum(plastic))
     for potential in current.potentials:
-        if hasattr(potential, "observed"):
+        if potential.observed is not None:
             scalars |= potential.observed(motion.x)
     for edges in current.constraints:
         scalars |= edges.observed(motion.x, motion.multipliers)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 
-from ddgcli.mechanics.terms import Mode, at_last_point
+from ddgcli.mechanics.terms import NO_ELEMENTS, BarrierPotential, Dissipation, Mode, Potential, at_last_point
 from ddgcli.models.shell.barrier import carry_weight
 from ddgcli.models.shell.near_pairs import REACH, NearPairs, spread
 from ddgcli.models.shell.obstacle_motion import PlacedMotion
@@ -186,7 +186,7 @@ class PairMesh:
         return f"face {face - first} of {name!r}"
 
 
-class PairBarrier:
+class PairBarrier(BarrierPotential):
     """Barrier potential of all pairs of a pair mesh that are nearer than `gap`.
 
     Parameters
@@ -203,17 +203,13 @@ class PairBarrier:
     """
 
     name = "contact"
+    stencil = NO_ELEMENTS  # the pairs change, so the Hessian comes as a whole
 
     def __init__(
         self, mesh: PairMesh, gap: float, pressure: float, obstacle: str = "", time: float = 0.0
     ) -> None:
         self.mesh, self.range, self.pressure, self.obstacle, self.time = mesh, gap, pressure, obstacle, time
         self.potential = ipctk().BarrierPotential(gap, pressure / HALF_RANGE_PRESSURE, True)
-
-    @property
-    def stencil(self) -> NDArray[np.int64]:
-        """Empty: the pairs change, so the Hessian comes as a whole."""
-        return np.zeros((0, 1), dtype=np.int64)
 
     @at_last_point
     def near(self, x: NDArray) -> tuple[Any, NDArray]:
@@ -314,18 +310,14 @@ class MovingPairBarrier(PairBarrier):
         return moved if mesh.free_part(before, after, self.range) == 1.0 else None
 
 
-class PairFriction:
+class PairFriction(Dissipation):
     """Coulomb friction of a pair barrier: normal forces and planes are those where it is frozen."""
 
     name = "contact"
 
     def __init__(self, barrier: PairBarrier, coefficient: float, slip: float) -> None:
         self.barrier, self.coefficient, self.slip = barrier, coefficient, slip
-        self.obstacle = barrier.obstacle
-
-    @property
-    def stencil(self) -> NDArray[np.int64]:
-        return self.barrier.stencil
+        self.obstacle, self.stencil = barrier.obstacle, barrier.stencil
 
     def frozen(self, x: NDArray, dt: float) -> PairSliding:
         library, barrier = ipctk(), self.barrier
@@ -350,17 +342,14 @@ class MovingPairFriction(PairFriction):
         return self.at(time)
 
 
-class PairSliding:
+class PairSliding(Potential):
     """Dissipation of sliding pairs as a potential of the velocities; bounded by the friction force."""
 
     name = "contact"
+    stencil = NO_ELEMENTS
 
     def __init__(self, mesh: PairMesh, pairs: Any, potential: Any, time: float) -> None:
         self.mesh, self.pairs, self.potential, self.time = mesh, pairs, potential, time
-
-    @property
-    def stencil(self) -> NDArray[np.int64]:
-        return np.zeros((0, 1), dtype=np.int64)
 
     def energy(self, x: NDArray) -> float:
         if not len(self.pairs):

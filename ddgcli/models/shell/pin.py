@@ -49,7 +49,7 @@ class Pin(Section):
 def build(parameters: Pin, context: ShellContext) -> list[FixedCoordinates]:
     vertices = context.selection(parameters.vertices, parameters.box, ("effects", "pin"))
     # mid-edge bending has found the edges between the vertices and holds their directions
-    directions = any(hasattr(term, "couples") for term in context.terms.get("bending", []))
+    directions = any(term.couples is not None for term in context.terms.get("bending", []))
     if parameters.clamp and not directions:
         incident = np.flatnonzero(np.isin(context.mesh.faces, vertices).any(axis=1))
         vertices = unique_keys(np.concatenate([vertices, context.mesh.faces[incident].ravel()]))

@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ddgcli.mechanics.terms import Arrays, Potential
+from ddgcli.mechanics.terms import Arrays, PlasticMemory, Potential
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
@@ -36,7 +37,7 @@ class Plasticity(Section):
         return self
 
 
-class PlasticFlow:
+class PlasticFlow(PlasticMemory):
     """Radial return of one elastic potential with linear hardening.
 
     The memory holds the rest state and the plastic strain that each element has accumulated. An elastic
@@ -108,21 +109,17 @@ class PlasticFlow:
         order = np.argsort(earlier)
         return order[np.searchsorted(earlier[order], keys(rows[self.potential.stencil]))]
 
-    def at(self, memory: Arrays) -> Potential:
-        """The potential about the rest state of a memory."""
-        raise NotImplementedError
-
     def rest(self) -> NDArray[np.float64]:
         """Rest state of the elements before they yield."""
         return np.asarray(self.potential.rest)
 
+    @abstractmethod
     def strain(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
         """Size of the elastic strain of each element."""
-        raise NotImplementedError
 
+    @abstractmethod
     def yielded(self, x: NDArray, rest: NDArray, strain: NDArray, increment: NDArray) -> NDArray[np.float64]:
         """Rest state after a plastic increment."""
-        raise NotImplementedError
 
 
 class HingeFlow(PlasticFlow):

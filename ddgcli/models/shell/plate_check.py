@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
-from ddgcli.mechanics.embedding import embedded
+from ddgcli.mechanics.embedding import EmbeddedTerm, embedded
 from ddgcli.mechanics.increment import Increment
 from ddgcli.mechanics.system import System
 from ddgcli.models.shell.context import ShellContext
@@ -96,10 +96,10 @@ def plate_twin(system: System, contexts: Mapping[str, ShellContext]) -> PlateTwi
             plates[id(_bending(context))] = plate
 
     def with_plate(term: Any) -> Any:
-        plate = plates.get(id(getattr(term, "own_term", term)))
+        plate = plates.get(id(term.own_term))
         if plate is None:
             return term
-        return embedded(plate, term.rows) if hasattr(term, "own_term") else plate
+        return embedded(plate, term.rows) if isinstance(term, EmbeddedTerm) else plate
 
     if not plates:
         return None
@@ -287,9 +287,10 @@ def _bending(context: ShellContext) -> Any:
 def _plate(context: ShellContext) -> MidedgeBending | None:
     """Bending of the plate in place of the hinges; None where there are no hinges or no plate."""
     from ddgcli.models.shell.bending import plate_bending
+    from ddgcli.models.shell.midedge import MidedgeBending
 
     terms = context.terms.get("bending", [])
-    if not terms or hasattr(terms[0], "moment_tensor"):
+    if not terms or isinstance(terms[0], MidedgeBending):
         return None
     parameters = next(p for effect, p, _ in context.scene.effects if effect.name == "bending")
     try:

@@ -47,7 +47,7 @@ class Pressure(RampSection):
         return self
 
 
-class ConstantPressure:
+class ConstantPressure(Potential):
     """Energy -p (V - V0), V the enclosed volume.
 
     Parameters
@@ -146,7 +146,7 @@ class Gas(ConstantPressure):
         return np.sqrt(constant) / self.volume(x) * self.volume_gradient(x)
 
 
-class EscapedGas:
+class EscapedGas(Potential):
     """No energy: a shell that a crack has opened holds no pressure. Its frames still report 0."""
 
     name = "pressure"

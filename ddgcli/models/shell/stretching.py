@@ -32,7 +32,7 @@ class Stretching(Section):
     )
 
 
-class EdgeSprings:
+class EdgeSprings(Potential):
     """Energy k a (l/l0 - 1)^2 / 2 of every edge, a the area of the edge's tile, k in N/m.
 
     On equilateral triangles this is a membrane with Young's modulus times thickness k / 3 and nu = 1/3.
@@ -102,7 +102,7 @@ class EdgeSprings:
         return PairBlocks(self.stencil)
 
 
-class StVK:
+class StVK(Potential):
     """St Venant-Kirchhoff membrane: energy t (lam/2 tr(E)^2 + mu tr(E^2)) per area, E the Green strain.
 
     Plane stress: lam t = Y nu / (1 - nu^2), mu t = Y / (2 (1 + nu)) with Y Young's modulus times thickness.
@@ -130,7 +130,10 @@ class StVK:
     def subset(self, rows: NDArray, stencil: NDArray) -> StVK:
         """Some of the faces, with these numbers of their vertices."""
         rest = self.rest_metric if self.rest_metric.ndim == 2 else self.rest_metric[rows]
-        return StVK(stencil, self.basis[rows], self.area[rows], self.lam, self.mu, rest)
+        membrane = StVK(stencil, self.basis[rows], self.area[rows], self.lam, self.mu, rest)
+        if self.assumed_stress is not None:
+            membrane.assumed_stress = self.assumed_stress[:, rows]
+        return membrane
 
     def deformation_gradient(self, x: NDArray) -> NDArray[np.float64]:
         """(m, 3, 2) F."""

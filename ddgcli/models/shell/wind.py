@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
-from ddgcli.mechanics.terms import Mode, Potential
+from ddgcli.mechanics.terms import Dissipation, Mode, Potential
 from ddgcli.mesh.scatter import columns_at, sum_columns_by_index
 from ddgcli.mesh.vectors import cross, dot
 from ddgcli.models.shell.context import ShellContext
@@ -45,7 +45,7 @@ class Wind(Section):
         return velocity
 
 
-class FaceDrag:
+class FaceDrag(Dissipation):
     """Rayleigh function of the velocity w of the faces relative to the air.
 
     R = rho / 2 sum A (c_n |w_n|^3 + c_t |w_t|^3) / 3, w_n and w_t the normal and tangential parts of w: the
@@ -82,7 +82,7 @@ class GustyFaceDrag(FaceDrag):
         return drag
 
 
-class FrozenFaceDrag:
+class FrozenFaceDrag(Potential):
     """The Rayleigh function at fixed positions, as a potential of the velocities of the vertices.
 
     Parameters
