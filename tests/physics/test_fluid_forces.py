@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.spatial import ConvexHull
 
 import ddgcli as ddg
 from benchmarks.fluids.runs import run_fluid
@@ -12,9 +13,14 @@ from ddgcli.cli.main import main
 from ddgcli.errors import SceneError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh.shapes import torus
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.fluid.conservative import rotational_rates
+from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.lost_forces import gain_shares
 from ddgcli.models.fluid.model import build, contexts
+from ddgcli.models.fluid.rotation import vertex_normals
 from ddgcli.models.fluid.scene import KIND
+from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.scenes.scene import resolve
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
@@ -175,3 +181,39 @@ def test_the_total_vorticity_of_a_start_at_rest_drifts_by_rounding_alone(tmp_pat
     )
     accuracy = summary("fluid-sim", scene)["accuracy"]
     assert accuracy["total_vorticity_drift"] < 1e-12 and accuracy["circulation_drift"] < 1e-12
+
+
+def scattered_ball(n):
+    """Unit sphere of n vertices: the Delaunay triangulation of a spiral with random shifts."""
+    height = 1 - (2 * np.arange(n) + 1) / n
+    angle = np.pi * (1 + np.sqrt(5)) * (np.arange(n) + 0.5)
+    points = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], axis=1) * np.sqrt(1 - height**2)[:, None]
+    points[:, 2] = height
+    points += np.random.default_rng(2).normal(size=(n, 3)) * 0.25 / np.sqrt(n)
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    faces = ConvexHull(points).simplices
+    inwards = np.linalg.det(points[faces]) < 0
+    faces[inwards] = faces[inwards][:, ::-1]
+    return TriangleMesh.from_arrays(points, faces)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_the_slope_of_the_coriolis_parameter_converges_on_irregular_ellipsoids(closed):
+    """2 Omega . n against the normals of the ellipsoid, in the rates of change of a given flow."""
+    axes, turn, error = np.array([1.0, 1.3, 0.7]), np.array([1.0, 2.0, 5.0]), []
+    for n in (750, 3000):
+        ball = scattered_ball(n)
+        faces = ball.faces if closed else ball.faces[ball.points[ball.faces].mean(axis=1)[:, 2] > 0.2]
+        mesh = TriangleMesh.from_arrays(ball.points * axes, faces)
+        space = SurfaceSpace(mesh, np.zeros((0, mesh.topology.n_edges)))
+        x, y, z = mesh.points.T
+        flux = space.side_flux((x * z + y**2) * (1.0 if closed else z - 0.14), np.zeros(0))
+        context = FluidContext("f", mesh, {}, {}, np.zeros(3), np.load)
+        exact = mesh.points / axes**2
+        exact /= np.linalg.norm(exact, axis=1)[:, None]
+        rates = [
+            rotational_rates(space, 2.0 * normal @ turn, flux, False)[0] * space.inverse_mass
+            for normal in (vertex_normals(context), exact)
+        ]
+        error.append(np.abs(rates[0] - rates[1])[space.inside].max() / np.abs(rates[1])[space.inside].max())
+    assert error[1] < 0.005 and error[0] / error[1] > (3 if closed else 1.5), error

@@ -24,7 +24,7 @@ from ddgcli.algorithms.curvature.fit_penalty import (
     sampled_regions,
     testable_regions,
 )
-from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
+from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, tangent_frame, unit_normals
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.polynomial_fits import fit_forms, principal_of_forms
 from ddgcli.algorithms.curvature.regions import (
@@ -37,6 +37,7 @@ from ddgcli.algorithms.curvature.regions import (
 )
 from ddgcli.algorithms.curvature.vertex_balls import VertexBalls
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import unit_vectors
 from ddgcli.workers import results_in_order
 
 _PENALTY_SAMPLE_SIZE = 96  # vertices whose fits choose among the penalties
@@ -87,6 +88,33 @@ def quadric(
     logging.getLogger("ddgcli").info("quadric: penalty %g on the terms of degree three and four", penalty)
     principal = _fits_of_all(_Surface(faces.points, normal, penalty, areas, balls), rings, jobs)
     return replace(principal, in_rings=balls is not None and principal.in_rings)
+
+
+def fitted_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """Unit normals at vertices of the polynomials that `quadric` fits over rings of neighbours.
+
+    Means of the normals of faces err by the first power of the side length where the two principal curvatures
+    differ, so that slopes of them do not converge on irregular meshes. Those of fits err by the second power
+    at least, at boundaries too.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    (n, 3) ndarray of float64
+    """
+    scale = float(mesh.side_length.max(initial=0.0)) or 1.0
+    # squares stay in the range of numbers
+    unit = mesh.moved_unchecked((mesh.points - mesh.points[:1]) / scale)
+    faces = Faces.of(unit)
+    normal = unit_normals(faces)
+    rings = neighbourhoods(unit, faces, normal)
+    penalty = _sampled_penalty(faces.points, normal, rings, None)
+    (slope_x, slope_y), _ = fit_forms(faces.points, normal, rings, penalty, faces.points, normal)
+    first, second = tangent_frame(normal)
+    return unit_vectors((normal - slope_x * first - slope_y * second).T)
 
 
 class _Surface(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ddgcli.geometry.normals import area_normals
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.conservative import (
     RK4_LIMIT,
     Rates,
@@ -74,11 +74,15 @@ class Coriolis(FlowPhase):
 
 
 def vertex_normals(context: FluidContext) -> NDArray[np.float64]:
-    """(n, 3) unit normals: means of the faces' by area; the z axis on periodic grids."""
+    """(n, 3) unit normals: of polynomial fits, so that slopes of f converge; the z axis on periodic grids."""
     mesh = context.mesh
     if context.period.any():
         return np.tile([0.0, 0.0, 1.0], (mesh.n_vertices, 1))
-    return area_normals(mesh)
+    from ddgcli.algorithms.curvature.quadric import fitted_normals
+
+    if not isinstance(mesh, TriangleMesh):  # flipped edges: fits only take the vertices, joined by chords
+        mesh = TriangleMesh.from_arrays(context.points, mesh.faces)
+    return fitted_normals(mesh)
 
 
 def build(parameters: RotationSection, context: FluidContext) -> list[PhaseRequest]:
