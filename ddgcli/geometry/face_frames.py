@@ -10,7 +10,7 @@ from ddgcli.geometry.surface_points import interpolated
 from ddgcli.geometry.unfolding import Unfolding, corner_position
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross, unit_vectors
+from ddgcli.mesh.vectors import row_cross, row_dot, unit_vectors
 
 
 def face_axes(mesh: TriangleMesh, face: NDArray) -> tuple[NDArray, NDArray]:
@@ -56,7 +56,7 @@ def to_face_frame(mesh: SurfaceMesh, face: NDArray, vector: NDArray) -> NDArray[
             "a mesh without positions has no directions in space; use 2 numbers in the frame of the face"
         )
     x, y = face_axes(mesh, face)
-    return np.stack([np.einsum("ij,ij->i", vector, x), np.einsum("ij,ij->i", vector, y)], axis=1)
+    return np.stack([row_dot(vector, x), row_dot(vector, y)], axis=1)
 
 
 def to_space(mesh: TriangleMesh, face: NDArray, planar: NDArray) -> NDArray[np.float64]:

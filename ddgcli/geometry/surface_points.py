@@ -133,8 +133,8 @@ def nearest_on_triangle(point: NDArray, corners: NDArray) -> tuple[NDArray[np.fl
     """
     side = np.roll(corners, -1, axis=1) - corners
     offset = point - corners
-    squared = np.einsum("mjd,mjd->mj", side, side)
-    along = np.einsum("mjd,mjd->mj", offset, side)
+    squared = row_dot(side, side)
+    along = row_dot(offset, side)
     t = np.clip(np.divide(along, squared, out=np.zeros_like(along), where=squared > 0), 0.0, 1.0)
     gap = np.linalg.norm(offset - t[..., None] * side, axis=2)
     best = np.argmin(gap, axis=1)
@@ -144,10 +144,8 @@ def nearest_on_triangle(point: NDArray, corners: NDArray) -> tuple[NDArray[np.fl
     barycentric[row, (best + 1) % 3] = t[row, best]
     distance = gap[row, best]
     normal = row_cross(side[:, 0], -side[:, 2])
-    area2 = np.einsum("md,md->m", normal, normal)
-    inner = np.stack(
-        [np.einsum("md,md->m", row_cross(side[:, j], offset[:, j]), normal) for j in (1, 2, 0)], axis=1
-    )
+    area2 = row_dot(normal, normal)
+    inner = np.stack([row_dot(row_cross(side[:, j], offset[:, j]), normal) for j in (1, 2, 0)], axis=1)
     inside = (inner >= 0).all(axis=1) & (area2 > 0)
     barycentric[inside] = inner[inside] / inner[inside].sum(axis=1, keepdims=True)
     foot_point = np.einsum("mc,mcd->md", barycentric[inside], corners[inside])

@@ -18,7 +18,7 @@ from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_side_blocks
-from ddgcli.mesh.vectors import cross, dot, row_cross, vector_length
+from ddgcli.mesh.vectors import cross, dot, row_cross, row_dot, vector_length
 
 APEX, TURN, TWIN = 0, 1, 3  # columns of Unfolding.side
 ANGLE_TOLERANCE = 1e-14  # radians by which directions along a boundary may lie beyond it
@@ -95,7 +95,7 @@ def _layout(mesh: SurfaceMesh) -> Unfolding:
         y = doubled_area[:, None] / length
         if isinstance(mesh, TriangleMesh):
             vector = mesh.side_vector / scale
-            x = -np.einsum("fjk,fjk->fj", vector, vector[:, PREVIOUS]) / length
+            x = -row_dot(vector, vector[:, PREVIOUS]) / length
     flat = length <= 0
     x, y = np.where(flat, 0.0, x), np.where(flat, previous, y)
     next_cos, next_sin = _unit(x - length, y)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross
+from ddgcli.mesh.vectors import row_cross, row_dot
 
 # odd numbers without pattern in their bits, one a coordinate: those of the generator splitmix64
 HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)
@@ -139,7 +139,7 @@ def faces_to_turn(mesh: TriangleMesh) -> NDArray[np.bool_]:
     vector = row_cross(b - a, c - a) * np.where(turn[rows], -1.0, 1.0)[:, None]
     centre, count = a + b + c, np.bincount(label)
     middle = np.stack([np.bincount(label, weights=column) for column in centre.T], axis=1) / count[:, None]
-    volume = np.einsum("ij,ij->i", vector, centre - middle[label])
+    volume = row_dot(vector, centre - middle[label])
     largest = np.linalg.norm(vector, axis=1) * np.linalg.norm(centre - middle[label], axis=1)
     reverse = np.zeros(len(count))
     for value, terms in ((volume, largest), *((vector[:, k], np.abs(vector).sum(axis=1)) for k in (2, 1, 0))):

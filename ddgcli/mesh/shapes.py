@@ -10,7 +10,7 @@ from ddgcli.errors import ParameterError
 from ddgcli.memory import check_memory
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross
+from ddgcli.mesh.vectors import row_cross, row_dot
 
 BYTES_OF_FACE = 260.0  # of arrays while a mesh is made and its topology is computed
 
@@ -123,7 +123,7 @@ def random_sphere(n: int = 1000, seed: int = 0, radius: float = 1.0) -> Triangle
     points = _on_sphere(np.random.default_rng(seed).normal(size=(n, 3)))
     faces = ConvexHull(points).simplices.astype(np.int64)
     p = points[faces]
-    inward = np.einsum("ij,ij->i", row_cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), p[:, 0]) < 0
+    inward = row_dot(row_cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), p[:, 0]) < 0
     faces[inward] = faces[inward][:, ::-1]
     return TriangleMesh.from_arrays(radius * points, faces)
 

@@ -87,6 +87,27 @@ def row_dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
     return np.einsum("...i,...i->...", a, b)
 
 
+def tangential(vectors: NDArray, unit: NDArray) -> NDArray[np.float64]:
+    """Parts of vectors stored as rows that are orthogonal to unit vectors.
+
+    Parameters
+    ----------
+    vectors : (..., d) ndarray of float64
+    unit : (..., d) ndarray of float64
+        Of unit length: normals leave the tangential part, tangents the normal one.
+
+    Returns
+    -------
+    (..., d) ndarray of float64
+
+    Examples
+    --------
+    >>> tangential(np.array([[1.0, 2.0, 3.0]]), np.array([[0.0, 0.0, 1.0]])).tolist()
+    [[1.0, 2.0, 0.0]]
+    """
+    return vectors - row_dot(vectors, unit)[..., None] * unit
+
+
 def cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
     """Cross products of vectors stored as columns.
 

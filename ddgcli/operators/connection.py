@@ -21,7 +21,7 @@ from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross, row_dot, unit_vectors
+from ddgcli.mesh.vectors import row_cross, row_dot, tangential, unit_vectors
 
 
 def angle_scale(fans: Fans) -> NDArray[np.float64]:
@@ -167,7 +167,7 @@ def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.flo
     side = mesh.side_vector.reshape(-1, 3)
     first = np.zeros((mesh.n_vertices, 3))
     first[fans.vertex] = side[fans.corner[fans.start[:-1]]]
-    x = unit_vectors(first - row_dot(first, normal)[:, None] * normal)
+    x = unit_vectors(tangential(first, normal))
     y = row_cross(normal, x)
     last = mesh.topology.side_twin.ravel() < 0  # sides that end an open fan leave their head only
     at_tail, at_head = side_angles(mesh)

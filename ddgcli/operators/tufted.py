@@ -13,7 +13,7 @@ from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.require import refuse_repeated_vertices
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross, row_dot, unit_vectors
+from ddgcli.mesh.vectors import row_cross, row_dot, tangential, unit_vectors
 
 # the back of a face has corners 0, 2, 1, so side j of the front is its side 2 - j
 BACK_CORNERS = [0, 2, 1]
@@ -84,7 +84,7 @@ def _dihedral_position(mesh: TriangleMesh, side: NDArray) -> NDArray[np.float64]
     apex = mesh.points[mesh.faces.ravel()[(side // 3) * 3 + (side + 2) % 3]]
     axis = unit_vectors(head - tail)
     arm = apex - tail
-    arm = unit_vectors(arm - row_dot(arm, axis)[:, None] * axis)
+    arm = unit_vectors(tangential(arm, axis))
     _, first, group = np.unique(edge, return_index=True, return_inverse=True)
     zero = arm[first][group]
     return np.arctan2(row_dot(row_cross(zero, arm), axis), row_dot(zero, arm))

@@ -12,6 +12,7 @@ from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.sides import next_side
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.plots.raster import (
     OUTLINE_DEPTH_STEP,
     Camera,
@@ -111,7 +112,7 @@ def _corner_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
     area_vector = area_vector / (np.abs(area_vector).max(initial=0.0) or 1.0)
     flat, topology, n = face_normal(mesh), mesh.topology, 3 * mesh.n_faces
     twin, side = topology.side_twin.ravel(), topology.interior_sides
-    smooth = side[np.einsum("ij,ij->i", flat[side // 3], flat[twin[side] // 3]) > CREASE_COSINE]
+    smooth = side[row_dot(flat[side // 3], flat[twin[side] // 3]) > CREASE_COSINE]
     # corners of two faces that meet across a smooth side, at both of its ends
     a, b = (np.stack([s, next_side(s)], axis=1) for s in (smooth, twin[smooth]))
     corner = mesh.faces.ravel()

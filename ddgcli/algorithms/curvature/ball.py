@@ -21,7 +21,7 @@ from ddgcli.algorithms.curvature.star import corrected_principal, measures_and_s
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import ratio
+from ddgcli.mesh.vectors import ratio, row_dot
 from ddgcli.workers import results_in_order
 
 
@@ -140,7 +140,7 @@ class _NormalCycle(NamedTuple):
 def _normal_cycle(of_balls: tuple, defect: NDArray, dihedral: NDArray) -> _NormalCycle:
     balls = FaceBalls(*of_balls)
     mesh, side = balls.mesh, balls.mesh.side_vector
-    length = np.sqrt(np.einsum("fki,fki->fk", side, side))
+    length = np.sqrt(row_dot(side, side))
     x, y, z = np.moveaxis(ratio(side, length[..., None]), -1, 0)
     # every edge is visited from both of its faces: half from each
     turn = 0.5 * dihedral[mesh.topology.side_edge]

@@ -14,7 +14,7 @@ from ddgcli.algorithms.curvature.balance import star_balance
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
 from ddgcli.algorithms.curvature.unit_surface import UnitSurface
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import ratio
+from ddgcli.mesh.vectors import ratio, row_dot
 
 _log = logging.getLogger("ddgcli")
 
@@ -191,7 +191,7 @@ def statistics(
         if name == "boundary" or name.startswith("principal_direction"):
             continue
         if values.ndim == 2:
-            values = np.sqrt(np.einsum("ij,ij->i", values, values))
+            values = np.sqrt(row_dot(values, values))
         where = referenced if name in everywhere else inside
         if name == "geodesic_curvature":
             where = mesh.topology.boundary_vertex

@@ -16,7 +16,7 @@ from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross, row_dot, unit_vectors
+from ddgcli.mesh.vectors import row_cross, row_dot, tangential, unit_vectors
 from ddgcli.representation import short_repr
 
 MAX_FOLD = np.pi - 1e-6  # radians; beyond it the two normals of an edge leave the arc between them open
@@ -223,7 +223,7 @@ def _sectors(grid: NDArray, is_tail: bool) -> tuple[NDArray, NDArray, int]:
 def _arcs(start: NDArray, end: NDArray, t: NDArray) -> NDArray[np.float64]:
     """(k, len(t), 3) points at shares t of the great arcs between unit vectors."""
     angle = np.arctan2(np.linalg.norm(row_cross(start, end), axis=-1), row_dot(start, end))[..., None]
-    other = unit_vectors(end - row_dot(start, end)[..., None] * start)
+    other = unit_vectors(tangential(end, start))
     turn = angle * t
     return np.cos(turn)[..., None] * start[..., None, :] + np.sin(turn)[..., None] * other[..., None, :]
 

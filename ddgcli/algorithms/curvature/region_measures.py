@@ -24,7 +24,7 @@ from ddgcli.geometry.extrinsic import dihedral_angle, face_normal
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import ratio, row_cross, unit_vectors, vector_length
+from ddgcli.mesh.vectors import ratio, row_cross, row_dot, unit_vectors, vector_length
 from ddgcli.representation import short_repr
 
 log = logging.getLogger("ddgcli")
@@ -180,8 +180,8 @@ def measures_in_ball(mesh: TriangleMesh, centre: NDArray, radius: float) -> Regi
     inside = (vector_length(offset) <= radius) & topology.referenced_vertex
     start = offset[topology.edges[:, 0]]
     unit = unit_vectors(mesh.points[topology.edges[:, 1]] - mesh.points[topology.edges[:, 0]])
-    along = np.einsum("ij,ij->i", start, unit)
-    squared = np.einsum("ij,ij->i", start, start) - along**2
+    along = row_dot(start, unit)
+    squared = row_dot(start, start) - along**2
     half = np.sqrt(np.maximum(radius**2 - squared, 0.0))
     chord = np.clip(half, along, along + tensors.length) - np.clip(-half, along, along + tensors.length)
     zero = np.zeros(len(chord), dtype=np.int64)

@@ -13,7 +13,7 @@ from ddgcli.geometry.face_frames import relative_position
 from ddgcli.geometry.normals import sphere_normals
 from ddgcli.geometry.surface_points import interpolated
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import ratio, row_cross, row_dot, unit_vectors, vector_length
+from ddgcli.mesh.vectors import ratio, row_cross, row_dot, tangential, unit_vectors, vector_length
 
 
 def add_darboux_frames(mesh: TriangleMesh, curves: Curves) -> Curves:
@@ -47,7 +47,7 @@ def add_darboux_frames(mesh: TriangleMesh, curves: Curves) -> Curves:
     direction = unit_vectors(segment)
     middle = np.concatenate([direction, np.zeros((1, 3))])  # row -1: no segment
     tangent = unit_vectors(middle[before] + middle[after])
-    own = unit_vectors(normal - row_dot(normal, tangent)[:, None] * tangent)
+    own = unit_vectors(tangential(normal, tangent))
     change = _along_segments(paths, normal)
     conormal = unit_vectors(row_cross(_along_segments(paths, normal, mean=True), direction))
     rates = {"normal_curvature": row_dot(change, direction), "geodesic_torsion": -row_dot(change, conormal)}

@@ -17,6 +17,7 @@ from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+from ddgcli.mesh.vectors import row_dot
 
 SIDE_TOLERANCE = 1e-12  # barycentric coordinates below this lie on the side or vertex
 SEGMENT_TOLERANCE = 1e-13  # shorter segments, relative to the longest side of the mesh, have no direction
@@ -338,7 +339,7 @@ def _tangent_angles(
     j = np.where(kind == 1, np.argmax(barycentric, axis=1), NEXT[np.argmin(barycentric, axis=1)])
     side = 3 * face + j
     e = np.where((kind == 3)[:, None], np.array([1.0, 0.0]), unfolding.direction.reshape(-1, 2)[side])
-    local = np.arctan2(e[:, 0] * d[:, 1] - e[:, 1] * d[:, 0], np.einsum("ij,ij->i", d, e))
+    local = np.arctan2(e[:, 0] * d[:, 1] - e[:, 1] * d[:, 0], row_dot(d, e))
     twin = mesh.topology.side_twin.ravel()[side]
     at_vertex = vertex_fans(mesh).angle_before[side] + np.clip(local, -1e-6, None)
     on_edge = local + np.where((twin >= 0) & (twin < side), np.pi, 0.0)

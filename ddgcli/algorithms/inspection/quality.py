@@ -16,7 +16,7 @@ from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import bounding_box, cone_volume, row_cross, vector_length
+from ddgcli.mesh.vectors import bounding_box, cone_volume, row_cross, row_dot, vector_length
 
 MANY_BOUNDARY_EDGES = 20_000  # of which more than half of the edges: faces without neighbours
 MAX_LISTED = 5  # elements listed for each defect
@@ -282,7 +282,7 @@ def dihedral_degrees(mesh: TetMesh) -> NDArray[np.float64]:
         length = np.linalg.norm(n, axis=1, keepdims=True)
         normal.append(np.divide(n, length, out=np.full_like(n, np.nan), where=length > 0))
     pairs = [(i, j) for i in range(4) for j in range(i)]
-    cosine = np.stack([-np.einsum("ij,ij->i", normal[i], normal[j]) for i, j in pairs], axis=1)
+    cosine = np.stack([-row_dot(normal[i], normal[j]) for i, j in pairs], axis=1)
     return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
 
 

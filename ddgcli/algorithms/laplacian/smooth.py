@@ -15,6 +15,7 @@ from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.operators.laplacian import lumped_vertex_area
 from ddgcli.operators.mollify import mollify_mesh
 from ddgcli.progress import ProgressCallback
@@ -243,7 +244,7 @@ class _Stepper:
             return 0.0
         force = stiffness @ (moved.points - self.centre)
         force[self.fixed] = 0.0
-        rate = np.einsum("ij,ij->i", force, force) / np.maximum(mass_at_end @ ones, MIN_MASS)
+        rate = row_dot(force, force) / np.maximum(mass_at_end @ ones, MIN_MASS)
         possible = float(np.minimum(rate, self.dt * (mass @ ones)).sum())
         return max(0.0, possible - (self.energy(mesh) - self.energy(moved)))
 
@@ -326,7 +327,7 @@ def latest_end(mesh: TriangleMesh) -> float:
         return np.inf
     low, high = mesh.bounding_box
     outward = mesh.points[mesh.topology.referenced_vertex] - (low / 2 + high / 2)
-    return float(np.einsum("ij,ij->i", outward, outward).max()) / 4
+    return float(row_dot(outward, outward).max()) / 4
 
 
 def sensible_times(mesh: TriangleMesh) -> tuple[float, float]:

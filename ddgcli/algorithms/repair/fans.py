@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.repair.steps import RepairedMesh, separated, separated_at
 from ddgcli.mesh.topology import PREVIOUS_OFFSET
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross, row_dot
+from ddgcli.mesh.vectors import row_cross, row_dot, tangential
 
 LEAST_ANGLE = 1e-9  # radians between faces at an edge whose order around it is certain
 
@@ -93,6 +93,6 @@ def _angle_around_edge(mesh: TriangleMesh, side: NDArray, first: NDArray) -> NDA
     along, across = head - tail, apex - tail
     with np.errstate(invalid="ignore", divide="ignore"):
         along /= np.linalg.norm(along, axis=1, keepdims=True)
-        across -= row_dot(across, along)[:, None] * along
+        across = tangential(across, along)
         across /= np.linalg.norm(across, axis=1, keepdims=True)
     return np.arctan2(row_dot(across, row_cross(along, across[first])), row_dot(across, across[first]))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import to_face_frame
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot
 
 # (face (k,), barycentric (k, 3)) -> (k, 2) vectors in the planar frames of the faces
 TangentField = Callable[[NDArray, NDArray], NDArray]
@@ -100,7 +101,7 @@ def default_duration(mesh: TriangleMesh, values: NDArray) -> float:
     ParameterError
         When the field is zero everywhere.
     """
-    speed = float(np.sqrt(np.mean(np.einsum("ij,ij->i", values, values))))
+    speed = float(np.sqrt(np.mean(row_dot(values, values))))
     if not speed > 0:
         raise ParameterError(
             "the field is zero everywhere and has no integral curves; give another field", parameter="values"

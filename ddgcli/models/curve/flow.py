@@ -18,7 +18,7 @@ from scipy.sparse import bsr_array, csr_array, diags_array
 
 from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import Factor
-from ddgcli.mesh.vectors import ratio, row_dot, vector_length
+from ddgcli.mesh.vectors import ratio, row_dot, tangential, vector_length
 from ddgcli.models.curve import polygon
 from ddgcli.models.curve.crossings import self_crossings
 from ddgcli.models.curve.polygon import Polygons
@@ -182,7 +182,7 @@ class CurveFlow:
         collapsed = state.active & (lengths[1] < COLLAPSED_LENGTH * self.first_length)
         tangent = polygon.vertex_tangents(self.mesh, state.points)
         moved = points - state.points
-        normal = moved - row_dot(moved, tangent)[:, None] * tangent
+        normal = tangential(moved, tangent)
         radius = np.maximum(lengths[0], 1e-300) / (2 * np.pi)
         speed = vector_length(normal) / dt * radius[self.mesh.curve] ** (self.time_power - 1)
         return CurveState(
@@ -360,7 +360,7 @@ class NormalStep:
         """(n, 3) vectors without their tangential parts, where points are redistributed."""
         if not self._normal:
             return vectors
-        return vectors - row_dot(vectors, self.tangent)[:, None] * self.tangent
+        return tangential(vectors, self.tangent)
 
     def _stiffness(self) -> csr_array:
         mesh, shape = self.flow.mesh, self.shape

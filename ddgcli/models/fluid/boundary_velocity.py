@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.vectors import row_cross, unit_vectors
+from ddgcli.mesh.vectors import row_cross, tangential, unit_vectors
 from ddgcli.models.fluid.boundary_motion import rest_kind, velocity_at
 from ddgcli.models.fluid.effect_parts import BoundaryPart
 
@@ -87,7 +87,7 @@ class BoundaryVelocity:
                 except ValueError:
                     continue
             for direction in lost:
-                velocity = velocity - np.einsum("ia,ia->i", velocity, direction)[:, None] * direction
+                velocity = tangential(velocity, direction)
             total[vertices] += velocity
             count[vertices] += 1.0
         vertices = np.flatnonzero(count)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import excerpt
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot, tangential
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.scenes.expressions import evaluate
 
@@ -167,7 +168,7 @@ class FluidContext:
             x, y = face_axes(self.mesh, np.arange(self.mesh.n_faces))
         else:
             x, y = self._flat_axes()
-        return np.einsum("ij,ij->i", vectors, x) + 1j * np.einsum("ij,ij->i", vectors, y)
+        return row_dot(vectors, x) + 1j * row_dot(vectors, y)
 
     def to_space(self, planar: NDArray) -> NDArray[np.float64]:
         """(m, 3) vectors in space of vectors in the planar frames of faces."""
@@ -185,7 +186,7 @@ class FluidContext:
         first = self.unwrapped(corner[:, 1] - corner[:, 0])
         second = self.unwrapped(corner[:, 2] - corner[:, 0])
         x = first / np.linalg.norm(first, axis=1)[:, None]
-        y = second - np.einsum("ij,ij->i", second, x)[:, None] * x
+        y = tangential(second, x)
         return x, y / np.linalg.norm(y, axis=1)[:, None]
 
     def nearest_vertex(self, place: NDArray) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.vectors import row_cross, tangents
+from ddgcli.mesh.vectors import row_cross, row_dot, tangents
 from ddgcli.models.fluid.context import FluidContext
 
 
@@ -146,7 +146,7 @@ def vortex_ring(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     x, velocity = context.face_points(), np.zeros((len(context.cells), 3))
     for place, along in zip(centre + radius * out, piece):
         apart = x - place
-        square = np.einsum("ia,ia->i", apart, apart) + core**2
+        square = row_dot(apart, apart) + core**2
         velocity += row_cross(along, apart) / square[:, None] ** 1.5
     return parameters.strength * radius / (4.0 * np.pi) * velocity
 

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.fluid.boundary_sides import GAUSS_SHARES, BoundarySides
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.effect_parts import Initial
@@ -85,7 +86,7 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
 
         def of_velocity(space: SurfaceSpace) -> dict[str, NDArray]:
             velocity = context.to_frames(space, vectors)
-            squares = np.einsum("ij,ij->i", vectors, vectors), np.abs(velocity) ** 2
+            squares = row_dot(vectors, vectors), np.abs(velocity) ** 2
             warn_of_normal_velocity(context.name, *(0.5 * float(space.area @ square) for square in squares))
             along = _along_boundary(context, space, source)
             vorticity, coefficients = space.of_face_velocity(velocity, along)

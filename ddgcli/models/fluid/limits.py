@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.fluid.smoothing import Smoothing, first_root, share_at_constant_energy
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.transport import BackwardPaths
@@ -153,7 +154,7 @@ def along_walls(space: SurfaceSpace, rim: BackwardPaths | None, vorticity: NDArr
     vertices = np.flatnonzero(space.mesh.topology.boundary_vertex)
     omega = (vorticity * space.inverse_mass)[space.faces[rim.face]]
     after = np.array(vorticity)
-    after[vertices] = space.mass[vertices] * np.einsum("ij,ij->i", omega, rim.barycentric)
+    after[vertices] = space.mass[vertices] * row_dot(omega, rim.barycentric)
     return after
 
 

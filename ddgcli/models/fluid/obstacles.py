@@ -21,6 +21,7 @@ from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.fluid.context import FluidContext
 
 SMOOTHING_PASSES = 12
@@ -207,7 +208,7 @@ def _projected(points: NDArray, selection: NDArray, distance: SignedDistance) ->
     for _ in range(PROJECTION_STEPS):
         slope = np.stack([distance(x + step * e) - distance(x - step * e) for e in np.eye(3)[:2]], axis=1)
         slope /= 2.0 * step
-        size = np.maximum(np.einsum("ij,ij->i", slope, slope), 1e-12)
+        size = np.maximum(row_dot(slope, slope), 1e-12)
         x = x - np.pad((distance(x) / size)[:, None] * slope, ((0, 0), (0, 1)))
     return x
 

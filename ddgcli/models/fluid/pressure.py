@@ -20,6 +20,7 @@ from pydantic import Field
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
@@ -195,7 +196,7 @@ class VolumePressure(PressurePhase):
         at_corners = on_faces.sum(axis=1, keepdims=True) - 3.0 * on_faces
         head = sum_by_index(space.cells, 0.25 * space.volume[:, None] * at_corners, space.n)
         at_vertices = space.vertex_velocity(velocity, state.time)
-        pressure = head * space.inverse_mass - 0.5 * np.einsum("ia,ia->i", at_vertices, at_vertices)
+        pressure = head * space.inverse_mass - 0.5 * row_dot(at_vertices, at_vertices)
         if space.conditions is None or not space.conditions.natural.any():
             pressure -= float(space.mass @ pressure) / float(space.mass.sum())
         return pressure

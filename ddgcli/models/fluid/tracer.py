@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.fluid.crossings import entering_vertices, turning_vertices
 from ddgcli.models.fluid.phases import Step
 from ddgcli.models.fluid.state import FluidState
@@ -91,7 +92,7 @@ class SurfaceTracer:
         tail, head = weight, weight[:, NEXT]
         cubic = tail * head * (tail * bend_tail + head * bend_head)
         middle = 0.5 * weight.prod(axis=1) * (bend_tail + bend_head).sum(axis=1)
-        linear = np.einsum("ij,ij->i", values[space.faces[face]], weight)
+        linear = row_dot(values[space.faces[face]], weight)
         return linear + cubic.sum(axis=1) + middle
 
     def carried(

@@ -13,6 +13,7 @@ from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, LineStart
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.fluid.crossings import crossed_faces
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 
@@ -66,9 +67,9 @@ class Transport:
     def backwards(self, corner: NDArray, face: NDArray, barycentric: NDArray, dt: float) -> BackwardPaths:
         """Points carried by -dt along straight lines, by the velocity half-way that the local slope gives."""
         at = corner[face]
-        here = np.einsum("ij,ij->i", barycentric, at)
+        here = row_dot(barycentric, at)
         along = (here[:, None] * np.conj(self.slope[face])).real
-        velocity = here - 0.5 * dt * np.einsum("ij,ij->i", along, at)
+        velocity = here - 0.5 * dt * row_dot(along, at)
         speed = np.abs(velocity)
         away = -np.copysign(1.0, dt) * velocity
         direction = np.where(speed > 0, away / np.where(speed > 0, speed, 1.0), 1.0 + 0.0j)
@@ -209,4 +210,4 @@ class Transport:
 
     def end_velocity(self, corner: NDArray, carried: BackwardPaths) -> NDArray[np.complex128]:
         """(k,) velocity at the ends, in the frames of the starts' faces."""
-        return carried.turn * np.einsum("ij,ij->i", carried.barycentric, corner[carried.face])
+        return carried.turn * row_dot(carried.barycentric, corner[carried.face])

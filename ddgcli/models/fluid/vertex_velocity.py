@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.fluid.boundary_velocity import BoundaryVelocity
 from ddgcli.models.fluid.recovery import Recovery
 
@@ -50,7 +51,7 @@ class VertexVelocity:
         squared = np.abs(self.recovery.matrix @ side_flux.ravel()) ** 2
         if self.prescribed is not None:
             vertices, there = self.prescribed.at(time)
-            squared[vertices] = np.einsum("ia,ia->i", there, there)
+            squared[vertices] = row_dot(there, there)
         return squared
 
     @cached_property

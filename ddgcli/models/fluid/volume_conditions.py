@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.tet_mesh import TET_FACES
+from ddgcli.mesh.vectors import row_dot, tangential
 from ddgcli.models.fluid.boundary_motion import (
     InTime,
     crosses_in_time,
@@ -124,7 +125,7 @@ def volume_conditions(
     unit = rim.area / np.linalg.norm(rim.area, axis=1, keepdims=True)
     slides = np.zeros(len(unit), dtype=bool)
     for velocity in velocities:
-        along = velocity - np.einsum("ia,ia->i", velocity, unit)[:, None] * unit
+        along = tangential(velocity, unit)
         slides |= np.linalg.norm(along, axis=1) > WALL_ROUNDING * np.linalg.norm(velocity, axis=1)
     prescribed = np.array(values_at(rim.flux, times))
     refuse_outward_inflow(sections, rim.owner, prescribed)
@@ -201,7 +202,7 @@ class _Rim:
             if section.kind not in ("inflow", "outflow"):
                 continue
             size = np.linalg.norm(self.area[own], axis=1)
-            crossing = np.einsum("ia,ia->i", velocity[own], self.area[own])
+            crossing = row_dot(velocity[own], self.area[own])
             flux[own] = crossing if section.flux is None else flux_at(section, time) * size / size.sum()
         return flux
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.tet_mesh import TET_FACES
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.fluid.volume_space import VolumeSpace
 
 MAX_CROSSINGS = 4000  # cells that one line may cross; the line ends there
@@ -68,11 +69,11 @@ class VolumePaths:
             if wall.any():
                 normal = self.space.area[here[wall], exit_[wall]]
                 normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-                out = np.maximum(np.einsum("pa,pa->p", rest[wall], normal), 0.0)
+                out = np.maximum(row_dot(rest[wall], normal), 0.0)
                 rest[wall] -= out[:, None] * normal
                 rest[wall & self.crossed[here, exit_]] = 0.0
             shift[active] = rest
-            progress = share * np.sqrt(np.einsum("pa,pa->p", step, step))
+            progress = share * np.sqrt(row_dot(step, step))
             stalls[active] = np.where(progress > least[active], 0, stalls[active] + 1)
             active = active[~inside & (np.abs(rest).max(axis=1) > 0) & (stalls[active] < MAX_STALLS)]
             if not len(active):

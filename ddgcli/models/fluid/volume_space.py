@@ -29,7 +29,7 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.requirements import require_sized_cells
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
-from ddgcli.mesh.vectors import row_cross
+from ddgcli.mesh.vectors import row_cross, row_dot
 from ddgcli.models.fluid.boundary_motion import InTime
 from ddgcli.models.fluid.state import TIME, FluidState
 from ddgcli.models.fluid.volume_conditions import VolumeConditions, walls
@@ -198,7 +198,7 @@ class VolumeSpace:
         total = np.maximum(moment[:, 0, 0], np.finfo(float).tiny)
         moment = moment / total[:, None, None] + SINGULAR_SHIFT * np.eye(4)
         first = np.linalg.solve(moment, np.tile(np.eye(4)[:, :1], (self.n, 1, 1)))[..., 0]
-        share = weight / total[vertex] * np.einsum("pa,pa->p", terms, first[vertex])
+        share = weight / total[vertex] * row_dot(terms, first[vertex])
         gain, whole = sum_by_index(vertex, np.abs(share), self.n), sum_by_index(vertex, share, self.n)
         usable = ((gain <= MAX_FIT_GAIN) & (np.abs(whole - 1.0) < 1e-6))[vertex]
         share = np.where(usable, share / whole[vertex], weight / total[vertex])
@@ -294,7 +294,7 @@ class VolumeSpace:
         size = float(np.abs(state["flux"]).max(initial=0.0))
         scalar = {
             "kinetic_energy": self.energy(state),
-            "enstrophy": 0.5 * float(np.sum(self.mass * np.einsum("ia,ia->i", omega, omega))),
+            "enstrophy": 0.5 * float(np.sum(self.mass * row_dot(omega, omega))),
             "total_vorticity": float(np.abs(around).max(initial=0.0)),
             "absolute_vorticity": float(np.abs(circulation).sum()),
             "divergence": float(np.abs(net).max(initial=0.0)) / (size or 1.0),

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.vectors import row_cross
+from ddgcli.mesh.vectors import row_cross, row_dot
 from ddgcli.models.fluid.midpoint import PICARD_TOLERANCE, implicit_midpoint
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.smoothing import first_root
@@ -154,7 +154,7 @@ class VolumeCirculationTransport(FlowPhase):
         at_centre = self.paths.interpolated(vertex_velocity, cell, centre)
         at_face = self.paths.interpolated(vertex_velocity, face_cell, face)[self.space.cell_face]
         piece = face[self.space.cell_face] - centre[:, None]
-        return 0.5 * np.einsum("kia,kia->ki", at_centre[:, None] + at_face, piece)
+        return 0.5 * row_dot(at_centre[:, None] + at_face, piece)
 
     def _ends(self, vertex_velocity: NDArray, dt: float) -> tuple:
         space, paths = self.space, self.paths

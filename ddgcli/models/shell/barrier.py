@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.geometry.solids import Surface
 from ddgcli.mechanics.terms import BarrierPotential, Dissipation, Mode, Potential
+from ddgcli.mesh.vectors import tangential
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle_motion import PlacedMotion
 from ddgcli.models.shell.surfaces import PosedSurface
@@ -289,7 +290,7 @@ class Sliding(Potential):
 
     def _tangential(self, v: NDArray) -> tuple[NDArray, NDArray]:
         v = v[self.near] - self.wall
-        t = v - np.einsum("ni,ni->n", v, self.normal)[:, None] * self.normal
+        t = tangential(v, self.normal)
         return t, np.sqrt(np.einsum("ni,ni->n", t, t))
 
     def energy(self, x: NDArray) -> float:

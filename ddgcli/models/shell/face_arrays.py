@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.vectors import tangential
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.edge_moment import EdgeMoment
 from ddgcli.models.shell.midedge import MidedgeBending
@@ -66,7 +67,7 @@ def _face_frames(points: NDArray, faces: NDArray) -> NDArray[np.float64]:
     """(m, 3, 2) orthonormal tangents at rest: along the first side, and across it."""
     e, f = points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]]
     first = e / np.linalg.norm(e, axis=1)[:, None]
-    across = f - np.einsum("mi,mi->m", f, first)[:, None] * first
+    across = tangential(f, first)
     return np.stack([first, across / np.linalg.norm(across, axis=1)[:, None]], axis=2)
 
 

@@ -29,7 +29,7 @@ from ddgcli.mechanics.terms import LinearOperator, Mode, Potential, at_last_poin
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import dot, row_dot, unit_vectors, vector_length
+from ddgcli.mesh.vectors import dot, tangential, unit_vectors, vector_length
 from ddgcli.models.shell import hinge
 
 NODES = 9  # of an element: corners, apexes across the sides, rotations of the sides
@@ -362,7 +362,7 @@ def inward_directions(x: NDArray, corner: NDArray) -> NDArray[np.float64]:
     """
     tail, head, apex = (x[corner[:, k]] for k in range(3))
     u = unit_vectors(head - tail)
-    return unit_vectors(apex - tail - row_dot(apex - tail, u)[:, None] * u)
+    return unit_vectors(tangential(apex - tail, u))
 
 
 def one_sided_frame(x: NDArray, corner: NDArray, direction: NDArray) -> hinge.HingeFrame:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import cone_volume, row_cross
+from ddgcli.mesh.vectors import cone_volume, row_cross, row_dot
 from ddgcli.models.willmore.vertex_energies import FaceSides, area_gradient
 
 
@@ -108,5 +108,5 @@ def mean_curvature(mesh: TriangleMesh, normal: NDArray) -> NDArray[np.float64]:
         In 1/length, half the sum of the principal curvatures, positive where convex with outward normals.
     """
     by_area = AreaEnergy(mesh.topology).value_and_gradient(mesh.points)[1]
-    across, swept = (np.einsum("ij,ij->i", g, normal) for g in (by_area, volume_gradient(mesh)))
+    across, swept = (row_dot(g, normal) for g in (by_area, volume_gradient(mesh)))
     return 0.5 * across / swept

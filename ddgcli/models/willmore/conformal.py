@@ -21,7 +21,7 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross
+from ddgcli.mesh.vectors import row_cross, row_dot
 from ddgcli.models.willmore.area_energy import AreaEnergy
 from ddgcli.models.willmore.step_rules import MIN_CONFORMAL_SHARE
 from ddgcli.models.willmore.vertex_energies import FaceSides
@@ -152,7 +152,7 @@ def _curvature_change(mesh: TriangleMesh) -> NDArray[np.float64]:
     """
     mass = lumped_vertex_area(mesh)
     by_area = AreaEnergy(mesh.topology).value_and_gradient(mesh.points)[1]
-    curvature = 0.5 * np.einsum("ij,ij->i", by_area, sphere_normals(mesh)) / mass
+    curvature = 0.5 * row_dot(by_area, sphere_normals(mesh)) / mass
     basis = np.concatenate([np.ones((len(mass), 1)), _tearing_changes(mesh, mass)], axis=1)
     weighted = np.sqrt(mass)[:, None] * basis
     share = np.linalg.lstsq(weighted, np.sqrt(mass) * curvature, rcond=None)[0]
@@ -264,7 +264,7 @@ def _smallest_spinor(mesh: TriangleMesh, change: NDArray) -> NDArray[np.float64]
 
 def _corner_cotan(faces: FaceSides) -> NDArray[np.float64]:
     """(m, 3) cotangents of the corners."""
-    squared = np.einsum("fki,fki->fk", faces.opposite, faces.opposite)
+    squared = row_dot(faces.opposite, faces.opposite)
     return (squared[:, NEXT] + squared[:, PREVIOUS] - squared) / (4.0 * faces.area[:, None])
 
 

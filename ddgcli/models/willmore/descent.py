@@ -51,7 +51,7 @@ class EnergyGradient:
     @property
     def size(self) -> float:
         """Dimensionless size of the gradient: its L2 norm times the area, over the energy."""
-        squared = np.einsum("ij,ij->i", self.gradient, self.gradient)
+        squared = row_dot(self.gradient, self.gradient)
         return float(np.sqrt((squared / self.mass).sum()) * self.mass.sum() / max(abs(self.energy), 1e-300))
 
 
@@ -247,7 +247,7 @@ class Preconditioner:
         """
         g = self.at.gradient
         normal = sphere_normals(self.at.mesh)[self.at.free]
-        across = np.einsum("ij,ij->i", g, normal)[:, None] * normal
+        across = row_dot(g, normal)[:, None] * normal
         moved = self.solve(across)
         return float(np.sum(across * moved)), float(np.sum((g - across) * (self.steepest - moved)))
 

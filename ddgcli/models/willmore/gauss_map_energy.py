@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
-from ddgcli.mesh.vectors import row_cross, row_dot
+from ddgcli.mesh.vectors import row_cross, row_dot, tangential
 from ddgcli.models.willmore.vertex_energies import FaceSides, area_gradient
 
 # weight of the S-shape at which, on equilateral triangles, stripes one edge wide (which no vertex normal
@@ -64,7 +64,7 @@ class Normals:
     def pulled_back(self, by_unit: NDArray, corners: NDArray) -> NDArray[np.float64]:
         """(m, 3, 3) derivative by the corners, given the one by the unit normals (n, 3)."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            by_vector = (by_unit - row_dot(by_unit, self.unit)[:, None] * self.unit) / self.length[:, None]
+            by_vector = tangential(by_unit, self.unit) / self.length[:, None]
         by_vector = by_vector[corners]
         by_ahead = _inverted(self.ahead, row_cross(self.behind, by_vector))
         by_behind = _inverted(self.behind, row_cross(by_vector, self.ahead))
@@ -252,7 +252,7 @@ class GaussMapEnergy:
         spread = share * t.bend / 16.0
         by_side = (spread[:, NEXT] + spread[:, PREVIOUS] - spread)[..., None] * side
         by_side += by_skew * t.twice + 2.0 * by_squared * side
-        turn = (by_normal - row_dot(by_normal, unit)[:, None] * unit) / (2.0 * area)[:, None]
+        turn = tangential(by_normal, unit) / (2.0 * area)[:, None]
         by_side[:, 0] += row_cross(side[:, 1], turn)
         by_side[:, 1] += row_cross(turn, side[:, 0])
         by_area = counted * (s_by_area - 0.5 * t.dirichlet / area)

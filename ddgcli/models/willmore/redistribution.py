@@ -9,7 +9,7 @@ from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross
+from ddgcli.mesh.vectors import row_cross, row_dot, tangential
 
 MIN_ANGLE = np.radians(40.0)  # vertices of faces with a smaller angle slide
 MAX_SECTOR_SHARE = 0.5  # of the way to the opposite side of the face that a vertex slides into
@@ -73,7 +73,7 @@ def _slid_points(mesh: TriangleMesh, normal: NDArray, sliding: NDArray) -> NDArr
     count = sum_by_index(faces, np.full(faces.shape, 2.0), n)
     with np.errstate(divide="ignore", invalid="ignore"):
         slide = sum_by_index(faces, ahead + behind, n) / count[:, None]
-    slide -= np.einsum("ij,ij->i", slide, normal)[:, None] * normal
+    slide = tangential(slide, normal)
     # coordinates of the slide in each sector, seen along the vertex normal
     up, shift = normal[faces], slide[faces]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -91,7 +91,7 @@ def _slid_points(mesh: TriangleMesh, normal: NDArray, sliding: NDArray) -> NDArr
     weight = np.stack([1.0 - first - second, first, second], axis=1)
     vertices = faces[face[:, None], (k[:, None] + np.arange(3)) % 3]
     flat = np.einsum("vk,vkj->vj", weight, x[vertices])
-    height = np.einsum("vkj,vkj->vk", flat[:, None] - x[vertices], normal[vertices])
+    height = row_dot(flat[:, None] - x[vertices], normal[vertices])
     curved = flat - 0.5 * np.einsum("vk,vk,vkj->vj", weight, height, normal[vertices])
     points = np.array(x)
     points[vertex[usable]] = curved[usable]

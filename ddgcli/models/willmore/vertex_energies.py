@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ddgcli.geometry.intrinsic import mixed_voronoi_share
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
-from ddgcli.mesh.vectors import row_cross
+from ddgcli.mesh.vectors import row_cross, row_dot, tangential
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class FaceSides:
         corner = points[faces]
         opposite = corner[:, PREVIOUS] - corner[:, NEXT]
         doubled = row_cross(opposite[:, 0], opposite[:, 1])
-        length = np.sqrt(np.einsum("ij,ij->i", doubled, doubled))
+        length = np.sqrt(row_dot(doubled, doubled))
         with np.errstate(divide="ignore", invalid="ignore"):
             return cls(opposite, doubled / length[:, None], 0.5 * length)
 
@@ -67,14 +67,13 @@ def _area_hessian_times(faces: FaceSides, y: NDArray) -> NDArray[np.float64]:
     e, nu = faces.opposite, faces.normal
     de = y[:, PREVIOUS] - y[:, NEXT]
     dn = row_cross(de[:, 0], e[:, 1]) + row_cross(e[:, 0], de[:, 1])
-    dn -= np.einsum("ij,ij->i", dn, nu)[:, None] * nu
-    dn /= 2.0 * faces.area[:, None]
+    dn = tangential(dn, nu) / (2.0 * faces.area[:, None])
     return 0.5 * (row_cross(dn[:, None, :], e) + row_cross(nu[:, None, :], de))
 
 
 def _voronoi_weights(faces: FaceSides) -> tuple[NDArray, NDArray, NDArray]:
     """(m, 3) squared sides opposite the corners, (m, 3) shares if the face is obtuse, (m,) whether it is."""
-    squared = np.einsum("fki,fki->fk", faces.opposite, faces.opposite)
+    squared: NDArray = row_dot(faces.opposite, faces.opposite)
     obtuse = squared > squared[:, NEXT] + squared[:, PREVIOUS]
     return squared, np.where(obtuse, 0.5, 0.25), obtuse.any(axis=1)
 
@@ -142,8 +141,8 @@ class VertexEnergy:
 
     def _values(self, first: NDArray, star: NDArray, volume: NDArray) -> NDArray[np.float64]:
         with np.errstate(divide="ignore", invalid="ignore"):
-            value = 0.25 * np.einsum("ij,ij->i", first, first)
-            value = value * star / np.einsum("ij,ij->i", volume, volume) if self.sullivan else value / star
+            value = 0.25 * row_dot(first, first)
+            value = value * star / row_dot(volume, volume) if self.sullivan else value / star
         return np.where(self.counted, value, 0.0)
 
     def value(self, points: NDArray) -> float:
@@ -157,7 +156,7 @@ class VertexEnergy:
         value = self._values(first, star, volume)
         safe_star = np.where(self.counted, star, 1.0)
         if self.sullivan:
-            squared = np.where(self.counted, np.einsum("ij,ij->i", volume, volume), 1.0)
+            squared = np.where(self.counted, row_dot(volume, volume), 1.0)
             by_first = 0.5 * first * (star / squared)[:, None]
             by_star = value / safe_star
             by_volume = -2.0 * volume * (value / squared)[:, None]
