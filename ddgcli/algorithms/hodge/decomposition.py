@@ -24,7 +24,8 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross, row_matrix
+from ddgcli.mesh.vectors import row_cross, row_dot, row_matrix
+from ddgcli.operators.averages import cells_to_vertices, vertex_measure
 from ddgcli.operators.dec import Complex, complex_of
 from ddgcli.operators.whitney import barycentric_gradients, sharp, whitney_load
 
@@ -187,10 +188,10 @@ def decompose_vertex_vectors(
     """
     with renamed_parameters(values="vectors"):
         vectors = finite_field(vectors, mesh.n_vertices, "vertex")
-    corners = mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces
+    corners = complex_of(mesh).corners
     split = decompose_cell_vectors(mesh, vectors[corners].mean(axis=1), boundary)
     components = [to_vertices(mesh, component) for component in (split.exact, split.coexact, split.harmonic)]
-    weight = _vertex_measure(mesh)[:, None]
+    weight = vertex_measure(corners, complex_of(mesh).metric.measure, mesh.n_vertices)[:, None]
     remainder = vectors - sum(components)
     whole = np.sqrt((weight * vectors**2).sum()) or 1.0
     return replace(
@@ -217,7 +218,7 @@ def tangent_part(mesh: TriangleMesh, vectors: NDArray) -> tuple[NDArray[np.float
         The largest normal component, relative to the largest component of a vector.
     """
     normal = face_normal(mesh)
-    along = np.einsum("ij,ij->i", vectors, normal)
+    along = row_dot(vectors, normal)
     largest = np.abs(vectors).max(initial=0.0) or 1.0
     return vectors - along[:, None] * normal, float(np.abs(along).max(initial=0.0) / largest)
 
@@ -235,26 +236,8 @@ def to_vertices(mesh: SpaceMesh, on_cells: NDArray) -> NDArray[np.float64]:
     (n, d) ndarray of float64
         Zero at vertices without cells.
     """
-    corners, measure = _cells(mesh)
-    matrix = _corner_sums(corners, mesh.n_vertices)
-    total, weight = matrix @ (measure[:, None] * on_cells), matrix @ measure
-    return np.divide(total, weight[:, None], out=np.zeros_like(total), where=weight[:, None] > 0)
-
-
-def _cells(mesh: SpaceMesh) -> tuple[NDArray, NDArray]:
     complex_ = complex_of(mesh)
-    return complex_.corners, complex_.metric.measure
-
-
-def _vertex_measure(mesh: SpaceMesh) -> NDArray[np.float64]:
-    corners, measure = _cells(mesh)
-    return _corner_sums(corners, mesh.n_vertices) @ measure / corners.shape[1]
-
-
-def _corner_sums(corners: NDArray, n: int) -> csr_array:
-    m, c = corners.shape
-    entries = (np.ones(m * c), (corners.ravel(), np.repeat(np.arange(m), c)))
-    return coo_array(entries, shape=(n, m)).tocsr()
+    return cells_to_vertices(complex_.corners, complex_.metric.measure, on_cells, mesh.n_vertices)
 
 
 def finite_field(values: NDArray, count: int, place: str) -> NDArray[np.float64]:

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.fluid.boundary_velocity import BoundaryVelocity
 from ddgcli.models.fluid.recovery import Recovery
+from ddgcli.operators.averages import cells_to_vertices
 
 
 class VertexVelocity:
@@ -60,13 +60,10 @@ class VertexVelocity:
         to_space, faces = self.to_space, self.recovery.faces
         if to_space is None:
             raise ValueError("vectors in space need to_space")
-        n = self.recovery.matrix.shape[0]
-        around = sum_by_index(faces, np.repeat(self.area, 3), n)[:, None]
-        turned = self.area[:, None] * np.conj(self.recovery.to_vertex)
+        turned = np.conj(self.recovery.to_vertex)
 
         def mean(of_corners: NDArray) -> NDArray[np.float64]:
             rows = np.stack([to_space(v) for v in of_corners.T], axis=1)  # (m, 3, 3)
-            summed = np.stack([sum_by_index(faces, rows[..., a], n) for a in range(3)], axis=1)
-            return np.divide(summed, around, out=np.zeros_like(summed), where=around > 0)
+            return cells_to_vertices(faces, self.area, rows, self.recovery.matrix.shape[0])
 
         return mean(turned), mean(1j * turned)

@@ -33,6 +33,7 @@ from ddgcli.mesh.vectors import row_cross, row_dot
 from ddgcli.models.fluid.boundary_motion import InTime
 from ddgcli.models.fluid.state import TIME, FluidState
 from ddgcli.models.fluid.volume_conditions import VolumeConditions, walls
+from ddgcli.operators.averages import vertex_measure
 from ddgcli.operators.dec import Complex, complex_of
 from ddgcli.simulation.model import Observation
 
@@ -75,7 +76,7 @@ class VolumeSpace:
         # (k, 4, 3) outward area vectors; the slopes of the barycentric coordinates are -1/(3 V) of them
         self.area = 0.5 * row_cross(wall[:, :, 1] - wall[:, :, 0], wall[:, :, 2] - wall[:, :, 0])
         self.slope = -self.area / (3.0 * self.volume[:, None, None])
-        self.mass = sum_by_index(self.cells, np.repeat(0.25 * self.volume[:, None], 4, axis=1), self.n)
+        self.mass = vertex_measure(self.cells, self.volume, self.n)
         self.inverse_mass = np.divide(1.0, self.mass, out=np.zeros(self.n), where=self.mass > 0)
         if self.conditions is None:
             self.conditions = walls(self)
