@@ -8,12 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 from ddgcli.algorithms.laplacian.form_spectrum import FormSpectrum, form_spectrum
 from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.library.mesh_arguments import accepts_arrays
+from ddgcli.mesh.fields import finite_values
 from ddgcli.mesh.require import require
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators import whitney
 from ddgcli.operators.dec import complex_of
-from ddgcli.operators.form_products import form_values, operands, require_finite_vectors
+from ddgcli.operators.form_products import form_values, operands
 
 __all__ = ["eigenforms", "flat", "interior_product", "lie_derivative", "sharp", "wedge"]
 
@@ -100,8 +101,7 @@ def flat(mesh: SpaceMesh, vectors: ArrayLike) -> NDArray[np.float64]:
             f"an array of shape {values.shape} is not a field; give (n, 3) vectors", parameter="vectors"
         )
     with renamed_parameters("vectors"):
-        require_finite_vectors(values)
-        return whitney.flat(mesh, values)
+        return whitney.flat(mesh, finite_values(values, "row", what="the field"))
 
 
 @accepts_arrays("surface", "tetrahedra")

@@ -1,4 +1,4 @@
-"""Results: a mesh with named arrays, and a frame of a trajectory."""
+"""A mesh with named arrays, checks of a user's arrays, and a frame of a trajectory."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ddgcli.errors import ParameterError, counted
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_matrix
 from ddgcli.representation import short_repr
 
 AnyMesh = TriangleMesh | TetMesh | IntrinsicMesh | CurveSet
@@ -62,6 +64,80 @@ def surface_arrays(mesh: AnyMesh, face: Mapping[str, NDArray]) -> dict[str, NDAr
     if isinstance(mesh, TetMesh):
         return {name: values[mesh.boundary_cell] for name, values in face.items()}
     return dict(face)
+
+
+def finite_values(
+    values: ArrayLike, place: str, *, parameter: str | None = None, what: str = ""
+) -> NDArray[np.float64]:
+    """Convert a user's array to double precision, or raise an error for its first element that is not finite.
+
+    Parameters
+    ----------
+    values : (k, ...) array_like
+    place : str
+        Kind of the elements, for the message.
+    parameter : str, optional
+        That names the array.
+    what : str
+        The array, for messages of parameters with several.
+
+    Returns
+    -------
+    (k, ...) ndarray of float64
+
+    Raises
+    ------
+    ParameterError
+    """
+    array = np.asarray(values, dtype=np.float64)
+    bad = np.flatnonzero(~np.isfinite(row_matrix(np.atleast_1d(array))).all(axis=1))
+    if len(bad):
+        subject = f"{what} is not" if what else "not"
+        count = counted(len(bad), "such value", "such values")
+        raise ParameterError(
+            f"{subject} finite at {place} {bad[0]} ({count}); correct the array", parameter=parameter
+        )
+    return array
+
+
+def checked_values(
+    values: ArrayLike, count: int, place: str, *, parameter: str, widths: Sequence[int] = ()
+) -> NDArray[np.float64]:
+    """Convert a user's array with a number or a row of numbers for each element to double precision.
+
+    Parameters
+    ----------
+    values : (count,) or (count, c) array_like
+    count : int
+        Elements of the mesh.
+    place : str
+        Kind of the elements, for messages.
+    parameter : str
+        That names the array.
+    widths : sequence of int, optional
+        Lengths that rows may have, 1 for numbers. Default: any.
+
+    Returns
+    -------
+    ndarray of float64
+        Of the shape of the array.
+
+    Raises
+    ------
+    ParameterError
+        For another shape, or values that are not finite.
+    """
+    shape = np.shape(values)
+    width = shape[1] if len(shape) == 2 else 1
+    if shape[:1] != (count,) or len(shape) > 2 or (widths and width not in widths):
+        numbers = "one number, or a row of numbers," if not widths else "one number"
+        if max(widths, default=1) > 1:
+            numbers = f"{' or '.join(map(str, widths))} numbers"
+        places = "vertices" if place == "vertex" else f"{place}s"
+        raise ParameterError(
+            f"an array of shape {shape}; use {numbers} for each of {count} {places}", parameter=parameter
+        )
+    return finite_values(values, place, parameter=parameter)
 
 
 @dataclass(frozen=True, eq=False)

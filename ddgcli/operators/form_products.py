@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import ParameterError, renamed_parameters
+from ddgcli.mesh.fields import finite_values
 from ddgcli.operators.dec import Complex, complex_of
 from ddgcli.operators.whitney import (
     SpaceMesh,
@@ -194,11 +195,7 @@ def form_values(complex_: Complex, array: ArrayLike) -> NDArray[np.float64]:
             f"an array of shape {values.shape} is not a form; name numbers on "
             f"{_listed(ELEMENTS[complex_.dimension])}"
         )
-    if not np.isfinite(values).all():
-        raise ParameterError(
-            f"the form is not finite at element {int(np.argmin(np.isfinite(values)))}; correct the array"
-        )
-    return values
+    return finite_values(values, "element", what="the form")
 
 
 def cell_vectors(complex_: Complex, array: ArrayLike) -> NDArray[np.float64]:
@@ -218,8 +215,7 @@ def cell_vectors(complex_: Complex, array: ArrayLike) -> NDArray[np.float64]:
     ParameterError
         For an array of another shape, or numbers that are not finite.
     """
-    vectors = np.asarray(array, dtype=np.float64)
-    require_finite_vectors(vectors)
+    vectors = finite_values(array, "row", what="the field")
     if vectors.shape == (len(complex_.corners), 3):
         return vectors
     if vectors.shape == (complex_.counts[0], 3):
@@ -228,22 +224,6 @@ def cell_vectors(complex_: Complex, array: ArrayLike) -> NDArray[np.float64]:
         f"an array of shape {vectors.shape} is not a field; name vectors on the {complex_.counts[0]} "
         f"vertices or {len(complex_.corners)} {ELEMENTS[complex_.dimension][-1]}"
     )
-
-
-def require_finite_vectors(vectors: NDArray) -> None:
-    """Raise an error for a field with a number that is not finite.
-
-    Parameters
-    ----------
-    vectors : (k, 3) ndarray
-
-    Raises
-    ------
-    ParameterError
-    """
-    if vectors.ndim == 2 and not np.isfinite(vectors).all():
-        row = int(np.argmin(np.isfinite(vectors).all(axis=1)))
-        raise ParameterError(f"the field is not finite at row {row}; correct the array")
 
 
 def _relative(difference: NDArray, *terms: NDArray) -> float:

@@ -52,7 +52,7 @@ def paths(tmp_path_factory):
         ),
         (("geodesic", "ball", "--trace", "99:1,0,0:1,0,0:1"), "--trace: face 99 is outside"),
         (("geodesic", "ball", "--trace", "0:1,0,0:0,0,0:1"), "--trace: line 0 has no direction"),
-        (("geodesic", "ball", "--field", "fields"), "--field: the field's vector 1 is not finite"),
+        (("geodesic", "ball", "--field", "fields"), "--field: the field is not finite at vertex 1"),
         (
             ("geodesic", "ball", "--source", 0, 1, "--fan", 9, "--fan-length", 1),
             "--source: a fan has exactly",

@@ -42,6 +42,7 @@ from ddgcli.errors import ParameterError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.cures import cure
+from ddgcli.mesh.fields import checked_values
 from ddgcli.mesh.require import require, surely_has_area
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.workers import start_early
@@ -277,7 +278,7 @@ def check_curvature(
     if not surely_has_area(mesh):
         prepare_surface(mesh, scheme)  # refuses a surface without area
     if image is not None:
-        _check_image(mesh, image)
+        checked_values(image, mesh.n_vertices, "vertex", parameter="image", widths=(2, 3))
     if isinstance(radius, (int, float)):
         _check_radius(mesh, radius, scheme)
         check_reach(mesh, float(radius))
@@ -360,14 +361,3 @@ def _pointwise(
     gaussian = np.where(undefined | mesh.topology.boundary_vertex, 0.0, principal.gaussian)
     low, high = (np.where(undefined, 0.0, k) for k in (principal.low, principal.high))
     return replace(principal, low=low, high=high, gaussian=gaussian)
-
-
-def _check_image(mesh: TriangleMesh, image: NDArray) -> None:
-    """Raise ParameterError for an array that is no map of the vertices."""
-    if image.ndim != 2 or image.shape[1] not in (2, 3) or len(image) != mesh.n_vertices:
-        raise ParameterError(
-            f"an array of shape {image.shape}; a map gives each vertex 2 or 3 coordinates", parameter="image"
-        )
-    if not np.isfinite(image).all():
-        bad = np.flatnonzero(~np.isfinite(image).all(axis=1))[0]
-        raise ParameterError(f"the map is not finite at vertex {bad}; correct the array", parameter="image")

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.delaunay.common_subdivision import CommonSubdivision
-from ddgcli.errors import ParameterError, counted
+from ddgcli.errors import ParameterError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.fields import finite_values
 from ddgcli.mesh.vectors import row_matrix
 from ddgcli.operators.laplacian import galerkin_mass, lumped_vertex_area
 
@@ -93,13 +94,7 @@ def check_transferable(arrays: dict[str, NDArray], reserved: Collection[str]) ->
             raise ParameterError(
                 f"the array {name!r} has type {values.dtype}; use an array of numbers", parameter="arrays"
             )
-        bad = np.flatnonzero(~row_matrix(np.isfinite(values)).all(axis=1))
-        if len(bad):
-            raise ParameterError(
-                f"the array {name!r} is not finite at vertex {bad[0]} "
-                f"({counted(len(bad), 'such vertex', 'such vertices')}); correct it",
-                parameter="arrays",
-            )
+        finite_values(values, "vertex", parameter="arrays", what=f"the array {name!r}")
 
 
 def transfer_to_intrinsic(cut: CommonSubdivision, arrays: dict[str, NDArray]) -> dict[str, TransferResult]:

@@ -17,14 +17,14 @@ from scipy.sparse.linalg import cg, lsmr
 
 from ddgcli.algorithms.hodge.harmonic import ClosedProjection, closed_projection
 from ddgcli.algorithms.hodge.homology import Boundary
-from ddgcli.errors import ParameterError, counted, renamed_parameters
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.linalg.constrain import Dirichlet, Poisson, floating_components
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.fields import checked_values
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross, row_dot, row_matrix
+from ddgcli.mesh.vectors import row_cross, row_dot
 from ddgcli.operators.averages import cells_to_vertices, vertex_measure
 from ddgcli.operators.dec import Complex, complex_of
 from ddgcli.operators.whitney import barycentric_gradients, sharp, whitney_load
@@ -92,8 +92,7 @@ def decompose_form(mesh: SpaceMesh, form: NDArray, boundary: Boundary = "tangent
         For a form of another length or with values that are not finite.
     """
     projection = ClosedProjection(mesh, boundary)  # with the inner product of forms that are not closed
-    with renamed_parameters(values="form"):
-        form = finite_field(form, projection.complex.counts[1], "edge")
+    form = checked_values(form, projection.complex.counts[1], "edge", parameter="form")
     star1 = projection.star1
     load = star1 @ form
     potential = projection.potential(load)
@@ -138,8 +137,7 @@ def decompose_cell_vectors(
     """
     projection = closed_projection(mesh, boundary)
     complex_ = projection.complex
-    with renamed_parameters(values="vectors"):
-        whole = vectors = finite_field(vectors, len(complex_.corners), "cell")
+    whole = vectors = checked_values(vectors, len(complex_.corners), "cell", parameter="vectors")
     if isinstance(mesh, TriangleMesh):
         vectors, _ = tangent_part(mesh, whole)
     measure = complex_.metric.measure[:, None]
@@ -186,8 +184,7 @@ def decompose_vertex_vectors(
     ParameterError
         For a field of another length or with values that are not finite.
     """
-    with renamed_parameters(values="vectors"):
-        vectors = finite_field(vectors, mesh.n_vertices, "vertex")
+    vectors = checked_values(vectors, mesh.n_vertices, "vertex", parameter="vectors")
     corners = complex_of(mesh).corners
     split = decompose_cell_vectors(mesh, vectors[corners].mean(axis=1), boundary)
     components = [to_vertices(mesh, component) for component in (split.exact, split.coexact, split.harmonic)]
@@ -238,41 +235,6 @@ def to_vertices(mesh: SpaceMesh, on_cells: NDArray) -> NDArray[np.float64]:
     """
     complex_ = complex_of(mesh)
     return cells_to_vertices(complex_.corners, complex_.metric.measure, on_cells, mesh.n_vertices)
-
-
-def finite_field(values: NDArray, count: int, place: str) -> NDArray[np.float64]:
-    """Convert a field to double precision and check it.
-
-    Parameters
-    ----------
-    values : (count, ...) ndarray
-    count : int
-        Elements of the mesh.
-    place : str
-        Kind of the elements, for the message.
-
-    Returns
-    -------
-    (count, ...) ndarray of float64
-
-    Raises
-    ------
-    ParameterError
-        For another length or values that are not finite.
-    """
-    values = np.asarray(values, dtype=np.float64)
-    if len(values) != count:
-        raise ParameterError(
-            f"an array of {len(values)} values; a field on {place}s has {count}", parameter="values"
-        )
-    bad = np.flatnonzero(~np.isfinite(row_matrix(values)).all(axis=1))
-    if len(bad):
-        raise ParameterError(
-            f"not finite at {place} {bad[0]} ({counted(len(bad), 'such value', 'such values')}); "
-            "correct the array",
-            parameter="values",
-        )
-    return values
 
 
 def _copotential(complex_: Complex, flux: NDArray, size: NDArray, boundary: Boundary) -> NDArray[np.float64]:

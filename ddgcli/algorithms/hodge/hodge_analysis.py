@@ -15,7 +15,6 @@ from ddgcli.algorithms.hodge.decomposition import (
     decompose_cell_vectors,
     decompose_form,
     decompose_vertex_vectors,
-    finite_field,
     tangent_part,
     to_vertices,
 )
@@ -23,10 +22,10 @@ from ddgcli.algorithms.hodge.harmonic import HarmonicBasis, harmonic_basis
 from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, generator_loops
 from ddgcli.algorithms.hodge.solid_decomposition import component_numbers, joined_decomposition
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
-from ddgcli.errors import MeshError, ParameterError, counted, renamed_parameters
+from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.geometry.cures import cure_of_bad_shapes, warn_of_pieces
 from ddgcli.linalg.residual_gate import within_residuals
-from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.fields import AnnotatedMesh, finite_values
 from ddgcli.mesh.require import refuse_flat_faces, require, require_manifold_body
 from ddgcli.mesh.requirements import require_sized_cells
 from ddgcli.mesh.solid_components import solid_components
@@ -136,8 +135,7 @@ def check_query(mesh: SpaceMesh, field: tuple[NDArray, str] | None, with_basis: 
     if field is None:
         return "edge" if with_basis else ""
     place = field_place(mesh, *field)
-    with renamed_parameters(values="field"):
-        finite_field(field[0], len(field[0]), place)
+    finite_values(field[0], place, parameter="field")
     return place
 
 
@@ -260,7 +258,7 @@ def field_place(mesh: SpaceMesh, array: NDArray, place: str) -> str:
 
 def _decomposed(mesh: SpaceMesh, array: NDArray, place: str, boundary: Boundary) -> HodgeDecomposition:
     """Decomposition of a field; of a solid by components: an iteration over all stops by the largest."""
-    array = finite_field(array, len(array), place)
+    array = finite_values(array, place, parameter="field")
     if not isinstance(mesh, TetMesh):
         return _decomposed_in_range(mesh, array, place, boundary)
     components = solid_components(mesh)

@@ -17,6 +17,7 @@ from ddgcli.choices import EVOLUTIONS
 from ddgcli.errors import ParameterError, SolveError, counted
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.components import connected_labels
+from ddgcli.mesh.fields import checked_values
 from ddgcli.progress import ProgressCallback
 from ddgcli.representation import short_repr
 
@@ -182,21 +183,7 @@ def checked_start(start: NDArray, n: int) -> NDArray[np.float64]:
     ParameterError
         For another shape or values that are not finite.
     """
-    values = np.asarray(start, dtype=np.float64)
-    if values.shape not in ((n,), (n, 1)):
-        raise ParameterError(
-            f"an array of shape {np.shape(start)}; use one number for each of {n} vertices",
-            parameter="start",
-        )
-    values = values.reshape(n)
-    bad = np.flatnonzero(~np.isfinite(values))
-    if len(bad):
-        raise ParameterError(
-            f"not finite at vertex {bad[0]} ({counted(len(bad), 'such vertex', 'such vertices')}); "
-            "correct the array",
-            parameter="start",
-        )
-    return values
+    return checked_values(start, n, "vertex", parameter="start", widths=(1,)).reshape(n)
 
 
 def _check_stiffness(L: csc_array, M: csc_array, equation: str, times: EvolutionTimes) -> None:

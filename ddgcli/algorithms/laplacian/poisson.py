@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.errors import ParameterError, counted
 from ddgcli.linalg.constrain import Dirichlet, Poisson, components
+from ddgcli.mesh.fields import checked_values
 from ddgcli.representation import short_repr
 
 
@@ -88,21 +89,7 @@ def checked_source(source: NDArray, n: int) -> NDArray[np.float64]:
     ParameterError
         For another shape or values that are not finite.
     """
-    source = np.asarray(source, dtype=np.float64)
-    if source.shape[:1] != (n,) or source.ndim > 2:
-        raise ParameterError(
-            f"an array of shape {source.shape}; use one number, or a row of numbers, for each of {n} "
-            "vertices",
-            parameter="source",
-        )
-    if not np.isfinite(source).all():
-        bad = np.flatnonzero(~np.isfinite(source.reshape(n, -1)).all(axis=1))
-        raise ParameterError(
-            f"not finite at vertex {bad[0]} ({counted(len(bad), 'such vertex', 'such vertices')}); "
-            "correct the array",
-            parameter="source",
-        )
-    return source
+    return checked_values(source, n, "vertex", parameter="source")
 
 
 def harmonic(operator: LaplaceOperator, fixed: Mapping[int, float]) -> Solution:

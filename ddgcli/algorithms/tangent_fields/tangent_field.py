@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import to_face_frame
+from ddgcli.mesh.fields import finite_values
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_dot
 
@@ -45,10 +46,7 @@ def checked_field(mesh: TriangleMesh, values: NDArray, place: str = "") -> tuple
             f"or on faces ({mesh.n_faces}, 3)",
             parameter="values",
         )
-    if not np.isfinite(values).all():
-        bad = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
-        raise ParameterError(f"the field's vector {bad} is not finite; repair the array", parameter="values")
-    return values, place
+    return finite_values(values, place, parameter="values", what="the field"), place
 
 
 def field_of_array(mesh: TriangleMesh, values: NDArray, place: str = "") -> TangentField:
