@@ -14,6 +14,9 @@ T = TypeVar("T")
 
 MAX_EXCERPT_LENGTH = 100  # characters of a file, or of another program's message, in a message
 QUOTED_REPAIR = re.compile(r"`repair(_cells)?=([^`]*)`")  # in a message, steps that repair the mesh
+# in a message, a mesh to use in place of the input: its boundary (of the mesh of a path), or its refinement
+# to an angle in degrees
+QUOTED_MESH = re.compile(r"`(boundary_mesh|refined_mesh)(?:=([^`]*))?`")
 QUOTED_PARAMETER = re.compile(r"`([a-z]\w*)(?:=([^`]*))?`")  # in a message, a parameter, maybe with a value
 LONG_NUMBER = re.compile(r"(\d{20})\d{40,}")  # its first digits and the others
 LONG_WORD = re.compile(r"(\S{100})\S{240,}(\S{40})")  # its first letters, the others and its last

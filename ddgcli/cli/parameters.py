@@ -9,11 +9,12 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import click
 
-from ddgcli.errors import QUOTED_PARAMETER, QUOTED_REPAIR, ParameterError
+from ddgcli.errors import QUOTED_MESH, QUOTED_PARAMETER, QUOTED_REPAIR, ParameterError
 
 DICT_ENTRY, OPTION_VALUE = re.compile(r"^\{([^:}]+): ([^:}]+)\}$"), r"\1=\2"
 
@@ -48,7 +49,8 @@ def with_option_names(message: str, names: Mapping[str, str]) -> str:
 def with_repair_command(message: str, mesh: Sequence[str] = (), *, tetrahedra: bool = False) -> str:
     """The message with quoted steps of a repair, `` `repair=orient fill_holes=9` ``, as a command.
 
-    Steps of `repair_cells` take tetrahedra as they are. A call of `ddgcli info MESH` names the mesh, too.
+    Steps of `repair_cells` take tetrahedra as they are. A quoted `boundary_mesh` or `refined_mesh=DEGREES`
+    becomes the command that writes it.
 
     Parameters
     ----------
@@ -61,7 +63,6 @@ def with_repair_command(message: str, mesh: Sequence[str] = (), *, tetrahedra: b
     words = list(mesh) or ["MESH"]
     stem = "" if words[0] in ("MESH", "-") else f"{Path(words[0]).stem}-"
     words[0] = "MESH" if words[0] == "-" else words[0]
-    message = message.replace("ddgcli info MESH ", f"{shlex.join(['ddgcli', 'info', *words])} ")
 
     def command(match: re.Match[str]) -> str:
         before, read, extension = "", words, ".vtu" if match.group(1) else ".ply"
@@ -74,7 +75,15 @@ def with_repair_command(message: str, mesh: Sequence[str] = (), *, tetrahedra: b
         ]
         return before + shlex.join(["ddgcli", "repair", *read, *options, "-o", f"{stem}repaired{extension}"])
 
-    return QUOTED_REPAIR.sub(command, message)
+    return QUOTED_MESH.sub(partial(_mesh_command, words), QUOTED_REPAIR.sub(command, message))
+
+
+def _mesh_command(words: Sequence[str], match: re.Match[str]) -> str:
+    """Command that writes the boundary or the refinement of a mesh that these words read."""
+    name, value = match.groups()
+    if name == "boundary_mesh":
+        return shlex.join(["ddgcli", "info", *([value] if value else words), "-o", "surface.ply"])
+    return shlex.join(["ddgcli", "delaunay", *words, "--refine", value, "-o", "finer.npz"])
 
 
 def error_text(error: Exception, names: Mapping[str, str]) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.choices import MAX_PIXELS, MIN_PIXELS
-from ddgcli.errors import QUOTED_REPAIR, DdgError, ParameterError, excerpt
+from ddgcli.errors import QUOTED_MESH, QUOTED_REPAIR, DdgError, ParameterError, excerpt
 
 _log = logging.getLogger("ddgcli")
 _is_in_library: ContextVar[bool] = ContextVar("_is_in_library", default=False)
@@ -26,18 +26,25 @@ _is_in_library: ContextVar[bool] = ContextVar("_is_in_library", default=False)
 P = ParamSpec("P")
 R = TypeVar("R")
 
+QUOTED_SUBDIVISION = re.compile(r"`subdivide(=1)?`")  # an option of commands alone
 MAX_INTEGER = 2**63 - 1  # of numpy's indices
 
 
 def with_repair_call(message: str) -> str:
-    """The message with steps of a repair, `` `repair=orient fill_holes=9` ``, as a call of the library."""
+    """The message with what makes another mesh, such as `` `repair=orient fill_holes=9` ``, as calls."""
 
     def call(match: re.Match[str]) -> str:
         steps = (step.partition("=") for step in match.group(2).split())
         values = (f"{name}={value or ('0' if name == 'weld' else 'True')}" for name, _, value in steps)
         return f"`ddg.repair_mesh(mesh, {', '.join(values)})`"
 
-    return QUOTED_REPAIR.sub(call, message)
+    def other_mesh(match: re.Match[str]) -> str:
+        if match.group(1) == "boundary_mesh":
+            return "`mesh.boundary`"
+        return f"`ddg.delaunay_refinement(mesh, {match.group(2)}).mesh`, its `points` and `faces`"
+
+    message = QUOTED_MESH.sub(other_mesh, QUOTED_REPAIR.sub(call, message))
+    return QUOTED_SUBDIVISION.sub("a mesh whose triangles are divided into four", message)
 
 
 class _RepairCalls(logging.Filter):
@@ -47,7 +54,7 @@ class _RepairCalls(logging.Filter):
     """
 
     def filter(self, record: logging.LogRecord) -> bool:
-        if _is_in_library.get() and "`repair" in (message := record.getMessage()):
+        if _is_in_library.get() and "`" in (message := record.getMessage()):
             record.msg, record.args = with_repair_call(message), ()
         return True
 

@@ -118,7 +118,7 @@ def kind_of(mesh: TriangleMesh | TetMesh | CurveSet) -> str:
 
 
 def kind_error(
-    mesh: TriangleMesh | TetMesh | CurveSet, kinds: Sequence[str], verb: str = "it", path: str = "MESH"
+    mesh: TriangleMesh | TetMesh | CurveSet, kinds: Sequence[str], verb: str = "it", path: str = ""
 ) -> str | None:
     """Why a command does not take a mesh of this kind, with a cure.
 
@@ -130,7 +130,7 @@ def kind_error(
     verb : str
         Subject of the message, such as the name of a command.
     path : str
-        Of the mesh file, for the cure.
+        Of the mesh file, for the cure, if it is not that of the input.
 
     Returns
     -------
@@ -141,7 +141,7 @@ def kind_error(
     if kind in kinds:
         return None
     bounded = kind == "tetrahedra" and "surface" in kinds
-    advice = f"; ddgcli info {path} -o surface.ply writes their boundary" if bounded else ""
+    advice = f"; take their boundary, `boundary_mesh{path and f'={path}'}`" if bounded else ""
     return f"holds {_PHRASE[kind]}; {verb} takes {' or '.join(_PHRASE[k] for k in kinds)}{advice}"
 
 

@@ -68,7 +68,10 @@ def paths(tmp_path_factory):
         (("willmore-flow", "ball", "--region", "bad"), "--region: must have one finite number"),
         (("willmore-flow", "ball", "--region", "half"), "--region: is the whole surface"),
         (("tradeoff", "curvature", "ball", "--truth", "egg:1"), "--truth: 'egg:1': unknown shape"),
-        (("tradeoff", "shell-sim", "pendulum", "--conserved", "momentum"), "pendulum: --conserved: the "),
+        (
+            ("tradeoff", "shell-sim", "pendulum", "--conserved", "momentum"),
+            "pendulum: --conserved: the pivot",
+        ),
         (("willmore-flow", "grid", "--fill", 5), "--fill: vertex 5 is on no boundary loop"),
     ],
 )

@@ -1,10 +1,16 @@
 """Parameters in the messages of the core become options on the command line."""
 
+import ast
+import re
+
 import click
 import pytest
 
-from ddgcli.cli.parameters import error_text, option_names, with_option_names
+from ddgcli.cli.main import COMMANDS
+from ddgcli.cli.parameters import error_text, option_names, with_option_names, with_repair_command
 from ddgcli.errors import MeshError, ParameterError, renamed_parameters
+from ddgcli.library.arguments import with_repair_call
+from tests.test_layers import PACKAGE
 
 
 @click.command()
@@ -43,6 +49,36 @@ def test_the_parameter_of_an_error_begins_the_message():
     assert error_text(error, NAMES) == "--heat-time: must be positive"
     assert str(error) == "heat_time: must be positive"
     assert error_text(MeshError("no faces; lower `heat_time`"), NAMES) == "no faces; lower --heat-time"
+
+
+def test_quoted_meshes_become_the_commands_that_write_them_and_calls_in_the_library():
+    text = "take their boundary, `boundary_mesh`, or begin with the mesh of `refined_mesh=25`"
+    assert with_repair_command(text, ("a b.ply", "--input-format", "ply")) == (
+        "take their boundary, ddgcli info 'a b.ply' --input-format ply -o surface.ply, or begin with the "
+        "mesh of ddgcli delaunay 'a b.ply' --input-format ply --refine 25 -o finer.npz"
+    )
+    assert with_repair_command("`boundary_mesh=c.vtu`") == "ddgcli info c.vtu -o surface.ply"
+    assert with_repair_call(text) == (
+        "take their boundary, `mesh.boundary`, or begin with the mesh of "
+        "`ddg.delaunay_refinement(mesh, 25).mesh`, its `points` and `faces`"
+    )
+    assert (
+        with_repair_call("begin with `subdivide=1`")
+        == "begin with a mesh whose triangles are divided into four"
+    )
+
+
+def test_the_core_holds_no_command_line():
+    """Text of messages; command lines in docstrings are documentation."""
+    call = re.compile(rf"\bddgcli (?:{'|'.join(COMMANDS)})\b|(?<!\S)--[a-z]")
+    core = [f for f in PACKAGE.rglob("*.py") if f.relative_to(PACKAGE).parts[0] != "cli"]
+    lines = []
+    for path in core:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        texts = [n for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
+        stand_alone = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}  # docstrings
+        lines += [f"{path}: {n.value}" for n in texts if id(n) not in stand_alone and call.search(n.value)]
+    assert len(core) > 100 and not lines
 
 
 def test_messages_of_wrong_calls_name_what_is_wrong_and_what_to_do(run):

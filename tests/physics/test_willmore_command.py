@@ -22,7 +22,7 @@ def follow_cures(run, path, words, folder):
             return summaries
         advice = summaries[-1]["results"], summaries[-1]["warnings"][0]
         assert advice[0]["converged"] is False
-        if "delaunay MESH --refine 25 -o finer.npz" in advice[1]:
+        if f"delaunay {path} --refine 25 -o finer.npz" in advice[1]:
             assert run("delaunay", path, "--refine", 25, "-o", folder / "finer.npz").exit_code == 0
             path = folder / "finer.npz"
         else:

@@ -170,7 +170,7 @@ def test_advice_for_crumpled_ends_never_leads_back():
     cases = [
         (uneven, FlowOptions(), "use `energy=cotan`, or begin with a finer mesh"),
         (needles, FlowOptions(remesh="mean"), "use `energy=cotan`, or begin with a finer mesh"),
-        (needles, FlowOptions(), "-o finer.npz` writes, or use `energy=cotan`"),
+        (needles, FlowOptions(), "begin with the mesh of `refined_mesh=25`, or use `energy=cotan`"),
         (needles, FlowOptions(energy="cotan"), "begin with `subdivide=1`, or use `remesh=mean`"),
         (needles, FlowOptions(energy="cotan", remesh="mean"), "use a shorter `remesh`"),
         (needles, FlowOptions(energy="cotan", timed=True), "; begin with a finer mesh"),

@@ -19,7 +19,7 @@ from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-BOUNDARY_CURE = "write their boundary with ddgcli info MESH -o surface.ply"
+BOUNDARY_CURE = "take their boundary, `boundary_mesh`"
 
 
 def check_tasks(mesh: TriangleMesh | TetMesh, tasks: LaplacianTasks) -> None:

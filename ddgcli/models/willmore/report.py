@@ -286,7 +286,7 @@ def _cure(stopped: str, start: TriangleMesh, options: FlowOptions) -> str:
     elif options.flow == "newton" and (options.fix_area or options.fix_volume):
         cure = "use `flow=quadratic`, whose vertices slide into better triangles"
     elif chosen_energy(start.topology, options) != "cotan":
-        refined = f"the mesh that `ddgcli delaunay MESH --refine {REFINEMENT_ANGLE} -o finer.npz` writes"
+        refined = f"the mesh of `refined_mesh={REFINEMENT_ANGLE}`"
         cure = f"begin with {refined}, or use `energy=cotan`" if needles else f"use `energy=cotan`, or {cure}"
     elif options.remesh is not None:
         cure = "use a shorter `remesh`"
