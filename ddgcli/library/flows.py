@@ -124,8 +124,7 @@ def willmore_flow(
     options = flow_options.with_stop(stated, mesh.topology, bounded)
     mask = None
     if region is not None:
-        with renamed_parameters(values="region"):
-            mask = surfaces.region_mask(np.asarray(region, np.float64), mesh.topology)
+        mask = surfaces.region_mask(np.asarray(region, np.float64), mesh.topology)
     surface_flow, model = surfaces.build(mesh, options, mask)
     schedule = surfaces.schedule(surface_flow, times)
 

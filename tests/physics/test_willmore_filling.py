@@ -39,11 +39,11 @@ def test_patches_that_would_fold_onto_the_surface_are_refused_with_a_cure_that_w
     flat = shapes.grid(6, 6)
     from_centre = np.abs(flat.points[flat.faces].mean(axis=1) - flat.points.mean(axis=0)).max(axis=1)
     holes = submesh(flat, flat.faces[from_centre > 0.2 * np.ptp(flat.points[:, 0])])
-    for mesh, advice in [(triangle, "repair=largest"), (flat, "leave them open"), (holes, "such as `loop=")]:
+    for mesh, advice in [(triangle, "repair=largest"), (flat, "leave `fill` out"), (holes, "such as `fill=")]:
         with pytest.raises(MeshError, match="1 boundary loop bounds flat pieces") as error:
             fill_loops(mesh)
         assert advice in str(error.value)
-    closed = fill_loops(holes, int(re.search("loop=([0-9]+)", str(error.value))[1]))[0]
+    closed = fill_loops(holes, int(re.search("fill=([0-9]+)", str(error.value))[1]))[0]
     assert closed.topology.boundary_loops == 1
     largest = repair_mesh(triangle, RepairSteps(largest=True, drop_unused=True))[0].mesh
     assert fill_loops(largest)[0].topology.is_closed

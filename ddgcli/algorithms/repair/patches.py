@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
@@ -21,7 +23,9 @@ RIM_DISTANCE = 0.7  # of inner points of a patch from its rim, in units of their
 MAX_CHORD_ROUNDS = 4
 
 
-def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMesh, NDArray[np.bool_]]:
+def fill_loops(
+    mesh: TriangleMesh, fill: int | Literal["all"] = "all"
+) -> tuple[TriangleMesh, NDArray[np.bool_]]:
     """Close boundary loops of an oriented manifold with patches of new triangles.
 
     The loop is laid on a circle by its lengths, a triangular lattice with the spacing of the loop's vertices
@@ -32,8 +36,8 @@ def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMes
     ----------
     mesh : TriangleMesh
         Oriented manifold with boundary.
-    loop : int, optional
-        Number of a vertex on the loop to close; None for all loops.
+    fill : int or 'all'
+        Number of a vertex on the loop to close.
 
     Returns
     -------
@@ -50,13 +54,13 @@ def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMes
     require(mesh, "filling", manifold=True, oriented=True)
     loops = boundary_vertex_loops(mesh.topology)
     if not loops:
-        raise MeshError("the surface is closed and has no boundary loop to fill; use it as it is")
-    if loop is not None:
-        loops = [vertices for vertices in loops if loop in vertices]
+        raise MeshError("the surface is closed and has no boundary loop to fill; leave `fill` out")
+    if fill != "all":
+        loops = [vertices for vertices in loops if fill in vertices]
         if not loops:
             on_boundary = np.flatnonzero(mesh.topology.boundary_vertex)
             raise ParameterError(
-                f"vertex {loop} is on no boundary loop (vertex {on_boundary[0]} is)", parameter="loop"
+                f"vertex {fill} is on no boundary loop (vertex {on_boundary[0]} is)", parameter="fill"
             )
     n, points, faces = mesh.n_vertices, [mesh.points], [mesh.faces]
     for vertices in loops:
@@ -76,7 +80,7 @@ def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMes
 def _without_area(vertices: NDArray) -> MeshError:
     return MeshError(
         f"the boundary loop through vertex {vertices[0]} runs back along itself: its patch has faces "
-        "without area; name another loop by one of its vertices, or leave this one open"
+        "without area; leave `fill` out, or name another loop by one of its vertices"
     )
 
 
@@ -90,9 +94,9 @@ def _refuse_folded_patches(mesh: TriangleMesh, closed: TriangleMesh, loops: list
     component = mesh.topology.vertex_component
     others = [vertices for vertices in loops if (folded[vertices] <= 1).any()]
     if not others:
-        advice = "leave them open"
+        advice = "leave `fill` out"
     elif {component[v[0]] for v in others} & {component[v[0]] for v in flat}:
-        advice = f"name another loop by one of its vertices, such as `loop={others[0][0]}`"
+        advice = f"name another loop by one of its vertices, such as `fill={others[0][0]}`"
     else:
         advice = f"{cure('components')}, then fill its loops"
     raise MeshError(

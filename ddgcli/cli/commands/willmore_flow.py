@@ -191,8 +191,7 @@ def _filled(mesh: Any, loop: str | None, region: str | None) -> Any:
         raise ParameterError(
             f"{loop!r} is not a vertex number; name one on the loop, or all", parameter="fill"
         )
-    with renamed_parameters(loop="fill"):
-        return fill_loops(mesh, None if loop == "all" else int(loop))
+    return fill_loops(mesh, "all" if loop == "all" else int(loop))
 
 
 def _region(source: Any, name: str | None) -> Any:
@@ -207,8 +206,7 @@ def _region(source: Any, name: str | None) -> Any:
     values, place = input_array(base, name)
     if place not in ("vertex", ""):
         raise ParameterError(f"{name!r} is a {place} array; name one of the vertices", parameter="region")
-    with renamed_parameters(values="region"):
-        mask = region_mask(values, base.surface.topology)
+    mask = region_mask(values, base.surface.topology)
     return mask if base is source else source.subdivision.vertex_mask(mask)
 
 

@@ -72,12 +72,12 @@ def _held_reason(free: NDArray, boundary: str, region: NDArray | None) -> str:
     return rules.HELD_REASON.format(rules.NO_FREE_VERTEX_REASON, place, boundary, beside)
 
 
-def region_mask(values: NDArray, topology: Topology) -> NDArray[np.bool_]:
+def region_mask(region: NDArray, topology: Topology) -> NDArray[np.bool_]:
     """Vertices of the region that an array describes.
 
     Parameters
     ----------
-    values : (n,) or (k,) ndarray
+    region : (n,) or (k,) ndarray
         One value a vertex, not zero inside the region; or any other count of vertex numbers from 0.
     topology : Topology
 
@@ -90,9 +90,9 @@ def region_mask(values: NDArray, topology: Topology) -> NDArray[np.bool_]:
     ParameterError
         When the array is of neither form, or the region is empty or the whole surface.
     """
-    n = topology.n_vertices
+    n, values = topology.n_vertices, region
     if values.ndim != 1 or not np.isfinite(values).all():
-        raise ParameterError("must have one finite number per row", parameter="values")
+        raise ParameterError("must have one finite number per row", parameter="region")
     if len(values) == n:
         mask = values != 0
     else:
@@ -101,15 +101,15 @@ def region_mask(values: NDArray, topology: Topology) -> NDArray[np.bool_]:
             raise ParameterError(
                 f"has {len(values)} values, neither one for each of the {n} vertices nor vertex numbers from "
                 f"0 to {n - 1} (first wrong: {values[wrong][0]:g})",
-                parameter="values",
+                parameter="region",
             )
         mask = np.zeros(n, dtype=bool)
         mask[values.astype(np.int64)] = True
     mask &= topology.referenced_vertex
     if not mask.any():
-        raise ParameterError("has no vertex of the surface; mark at least one", parameter="values")
+        raise ParameterError("has no vertex of the surface; mark at least one", parameter="region")
     if mask[topology.referenced_vertex].all():
-        raise ParameterError("is the whole surface; leave it out", parameter="values")
+        raise ParameterError("is the whole surface; leave `region` out", parameter="region")
     return mask
 
 
