@@ -238,7 +238,7 @@ def test_bends_on_a_one_sided_surface_have_both_angles(summary, tmp_path):
         (["--straighten", "3,x"], "vertex numbers"),
         (
             ["--source", "0", "--spread-vector", "1,0,0", "--spread-vector", "0,1,0"],
-            "--spread-vector takes one for each",
+            "--spread-vector: 2 vectors for 1 source vertex; give one for each",
         ),
         (
             ["--source", "0,5,0", *2 * ["--spread-vector", "1,0,0"], "--spread-vector", "0,1,0"],

@@ -145,7 +145,7 @@ def test_the_fan_goes_to_the_paths_output_with_its_levels(square, summary, tmp_p
         (("--source", 0, "--fan-circles", 3), "--fan-circles: belongs to --fan"),
         (("--source", 0, "--target", 3), "--target: needs --distance-matrix"),
         (("--source", 0, "--distance-matrix", "m.npz"), "--distance-matrix: needs --target"),
-        (("--source", 0, "--jobs", 2), "--jobs: is for the rows"),
+        (("--source", 0, "--jobs", 2), "--jobs: is for the distances"),
         (("--voronoi",), "--voronoi: needs a source"),
         (("--source", 0, "--voronoi", "--method", "heat"), "--voronoi: belongs to --method exact"),
         (("--signed-distance", "label", "--method", "dijkstra"), "--signed-distance: has no method dijkstra"),

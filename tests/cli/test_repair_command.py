@@ -111,7 +111,7 @@ def test_a_dry_run_of_frames_along_isolines_knows_one_sided_surfaces(run, moebiu
     assert run(*words, "--dry-run").exit_code == 0
     for further in ((), ("--dry-run",)):
         refused = run(*words, "--darboux", *further)
-        assert refused.exit_code == 2 and "--darboux needs two sides" in refused.stderr
+        assert refused.exit_code == 2 and "a Darboux frame needs two sides" in refused.stderr
 
 
 def test_no_repair_is_advised_where_none_closes_the_surface(run, moebius):

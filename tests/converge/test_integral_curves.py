@@ -175,7 +175,7 @@ def test_curves_stop_at_the_boundary_and_at_rest():
     "change, word",
     [
         ({"order": 3}, "order"),
-        ({"duration": -1.0}, "time"),
+        ({"duration": -1.0}, "duration"),
         ({"step": 0.0}, "step"),
         ({"tolerance": -1.0}, "tol"),
     ],

@@ -211,7 +211,7 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
         if not heat.heat_residual <= MAX_HEAT_RESIDUAL:
             raise ParameterError(
                 f"the heat after {options.heat_time:g} is lost to rounding (residual "
-                f"{heat.heat_residual:.2g}); give a shorter time, or use another method",
+                f"{heat.heat_residual:.2g}); give a shorter `heat_time`, or use another method",
                 parameter="heat_time",
             )
         accuracy: dict[str, Any] = {
