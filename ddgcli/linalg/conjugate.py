@@ -1,7 +1,8 @@
-"""Conjugate gradients for one Newton move: the factorisation of a nearby matrix is the preconditioner."""
+"""Conjugate gradients for one Newton move: a nearby matrix, factorised or solved, is the preconditioner."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -97,3 +98,68 @@ def truncated_conjugate_gradients(
     if not float(rhs @ x) > 0:
         return truncated or NewtonStep(guess, first, k, False)
     return NewtonStep(x, error, k, True)
+
+
+@dataclass(frozen=True, eq=False)
+class TrustRegionMinimum:
+    """Result of `trust_region_conjugate_gradients`.
+
+    Parameters
+    ----------
+    x : ndarray
+    fall : float
+        Of the quadratic model from zero to x.
+    at_boundary : bool
+        The trust region, or a direction of negative curvature, has ended the search.
+    """
+
+    x: NDArray[np.float64]
+    fall: float
+    at_boundary: bool
+
+
+def trust_region_conjugate_gradients(
+    gradient: NDArray, apply: Operator, precondition: Operator, radius: float, max_iterations: int
+) -> TrustRegionMinimum:
+    """Minimise g.d + d.Hd/2 for |d| <= radius, in the norm of the preconditioner's matrix.
+
+    Parameters
+    ----------
+    gradient : (...) ndarray
+    apply, precondition : callables of such arrays
+        The matrix H, and the inverse of a positive definite one near it.
+    radius : float
+    max_iterations : int
+
+    Returns
+    -------
+    TrustRegionMinimum
+
+    Notes
+    -----
+    T. Steihaug, "The conjugate gradient method and trust regions in large scale optimization", 1983.
+    """
+    d, r = np.zeros_like(gradient), np.array(gradient)
+    z = precondition(r)
+    p, rz = -z, float(np.sum(r * z))
+    aim = min(0.25, rz**0.25) * math.sqrt(max(rz, 0.0))
+    dd, dp, pp, fall = 0.0, 0.0, rz, 0.0
+    for _ in range(max_iterations):
+        hp = apply(p)
+        curvature = float(np.sum(p * hp))
+        alpha = rz / curvature if curvature > 0.0 else math.inf
+        if alpha == math.inf or dd + 2.0 * alpha * dp + alpha**2 * pp >= radius**2:
+            tau = (-dp + math.sqrt(max(dp**2 + pp * (radius**2 - dd), 0.0))) / pp
+            fall += tau * rz - 0.5 * tau**2 * curvature
+            return TrustRegionMinimum(d + tau * p, fall, True)
+        d, r = d + alpha * p, r + alpha * hp
+        fall += 0.5 * alpha * rz
+        dd += 2.0 * alpha * dp + alpha**2 * pp
+        z = precondition(r)
+        after = float(np.sum(r * z))
+        if math.sqrt(max(after, 0.0)) <= aim:
+            break
+        beta, rz = after / rz, after
+        dp, pp = beta * (dp + alpha * pp), after + beta**2 * pp
+        p = -z + beta * p
+    return TrustRegionMinimum(d, fall, False)

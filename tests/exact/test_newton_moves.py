@@ -8,7 +8,10 @@ from scipy.sparse import csc_array
 
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.linalg.backends import NotPositiveDefinite
-from ddgcli.linalg.conjugate import truncated_conjugate_gradients
+from ddgcli.linalg.conjugate import (
+    truncated_conjugate_gradients,
+    trust_region_conjugate_gradients,
+)
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mechanics.directions import Directions
@@ -150,6 +153,25 @@ def test_negative_curvature_ends_with_a_descent_direction_or_goes_through():
     )
     assert saddle.convex and np.abs(A @ saddle.x - b).max() <= 1e-8
     assert truncated_conjugate_gradients(A.__matmul__, lambda r: -r, b, lambda f: 0.0, 5) is None
+
+
+@pytest.mark.parametrize("radius", [1e-3, 1e3])
+def test_conjugate_gradients_minimise_the_model_in_the_trust_region(radius):
+    rng = np.random.default_rng(0)
+    matrix = rng.normal(size=(9, 9))
+    hessian, gradient = matrix @ matrix.T + np.eye(9), rng.normal(size=(3, 3))
+    newton = trust_region_conjugate_gradients(
+        gradient, lambda v: (hessian @ v.ravel()).reshape(3, 3), lambda r: r, radius, 200
+    )
+    exact = -np.linalg.solve(hessian, gradient.ravel()).reshape(3, 3)
+    d = newton.x
+    model = np.sum(gradient * d) + 0.5 * d.ravel() @ hessian @ d.ravel()
+    assert newton.fall == pytest.approx(-model, rel=1e-9)
+    if radius < 1:
+        assert newton.at_boundary and np.linalg.norm(d) == pytest.approx(radius)
+        assert np.allclose(d / radius, -gradient / np.linalg.norm(gradient), atol=0.02)
+    else:
+        assert not newton.at_boundary and np.linalg.norm(d - exact) < 0.3 * np.linalg.norm(exact)
 
 
 def test_factor_without_pivoting_reports_an_indefinite_matrix():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.geometry.normals import sphere_normals
+from ddgcli.linalg.conjugate import trust_region_conjugate_gradients
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio, row_dot
@@ -24,24 +24,6 @@ DIFFERENCE = 1e-5  # of the points, in radii of the sphere of the component's ar
 MAX_CG_ITERATIONS = 200
 FIRST_RADIUS, LEAST_RADIUS = 0.06, 1e-11  # of the trust region, relative to the area
 GOOD_AGREEMENT, POOR_AGREEMENT = 0.75, 0.1  # of the energy's fall with the model's
-
-
-@dataclass(frozen=True, eq=False)
-class NewtonMotion:
-    """Minimiser of the quadratic model in the trust region.
-
-    Parameters
-    ----------
-    motion : (k, 3) ndarray
-    promised : float
-        Fall of the model.
-    at_boundary : bool
-        The trust region has cut it.
-    """
-
-    motion: NDArray[np.float64]
-    promised: float
-    at_boundary: bool
 
 
 def hessian_product(
@@ -69,53 +51,6 @@ def hessian_product(
         moved[free] += sign * step * motion
         gradients.append(energy.value_and_gradient(moved)[1][free])
     return ratio(gradients[0] - gradients[1], 2.0 * step)
-
-
-def newton_motion(
-    gradient: NDArray,
-    product: Callable[[NDArray], NDArray],
-    solve: Callable[[NDArray], NDArray],
-    radius: float,
-) -> NewtonMotion:
-    """Minimise g.d + d.Hd/2 for |d| <= radius, in the norm of a preconditioner, by conjugate gradients.
-
-    Parameters
-    ----------
-    gradient : (k, 3) ndarray
-    product : callable
-        Motion -> Hessian times motion.
-    solve : callable
-        Of the preconditioner, covector -> motion.
-    radius : float
-
-    Notes
-    -----
-    T. Steihaug, "The conjugate gradient method and trust regions in large scale optimization", 1983.
-    """
-    d, r = np.zeros_like(gradient), np.array(gradient)
-    z = solve(r)
-    p, rz = -z, float(np.sum(r * z))
-    aim = min(0.25, rz**0.25) * math.sqrt(max(rz, 0.0))
-    dd, dp, pp, promised = 0.0, 0.0, rz, 0.0
-    for _ in range(MAX_CG_ITERATIONS):
-        hp = product(p)
-        curvature = float(np.sum(p * hp))
-        alpha = rz / curvature if curvature > 0.0 else math.inf
-        if alpha == math.inf or dd + 2.0 * alpha * dp + alpha**2 * pp >= radius**2:
-            tau = (-dp + math.sqrt(max(dp**2 + pp * (radius**2 - dd), 0.0))) / pp
-            promised += tau * rz - 0.5 * tau**2 * curvature
-            return NewtonMotion(d + tau * p, promised, True)
-        d, r = d + alpha * p, r + alpha * hp
-        promised += 0.5 * alpha * rz
-        dd += 2.0 * alpha * dp + alpha**2 * pp
-        z = solve(r)
-        after = float(np.sum(r * z))
-        if math.sqrt(max(after, 0.0)) <= aim:
-            break
-        beta, rz = after / rz, after
-        dp, pp = beta * (dp + alpha * pp), after + beta**2 * pp
-        p = -z + beta * p
-    return NewtonMotion(d, promised, False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,20 +179,21 @@ def descending_newton_step(
     if constraints.active:
         lagrangian = Lagrangian(at.mesh.topology, energy, constraints, at.multipliers, at.free)
     while radius >= least_radius:
-        newton = newton_motion(
+        newton = trust_region_conjugate_gradients(
             _along(at.gradient, normal),
             lambda v: _along(hessian_product(lagrangian, at.mesh, at.free, v), normal),
             solve,
             radius,
+            MAX_CG_ITERATIONS,
         )
         try:
-            moved = moved_along(metric, newton.motion, 1.0, constraints)
+            moved = moved_along(metric, newton.x, 1.0, constraints)
         except SolveError:  # too far to return to the constraints
             radius *= 0.25
             continue
         after = energy.value(moved.points)
-        agreement = (at.energy - after) / newton.promised if newton.promised > 0.0 else 0.0
-        if newton.promised <= PREDICTED_FALL_TOLERANCE * rounding_scale(at.energy) and not after < at.energy:
+        agreement = (at.energy - after) / newton.fall if newton.fall > 0.0 else 0.0
+        if newton.fall <= PREDICTED_FALL_TOLERANCE * rounding_scale(at.energy) and not after < at.energy:
             near = not along_normals and after - at.energy <= ENERGY_ROUNDING * rounding_scale(at.energy)
             return TrustRegionStep(moved if near else at.mesh, after if near else at.energy, radius)
         if agreement >= POOR_AGREEMENT:
