@@ -21,9 +21,10 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.midedge import MidedgeBending, inward_directions, one_sided_frame, side_corners
+from ddgcli.models.shell.tensor_potential import TensorPotential
 
 
-class EdgeMoment(Potential):
+class EdgeMoment(TensorPotential):
     """Work of couples on the boundary edges, positive where they bend the shell towards convex.
 
     The director of an edge turns by its turn p against the normal of the face, less the turn of the face

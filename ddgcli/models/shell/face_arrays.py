@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.vectors import tangential
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.edge_moment import EdgeMoment
-from ddgcli.models.shell.midedge import MidedgeBending
-from ddgcli.models.shell.stretching import StVK
+from ddgcli.models.shell.tensor_potential import TensorPotential
 
 
 def face_arrays(
@@ -41,8 +39,9 @@ def face_arrays(
     points = np.asarray(context.mesh.points)
     face_frame = _face_frames(points, np.asarray(context.mesh.faces))
     gradient = _deformation(points, x, np.asarray(context.mesh.faces), face_frame)
-    for potential in potentials:
-        if isinstance(potential, StVK):
+    with_tensors: list[Any] = [p for p in potentials if isinstance(p, TensorPotential)]
+    for potential in with_tensors:
+        if potential.green_strain is not None:
             strain, second = potential.green_strain(x)
             stretch = np.sqrt(np.linalg.det(np.matmul(gradient.transpose(0, 2, 1), gradient)))
             cauchy = second / (stretch * float(context.shell.thickness or 1.0))[:, None, None]
@@ -55,8 +54,8 @@ def face_arrays(
             spatial = np.matmul(np.matmul(elastic, cauchy), elastic.transpose(0, 2, 1))
             arrays["stress"] = spatial.reshape(-1, 9)
             arrays["principal_stress"] = _tangent_values(spatial)
-        elif isinstance(potential, MidedgeBending):
-            couples = [p for p in potentials if isinstance(p, EdgeMoment)]
+        elif potential.moment_tensor is not None:
+            couples = [p for p in with_tensors if p.added_rotations is not None]
             moment = potential.moment_tensor(x, sum(p.added_rotations() for p in couples))
             arrays["bending_moment"] = _in_space(_rotation(gradient), moment)
             arrays["principal_moment"] = _eigenvalues(moment)[:, ::-1]

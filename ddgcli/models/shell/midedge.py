@@ -25,12 +25,13 @@ from scipy.sparse import coo_array, csr_array
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.hinges import hinge_sides, hinges
 from ddgcli.linalg.factor import Factor
-from ddgcli.mechanics.terms import LinearOperator, Mode, Potential, at_last_point
+from ddgcli.mechanics.terms import LinearOperator, Mode, at_last_point
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot, tangential, unit_vectors, vector_length
 from ddgcli.models.shell import hinge
+from ddgcli.models.shell.tensor_potential import TensorPotential
 
 NODES = 9  # of an element: corners, apexes across the sides, rotations of the sides
 
@@ -54,7 +55,7 @@ class ClampedSides:
 NO_CLAMP = ClampedSides(np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
 
 
-class MidedgeBending(Potential):
+class MidedgeBending(TensorPotential):
     """Plate energy of the angles between faces, least over the rotations of the edges.
 
     Parameters

@@ -35,6 +35,7 @@ from ddgcli.models.shell.equilibrium_advice import load_advice, needle_advice
 from ddgcli.models.shell.groups import Group, groups, terms_between
 from ddgcli.models.shell.observations import observed
 from ddgcli.models.shell.stretch_limit import StretchLimit, has_stretch_limit
+from ddgcli.models.shell.tensor_potential import TensorPotential
 from ddgcli.scenes.scene import Scene
 from ddgcli.scenes.sections import Key
 from ddgcli.scenes.shapes import PlacedMesh, place
@@ -323,14 +324,9 @@ def _moves_nothing(term: Any, fixed: NDArray) -> bool:
 
 def _require_face_arrays(scene: Scene, context: ShellContext) -> None:
     """Refuse names of arrays on faces that the models of the scene do not have."""
-    if not context.shell.face_arrays:
-        return
-    from ddgcli.models.shell.midedge import MidedgeBending
-    from ddgcli.models.shell.stretching import StVK
-
-    strains, moments = (
-        any(isinstance(term, kind) for term in context.elastic) for kind in (StVK, MidedgeBending)
-    )
+    elastic = [term for term in context.elastic if isinstance(term, TensorPotential)]
+    strains = any(term.green_strain is not None for term in elastic)
+    moments = any(term.moment_tensor is not None for term in elastic)
     for name in context.shell.face_arrays:
         if name.endswith("moment") and not moments:
             scene.refuse(("object",), f'face_arrays: {name} needs bending = {{ model = "midedge" }}')

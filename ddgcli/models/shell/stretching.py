@@ -17,6 +17,7 @@ from ddgcli.mesh.scatter import columns_at, sum_by_index, sum_columns_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot, row_cross
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.tensor_potential import TensorPotential
 from ddgcli.scenes.materials import usable_stiffness
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
@@ -102,7 +103,7 @@ class EdgeSprings(Potential):
         return PairBlocks(self.stencil)
 
 
-class StVK(Potential):
+class StVK(TensorPotential):
     """St Venant-Kirchhoff membrane: energy t (lam/2 tr(E)^2 + mu tr(E^2)) per area, E the Green strain.
 
     Plane stress: lam t = Y nu / (1 - nu^2), mu t = Y / (2 (1 + nu)) with Y Young's modulus times thickness.
