@@ -131,11 +131,11 @@ def willmore_flow(
     def end_of(outcome: Outcome) -> End:
         frame_times = outcome.times if surface_flow.timed else None
         results, accuracy = report.summary(
-            outcome.series, surface_flow.convention, schedule.steps, outcome.stopped, outcome.failure,
+            outcome.series, surface_flow.convention, schedule.steps, outcome.ending, outcome.failure,
             bounded=bounded, times=frame_times,
         )  # fmt: skip
         last = mesh_of_frame(mesh, outcome.end)
-        reason = report.failure_reason(outcome.stopped, mesh, last, options)
+        reason = report.failure_reason(outcome.ending, mesh, last, options)
         results["self_intersections"] = report_of(outcome.series, frame_times, last)
         results |= report.component_results(last)
         report.warn_of_closed_hole(outcome.series, frame_times, last)
@@ -206,7 +206,7 @@ def curve_flow(
 
     def end_of(outcome: Outcome) -> End:
         results, accuracy = curve_report.summary(
-            curve, outcome.times, outcome.series, schedule.steps, outcome.stopped, outcome.failure
+            curve, outcome.times, outcome.series, schedule.steps, outcome.ending, outcome.failure
         )
         return End(results, accuracy, "a fold" if curve_report.folds_back(outcome.series) else "")
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.simulation.model import Arrays, Model
+from ddgcli.simulation.model import Arrays, Ending, Model
 
-STOP_REASON_BYTES = 240  # of the reason to stop in a checkpoint, whose arrays keep their shapes
+ENDING_BYTES = 240  # of an ending in a checkpoint, whose arrays keep their shapes
 
 
 @dataclass(eq=False)
@@ -26,7 +26,7 @@ class ActiveModel:
     n_steps: int = 0
     n_rejected: int = 0
     smallest: float = math.inf
-    stopped: str = ""
+    ending: Ending | None = None
     divided: bool = False
     rescue_reported: bool = False
     allowed: float = math.inf  # longest part of the step under way that is tried
@@ -37,21 +37,37 @@ class ActiveModel:
 
     def pack(self) -> Arrays:
         clock = np.array([self.next_dt, self.n_steps, self.smallest, self.n_rejected])
-        reason = np.zeros(STOP_REASON_BYTES, dtype=np.uint8)
-        text = self.stopped.encode()[:STOP_REASON_BYTES]
-        reason[: len(text)] = np.frombuffer(text, dtype=np.uint8)
-        return {"clock": clock, "stopped": reason, **self.model.pack(self.state)}
+        return {"clock": clock, "stopped": packed_ending(self.ending), **self.model.pack(self.state)}
 
     def restore(self, arrays: Arrays) -> None:
         self.next_dt, n_steps, self.smallest, n_rejected = arrays["clock"].tolist()
         self.n_steps, self.n_rejected = int(n_steps), int(n_rejected)
         self.divided = self.rescue_reported = True
-        self.stopped = reason_text(arrays["stopped"])
+        self.ending = unpacked_ending(arrays["stopped"])
         self.state = self.model.unpack({k: v for k, v in arrays.items() if k not in ("clock", "stopped")})
 
 
-def reason_text(packed: NDArray) -> str:
-    """Why a model stopped, from its bytes in a checkpoint.
+def packed_ending(ending: Ending | None) -> NDArray[np.uint8]:
+    """Bytes of an ending in a checkpoint: its kind and its text, a line each.
+
+    Parameters
+    ----------
+    ending : Ending or None
+
+    Returns
+    -------
+    (ENDING_BYTES,) ndarray of uint8
+        Zero for None.
+    """
+    packed = np.zeros(ENDING_BYTES, dtype=np.uint8)
+    if ending is not None:
+        text = f"{ending.kind}\n{ending.text}".encode()[:ENDING_BYTES]
+        packed[: len(text)] = np.frombuffer(text, dtype=np.uint8)
+    return packed
+
+
+def unpacked_ending(packed: NDArray) -> Ending | None:
+    """Why a model ended its run, from its bytes in a checkpoint.
 
     Parameters
     ----------
@@ -59,6 +75,8 @@ def reason_text(packed: NDArray) -> str:
 
     Returns
     -------
-    str
+    Ending or None
     """
-    return np.asarray(packed, dtype=np.uint8).tobytes().rstrip(b"\0").decode(errors="ignore")
+    stored = np.asarray(packed, dtype=np.uint8).tobytes().rstrip(b"\0").decode(errors="ignore")
+    kind, _, text = stored.rpartition("\n")
+    return Ending(kind, text) if text else None

@@ -62,6 +62,22 @@ class StepRejected(Exception):
 
 
 @dataclass(frozen=True)
+class Ending:
+    """Why a model ends its run before the last step.
+
+    Parameters
+    ----------
+    kind : str
+        What programs branch on; each model has its own kinds.
+    text : str
+        What users read.
+    """
+
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True)
 class Event:
     """One line of the log."""
 
@@ -146,8 +162,8 @@ class Model(Generic[State]):
         Error measure of adaptive steps, relative to the model's own scale.
     order : int
         Order of the scheme, for adaptive steps.
-    stop : callable state -> str, optional
-        Reason to end the run early, or "".
+    stop : callable state -> Ending or None, optional
+        Why the run ends at a state; None while it does not.
     clock : callable state -> float, optional
         Time of a state, for schemes that choose their own steps; else step times dt.
     rescue : callable like `advance`, optional
@@ -171,7 +187,7 @@ class Model(Generic[State]):
     largest_step: float = math.inf
     distance: Callable[[State, State], float] | None = None
     order: int = 1
-    stop: Callable[[State], str] | None = None
+    stop: Callable[[State], Ending | None] | None = None
     clock: Callable[[State], float] | None = None
     rescue: Callable[[State, float, float], State] | None = None
     time_unit: str = "s"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.mesh.fields import TrajectoryFrame
-from ddgcli.simulation.model import Event
+from ddgcli.simulation.model import Ending, Event
 
 
 @dataclass(eq=False)
@@ -27,8 +27,8 @@ class Outcome:
     times : (T,) ndarray
     largest : dict of str to float
         Largest absolute value over the run of every vertex array.
-    stopped : str
-        Why the model ended the run early, or "".
+    ending : Ending or None
+        Why the model ended the run early.
     status : {'failed', 'complete', 'interrupted'}
     failure : str
         Why the run failed, or "".
@@ -53,7 +53,7 @@ class Outcome:
     series: dict[str, NDArray] = field(default_factory=dict)
     times: NDArray = field(default_factory=lambda: np.zeros(0))
     largest: dict[str, float] = field(default_factory=dict)
-    stopped: str = ""
+    ending: Ending | None = None
     status: str = "failed"
     failure: str = ""
     last_events: tuple[Event, ...] = ()
@@ -64,6 +64,11 @@ class Outcome:
     rejected_steps: int = 0
     picture_frames: list[TrajectoryFrame] = field(default_factory=list)
     mesh: Any = None
+
+    @property
+    def stopped(self) -> str:
+        """Text of the ending, or ""."""
+        return "" if self.ending is None else self.ending.text
 
     @property
     def end(self) -> TrajectoryFrame:

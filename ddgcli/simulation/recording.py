@@ -51,7 +51,7 @@ class Recorder:
         outcome = self.outcome
         outcome.steps, outcome.smallest_step = snapshot.steps, snapshot.smallest_step
         outcome.rejected_steps += rejections(event.kind for event in snapshot.events)
-        outcome.stopped = snapshot.stopped
+        outcome.ending = snapshot.ending
 
     def _record(self, trajectory_frame: TrajectoryFrame) -> None:
         outcome = self.outcome

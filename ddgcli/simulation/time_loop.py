@@ -17,12 +17,13 @@ import numpy as np
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.progress import ProgressCallback
 from ddgcli.simulation.account import Account
-from ddgcli.simulation.active_model import ActiveModel, reason_text
+from ddgcli.simulation.active_model import ActiveModel, unpacked_ending
 from ddgcli.simulation.failed_steps import check_parts, check_rejected, largest_solvable, step_advice
 from ddgcli.simulation.model import (
     MAX_HALVINGS,
     MAX_STEP_COUNT,
     Arrays,
+    Ending,
     Event,
     Model,
     Observation,
@@ -37,8 +38,8 @@ ROUNDING = 2.0**-52  # relative error of a step below which states do not differ
 FIRST_DOUBLING = 16  # accepted steps before a step of twice the length is tried
 
 
-def stop_reason(checkpoint: Arrays) -> str:
-    """Why the run had ended at a checkpoint, or "" if it had not.
+def ending_of(checkpoint: Arrays) -> Ending | None:
+    """Why the run had ended at a checkpoint; None if it had not.
 
     Parameters
     ----------
@@ -47,10 +48,14 @@ def stop_reason(checkpoint: Arrays) -> str:
 
     Returns
     -------
-    str
+    Ending or None
     """
-    reasons = [reason_text(v) for k, v in checkpoint.items() if k.endswith("/stopped")]
-    return reasons[0] if reasons and all(reasons) else ""
+    return _common_ending([unpacked_ending(v) for k, v in checkpoint.items() if k.endswith("/stopped")])
+
+
+def _common_ending(endings: list[Ending | None]) -> Ending | None:
+    """The first of the models' endings; None unless all have ended."""
+    return endings[0] if endings and all(endings) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +75,8 @@ class Snapshot:
         Steps really taken so far, the most over the models.
     smallest_step : float
         Since the start; inf before the first.
-    stopped : str
-        Why the run ends here, or "".
+    ending : Ending or None
+        Why the run ends here.
     """
 
     frame_number: int
@@ -82,7 +87,12 @@ class Snapshot:
     events: tuple[Event, ...]
     steps: int
     smallest_step: float
-    stopped: str = ""
+    ending: Ending | None = None
+
+    @property
+    def stopped(self) -> str:
+        """Text of the ending, or ""."""
+        return "" if self.ending is None else self.ending.text
 
 
 def evolve(
@@ -127,7 +137,7 @@ def evolve(
         frame_number, checkpoint = resume
         for active in active_models:
             active.restore(_arrays_of(checkpoint, active.name))
-        if stop_reason(checkpoint):
+        if ending_of(checkpoint) is not None:
             return
     last_frame = schedule.n_frames - 1
     for active in active_models:
@@ -152,7 +162,7 @@ def evolve(
             raise RunFailed(str(error), tuple(events)) from error
         events = []
         yield snapshot
-        if snapshot.stopped:
+        if snapshot.ending is not None:
             return
 
 
@@ -174,7 +184,6 @@ def _snapshot(
             observation = active.model.observe(active.state)
             observations |= observation if isinstance(observation, dict) else {active.name: observation}
         checkpoint = {f"{m.name}/{key}": value for m in active_models for key, value in m.pack().items()}
-        reasons = [active.stopped for active in active_models]
         clocks = [
             active.model.clock(active.state) for active in active_models if active.model.clock is not None
         ]
@@ -187,13 +196,13 @@ def _snapshot(
             tuple(events),
             max((active.n_steps for active in active_models), default=0),
             min((active.smallest for active in active_models), default=math.inf),
-            reasons[0] if reasons and all(reasons) else "",
+            _common_ending([active.ending for active in active_models]),
         )
 
 
 def _advance_to(active: ActiveModel, schedule: Schedule, first: int, last: int, events: list[Event]) -> int:
     """Advance one model from step `first` to step `last`; the step that it reached."""
-    if active.stopped:
+    if active.ending is not None:
         return last
     if schedule.tolerance is not None:
         _advance_adaptively(active, schedule, first, last, events)
@@ -204,9 +213,9 @@ def _advance_to(active: ActiveModel, schedule: Schedule, first: int, last: int, 
         active.state = _step_or_halves(active, schedule, step, step * schedule.dt, schedule.dt, 0, events)
         active.next_dt = active.shortest
         if active.model.stop is not None:
-            active.stopped = active.model.stop(active.state)
-            if active.stopped:
-                events.append(Event(step + 1, (step + 1) * schedule.dt, "stop", detail=active.stopped))
+            active.ending = active.model.stop(active.state)
+            if active.ending is not None:
+                events.append(Event(step + 1, (step + 1) * schedule.dt, "stop", detail=active.ending.text))
                 return step + 1
     return last
 
@@ -397,7 +406,7 @@ def _advance_adaptively(
         active.next_dt = max(active.next_dt, grown) if cut_short and growth >= 1 else grown
         active.next_dt = max(active.next_dt, doubling.after(dt))
         if model.stop is not None:
-            active.stopped = model.stop(active.state)
-            if active.stopped:
-                events.append(Event(first, time, "stop", detail=active.stopped))
+            active.ending = model.stop(active.state)
+            if active.ending is not None:
+                events.append(Event(first, time, "stop", detail=active.ending.text))
                 return

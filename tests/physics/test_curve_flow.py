@@ -289,7 +289,7 @@ def test_the_penalised_elastic_flow_ends_as_the_circle_of_radius_one_over_root_w
     state = model.start
     for k in range(200):
         state = flow.advance(state, 0.01 * k, 0.01)
-        if flow.reason(state):
+        if flow.ending(state):
             break
     radius = np.linalg.norm(state.points - state.points.mean(axis=0), axis=1) * flow.scale
     assert np.ptp(radius) < 1e-3 * radius.mean()

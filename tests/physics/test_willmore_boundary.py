@@ -44,7 +44,7 @@ def test_at_rest_nothing_fails(mesh, energy, boundary):
         options = FlowOptions(energy, boundary=boundary, timed=timed, stop=Stop() if timed else DEFAULT_STOP)
         observations, _, shots = run_flow(wobble, options, **time_options)
         assert observations[-1].scalar["energy_increases"] == 0 and np.isfinite(energies(observations)).all()
-        assert report.failure_reason(shots[-1].stopped, mesh, mesh, energy) == ""
+        assert report.failure_reason(shots[-1].ending, mesh, mesh, options) == ""
 
 
 @pytest.mark.parametrize("boundary", ["clamped", "fixed"])

@@ -13,12 +13,12 @@ from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.vectors import unit_vectors
-from ddgcli.models.willmore import films
+from ddgcli.models.willmore import endings
 from ddgcli.models.willmore.area_energy import AreaEnergy, VolumeEnergy, mean_curvature, volume_gradient
 from ddgcli.models.willmore.constraints import area, cap_faces, volume_inside
 from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.flow_options import FlowOptions
-from ddgcli.models.willmore.report import FILM_RESTS, failure_reason
+from ddgcli.models.willmore.report import failure_reason
 from ddgcli.models.willmore.state import FILM_STOP
 from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, run_flow
 
@@ -109,7 +109,7 @@ def test_plateaus_catenoid_between_two_rings(half_height):
 @pytest.mark.parametrize("half_height", [0.69, 0.9])
 def test_beyond_the_last_stable_distance_the_film_pinches_off(half_height):
     snapshots, end, shots = run_flow(rings(half_height), film())
-    assert shots[-1].stopped == films.PINCH_REASON and len(snapshots) < 60
+    assert shots[-1].ending == endings.PINCH and len(snapshots) < 60
     assert all(np.isfinite(o.points).all() for o in snapshots)
     assert energies(snapshots)[-1] == pytest.approx(2 * np.pi, rel=0.05)  # two discs and a thread
     assert_falls(snapshots)
@@ -228,11 +228,10 @@ def test_a_film_whose_area_ends_by_rounding_has_equal_curvature_too():
 
 def test_a_mesh_without_an_even_film_says_so_and_stays_as_it_was(monkeypatch):
     from ddgcli.models.willmore import flow
-    from ddgcli.models.willmore.step_rules import UNEVEN_FILM_REASON
 
     monkeypatch.setattr(flow, "polished_film", lambda *a: None)
     observations, end, shots = run_flow(uneven_ball(shapes.icosphere(2)), film(fix_volume=True))
-    assert shots[-1].stopped == UNEVEN_FILM_REASON
+    assert shots[-1].ending == endings.UNEVEN_FILM
     assert observations[-1].scalar["mean_curvature_spread"] > 1e-6
 
 
@@ -243,24 +242,24 @@ def test_a_closed_film_that_pinches_names_no_boundary(genus):
     if genus:
         mesh = shapes.torus(12, 8, 1.0, 0.6)
         _, mesh, shots = run_flow(mesh, film(fix_volume=True))
-        assert shots[-1].stopped == films.THIN_STAR_REASON
-    message = failure_reason(films.THIN_STAR_REASON, mesh, mesh, film())
+        assert shots[-1].ending == endings.THIN_STAR
+    message = failure_reason(endings.THIN_STAR, mesh, mesh, film())
     assert ("remesh=mean" in message, "flow=quadratic" in message) == (not genus, bool(genus))
     assert "boundary" not in message
 
 
-@pytest.mark.parametrize("stopped", FILM_RESTS)
-def test_a_film_whose_faces_are_folded_over_is_not_at_rest(stopped):
+@pytest.mark.parametrize("ending", [endings.small_fall(FILM_STOP.fall, True), endings.NO_STEP])
+def test_a_film_whose_faces_are_folded_over_is_not_at_rest(ending):
     ball = shapes.icosphere(2)
     folded = ball.moved(
         ball.points + np.where(np.arange(ball.n_vertices)[:, None] == 7, [0.0, 0.0, 0.7], 0.0)
     )
     assert folded_faces(folded) and not folded_faces(ball)
     options = film(fix_volume=True)
-    assert failure_reason(stopped, ball, ball, options) == ""
-    assert "faces are folded over" in failure_reason(stopped, ball, folded, options)
-    assert "`remesh=mean`" in failure_reason(stopped, ball, folded, options)
-    assert failure_reason(stopped, ball, folded, FlowOptions()) == ""
+    assert failure_reason(ending, ball, ball, options) == ""
+    assert "faces are folded over" in failure_reason(ending, ball, folded, options)
+    assert "`remesh=mean`" in failure_reason(ending, ball, folded, options)
+    assert failure_reason(ending, ball, folded, FlowOptions()) == ""
 
 
 def test_a_film_that_ends_as_a_tangle_has_not_converged():

@@ -14,12 +14,13 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.models.willmore import setup
 from ddgcli.models.willmore.constraints import area, areas, volumes_inside
+from ddgcli.models.willmore.endings import LOWER_BOUND
 from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.helfrich_energy import HelfrichEnergy
 from ddgcli.models.willmore.least_energies import least_energies_of_vesicles
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.models.willmore.state import CONSTRAINED_NEWTON_STOP, DEFAULT_STOP
-from ddgcli.models.willmore.step_rules import HELFRICH_ERROR_FRACTION, LOWER_BOUND_REASON
+from ddgcli.models.willmore.step_rules import HELFRICH_ERROR_FRACTION
 from tests.physics.axisymmetric_vesicles import vesicle
 from tests.physics.willmore_runs import assert_falls, energies, run_flow
 
@@ -245,7 +246,7 @@ def test_flows_end_where_the_square_of_the_curvature_would_become_negative(fix_v
     allowed = HELFRICH_ERROR_FRACTION * curvature**2 * observations[0].scalar["area"]
     assert_falls(observations)
     assert energies(observations)[-1] >= -allowed
-    assert snapshots[-1].stopped == LOWER_BOUND_REASON
+    assert snapshots[-1].ending == LOWER_BOUND
 
 
 @pytest.mark.parametrize(

@@ -13,13 +13,13 @@ from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.models.willmore import setup, trust_region
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.descent import energy_gradient, preconditioner_at, size_across
+from ddgcli.models.willmore.endings import ROUNDING, small_gradient
 from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.flow_options import with_stop
 from ddgcli.models.willmore.gauss_map_energy import GaussMapEnergy
 from ddgcli.models.willmore.helfrich_energy import with_curvature
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.models.willmore.state import DEFAULT_STOP, NEWTON_STOP
-from ddgcli.models.willmore.step_rules import ROUNDING_REASON
 from ddgcli.models.willmore.trust_region import Lagrangian
 from tests.physics.willmore_runs import assert_falls, bowl, ellipsoid, energies, run_flow, two_components
 
@@ -52,7 +52,7 @@ def test_the_gradient_falls_quadratically_at_rest(mesh):
     for _ in range(20):
         state = model.advance(state, 0.0, 1.0)
         sizes.append(size_across(flow._gradient(state)))
-        if state.stopped or flow.reason(state):
+        if state.ending or flow.ending(state):
             break
     sizes = np.array(sizes)
     assert sizes.min() < 1e-5 and len(sizes) < 16
@@ -152,13 +152,13 @@ def test_membranes_come_to_rest_with_a_gradient_of_rounding_by_few_newton_steps(
     options = with_stop(options, mesh.topology, False)
     flow, model = setup.build(mesh, options)
     state, sizes = model.start, []
-    while not state.stopped:
+    while state.ending is None:
         sizes.append(size_across(flow._gradient(state)))
         state = model.advance(state, 0.0, 1.0)
         assert max(map(abs, flow.constraints.residuals(flow.mesh(state)).values())) < 1e-11
-        if reason := model.stop(state):
+        if ending := model.stop(state):
             break
-    assert (state.stopped or reason) in (ROUNDING_REASON, "gradient below 1e-09")
+    assert (state.ending or ending) in (ROUNDING, small_gradient(1e-9))
     assert state.steps <= 25 and state.increases == 0
     assert size_across(flow._gradient(state)) < 1e-6 * max(sizes)
     # the last factor falls quadratically

@@ -14,7 +14,7 @@ from ddgcli.geometry.normals import sphere_normals
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
-from ddgcli.models.willmore import descent, flow, report, setup, step_rules, triangle_quality
+from ddgcli.models.willmore import descent, endings, flow, report, setup, step_rules, triangle_quality
 from ddgcli.models.willmore.constraints import area
 from ddgcli.models.willmore.least_energies import least_energy
 from ddgcli.models.willmore.setup import FlowOptions
@@ -126,7 +126,7 @@ def test_triangles_do_not_crumple_under_constraints():
     observations, end, shots = run_flow(mesh, options, steps=150)
     ratio = setup.ENERGIES["cotan"].of(end).value(end.points) / energies(observations)[-1]
     assert 0.95 < ratio < 1.05
-    assert shots[-1].stopped == step_rules.MESH_ERROR_REASON and len(observations) < 40
+    assert shots[-1].ending == endings.MESH_ERROR and len(observations) < 40
     assert observations[-1].scalar["flips"] > 0
     assert observations[-1].scalar["redistributions"] > 0
     assert_falls(observations)
@@ -136,7 +136,7 @@ def test_a_rise_of_the_second_energy_ends_the_flow(run, tmp_path):
     mesh = shapes.torus(20, 8, pattern="alternating")
     observations, end, shots = run_flow(mesh, FlowOptions(timed=True), tolerance=1e-3, duration=0.5)
     second = [setup.ENERGIES["cotan"].of(mesh).value(o.points) for o in observations]
-    assert shots[-1].stopped == step_rules.CRUMPLING_REASON and 1.005 < second[-1] / min(second) < 1.1
+    assert shots[-1].ending == endings.CRUMPLING and 1.005 < second[-1] / min(second) < 1.1
     ball = setup.build(shapes.icosphere(2), FlowOptions())[0]  # never below 4 pi: nothing to look at
     assert ball.second_kind is None
 
@@ -147,7 +147,7 @@ def test_a_genus_two_surface_that_crumples_by_cotan_is_no_rest(run, tmp_path):
     write_mesh(str(path), AnnotatedMesh(willmore_samples.two_holes(2)))
     result = run("willmore-flow", path, "--energy", "cotan", "--report-energy", "all", "--json")
     results = json.loads(result.stdout)["results"]
-    assert result.exit_code == 1 and step_rules.CRUMPLING_REASON in results["stopped_because"]
+    assert result.exit_code == 1 and endings.CRUMPLING.text in results["stopped_because"]
     assert "begin with --subdivide 1, or use --remesh mean" in result.stderr
     second = results["energies"]["gauss-map"]["values"]
     assert second[-1] < step_rules.CRUMPLING_RATIO * results["energy"][-1]
@@ -165,7 +165,6 @@ def test_advice_for_crumpled_ends_never_leads_back():
     torus = shapes.torus(24, 12)
     uneven = torus.moved(torus.points * [1.0, 1.0, 0.7])
     needles = torus.moved(torus.points * [1.0, 1.0, 0.2])
-    reason = step_rules.CRUMPLING_REASON
     assert 20 < report._smallest_angle(uneven) < 25 and report._smallest_angle(needles) < 20
     cases = [
         (uneven, FlowOptions(), "use `energy=cotan`, or begin with a finer mesh"),
@@ -176,7 +175,40 @@ def test_advice_for_crumpled_ends_never_leads_back():
         (needles, FlowOptions(energy="cotan", timed=True), "; begin with a finer mesh"),
     ]
     for mesh, options, advice in cases:
-        assert report.failure_reason(reason, mesh, mesh, options).endswith(advice)
+        assert report.failure_reason(endings.CRUMPLING, mesh, mesh, options).endswith(advice)
+
+
+@pytest.mark.parametrize("limit", [step_rules.REST_FALL, 0.1 * step_rules.REST_FALL])
+def test_a_limit_as_strict_as_the_default_is_no_rest_above_the_sphere(limit):
+    """With a stricter limit than the default the run counted as converged wherever it ended."""
+    ball = shapes.icosphere(2)
+    spiked = ball.moved(ball.points * np.where(np.arange(ball.n_vertices) == 7, 4.0, 1.0)[:, None])
+    built, model = setup.build(spiked, FlowOptions(stop=Stop(step_rules.REST_GRADIENT, limit, True)))
+    start = replace(model.start, ending=endings.small_fall(limit, False))
+    assert start.energy > 1.05 * 4 * np.pi
+    assert built.ending(start) == endings.FALSE_REST
+    round_one, model = setup.build(ball, FlowOptions(stop=Stop(step_rules.REST_GRADIENT, limit, True)))
+    start = replace(model.start, ending=endings.small_fall(limit, False))
+    assert round_one.ending(start) == start.ending
+
+
+@pytest.mark.parametrize(
+    "ending", [endings.small_fall(1e-9, False), endings.small_gradient(1e-7), endings.NO_STEP]
+)
+def test_crumpling_is_no_rest_by_any_limit_as_strict_as_the_default(ending):
+    torus = shapes.torus(20, 8, pattern="alternating")
+    built, model = setup.build(torus, FlowOptions(stop=DEFAULT_STOP))
+    sign = (-1.0) ** np.add(*np.divmod(np.arange(torus.n_vertices), 8))
+    points = model.start.points + 0.03 * sign[:, None] * sphere_normals(torus)
+    first, second = built._terms(model.start.topology).energy, built._terms(model.start.topology).second
+    state = replace(
+        model.start, points=points, energy=first.value(points), energy_then=first.value(points),
+        lowest_second=second.value(model.start.points), ending=ending,
+    )  # fmt: skip
+    assert second.value(points) > 1.2 * state.lowest_second
+    assert built.ending(state) == endings.CRUMPLING
+    looser = endings.small_fall(1e-4, False)  # chosen by the user
+    assert built.ending(replace(state, ending=looser)) == looser
 
 
 def test_a_grown_second_energy_is_reported(caplog):

@@ -7,7 +7,10 @@ from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.models.willmore import endings
 from ddgcli.models.willmore.flow import Flow
+from ddgcli.simulation.active_model import packed_ending, unpacked_ending
+from ddgcli.simulation.model import Ending
 from tests.physics.test_willmore_filling import ball_with_holes
 from tests.physics.willmore_runs import bowl, ellipsoid, two_components
 
@@ -83,3 +86,13 @@ def test_a_resumed_flow_has_the_same_bits(run, tmp_path, monkeypatch, name):
     for (points, time), (again, then) in zip(expected, observations):
         assert np.array_equal(points, again) and time == then
     assert not np.array_equal(expected[CUT_AFTER][0], expected[-1][0])  # steps follow the interrupt
+
+
+def test_a_checkpoint_holds_the_kind_and_the_text_of_every_ending():
+    """The longest fits: an ended run that is resumed fails as it had."""
+    fixed = [value for value in vars(endings).values() if isinstance(value, Ending)]
+    formatted = [endings.small_gradient(1e-7), endings.immovable("clamped", True), endings.singular(1 / 3)]
+    assert len(fixed) > 10
+    for ending in [*fixed, *formatted]:
+        assert unpacked_ending(packed_ending(ending)) == ending
+    assert unpacked_ending(packed_ending(None)) is None

@@ -10,11 +10,11 @@ from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.models.willmore import vertex_noise
+from ddgcli.models.willmore.endings import NOT_CONFORMAL_REST
 from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.secant_pairs import MAX_PAIRS, SecantPairs
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.models.willmore.state import CONFORMAL_STOP, DEFAULT_STOP
-from ddgcli.models.willmore.step_rules import CONFORMAL_REASON
 from ddgcli.models.willmore.vertex_noise import noise_energy
 from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, run_flow
 
@@ -128,7 +128,7 @@ def test_a_conformal_flow_that_cannot_go_on_says_so_and_names_the_flow_that_can(
     assert result.exit_code == 1
     assert "curvature is not yet constant" in result.stderr and "--flow quadratic" in result.stderr
     _, _, shots = run_flow(ellipsoid(3), CONFORMAL)
-    assert shots[-1].stopped and shots[-1].stopped != CONFORMAL_REASON
+    assert shots[-1].ending and shots[-1].ending != NOT_CONFORMAL_REST
 
 
 def test_more_noise_than_energy_is_no_noise(monkeypatch, caplog):

@@ -11,7 +11,7 @@ from benchmarks.common.mesh_classes import SPHERES, ellipsoids
 from benchmarks.common.submesh import submesh
 from ddgcli import write_mesh
 from ddgcli.mesh import shapes
-from ddgcli.models.willmore import descent, flow, step_rules
+from ddgcli.models.willmore import descent, endings, flow
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.operators.laplacian import lumped_vertex_area
 from tests.conftest import ROOT
@@ -115,18 +115,18 @@ def test_a_step_too_stiff_for_the_first_method_is_taken_by_the_second(monkeypatc
         (
             shapes.torus(40, 5, pattern="alternating"),
             {"step": 0.005, "duration": 0.5},
-            step_rules.LOWER_BOUND_REASON,
+            endings.LOWER_BOUND,
         ),
         (
             shapes.torus(20, 8, pattern="alternating"),
             {"tolerance": 1e-3, "duration": 0.5},
-            step_rules.CRUMPLING_REASON,
+            endings.CRUMPLING,
         ),
     ],
 )
 def test_a_timed_flow_stops_there_too(mesh, time_options, reason):
     observations, _, shots = run_flow(mesh, FlowOptions(timed=True), frame_every=0.1, **time_options)
-    assert shots[-1].stopped == reason and shots[-1].time < 0.5
+    assert shots[-1].ending == reason and shots[-1].time < 0.5
     assert 0.9 * 2 * np.pi**2 <= energies(observations)[-1] < energies(observations)[0]
     assert_falls(observations)
 

@@ -92,7 +92,7 @@ def command(
     begin_flow(run, job, bounded=bounded)
     outcome = simulate(run, job)
     results, accuracy = report.summary(
-        curve_flow, outcome.times, outcome.series, schedule.steps, outcome.stopped, outcome.failure
+        curve_flow, outcome.times, outcome.series, schedule.steps, outcome.ending, outcome.failure
     )
     run.plot(lambda path: _draw(path, curves, outcome, unit, run.picture_options))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))

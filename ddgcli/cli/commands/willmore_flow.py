@@ -141,14 +141,14 @@ def command(
         changing_faces=flow.keeps_triangles,
         changing_vertices=flow.remesh is not None,
         failure_reason=lambda outcome: report.failure_reason(
-            outcome.stopped, mesh, last_mesh(outcome.last), flow_options
+            outcome.ending, mesh, last_mesh(outcome.last), flow_options
         ),
     )  # fmt: skip
     begin_flow(run, job, bounded=bounded)
     outcome = simulate(run, job)
     times = outcome.times if flow.timed else None
     results, accuracy = report.summary(
-        outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure, bounded=bounded,
+        outcome.series, flow.convention, schedule.steps, outcome.ending, outcome.failure, bounded=bounded,
         times=times,
     )  # fmt: skip
     last = last_mesh(outcome.last)

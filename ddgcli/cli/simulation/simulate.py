@@ -21,7 +21,7 @@ from ddgcli.simulation.frames import joined_frame, joined_mesh, mesh_of_frame
 from ddgcli.simulation.model import Arrays, Event, Model, Schedule, rejections
 from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.recording import Recorder, run_models
-from ddgcli.simulation.time_loop import Snapshot, evolve, stop_reason
+from ddgcli.simulation.time_loop import Snapshot, ending_of, evolve
 
 TRAJECTORIES = (".vtkhdf", ".h5")
 
@@ -179,7 +179,7 @@ def _open_trajectory(
         return TrajectoryWriter(target, header, job.schedule.n_frames), None
     with Trajectory(job.resume) as partial_run:
         start = (partial_run.n_frames - 1, partial_run.checkpoint())
-        recorder.outcome.stopped = stop_reason(start[1])
+        recorder.outcome.ending = ending_of(start[1])
         job.account.restore(partial_run.effects)
         recorder.restore(_without_poses(partial_run.read_frame(k)) for k in range(partial_run.n_frames))
         log = partial_run.log[: partial_run.log_rows]

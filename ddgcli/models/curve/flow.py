@@ -23,7 +23,7 @@ from ddgcli.models.curve import polygon
 from ddgcli.models.curve.crossings import self_crossings
 from ddgcli.models.curve.polygon import Polygons
 from ddgcli.models.curve.spacing import even_points, uneven_curves
-from ddgcli.simulation.model import Cause, Observation, StepRejected
+from ddgcli.simulation.model import Cause, Ending, Observation, StepRejected
 
 COLLAPSED_LENGTH = 1e-2  # of the first length: a shorter curve has shrunk to a point
 REST_SPEED = 1e-6  # normal speed times radius (elastic: radius^3) at which a curve is at rest
@@ -37,7 +37,7 @@ MAX_HALVINGS = 40  # of a step of elastic flow: the time of a tip is the fourth 
 MAX_CONSTRAINT_ITERATIONS = 12
 CONSTRAINT_TOLERANCE = 1e-14  # relative; iterations end there or after the number above
 FOLD_TURNING = np.radians(170)  # at a point where a polygon runs back on itself
-COLLAPSE_REASON, REST_REASON = "every curve has shrunk to a point", "at rest"
+COLLAPSE, REST = Ending("collapsed", "every curve has shrunk to a point"), Ending("at rest", "at rest")
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,11 +294,11 @@ class CurveFlow:
             np.asarray(arrays["area_loss"]),
         )  # fmt: skip
 
-    def reason(self, state: CurveState) -> str:
-        """Why the flow ends here, or ""."""
+    def ending(self, state: CurveState) -> Ending | None:
+        """Why the flow ends here, if it does."""
         if not state.active.any():
-            return COLLAPSE_REASON
-        return REST_REASON if self.stop_at_rest and state.speed < REST_SPEED else ""
+            return COLLAPSE
+        return REST if self.stop_at_rest and state.speed < REST_SPEED else None
 
     def distance(self, a: CurveState, b: CurveState) -> float:
         """Largest distance between points of two states, over the size of the curves at the start."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import counted
 from ddgcli.mesh.vectors import ratio, row_matrix
 from ddgcli.models.curve.flow import FOLD_TURNING, REST_SPEED, CurveFlow
+from ddgcli.simulation.model import Ending
 
 MAX_AREA_RATE_ERROR = 0.1
 MAX_RESOLVED_TURNING = np.pi / 3  # radians at a point; a hexagon's
@@ -29,7 +30,7 @@ def summary(
     times: NDArray,
     series: Mapping[str, NDArray],
     limit: int,
-    stopped: str,
+    ending: Ending | None,
     failure: str,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Results and accuracy of a run of a curve flow.
@@ -42,8 +43,10 @@ def summary(
         Scalars of every frame.
     limit : int
         Steps that the schedule allows.
-    stopped, failure : str
-        Why it ended before, or "".
+    ending : Ending or None
+        Why it ended before.
+    failure : str
+        Why it failed, or "".
 
     Returns
     -------
@@ -58,7 +61,7 @@ def summary(
         "elastic_energy": series["elastic_energy"].tolist(),
         "turning_number": int(series["turning_number"][-1]) if has_total else None,
         "self_crossings": series["self_crossings"].astype(int).tolist() if _is_plane(flow) else None,
-        "stopped_because": failure or stopped or f"{limit} steps were taken",
+        "stopped_because": failure or (ending.text if ending else f"{limit} steps were taken"),
         "collapse_times": [None if t < 0 else float(t) for t in collapse],
     }
     if several:
@@ -86,7 +89,7 @@ def summary(
             "each curve"
         )
     _warn(accuracy, series)
-    if flow.stop_at_rest and not (stopped or failure):
+    if flow.stop_at_rest and not (ending or failure):
         _warn_of_motion(flow, limit, float(times[-1]) / limit, series)
     return results, {name: value for name, value in accuracy.items() if value is not None}
 

@@ -156,7 +156,7 @@ def build(curves: CurveSet, options: CurveFlowOptions) -> tuple[CurveFlow, Model
     )  # fmt: skip
     model = Model(
         start_state(flow, points), flow.advance, flow.observe, flow.pack, flow.unpack,
-        distance=flow.distance, order=1, stop=flow.reason, time_unit=f"length^{flow.time_power}",
+        distance=flow.distance, order=1, stop=flow.ending, time_unit=f"length^{flow.time_power}",
         growth=PART_GROWTH, usual_step=default_step(flow),
     )  # fmt: skip
     return flow, model

@@ -41,7 +41,7 @@ from ddgcli.scenes.sections import Key
 from ddgcli.scenes.shapes import PlacedMesh, place
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
-from ddgcli.simulation.model import Model
+from ddgcli.simulation.model import Ending, Model
 
 SIZE_RANGE = (1e-60, 1e60)  # m: a Hessian of bending holds the fourth power of a length
 LEAST_MASS = 1e-140  # kg, of a vertex
@@ -427,9 +427,9 @@ def _constrained(scene: Scene, system: System, motion: Motion) -> Motion:
     return replace(motion, v=v, multipliers=np.zeros(len(edges.length)))
 
 
-def _load_reached(duration: float, motion: Motion) -> str:
-    """Reason to end an equilibrium path, or ""."""
-    return "the whole load is reached" if motion.time >= duration else ""
+def _load_reached(duration: float, motion: Motion) -> Ending | None:
+    """Ending of an equilibrium path at the whole load."""
+    return Ending("complete", "the whole load is reached") if motion.time >= duration else None
 
 
 def _initial_velocity(context: ShellContext) -> NDArray[np.float64]:

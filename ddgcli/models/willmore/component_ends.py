@@ -17,13 +17,10 @@ from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import areas
 from ddgcli.models.willmore.descent import is_folded, mean_curvature_step
+from ddgcli.models.willmore.endings import COLLAPSE, singular
 from ddgcli.models.willmore.energies import EnergyBuilder
-from ddgcli.models.willmore.step_rules import (
-    COLLAPSE_REASON,
-    COLLAPSED_AREA_FRACTION,
-    FOLDED_AREA_FRACTION,
-    SINGULAR_REASON,
-)
+from ddgcli.models.willmore.step_rules import COLLAPSED_AREA_FRACTION, FOLDED_AREA_FRACTION
+from ddgcli.simulation.model import Ending
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +57,11 @@ class ComponentEnds:
         return {"end_time": self.time, "singular": self.singular.astype(np.float64)}
 
     @property
-    def reason(self) -> str:
+    def ending(self) -> Ending:
         """Why a flow ends, all of whose components have."""
         if not self.singular.any():
-            return COLLAPSE_REASON
-        return SINGULAR_REASON.format(self.time[self.singular].max())
+            return COLLAPSE
+        return singular(float(self.time[self.singular].max()))
 
     @property
     def moves(self) -> NDArray[np.bool_]:

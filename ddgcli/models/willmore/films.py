@@ -14,14 +14,13 @@ from ddgcli.mesh.vectors import unit_vectors
 from ddgcli.models.willmore.area_energy import AreaEnergy, VolumeEnergy, mean_curvature, volume_gradient
 from ddgcli.models.willmore.constraints import Constraints, areas, cap_faces, volumes_inside
 from ddgcli.models.willmore.descent import EnergyGradient
+from ddgcli.models.willmore.endings import PINCH, THIN_STAR, equal_curvature
 from ddgcli.models.willmore.energies import EnergyBuilder
 from ddgcli.models.willmore.flow_options import FlowOptions
+from ddgcli.simulation.model import Ending
 
 # share of the area that a vertex star has on average, below which a film has pinched off there
 PINCHED_STAR_FRACTION = 1e-5
-PINCH_REASON = "the surface pinches off: no film of this topology spans the boundary"
-THIN_STAR_REASON = "the closed surface pinches off, or its triangles were too slender"
-FOLDED_REASON = "the area falls no more, but faces are folded over: the triangles were too slender"
 MIN_VOLUME = 1e-9  # of a surface at unit size, below which it counts as enclosing none
 FILM_CONVENTIONS = {False: "area", True: "minus the enclosed volume"}  # by whether the area is kept
 
@@ -56,7 +55,7 @@ def curvature_variation(at: EnergyGradient, constraints: Constraints) -> float:
     return float(np.max(np.abs(off), initial=0.0) * radius)
 
 
-def film_reason(at: EnergyGradient, variation: float | None, constraints: Constraints) -> str:
+def film_ending(at: EnergyGradient, variation: float | None, constraints: Constraints) -> Ending | None:
     """Why a film ends here: 2 H varies little (`curvature_variation`), or the film pinches off.
 
     Parameters
@@ -68,14 +67,13 @@ def film_reason(at: EnergyGradient, variation: float | None, constraints: Constr
 
     Returns
     -------
-    str
-        Empty if it does not end.
+    Ending or None
     """
     if variation is not None and curvature_variation(at, constraints) <= variation:
-        return f"curvature equal to {variation:g}"
+        return equal_curvature(variation)
     if at.mass.min() < PINCHED_STAR_FRACTION * at.mass.mean():
-        return THIN_STAR_REASON if constraints.in_place else PINCH_REASON
-    return ""
+        return THIN_STAR if constraints.in_place else PINCH
+    return None
 
 
 def film_constraints(

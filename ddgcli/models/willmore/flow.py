@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore import endings, trust_region
 from ddgcli.models.willmore import step_rules as rules
-from ddgcli.models.willmore import trust_region
 from ddgcli.models.willmore.component_ends import component_step, not_finite, with_components_of
 from ddgcli.models.willmore.conformal import (
     ConformalStep,
@@ -31,14 +31,15 @@ from ddgcli.models.willmore.descent import (
     secant_motion,
     size_across,
 )
+from ddgcli.models.willmore.endings import EndingKind
 from ddgcli.models.willmore.film_polish import has_uneven_curvature, polished_film, uneven_rest
-from ddgcli.models.willmore.films import film_reason
+from ddgcli.models.willmore.films import film_ending
 from ddgcli.models.willmore.flow_terms import FlowTerms
 from ddgcli.models.willmore.remesh_step import improved_state, remeshed_state
 from ddgcli.models.willmore.self_intersections import checked
 from ddgcli.models.willmore.state import FlowState, after_curvature_step, rounding_scale
 from ddgcli.models.willmore.triangle_quality import better_triangles
-from ddgcli.simulation.model import StepRejected
+from ddgcli.simulation.model import Ending, StepRejected
 
 
 class Flow(FlowTerms):
@@ -49,22 +50,22 @@ class Flow(FlowTerms):
 
     def advance(self, state: FlowState, time: float, dt: float) -> FlowState:
         """One step; StepRejected where a timed step would raise the energy."""
-        return state if state.stopped else checked(state, self._stepped(state, dt))
+        return state if state.ending else checked(state, self._stepped(state, dt))
 
     def _stepped(self, state: FlowState, dt: float) -> FlowState:
         if self.remesh is not None:
             own = (self.movable(state), self.energy_of, self.restored)
             if (changed := remeshed_state(state, self.remesh, *own)) is not None:
                 return self._after_remeshing(state, changed)
-        if state.steps == 0 and (rest := self.reason(state)):
-            return replace(state, stopped=rest)
+        if state.steps == 0 and (ending := self.ending(state)):
+            return replace(state, ending=ending)
         if self.mean_curvature:
             return self._curvature_step(state, dt)
         at = self._gradient(state)
         if self.timed:
             return self._timed_step(state, at, dt)
         if self.of_area and uneven_rest(at, self.constraints, self.stop.gradient):
-            return self._polished(state, at)
+            return self._polished(state, at) or replace(state, ending=endings.UNEVEN_FILM)
         if self.kind != "descent":
             return self._other_step(state, at)
         first = state.steps == 0 and self.keeps_triangles
@@ -78,23 +79,25 @@ class Flow(FlowTerms):
 
     def _after_remeshing(self, state: FlowState, changed: FlowState) -> FlowState:
         """A step from a remeshed state; the remeshed state alone where none lowers the energy."""
-        stopped = self.reason(changed)
-        stepped = changed if stopped else self._longest_step(changed, self._gradient(changed))
+        ending = self.ending(changed)
+        stepped = changed if ending else self._longest_step(changed, self._gradient(changed))
         if stepped.steps == state.steps:
-            return replace(changed, steps=state.steps + 1, stopped=stopped or stepped.stopped)
+            return replace(changed, steps=state.steps + 1, ending=ending or stepped.ending)
         return stepped
 
-    def reason(self, state: FlowState) -> str:
-        """Why the flow ends at a state, or ""; no rest is far above the sphere or torus within reach."""
-        why = self._rest_reason(state)
-        if why in rules.REST_REASONS and state.energy > self.round_energy:
-            return rules.FALSE_REST_REASON
-        if why in rules.REST_REASONS and self._has_crumpled(state):
-            return rules.CRUMPLING_REASON
-        above = state.energy > rules.FALSE_REST_FRACTION * self.least
-        if self.to_torus and above and why == rules.MESH_ERROR_REASON and state.energy < rules.KNOT_ENERGY:
-            return rules.FALSE_TORUS_REST_REASON
-        return why
+    def ending(self, state: FlowState) -> Ending | None:
+        """Why the flow ends at a state, if it does; no rest is far above the sphere or torus within reach."""
+        ending = self._rest_ending(state)
+        if ending is None or ending.kind not in (EndingKind.AT_REST, EndingKind.MESH_ERROR):
+            return ending
+        if state.energy > self.round_energy:
+            return endings.FALSE_REST
+        if self._has_crumpled(state):
+            return endings.CRUMPLING
+        above = rules.FALSE_REST_FRACTION * self.least < state.energy < rules.KNOT_ENERGY
+        if self.to_torus and above and ending.kind == EndingKind.MESH_ERROR:
+            return endings.FALSE_TORUS_REST
+        return ending
 
     def _has_crumpled(self, state: FlowState) -> bool:
         """Whether the second energy has risen since it was lowest, and the two no longer agree."""
@@ -102,18 +105,18 @@ class Flow(FlowTerms):
         rises = rules.second_rises(second, state.lowest_second, fall)
         return rises and not rules.agree(second, state.energy)
 
-    def _rest_reason(self, state: FlowState) -> str:
-        if state.stopped or self.mean_curvature:
-            return state.stopped
+    def _rest_ending(self, state: FlowState) -> Ending | None:
+        if state.ending or self.mean_curvature:
+            return state.ending
         at = self._gradient(state)
         if self.stop.mesh_error and abs(at.energy) <= rules.ZERO_ENERGY:
-            return "the energy has vanished"
+            return endings.VANISHED_ENERGY
         if self.of_area:
             uneven = uneven_rest(at, self.constraints, self.stop.gradient)
-            return "" if uneven else film_reason(at, self.stop.gradient, self.constraints)
+            return None if uneven else film_ending(at, self.stop.gradient, self.constraints)
         size = size_across(at) if self.kind == "newton" else at.size
         if self.stop.gradient is not None and size <= self.stop.gradient:
-            return rules.SMALL_GRADIENT_REASON.format(self.stop.gradient)
+            return endings.small_gradient(self.stop.gradient)
         newton = self.kind == "newton" and self.second_kind is not None
         dt = self.longest if newton else state.dt
         near_rest = dt >= rules.NEAR_REST_STEP_FRACTION * self.longest
@@ -126,8 +129,8 @@ class Flow(FlowTerms):
             and near_rest
             and (newton or self.kind == "descent")
         ) and self._mesh_error_prevails(at, dt):
-            return rules.MESH_ERROR_REASON
-        return ""
+            return endings.MESH_ERROR
+        return None
 
     def _mesh_error_prevails(self, at: EnergyGradient, dt: float) -> bool:
         """Whether, near rest, the gradient's part along the surface releases more energy than that across."""
@@ -148,29 +151,29 @@ class Flow(FlowTerms):
         rises = size_across(self._gradient(after)) > size_across(at)
         return rises and self._mesh_error_prevails(at, self.longest)
 
-    def _polished(self, state: FlowState, at: EnergyGradient) -> FlowState:
+    def _polished(self, state: FlowState, at: EnergyGradient) -> FlowState | None:
+        """The film of equal curvature at all vertices; None where the mesh has none nearby."""
         energy, tolerance = self._terms(state.topology).energy, self.stop.gradient or 0.0
         moved = polished_film(at.mesh, energy, at.free, self.constraints, tolerance)
         if moved is None:
-            return replace(state, stopped=rules.UNEVEN_FILM_REASON)
+            return None
         stepped = self._accepted(state, at, moved, energy.value(moved.points), 0.0)
-        return replace(stepped, stopped=f"curvature equal at all vertices to {tolerance:g}")
+        return replace(stepped, ending=endings.equal_curvature(tolerance, at_all_vertices=True))
 
     def _with_polish(self, state: FlowState) -> FlowState:
         """The state, polished where rounding of a closed film's area ended its flow before it was at rest."""
-        if not (self.of_area and state.stopped in rules.ROUNDED_FILM_REASONS):
+        if not (self.of_area and state.ending and state.ending.kind == EndingKind.AT_REST):
             return state
         at = self._gradient(state)
         if not has_uneven_curvature(at, self.constraints, self.stop.gradient):
             return state
-        polished = self._polished(replace(state, stopped=""), at)
-        return state if polished.stopped == rules.UNEVEN_FILM_REASON else polished
+        return self._polished(replace(state, ending=None), at) or state
 
     def _timed_step(self, state: FlowState, at: EnergyGradient, dt: float) -> FlowState:
         for moved in self._attempts(at, dt / self.time_unit):
             energy = self.energy_of(moved)
             if self._below_lower_bound(energy):
-                return replace(state, stopped=rules.LOWER_BOUND_REASON)
+                return replace(state, ending=endings.LOWER_BOUND)
             if energy <= at.energy:
                 return self._accepted(state, at, moved, energy, dt)
         predicted = float(np.sum(at.gradient * (at.mesh.points - moved.points)[self.free]))
@@ -214,7 +217,7 @@ class Flow(FlowTerms):
                     return stepped
             guided = False
             dt, shrink = dt * shrink, 0.25 * shrink
-        return replace(state, stopped=rules.NO_STEP_REASON)
+        return replace(state, ending=endings.NO_STEP)
 
     def _guided(self, state: FlowState, metric: Preconditioner, plain: NDArray, dt: float) -> list[NDArray]:
         """The motion by secant pairs, or that with momentum, where what it adds goes downhill."""
@@ -238,28 +241,28 @@ class Flow(FlowTerms):
                 energy, metric, self.constraints, state.dt, trust_region.LEAST_RADIUS * self.area
             )
         if step is None:
-            return self._conformal_end(replace(state, stopped=rules.NO_STEP_REASON))
+            return self._conformal_end(replace(state, ending=endings.NO_STEP))
         if step.mesh is at.mesh:
-            return replace(state, stopped=rules.ROUNDING_REASON)
+            return replace(state, ending=endings.ROUNDING)
         if self._below_lower_bound(step.energy):
-            return replace(state, stopped=rules.LOWER_BOUND_REASON)
+            return replace(state, ending=endings.LOWER_BOUND)
         stepped = replace(self._accepted(state, at, step.mesh, step.energy, 0.0), dt=step.next_length)
         if (
             step.energy > self.round_energy
             and at.energy - step.energy < rules.LEAST_NEWTON_FALL * step.energy
         ):
-            return replace(stepped, stopped=rules.SLOW_NEWTON_REASON)
+            return replace(stepped, ending=endings.SLOW_NEWTON)
         if self._leaves_rest(at, stepped):
-            return replace(state, stopped=rules.MESH_ERROR_REASON)
+            return replace(state, ending=endings.MESH_ERROR)
         return self._conformal_end(stepped)
 
     def _conformal_end(self, state: FlowState) -> FlowState:
         """The state, with another reason where a conformal flow has ended before it is at rest."""
-        if self.kind != "conformal" or not state.stopped:
+        if self.kind != "conformal" or not state.ending:
             return state
         remaining_energy = distance_from_rest(self.mesh(state))
         at_rest = remaining_energy <= rules.CONFORMAL_REST_SHARE * abs(state.energy)
-        return state if at_rest else replace(state, stopped=rules.CONFORMAL_REASON)
+        return state if at_rest else replace(state, ending=endings.NOT_CONFORMAL_REST)
 
     def _shared_step(
         self, state: FlowState, at: EnergyGradient, preconditioner: Preconditioner, motion: NDArray, dt: float
@@ -275,7 +278,7 @@ class Flow(FlowTerms):
             fall = rules.least_share(predicted, at.energy, self.of_area) * share * predicted
             if energy <= at.energy - fall:
                 if self._below_lower_bound(energy):
-                    return replace(state, stopped=rules.LOWER_BOUND_REASON)
+                    return replace(state, ending=endings.LOWER_BOUND)
                 at_once = dt == state.dt and share >= rules.MOTION_FRACTIONS[1]
                 carried, pairs = state.motion, state.pairs
                 if not self.by_pairs:
@@ -305,21 +308,21 @@ class Flow(FlowTerms):
     def _accepted(
         self, state: FlowState, at: EnergyGradient, moved: TriangleMesh, energy: float, dt: float
     ) -> FlowState:
-        stopped = ""
+        ending = None
         if self.stop.fall is not None and at.energy - energy < self.stop.fall * abs(energy):
-            stopped = rules.SMALL_FALL_REASON.format(self.stop.fall)
+            ending = endings.small_fall(self.stop.fall, self.of_area)
         lowest, then = state.lowest_second, state.energy_then
         if (second_energy := self._terms(moved.topology).second) is not None:
             second = second_energy.value(moved.points)
             high = self.crumpling_ratio is None or second > self.crumpling_ratio * energy
             if high and rules.second_rises(second, lowest, then - energy):
                 agree = rules.agree(self._second(state), state.energy)
-                return replace(state, stopped=rules.MESH_ERROR_REASON if agree else rules.CRUMPLING_REASON)
+                return replace(state, ending=endings.MESH_ERROR if agree else endings.CRUMPLING)
             lowest, then = (second, energy) if second < lowest else (lowest, then)
         rose = energy - at.energy > rules.ENERGY_ROUNDING * rounding_scale(at.energy)
         return replace(
             state, points=moved.points, topology=moved.topology, energy=energy, time=state.time + dt,
-            steps=state.steps + 1, increases=state.increases + rose, stopped=stopped,
+            steps=state.steps + 1, increases=state.increases + rose, ending=ending,
             lowest_second=lowest, energy_then=then,
         )  # fmt: skip
 
@@ -335,9 +338,9 @@ class Flow(FlowTerms):
             moved = with_components_of(before, moved, singular, component)
         ends = ends.with_singular(singular, state.time)
         if not ends.moves[component[free]].any():
-            return replace(state, ends=ends, stopped=ends.reason)
+            return replace(state, ends=ends, ending=ends.ending)
         ends = ends.with_collapsed(collapsed, state.time + dt)
-        stopped = "" if ends.moves[component[free]].any() else ends.reason
+        ending = None if ends.moves[component[free]].any() else ends.ending
         left = TriangleMesh(moved.points, ends.remaining(state.topology, component))
         after = after_curvature_step(state, moved, self.energy_of(left), dt, area(before), self.stop)
-        return replace(after, topology=left.topology, ends=ends, stopped=stopped or after.stopped)
+        return replace(after, topology=left.topology, ends=ends, ending=ending or after.ending)

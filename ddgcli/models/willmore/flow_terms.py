@@ -26,7 +26,7 @@ from ddgcli.models.willmore.observation import counters, frame_of, measured
 from ddgcli.models.willmore.remesh_step import RemeshTarget
 from ddgcli.models.willmore.state import FlowState, Stop
 from ddgcli.models.willmore.step_lengths import longest_step
-from ddgcli.simulation.model import Observation
+from ddgcli.simulation.model import Ending, Observation
 
 
 @dataclass(eq=False)
@@ -87,8 +87,8 @@ class FlowTerms:
         The surface is one torus, free to become that of Clifford, of the energy `least`.
     lowest : float
         Energy below which only the mesh's error takes the surface.
-    stopped_at_start : str
-        Why no vertex moves, or "".
+    ending_at_start : Ending or None
+        Why no vertex moves.
     """
 
     topology: Topology
@@ -118,7 +118,7 @@ class FlowTerms:
     round_energy: float = math.inf
     to_torus: bool = False
     lowest: float = -math.inf
-    stopped_at_start: str = ""
+    ending_at_start: Ending | None = None
     _last_terms: TopologyTerms | None = None
     _last_gradient: EnergyGradient | None = None
     _last_preconditioner: tuple[Preconditioner, float] | None = None
@@ -211,7 +211,7 @@ class FlowTerms:
         return frame_of(state, scalar, *where, self.keeps_triangles)
 
     def pack(self, state: FlowState) -> dict[str, NDArray]:
-        """The state as arrays of fixed shape (without the reason of the stop)."""
+        """The state as arrays of fixed shape (without the ending)."""
         return state.arrays(descent=not self.timed, pairs=self.by_pairs)
 
     def unpack(self, arrays: dict[str, NDArray]) -> FlowState:
@@ -219,4 +219,4 @@ class FlowTerms:
         if len(state.ends.time):
             left = state.ends.remaining(self.topology, self.topology.vertex_component)
             state = replace(state, topology=left)
-        return replace(state, stopped=self.stopped_at_start)
+        return replace(state, ending=self.ending_at_start)

@@ -13,40 +13,15 @@ from ddgcli.errors import counted
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_matrix
+from ddgcli.models.willmore import endings
 from ddgcli.models.willmore.constraints import reduced_volumes
 from ddgcli.models.willmore.descent import folded_faces
+from ddgcli.models.willmore.endings import EndingKind
 from ddgcli.models.willmore.energies import ENERGIES, SECOND_ENERGIES
-from ddgcli.models.willmore.films import FOLDED_REASON, PINCH_REASON, THIN_STAR_REASON
 from ddgcli.models.willmore.flow_options import FlowOptions, chosen_energy, is_film
 from ddgcli.models.willmore.least_energies import is_spheres
-from ddgcli.models.willmore.state import FILM_STOP
-from ddgcli.models.willmore.step_rules import (
-    CONFORMAL_REASON,
-    CRUMPLING_REASON,
-    EMPTY_PATCH_REASON,
-    FALSE_REST_REASON,
-    FALSE_TORUS_REST_REASON,
-    LOWER_BOUND_REASON,
-    NO_FREE_VERTEX_REASON,
-    NO_STEP_REASON,
-    ROUNDING_REASON,
-    SINGULAR_REASON,
-    SLOW_NEWTON_REASON,
-    SMALL_FALL_REASON,
-)
+from ddgcli.simulation.model import Ending
 
-RESOLUTION_REASONS = (
-    LOWER_BOUND_REASON,
-    CRUMPLING_REASON,
-    PINCH_REASON,
-    FOLDED_REASON,
-    THIN_STAR_REASON,
-    CONFORMAL_REASON,
-    FALSE_REST_REASON,
-    FALSE_TORUS_REST_REASON,
-    SLOW_NEWTON_REASON,
-)  # ends that are neither at rest nor on the flow
-FILM_RESTS = (SMALL_FALL_REASON.format(FILM_STOP.fall), NO_STEP_REASON, ROUNDING_REASON)
 RELEASE_ADVICE = ": begin with a finer mesh (`subdivide`), or use `boundary=free`"
 # growth of the bending energy, and smallest angle in degrees, at which a hole has closed
 CLOSED_HOLE_GROWTH, CLOSED_HOLE_ANGLE = 10.0, 1.0
@@ -63,7 +38,7 @@ def summary(
     series: Mapping[str, NDArray],
     convention: str,
     limit: int,
-    stopped: str,
+    ending: Ending | None,
     failure: str,
     *,
     bounded: bool,
@@ -78,8 +53,10 @@ def summary(
     convention : str
     limit : int
         Steps allowed.
-    stopped, failure : str
-        Why it ended before, or "".
+    ending : Ending or None
+        Why it ended before.
+    failure : str
+        Why it failed, or "".
     bounded : bool
         The caller chose the steps or the duration; else an end before rest is a warning.
     times : (T,) ndarray, optional
@@ -89,17 +66,14 @@ def summary(
     -------
     results, accuracy : dict
     """
-    if not (bounded or stopped or failure):
+    if not (bounded or ending or failure):
         logging.getLogger("ddgcli").warning(
             "the surface is not at rest after %d steps, the most without `steps` or `duration`; "
             "`steps=%d` leads further", limit, 5 * limit,
         )  # fmt: skip
-    if stopped.startswith(NO_FREE_VERTEX_REASON):
-        logging.getLogger("ddgcli").warning(
-            "%s; the surface stays as it is%s",
-            stopped,
-            "" if stopped == EMPTY_PATCH_REASON else RELEASE_ADVICE,
-        )
+    if ending is not None and ending.kind in (EndingKind.IMMOVABLE, EndingKind.EMPTY_PATCH):
+        advice = RELEASE_ADVICE if ending.kind == EndingKind.IMMOVABLE else ""
+        logging.getLogger("ddgcli").warning("%s; the surface stays as it is%s", ending.text, advice)
     last = {name: float(values[-1]) for name, values in series.items() if values.ndim == 1}
     results = {
         "energy": series["energy"].tolist(),
@@ -110,12 +84,12 @@ def summary(
         "steps": int(last["steps"]),
         "redistributions": int(last["redistributions"]),
         "flips": int(last["flips"]),
-        "stopped_because": failure or stopped or f"{limit} steps were taken",
+        "stopped_because": failure or (ending.text if ending else f"{limit} steps were taken"),
     }
     if times is not None:
         results["times"] = times.tolist()
     if "end_time_by_component" in series:
-        results["collapse_times"] = _collapse_times(series, stopped)
+        results["collapse_times"] = _collapse_times(series, ending)
     if "mean_curvature_spread" in last:
         results["mean_curvature_spread"] = last["mean_curvature_spread"]
     if "remeshes" in last:
@@ -137,11 +111,11 @@ def summary(
     return results, accuracy
 
 
-def _collapse_times(series: Mapping[str, NDArray], stopped: str) -> list[float | None]:
+def _collapse_times(series: Mapping[str, NDArray], ending: Ending | None) -> list[float | None]:
     """Time at which each component of a mean curvature flow ended, with a warning where one did as lines."""
     time, singular = (row_matrix(series[f"{name}_by_component"])[-1] for name in ("end_time", "singular"))
-    if stopped.startswith(SINGULAR_REASON.split("{")[0]):
-        logging.getLogger("ddgcli").warning("%s", stopped)
+    if ending is not None and ending.kind == EndingKind.SINGULAR:
+        logging.getLogger("ddgcli").warning("%s", ending.text)
     elif singular.any():
         first = int(np.argmax(singular))
         logging.getLogger("ddgcli").warning(
@@ -240,13 +214,15 @@ def every_energy(series: Mapping[str, NDArray]) -> dict[str, dict[str, Any]]:
     }
 
 
-def failure_reason(stopped: str, start: TriangleMesh, last: TriangleMesh, options: FlowOptions) -> str:
+def failure_reason(
+    ending: Ending | None, start: TriangleMesh, last: TriangleMesh, options: FlowOptions
+) -> str:
     """Why the end is neither at rest nor on the flow, with a cure; or "".
 
     Parameters
     ----------
-    stopped : str
-        Why the flow ended.
+    ending : Ending or None
+        Why the flow ended before its last step.
     start, last : TriangleMesh
     options : FlowOptions
 
@@ -254,30 +230,33 @@ def failure_reason(stopped: str, start: TriangleMesh, last: TriangleMesh, option
     -------
     str
     """
-    if stopped in FILM_RESTS and is_film(options, start.topology) and folded_faces(last):
-        stopped = FOLDED_REASON
-    if stopped not in RESOLUTION_REASONS:
+    if ending is None:
         return ""
-    message = f"{stopped}; {_cure(stopped, start, options)}"
+    at_rest = ending.kind == EndingKind.AT_REST
+    if at_rest and is_film(options, start.topology) and folded_faces(last):
+        ending = endings.FOLDED
+    if ending.kind != EndingKind.UNRESOLVED:
+        return ""
+    message = f"{ending.text}; {_cure(ending, start, options)}"
     logging.getLogger("ddgcli").warning(message)
     return message
 
 
-def _cure(stopped: str, start: TriangleMesh, options: FlowOptions) -> str:
-    """What to try after one of RESOLUTION_REASONS."""
+def _cure(ending: Ending, start: TriangleMesh, options: FlowOptions) -> str:
+    """What to try after an unresolved end."""
     cure = "begin with a finer mesh"
     needles = options.remesh is None and _smallest_angle(start) < NEEDLE_ANGLE
-    if stopped == PINCH_REASON:
+    if ending == endings.PINCH:
         cure = "bring the parts of the boundary closer together, or span each by its own surface"
-    elif stopped in (THIN_STAR_REASON, FOLDED_REASON):
+    elif ending in (endings.THIN_STAR, endings.FOLDED):
         cure = "use `remesh=mean`"
         if start.topology.euler_characteristic < 2 * start.topology.n_components:
             cure = "only spheres have equal curvature, and this surface has handles: use `flow=quadratic`"
-    elif stopped == CONFORMAL_REASON:
+    elif ending == endings.NOT_CONFORMAL_REST:
         cure = "go on from there with `flow=quadratic`"
-    elif stopped == SLOW_NEWTON_REASON:
+    elif ending == endings.SLOW_NEWTON:
         cure = "use `flow=quadratic` with `subdivide=1`"
-    elif stopped == FALSE_REST_REASON:
+    elif ending == endings.FALSE_REST:
         cure = "begin with `subdivide=1`"
         if _can_remesh(options):
             cure = "use `remesh=mean`, or begin with `subdivide=1`"

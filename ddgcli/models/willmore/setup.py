@@ -20,6 +20,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import step_rules as rules
 from ddgcli.models.willmore.component_ends import ComponentEnds
 from ddgcli.models.willmore.constraints import Constraints, area
+from ddgcli.models.willmore.endings import EMPTY_PATCH, immovable
 from ddgcli.models.willmore.energies import (
     DEFAULT_ENERGY,
     ENERGIES,
@@ -38,7 +39,7 @@ from ddgcli.models.willmore.scaled import centred_at_unit_size
 from ddgcli.models.willmore.self_intersections import self_intersections
 from ddgcli.models.willmore.state import FlowState, Remeshing
 from ddgcli.models.willmore.step_lengths import first_step
-from ddgcli.simulation.model import Model, Schedule, flow_schedule
+from ddgcli.simulation.model import Ending, Model, Schedule, flow_schedule
 
 MAX_STEPS = 1000  # of a flow without steps or duration
 MAX_REMESHED_FACES, MIN_REMESHED_FACES = 5e6, 40  # about twice as many result
@@ -62,14 +63,13 @@ def free_vertices(topology: Topology, boundary: str, region: NDArray | None = No
     return np.flatnonzero(topology.referenced_vertex & ~fixed & inside)
 
 
-def _held_reason(free: NDArray, boundary: str, region: NDArray | None) -> str:
-    """Why no vertex moves, or ""; a region without vertices is that of patches of single triangles."""
+def _ending_at_start(free: NDArray, boundary: str, region: NDArray | None) -> Ending | None:
+    """Why no vertex moves, if none does; a region without vertices is that of patches of single triangles."""
     if len(free):
-        return ""
+        return None
     if region is not None and not region.any():
-        return rules.EMPTY_PATCH_REASON
-    place, beside = "" if region is None else " of the region", ", or beside it" * (boundary == "clamped")
-    return rules.HELD_REASON.format(rules.NO_FREE_VERTEX_REASON, place, boundary, beside)
+        return EMPTY_PATCH
+    return immovable(boundary, in_region=region is not None)
 
 
 def region_mask(region: NDArray, topology: Topology) -> NDArray[np.bool_]:
@@ -333,7 +333,7 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         topology, energy_kind, _convention(definition, options, film, curvature), free, constraints,
         options.flow == "mean-curvature" and not film, scheme,
         options.timed, options.stop, centre, scale, area(unit), mesh.points,
-        least, lowest=lowest, stopped_at_start=_held_reason(free, boundary, region),
+        least, lowest=lowest, ending_at_start=_ending_at_start(free, boundary, region),
         keeps_triangles=not options.timed and kind != "conformal" and (film or definition.keeps_triangles),
         of_area=film, kind=kind, of_surface=definition.of_surface,
         remesh=_remesh_target(unit, options, scale, kind, energy_name),
@@ -381,7 +381,7 @@ def _model(flow: Flow, unit: TriangleMesh, started: float, options: FlowOptions)
     """The model that the time loop drives, from a surface of unit size and its energy."""
     start = FlowState(
         unit.points, flow.topology, started, 0.0, first_step(flow.kind, flow.area, flow.of_area),
-        stopped=flow.stopped_at_start,
+        ending=flow.ending_at_start,
         remeshing=Remeshing(None if flow.remesh is None else np.arange(unit.n_vertices)),
         self_intersections=self_intersections(unit),
         ends=ComponentEnds.none(flow.topology.n_components if flow.mean_curvature else 0),
@@ -390,7 +390,7 @@ def _model(flow: Flow, unit: TriangleMesh, started: float, options: FlowOptions)
     return Model(
         start, flow.advance, flow.observe, flow.pack, flow.unpack,
         distance=lambda a, b: relative_distance(a, b, flow.area), order=order,
-        stop=flow.reason, clock=lambda state: state.time,
+        stop=flow.ending, clock=lambda state: state.time,
         time_unit="length^2" if options.flow == "mean-curvature" else "length^4",
         usual_step=default_step(flow),
     )  # fmt: skip

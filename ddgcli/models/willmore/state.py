@@ -12,6 +12,7 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.component_ends import ComponentEnds
+from ddgcli.models.willmore.endings import small_area_fall
 from ddgcli.models.willmore.secant_pairs import SecantPairs
 from ddgcli.models.willmore.step_rules import (
     ENERGY_ROUNDING,
@@ -20,6 +21,7 @@ from ddgcli.models.willmore.step_rules import (
     REST_FALL,
     REST_GRADIENT,
 )
+from ddgcli.simulation.model import Ending
 
 ENERGY_UNIT = 1.0  # energies are free of units; rounding of smaller ones is compared with this
 
@@ -94,7 +96,8 @@ class FlowState:
         Taken so far.
     increases, area_increases : int
         Steps so far over which the energy, or the area, rose.
-    stopped : str
+    ending : Ending or None
+        Why the flow ends here.
     lowest_second : float
         Lowest value so far of the second energy.
     energy_then : float
@@ -120,7 +123,7 @@ class FlowState:
     steps: int = 0
     increases: int = 0
     area_increases: int = 0
-    stopped: str = ""
+    ending: Ending | None = None
     lowest_second: float = math.inf
     energy_then: float = math.inf
     redistributions: int = 0
@@ -202,11 +205,11 @@ def after_curvature_step(
     FlowState
     """
     after = float(face_area(moved.side_length).sum())
-    stopped = ""
+    ending = None
     if stop.fall is not None and before - after < stop.fall * before:
-        stopped = f"area fell by less than {stop.fall:g} of itself in a step"
+        ending = small_area_fall(stop.fall)
     return replace(
-        state, points=moved.points, energy=energy, time=state.time + dt, stopped=stopped,
+        state, points=moved.points, energy=energy, time=state.time + dt, ending=ending,
         steps=state.steps + 1,
         increases=state.increases + (energy - state.energy > ENERGY_ROUNDING * rounding_scale(state.energy)),
         area_increases=state.area_increases + (after > before * (1.0 + ENERGY_ROUNDING)),

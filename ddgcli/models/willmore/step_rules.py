@@ -50,46 +50,6 @@ REST_GRADIENT, NEWTON_REST_GRADIENT, REST_FALL = 1e-6, 1e-9, 1e-8
 FILM_REST_FALL = 1e-17  # the same of films: less is rounding
 # relative fall of the energy in a Newton step, below which a surface that could become round is stuck above
 LEAST_NEWTON_FALL = 1e-4
-# why flows end
-NO_FREE_VERTEX_REASON = "no vertex can move"
-HELD_REASON = "{}: all{} lie on the boundary, which is {}{}"
-EMPTY_PATCH_REASON = f"{NO_FREE_VERTEX_REASON}: the patches have no vertices inside"
-SMALL_GRADIENT_REASON = "gradient below {:g}"
-SMALL_FALL_REASON = "energy fell by less than {:g} of itself in a step"
-LOWER_BOUND_REASON = (
-    "the next step would go below the least energy of such surfaces: the mesh is too coarse or uneven"
-)
-MESH_ERROR_REASON = "what is left of the gradient is the mesh's own error"
-FALSE_REST_REASON = (
-    "what is left of the gradient is the mesh's own error, but the energy is above that of spheres: the mesh "
-    "is too coarse somewhere"
-)
-FALSE_TORUS_REST_REASON = (
-    "what is left of the gradient is the mesh's own error, but the energy is above that of the Clifford torus"
-)
-UNEVEN_FILM_REASON = "curvature equal but for the mesh's own error: it has no film of equal curvature nearby"
-ROUNDING_REASON = "rounding hides what the energy could still fall by"
-NO_STEP_REASON = "no step lowers the energy"
-SLOW_NEWTON_REASON = (
-    "steps hardly lower the energy, but it is above that of spheres: the mesh is too coarse somewhere"
-)
-# ends at rest; others are ends that were chosen, or failures
-REST_REASONS = (
-    MESH_ERROR_REASON,
-    ROUNDING_REASON,
-    NO_STEP_REASON,
-    SMALL_GRADIENT_REASON.format(REST_GRADIENT),
-    SMALL_GRADIENT_REASON.format(NEWTON_REST_GRADIENT),
-    SMALL_FALL_REASON.format(REST_FALL),
-)
-# ends of films by rounding of their area, whatever the curvature
-ROUNDED_FILM_REASONS = (SMALL_FALL_REASON.format(FILM_REST_FALL), NO_STEP_REASON)
-COLLAPSE_REASON = "the surface collapsed"
-SINGULAR_REASON = (
-    "the surface became singular at time {:.6g}: most of it has shrunk to lines, or its faces are too slender"
-)
-CONFORMAL_REASON = "no conformal step lowers the energy, but the curvature is not yet constant"
-CRUMPLING_REASON = "a second energy rises faster than this one falls: the faces crumple"
 
 
 def round_energy(energy: str, least: float, n_vertices: int) -> float:
