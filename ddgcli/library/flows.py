@@ -13,14 +13,13 @@ from ddgcli.library.simulations import End, Simulation
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.requirements import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.curve import report as curve_report
-from ddgcli.models.curve import setup as curves
-from ddgcli.models.willmore import flow_options, report
-from ddgcli.models.willmore import setup as surfaces
-from ddgcli.models.willmore.self_intersections import report_of
+from ddgcli.models.curve.flow_run import CurveFlowRun, curve_flow_run
+from ddgcli.models.curve.setup import CurveFlowOptions
+from ddgcli.models.willmore.flow_options import FlowOptions, remesh_length
+from ddgcli.models.willmore.flow_run import FlowRun, flow_run
+from ddgcli.models.willmore.setup import region_mask
 from ddgcli.models.willmore.state import Stop
 from ddgcli.simulation.account import Account
-from ddgcli.simulation.frames import mesh_of_frame
 from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.time_loop import evolve
 
@@ -112,40 +111,16 @@ def willmore_flow(
         if limit is not None and not limit > 0:
             raise ParameterError(f"must be a positive number, not {limit:g}", parameter=name)
     with renamed_parameters(length="remesh"):
-        length = flow_options.remesh_length(remesh)
-    stated = flow_options.FlowOptions(
-        energy, flow, boundary, fix_area, fix_volume, spontaneous_curvature,
-        timed=step is not None or duration is not None, integrator=integrator,
-        remesh=length, remesh_adaptive=remesh_adaptive,
-        stop=Stop(stop_gradient, stop_energy),
+        length = remesh_length(remesh)
+    options = FlowOptions(
+        energy, flow, boundary, fix_area, fix_volume, spontaneous_curvature, integrator=integrator,
+        remesh=length, remesh_adaptive=remesh_adaptive, stop=Stop(stop_gradient, stop_energy),
     )  # fmt: skip
-    surfaces.chosen_scheme(stated)
-    bounded = steps is not None or duration is not None
-    options = flow_options.with_stop(stated, mesh.topology, bounded)
     mask = None
     if region is not None:
-        mask = surfaces.region_mask(np.asarray(region, np.float64), mesh.topology)
-    surface_flow, model = surfaces.build(mesh, options, mask)
-    schedule = surfaces.schedule(surface_flow, times)
-
-    def end_of(outcome: Outcome) -> End:
-        frame_times = outcome.times if surface_flow.timed else None
-        results, accuracy = report.summary(
-            outcome.series, surface_flow.convention, schedule.steps, outcome.ending, outcome.failure,
-            bounded=bounded, times=frame_times,
-        )  # fmt: skip
-        last = mesh_of_frame(mesh, outcome.end)
-        reason = report.failure_reason(outcome.ending, mesh, last, options)
-        results["self_intersections"] = report_of(outcome.series, frame_times, last)
-        results |= report.component_results(last)
-        report.warn_of_closed_hole(outcome.series, frame_times, last)
-        report.warn_of_surfaces(mesh, last, options, results["energy"][0])
-        return End(results, accuracy, reason)
-
-    return Simulation(
-        mesh, flow_options.options_as_dict(options), schedule.n_frames,
-        evolve({"surface": model}, schedule, Account()), end_of, changing_vertices=remesh is not None,
-    )  # fmt: skip
+        mask = region_mask(np.asarray(region, np.float64), mesh.topology)
+    run = flow_run(mesh, options, times, mask)
+    return _simulation("surface", mesh, run, changing_vertices=remesh is not None)
 
 
 @accepts_arrays("curve")
@@ -198,20 +173,21 @@ def curve_flow(
     True
     """
     times = _times(steps, duration, step, frame_every, tolerance)
-    bounded = steps is not None or duration is not None
-    options = curves.CurveFlowOptions(flow, redistribute, length_penalty, stop_at_rest=not bounded)
-    polylines = curves.without_repeated_points(mesh)
-    curve, model = curves.build(polylines, options)
-    schedule = curves.schedule(curve, times)
+    run = curve_flow_run(mesh, CurveFlowOptions(flow, redistribute, length_penalty), times)
+    return _simulation("curve", run.curves, run)
+
+
+def _simulation(
+    name: str, mesh: TriangleMesh | CurveSet, run: FlowRun | CurveFlowRun, changing_vertices: bool = False
+) -> Simulation:
+    """The run of a flow, frame by frame."""
 
     def end_of(outcome: Outcome) -> End:
-        results, accuracy = curve_report.summary(
-            curve, outcome.times, outcome.series, schedule.steps, outcome.ending, outcome.failure
-        )
-        return End(results, accuracy, "a fold" if curve_report.folds_back(outcome.series) else "")
+        reason = run.failure_reason(outcome)
+        return End(*run.summary(outcome), reason)
 
-    snapshots = evolve({"curve": model}, schedule, Account())
-    return Simulation(polylines, asdict(options), schedule.n_frames, snapshots, end_of)
+    snapshots = evolve({name: run.model}, run.schedule, Account())
+    return Simulation(mesh, asdict(run.options), run.schedule.n_frames, snapshots, end_of, changing_vertices)
 
 
 def _times(

@@ -275,9 +275,10 @@ def flow_schedule(options: Mapping[str, Any], own_step: float, *, max_steps: int
     Raises
     ------
     ParameterError
-        A time that is not positive, a step longer than the duration, or more than MAX_STEP_COUNT steps.
+        A time that is not positive, a tolerance without a duration, a step longer than the duration, or more
+        than MAX_STEP_COUNT steps.
     """
-    _check_times(options)
+    check_times(options)
     steps, duration, dt = options.get("steps"), options.get("duration"), options.get("step")
     every, tolerance = options.get("frame_every"), options.get("tolerance")
     if dt is None:
@@ -320,14 +321,26 @@ def warn_of_other_frames(every: float | None, schedule: Schedule, end: float, un
     log.warning(f"frame_every {expected:g}{unit} {why}: frames come every {between:g}{unit}")
 
 
-def _check_times(options: Mapping[str, Any]) -> None:
-    """Raise ParameterError for times of a flow that are not positive or do not divide the duration."""
+def check_times(options: Mapping[str, Any]) -> None:
+    """Check the times of a flow: positive ones, and those that need or divide the duration.
+
+    Parameters
+    ----------
+    options : mapping
+        As in `flow_schedule`.
+
+    Raises
+    ------
+    ParameterError
+    """
     for name in ("duration", "step", "frame_every", "tolerance"):
         if (value := options.get(name)) is not None and not 0 < value < math.inf:
             raise ParameterError(f"must be a positive number, not {value:g}", parameter=name)
     if (options.get("steps") or 0) > MAX_STEP_COUNT:
         raise ParameterError(f"must be {MAX_STEP_COUNT:g} or less", parameter="steps")
     duration, step = options.get("duration"), options.get("step")
+    if options.get("tolerance") is not None and duration is None:
+        raise ParameterError("`tolerance` needs `duration`, the time over which it chooses the steps")
     if duration is None:
         return
     if step is not None and step > duration * (1 + 1e-9):

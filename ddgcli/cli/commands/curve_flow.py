@@ -73,28 +73,24 @@ def command(
     from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
     from ddgcli.cli.simulation.simulate import Job, simulate
     from ddgcli.mesh.curve import CurveSet
-    from ddgcli.models.curve import report, setup
+    from ddgcli.models.curve.flow_run import curve_flow_run
+    from ddgcli.models.curve.setup import CurveFlowOptions
     from ddgcli.simulation.account import Account
 
-    curves = setup.without_repeated_points(cast(CurveSet, source.mesh))
-    bounded = any(overrides.get(name) for name in ("steps", "duration"))
-    curve_flow, model = setup.build(curves, setup.CurveFlowOptions(**flow_options, stop_at_rest=not bounded))
-    schedule = setup.schedule(curve_flow, overrides)
+    built = curve_flow_run(cast(CurveSet, source.mesh), CurveFlowOptions(**flow_options), overrides)
     resolved, digest = fingerprint({"options": flow_options, "time": overrides}, {"mesh": source.sha256})
     check_unchanged(resume, resolved, noun="options")
     unit = "L⁴" if flow == "elastic" else "L²"  # L: the input's length unit
     job = Job(
-        {"curve": model}, [curves], schedule, Account(), moving=True, resume=resume,
+        {"curve": built.model}, [built.curves], built.schedule, Account(), moving=True, resume=resume,
         attributes={"input_sha256": digest, "time_unit": unit},
         texts={"scene_source": "", "scene_resolved": resolved},
-        failure_reason=lambda outcome: "a fold" if report.folds_back(outcome.series) else "",
+        failure_reason=built.failure_reason,
     )  # fmt: skip
-    begin_flow(run, job, bounded=bounded)
+    begin_flow(run, job, bounded=built.bounded)
     outcome = simulate(run, job)
-    results, accuracy = report.summary(
-        curve_flow, outcome.times, outcome.series, schedule.steps, outcome.ending, outcome.failure
-    )
-    run.plot(lambda path: _draw(path, curves, outcome, unit, run.picture_options))
+    results, accuracy = built.summary(outcome)
+    run.plot(lambda path: _draw(path, built.curves, outcome, unit, run.picture_options))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from hashlib import sha256
 from typing import Any
 
 import click
@@ -109,57 +108,27 @@ def command(
     from ddgcli.cli.simulation.first_steps import begin_flow
     from ddgcli.cli.simulation.plot import Picture, draw_run
     from ddgcli.cli.simulation.simulate import Job, simulate
-    from ddgcli.models.willmore import flow_options as choices_of_flow
-    from ddgcli.models.willmore import report, setup
-    from ddgcli.models.willmore.self_intersections import report_of
+    from ddgcli.models.willmore.flow_run import flow_run
     from ddgcli.simulation.account import Account
-    from ddgcli.simulation.frames import mesh_of_frame
 
-    stated_flow = _flow_options(parameters, overrides)
-    setup.chosen_scheme(stated_flow)
+    flow_options = _flow_options(parameters, overrides)
     mesh, region = _filled(source.surface, parameters["fill"], parameters["region"])
-    bounded = any(overrides.get(name) for name in ("steps", "duration"))
-    flow_options = choices_of_flow.with_stop(stated_flow, mesh.topology, bounded)
-    region = _region(source, parameters["region"]) if region is None else region
-    flow, model = setup.build(mesh, flow_options, region)
-    schedule = setup.schedule(flow, overrides)
-    described = {
-        "options": choices_of_flow.options_as_dict(flow_options),
-        "time": overrides,
-        "region": "" if region is None else sha256(region.tobytes()).hexdigest(),
-        "subdivide": subdivide,
-        "fill": parameters["fill"],
-    }
-
-    def last_mesh(observation: Any) -> Any:
-        return mesh if observation is None else mesh_of_frame(mesh, observation)
-
+    if region is None:
+        region = _region(source, parameters["region"])
+    unfilled = None if parameters["fill"] is None else source.surface
+    built = flow_run(mesh, flow_options, overrides, region, unfilled)
+    described = {**built.description, "time": overrides, "subdivide": subdivide, "fill": parameters["fill"]}
     time_unit = "L²" if parameters["flow"] == "mean-curvature" else "L⁴"  # L: the input's length unit
     job = Job(
-        {"surface": model}, [mesh], schedule, Account(), moving=True, resume=resume,
+        {"surface": built.model}, [mesh], built.schedule, Account(), moving=True, resume=resume,
         **_stored_texts(described, source.sha256, resume, time_unit),
-        changing_faces=flow.keeps_triangles,
-        changing_vertices=flow.remesh is not None,
-        failure_reason=lambda outcome: report.failure_reason(
-            outcome.ending, mesh, last_mesh(outcome.last), flow_options
-        ),
+        changing_faces=built.flow.keeps_triangles,
+        changing_vertices=built.flow.remesh is not None,
+        failure_reason=built.failure_reason,
     )  # fmt: skip
-    begin_flow(run, job, bounded=bounded)
+    begin_flow(run, job, bounded=built.bounded)
     outcome = simulate(run, job)
-    times = outcome.times if flow.timed else None
-    results, accuracy = report.summary(
-        outcome.series, flow.convention, schedule.steps, outcome.ending, outcome.failure, bounded=bounded,
-        times=times,
-    )  # fmt: skip
-    last = last_mesh(outcome.last)
-    results["self_intersections"] = report_of(outcome.series, times, last)
-    results |= report.component_results(last)
-    report.warn_of_closed_hole(outcome.series, times, last)
-    report.warn_of_surfaces(mesh, last, flow_options, results["energy"][0], source.surface)
-    if parameters["fill"] is not None:
-        results["patch"] = {"vertices": int(region.sum()), "faces": mesh.n_faces - source.surface.n_faces}
-    if parameters["report_energy"]:
-        results["energies"] = report.every_energy(outcome.series)
+    results, accuracy = built.summary(outcome)
     picture = Picture(edges=True, energy="energy", time_unit=time_unit)
     run.plot(lambda path: draw_run(path, outcome, picture, common))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
@@ -221,7 +190,6 @@ def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
     return FlowOptions(
         **{name: parameters[name] for name in ("energy", "flow", "boundary", "fix_area", "fix_volume")},
         spontaneous_curvature=parameters["spontaneous_curvature"] or 0.0,
-        timed=any(overrides.get(name) for name in ("step", "duration")),
         remesh=remesh,
         remesh_adaptive=parameters["remesh_adaptive"],
         report_energies=parameters["report_energy"] is not None,

@@ -1,7 +1,8 @@
 """Gradient flows of polylines: curvature flow, area-preserving flow and elastic flow (chapters 1 and 3).
 
 `polygon` holds the discrete length, area and elastic energy with their gradients, `flow` the time steps,
-`setup` builds a flow from curves and options, `report` measures a run.
+`setup` builds a flow from curves and options, `report` measures a run, `flow_run`
+joins the two for the command and the library.
 """
 
-__all__ = ["flow", "polygon", "report", "setup"]
+__all__ = ["flow", "flow_run", "polygon", "report", "setup"]

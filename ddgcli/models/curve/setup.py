@@ -231,8 +231,6 @@ def schedule(flow: CurveFlow, options: Mapping[str, Any]) -> Schedule:
     Raises
     ------
     ParameterError
-        For a tolerance without a duration.
+        For options without the time that they divide.
     """
-    if options.get("tolerance") is not None and not options.get("duration"):
-        raise ParameterError("needs `duration`; it chooses the steps up to that time", parameter="tolerance")
     return flow_schedule(options, default_step(flow), max_steps=MAX_STEPS, n_frames=DEFAULT_FRAME_COUNT)

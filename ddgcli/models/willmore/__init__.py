@@ -2,8 +2,8 @@
 
 `energies` lists the discrete energies, `descent` and `flow` hold the steps, `constraints` area and volume,
 `state` the state of a flow, `edge_flips` and `redistribution` what keeps triangles good, `setup` builds a
-flow from a mesh and its options, `report` and
-`self_intersections` measure a run.
+flow from a mesh and its options, `report` and `self_intersections` measure a run, `flow_run` joins the two
+for the command and the library, `endings` lists why flows end.
 """
 
 __all__ = [
@@ -11,11 +11,13 @@ __all__ = [
     "conformal",
     "constraints",
     "descent",
+    "endings",
     "energies",
     "film_polish",
     "films",
     "flow",
     "flow_options",
+    "flow_run",
     "gauss_map_energy",
     "helfrich_energy",
     "hinge_energy",

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.topology import Topology
@@ -94,20 +93,6 @@ def remesh_length(length: str | float | None) -> str | float | None:
         raise ParameterError(
             f"{length!r} is not a length; write a number, or mean", parameter="length"
         ) from None
-
-
-def options_as_dict(options: FlowOptions) -> dict[str, Any]:
-    """The options of a flow as plain data.
-
-    Parameters
-    ----------
-    options : FlowOptions
-
-    Returns
-    -------
-    dict
-    """
-    return asdict(options)
 
 
 def chosen_energy(topology: Topology, options: FlowOptions) -> str:

@@ -39,7 +39,7 @@ from ddgcli.models.willmore.scaled import centred_at_unit_size
 from ddgcli.models.willmore.self_intersections import self_intersections
 from ddgcli.models.willmore.state import FlowState, Remeshing
 from ddgcli.models.willmore.step_lengths import first_step
-from ddgcli.simulation.model import Ending, Model, Schedule, flow_schedule
+from ddgcli.simulation.model import Ending, Model, Schedule, check_times, flow_schedule
 
 MAX_STEPS = 1000  # of a flow without steps or duration
 MAX_REMESHED_FACES, MIN_REMESHED_FACES = 5e6, 40  # about twice as many result
@@ -432,9 +432,8 @@ def schedule(flow: Flow, time_options: Mapping[str, Any]) -> Schedule:
     ParameterError
         For options without the time that they divide.
     """
-    if time_options.get("tolerance") is not None and not time_options.get("duration"):
-        raise ParameterError("`tolerance` needs `duration`, the time over which it chooses the steps")
     if not flow.timed:
+        check_times(time_options)
         if time_options.get("frame_every") is not None:
             raise ParameterError(
                 "`frame_every` needs `step` or `duration`: without them every step is a frame"
