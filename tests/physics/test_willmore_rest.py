@@ -38,7 +38,7 @@ def test_few_factorisations_where_steps_must_be_shortened(monkeypatch):
     """A shorter share of the same motion needs none; the cure for slivers had been one a halving."""
     matrices, factorise = [], descent.fourth_order_matrix
     monkeypatch.setattr(descent, "fourth_order_matrix", lambda *a: matrices.append(a) or factorise(*a))
-    monkeypatch.setattr(flow, "improved_state", lambda *a: None)
+    monkeypatch.setattr(flow, "improved_state", lambda *a, **k: None)
     for change in ("delaunay_flips", "redistribute"):
         monkeypatch.setattr(triangle_quality, change, lambda *a: None)
     mesh = ellipsoids((1.0, 1.0, 2.0))["stretched"](1)

@@ -52,7 +52,7 @@ def summary(
     -------
     results, accuracy : dict
     """
-    has_total, several = flow.mesh.has_total_area, flow.mesh.n_curves > 1
+    has_total = flow.mesh.has_total_area
     collapse = np.atleast_1d(series["collapse_time_by_curve"][-1])
     results: dict[str, Any] = {
         "times": times.tolist(),
@@ -64,7 +64,7 @@ def summary(
         "stopped_because": failure or (ending.text if ending else f"{limit} steps were taken"),
         "collapse_times": [None if t < 0 else float(t) for t in collapse],
     }
-    if several:
+    if flow.mesh.n_curves > 1:
         results["curves"] = [
             _last_values(series, k, flow.mesh.bounds_area[k]) for k in range(flow.mesh.n_curves)
         ]

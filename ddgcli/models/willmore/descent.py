@@ -213,7 +213,7 @@ class Preconditioner:
 
     Parameters
     ----------
-    at : Slope
+    at : EnergyGradient
     factor : Factor
         Of M + dt/2 L M^-1 L, for the area of M + dt L.
     normal : (k, 3) ndarray, optional
@@ -358,12 +358,12 @@ def rosenbrock_step(
 ) -> TriangleMesh:
     """Second-order step in time whatever the preconditioner: the two-stage W-method of Rosenbrock type.
 
-    `inner` is the metric for a step of gamma dt, gamma of GAMMAS.
+    `inner` is the metric for a step of gamma dt, gamma of ROSENBROCK_GAMMAS.
 
     Parameters
     ----------
     inner : Preconditioner
-        The metric for a step of gamma dt, gamma of `GAMMAS`.
+        The metric for a step of gamma dt, gamma of `ROSENBROCK_GAMMAS`.
     dt : float
     energy : Energy
     constraints : Constraints

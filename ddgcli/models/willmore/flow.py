@@ -54,8 +54,10 @@ class Flow(FlowTerms):
 
     def _stepped(self, state: FlowState, dt: float) -> FlowState:
         if self.remesh is not None:
-            own = (self.movable(state), self.energy_of, self.restored)
-            if (changed := remeshed_state(state, self.remesh, *own)) is not None:
+            changed = remeshed_state(
+                state, self.remesh, movable=self.movable(state), energy=self.energy_of, restored=self.restored
+            )
+            if changed is not None:
                 return self._after_remeshing(state, changed)
         if state.steps == 0 and (ending := self.ending(state)):
             return replace(state, ending=ending)
@@ -69,8 +71,11 @@ class Flow(FlowTerms):
         if self.kind != "descent":
             return self._other_step(state, at)
         first = state.steps == 0 and self.keeps_triangles
-        own = (self.movable(state), self.energy_of, self.restored)
-        improved = improved_state(state, *own) if first else None
+        improved = None
+        if first:
+            improved = improved_state(
+                state, movable=self.movable(state), energy=self.energy_of, restored=self.restored
+            )
         if improved is not None:
             stepped = self._longest_step(improved, self._gradient(improved))
             if stepped.steps and stepped.energy <= state.energy:

@@ -44,7 +44,7 @@ class FlowOptions:
     report_energies : bool
         Every frame has the values of all energies.
     timed : bool
-        Steps of a time_options length, by a time scheme; else the longest that descend.
+        Steps have the length that the schedule prescribes; else each is as long as the descent allows.
     integrator : str or None
         Of SCHEMES of the flow; None for the default.
     remesh : float or 'mean', optional

@@ -86,7 +86,7 @@ class FlowTerms:
     to_torus : bool
         The surface is one torus, free to become that of Clifford, of the energy `least`.
     lowest : float
-        Energy below which only the mesh's error takes the surface.
+        Lower bound: an energy below it is discretisation error.
     ending_at_start : Ending or None
         Why no vertex moves.
     """

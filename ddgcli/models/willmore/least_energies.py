@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.willmore.constraints import reduced_volumes
+from ddgcli.models.willmore import step_rules as rules
+from ddgcli.models.willmore.constraints import area, reduced_volumes
 
 # least int H^2 / (4 pi) of spheres of a reduced volume: oblate up to 0.65, prolate above, to 1e-3
 # (U. Seifert, K. Berndl, R. Lipowsky, "Shape transformations of vesicles", 1991)
@@ -88,3 +91,33 @@ def least_energies_of_vesicles(mesh: TriangleMesh) -> NDArray[np.float64]:
     """
     smooth = reduced_volumes(mesh) + POLYHEDRON_DEFICIT / np.bincount(mesh.topology.face_component)
     return 4.0 * np.pi * np.interp(smooth, REDUCED_VOLUMES, LEAST_OF_VESICLES)
+
+
+def lower_bound(
+    mesh: TriangleMesh, least: float, start_energy: float, curvature: float, is_newton_vesicle: bool
+) -> float:
+    """Energy below which a fall is discretisation error; -inf where none is known.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    least : float
+        Least energy of smooth surfaces, 0 where unknown.
+    start_energy : float
+    curvature : float
+        Spontaneous curvature, one over the unit of the mesh.
+    is_newton_vesicle : bool
+        Newton steps lower `gauss-map` at constant area and volume.
+
+    Returns
+    -------
+    float
+    """
+    if curvature:
+        return -rules.HELFRICH_ERROR_FRACTION * curvature**2 * area(mesh)
+    if not least:
+        return -math.inf
+    vesicle_bound = rules.VESICLE_BOUND_FRACTION * least
+    if is_newton_vesicle and is_spheres(mesh.topology) and start_energy > vesicle_bound:
+        return vesicle_bound
+    return rules.LOWER_BOUND_FRACTION * least

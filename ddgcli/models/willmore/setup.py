@@ -32,7 +32,7 @@ from ddgcli.models.willmore.films import FILM_CONVENTIONS, film_constraints, fil
 from ddgcli.models.willmore.flow import Flow
 from ddgcli.models.willmore.flow_options import SCHEMES, FlowOptions, chosen_boundary, chosen_energy, is_film
 from ddgcli.models.willmore.helfrich_energy import unit_curvature, with_curvature
-from ddgcli.models.willmore.least_energies import is_spheres, is_torus, least_energy
+from ddgcli.models.willmore.least_energies import is_spheres, is_torus, least_energy, lower_bound
 from ddgcli.models.willmore.observation import relative_distance
 from ddgcli.models.willmore.remesh_step import RemeshTarget
 from ddgcli.models.willmore.scaled import centred_at_unit_size
@@ -47,6 +47,7 @@ DEFAULT_FRAME_COUNT = 50
 # default length of timed steps, in radius^4 (mean curvature flow: radius^2) of the sphere of the same area
 DEFAULT_STEP, DEFAULT_CURVATURE_FLOW_STEP = 5e-3, 2e-3
 
+UNBOUNDED_ENERGIES = ("hinge", "quadratic", "circle-angle")  # no least energy of smooth surfaces is theirs
 # options of flows in time, which those to rest do not take
 TIME_OPTIONS = "`step`, `duration`, `tolerance`, `frame_every` and `integrator`"
 
@@ -305,47 +306,48 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     curvature = unit_curvature(unit, options, scale)
     definition = ENERGIES[energy_name]
     energy_kind = film_energy(unit, options) if film else with_curvature(definition.builder(unit), curvature)
-    started = energy_kind(topology).value(unit.points)
-    if not math.isfinite(started):
+    start_energy = energy_kind(topology).value(unit.points)
+    if not math.isfinite(start_energy):
         raise MeshError(
             f"the {energy_name} energy is not finite here: at some vertex the faces' normals cancel; "
             "unfold it or use `energy=cotan`"
         )
-    unbounded = energy_name in ("hinge", "quadratic", "circle-angle") or film
-    vesicle = options.fix_area and options.fix_volume
-    least = 0.0 if unbounded or curvature else least_energy(unit, vesicle)
-    close = kind == "newton" and vesicle and is_spheres(topology) and energy_name == DEFAULT_ENERGY
-    close = close and started > rules.VESICLE_BOUND_FRACTION * least
-    fraction = rules.VESICLE_BOUND_FRACTION if close else rules.LOWER_BOUND_FRACTION
-    lowest = fraction * least if least else -math.inf
-    if curvature and not unbounded:
-        lowest = -rules.HELFRICH_ERROR_FRACTION * curvature**2 * area(unit)
-    unwatched = options.flow in ("conformal", "mean-curvature")
-    second = None if unwatched else second_energy(energy_name, unit, constraints, curvature)
-    reported = ENERGIES.items() if options.report_energies else ()
-    to_rest = kind == "descent" and not (options.timed or film)
-    whole = kind != "conformal" and not (options.timed or film)
-    whole = whole and len(free) == np.count_nonzero(topology.referenced_vertex)
+    is_bounded = not (film or energy_name in UNBOUNDED_ENERGIES)
+    least = (
+        least_energy(unit, options.fix_area and options.fix_volume) if is_bounded and not curvature else 0.0
+    )
+    is_newton_vesicle = (
+        kind == "newton" and options.fix_area and options.fix_volume and energy_name == DEFAULT_ENERGY
+    )
+    has_second = options.flow not in ("conformal", "mean-curvature")
+    second = second_energy(energy_name, unit, constraints, curvature) if has_second else None
+    to_rest = kind != "conformal" and not (options.timed or film)
+    has_free_shape = (
+        to_rest and not constraints.active and len(free) == np.count_nonzero(topology.referenced_vertex)
+    )
+    becomes_round = has_free_shape and is_spheres(topology)
     cannot_crumple = second is None and topology.is_closed and energy_name == DEFAULT_ENERGY
-    becomes_round = whole and is_spheres(topology) and not constraints.active
     n_vertices = 1 if options.remesh else mesh.n_vertices  # how many a remeshed surface has is open
+    reported = ENERGIES if options.report_energies else {}
     flow = Flow(
-        topology, energy_kind, _convention(definition, options, film, curvature), free, constraints,
-        options.flow == "mean-curvature" and not film, scheme,
-        options.timed, options.stop, centre, scale, area(unit), mesh.points,
-        least, lowest=lowest, ending_at_start=_ending_at_start(free, boundary, region),
+        topology=topology, energy_kind=energy_kind,
+        convention=_convention(definition, options, film, curvature), free=free, constraints=constraints,
+        mean_curvature=options.flow == "mean-curvature" and not film, scheme=scheme, timed=options.timed,
+        stop=options.stop, centre=centre, scale=scale, area=area(unit), original=mesh.points, least=least,
+        lowest=lower_bound(unit, least, start_energy, curvature * is_bounded, is_newton_vesicle),
+        ending_at_start=_ending_at_start(free, boundary, region),
         keeps_triangles=not options.timed and kind != "conformal" and (film or definition.keeps_triangles),
         of_area=film, kind=kind, of_surface=definition.of_surface,
         remesh=_remesh_target(unit, options, scale, kind, energy_name),
-        by_pairs=to_rest and cannot_crumple and not options.remesh,
+        by_pairs=to_rest and kind == "descent" and cannot_crumple and not options.remesh,
         round_energy=rules.round_energy(energy_name, least, n_vertices) if becomes_round else math.inf,
-        to_torus=whole and least > 0.0 and not constraints.active and is_torus(topology),
+        to_torus=has_free_shape and least > 0.0 and is_torus(topology),
         energy_power=(3 if options.fix_area else 2) if film else 0,
-        reported={name: kind.builder(unit) for name, kind in reported},
+        reported={name: reported_definition.builder(unit) for name, reported_definition in reported.items()},
         second_kind=second,
         crumpling_ratio=None if energy_name == DEFAULT_ENERGY else rules.CRUMPLING_RATIO,
     )  # fmt: skip
-    return flow, _model(flow, unit, started, options)
+    return flow, _model(flow, unit, start_energy, options)
 
 
 def _check(
@@ -377,10 +379,10 @@ def _convention(definition: EnergyDefinition, options: FlowOptions, film: bool, 
     return convention
 
 
-def _model(flow: Flow, unit: TriangleMesh, started: float, options: FlowOptions) -> Model:
+def _model(flow: Flow, unit: TriangleMesh, start_energy: float, options: FlowOptions) -> Model:
     """The model that the time loop drives, from a surface of unit size and its energy."""
     start = FlowState(
-        unit.points, flow.topology, started, 0.0, first_step(flow.kind, flow.area, flow.of_area),
+        unit.points, flow.topology, start_energy, 0.0, first_step(flow.kind, flow.area, flow.of_area),
         ending=flow.ending_at_start,
         remeshing=Remeshing(None if flow.remesh is None else np.arange(unit.n_vertices)),
         self_intersections=self_intersections(unit),

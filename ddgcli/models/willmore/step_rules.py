@@ -15,13 +15,13 @@ KEPT_FALL_SHARE = 0.5  # of the energy's fall in a step, that slides and flips m
 SUFFICIENT_DECREASE = 0.01  # of the predicted fall, for a step of the descent to be accepted
 # a surface is near rest where steps above that share of the longest predict a fall below that of the energy
 NEAR_REST_STEP_FRACTION, NEAR_REST_ENERGY_FRACTION = 0.01, 0.1
-# of the least energy of its topology, below which only the mesh's error takes a surface
+# share of the least energy of its topology: an energy below it is discretisation error
 LOWER_BOUND_FRACTION = 0.9
-# the same of Newton steps with `gauss-map` on vesicles: above a reduced volume of 0.94 nine tenths are below
-# the sphere, where no mesh ends. Not where the start is below: a coarse polyhedron has less volume than its
-# surface
+# the same of Newton steps with `gauss-map` on vesicles, whose energy is at least 4 pi: where the reduced
+# volume is above 0.94, 0.9 W_least < 4 pi, a bound that no mesh reaches. It is not used where the start has
+# less than 0.975 W_least: a coarse polyhedron encloses less volume than its smooth surface
 VESICLE_BOUND_FRACTION = 0.975
-# of H0^2 A, the size of the terms of a Helfrich energy: below minus that only the mesh's error takes it
+# share of H0^2 A, the size of the terms of a Helfrich energy: below minus that it is discretisation error
 HELFRICH_ERROR_FRACTION = 0.1
 # relative rise of a second energy over its lowest value, at which the flow ends if the first has since fallen
 # by less than that
