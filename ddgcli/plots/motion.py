@@ -78,7 +78,8 @@ class SequenceStyle:
         Draw the edges too.
     view : dict
         `view` and `up` of `draw_surface`.
-    time_unit : str
+    time_name, time_unit : str
+        In titles and on the time axis; the unit may be empty.
     ends : {'neither', 'min', 'max', 'both'}
         Ends of the colour bar that values exceed.
     bar : bool
@@ -91,6 +92,7 @@ class SequenceStyle:
     signed: bool = False
     edges: bool = False
     view: Mapping[str, Any] | None = None
+    time_name: str = "t"
     time_unit: str = "s"
     ends: str = "neither"
     bar: bool = True
@@ -105,6 +107,7 @@ def sequence_style(
     signed: bool | None = None,
     value_size: float = 0.0,
     edges: bool = False,
+    time_name: str = "t",
     time_unit: str = "s",
 ) -> SequenceStyle:
     """Common view and colour limits of frames.
@@ -128,7 +131,7 @@ def sequence_style(
         `size` of `robust_limits`.
     edges : bool
         Draw the edges too.
-    time_unit : str
+    time_name, time_unit : str
 
     Returns
     -------
@@ -149,7 +152,7 @@ def sequence_style(
         reach = NEAR_SHARE * float(np.linalg.norm(high - low))
         near = np.clip(np.concatenate(obstacles), low - reach, high + reach)
         fit = np.concatenate([fit, _extreme_points(near, axes)])
-    style = SequenceStyle(fit, view=view, edges=edges, time_unit=time_unit)
+    style = SequenceStyle(fit, view=view, edges=edges, time_name=time_name, time_unit=time_unit)
     if not values:
         return style
     shown = np.concatenate(values)
@@ -178,7 +181,7 @@ def draw_frame(
 ) -> None:
     """Draw one frame; the label of its colour bar is in the title."""
     mesh, values = plot_frame.mesh, plot_frame.values
-    title = f"t = {plot_frame.time:.4g} {style.time_unit}" + (
+    title = f"{style.time_name} = {plot_frame.time:.4g} {style.time_unit}".rstrip() + (
         f", {style.label}" if style.bar and values is not None else ""
     )
     look = {
@@ -295,7 +298,8 @@ def draw_motion(
             name = f"{folder}/{k}.png"
             draw_frame(name, plot_frames[k], look, across * width, down * height, dpi)
             pictures.append(imread(name))
-        xlabel = f"time [{style.time_unit}]"
+        name = "time" if style.time_name == "t" else style.time_name
+        xlabel = f"{name} [{style.time_unit}]" if style.time_unit else name
         draw_chart(
             f"{folder}/chart.png", series, xlabel=xlabel, ylabel=ylabel,
             width=width, height=CHART_HEIGHT * height, dpi=dpi,

@@ -46,6 +46,8 @@ class Outcome:
         A few frames, spread over the run.
     mesh : TriangleMesh
         All surfaces as one.
+    final_vertex : dict of str to (n, ...) ndarray
+        Vertex arrays that are computed for the last frame alone, such as eigenmodes.
     """
 
     n_frames: int = 0
@@ -64,6 +66,7 @@ class Outcome:
     rejected_steps: int = 0
     picture_frames: list[TrajectoryFrame] = field(default_factory=list)
     mesh: Any = None
+    final_vertex: dict[str, NDArray] = field(default_factory=dict)
 
     @property
     def stopped(self) -> str:

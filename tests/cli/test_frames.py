@@ -312,3 +312,25 @@ def test_the_default_colours_are_of_a_quantity():
     assert default("input_vertex") is None and default() is None
     assert default("input_vertex", "strain") == default("strain", "path_id") == "strain"
     assert default("strain", "vorticity") == "vorticity"
+
+
+@pytest.mark.parametrize(
+    "times, selection, message",
+    [
+        ([0.0, 1.0], {"start": 5.0}, "no frame from 5 s on; the run lasts from 0 to 1 s"),
+        ([0.0, 1.0], {"start": 0.2, "end": 0.7}, "no frame from 0.2 to 0.7 s; the run lasts from 0 to 1 s"),
+        ([0.0, 0.2, -0.1, 1.0], {"time": -0.3}, "--at -0.3: the run lasts from -0.1 to 1 s"),
+    ],
+)
+def test_a_selection_outside_of_the_run_states_its_times(times, selection, message):
+    from types import SimpleNamespace
+
+    from ddgcli.cli.commands.frames import _frame_numbers
+    from ddgcli.errors import ParameterError
+
+    source = SimpleNamespace(times=np.array(times), n_frames=len(times), frame_at=lambda time: 0)
+    settings = {"time": None, "start": None, "end": None, "every": 1, **selection}
+    with pytest.raises(ParameterError, match=message):
+        _frame_numbers(source, settings)
+    settings = {"time": None, "start": None, "end": None, "every": 1}
+    assert _frame_numbers(source, settings) == list(range(len(times)))  # load factors may fall

@@ -2,14 +2,18 @@
 
 import json
 import re
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ddgcli.errors import ParameterError
+from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.plots import page
+from ddgcli.plots import motion, page
 from ddgcli.plots.chart import draw_chart
 from ddgcli.plots.colour import colour_bar, colour_scale, is_signed, robust_limits, value_scale
 from ddgcli.plots.curve import draw_curves, is_cut
@@ -388,3 +392,59 @@ def test_elevations_beyond_the_poles_are_refused(tmp_path):
     for elevation in (95.0, -90.5, float("nan")):
         with pytest.raises(ParameterError, match="beyond 90 degrees"):
             draw_surface(str(tmp_path / "ball.png"), ball, view=(elevation, 10.0))
+
+
+def test_the_picture_of_modes_shows_the_lowest_that_is_no_rigid_motion(summary, tmp_path, monkeypatch):
+    drawn = {}
+
+    def draw(path, mesh, values, **options):
+        drawn.update(mesh=mesh, values=values, title=options["title"])
+        Path(path).write_bytes(b"")
+
+    monkeypatch.setattr("ddgcli.plots.surface.draw_surface", draw)
+    mesh = shapes.grid(3, 3)
+    write_mesh(str(tmp_path / "sheet.ply"), AnnotatedMesh(mesh))
+    words = ("--effect", "stretching", "--effect", "bending", "--modes", 8)
+    outputs = ("-o", tmp_path / "modes.vtu", "--plot", tmp_path / "modes.png")
+    report = summary("shell-sim", tmp_path / "sheet.ply", "--material", "rubber", *words, *outputs)
+    shape = read_mesh(str(tmp_path / "modes.vtu")).vertex["mode_006"]
+    np.testing.assert_allclose(drawn["mesh"].points - mesh.points, 0.1 * shape, atol=1e-12)
+    np.testing.assert_allclose(drawn["values"], np.linalg.norm(shape, axis=1))
+    assert drawn["title"] == f"mode 6: {report['results']['frequencies'][6]:.4g} Hz"
+
+
+def test_the_pictured_shape_is_that_of_buckling_before_modes():
+    from ddgcli.cli.commands.shell_sim import _shape
+
+    vertex = {f"mode_{k:03d}": k for k in range(3)}
+    assert _shape({}, {"strain": 1}) is None
+    assert _shape({"frequencies": [0.0, 1e-9, 2.5]}, vertex) == ("mode 2: 2.5 Hz", 2)
+    assert _shape({"frequencies": [-3.0, 0.0, 2.5]}, vertex) == ("unstable mode 0: -3 Hz", 0)
+    assert _shape({"frequencies": [0.0, 0.0, 0.0]}, vertex) == ("rigid motion 0: 0 Hz", 0)
+    both = {"frequencies": [1.0, 2.0, 3.0], "load_factors": [0.5]}
+    assert _shape(both, {**vertex, "buckling_000": 9}) == ("buckling at 0.5 times the loads", 9)
+
+
+@pytest.mark.parametrize(
+    "time, title, axis",
+    [
+        ({"arc_length": 1e-3, "duration": 1.0}, "load factor = -0.25", "load factor"),
+        (
+            {"arc_length": 1e-3, "duration": 2.0},
+            "load factor × duration = -0.25 s",
+            "load factor × duration [s]",
+        ),
+        ({"duration": 1.0}, "t = -0.25 s", "time [s]"),
+    ],
+)
+def test_load_factors_are_not_shown_as_seconds(tmp_path, monkeypatch, time, title, axis):
+    from ddgcli.cli.simulation.scene_run import time_label
+
+    titles, axes = [], []
+    monkeypatch.setattr(motion, "draw_surface", lambda path, mesh, values, **o: titles.append(o["title"]))
+    monkeypatch.setattr(motion, "draw_chart", lambda path, series, **o: axes.append(o["xlabel"]))
+    monkeypatch.setattr("matplotlib.image.imread", lambda path: np.ones((4, 4, 3)))
+    still = motion.PlotFrame(-0.25, shapes.grid(2, 2))
+    style = motion.sequence_style([still], **time_label(SimpleNamespace(time=SimpleNamespace(**time))))
+    motion.draw_motion(str(tmp_path / "p.png"), [still], {"energy": ([0.0], [1.0])}, style, "energy")
+    assert (titles, axes) == ([title], [axis])

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 ANIMATIONS = (".gif", ".mp4")
 FRAME_NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # where an output's name has the number of the frame
+TIME_LABELS = {"time_name": "t", "time_unit": "s"}  # attributes of trajectories and their defaults
 
 
 @click.command("frames")
@@ -169,16 +170,17 @@ def _frame_numbers(source: Trajectory, settings: dict[str, Any]) -> list[int]:
     times = source.times
     slack = 1e-9 * max(abs(float(times[-1])), 1e-300)
     if settings["time"] is not None:
-        if not times[0] - slack <= settings["time"] <= times[-1] + slack:
+        if not times.min() - slack <= settings["time"] <= times.max() + slack:  # of load factors that fall
             raise ParameterError(
-                f"--at {settings['time']:g}: the run lasts from {times[0]:g} to {times[-1]:g} s"
+                f"--at {settings['time']:g}: the run lasts from {times.min():g} to {times.max():g} s"
             )
         return [source.frame_at(settings["time"])]
-    low = times[0] if settings["start"] is None else settings["start"]
-    high = times[-1] if settings["end"] is None else settings["end"]
+    low = times.min() if settings["start"] is None else settings["start"]
+    high = times.max() if settings["end"] is None else settings["end"]
     inside = [k for k in range(source.n_frames) if low - slack <= times[k] <= high + slack]
     if not inside:
-        raise ParameterError(f"no frame from {low:g} to {high:g} s; the run lasts to {times[-1]:g} s")
+        span = f"{low:g} s on" if settings["end"] is None else f"{low:g} to {high:g} s"
+        raise ParameterError(f"no frame from {span}; the run lasts from {times.min():g} to {times.max():g} s")
     return inside[:: settings["every"]]
 
 
@@ -357,7 +359,7 @@ def _style(source: Trajectory, frame_numbers: list[int], settings: dict[str, Any
     from ddgcli.plots.motion import sequence_style
 
     name = _array_name(source, settings)
-    unit = str(source.attributes.get("time_unit", "s"))
+    labels: dict[str, Any] = {key: str(source.attributes.get(key, TIME_LABELS[key])) for key in TIME_LABELS}
     signed = None if name is None else is_signed(name, source.vertex(frame_numbers[0])[name].ndim)
     return sequence_style(
         _plot_frames(source, frame_numbers, settings),
@@ -365,7 +367,7 @@ def _style(source: Trajectory, frame_numbers: list[int], settings: dict[str, Any
         settings["view"],
         signed=signed,
         value_size=value_scale(name or ""),
-        time_unit=unit,
+        **labels,
     )
 
 

@@ -12,6 +12,8 @@ from ddgcli.cli.simulation.options import SceneCall, scene_options
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from ddgcli.cli.simulation.plot import Picture
     from ddgcli.models.shell.shell_scene import ShellScene
     from ddgcli.scenes.scene import Scene
@@ -105,4 +107,21 @@ def quick_lines(options: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, 
 def _picture(shells: ShellScene, outcome: Outcome) -> Picture:
     from ddgcli.cli.simulation.plot import Picture
 
-    return Picture("strain", "strain")
+    return Picture("strain", "strain", shape=_shape(shells.analysis, outcome.final_vertex))
+
+
+def _shape(analysis: Mapping[str, Any], vertex: Mapping[str, NDArray]) -> tuple[str, NDArray] | None:
+    """Title and displacement of the lowest buckling shape, else of the lowest mode that is not rigid."""
+    import numpy as np
+
+    from ddgcli.mechanics.modes import ZERO_FREQUENCY
+
+    if "buckling_000" in vertex:
+        return f"buckling at {analysis['load_factors'][0]:.4g} times the loads", vertex["buckling_000"]
+    if "mode_000" not in vertex:
+        return None
+    frequencies = analysis["frequencies"]
+    sizes = np.abs(frequencies)
+    k = int(np.argmax(sizes > ZERO_FREQUENCY * sizes.max()))
+    kind = "unstable mode" if frequencies[k] < 0 else "mode" if sizes[k] else "rigid motion"
+    return f"{kind} {k}: {frequencies[k]:.4g} Hz", vertex[f"mode_{k:03d}"]

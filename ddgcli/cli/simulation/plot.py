@@ -17,6 +17,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.simulation.frames import mesh_of_frame
 from ddgcli.simulation.outcome import Outcome
 
+SHAPE_AMPLITUDE = 0.1  # of the longest side of the bounding box, of the eigenmode in a picture
 ENERGIES = ("energy", "kinetic_energy", "elastic_energy")  # and those that begin with energy_
 
 
@@ -40,8 +41,10 @@ class Picture:
         Vertex array of vectors, drawn over the colours.
     glyphs : str
         How, of `VELOCITY_GLYPHS`.
-    energy, time_unit : str
+    energy, time_name, time_unit : str
         Labels of the chart.
+    shape : (str, (n, 3) ndarray), optional
+        Title and displacement of an eigenmode, drawn in place of the frames.
     """
 
     array: str | None = None
@@ -52,7 +55,9 @@ class Picture:
     arrows: str | None = None
     glyphs: str = VELOCITY_GLYPHS[0]
     energy: str = "energy [J]"
+    time_name: str = "t"
     time_unit: str = "s"
+    shape: tuple[str, NDArray] | None = None
 
 
 def draw_run(
@@ -62,7 +67,10 @@ def draw_run(
     common: CommonOptions,
     obstacles: Callable[[float], Sequence[TriangleMesh]] = lambda time: (),
 ) -> None:
-    """Draw a few frames, with the obstacles, above the chart of energies."""
+    """Draw a few frames, with the obstacles, above the chart of energies; or the shape of an eigenmode."""
+    if picture.shape is not None and common.show is None:
+        draw_shape(path, outcome, *picture.shape, common, obstacles)
+        return
     from ddgcli.plots.colour import is_signed, value_scale
     from ddgcli.plots.motion import PlotFrame, draw_motion, sequence_style
 
@@ -95,10 +103,34 @@ def draw_run(
         signed=signed,
         value_size=value_scale(name or ""),
         edges=picture.edges,
+        time_name=picture.time_name,
         time_unit=picture.time_unit,
     )
     draw_motion(path, plot_frames, energy_series(outcome.times, outcome.series), style, picture.energy,
                 **page_size(common.size, 9.0))  # fmt: skip
+
+
+def draw_shape(
+    path: str,
+    outcome: Outcome,
+    title: str,
+    displacement: NDArray,
+    common: CommonOptions,
+    obstacles: Callable[[float], Sequence[TriangleMesh]],
+) -> None:
+    """Draw the last frame with a displacement, of which the longest is SHAPE_AMPLITUDE of the size."""
+    from ddgcli.mesh.vectors import vector_length
+    from ddgcli.plots.surface import draw_surface
+
+    mesh, length = mesh_of_frame(outcome.mesh, outcome.end), vector_length(displacement)
+    size = float((mesh.points.max(axis=0) - mesh.points.min(axis=0)).max())
+    scale = SHAPE_AMPLITUDE * size / (length.max() or 1.0)
+    draw_surface(
+        path, mesh.moved_unchecked(mesh.points + scale * displacement), length, title=title,
+        label="displacement", limits=(0.0, float(length.max()) or 1.0),
+        caption=f"displacements up to {SHAPE_AMPLITUDE:g} of the size",
+        context=obstacles(outcome.end.time), **(common.view or {}), **page_size(common.size),
+    )  # fmt: skip
 
 
 def glyphs_of_velocity(mesh: Any, vectors: NDArray | None, style: str, shown: NDArray | None) -> Any:

@@ -88,7 +88,7 @@ def run_scene(
         models = simulator.models()
     job = Job(
         models, meshes, schedule, account, simulator.moving, call.resume,
-        {"input_sha256": digest, "overrides": overrides, "folder": document.folder},
+        {"input_sha256": digest, "overrides": overrides, "folder": document.folder, **time_label(scene)},
         {"scene_source": document.source, "scene_resolved": resolved}, simulator.face(),
         obstacle_meshes(scene.objects, meshes, read), simulator.obstacle_poses,
         simulator.failure_reason, simulator.final, simulator.final_names, simulator.splits, simulator.splits,
@@ -110,8 +110,22 @@ def run_scene(
     results, accuracy = simulator.summary(outcome)
     names = list(dict.fromkeys(effect.name for effect, _, _ in scene.effects))
     results["effects"], results["seconds_by_part"] = time_shares(account, names, outcome.seconds)
-    run.plot(lambda path: draw_run(path, outcome, picture(simulator, outcome), run.common, job.obstacles_at))
+
+    def draw(path: str) -> None:
+        look = replace(picture(simulator, outcome), **time_label(scene))
+        draw_run(path, outcome, look, run.common, job.obstacles_at)
+
+    run.plot(draw)
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
+
+
+def time_label(scene: Scene) -> dict[str, Any]:
+    """`time_name` and `time_unit` of frames whose time is no time: load factors of `arc_length`."""
+    if not getattr(scene.time, "arc_length", None):
+        return {}
+    if scene.time.duration == 1.0:
+        return {"time_name": "load factor", "time_unit": ""}
+    return {"time_name": "load factor × duration", "time_unit": "s"}
 
 
 def scene_size(meshes: list[Any], schedule: Schedule) -> InputSize:

@@ -130,9 +130,9 @@ def simulate(run: Run, job: Job) -> Outcome:
         click.echo(f"Interrupted: {outcome.n_frames} whole frames{where}", err=True)
         click.get_current_context().exit(130)
     outcome.failure_reason = job.failure_reason(outcome)
-    vertex, face = job.final(outcome)
+    outcome.final_vertex, face = job.final(outcome)
     meshes = [p for p in run.common.outputs if p not in paths]
-    _write_last(run, outcome, vertex, {**cell, **face}, meshes)
+    _write_last(run, outcome, outcome.final_vertex, {**cell, **face}, meshes)
     return outcome
 
 
