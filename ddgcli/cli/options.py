@@ -234,13 +234,17 @@ _PICTURE_OPTIONS = (
         "--view",
         type=View(),
         metavar="VIEW",
-        help="Of a picture: x, y, z, iso or ELEVATION,AZIMUTH (degrees); an up axis may follow: iso:y.",
+        help="Of a picture: x, y, z, iso or ELEVATION,AZIMUTH (degrees); an up axis may follow: iso:y.  "
+        "[default: along the normal of a flat surface, else the iso view that shows most]",
     ),
-    click.option("--show", metavar="ARRAY", help="Array that a picture shows."),
+    click.option(
+        "--show", metavar="ARRAY", help="Array that a picture shows.  [default: the command's main result]"
+    ),
     click.option(
         "--size", type=Size(), metavar="WIDTHxHEIGHT", help="Pixels of a picture.  [default: 1400x1050]"
     ),
 )
+_PICTURE_NAMES = ("colors", "plot", "view", "show", "size")
 _FURTHER_OPTIONS = (
     click.option("--progress/--no-progress", default=None, help="Progress bar on standard error."),
     click.option("-v", "--verbose", count=True, help="Print more on standard error."),
@@ -290,6 +294,16 @@ def grouped_options(
 
 
 common = grouped_options("common", CommonOptions, (*_OUTPUT_OPTIONS, *_PICTURE_OPTIONS, *_FURTHER_OPTIONS))
+
+
+def _common_without(*names: str) -> Callable[[Callable], Callable]:
+    """The common options but for pictures' options of these names."""
+    pictures = [o for o, name in zip(_PICTURE_OPTIONS, _PICTURE_NAMES, strict=True) if name not in names]
+    return grouped_options("common", CommonOptions, (*_OUTPUT_OPTIONS, *pictures, *_FURTHER_OPTIONS))
+
+
+common_of_edges = _common_without("colors", "show")  # of pictures and outputs without colours
+common_of_charts = _common_without("colors", "view", "show")
 # of commands that draw nothing
 common_without_pictures = grouped_options("common", CommonOptions, (*_OUTPUT_OPTIONS, *_FURTHER_OPTIONS))
 

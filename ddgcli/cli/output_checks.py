@@ -41,15 +41,11 @@ def check_outputs(
         require_matplotlib()
 
 
-def check_picture(command: str, common: CommonOptions, pictures: str) -> None:
+def check_picture(common: CommonOptions, pictures: str) -> None:
     """Refuse --view, --show and --size if no picture uses them."""
     for name in ("view", "show", "size"):
         if getattr(common, name) is None or pictures == "output":
             continue
-        if pictures == "chart" and name != "size":
-            raise ParameterError(
-                f"--{name} is for pictures of surfaces, but {command} draws a chart; leave it out"
-            )
         if common.plot is None:
             raise ParameterError(f"--{name} is for the picture of --plot; add --plot PATH")
 

@@ -87,7 +87,7 @@ class Run:
         self._messages = MessageHandler(common.verbose, common.quiet, meta["ddgcli.options"])
         self._messages.install()
         check_outputs(common, formats, self.plan_output)
-        check_picture(command, common, pictures)
+        check_picture(common, pictures)
         self.progress(command)
         self._context.call_on_close(lambda: self._progress.clear())
         self._context.call_on_close(self.staged.discard)

@@ -1,5 +1,6 @@
 """The pages and the program name the same options; their examples and links are right."""
 
+import dataclasses
 import functools
 import re
 import shlex
@@ -10,6 +11,7 @@ import pytest
 
 from ddgcli.cli.main import COMMANDS, main
 from ddgcli.cli.multi_value import repeat_options
+from ddgcli.cli.options import CommonOptions
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
@@ -34,9 +36,8 @@ def options_of(name: str) -> list[click.Option]:
 
 
 def shared() -> set[str]:
-    """Names of the parameters that every command has that draws."""
-    names = [{option.name for option in options_of(name)} for name in COMMANDS]
-    return set.intersection(*(own for own in names if "plot" in own))
+    """Names of the parameters that commands share."""
+    return {"help_all", *(field.name for field in dataclasses.fields(CommonOptions))}
 
 
 def text_of(*pages: str) -> str:
@@ -174,6 +175,24 @@ def test_the_readme_lists_every_command_with_its_page():
     )
     assert [name for name, _ in rows] == list(COMMANDS)
     assert all(page in PAGES_OF.get(name, (name,)) for name, page in rows)
+
+
+@pytest.mark.parametrize("name, count", [("shell-sim", 2), ("fluid-sim", 1)])
+def test_a_simulator_takes_the_models_that_its_help_names(name, count, run):
+    command = command_of(name)
+    option = next(o for o in options_of(name) if o.name == "model")
+    models = re.findall(r"(\w+)=(\w+)", option.get_help_record(click.Context(command))[1])
+    assert len(models) == count
+    for effect, model in models:
+        line = "viscosity nu=1e-3" if effect == "viscosity" else effect
+        material = () if name == "fluid-sim" else ("--material", "rubber")
+        words = ("--effect", line, "--model", f"{effect}={model}", *material, "--dry-run")
+        result = run(name, ROOT / "sample_meshes" / "sphere.ply", *words)
+        assert result.exit_code == 0, result.stderr
+
+
+def test_the_global_options_stand_among_those_of_pipelines():
+    assert unnamed([o for o in main.params if isinstance(o, click.Option)], text_of("pipelines")) == []
 
 
 def test_the_changelog_names_every_command():

@@ -50,9 +50,12 @@ def test_every_command_turns_and_sizes_its_picture(run, summary, torus, tmp_path
         )
         assert pixels(tmp_path / f"{name}.png") == (300, 201)
     assert (tmp_path / "a.png").read_bytes() != (tmp_path / "b.png").read_bytes()
-    for option, value in (("--view", "x"), ("--size", "300x300"), ("--show", "potential")):
+    show = [] if command == "delaunay" else [("--show", "potential")]  # which draws edges, and no array
+    for option, value in [("--view", "x"), ("--size", "300x300"), *show]:
         result = run(command, torus, *more, option, value)
         assert result.exit_code == 2 and f"{option} is for the picture of --plot" in result.stderr
+    if not show:
+        return
     result = run(
         command, torus, *more, "--show", "nothing", "--plot", tmp_path / "c.png", "-o", tmp_path / "c.npz"
     )
@@ -78,6 +81,15 @@ def test_pictures_show_paths_level_lines_generators_and_fields(summary, tmp_path
 def test_commands_that_draw_nothing_have_no_options_of_pictures(run, command):
     assert not {"--plot", "--view", "--show", "--size"} & set(run(command, "--help-all").stdout.split())
     assert re.search("No such option:? '?--plot", run(command, "x", "--plot", "x.png").stderr)
+
+
+@pytest.mark.parametrize(
+    "command, options",
+    [("tradeoff", {"--colors", "--view", "--show"}), ("delaunay", {"--colors", "--show"})],
+)
+def test_commands_have_no_options_that_they_always_refuse(run, command, options):
+    shown = set(run(command, "--help-all").stdout.split())
+    assert not options & shown and {"--plot", "--size"} <= shown
 
 
 @pytest.mark.parametrize("value", ["300", "300x", "axb", "10x10", "300x99999", "-300x300"])

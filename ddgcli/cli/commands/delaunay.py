@@ -62,7 +62,7 @@ OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", "
 )
 @click.option("--condition", is_flag=True, help="Also measure the condition number of the Laplacian.")
 @options.subdivide
-@options.common
+@options.common_of_edges
 def command(
     mesh_path: str,
     refine: float | None,
@@ -113,7 +113,7 @@ def command(
 
     with renamed_parameters(degrees="refine", transferred="transfer"):
         check_query(source.surface, refine, transferred)
-    run.begin(shown=())
+    run.begin()
     result = intrinsic_delaunay(
         source.surface,
         degrees=refine,

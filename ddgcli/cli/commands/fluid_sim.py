@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     "for steps many cells long; covector on stretched triangles; energy to conserve energy exactly. See "
     "docs/fluid-sim.md and docs/accuracy/fluid-sim.md.",
 )
-@scene_options
+@scene_options("viscosity=bochner", "the size of the flow")
 @click.option("--vorticity", metavar="ARRAY", help="Quick form: vertex array, .npy or expression in x, y, z.")
 @click.option(
     "--flow",

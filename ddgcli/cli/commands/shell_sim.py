@@ -31,7 +31,7 @@ TIME_STEP_OPTIONS = ("steps", "duration", "step", "frame_every", "tolerance")
     "equilibria. Others: implicit-midpoint, symplectic-euler, bdf2. See docs/shell-sim.md and "
     "docs/accuracy/shell-sim.md.",
 )
-@scene_options
+@scene_options("bending=midedge, stretching=edges", "the size of the object")
 @click.option(
     "--pin",
     "pinned",

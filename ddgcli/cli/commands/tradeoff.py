@@ -91,7 +91,7 @@ SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
     show_default=True,
     help="Timed queries per row.",
 )
-@options.common
+@options.common_of_charts
 def command(
     compared: str,
     words: tuple[str, ...],
@@ -128,20 +128,19 @@ def command(
     if error_part is not None and not has_error_parts:
         raise ParameterError("parts of the error are those of simulators and flows; leave it out",
                              parameter="error")  # fmt: skip
+    shown_part = (error_part or ERROR_PARTS[0]) if has_error_parts else None
+    comparison: dict[str, Any] = {"error": shown_part, "conserved": conserved, "maps": maps}
     run = Run(
         "tradeoff",
         common,
         formats=(".csv", ".json"),
-        pictures="chart",
         compared=compared,
         within=within,
         norm=norm,
         truth=truth,
         budget=budget,
         repeat=repeat,
-        **({"error": error_part or ERROR_PARTS[0]} if has_error_parts else {}),
-        **({"conserved": conserved} if conserved else {}),
-        **({"maps": maps} if maps else {}),
+        **{name: value for name, value in comparison.items() if value},
         **call.options,
     )
     if common.dry_run and compared in ("shell-sim", "fluid-sim") and not _is_example(call.path):

@@ -20,15 +20,17 @@ CURVE_TIME_UNIT = "length^2; elastic: length^4"
 FLOW_TIME_UNIT = "length^4; mean-curvature: length^2"
 
 
-def _time(unit: str, steps: str) -> tuple[Callable, ...]:
-    """Options of the time axis, whose unit is `unit`."""
+def _time(unit: str, steps: str, error: str) -> tuple[Callable, ...]:
+    """Options of the time axis, whose unit is `unit`; `error` is what errors of steps are relative to."""
     return (
         click.option("--steps", type=click.IntRange(1, 10**9), metavar="N", help=steps),
         click.option("--duration", type=options.POSITIVE_NUMBER, help=f"Length of the run [{unit}]."),
         click.option("--dt", "step", type=options.POSITIVE_NUMBER, help=f"Time step [{unit}]."),
         click.option("--frame-every", type=options.POSITIVE_NUMBER, help=f"Time between frames [{unit}]."),
         click.option(
-            "--tolerance", type=options.POSITIVE_NUMBER, help="Adaptive steps: largest error of a step."
+            "--tolerance",
+            type=options.POSITIVE_NUMBER,
+            help=f"Adaptive steps: largest error of a step, over {error}.",
         ),
         click.option("--integrator", metavar="NAME", help="Time scheme."),
     )
@@ -38,12 +40,9 @@ _TIME_NAMES = ("steps", "duration", "step", "frame_every", "tolerance", "integra
 _RESUME = click.option(
     "--resume", metavar="RUN.part", type=click.Path(), help="Continue from its last whole frame."
 )
-_SCENE = (
+_SCENE: tuple[Callable, ...] = (
     click.option("--effect", "effect_lines", multiple=True, metavar="'NAME KEY=VALUE ...'",
                  help="Without a scene file: an effect, its parameters in TOML. Repeatable."),
-    click.option("--model", "model", multiple=True, metavar="EFFECT=NAME",
-                 help="Another model of an effect: bending=midedge, stretching=edges, viscosity=bochner. "
-                 "Repeatable."),
     click.option("--effects", "list_effects", is_flag=True, help="List the effects and their parameters."),
     click.option("--schema", is_flag=True, help="Print the JSON Schema of scenes, for editors."),
 )  # fmt: skip
@@ -77,19 +76,14 @@ class SceneCall:
     schema: bool = False
 
 
-def time_options(command: Callable) -> Callable:
-    """Add --steps, --duration, --dt, ... in one `overrides: dict`, and --resume."""
-    return _with_time(command, _time("s", "Steps of one length to take; overrides the scene's duration."))
-
-
 def flow_time_options(command: Callable) -> Callable:
-    """Add the same options for flows, whose time is a power of a length."""
-    return _with_time(command, _time(FLOW_TIME_UNIT, "Steps to take."))
+    """Add the options of time for flows, whose time is a power of a length, and --resume."""
+    return _with_time(command, _time(FLOW_TIME_UNIT, "Steps to take.", "the radius"))
 
 
 def curve_time_options(command: Callable) -> Callable:
     """Add the same options for flows of curves, which have one time scheme."""
-    return _with_time(command, _time(CURVE_TIME_UNIT, "Steps to take.")[:-1])
+    return _with_time(command, _time(CURVE_TIME_UNIT, "Steps to take.", "the size of the curves")[:-1])
 
 
 def _with_time(command: Callable, time: tuple[Callable, ...]) -> Callable:
@@ -107,17 +101,28 @@ def _with_time(command: Callable, time: tuple[Callable, ...]) -> Callable:
     return with_arguments
 
 
-def scene_options(command: Callable) -> Callable:
-    """Add SCENE, the common options, those of time and of scenes, in one `call: SceneCall`."""
+def scene_options(models: str, error: str) -> Callable[[Callable], Callable]:
+    """Decorator that adds SCENE, the common options, those of time and of scenes, in one `call: SceneCall`.
 
-    @functools.wraps(command)
-    def with_arguments(scene_path: str | None, **kwargs: Any) -> Any:
-        models = kwargs.pop("model")
-        values = {name: kwargs.pop(name) for name in SceneCall.__dataclass_fields__ if name != "path"}
-        if models:
-            values["overrides"] = {**values["overrides"], "model": list(models)}
-        return command(SceneCall(scene_path, **values), **kwargs)
+    `models` are examples of --model, `error` is what errors of steps are relative to.
+    """
+    model = click.option(
+        "--model", "model", multiple=True, metavar="EFFECT=NAME",
+        help=f"Another model of an effect: {models}. Repeatable.",
+    )  # fmt: skip
+    time = _time("s", "Steps of one length to take; overrides the scene's duration.", error)
 
-    for option in reversed(_SCENE):
-        with_arguments = option(with_arguments)
-    return options.scene_arg(options.common(time_options(with_arguments)))
+    def decorate(command: Callable) -> Callable:
+        @functools.wraps(command)
+        def with_arguments(scene_path: str | None, **kwargs: Any) -> Any:
+            names = kwargs.pop("model")
+            values = {name: kwargs.pop(name) for name in SceneCall.__dataclass_fields__ if name != "path"}
+            if names:
+                values["overrides"] = {**values["overrides"], "model": list(names)}
+            return command(SceneCall(scene_path, **values), **kwargs)
+
+        for option in reversed((_SCENE[0], model, *_SCENE[1:])):
+            with_arguments = option(with_arguments)
+        return options.scene_arg(options.common(_with_time(with_arguments, time)))
+
+    return decorate
