@@ -89,7 +89,7 @@ RUNS: dict[str, list[str]] = {
     "scan-willmore": ["scan.ply", "--dt", "1e-6", "--duration", "2e-5"],
     "scan-mean-curvature": ["scan.ply", "--flow", "mean-curvature", "--dt", "5e-4", "--duration", "5e-3"],
     "clifford": ["torus.ply"],
-    "lawson": ["block.ply", "--energy", "cotan", "--remesh", "mean"],
+    "lawson": ["block.ply", "--energy", "cotan", "--remesh", "mean", "--view", "60,20"],
     "red-cell": ["spheroid.ply", "--fix-area", "--fix-volume"],
     "filled": ["holed.ply", "--fill", "all"],
     "catenoid": ["tube.ply", "--flow", "mean-curvature"],

@@ -59,14 +59,14 @@ class Eigenpairs:
         a multiple last eigenvalue only as many copies are returned as k allows. True, with a warning, where
         the count does not fit into memory.
     solver : str
-        Name of the linear solver.
+        Name of the linear solver; 'dense' for few unknowns, 'none' where all eigenvalues are zero.
     """
 
     values: NDArray[np.float64]
     vectors: NDArray[np.float64]
     residuals: NDArray[np.float64]
     complete: bool
-    solver: str = ""
+    solver: str = "none"
 
     __repr__ = short_repr
 
@@ -203,7 +203,9 @@ def _merged(solved: list[Eigenpairs], groups: list[NDArray[np.int64]], k: int) -
         at = np.flatnonzero(group[first] == g)
         vectors[rows[:, None], at] = pairs.vectors[:, column[first[at]]]
     residuals = np.concatenate([pairs.residuals for pairs in solved])[first]
-    solver = next((pairs.solver for pairs in solved if pairs.solver), "")
+    solver = next(
+        (pairs.solver for pairs in solved if pairs.solver not in ("none", "dense")), solved[0].solver
+    )
     return Eigenpairs(values[first], vectors, residuals, all(pairs.complete for pairs in solved), solver)
 
 
@@ -230,7 +232,8 @@ def _scaled_eigenpairs(
         return _with_residuals(L, M, np.zeros(k), null, n_null, complete=True)
     if n <= MAX_DENSE_SIZE or 3 * k > n:
         values, vectors = _dense(M, Poisson(definite, weight, **options), shift, null, k)
-        return _with_residuals(L, M, values, vectors, n_null, complete=True)
+        pairs = _with_residuals(L, M, values, vectors, n_null, complete=True)
+        return replace(pairs, solver="dense")
     inverse = _shifted(L, M, k, **options) or _pinned(L, definite, M, weight, shift, options)
     values, vectors, complete = _lanczos(M, inverse, null, k - n_null, seed, progress)
     values = _with_small_values(L, M, label, values, vectors, SMALL * inverse.shift)

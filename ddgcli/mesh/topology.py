@@ -428,7 +428,7 @@ def check_faces(faces: NDArray, n_vertices: int, *, copy: bool = True) -> NDArra
     if faces.ndim != 2 or faces.shape[1] != 3:
         raise MeshError(f"faces must have shape (m, 3), not {faces.shape}")
     if not np.issubdtype(faces.dtype, np.integer):
-        raise MeshError(f"face indices must be integers, not {faces.dtype}")
+        raise MeshError(f"face indices must be whole numbers, not {faces.dtype}")
     if faces.min() < 0 or faces.max() >= n_vertices:
         outside = (faces < 0) | (faces >= n_vertices)
         bad = int(np.argmax(outside.any(axis=1)))

@@ -262,3 +262,11 @@ def test_area_of_caps_does_not_lose_digits_to_their_side_lengths():
     points, faces = meshes.caps(1e8)
     area = quality.surface_size(TriangleMesh.from_arrays(points, faces))["area"]
     assert area == pytest.approx(meshes.truths_of(points, faces).area, rel=1e-13)
+
+
+@pytest.mark.parametrize("name", ["ball.vtu", "torus.ply"])
+def test_the_page_of_info_has_every_key_of_its_results(summary, name):
+    root = Path(__file__).parents[2]
+    page = (root / "docs" / "info.md").read_text(encoding="utf-8")
+    keys = [key for key in summary("info", root / "sample_meshes" / name)["results"] if "first" not in key]
+    assert len(keys) > 10 and [key for key in keys if f"`{key}`" not in page] == []

@@ -301,3 +301,10 @@ def test_copies_are_complete_with_a_count_and_without(seed, monkeypatch):
     np.testing.assert_allclose(pairs.values, np.sort(values)[:k], rtol=1e-7)
     if most == 3:
         assert pairs.complete and not counts
+
+
+def test_the_solver_of_few_unknowns_has_a_name():
+    M = csr_array(eye_array(4))
+    L = csr_array(np.array([[1.0, -1, 0, 0], [-1, 2, -1, 0], [0, -1, 2, -1], [0, 0, -1, 1]]))
+    assert smallest_eigenpairs(L, M, 3).solver == "dense"
+    assert smallest_eigenpairs(L, M, 1).solver == "none"  # zero, and its constant function

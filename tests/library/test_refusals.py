@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import ddgcli as ddg
+from ddgcli.errors import MeshError
 from ddgcli.library.arguments import checked_arguments
 
 BALL = ddg.icosphere(1)
@@ -173,3 +174,11 @@ def test_repairs_are_written_as_calls_in_warnings_of_this_call_alone(caplog):
     assert caplog.messages == [
         "use `ddg.repair_mesh(mesh, orient=True)`", "use `repair=weld`", "use `repair=drop_degenerate`",
     ]  # fmt: skip
+
+
+def test_fractions_as_vertex_numbers_are_refused_and_whole_floats_taken():
+    mesh = ddg.icosphere(1)
+    V, F = np.asarray(mesh.points), np.asarray(mesh.faces)
+    with pytest.raises(MeshError, match="face indices must be whole numbers"):
+        ddg.curvature((V, F + 0.5))
+    assert ddg.curvature((V, F.astype(float))).mesh.n_faces == len(F)

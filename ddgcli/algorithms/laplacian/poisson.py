@@ -34,7 +34,7 @@ class Solution:
     values: NDArray[np.float64]
     residual: float
     imbalance: float = 0.0
-    solver: str = ""
+    solver: str = "none"
 
     __repr__ = short_repr
 
