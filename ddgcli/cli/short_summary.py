@@ -42,7 +42,7 @@ SHORT_FIELDS: dict[str, dict[str, str]] = {
     },
     "dec": {
         "results": "star simplices negative_star_entries",
-        "accuracy": "derivative_residual symmetry_residual constant_residual",
+        "accuracy": "derivative_residual symmetry_residual constant_residual star1_error star2_error",
     },
     "hodge": {
         "results": "betti_numbers boundary field_on norms",

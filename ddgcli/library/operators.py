@@ -14,6 +14,7 @@ from ddgcli.operators import connection, laplacian
 from ddgcli.operators import gradient as gradients
 from ddgcli.operators.dec import SimplicialMesh, complex_of
 from ddgcli.operators.dec_matrices import dec_matrices
+from ddgcli.operators.star_errors import star_errors, warn_of_star_errors
 from ddgcli.operators.stars import Star
 from ddgcli.operators.stars import hodge_star as core_hodge_star
 
@@ -211,7 +212,7 @@ def dec_operators(mesh: TriangleMesh | TetMesh, star: Star = "galerkin") -> dict
     -------
     dict of str to csr_array
         `d0` ... (integers), `star0` ..., `codifferential1` ... (k-forms to (k-1)-forms) and `laplacian0` ...
-        (symmetric: star times d delta + delta d); forms are numbers on vertices, edges, faces, tetrahedra.
+        (symmetric: star d delta + d' star d); forms are numbers on vertices, edges, faces, tetrahedra.
 
     Raises
     ------
@@ -231,4 +232,7 @@ def dec_operators(mesh: TriangleMesh | TetMesh, star: Star = "galerkin") -> dict
     """
     if isinstance(mesh, TriangleMesh):
         require(mesh, "dec_operators", manifold=True, oriented=True)
-    return dec_matrices(complex_of(mesh), star).matrices
+    complex_ = complex_of(mesh)
+    matrices = dec_matrices(complex_, star).matrices
+    warn_of_star_errors(star_errors(complex_, mesh.points, star), star, complex_.dimension)
+    return matrices

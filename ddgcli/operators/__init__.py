@@ -14,6 +14,7 @@ __all__ = [
     "gradient",
     "laplacian",
     "mollify",
+    "star_errors",
     "stars",
     "tufted",
     "whitney",

@@ -16,7 +16,7 @@ from ddgcli.mesh.requirements import require_sized_cells
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import Complex, complex_of
-from ddgcli.operators.stars import Star, hodge_star
+from ddgcli.operators.stars import Star, diagonal_star, hodge_star
 
 BYTES_PER_ENTRY = 12  # of a sparse matrix: a float64 and an int32
 COPIES_AT_PEAK = 2.15  # a sum and its term; later the matrix and its transpose (2.09)
@@ -34,8 +34,8 @@ class DecMatrices:
     star : {'circumcentric', 'barycentric', 'galerkin'}
     matrices : dict of str to csr_array
         `d0` … `d(n-1)` (integers), `star0` … `starn` (symmetric), `codifferential1` … `codifferentialn`
-        (k-forms to (k-1)-forms, star^-1 d' star) and `laplacian0` … `laplaciann` (symmetric, positive
-        semidefinite where the stars are: star (d delta + delta d)).
+        (k-forms to (k-1)-forms, D^-1 d' star with D of `diagonal_star`) and `laplacian0` … `laplaciann`
+        (symmetric, positive semidefinite where the stars are: star d delta + d' star d).
     negative_entries : int
         Negative entries on the diagonals of the stars.
     """
@@ -66,7 +66,8 @@ def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
     """Derivatives, stars, codifferentials and Laplacians of every degree.
 
     The codifferential of k-forms needs the inverse of the star of (k-1)-forms. That of a `galerkin` star is
-    dense, so the diagonal `barycentric` star is inverted in its place (mass lumping).
+    dense, so a diagonal star is inverted in its place (`diagonal_star`): codifferentials are adjoint to
+    derivatives in its inner product of (k-1)-forms.
 
     Parameters
     ----------
@@ -154,7 +155,7 @@ def form_laplacian(complex_: Complex, degree: int) -> tuple[csr_array, csr_array
 def _laplacian(
     k: int, derivative: list[csr_array], stars: Any, inverse: Any, factorised: bool = False
 ) -> csr_array:
-    """star (d delta + delta d) on k-forms, from stars and inverse stars by degree."""
+    """star d delta + d' star d on k-forms, from stars and inverse stars by degree."""
     terms = []
     if k < len(derivative):
         terms.append(csr_array(derivative[k].T @ stars[k + 1] @ derivative[k]))
@@ -193,12 +194,11 @@ def _check_fill(weak: csr_array, degree: int, factorised: bool) -> None:
 
 
 def _inverse(complex_: Complex, degree: int, star: Star) -> csr_array:
-    """Inverse of the star of a degree below the dimension; of `galerkin` that of the barycentric star."""
-    kind: Star = "barycentric" if star == "galerkin" else star
-    diagonal = hodge_star(complex_, degree, kind).diagonal()
+    """Inverse of `diagonal_star` of a degree below the dimension."""
+    diagonal = diagonal_star(complex_, degree, star)
     simplices = (complex_.corners, complex_.cell_edge, complex_.cell_face)[degree]
     is_referenced = np.bincount(simplices.ravel(), minlength=len(diagonal)) > 0
-    if kind == "circumcentric":  # the entries of others are positive where cells have a size
+    if star == "circumcentric":  # the entries of others are positive where cells have a size
         _require_inverse(diagonal, simplices, is_referenced, ("vertex", "edge", "face")[degree])
     reciprocal = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=is_referenced)
     return compact(csr_array(diags_array(reciprocal)))
@@ -212,7 +212,4 @@ def _require_inverse(diagonal: NDArray, simplices: NDArray, is_referenced: NDArr
     bad = np.flatnonzero(is_referenced & (size <= LEAST_STAR_ENTRY * scale))
     if len(bad):
         where = f"{counted(len(bad), 'simplex', 'simplices')} (first: {simplex} {bad[0]})"
-        raise MeshError(
-            f"the circumcentric star is zero at {where} and has no inverse: use `star=barycentric` "
-            "or `star=galerkin`"
-        )
+        raise MeshError(f"the circumcentric star is zero at {where} and has no inverse: use `star=galerkin`")

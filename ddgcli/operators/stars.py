@@ -1,8 +1,9 @@
 """Hodge stars on every degree (chapters 7 and 8).
 
 Three stars: `circumcentric` (diagonal, signed dual volumes: entries may be zero or negative where a mesh is
-not Delaunay), `barycentric` (diagonal, positive, less accurate) and `galerkin` (the mass matrix of Whitney
-forms: sparse, positive definite, consistent on every mesh).
+not Delaunay), `barycentric` (diagonal, positive, not exact on constant forms of degree 1 and 2, so that
+spectra do not converge) and `galerkin` (the mass matrix of Whitney forms: sparse, positive definite, exact on
+forms that are constant in cells). `diagonal_star` is the one to invert in place of the latter.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.operators.dec import Complex
 
 Star = str  # one of HODGE_STARS
+MIN_ENTRY_SHARE = 0.02  # of the barycentric entries, to which smaller circumcentric ones are raised
 
 
 def hodge_star(complex_: Complex, degree: int, kind: Star = "galerkin") -> csr_array:
@@ -46,10 +48,35 @@ def hodge_star(complex_: Complex, degree: int, kind: Star = "galerkin") -> csr_a
         return diags_array(1.0 / complex_.metric.measure).tocsr()
     if kind == "galerkin":
         return _galerkin(complex_, degree)
+    return diags_array(diagonal_star(complex_, degree, kind)).tocsr()
+
+
+def diagonal_star(complex_: Complex, degree: int, kind: Star) -> NDArray[np.float64]:
+    """Diagonal of a star; of `galerkin` of the one to invert in its place, whose inverse is sparse.
+
+    That is the barycentric star of functions. Of other forms it is the circumcentric one, which is exact on
+    constant forms, with entries of at least `MIN_ENTRY_SHARE` of the barycentric ones: no diagonal star is
+    positive and exact where a mesh is not Delaunay.
+
+    Parameters
+    ----------
+    complex_ : Complex
+    degree : int
+        0 .. dimension - 1.
+    kind : {'circumcentric', 'barycentric', 'galerkin'}
+
+    Returns
+    -------
+    (n_k,) ndarray of float64
+    """
+    if kind == "galerkin":
+        barycentric = diagonal_star(complex_, degree, "barycentric")
+        if degree == 0:
+            return barycentric
+        return np.maximum(diagonal_star(complex_, degree, "circumcentric"), MIN_ENTRY_SHARE * barycentric)
     local = _DIAGONAL[complex_.dimension, degree](complex_, kind)
     index = (complex_.corners, complex_.cell_edge, complex_.cell_face)[degree]
-    diagonal = sum_by_index(index, local, complex_.counts[degree])
-    return diags_array(diagonal).tocsr()
+    return sum_by_index(index, local, complex_.counts[degree])
 
 
 # --- diagonal stars: contribution of each cell to dual measure / primal measure ---------------------------

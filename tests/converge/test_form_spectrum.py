@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from scipy.sparse.linalg import eigsh
+from scipy.spatial import Delaunay
 
 from benchmarks.hardcases import meshes
 from ddgcli import memory
@@ -15,6 +17,8 @@ from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import complex_of
+from ddgcli.operators.dec_matrices import dec_matrices
+from ddgcli.operators.star_errors import star_errors
 from ddgcli.operators.stars import hodge_star
 from tests.exact.test_homology import ring_tets
 
@@ -140,3 +144,35 @@ def test_a_factor_that_does_not_fit_is_refused_where_the_matrix_alone_would_fit(
     assert "factors of 1-forms need about" in result.stderr and "remesh around vertex 0" in result.stderr
     monkeypatch.setattr(memory, "MAX_BYTES", 2**30)
     assert run("laplacian", path, "--form-eigen", 2).exit_code == 0
+
+
+def scattered_cube(dimension, cells):
+    """Delaunay triangles of a square or tetrahedra of a cube, the inner vertices shifted at random."""
+    axis = np.linspace(0.0, 1.0, cells + 1)
+    points = np.stack(np.meshgrid(*[axis] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
+    inside = ((points > 0.0) & (points < 1.0)).all(axis=1)
+    shift = np.random.default_rng(0).uniform(-0.25, 0.25, points.shape)
+    points[inside] += shift[inside] / cells
+    simplices = Delaunay(points).simplices
+    measure = np.linalg.det(points[simplices[:, 1:]] - points[simplices[:, :1]])
+    simplices = simplices[np.abs(measure) > 1e-3 / cells**dimension]
+    if dimension == 3:
+        return TetMesh.from_arrays(points, simplices)
+    measure = np.linalg.det(points[simplices[:, 1:]] - points[simplices[:, :1]])
+    simplices[measure < 0] = simplices[measure < 0][:, ::-1]
+    return TriangleMesh.from_arrays(np.pad(points, [(0, 0), (0, 1)]), simplices)
+
+
+@pytest.mark.parametrize("dimension, cells", [(2, 24), (3, 5)])
+def test_the_error_of_a_star_predicts_that_of_the_spectrum_of_the_highest_degree(dimension, cells):
+    """The first value of the square is 2 pi^2, of the cube 3 pi^2."""
+    mesh = scattered_cube(dimension, cells)
+    complex_, error, stated = complex_of(mesh), {}, {}
+    for star in ("barycentric", "galerkin"):
+        matrices = dec_matrices(complex_, star).matrices
+        L, M = (matrices[f"{name}{dimension}"].tocsc() for name in ("laplacian", "star"))
+        (first,) = eigsh(L, k=1, M=M, sigma=-1.0, return_eigenvectors=False)
+        error[star] = abs(first / (dimension * np.pi**2) - 1.0)
+        stated[star] = star_errors(complex_, mesh.points, star)[dimension - 1]
+    assert stated["galerkin"] < 0.005 and error["galerkin"] < 0.025
+    assert 0.4 * stated["barycentric"] < error["barycentric"] < stated["barycentric"]

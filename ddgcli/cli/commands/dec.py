@@ -50,8 +50,8 @@ def command(
     """Write the operators of discrete exterior calculus on MESH, a surface or tetrahedra.
 
     d0, d1 (d2): exterior derivatives, integer. star0, star1, star2 (star3): Hodge stars. codifferential1 ...:
-    k-forms to (k-1)-forms, star^-1 d' star. laplacian0 ...: symmetric, star (d delta + delta d); laplacian0
-    is the cotangent matrix of a surface.
+    k-forms to (k-1)-forms, D^-1 d' star with D a diagonal star. laplacian0 ...: symmetric, star d delta +
+    d' star d; laplacian0 is the cotangent matrix of a surface.
 
     OPERATORS.npz holds each matrix in CSR parts NAME_data, NAME_indices, NAME_indptr, NAME_shape, and the
     numbering: points, edges (tail, head), faces, tetrahedra. A k-form is one number on each k-simplex, the
@@ -77,6 +77,7 @@ def command(
     from ddgcli.operators.dec import complex_of
     from ddgcli.operators.dec_matrices import check_star, dec_matrices
     from ddgcli.operators.form_products import check_products
+    from ddgcli.operators.star_errors import star_errors, warn_of_star_errors
 
     mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
     if not isinstance(mesh, TetMesh):
@@ -88,6 +89,8 @@ def command(
     computed = products_of(run, mesh, forms_of_input, forms) if forms_of_input else None
     operators = dec_matrices(complex_of(mesh), star)
     matrices = operators.matrices
+    errors = star_errors(operators.complex_, mesh.points, star)
+    warn_of_star_errors(errors, star, operators.complex_.dimension)
     results = {
         "star": star,
         "simplices": list(operators.complex_.counts),
@@ -98,6 +101,7 @@ def command(
         "derivative_residual": operators.derivative_residual(),
         "symmetry_residual": operators.symmetry_residual(),
         "constant_residual": operators.constant_residual(),
+        **{f"star{degree}_error": error for degree, error in errors.items()},
     }
     for path in common.outputs:
         run.write_bytes(path, lambda file: write_archive(file, operators, mesh.points))
