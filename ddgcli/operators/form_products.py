@@ -92,7 +92,10 @@ def form_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray] |
                         wedge(complex_, d[p] @ first, form),
                         (-1.0) ** p * wedge(complex_, first, d[degree] @ form),
                     ]
-                    out.accuracy["leibniz_residual"] = _relative(d[p + degree] @ product - sum(terms), *terms)
+                    size = _size(first) * _size(form)
+                    out.accuracy["leibniz_residual"] = _relative(
+                        d[p + degree] @ product - sum(terms), size, *terms
+                    )
                 continue
             if name == "interior_product":
                 out.add(name, degree - 1, interior_product(mesh, first, form), n)
@@ -101,8 +104,9 @@ def form_products(mesh: SpaceMesh, pairs: Mapping[str, tuple[NDArray, NDArray] |
             out.add(name, degree, derivative, n)
             if degree < n:
                 after, before = d[degree] @ derivative, lie_derivative(mesh, first, d[degree] @ form)
+                length = float(np.sqrt(np.median(complex_.metric.squared_distance[:, 0, 1])))
                 out.accuracy["lie_commutation_residual"] = _relative(
-                    after - before, after, before, derivative
+                    after - before, _size(first) * _size(form) / length, after, before, derivative
                 )
         except ParameterError as error:
             raise ParameterError(error.message, parameter=name) from error
@@ -226,6 +230,11 @@ def cell_vectors(complex_: Complex, array: ArrayLike) -> NDArray[np.float64]:
     )
 
 
-def _relative(difference: NDArray, *terms: NDArray) -> float:
-    size = max(float(np.abs(term).max(initial=0.0)) for term in terms)
-    return float(np.abs(difference).max(initial=0.0) / (size or 1.0))
+def _size(values: NDArray) -> float:
+    """Largest absolute value."""
+    return float(np.abs(values).max(initial=0.0))
+
+
+def _relative(difference: NDArray, size: float, *terms: NDArray) -> float:
+    """Largest difference over the largest term, or over the size of what cancels in terms that vanish."""
+    return _size(difference) / (max(size, *map(_size, terms)) or 1.0)

@@ -7,6 +7,7 @@ from ddgcli.errors import MeshError
 from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.operators.dec import complex_of
+from ddgcli.operators.form_products import form_products
 from ddgcli.operators.stars import hodge_star
 from ddgcli.operators.whitney import flux_vectors, interior_product, lie_derivative, wedge
 from tests.exact.test_dec import MESHES, face_area_vectors, jittered_tets
@@ -81,6 +82,18 @@ def test_the_lie_derivative_commutes_with_the_derivative(degree):
     before = lie_derivative(SOLID, field, derivative(form, degree))
     after = derivative(lie_derivative(SOLID, field, form), degree)
     assert after == pytest.approx(before, abs=1e-11 * np.abs(before).max())
+
+
+def test_residuals_of_products_that_vanish_are_of_the_order_of_rounding():
+    """Constant fields and forms: both sides of each identity are zero but for rounding."""
+    along = SOLID.points[COMPLEX.edges[:, 1]] - SOLID.points[COMPLEX.edges[:, 0]]
+    area, v = face_area_vectors(SOLID), np.array([1.0, 2.0, -1.0])
+    field = np.tile(v, (COMPLEX.counts[3], 1))
+    for form in (area @ np.array([0.2, 0.7, 0.4]), area @ v):
+        accuracy = form_products(SOLID, {"lie_derivative": (field, form)}).accuracy
+        assert accuracy["lie_commutation_residual"] < 1e-12
+    accuracy = form_products(SOLID, {"wedge": (along @ v, along @ np.array([0.2, 0.7, 0.4]))}).accuracy
+    assert accuracy["leibniz_residual"] < 1e-12
 
 
 # --- convergence: the field X, the function f, the vector proxy u of 1- and 2-forms ---
