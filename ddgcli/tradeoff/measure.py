@@ -185,7 +185,7 @@ def _reference(problem: Problem, time_budget: TimeBudget, table: Table) -> Refer
         estimate = (
             time_budget.estimate_like(problem.candidates[0], work) if work and problem.candidates else work
         )
-        why = f"estimated {estimate:.3g} s, and may take {max(share, 0):.3g} s"
+        why = time_budget.beyond(estimate, share)
         if estimate <= share:
             try:
                 with time_budget.limit_time(share), _prefix_warnings("reference"):

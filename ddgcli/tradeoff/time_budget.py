@@ -37,6 +37,12 @@ class TimeBudget:
         """Remaining seconds; infinite without a budget."""
         return float("inf") if self.seconds is None else self.seconds - (time.perf_counter() - self._began)
 
+    def beyond(self, estimate: float, share: float) -> str:
+        """Why a run of `estimate` seconds does not begin: its share of the budget is less, or used up."""
+        if share <= 0:
+            return f"estimated {estimate:.3g} s, after the {self.seconds or 0:g} s budget was used up"
+        return f"estimated {estimate:.3g} s, and may take {share:.3g} s of the {self.seconds or 0:g} s budget"
+
     def record(self, method: str, work: float, setup: float, solve: float) -> None:
         """Store the seconds of a run with its estimated work."""
         if work > 0:

@@ -111,10 +111,7 @@ def find_mesh_limit(problem: Problem, time_budget: TimeBudget, table: Table) -> 
         share = REFERENCE_SHARE * time_budget.seconds_left()
         estimate = time_budget.estimate_like(problem.candidates[0], work)
         if estimate > share:
-            table.mesh_failure = (
-                f"estimated {estimate:.3g} s, and may take {max(share, 0):.3g} s of the "
-                f"{time_budget.seconds or 0:g} s budget"
-            )
+            table.mesh_failure = time_budget.beyond(estimate, share)
             continue
         try:
             with time_budget.limit_time(share):

@@ -233,6 +233,12 @@ def test_the_best_affordable_reference_is_chosen():
     assert [name for name, _ in table.left_out] == ["a finer reference"] * 2
 
 
+def test_a_share_of_a_budget_that_is_used_up_is_not_stated_in_seconds():
+    budget = TimeBudget(0.5, began=time.perf_counter() - 2.0)
+    assert budget.beyond(2.19, 0.5 * budget.seconds_left()).endswith("after the 0.5 s budget was used up")
+    assert TimeBudget(9.0).beyond(6.0, 4.5) == "estimated 6 s, and may take 4.5 s of the 9 s budget"
+
+
 def test_without_an_affordable_reference_nothing_runs():
     with pytest.raises(SolveError, match=r"no reference is affordable.*`budget=\d+` or more"):
         run_with_references((1e6, never), budget=1.0)
