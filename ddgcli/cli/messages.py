@@ -20,6 +20,9 @@ WARNINGS_OF_A_KIND = 3  # kept of those that differ in numbers only, such as tho
 class MessageHandler(logging.Handler):
     """Collect warnings of the core for the summary; with -v print all its messages at once.
 
+    A logged error is the reason why a run failed and yet has results: it is among the warnings of the summary,
+    and printed after them, with -q too.
+
     A warning of one row (`row_label` of the record) that was also given for the whole input is left out.
     Of warnings that differ in numbers only, the first `WARNINGS_OF_A_KIND` are kept, the others are counted;
     of rows the first, with the names of all its rows.
@@ -35,6 +38,7 @@ class MessageHandler(logging.Handler):
     def __init__(self, verbose: int, quiet: bool, options: Mapping[str, str]) -> None:
         super().__init__(logging.DEBUG if verbose > 1 else logging.INFO if verbose else logging.WARNING)
         self._warnings: dict[str, str] = {}  # kind of each text
+        self._errors: set[str] = set()
         self._counts: Counter[str] = Counter()
         self._rows: dict[str, dict[str, str]] = {}  # of each kind of warnings of rows: text by label
         self.options = options
@@ -50,9 +54,14 @@ class MessageHandler(logging.Handler):
                 self._collect_of_row(message.removeprefix(f"{label}: "), label)
             elif message not in self._warnings:
                 self._collect(message, kind=_without_numbers(message))
-            message = f"Warning: {message}"
+            if record.levelno >= logging.ERROR:
+                self._errors.add(message)
+            message = self._line(message)
         if self.verbose and not self.quiet:
             click.echo(message, err=True)
+
+    def _line(self, message: str) -> str:
+        return f"{'Error' if message in self._errors else 'Warning'}: {message}"
 
     def _collect(self, message: str, kind: str) -> None:
         self._counts[kind] += 1
@@ -94,9 +103,9 @@ class MessageHandler(logging.Handler):
 
     def print_warnings(self) -> None:
         """Print the collected warnings at the end, so that a run with an error prints one line only."""
-        if not self.verbose and not self.quiet:
-            for message in self.warnings():
-                click.echo(f"Warning: {message}", err=True)
+        for message in sorted(self.warnings(), key=self._errors.__contains__):
+            if not self.verbose and (not self.quiet or message in self._errors):
+                click.echo(self._line(message), err=True)
 
 
 def _of_rows(texts: Mapping[str, str]) -> str:

@@ -127,7 +127,7 @@ def run_models(
         outcome.failure = str(error)
         outcome.last_events = error.events if isinstance(error, RunFailed) else ()
         outcome.rejected_steps += rejections(event.kind for event in outcome.last_events)
-        logging.getLogger("ddgcli").warning("%s", error)
+        logging.getLogger("ddgcli").error("%s", error)
     except KeyboardInterrupt:
         outcome.status = "interrupted"
     finally:

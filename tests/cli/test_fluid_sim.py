@@ -375,3 +375,13 @@ def test_the_distance_decides_whether_vortices_separate_or_merge(run, tmp_path, 
             weight = np.maximum(last_frame["vorticity"], 0) ** 2
         distance[name] = 2 * np.sqrt(np.sum(weight * (x**2 + y**2)) / weight.sum())
     assert distance["taylor_vortices"] > 1.2 and distance["taylor_vortices_merge"] < 0.9
+
+
+def test_a_run_that_fails_ends_with_an_error_that_quiet_runs_print(run, tmp_path):
+    fast = 'initial = { vorticity = "1e6*sin(pi*x)*sin(pi*y)" }'
+    path = scene(tmp_path / "s.toml", "grid = { size = [1, 1], cells = [6, 6] }", fast)
+    whole, quiet = run("fluid-sim", path), run("fluid-sim", path, "-q")
+    assert whole.exit_code == quiet.exit_code == 1 and quiet.stdout == ""
+    (line,) = quiet.stderr.splitlines()
+    assert line.startswith("Error: t = 0 s") and "make the step" in line
+    assert whole.stderr.splitlines()[-1] == line

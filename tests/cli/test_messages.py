@@ -67,3 +67,19 @@ def test_a_warning_of_several_rows_comes_once_with_their_names(handler):
         "reference, cotan, corrected: the error is 5 % (the numbers are of reference)",
         "quadric: 3 faces are flat",
     ]
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_the_reason_of_a_failed_run_comes_last_and_when_quiet_alone(handler, quiet, capsys):
+    handler.quiet = quiet
+    log = logging.getLogger("ddgcli")
+    log.error("the step is too long")
+    log.warning("the mesh is open")
+    handler.print_warnings()
+    lines = (
+        ["Error: the step is too long"]
+        if quiet
+        else ["Warning: the mesh is open", "Error: the step is too long"]
+    )
+    assert capsys.readouterr().err.splitlines() == lines
+    assert handler.warnings() == ["the step is too long", "the mesh is open"]

@@ -234,7 +234,7 @@ def _warn(accuracy: Mapping[str, Any], series: Mapping[str, NDArray]) -> None:
             "steps (`step`) or a curve with more points", 100 * error,
         )  # fmt: skip
     if folds_back(series):
-        log.warning(
+        log.error(
             "the curve folds back on itself (it turns by %.3g degrees at one point), which no smooth curve "
             "does: it has shrunk to a line or its points are too few; end the run before, or use more points",
             np.degrees(series["largest_turning"][-1]),

@@ -58,7 +58,7 @@ def load_rounding_reason(
                 f"{largest:.3g} N: the loads are below the rounding of the elastic forces, and so are the "
                 f"reactions; {needles or _advice(system, largest, left)}"
             )
-            log.warning(message)
+            log.error(message)
             reason = message if needles and left > largest else reason
     return reason
 

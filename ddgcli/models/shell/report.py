@@ -214,10 +214,10 @@ def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str
     total, kinetic = outcome.series["energy"], outcome.series["energy_kinetic"]
     if not np.isfinite(total).all():
         message = "the energy is beyond the range of numbers; use smaller velocities, forces or accelerations"
-        log.warning(message)
+        log.error(message)
         return message
     if message := _inverted(outcome.series):
-        log.warning(message)
+        log.error(message)
         return message
     strain, names = outcome.largest.get("strain", 0.0), set(outcome.series)
     if strain > MAX_ELASTIC_STRAIN and "energy_stretching" in names and "plastic_work" not in names:
@@ -244,8 +244,9 @@ def failure_reason(outcome: Outcome, least: RunRounding, *, static: bool) -> str
         f"the energy grew by {growth / scale:.3g} of the available energy, which no force explains: the step "
         "is too long for this scheme; shorten it, or take implicit-euler"
     )
-    log.warning(message)
-    return message if growth > ENERGY_GROWTH_FAILURE * scale + least.energy else ""
+    fails = growth > ENERGY_GROWTH_FAILURE * scale + least.energy
+    log.log(logging.ERROR if fails else logging.WARNING, message)
+    return message if fails else ""
 
 
 def _inverted(series: dict[str, NDArray]) -> str:

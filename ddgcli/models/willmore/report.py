@@ -238,7 +238,7 @@ def failure_reason(
     if ending.kind != EndingKind.UNRESOLVED:
         return ""
     message = f"{ending.text}; {_cure(ending, start, options)}"
-    logging.getLogger("ddgcli").warning(message)
+    logging.getLogger("ddgcli").error(message)
     return message
 
 
