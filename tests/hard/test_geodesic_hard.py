@@ -1,6 +1,7 @@
 """Every distance method on every hard mesh: a valid result or one error line, never NaN."""
 
 import json
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -191,3 +192,25 @@ def test_rounding_after_a_long_heat_time_is_not_blamed_on_triangles(caplog):
     measure_distance(mesh, Sources.at([0]), "heat", DistanceOptions(heat_time=2e12))
     (warning,) = [text for text in caplog.text.splitlines() if "heat_residual" in text]
     assert "give a shorter `heat_time`" in warning and "triangles" not in warning
+
+
+@pytest.mark.parametrize("n_points", [1, 400])
+def test_fast_marching_from_points_at_a_vertex_of_many_faces_takes_little_memory(n_points):
+    n = 2000
+    angle = 2 * np.pi * np.arange(n) / n
+    rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], axis=1)
+    k = np.arange(n)
+    mesh = TriangleMesh.from_arrays(
+        np.vstack([np.zeros((1, 3)), rim]), np.stack([np.zeros(n, int), 1 + k, 1 + (k + 1) % n], axis=1)
+    )
+    points = SurfacePoints(np.arange(n_points) * 5, np.full((n_points, 3), 1 / 3))
+    tracemalloc.start()
+    measured = measure_distance(mesh, Sources.at([], points), "fast-marching")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50e6  # a table of all pairs of faces at the vertex has 2000^2 = 4e6 entries of 8 bytes
+    starts = points.positions(mesh)
+    truth = np.linalg.norm(mesh.points[:, None] - starts, axis=2).min(axis=1)
+    if n_points == 1:  # exact on a convex flat piece
+        assert np.allclose(measured.distance, truth, atol=1e-9)
+    assert (measured.distance >= truth - 1e-9).all()

@@ -15,6 +15,9 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 RINGS = 2  # of faces around the face of a point; with one, a hundredth of random points of a disk is inexact
 MAX_POINTS = 1000  # more start at the corners of their faces
+# of the faces around all points, besides those of the mesh; with more, of many points near a vertex of many
+# faces, all start at the corners too
+MAX_CORNERS = 200_000
 
 
 def near_distances(mesh: SurfaceMesh, points: SurfacePoints) -> tuple[NDArray, NDArray, NDArray]:
@@ -37,14 +40,17 @@ def near_distances(mesh: SurfaceMesh, points: SurfacePoints) -> tuple[NDArray, N
     Notes
     -----
     Nothing for Delta-complexes, whose vertices do not identify their corners, and for more than
-    `MAX_POINTS` points.
+    `MAX_POINTS` points or `MAX_CORNERS` corners more than the mesh has.
     """
     from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 
     nothing = no_numbers(), np.zeros(0), no_numbers()
     if not 0 < len(points) <= MAX_POINTS or mesh.topology.gluing is not None:
         return nothing
-    point, face = _faces_around(mesh, points.face)
+    pairs = _faces_around(mesh, points.face)
+    if pairs is None:
+        return nothing
+    point, face = pairs
     copies, faces = np.unique(point[:, None] * mesh.n_vertices + mesh.faces[face], return_inverse=True)
     number, vertex = np.divmod(copies, mesh.n_vertices)
     apart = _copies(mesh, vertex, face, faces.reshape(-1, 3))
@@ -58,22 +64,21 @@ def near_distances(mesh: SurfaceMesh, points: SurfacePoints) -> tuple[NDArray, N
     return vertex, distance, number
 
 
-def _faces_around(mesh: SurfaceMesh, face: NDArray) -> tuple[NDArray, NDArray]:
-    """Pairs (point, face): faces of the rings around the face of each point, sorted."""
-    near = np.zeros(mesh.n_vertices, dtype=bool)
-    near[mesh.faces[face]] = True
-    for _ in range(RINGS - 1):
-        near[mesh.faces[near[mesh.faces].any(axis=1)]] = True
-    nearby = np.flatnonzero(near[mesh.faces].any(axis=1))  # of any point
-    m = len(nearby)
-    start, around = group_by_key(mesh.faces[nearby].ravel(), np.repeat(np.arange(m), 3), mesh.n_vertices)
-    pair = np.arange(len(face)) * m + np.searchsorted(nearby, face)
+def _faces_around(mesh: SurfaceMesh, face: NDArray) -> tuple[NDArray, NDArray] | None:
+    """Pairs (point, face): faces of the rings around the face of each point, sorted; None for too many."""
+    n, m = mesh.n_vertices, mesh.n_faces
+    start, around = group_by_key(mesh.faces.ravel(), np.repeat(np.arange(m), 3), n)
+    point = np.arange(len(face))
     for _ in range(RINGS):
-        vertex = mesh.faces[nearby[pair % m]].ravel()
+        # each vertex once: its many faces would list it, and then themselves, as many times
+        point, vertex = np.divmod(unique_keys((point[:, None] * n + mesh.faces[face]).ravel()), n)
         count = start[vertex + 1] - start[vertex]
-        point = np.repeat(np.repeat(pair // m, 3), count)
-        pair = unique_keys(point * m + around[ranges(start[vertex], count)[0]])
-    return pair // m, nearby[pair % m]
+        if count.sum() > MAX_CORNERS + 3 * m:
+            return None
+        point, face = np.divmod(
+            unique_keys(np.repeat(point, count) * m + around[ranges(start[vertex], count)[0]]), m
+        )
+    return point, face
 
 
 def _copies(mesh: SurfaceMesh, vertex: NDArray, face: NDArray, corners: NDArray) -> SurfaceMesh:
