@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.geodesics import certificate as module
+from ddgcli.algorithms.geodesics.distance import measure_distance
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.mesh import shapes
+from tests.geodesic_cases import cone
 
 
 def distances():
@@ -38,3 +40,48 @@ def test_exact_distances_need_no_distances_along_edges(monkeypatch):
     mesh, of = distances()
     monkeypatch.setattr(module, "edge_distance", None)
     assert module.certificate(mesh, Sources.at([0]), of["exact"])["violations_edge_distance"] == 0
+
+
+@pytest.mark.parametrize(
+    ("angle", "sectors", "rings"), [(2 * np.pi, 16, 40), (2 * np.pi, 9, 12), (3.0, 9, 12)]
+)
+def test_heat_from_a_pole_states_the_error_of_its_wide_sectors(angle, sectors, rings):
+    mesh, radius, _ = cone(angle, sectors, rings)
+    heat = measure_distance(mesh, Sources.at([0]), "heat")
+    error = np.abs(heat.distance - radius).max() / radius.max()
+    assert 0.5 < error / heat.accuracy["error_estimate"] < 1.0
+
+
+@pytest.mark.parametrize("method_source", [0, 7])
+def test_the_stated_error_of_heat_is_no_less_than_the_proven_violation(method_source):
+    mesh = shapes.grid(6, 6)
+    accuracy = measure_distance(mesh, Sources.at([method_source]), "heat").accuracy
+    assert accuracy["error_estimate"] >= accuracy["certificate_excess"] > 0
+
+
+def test_the_exact_distance_of_a_cone_has_no_gradient_error_though_its_gradients_are_longer_than_1():
+    mesh, radius, _ = cone(2 * np.pi, 9, 200)
+    assert module.gradient_error(mesh, radius) < 0.25 * module.gradient_error(mesh, radius, circular=False)
+
+
+@pytest.mark.parametrize(("length", "k", "rows"), [(1e4, 20, 4), (1e4, 1, 8), (100.0, 10, 50)])
+@pytest.mark.parametrize("place", [0.0, 0.5])
+def test_heat_states_no_large_error_on_a_bar_of_long_cells(length, k, rows, place):
+    mesh = shapes.grid(k, rows)
+    mesh = mesh.moved(mesh.points * [length, 1.0, 1.0])
+    source = int(place * mesh.n_vertices)
+    truth = np.linalg.norm(mesh.points - mesh.points[source], axis=1)
+    heat = measure_distance(mesh, Sources.at([source]), "heat")
+    error = np.abs(heat.distance - truth).max() / truth.max()
+    assert 0.5 * error < heat.accuracy["error_estimate"] < 12 * error
+
+
+def test_an_estimate_lies_between_the_proven_violation_and_what_the_bounds_leave():
+    mesh = shapes.grid(8, 8)
+    sources = Sources.at([0])
+    truth = exact_distance(mesh, 0).distance
+    for factor in (0.5, 1.0, 1.2):
+        low, high = (module.certificate(mesh, sources, factor * truth, estimate=e) for e in (0.0, 10.0))
+        assert low["error_estimate"] == low["certificate_excess"]
+        largest = factor * truth.max()
+        assert abs(factor - 1) * truth.max() - 1e-12 <= high["error_estimate"] * largest < 0.8 * truth.max()
