@@ -14,6 +14,7 @@ import pytest
 from benchmarks.common.mesh_classes import ellipsoids
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.cli.commands.tradeoff import COMMANDS
+from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh import shapes
@@ -387,3 +388,14 @@ def test_a_flow_whose_reference_fails_names_it_and_a_duration(tmp_path, run, mon
     assert result.exit_code == 1
     assert re.search(r"its run of 1 step over a time of 0\.000\d+ failed at t = 0\.1", result.stderr)
     assert result.stderr.endswith("make the step 1e-09 length^4, with a --duration of two such steps\n")
+
+
+def test_sources_inside_faces_stay_in_place_on_subdivided_meshes():
+    mesh = shapes.grid(6, 6)
+    sources = Sources.at([], SurfacePoints(np.array([30, 3]), np.array([[0.2, 0.3, 0.5], [0.7, 0.2, 0.1]])))
+    rows = [c for c in geodesic.problem(mesh, sources=sources).candidates if "subdivide" in c.parameters]
+    assert len(rows) == 2
+    starts = sources.points.positions(mesh)
+    truth = np.linalg.norm(mesh.points[:, None] - starts, axis=2).min(axis=1)
+    for row in rows:
+        assert np.abs(row.solve(row.setup()) - truth).max() < 0.1 * truth.max(), row.method

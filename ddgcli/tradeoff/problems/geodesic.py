@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,8 @@ from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.exact.tables import window_tables
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.errors import ParameterError
-from ddgcli.mesh.shapes import midpoint_subdivided
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.midpoint_subdivision import MidpointSubdivision
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.tradeoff.candidates import (
     NO_OPTIONS,
@@ -160,16 +163,17 @@ def _candidate(
     }
     options = DistanceOptions(**method_options)
 
-    def setup() -> Callable[[Sources], NDArray]:
-        if level and len(sources.points):
-            raise ParameterError("its sources lie inside faces, which a subdivision renumbers")
-        return distance_solver(midpoint_subdivided(mesh, level), method, options)
+    def setup() -> Callable[[], NDArray]:
+        subdivision = MidpointSubdivision.of(mesh, level)
+        points = subdivision.points(sources.points.face, sources.points.barycentric)
+        solve = distance_solver(subdivision.mesh, method, options)
+        return partial(solve, replace(sources, points=SurfacePoints(*points)))
 
     return Candidate(
         method,
         parameters,
         setup,
-        lambda solve: solve(sources)[: mesh.n_vertices],
+        lambda solve: solve()[: mesh.n_vertices],
         arguments,
         _work(mesh, method, options.tolerance) * (4**level if method != "exact" else 8**level),
     )
