@@ -6,7 +6,7 @@ import pytest
 import ddgcli as ddg
 from ddgcli.algorithms.geodesics import voronoi
 from ddgcli.algorithms.geodesics.sources import Sources
-from ddgcli.io.mesh_file import write_mesh
+from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -175,3 +175,26 @@ def test_distances_of_each_source_are_the_same_bits_for_any_number_of_jobs(squar
     names = [name for name in arrays[0] if name.startswith("geodesic_distance_")]
     assert len(names) == 3
     assert all(np.array_equal(arrays[0][name], arrays[1][name]) for name in names)
+
+
+def test_isolines_without_a_source_are_those_of_the_signed_distance(summary, tmp_path):
+    write_mesh(str(tmp_path / "m.ply"), AnnotatedMesh(shapes.grid(10, 10)))
+    mesh = read_mesh(str(tmp_path / "m.ply")).surface
+    middle = np.flatnonzero(np.isclose(mesh.points[:, 0], mesh.points[:, 0].mean()))
+    middle = middle[np.argsort(mesh.points[middle, 1])]
+    np.savetxt(tmp_path / "c.csv", np.stack([middle[:-1], middle[1:]], axis=1), fmt="%d", delimiter=",")
+    words = ("--signed-distance", tmp_path / "c.csv", "--isolines", 3, "--paths-output", tmp_path / "l.vtp")
+    report = summary("geodesic", tmp_path / "m.ply", *words)
+    width = np.ptp(mesh.points[:, 0])
+    levels = [path["level"] for path in report["results"]["paths"]]
+    assert np.allclose(levels, np.array([-0.25, 0.0, 0.25]) * width, atol=0.03 * width)
+
+
+@pytest.mark.parametrize("words", [("--fan", 12, "--fan-length", 1), ("--method", "heat")])
+def test_a_mesh_whose_vertices_coincide_is_refused_with_a_cure(words, run, tmp_path):
+    mesh = shapes.grid(2, 2)
+    write_mesh(str(tmp_path / "m.ply"), AnnotatedMesh(mesh.moved_unchecked(0.0 * mesh.points)))
+    files = ("--paths-output", tmp_path / "l.vtp") if "--fan" in words else ("-o", tmp_path / "o.npz")
+    result = run("geodesic", tmp_path / "m.ply", "--source", 1, *words, *files)
+    assert result.exit_code == 2 and "every vertex is at the same place" in result.stderr
+    assert len(result.stderr.strip().split("\n")) == 1

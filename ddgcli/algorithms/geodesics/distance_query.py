@@ -185,7 +185,7 @@ def query_distance(
         vertex |= _each_source(rows, len(sources), stage_progress("each source"))
     if query.gradient:
         face["distance_gradient"] = solvers.distance_gradient(mesh, result.distance)
-    isolines = [_isolines(mesh, result.distance, query.isolines)] if query.isolines else []
+    isolines = [level_lines(mesh, result.distance, query.isolines)] if query.isolines else []
     if query.compare:
         stage_progress("comparison")
         accuracy["compare"] = compare(mesh, sources, result.distance, list(query.compare), options)
@@ -212,15 +212,27 @@ def each_source_names(count: int) -> list[str]:
     return [f"geodesic_distance_{i:0{digits}d}" for i in range(count)]
 
 
-def _isolines(mesh: TriangleMesh, distance: NDArray, count: int) -> Curves:
-    """Level lines on consistently oriented faces; on a one-sided surface, on its own faces."""
+def level_lines(mesh: TriangleMesh, values: NDArray, count: int) -> Curves:
+    """Level lines on consistently oriented faces; on a one-sided surface, on its own faces.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    values : (n,) ndarray of float64
+    count : int
+        Number of equidistant levels.
+
+    Returns
+    -------
+    Curves
+    """
     from ddgcli.algorithms.geodesics.isolines import isoline_curves
     from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
 
     cover = oriented_cover(mesh)
     if cover.is_one_sided:
-        return isoline_curves(mesh, distance, count)
-    return cover.project(isoline_curves(cover.mesh, distance, count))
+        return isoline_curves(mesh, values, count)
+    return cover.project(isoline_curves(cover.mesh, values, count))
 
 
 def _each_source(

@@ -20,6 +20,7 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.linalg.scaled_rows import scaled_rows
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.ragged import unique_keys
+from ddgcli.mesh.require import check_size
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
@@ -89,11 +90,12 @@ def diffusion_time(mesh: SurfaceMesh, factor: float) -> NDArray[np.float64]:
     Raises
     ------
     MeshError
-        The square of the mean side under- or overflows.
+        All sides are zero, or the square of their mean under- or overflows.
     ParameterError
         The factor is not positive, or its product with the square of a component under- or overflows.
     """
     h = float(mesh.side_length.mean()) if mesh.n_faces else 1.0
+    check_size(h, in_range=False)
     if not 0 < h * h < np.inf:
         raise MeshError(f"the mean side length, {h:.3g}, over- or underflows if squared; rescale the mesh")
     side = component_mean_side(mesh)

@@ -81,8 +81,11 @@ class DistanceQuery:
         """Source vertices in order."""
         return [vertex for group in self.source for vertex in group]
 
-    def check(self, *, method_needs_source: bool = True) -> None:
-        """Raise ParameterError for parameters that the method does not have, or that need a source."""
+    def check(self, *, needs_source: bool = True) -> None:
+        """Raise ParameterError for parameters that the method does not have, or that need a source.
+
+        `method` and `isolines` need none with a signed distance, which has them too.
+        """
         for name in ("tolerance", "target_point", "target_face"):
             if getattr(self, name) not in (None, ()) and self.method != "exact":
                 raise ParameterError(
@@ -97,10 +100,11 @@ class DistanceQuery:
             raise ParameterError(
                 f"needs sources at vertices or points; {self.without_source_edges}", parameter="tolerance"
             )
-        names = ("target_point", "target_face", "each_source", "gradient", "isolines", "compare", "certify")
+        names = ("target_point", "target_face", "each_source", "gradient", "compare", "certify")
         is_set = {name: bool(getattr(self, name)) for name in names}
+        is_set["isolines"] = needs_source and self.isolines is not None
         is_set["tolerance"] = self.tolerance is not None
-        is_set["method"] = method_needs_source and self.method != DistanceQuery.method
+        is_set["method"] = needs_source and self.method != DistanceQuery.method
         for name, value in is_set.items():
             if value and not self.has_source:
                 raise ParameterError("needs a source, such as `source=0`", parameter=name)

@@ -19,6 +19,7 @@ from ddgcli.geometry.component_sides import component_mean_side
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.geometry.face_frames import relative_position, surface_position
 from ddgcli.mesh.ragged import list_starts
+from ddgcli.mesh.require import check_size
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross, row_dot, vector_length
 from ddgcli.progress import ProgressCallback
@@ -102,6 +103,8 @@ def check_fan(
     Raises
     ------
     ParameterError
+    MeshError
+        All vertices are at the same place.
     """
     if rays < 3:
         raise ParameterError(f"needs 3 rays or more, not {rays}", parameter="rays")
@@ -113,6 +116,7 @@ def check_fan(
         raise ParameterError(
             f"a fan has exactly one source vertex or point, not {len(source)}", parameter="source"
         )
+    check_size(float(mesh.side_length.max()), in_range=False)
     with renamed_parameters(sources="source"):
         source_frame = SourceFrame(tracer or Tracer(mesh), source)
     face = source_frame.first // 3 if source_frame.vertex >= 0 else source_frame.face

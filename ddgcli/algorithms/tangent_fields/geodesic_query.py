@@ -8,7 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.distance import DistanceResult
-from ddgcli.algorithms.geodesics.distance_query import query_distance, query_options
+from ddgcli.algorithms.geodesics.distance_query import level_lines, query_distance, query_options
 from ddgcli.algorithms.geodesics.edge_sets import EdgeSet
 from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover
 from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery, WaveQuery
@@ -136,6 +136,8 @@ def solve_geodesic_task(
         stage_progress=stage_progress,
     )  # fmt: skip
     vertex, face = vertex | waves.vertex, face | waves.face
+    if sources is None and distance_query.isolines:
+        isolines = [level_lines(mesh, vertex["signed_distance"], distance_query.isolines)]
     results, accuracy = results | waves.results, accuracy | waves.accuracy
     if curve_query.has_curves or isolines:
         curves = query_curves(

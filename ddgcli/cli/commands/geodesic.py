@@ -51,7 +51,7 @@ def command(
       ddgcli geodesic spot.obj --source 0 -o distance.vtu --path-to 100 --paths-output path.vtp
     """
     options.use_solver(solver)
-    distance.check(method_needs_source=waves.signed_distance is None)
+    distance.check(needs_source=waves.signed_distance is None)
     curves.check(distance)
     waves.check(distance)
     curves.check_output(curves.has_curves or distance.isolines is not None or waves.fan is not None)
