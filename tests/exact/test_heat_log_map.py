@@ -9,8 +9,9 @@ from ddgcli.algorithms.tangent_fields.heat_log_map import heat_log_map, vertex_g
 from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.library.fields import logarithmic_map
 from ddgcli.mesh import shapes
-from tests.geodesic_cases import beside_a_sphere
+from tests.geodesic_cases import beside_a_sphere, disk
 
 
 def by_heat(mesh, source=0):
@@ -71,3 +72,17 @@ def test_a_point_in_a_face_is_refused():
     point = Sources(np.zeros(0, dtype=np.int64), SurfacePoints(np.array([0]), np.full((1, 3), 1 / 3)))
     with pytest.raises(ParameterError, match="starts at a vertex"):
         heat_log_map(mesh, np.ones(mesh.n_vertices), point)
+
+
+def test_heat_warns_of_directions_from_the_boundary_and_only_there(caplog):
+    mesh = disk(500)
+    for source, is_wrong in ((0, False), (int(np.flatnonzero(mesh.topology.boundary_vertex)[0]), True)):
+        caplog.clear()
+        mapped = logarithmic_map(mesh, source, "heat")
+        x = np.array(mapped.results["log_map_axis"]["x_axis"])
+        away = mesh.points - mesh.points[source]
+        truth = np.stack([away @ x, away @ np.cross([0, 0, 1], x)], axis=1)
+        error = np.linalg.norm(mapped.vertex["log_map"] - truth, axis=1)
+        relative = np.sqrt((error**2).mean()) / np.linalg.norm(truth, axis=1).max()
+        assert (relative > 0.05) == is_wrong
+        assert any("gradient of heat leans" in text for text in caplog.messages) == is_wrong

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,8 @@ from ddgcli.progress import ProgressCallback
 if TYPE_CHECKING:
     from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
     from ddgcli.algorithms.geodesics.fast_marching import FastMarchingDistance
+
+log = logging.getLogger("ddgcli")
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +86,11 @@ def log_map_vectors(
         from ddgcli.algorithms.tangent_fields.polar_coordinates import direction_skew
 
         mapped = heat_log_map(mesh, arrival.distance, sources)
+        if mesh.topology.boundary_vertex[sources.vertex].any():
+            log.warning(
+                "the source is on the boundary, along which the gradient of heat leans: directions near the "
+                "boundary are wrong by a third of a radian; use `method=fast-marching` or `method=exact`"
+            )
         unit = np.exp(1j * np.arctan2(mapped.log_map[:, 1], mapped.log_map[:, 0]))
         unit[sources.vertex] = 0.0
         accuracy = {"log_map_skew": direction_skew(mesh, arrival.distance, unit)}
