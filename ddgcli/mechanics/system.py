@@ -277,13 +277,18 @@ class System:
         return work
 
     def external_work(
-        self, path: Sequence[NDArray], dt: float, frozen: Sequence[Sequence[tuple[Potential, ...]]]
+        self,
+        path: Sequence[NDArray],
+        dt: float,
+        acting: Sequence[Sequence[tuple[tuple[Potential, ...], NDArray]]],
     ) -> float:
         """Joules that dead loads, moments and handles add, less those that dissipation takes.
 
         `path` holds positions that are dt apart; loads and wind have the forces of `time`. Of each part of it
-        `frozen` holds the dissipation that acted, or that of both ends, whose mean counts; what is smooth is
-        taken at the middle instead. The kinetic energy of prescribed vertices does not count.
+        `acting` holds the dissipation that acted, with its velocities (n, 3) in m/s, or that of both ends,
+        whose mean counts: at the mean velocity of a step, a body that sticks to an accelerated obstacle would
+        slide. What is smooth is taken at the middle instead. The kinetic energy of prescribed vertices does
+        not count.
         """
         work = 0.0
         for potential in self.potentials:
@@ -297,15 +302,13 @@ class System:
                         work -= 0.5 * float(np.vdot(force, after - before))
         for k, dissipation in enumerate(self.dissipations):
             with self.account.within(dissipation.name):
-                for (before, after), acting in zip(pairwise(path), frozen, strict=True):
+                for (before, after), in_part in zip(pairwise(path), acting, strict=True):
                     move = self.only_free(after - before)
-                    terms = (
-                        [dissipation.frozen(0.5 * (before + after), dt)]
-                        if dissipation.smooth
-                        else [f[k] for f in acting]
-                    )
-                    for term in terms:
-                        work -= float(np.vdot(term.gradient((after - before) / dt), move)) / len(terms)
+                    terms = [(frozen[k], velocity) for frozen, velocity in in_part]
+                    if dissipation.smooth:
+                        terms = [(dissipation.frozen(0.5 * (before + after), dt), (after - before) / dt)]
+                    for term, velocity in terms:
+                        work -= float(np.vdot(term.gradient(velocity), move)) / len(terms)
         if self.prescribed:
             for before, after in pairwise(path):
                 force = 0.5 * (self.full_gradient(before) + self.full_gradient(after))
