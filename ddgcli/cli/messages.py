@@ -20,8 +20,8 @@ WARNINGS_OF_A_KIND = 3  # kept of those that differ in numbers only, such as tho
 class MessageHandler(logging.Handler):
     """Collect warnings of the core for the summary; with -v print all its messages at once.
 
-    A logged error is the reason why a run failed and yet has results: it is among the warnings of the summary,
-    and printed after them, with -q too.
+    A logged error is the reason why a run failed and yet has results: it is among the warnings of the
+    summary, and printed after them, with -q too.
 
     A warning of one row (`row_label` of the record) that was also given for the whole input is left out.
     Of warnings that differ in numbers only, the first `WARNINGS_OF_A_KIND` are kept, the others are counted;
