@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -68,6 +69,20 @@ def test_a_flow_by_name_that_moves_nothing_is_reported(summary, tmp_path, shape,
     out = summary("fluid-sim", scene(tmp_path / "s.toml", shape, f"initial = {{ {flow} }}"))
     assert any("leaves the fluid at rest" in text for text in out["warnings"]) is is_at_rest
     assert not is_at_rest or out["results"]["kinetic_energy"] < 1e-20
+
+
+def test_vorticity_on_a_mesh_without_inner_vertices_is_reported_and_the_cure_works(summary, tmp_path):
+    coarse, fine = tmp_path / "coarse.ply", tmp_path / "fine.ply"
+    write_mesh(str(coarse), AnnotatedMesh(shapes.grid(8, 1)))
+    words = ("--vorticity", "1+x", "--duration", 0.1, "--dt", 0.05)
+    out = summary("fluid-sim", coarse, *words)
+    assert out["results"]["kinetic_energy"] == 0 and out["results"]["enstrophy"] > 1
+    (warning,) = out["warnings"]
+    assert "leaves the fluid at rest" in warning and "`subdivide=1`" in warning
+    summary("laplacian", coarse, "--subdivide", 1, "-o", fine)
+    out = summary("fluid-sim", fine, *words)
+    assert out["results"]["kinetic_energy"] > 0.02
+    assert not any("leaves the fluid at rest" in text for text in out["warnings"])
 
 
 def test_drift_after_a_start_without_vorticity_is_relative_to_what_came(summary, tmp_path):

@@ -115,6 +115,8 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
         vorticity = balanced(space, vorticity, np.abs(vorticity))
         if parameters.flow is not None:
             _warn_of_rest(parameters, space, vorticity)
+        elif vorticity.any() and not vorticity[space.free].any():
+            _warn_of_still_vorticity(context.name, space)
         return {"vorticity": vorticity}
 
     return [Initial(of_vorticity)]
@@ -176,6 +178,15 @@ def _warn_of_rest(parameters: InitialSection, space: SurfaceSpace, vorticity: ND
             "alone; give another flow or other keys (such as center), or vorticity",
             parameters.flow,
         )
+
+
+def _warn_of_still_vorticity(name: str, space: SurfaceSpace) -> None:
+    """Report vorticity at walls alone, where the velocity has none to turn."""
+    cure = "give a vorticity that differs from zero at vertices inside"
+    if not len(space.free):
+        cure = "no vertex of its mesh is inside: give its grid more cells, or split the faces of its mesh in "
+        cure += "four (`laplacian` with `subdivide=1` writes that)"
+    log.warning("the initial vorticity of %s, on walls alone, leaves the fluid at rest; %s", name, cure)
 
 
 def balanced(space: SurfaceSpace, vorticity: NDArray, terms: NDArray) -> NDArray[np.float64]:
