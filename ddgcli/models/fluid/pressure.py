@@ -11,6 +11,7 @@ elsewhere the mean of p over each component is zero. The velocity at vertices is
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -24,6 +25,7 @@ from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
+from ddgcli.models.fluid.wall_vorticity import WallVorticity
 from ddgcli.scenes.sections import Section
 from ddgcli.simulation.effects import Effect
 from ddgcli.simulation.model import Observation
@@ -90,6 +92,12 @@ class SurfacePressure(PressurePhase):
         self.side_length = space.mesh.side_length[face, k]
         self.chains = self._outflow_chains()
 
+    @cached_property
+    def walls(self) -> WallVorticity | None:
+        """Vorticity along walls with friction; None without them."""
+        setting = self.setting
+        return WallVorticity(self.space, setting.context, setting.slip) if setting.no_slip else None
+
     def _outflow_chains(self) -> list[NDArray[np.int64]]:
         """Numbers of the boundary sides of every natural outflow, one after another."""
         space = self.space
@@ -114,6 +122,8 @@ class SurfacePressure(PressurePhase):
         coriolis = sum(getattr(phase, "parameter", 0.0) for phase in self.setting.phases)
         push = -1j * (omega + coriolis)[space.faces].mean(axis=1) * velocity
         nu = sum(getattr(getattr(phase, "scheme", None), "nu", 0.0) for phase in self.setting.phases)
+        if nu and self.walls is not None:  # grad omega acts through the vorticity of the boundary alone
+            omega = self.walls.smoothed(omega, side_flux, state.time)
         push += 1j * nu * (omega[space.faces] * self.slope).sum(axis=1)
         push += self.setting.context.to_frames(space, self.accelerations(state))
         rhs = sum_by_index(

@@ -46,6 +46,15 @@ class VertexVelocity:
             velocity[vertices] = there
         return velocity
 
+    def at_corners(self, side_flux: NDArray[np.float64], time: float) -> NDArray[np.complex128]:
+        """(m, 3) of fluxes (m, 3) through the sides, in the planar frames of the faces, at a time [s]."""
+        planar = self.recovery.matrix @ side_flux.ravel()
+        if self.prescribed is not None:
+            vertices, there = self.prescribed.at(time)
+            x, y = (np.einsum("ia,ia->i", there, axis[vertices]) for axis in self.axes)
+            planar[vertices] = x + 1j * y
+        return planar[self.recovery.faces] * np.conj(self.recovery.to_vertex)
+
     def squared_speed(self, side_flux: NDArray[np.float64], time: float) -> NDArray[np.float64]:
         """(n,) of fluxes (m, 3) through the sides of the faces, at a time [s]."""
         squared = np.abs(self.recovery.matrix @ side_flux.ravel()) ** 2
