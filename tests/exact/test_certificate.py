@@ -7,7 +7,9 @@ from ddgcli.algorithms.geodesics import certificate as module
 from ddgcli.algorithms.geodesics.distance import measure_distance
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from tests.geodesic_cases import cone
 
 
@@ -85,3 +87,14 @@ def test_an_estimate_lies_between_the_proven_violation_and_what_the_bounds_leave
         assert low["error_estimate"] == low["certificate_excess"]
         largest = factor * truth.max()
         assert abs(factor - 1) * truth.max() - 1e-12 <= high["error_estimate"] * largest < 0.8 * truth.max()
+
+
+def test_heat_from_a_whole_boundary_states_no_error_of_circular_wavefronts():
+    mesh = shapes.icosphere(4)
+    mesh = TriangleMesh.from_arrays(mesh.points, mesh.faces[(mesh.points[mesh.faces][..., 2] > -1e-9).all(1)])
+    rim = mesh.topology.boundary_edges
+    sources = Sources.at([], SurfacePoints.none(), rim, np.zeros(len(rim), dtype=np.int64))
+    exact, heat = (measure_distance(mesh, sources, method) for method in ("exact", "heat"))
+    on = mesh.topology.referenced_vertex
+    error = np.abs(heat.distance[on] - exact.distance[on]).max() / exact.distance[on].max()
+    assert 0.15 < error / heat.accuracy["error_estimate"] < 1.7

@@ -202,13 +202,15 @@ def gradient_error(mesh: SurfaceMesh, distance: NDArray, *, circular: bool = Tru
     float
         0 where no face is reached.
     """
-    x, y, area = face_gradient(mesh, distance[mesh.faces])
-    gradient = x + 1j * y
-    corner = _centred_corners(mesh) * _unit(gradient).conj()[:, None]
+    scale = float(mesh.side_length.max(initial=0.0)) or 1.0
+    corner = face_frame(mesh.side_length / scale) @ np.array([1.0, 1j])
+    value = distance[mesh.faces] / scale
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = 2 * area / (np.ptp(corner.real, axis=1) * np.ptp(corner.imag, axis=1))
-    expected = _gradient_of_a_circle(mesh, distance, gradient) if circular else 1.0
-    residual = share * (np.abs(gradient) - expected)
+        gradient, area = _complex_gradient(corner, value)
+        expected = _gradient_of_a_circle(corner, value, gradient) if circular else 1.0
+        turned = corner * _unit(gradient).conj()[:, None]
+        share = 2 * area / (np.ptp(turned.real, axis=1) * np.ptp(turned.imag, axis=1))
+        residual = share * (np.abs(gradient) - expected)
     use = np.isfinite(residual) & (area > 0)
     component = mesh.topology.face_component[use]
     total = np.bincount(component, area[use])
@@ -216,31 +218,29 @@ def gradient_error(mesh: SurfaceMesh, distance: NDArray, *, circular: bool = Tru
     return float(np.sqrt(np.max(square[total > 0] / total[total > 0], initial=0.0)))
 
 
-def _gradient_of_a_circle(mesh: SurfaceMesh, distance: NDArray, gradient: NDArray) -> NDArray[np.float64]:
+def _complex_gradient(corner: NDArray, value: NDArray) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """Gradients on faces with corner 0 at the origin, as complex numbers, and the areas of the faces."""
+    first, second = corner[:, 1], corner[:, 2]
+    area = 0.5 * first.real * second.imag
+    turned = (value[:, 2] - value[:, 0]) * first - (value[:, 1] - value[:, 0]) * second
+    return 1j * turned / (2 * area), area
+
+
+def _gradient_of_a_circle(corner: NDArray, value: NDArray, gradient: NDArray) -> NDArray[np.float64]:
     """(m,) length of the interpolant's gradient for a source in the plane, as far as each face."""
-    scale = float(mesh.side_length.max(initial=0.0)) or 1.0
-    corner = _centred_corners(mesh)
-    mean = distance[mesh.faces].mean(axis=1, keepdims=True) / scale
+    centred = corner - corner.mean(axis=1, keepdims=True)
+    mean = value.mean(axis=1, keepdims=True)
     away, circle = _unit(gradient), gradient
     for _ in range(2):  # the source lies behind the centroid; turn it until its gradient has this direction
-        x, y, _ = face_gradient(mesh, scale * np.abs(mean + corner * away.conj()[:, None]))
-        circle = x + 1j * y
+        circle, _ = _complex_gradient(corner, np.abs(mean + centred * away.conj()[:, None]))
         away = away * _unit(gradient) * _unit(circle).conj()
     return np.abs(circle)
-
-
-def _centred_corners(mesh: SurfaceMesh) -> NDArray[np.complex128]:
-    """(m, 3) corners of each face in its frame, from its centroid, over the longest side of the mesh."""
-    scale = float(mesh.side_length.max(initial=0.0)) or 1.0
-    corner = face_frame(mesh.side_length / scale) @ np.array([1.0, 1j])
-    return np.asarray(corner - corner.mean(axis=1, keepdims=True))
 
 
 def _unit(value: NDArray) -> NDArray[np.complex128]:
     """Complex numbers of length 1; 1 for 0."""
     size = np.abs(value)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.where(size > 0, value / size, 1.0))
+    return np.asarray(np.where(size > 0, value / size, 1.0))
 
 
 def face_gradient(mesh: SurfaceMesh, corner: NDArray) -> tuple[NDArray, NDArray, NDArray]:

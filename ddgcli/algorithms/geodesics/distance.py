@@ -129,6 +129,7 @@ def prepare_solver(
     MeshError
         When the mesh has no faces, or the operator does not exist on it.
     """
+    makers: dict[str, Callable[[SurfaceMesh, DistanceOptions], Callable[..., DistanceResult]]]
     makers = {"heat": _heat, "fast-marching": _fast_marching, "dijkstra": _dijkstra}
     if method not in DISTANCE_METHODS:
         raise ParameterError(f"{method!r} is not one of {', '.join(DISTANCE_METHODS)}", parameter="method")
@@ -139,17 +140,18 @@ def prepare_solver(
         return _exact(mesh, options, targets, progress, regions=regions)
     if len(targets):
         raise ParameterError(f"of points inside faces need `method=exact`, not {method}", parameter="targets")
-    return _from_curve_vertices(mesh, makers[method](mesh, options))
+    solve = makers[method](mesh, options)
+    return _from_curve_vertices(mesh, solve, partial(solve, circular=False) if method == "heat" else solve)
 
 
-def _from_curve_vertices(mesh: SurfaceMesh, solve: Solver) -> Solver:
-    """A solver that replaces source edges by their vertices."""
+def _from_curve_vertices(mesh: SurfaceMesh, solve: Solver, solve_curves: Solver) -> Solver:
+    """A solver that replaces source edges by their vertices, for `solve_curves`."""
 
     def solve_at_vertices(sources: Sources) -> DistanceResult:
         if not len(sources.edge):
             return solve(sources)
         at_vertices, number = sources.at_vertices(mesh)
-        result = solve(at_vertices)
+        result = solve_curves(at_vertices)
         nearest = result.nearest_source
         return replace(result, nearest_source=np.where(nearest >= 0, number[nearest], -1))
 
@@ -196,7 +198,7 @@ def describe_targets(mesh: SurfaceMesh, targets: SurfacePoints, exact: ExactDist
     return entries
 
 
-def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
+def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Callable[..., DistanceResult]:
     from ddgcli.algorithms.delaunay.triangulation import negative_cotan_edges
     from ddgcli.algorithms.geodesics.certificate import gradient_error
     from ddgcli.algorithms.geodesics.heat import HeatSolver
@@ -206,7 +208,7 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
     with renamed_parameters(time_factor="heat_time", refine="heat_refine"):
         solver = HeatSolver(base, time_factor=options.heat_time, refine=options.heat_refine, source_mesh=mesh)
 
-    def solve(sources: Sources) -> DistanceResult:
+    def solve(sources: Sources, *, circular: bool = True) -> DistanceResult:
         heat = solver.distance(sources)
         if not heat.heat_residual <= MAX_HEAT_RESIDUAL:
             raise ParameterError(
@@ -215,7 +217,7 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
                 parameter="heat_time",
             )
         accuracy: dict[str, Any] = {
-            "error_estimate": gradient_error(base, heat.extended, circular=not len(sources.edge)),
+            "error_estimate": gradient_error(base, heat.extended, circular=circular),
             "heat_residual": heat.heat_residual,
             "poisson_residual": heat.poisson_residual,
         }
