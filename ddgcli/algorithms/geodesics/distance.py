@@ -76,6 +76,8 @@ class DistanceResult(VertexDistances):
         False if the certificate or a residual exceeds its bound.
     region : (m,) ndarray of int64, optional
         Source nearest to the centroid of each face, -1 where none reaches.
+    estimate : callable, optional
+        Computes the estimate of the largest error, which the certificate limits; only stated errors need it.
     """
 
     results: dict[str, Any] = field(default_factory=dict)
@@ -84,6 +86,7 @@ class DistanceResult(VertexDistances):
     fast_marching: FastMarchingDistance | None = None
     converged: bool = True
     region: NDArray[np.int64] | None = None
+    estimate: Callable[[], float] | None = None
 
     @property
     def arrays(self) -> dict[str, NDArray]:
@@ -217,7 +220,6 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Callable[..., Distance
                 parameter="heat_time",
             )
         accuracy: dict[str, Any] = {
-            "error_estimate": gradient_error(base, heat.extended, circular=circular),
             "heat_residual": heat.heat_residual,
             "poisson_residual": heat.poisson_residual,
         }
@@ -234,7 +236,9 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Callable[..., Distance
         if heat.cold_faces:
             faces = counted(heat.cold_faces, "face", "faces")
             log.warning(f"the heat has no gradient on {faces}; the distance is interpolated there")
-        return DistanceResult(heat.distance, downhill_source(mesh, heat.distance, sources), results, accuracy)
+        estimate = partial(gradient_error, base, heat.extended, circular=circular)
+        nearest = downhill_source(mesh, heat.distance, sources)
+        return DistanceResult(heat.distance, nearest, results, accuracy, estimate=estimate)
 
     return solve
 
@@ -366,7 +370,7 @@ def measure_distance(
         "unreachable": report_unreachable(mesh, result.distance),
         "sources": sources.describe(mesh),
     }
-    estimate = result.accuracy.get("error_estimate")
+    estimate = None if result.estimate is None else result.estimate()
     accuracy = result.accuracy | certificate(mesh, sources, result.distance, estimate=estimate)
     converged = within_residuals(
         accuracy,
@@ -390,7 +394,9 @@ def measure_distance(
     long = "rounding of the heat after so long a time; give a shorter `heat_time`"
     converged &= within_residuals(accuracy, ("heat_residual",), long if is_long else thin)
     converged &= within_residuals(accuracy, ("poisson_residual",), thin)
-    return replace(result, results=results | result.results, accuracy=accuracy, converged=converged)
+    return replace(
+        result, results=results | result.results, accuracy=accuracy, converged=converged, estimate=None
+    )
 
 
 def distance_gradient(mesh: TriangleMesh, distance: NDArray) -> NDArray[np.float64]:
