@@ -62,7 +62,8 @@ def driving_work(
                 work += 0.5 * (now.energy(before.x) - then.energy(before.x))
                 work += 0.5 * (now.energy(after.x) - then.energy(after.x))
     middle, halfway = before.x + 0.5 * dt * before.v, system.at(0.5 * (before.time + after.time))
-    for dissipation, at_half in zip(end.dissipations, halfway.dissipations, strict=True):
+    terms = zip(end.dissipations, halfway.dissipations, start.dissipations, strict=True)
+    for dissipation, at_half, at_start in terms:
         if dissipation.active:
             with system.account.within(dissipation.name):
                 if dissipation.smooth:
@@ -72,8 +73,7 @@ def driving_work(
                 else:
                     drag = dissipation.frozen(after.x, dt).gradient(after.v)
                     if acts_at == "ends":
-                        lagged = dissipation.lagged(before.time) if dissipation.lagged else dissipation
-                        drag = 0.5 * (drag + lagged.frozen(before.x, dt).gradient(before.v))
+                        drag = 0.5 * (drag + at_start.frozen(before.x, dt).gradient(before.v))
             work -= float(np.vdot(system.only_free(drag), move))
     return work
 

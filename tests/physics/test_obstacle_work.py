@@ -1,7 +1,15 @@
 """Work of moving obstacles is that of the forces which the scheme takes."""
 
+import importlib.util
+
+import numpy as np
 import pytest
 
+from ddgcli.io.scene_file import parse_scene
+from ddgcli.models.shell import model
+from ddgcli.models.shell.scene import KIND
+from ddgcli.scenes.scene import resolve
+from ddgcli.simulation.account import Account
 from tests.physics.test_orders_under_driving import BALL, MOVING_PLATE, SCENE
 from tests.simulate import shell_run
 
@@ -65,3 +73,38 @@ positions = [[0, 0, 0], [0.02, 0, 0.01]]
     gain = last["energy"] - start["energy"]
     assert gain > 0.95 * 0.01 * 9.81 * 0.01
     assert last["external_work"] == pytest.approx(gain, rel=0.15)
+
+
+SHAPES = {
+    "a plane": "plane = { point = [0, 0, -1e-3], normal = [0, 0, 1] }",
+    "a box with edges": "box = { corner = [-0.1, -0.1, -0.101], size = [0.4, 0.4, 0.1] }",
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_friction_of_earlier_normal_forces_has_the_velocity_of_the_surface_at_the_end_of_a_step(shape):
+    """Once also that of the start: a shell that sticks to an accelerated belt was solved twice a step."""
+    sharp = shape != "a plane"
+    if sharp and importlib.util.find_spec("ipctk") is None:
+        pytest.skip("needs the extra contact")
+    obstacle = f"""
+[[object]]
+name = "belt"
+role = "obstacle"
+{SHAPES[shape]}
+times = [0, 1]
+positions = [[0, 0, 0], [0.2, 0.1, 0]]
+"""
+    effects = 'contact = { pairs = [["s", "belt"]], friction = 0.5, gap = 2e-3, sharp = %s }'
+    text = SCENE.format(
+        step=0.01, integrator="newmark", shape=SQUARE, effects=effects % str(sharp).lower(), floor=obstacle
+    )
+    scene = resolve(parse_scene(text), KIND, {})
+    contexts = {name: context for name, (context, _) in model.contexts(scene, None).items()}
+    system = model.systems(scene, contexts, Account())["s"].at(0.3)
+    u = 0.3
+    speed = (30 * u**2 - 60 * u**3 + 30 * u**4) * np.array([0.2, 0.1, 0])
+    stuck = np.tile(speed, (len(system.mass), 1))
+    frozen = system.frozen(system.start, 0.3, since=0.0)
+    assert np.abs(system.drag_of(frozen, 0 * stuck)).max() > 1e-3  # the normal forces of the start
+    assert np.abs(system.drag_of(frozen, stuck)).max() < 1e-9

@@ -251,22 +251,39 @@ class Friction(Dissipation):
         # a moving surface may be where a vertex was before
         near, d, normal = near[d > 0], d[d > 0], normal[d > 0]
         bound = -self.coefficient * self.barrier.slope(near, d)
-        wall = self.barrier.surface_velocity(x[near])
+        wall = self.wall_velocity(x[near])
         return Sliding(self.name, self.stencil, near, bound, normal, self.slip, wall)
+
+    def wall_velocity(self, x: NDArray) -> NDArray[np.float64]:
+        """(n, 3) velocities of the surface at points."""
+        return self.barrier.surface_velocity(x)
 
 
 class MovingFriction(Friction):
-    """Friction of a surface that moves, which can add energy."""
+    """Friction of a surface that moves, which can add energy.
+
+    The surface has the velocity of `wall`, the barrier of a later time; by default that of `barrier`.
+    """
 
     active = True
     barrier: MovingBarrier
+
+    def __init__(
+        self, barrier: MovingBarrier, coefficient: float, slip: float, wall: MovingBarrier | None = None
+    ) -> None:
+        super().__init__(barrier, coefficient, slip)
+        self.wall = wall or barrier
+
+    def wall_velocity(self, x: NDArray) -> NDArray[np.float64]:
+        at_surface = self.wall.pose.points(self.barrier.pose.body(x))
+        return self.wall.surface_velocity(at_surface)
 
     def at(self, time: float) -> MovingFriction:
         return MovingFriction(self.barrier.at(time), self.coefficient, self.slip)
 
     def lagged(self, time: float) -> MovingFriction:
         """The friction whose normal forces are those of an earlier time."""
-        return self.at(time)
+        return MovingFriction(self.barrier.at(time), self.coefficient, self.slip, self.barrier)
 
 
 class Sliding(Potential):

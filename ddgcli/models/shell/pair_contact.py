@@ -318,6 +318,7 @@ class PairFriction(Dissipation):
     def __init__(self, barrier: PairBarrier, coefficient: float, slip: float) -> None:
         self.barrier, self.coefficient, self.slip = barrier, coefficient, slip
         self.obstacle, self.stencil = barrier.obstacle, barrier.stencil
+        self.wall_time = barrier.time
 
     def frozen(self, x: NDArray, dt: float) -> PairSliding:
         library, barrier = ipctk(), self.barrier
@@ -325,7 +326,7 @@ class PairFriction(Dissipation):
         sliding = library.TangentialCollisions()
         if len(pairs):
             sliding.build(barrier.mesh.mesh, positions, pairs, barrier.potential, self.coefficient)
-        return PairSliding(barrier.mesh, sliding, library.FrictionPotential(self.slip), barrier.time)
+        return PairSliding(barrier.mesh, sliding, library.FrictionPotential(self.slip), self.wall_time)
 
 
 class MovingPairFriction(PairFriction):
@@ -339,7 +340,9 @@ class MovingPairFriction(PairFriction):
 
     def lagged(self, time: float) -> MovingPairFriction:
         """The friction whose normal forces are those of an earlier time."""
-        return self.at(time)
+        friction = self.at(time)
+        friction.wall_time = self.wall_time
+        return friction
 
 
 class PairSliding(Potential):
