@@ -27,6 +27,7 @@ CONTACT_RANGE: Range = (0.15, 4.0)  # before contact none; a stiff sheet that ha
 PAIRS_RANGE: Range = (0.3, 8.0)  # of contact between shells: those that strike each other iterate longest
 # of contact where nothing resists stretching: triangles collapse, and steps are divided into hundreds
 LIMP_CONTACT_RANGE: Range = (0.15, 400.0)
+DAMPED_EXPLICIT_STEPS = 2.5  # steps without damping by stiffness that cost as much as one with it
 STEPS_PER_ITERATION = 0.5  # one factorisation in place of a factorisation and the moves after it
 DESCENT_RANGE: Range = (0.1, 1.5)  # of --steps, where a flow ends at rest before
 # of `ddgcli.models.willmore.remesh_step`, which would load its imports; uneven triangles take more rounds
@@ -109,8 +110,8 @@ def curve_flow_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[
 def shell_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     """A shell scene: integrator, `solver` of the linear systems where one is fixed, and facts of the scene.
 
-    These are `contact`, `stretching` (an effect resists it), `midedge`, `modes`, `buckling` and the faces
-    that pairs search, `pair_elements`.
+    These are `contact`, `stretching` (an effect resists it), `midedge`, `stiffness_damping`, `modes`,
+    `buckling` and the faces that pairs search, `pair_elements`.
     """
     integrator = options.get("integrator")
     yield Use("shell-sim")
@@ -128,7 +129,8 @@ def shell_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
     if integrator == "avi":
         yield Use("shell-sim avi")
     if integrator in EXPLICIT_INTEGRATORS:
-        yield _step_uses("shell-sim explicit step", size)
+        factor = DAMPED_EXPLICIT_STEPS if options.get("stiffness_damping") else 1.0
+        yield _step_uses("shell-sim explicit step", size, factor)
     elif integrator == "static" and not iterative:
         yield from _equilibria(f"shell-sim {'midedge ' if options.get('midedge') else ''}iteration", size)
     elif size.steps != 0:

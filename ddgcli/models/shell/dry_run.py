@@ -26,7 +26,8 @@ def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any
     Returns
     -------
     dict
-        `contact` (with another object), `stretching` (an effect resists it) and `midedge` (bending) are bool.
+        `contact` (with another object), `stretching` (an effect resists it), `midedge` (bending) and
+        `stiffness_damping` are bool.
         `pair_elements` are the faces among which contact searches pairs: those of shells that meet
         themselves, each other or an obstacle with a mesh, and of that mesh.
     """
@@ -45,6 +46,7 @@ def cost_facts(scene: Scene, contexts: dict[str, ShellContext]) -> dict[str, Any
         "contact": any(name == "contact" and bool(p.pairs) for name, p in effects),
         "stretching": any(name == "stretching" for name, _ in effects),
         "midedge": any(name == "bending" and p.model == "midedge" for name, p in effects),
+        "stiffness_damping": any(name == "damping" and p.stiffness > 0 for name, p in effects),
         "pair_elements": sum(faces.get(name, 0) for name in searched),
     }
 
