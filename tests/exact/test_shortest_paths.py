@@ -64,7 +64,7 @@ def test_unreachable_targets_have_no_path_and_unknown_ones_are_refused():
     sources = Sources.at([0])
     curves = shortest_paths(two, exact_distance(two, sources), sources, [1, a.n_vertices + 1])
     assert not curves.converged and curves.entries[1]["length"] is None
-    with pytest.raises(ParameterError, match="target vertex 9999"):
+    with pytest.raises(ParameterError, match="targets: vertex 9999"):
         shortest_paths(two, exact_distance(two, sources), sources, [9999])
 
 
