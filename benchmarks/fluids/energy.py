@@ -64,7 +64,7 @@ def surface(mesh: TriangleMesh) -> tuple[NDArray, Advance, Callable[[NDArray], f
         return np.concatenate(midpoint(space, state[:n], state[n:], dt, True)[:2])
 
     def energy(state: NDArray) -> float:
-        return space.kinetic_energy(space.stream_function(state[:n]), state[:n], state[n:])
+        return space.kinetic_energy(space.stream_function(state[:n]), state[n:])
 
     return np.concatenate([vorticity, np.full(len(space.harmonic), 0.3)]), advance, energy
 

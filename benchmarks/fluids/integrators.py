@@ -88,7 +88,7 @@ def row(problem: str, level: int, name: str, step: float) -> list[Any]:
     error = (space.enstrophy(end - exact) / space.enstrophy(exact)) ** 0.5
 
     def energy(omega: NDArray) -> float:
-        return space.kinetic_energy(space.stream_function(omega), omega, np.zeros(0))
+        return space.kinetic_energy(space.stream_function(omega), np.zeros(0))
 
     astray = (energy(end - exact) / energy(exact)) ** 0.5
     losses = 1.0 - energy(end) / energy(start), 1.0 - space.enstrophy(end) / space.enstrophy(start)

@@ -36,12 +36,18 @@ from ddgcli.algorithms.tangent_fields.log_map import log_map
 from ddgcli.algorithms.tangent_fields.polar_coordinates import fast_marching_log_map
 from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
 from ddgcli.algorithms.tracing.trace import Tracer
+from ddgcli.geometry import unfolding
 from ddgcli.geometry.face_frames import surface_position, to_face_frame, to_space
-from ddgcli.geometry.unfolding import drop_unfolding
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.connection import from_vertex_frames, to_vertex_frames
 
 LINES = 10_000
+
+
+def drop_unfolding(mesh):
+    """Drop the cached layout of a mesh, so that its set-up can be timed."""
+    unfolding._UNFOLDING_TYPE.pop(mesh, None)
+    unfolding._FANS.pop(mesh, None)
 
 
 def starts(mesh, k=LINES, seed=0):

@@ -29,12 +29,6 @@ _UNFOLDING_TYPE: WeakKeyDictionary[SurfaceMesh, Unfolding] = WeakKeyDictionary()
 _FANS: WeakKeyDictionary[SurfaceMesh, Fans] = WeakKeyDictionary()
 
 
-def drop_unfolding(mesh: SurfaceMesh) -> None:
-    """Drop the cached layout of a mesh, so that benchmarks can time the set-up."""
-    _UNFOLDING_TYPE.pop(mesh, None)
-    _FANS.pop(mesh, None)
-
-
 @dataclass(frozen=True, eq=False)
 class Unfolding:
     """Every face in the plane, in the frame of each of its sides; lengths divided by `scale`.

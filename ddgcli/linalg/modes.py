@@ -149,7 +149,7 @@ def _shifted(
 
 
 def largest_ratios(
-    numerator: csc_array, stiffness: csc_array, k: int, seed: int = 0
+    numerator: csc_array, stiffness: csc_array, k: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Largest eigenpairs of A x = mu K x with A symmetric and K positive definite.
 
@@ -160,8 +160,6 @@ def largest_ratios(
     stiffness : (n, n) csc_array
         K.
     k : int
-    seed : int
-        Of the starting block.
 
     Returns
     -------
@@ -182,6 +180,6 @@ def largest_ratios(
     def apply(rows: NDArray) -> NDArray:
         return factor.solve(np.asfortranarray(numerator @ rows.T)).T
 
-    search = BlockLanczos(apply, csr_array(stiffness), np.zeros((0, n)), seed)
+    search = BlockLanczos(apply, csr_array(stiffness), np.zeros((0, n)), seed=0)
     values, rows, _ = search.first(k, lambda theta: True)
     return values, canonical_vectors(values, rows.T, stiffness @ rows.T)

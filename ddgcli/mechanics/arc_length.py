@@ -53,7 +53,7 @@ def arc_step(system: System, motion: Motion, dt: float, parameters: Any) -> Moti
     length = float(parameters.arc_length) * dt * parameters.load_steps / duration
     before = None if not motion.past[2][0] > 0 else motion.x - motion.past[0]
     path = _Path(system, motion.x, duration, length)
-    x, time, count = path.corrected(*path.predicted(motion.time, before), motion.time)
+    x, time, count = path.corrected(*path.predicted(motion.time, before))
     if time >= duration > motion.time:
         x, more = path.at_load(x, duration)
         time, count = duration, count + more
@@ -97,7 +97,7 @@ class _Path:
             scale = -scale
         return self.x + scale * tangent, time + scale
 
-    def corrected(self, y: NDArray, time: float, start: float) -> tuple[NDArray, float, int]:
+    def corrected(self, y: NDArray, time: float) -> tuple[NDArray, float, int]:
         """Equilibrium at the length of the step: positions, time, corrections."""
         enough = MOVE_TOLERANCE * self.system.size
         for count in range(1, MAX_CORRECTIONS + 1):

@@ -37,7 +37,7 @@ def test_circulation_raises_neither_energy_nor_enstrophy(name):
     carry = CirculationAdvection(space)
     energy, enstrophy = [], []
     for _ in range(20):
-        energy.append(space.kinetic_energy(space.stream_function(omega), omega, c))
+        energy.append(space.kinetic_energy(space.stream_function(omega), c))
         enstrophy.append(space.enstrophy(omega))
         omega, c, *_ = carry.step(omega, c, 0.02, True)
     assert (np.diff(energy) <= 1e-12 * energy[0]).all()
@@ -50,11 +50,11 @@ def test_circulation_loses_less_on_finer_spheres():
     for level, dt in ((3, 0.05), (3, 0.0125), (4, 0.025)):
         space = space_of(shapes.icosphere(level))
         omega, c = some_flow(space)
-        start = space.kinetic_energy(space.stream_function(omega), omega, c)
+        start = space.kinetic_energy(space.stream_function(omega), c)
         carry = CirculationAdvection(space)
         for _ in range(round(1 / dt)):
             omega, c, *_ = carry.step(omega, c, dt, True)
-        loss[level, dt] = 1 - space.kinetic_energy(space.stream_function(omega), omega, c) / start
+        loss[level, dt] = 1 - space.kinetic_energy(space.stream_function(omega), c) / start
     assert max(loss[3, 0.0125], loss[3, 0.05]) < 5e-4 and loss[4, 0.025] < 0.3 * loss[3, 0.05]
 
 
@@ -81,9 +81,9 @@ def test_energy_that_circulation_loses_does_not_grow_with_the_number_of_steps(su
         omega = start
         for _ in range(steps):
             omega, *_ = carry.step(omega, NONE, 1.0 / steps, False)
-        return 1 - space.kinetic_energy(space.stream_function(omega), omega, NONE) / whole
+        return 1 - space.kinetic_energy(space.stream_function(omega), NONE) / whole
 
-    whole = space.kinetic_energy(space.stream_function(start), start, NONE)
+    whole = space.kinetic_energy(space.stream_function(start), NONE)
     few, many = loss(10), loss(40)
     assert -1e-12 < few < 0.01 and -1e-12 < many < 0.01
 
@@ -111,12 +111,12 @@ def test_circulation_on_a_periodic_tensor_grid_keeps_energy_and_tells_its_correc
     omega = (2 * np.sin(x) * np.sin(y) + 0.8 * np.sin(2 * x + 1) * np.cos(3 * y)) * space.mass
     omega -= space.mass * omega.sum() / space.mass.sum()
     carry, acted = CirculationAdvection(space), []
-    whole = space.kinetic_energy(space.stream_function(omega), omega, NONE)
+    whole = space.kinetic_energy(space.stream_function(omega), NONE)
     enstrophy = space.enstrophy(omega)
     for _ in range(20):
         omega, _, _, _, which = carry.step(omega, NONE, 0.2, False)
         acted.append(which)
-    assert abs(1 - space.kinetic_energy(space.stream_function(omega), omega, NONE) / whole) < 0.01
+    assert abs(1 - space.kinetic_energy(space.stream_function(omega), NONE) / whole) < 0.01
     assert abs(1 - space.enstrophy(omega) / enstrophy) < 0.01
     assert 0 < np.sum(acted, axis=0)[1] <= 20 and np.sum(acted, axis=0)[2] <= 2
 

@@ -108,7 +108,6 @@ def check_query(
     image: NDArray | None = None,
     regions: Sequence[tuple[NDArray, str]] = (),
     balls: Sequence[tuple[NDArray, float]] = (),
-    vertex_vectors: bool = False,
     offset: float | None = None,
     offset_angle: float = 6.0,
 ) -> None:
@@ -116,7 +115,7 @@ def check_query(
 
     Parameters
     ----------
-    mesh, scheme, radius, image, regions, balls, vertex_vectors, offset, offset_angle
+    mesh, scheme, radius, image, regions, balls, offset, offset_angle
         As in `measure_surface`.
     """
     check_curvature(mesh, scheme, radius, image=image)

@@ -17,6 +17,7 @@ from ddgcli.mesh.vectors import vector_length
 
 ROUNDING_TOLERANCE = 1e-9  # relative to the largest distance; smaller excesses are no violations
 MAX_BRUTE_FORCE_STARTS = 16
+SYMMETRY_SAMPLES = 4  # vertices of `symmetry`; each costs one distance computation
 
 
 def certificate(
@@ -268,9 +269,7 @@ def face_gradient(mesh: SurfaceMesh, corner: NDArray) -> tuple[NDArray, NDArray,
     return x, y, 0.5 * base * height
 
 
-def symmetry(
-    mesh: SurfaceMesh, measure: Callable[[Sources], NDArray], *, samples: int = 4, seed: int = 0
-) -> dict[str, Any]:
+def symmetry(mesh: SurfaceMesh, measure: Callable[[Sources], NDArray], *, seed: int = 0) -> dict[str, Any]:
     """Asymmetry and violated triangle inequalities of distances between random vertices.
 
     Parameters
@@ -278,8 +277,6 @@ def symmetry(
     mesh : TriangleMesh or IntrinsicMesh
     measure : callable
         Function from sources to the distances of all vertices.
-    samples : int
-        Number of sampled vertices; each costs one distance computation.
     seed : int
         Of the choice of vertices.
 
@@ -290,7 +287,9 @@ def symmetry(
         triangle_residual : largest d(a, c) - d(a, b) - d(b, c), relative to the same; sampled_pairs.
     """
     vertices = np.flatnonzero(mesh.topology.referenced_vertex)
-    sample = np.random.default_rng(seed).choice(vertices, size=min(samples, len(vertices)), replace=False)
+    sample = np.random.default_rng(seed).choice(
+        vertices, size=min(SYMMETRY_SAMPLES, len(vertices)), replace=False
+    )
     table = np.stack([measure(Sources(np.array([v])))[sample] for v in sample])
     finite = np.isfinite(table) & np.isfinite(table.T)
     scale = float(table[finite].max(initial=0.0)) or 1.0

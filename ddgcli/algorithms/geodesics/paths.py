@@ -20,6 +20,7 @@ from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.vectors import row_dot
 
 SIDE_TOLERANCE = 1e-12  # barycentric coordinates below this lie on the side or vertex
+OTHER_FACE_TOLERANCE = 1e-9  # the same of `barycentric_in`
 SEGMENT_TOLERANCE = 1e-13  # shorter segments, relative to the longest side of the mesh, have no direction
 MIN_ACCURATE_SEGMENT = 1e-6  # the direction of a segment of length s has an error of about 1e-16 / s
 
@@ -152,7 +153,7 @@ class Joints:
 
 
 def barycentric_in(
-    topology: Topology, face: NDArray, barycentric: NDArray, other: NDArray, tolerance: float = 1e-9
+    topology: Topology, face: NDArray, barycentric: NDArray, other: NDArray
 ) -> NDArray[np.float64]:
     """Barycentric coordinates of surface points in other faces that contain them.
 
@@ -164,8 +165,6 @@ def barycentric_in(
         The points.
     other : (k,) ndarray of int64
         The other faces.
-    tolerance : float
-        Largest barycentric coordinate that counts as zero.
 
     Returns
     -------
@@ -177,7 +176,7 @@ def barycentric_in(
     # an edge of three faces or more has no twins
     for j, i in product(range(3), range(3)) if len(topology.nonmanifold_edges) else ():
         hit = np.isnan(out[:, 0]) & (topology.side_edge[face, j] == topology.side_edge[other, i])
-        hit &= (topology.side_twin[face, j] < 0) & (barycentric[:, PREVIOUS[j]] <= tolerance)
+        hit &= (topology.side_twin[face, j] < 0) & (barycentric[:, PREVIOUS[j]] <= OTHER_FACE_TOLERANCE)
         rows = np.flatnonzero(hit)
         same = topology.faces[face[rows], j] == topology.faces[other[rows], i]
         out[rows] = 0.0
@@ -185,7 +184,7 @@ def barycentric_in(
         out[rows, NEXT[i]] = barycentric[rows, np.where(same, NEXT[j], j)]
     rows = np.flatnonzero(np.isnan(out[:, 0]))
     twin = topology.side_twin[face[rows]]
-    shared = (twin // 3 == other[rows, None]) & (barycentric[rows][:, PREVIOUS] <= tolerance)
+    shared = (twin // 3 == other[rows, None]) & (barycentric[rows][:, PREVIOUS] <= OTHER_FACE_TOLERANCE)
     j = np.argmax(shared, axis=1)  # the first of them
     crosses = shared[np.arange(len(rows)), j]
     side, j, crossing = twin[crosses, j[crosses]] % 3, j[crosses], rows[crosses]
@@ -193,7 +192,7 @@ def barycentric_in(
     out[crossing, side] = barycentric[crossing, NEXT[j]]
     out[crossing, NEXT[side]] = barycentric[crossing, j]
     rows = rows[~crosses]
-    rows = rows[barycentric[rows].max(axis=1, initial=0.0) >= 1 - tolerance]
+    rows = rows[barycentric[rows].max(axis=1, initial=0.0) >= 1 - OTHER_FACE_TOLERANCE]
     vertex = topology.faces[face[rows], np.argmax(barycentric[rows], axis=1)]
     match = topology.faces[other[rows]] == vertex[:, None]
     has_vertex = match.any(axis=1)

@@ -67,7 +67,6 @@ def shortest_paths(
     exact: ExactDistance,
     sources: Sources,
     targets: list[int],
-    tracer: Tracer | None = None,
     join_lifts: Callable[[SurfacePaths], SurfacePaths] | None = None,
 ) -> Curves:
     """Shortest path from the nearest source to each target vertex.
@@ -84,8 +83,6 @@ def shortest_paths(
     sources : Sources
     targets : list of int
         Vertices.
-    tracer : Tracer, optional
-        Of the mesh, shared by several calls.
     join_lifts : callable, optional
         Joins separately lifted segments to one lift of a path, if the mesh is a cover
         (`OrientedCover.join_lifts`).
@@ -98,9 +95,8 @@ def shortest_paths(
         three or more faces, have a path without points and `length` None.
     """
     check_targets(mesh, targets)
-    tracer = tracer or Tracer(mesh)
     reached = [t for t in targets if np.isfinite(exact.distance[t])]
-    segments = _segments(tracer, exact, sources, reached)
+    segments = _segments(Tracer(mesh), exact, sources, reached)
     backward = [_chain(mesh, exact, sources, segments, t) for t in targets]
     closed = np.zeros(len(targets), dtype=bool)
     start = list_starts([len(f) for f, _ in backward])

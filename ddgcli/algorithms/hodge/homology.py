@@ -357,7 +357,7 @@ def loops_with_periods(
         return []
     allowed = np.ones(len(edges), dtype=bool)
     parent, parent_edge, distance = _shortest_tree(edges, length, allowed, n_vertices)
-    potential = _tree_integral(parent, parent_edge, edges, forms, distance)
+    potential = _tree_integral(parent, parent_edge, edges, forms)
     period = forms - (potential[edges[:, 1]] - potential[edges[:, 0]])
     size = np.abs(period).max(axis=1)
     candidates = np.flatnonzero(size > 1e-6 * size.max())
@@ -376,7 +376,7 @@ def loops_with_periods(
 
 
 def _tree_integral(
-    parent: NDArray, parent_edge: NDArray, edges: NDArray, forms: NDArray, distance: NDArray
+    parent: NDArray, parent_edge: NDArray, edges: NDArray, forms: NDArray
 ) -> NDArray[np.float64]:
     """(n, b) integral of forms along the tree from its roots, by pointer doubling."""
     total = np.zeros((len(parent), forms.shape[1]))

@@ -82,7 +82,6 @@ def check_fan(
     rays: int,
     length: float,
     circles: int = 0,
-    tracer: Tracer | None = None,
 ) -> SourceFrame:
     """Tangent frame at the source of a fan; raises the errors of `geodesic_fan`.
 
@@ -93,7 +92,6 @@ def check_fan(
     rays : int
     length : float
     circles : int
-    tracer : Tracer, optional
         As in `geodesic_fan`.
 
     Returns
@@ -118,7 +116,7 @@ def check_fan(
         )
     check_size(float(mesh.side_length.max()), in_range=False)
     with renamed_parameters(sources="source"):
-        source_frame = SourceFrame(tracer or Tracer(mesh), source)
+        source_frame = SourceFrame(Tracer(mesh), source)
     face = source_frame.first // 3 if source_frame.vertex >= 0 else source_frame.face
     check_lengths(mesh, np.array([face]), np.array([length]))
     return source_frame
@@ -131,7 +129,6 @@ def geodesic_fan(
     length: float,
     circles: int = 8,
     *,
-    tracer: Tracer | None = None,
     progress: ProgressCallback | None = None,
 ) -> Curves:
     """Straightest geodesics from one source in evenly spaced directions, with circles and caustics.
@@ -149,8 +146,6 @@ def geodesic_fan(
         Of each ray; rays end at the boundary.
     circles : int
         Number of geodesic circles, at even lengths.
-    tracer : Tracer, optional
-        Of the mesh, shared by several calls.
     progress : callable, optional
         Called with the work done and the whole work.
 
@@ -168,7 +163,7 @@ def geodesic_fan(
     ParameterError
         On fewer than 3 rays, a length that is not positive, less than 0 circles, or several sources.
     """
-    source_frame = check_fan(mesh, source, rays, length, circles, tracer)
+    source_frame = check_fan(mesh, source, rays, length, circles)
     total, is_open = 2 * np.pi, False
     if source_frame.vertex >= 0:
         fans = source_frame.tracer.fans

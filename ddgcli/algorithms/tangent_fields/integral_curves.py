@@ -108,7 +108,6 @@ def integral_curves(
     order: int = 4,
     step: float | None = None,
     tolerance: float | None = None,
-    max_steps: int = MAX_STEPS,
     progress: ProgressCallback | None = None,
 ) -> IntegralCurves:
     """Integral curves of a tangent field from points of a surface.
@@ -124,19 +123,18 @@ def integral_curves(
         Positive time; the unit of the field is length per time.
     order : {1, 2, 4}
     step : float, optional
-        Fixed time step, at least the duration over `max_steps`. A second run with doubled steps then
+        Fixed time step, at least the duration over MAX_STEPS. A second run with doubled steps then
         estimates the error.
     tolerance : float, optional
         Without `step`: largest error of a step, in length units, estimated by two half steps. Default: 1 % of
         the mean side length of its component.
-    max_steps : int
-        Curves that need more steps are abandoned, with a warning.
     progress : callable, optional
         Called with the integrated time and the total time of all curves.
 
     Returns
     -------
     IntegralCurves
+        A warning reports curves that end after MAX_STEPS steps.
 
     Raises
     ------
@@ -147,23 +145,23 @@ def integral_curves(
         raise ParameterError(f"must be 1, 2 or 4, not {order}", parameter="order")
     if not 0 < duration < np.inf:
         raise ParameterError(f"must be positive and finite, not {duration}", parameter="duration")
-    check_field_step(step, duration, max_steps)
+    check_field_step(step, duration)
     if tolerance is not None and not 0 < tolerance < np.inf:
         raise ParameterError(f"must be positive and finite, not {tolerance}", parameter="tolerance")
     tracer = Tracer(mesh)
     if step is None:
-        run = _CurveIntegrator(tracer, field, starts, duration, order, max_steps, progress)
+        run = _CurveIntegrator(tracer, field, starts, duration, order, progress)
         run.integrate_adaptively(tolerance)
         return run.result()
-    run = _CurveIntegrator(tracer, field, starts, duration, order, max_steps, progress)
+    run = _CurveIntegrator(tracer, field, starts, duration, order, progress)
     run.integrate_uniformly(step)
-    rough = _CurveIntegrator(tracer, field, starts, duration, order, max_steps)
+    rough = _CurveIntegrator(tracer, field, starts, duration, order)
     rough.integrate_uniformly(2 * step)
     run.error = _gap(mesh, run.at, rough.at)
     return run.result()
 
 
-def check_field_step(step: float | None, duration: float, max_steps: int = MAX_STEPS) -> None:
+def check_field_step(step: float | None, duration: float) -> None:
     """Raise an error for a fixed step that needs more steps than a curve may have.
 
     Parameters
@@ -171,7 +169,6 @@ def check_field_step(step: float | None, duration: float, max_steps: int = MAX_S
     step : float, optional
     duration : float
         Of the curves.
-    max_steps : int
 
     Raises
     ------
@@ -181,11 +178,11 @@ def check_field_step(step: float | None, duration: float, max_steps: int = MAX_S
         return
     if not 0 < step < np.inf:
         raise ParameterError(f"must be positive and finite, not {step}", parameter="step")
-    if duration > step * max_steps * (1 + 1e-9):
+    if duration > step * MAX_STEPS * (1 + 1e-9):
         raise ParameterError(
             f"a step of {step:g} takes {duration / step:.3g} steps to the time {duration:g}, more than "
-            f"{max_steps:,}; use a step of at least {1.01 * duration / max_steps:.3g}, or a time of at most "
-            f"{0.99 * step * max_steps:.3g}",
+            f"{MAX_STEPS:,}; use a step of at least {1.01 * duration / MAX_STEPS:.3g}, or a time of at most "
+            f"{0.99 * step * MAX_STEPS:.3g}",
             parameter="step",
         )
 
@@ -206,11 +203,10 @@ class _CurveIntegrator:
         starts: SurfacePoints,
         duration: float,
         order: int,
-        max_steps: int,
         progress: ProgressCallback | None = None,
     ) -> None:
         self.tracer, self.field, self.duration, self.order = tracer, field, duration, order
-        self.max_steps, self.progress = max_steps, progress
+        self.progress = progress
         self.at = _CurvePositions(np.array(starts.face), np.array(starts.barycentric))
         self.starts = self.at
         k = len(starts)
@@ -297,12 +293,12 @@ class _CurveIntegrator:
             self.progress(float(elapsed.sum()), len(elapsed) * self.duration)
 
     def _abandon(self) -> None:
-        stuck = np.flatnonzero((self.stop_reason == "") & (self.steps >= self.max_steps))
+        stuck = np.flatnonzero((self.stop_reason == "") & (self.steps >= MAX_STEPS))
         self.stop_reason[stuck] = STALL_STOP
         if len(stuck):
             curves = counted(len(stuck), "integral curve", "integral curves")
             _log.warning(
-                f"{curves} (first: {stuck[0]}) stopped after {self.max_steps} steps; "
+                f"{curves} (first: {stuck[0]}) stopped after {MAX_STEPS} steps; "
                 "shorten the time or raise the tolerance"
             )
 

@@ -22,7 +22,7 @@ from ddgcli.algorithms.delaunay.triangulation import (
     negative_cotan_edges,
 )
 from ddgcli.algorithms.tangent_fields.intrinsic_frames import frame_turn
-from ddgcli.errors import ParameterError, counted
+from ddgcli.errors import counted
 from ddgcli.geometry.component_sides import component_mean_side, on_vertices
 from ddgcli.linalg.factor import Factor
 from ddgcli.linalg.scaled_rows import scaled_rows
@@ -95,8 +95,6 @@ class VectorHeat:
     ----------
     mesh : TriangleMesh or IntrinsicMesh
         Consistently oriented, manifold vertices.
-    time : float
-        Diffusion time in units of the squared mean side length of each component.
     intrinsic_delaunay : bool
         Diffuse on the intrinsic Delaunay triangulation, with Steiner points on boundary edges opposite obtuse
         angles: no cotangent weight is negative, so that diffused numbers stay positive and vectors keep their
@@ -111,16 +109,14 @@ class VectorHeat:
         Diffusion time on each component, in units of its squared mean side length.
     """
 
-    def __init__(self, mesh: SurfaceMesh, time: float = 1.0, *, intrinsic_delaunay: bool = True) -> None:
-        if not time > 0:
-            raise ParameterError(f"must be positive, not {time}", parameter="time")
+    def __init__(self, mesh: SurfaceMesh, *, intrinsic_delaunay: bool = True) -> None:
         self.turn = np.ones(mesh.n_vertices, dtype=np.complex128)
         delaunay = _delaunay_frames(mesh) if intrinsic_delaunay else None
         self._on_input_faces = delaunay is None
         if delaunay:
             mesh, self.turn = delaunay
         self.mesh = mesh
-        self._factorise(np.full(mesh.topology.n_components, float(time)))
+        self._factorise(np.ones(mesh.topology.n_components))
 
     def _factorise(self, time: NDArray) -> None:
         self.time, mesh = time, self.mesh

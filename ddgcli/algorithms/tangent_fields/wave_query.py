@@ -20,7 +20,6 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.progress import StageProgress, no_stage_progress
 
 _FAN_NAMES = partial(renamed_parameters, rays="fan", length="fan_length", circles="fan_circles")
-SYMMETRY_TOLERANCE = 1e-9  # of exact distances, relative to the largest
 
 
 @dataclass(frozen=True, eq=False)

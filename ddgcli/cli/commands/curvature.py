@@ -161,8 +161,9 @@ def _surface(
     run.begin(names, names)
     energies = run.common.shows_all_results
     measured = measure_surface(
-        mesh, scheme, radius, image=image, jobs=jobs, full=full, energies=energies, **arguments
-    )
+        mesh, scheme, radius, image=image, vertex_vectors=measures.vertex_vectors, jobs=jobs, full=full,
+        energies=energies, **arguments,
+    )  # fmt: skip
     name, values = run.picture_array(measured.vertex, "mean_curvature")
     annotated = AnnotatedMesh(mesh, vertex=measured.vertex, edge=measured.edge)
     run.write(annotated, converged=measured.converged)

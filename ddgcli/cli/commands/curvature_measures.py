@@ -75,11 +75,10 @@ measure_options = grouped_options("measures", MeasureOptions, _OPTIONS)
 
 
 def surface_arguments(read: MeshInput, measures: MeasureOptions) -> dict[str, Any]:
-    """Arguments of `measure_surface`: arrays in the place of names."""
+    """Arguments that `check_query` and `measure_surface` share: arrays in the place of names."""
     return {
         "regions": [_input_array(read, name) for name in measures.region if isinstance(name, str)],
         "balls": [ball for ball in measures.region if not isinstance(ball, str)],
-        "vertex_vectors": measures.vertex_vectors,
         "offset": measures.offset,
         "offset_angle": measures.offset_angle,
     }

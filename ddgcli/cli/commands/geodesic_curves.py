@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery
+from ddgcli.algorithms.geodesics.query import CurveQuery
 from ddgcli.choices import TRACE_BOUNDARIES
 from ddgcli.cli.options import (
     POSITIVE_NUMBER,
@@ -33,10 +33,6 @@ class GeodesicCurveOptions(CurveQuery):
     """Curve query, and the files to write its curves to."""
 
     paths_output: tuple[str, ...] = ()
-
-    def check(self, distance: DistanceQuery) -> None:
-        """Raise ParameterError for options that exclude each other or lack what they refer to."""
-        super().check(distance)
 
     def check_output(self, has_curves: bool) -> None:
         """Raise ParameterError for an output of curves without curves."""

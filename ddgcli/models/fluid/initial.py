@@ -152,12 +152,12 @@ def _warn_of_lost_energy(
     """
     whole = 0.5 * float(np.sum(space.area * np.abs(velocity) ** 2))
     phi = space.stream_function(vorticity)
-    share = space.kinetic_energy(phi, vorticity, np.zeros(len(space.harmonic))) / (whole or 1.0)
+    share = space.kinetic_energy(phi, np.zeros(len(space.harmonic))) / (whole or 1.0)
     if len(space.harmonic) or not harmonic_count(space.mesh):
         if space.lift is None:
-            warn_of_lost_gradient(context.name, whole, space.kinetic_energy(phi, vorticity, coefficients))
+            warn_of_lost_gradient(context.name, whole, space.kinetic_energy(phi, coefficients))
         return share
-    energy_without = space.kinetic_energy(phi, vorticity, np.zeros(0))
+    energy_without = space.kinetic_energy(phi, np.zeros(0))
     if whole - energy_without > MAX_LOST_ENERGY_SHARE * whole:
         log.warning(
             "%.3g %% of the energy of the initial velocity of %s is left out: its gradient part, and its "
@@ -170,7 +170,7 @@ def _warn_of_lost_energy(
 def _warn_of_rest(parameters: InitialSection, space: SurfaceSpace, vorticity: NDArray) -> None:
     """Report a flow by name that does not move the fluid, such as a wave of a sphere on a flat square."""
     phi = space.stream_function(vorticity)
-    energy = space.kinetic_energy(phi, vorticity, np.zeros(len(space.harmonic)))
+    energy = space.kinetic_energy(phi, np.zeros(len(space.harmonic)))
     speed = float(np.sqrt(energy) / np.sqrt(0.5 * space.area.sum()))
     if speed <= REST_SPEED_SHARE * abs(parameters.strength) and parameters.strength:
         log.warning(

@@ -64,7 +64,7 @@ class FlowLimits:
         return after, rise, np.array([mixed, filtered, removed > 0, removed])
 
     def energy(self, flow: Flow) -> float:
-        return self.space.kinetic_energy(self.space.stream_function(flow[0]), *flow)
+        return self.space.kinetic_energy(self.space.stream_function(flow[0]), flow[1])
 
     def _without_rise(
         self, after: Flow, energy: float, smooth_step: Callable[[], Flow]
@@ -72,14 +72,14 @@ class FlowLimits:
         """Mixed with just as much of the smooth step as keeps the energy from rising; the energy reached."""
         space = self.space
         phi = space.stream_function(after[0])
-        energy_after = space.kinetic_energy(phi, *after)
+        energy_after = space.kinetic_energy(phi, after[1])
         if energy_after <= energy:
             return after, energy_after
         smooth = smooth_step()
         change, turn = smooth[0] - after[0], smooth[1] - after[1]
         phi_change = space.stream_function_change(change)
         slope = float(phi @ (space.stiffness @ phi_change) + after[1] @ turn)
-        curvature = space.kinetic_energy(phi_change, change, turn)
+        curvature = space.kinetic_energy(phi_change, turn)
         share = first_root(energy_after - energy, slope, curvature)
         if energy_after + share * (slope + share * curvature) > (1.0 + ENERGY_ROUNDING) * energy:
             # at walls the smooth step can have more energy itself
@@ -108,9 +108,9 @@ class FlowLimits:
         )
         none = np.zeros(0)
         energy = (
-            space.kinetic_energy(phi, vorticity, none),
+            space.kinetic_energy(phi, none),
             float(phi @ (space.stiffness @ phi_change)),
-            space.kinetic_energy(phi_change, change, none),
+            space.kinetic_energy(phi_change, none),
         )
         if not energy[0] > ENERGY_ROUNDING * 0.5 * float(flow[1] @ flow[1]):  # vorticity that is rounding
             return self.smoothing.without_rise(vorticity, most), flow[1]

@@ -308,9 +308,7 @@ class SurfaceSpace:
 
     # ------------------------------------------------------------------ what is conserved
 
-    def kinetic_energy(
-        self, phi: NDArray, vorticity: NDArray, coefficients: NDArray, time: float = 0.0
-    ) -> float:
+    def kinetic_energy(self, phi: NDArray, coefficients: NDArray, time: float = 0.0) -> float:
         """Half the integral of |u|^2."""
         energy = 0.5 * float(phi @ (self.stiffness @ phi) + coefficients @ coefficients)
         return energy + float(coefficients @ self.lifted_part_at(time)) if len(coefficients) else energy
@@ -358,8 +356,7 @@ class SurfaceSpace:
         return state.memo["flow"]
 
     def energy(self, state: FluidState) -> float:
-        phi, coefficients = self.flow(state).phi, state["coefficients"]
-        return self.kinetic_energy(phi, state["vorticity"], coefficients, state.time)
+        return self.kinetic_energy(self.flow(state).phi, state["coefficients"], state.time)
 
     @property
     def measure(self) -> float:
