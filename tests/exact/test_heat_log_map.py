@@ -70,7 +70,7 @@ def test_shared_factors_change_nothing():
 def test_a_point_in_a_face_is_refused():
     mesh = shapes.icosphere(1)
     point = Sources(np.zeros(0, dtype=np.int64), SurfacePoints(np.array([0]), np.full((1, 3), 1 / 3)))
-    with pytest.raises(ParameterError, match="starts at a vertex"):
+    with pytest.raises(ParameterError, match="must be a vertex"):
         heat_log_map(mesh, np.ones(mesh.n_vertices), point)
 
 
