@@ -318,7 +318,7 @@ def test_truths_are_checked_against_the_mesh():
     mesh = shapes.icosphere(2)
     assert parse_truth("sphere:1", mesh.points).name == "sphere of radius 1"
     for text in ("sphere:2", "sphere", "sphere:x", "sphere:-1", "cone:1", "torus:1"):
-        with pytest.raises(ParameterError, match="truth: "):
+        with pytest.raises(ParameterError, match="text: "):
             parse_truth(text, mesh.points)
     assert set(SHAPES) >= {"sphere", "torus"}
 

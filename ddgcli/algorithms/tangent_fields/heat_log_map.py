@@ -55,7 +55,8 @@ def require_source_vertex(sources: Sources) -> None:
     require_single_source(sources)
     if not len(sources.vertex):
         raise ParameterError(
-            "the source of a map by heat must be a vertex; use `method=exact` or `method=fast-marching` for a point",
+            "the source of a map by heat must be a vertex; for a point use `method=exact` or "
+            "`method=fast-marching`",
             parameter="sources",
         )
 
