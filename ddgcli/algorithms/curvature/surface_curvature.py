@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -46,8 +45,6 @@ from ddgcli.mesh.fields import checked_values
 from ddgcli.mesh.require import require, surely_has_area
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.workers import start_early
-
-_log = logging.getLogger("ddgcli")
 
 DEFAULT_SCHEME = "quadric"
 LEAST_RADIUS = 1e-100  # of balls, in longest edges: cubes of smaller ones leave the range of numbers

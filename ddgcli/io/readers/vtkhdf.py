@@ -68,7 +68,7 @@ def _read(root) -> RawMesh:
     if kind == "PolyData":
         types, connectivity, sizes = _polydata_cells(root, part_number)
     else:
-        types, connectivity, sizes = _cells(root, root, part_number)
+        types, connectivity, sizes = _cells(root, part_number)
         types = _numbers(root, "Types", "iu")[: len(sizes)].astype(np.int64)
     cells = _arrays(root, "CellData", steps, last, 0, len(types))
     add_vtk_cells(raw, types, connectivity, sizes, cells)
@@ -101,7 +101,7 @@ def _datasets(root, name: str) -> dict[str, Any]:
     return {key: value for key, value in group.items() if hasattr(value, "shape")}
 
 
-def _cells(root, group, part_number: int) -> tuple[NDArray, NDArray, NDArray]:
+def _cells(group, part_number: int) -> tuple[NDArray, NDArray, NDArray]:
     counts, ids = (_numbers(group, name, "iu")[:] for name in ("NumberOfCells", "NumberOfConnectivityIds"))
     first_offset = int((counts[:part_number] + 1).sum())
     end_offset = first_offset + int(counts[part_number]) + 1
@@ -115,7 +115,7 @@ def _cells(root, group, part_number: int) -> tuple[NDArray, NDArray, NDArray]:
 def _polydata_cells(root, part_number: int) -> tuple[NDArray, NDArray, NDArray]:
     types, connectivity, sizes = [], [], []
     for name, code in TOPOLOGIES:
-        _, ids, size = _cells(root, root[name], part_number)
+        _, ids, size = _cells(root[name], part_number)
         types.append(np.full(len(size), code, dtype=np.int64))
         connectivity.append(ids)
         sizes.append(size)
