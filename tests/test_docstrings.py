@@ -7,10 +7,12 @@ A function is public if another module imports it. `tests/library/test_exported_
 from __future__ import annotations
 
 import ast
+import builtins
 import doctest
+import functools
 import importlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -34,6 +36,8 @@ PACKAGES = (
     "ddgcli.simulation",
     "ddgcli.tradeoff",
 )
+
+UNKNOWN_TYPES = {("ddgcli.models.willmore.descent", "Preconditioner", "Slope")}  # an EnergyGradient
 
 
 def imported_names(tree: ast.Module) -> Iterator[tuple[str, str]]:
@@ -93,6 +97,45 @@ def missing(function: ast.FunctionDef) -> list[str]:
     return lacking
 
 
+def documented_types(docstring: str) -> set[str]:
+    """Words like `TriangleMesh` where the docstring names types of parameters, attributes and results."""
+    titles, types = ("Parameters", "Attributes", "Returns", "Yields"), set()
+    for title, section in sections(docstring).items():
+        for line in section.splitlines() if title in titles else ():
+            *name, kind = line.split(" : ", 1)
+            if line.startswith(" ") or not name and title in ("Parameters", "Attributes"):
+                continue
+            literal = r"""[{].*?[}]|'[^']*'|"[^"]*"|`[^`]*`"""
+            types |= set(re.findall(r"(?<![\w.])[A-Z]\w*[a-z]\w*", re.sub(literal, "", kind)))
+    return types
+
+
+def type_names(trees: Iterable[ast.Module]) -> set[str]:
+    """Classes, imported names and aliases of the package; names of Python."""
+    names = set(dir(builtins))
+    for node in (node for tree in trees for node in ast.walk(tree)):
+        if isinstance(node, ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.ImportFrom):
+            names |= {alias.asname or alias.name for alias in node.names}
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+    return names
+
+
+def unknown_types(trees: dict[str, ast.Module]) -> list[tuple[str, str, str]]:
+    """(module, function or class, type) of documented types that do not exist."""
+    known = type_names(trees.values())
+    return [
+        (module, node.name, name)
+        for module, tree in trees.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.ClassDef)
+        for name in sorted(documented_types(ast.get_docstring(node) or "") - known)
+    ]
+
+
+@functools.cache
 def modules() -> dict[str, ast.Module]:
     files = (ROOT / "ddgcli").rglob("*.py")
     return {
@@ -130,6 +173,31 @@ def test_examples_of_public_functions_are_correct(functions):
             assert result.failed == 0, f"{module}.{function.name}"
             attempted += result.attempted
     assert attempted > 10
+
+
+def test_documented_types_exist():
+    assert [unknown for unknown in unknown_types(modules()) if unknown not in UNKNOWN_TYPES] == []
+
+
+def test_an_unknown_type_is_detected():
+    source = '''
+class Surface: ...
+def area(mesh, mode) -> float:
+    """Area.
+
+    Parameters
+    ----------
+    mesh : list of Surface or Mesh
+        Of One Type.
+    mode : {'Fast', 'Slow'}
+
+    Returns
+    -------
+    Measured
+    """
+'''
+    unknown = unknown_types({"p": ast.parse(source)})
+    assert unknown == [("p", "area", "Measured"), ("p", "area", "Mesh")]
 
 
 def test_an_incomplete_docstring_is_detected():

@@ -279,7 +279,7 @@ def mean_curvature_flow(
 
     Returns
     -------
-    Smoothed
+    SmoothingResult
         `mesh`; `area` before and after every step, in length^2; `time` reached (shorter where the surface
         vanished before); `residual`, relative; `time_error`, the share of the area at the end that the steps
         left too much.

@@ -179,7 +179,7 @@ def write_trajectory(
     ----------
     path : str or path
         `.vtkhdf` or `.h5`. While frames come the file is called PATH.part.
-    trajectory_frames : iterable of Frame
+    trajectory_frames : iterable of TrajectoryFrame
         Such as `simulate(...)`. All frames have the arrays of the first.
     mesh : mesh or (points, cells) pair, optional
         Mesh of the frames; by default `frames.mesh`, which simulations have.

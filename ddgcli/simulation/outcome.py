@@ -21,7 +21,7 @@ class Outcome:
     ----------
     n_frames : int
         Number of whole frames, with those of the run that was resumed.
-    last : Frame
+    last : TrajectoryFrame
     series : dict of str to (T, ...) ndarray
         Scalars of every frame.
     times : (T,) ndarray
@@ -42,7 +42,7 @@ class Outcome:
     smallest_step : float
     rejected_steps : int
         Steps that failed; those that were only divided at a known limit do not count.
-    picture_frames : list of Frame
+    picture_frames : list of TrajectoryFrame
         A few frames, spread over the run.
     mesh : TriangleMesh
         All surfaces as one.
