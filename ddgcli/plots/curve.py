@@ -63,7 +63,7 @@ def draw_curves(
     """
     flags = [closed] * len(curves) if isinstance(closed, bool) else list(closed)
     start, stop, shade, curve = _segments(curves, values, flags)
-    several = groups is not None and len(set(groups)) > 1
+    has_several_groups = groups is not None and len(set(groups)) > 1
     if fit is None:
         fit = np.concatenate([start, stop]) if len(start) else np.zeros((1, 3))
     placed = unit_box(fit)
@@ -83,14 +83,14 @@ def draw_curves(
         a, b = camera.project(start), camera.project(stop)
         flat = bool(np.ptp(np.concatenate([a[:, 2], b[:, 2]])) < 1e-6 * camera.width)
         order = np.argsort(-(a[:, 2] + b[:, 2]), kind="stable")
-        if several and not flat:
+        if has_several_groups and not flat:
             group = np.asarray(groups)[curve]
             order = order[~is_cut((a + b) / 2, group, curve, HALO_WIDTH / 2 * dpi / 72)[order]]
         lines = np.stack([a, b], axis=1)[order, :, :2]
         mappable = _colour_scale(shade, True if label in SIGNED_ARRAYS else signed, limits)
         plain = np.tile([0.2, 0.4, 0.7, 1.0], (len(order), 1))
         tint = plain if values is None else mappable.to_rgba(shade[order])
-        axes.add_collection(_rimmed_lines(lines, tint, flat or several))
+        axes.add_collection(_rimmed_lines(lines, tint, flat or has_several_groups))
         for points, directions, colour in vectors:
             axes.add_collection(_vector_lines(camera, placed(points), directions, colour))
         axes.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal")

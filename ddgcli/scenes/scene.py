@@ -419,12 +419,12 @@ def _effects(document: Document, kind: SceneKind, roles: set[str]) -> tuple[tupl
                 f"effect {name!r} acts on objects of role {' or '.join(effect.roles)}, and the scene has none"
             )
             raise SceneError(located(document, key, message))
-        several = isinstance(value, list)
-        if several and not effect.repeatable:
+        is_repeated = isinstance(value, list)
+        if is_repeated and not effect.repeatable:
             message = f"effect {name!r} is allowed only once, as one table"
             raise SceneError(located(document, (*key, 0), message))
-        for k, table in enumerate(value if several else [value]):
-            place: Key = (*key, k) if several else key
+        for k, table in enumerate(value if is_repeated else [value]):
+            place: Key = (*key, k) if is_repeated else key
             if not isinstance(table, dict):
                 message = f"effect {name!r} must be a table such as {name} = {{ ... }}, found {table!r}"
                 raise SceneError(located(document, place, message))

@@ -335,7 +335,7 @@ class FluidModel:
         return [self.transport, *self.sources.phases, *self.tracers]
 
     def model(self) -> Model[FluidState]:
-        """The joint to the time loop."""
+        """Model for the time loop."""
         order = min(phase.order for phase in (self.transport, *self.sources.phases))
         return Model(
             self.start, self.advance, self.observe, self.pack, self.unpack,
