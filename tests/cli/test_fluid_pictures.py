@@ -84,6 +84,7 @@ def test_streamlines_of_a_turn_are_circles_about_its_centre():
 
 def test_streamlines_keep_their_distance():
     lines = turning_streamlines()
+    assert len(lines) > 8
     spacing = SPACING * 400
     for k, line in enumerate(lines):
         for other in lines[:k]:
