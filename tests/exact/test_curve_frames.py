@@ -152,7 +152,7 @@ def test_the_command_writes_frames_of_the_resampled_curve(tmp_path, summary, run
     write_mesh(str(tmp_path / "sphere.ply"), AnnotatedMesh(ddg.icosphere(1)))
     result = run("curvature", tmp_path / "sphere.ply", "--frames")
     assert result.exit_code == 2 and "--frames is for curves" in result.stderr
-    with pytest.raises(ParameterError, match="belong to curves"):
+    with pytest.raises(ParameterError, match="belongs to curves"):
         ddg.curvature(ddg.icosphere(1), with_frames=True)
 
 

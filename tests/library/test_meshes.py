@@ -110,7 +110,7 @@ def test_numbers_of_vertices_may_be_whole_floats_or_objects(kind):
         np.testing.assert_array_equal(getattr(again, cells), corners)
         np.testing.assert_array_equal(again.points, mesh.points)
     for wrong in (corners + 0.5, np.where(corners == 0, np.nan, corners), np.where(corners == 0, 1e300, 0.0)):
-        with pytest.raises(ddg.errors.MeshError, match="integers"):
+        with pytest.raises(ddg.errors.MeshError, match="whole numbers"):
             ddg.as_mesh((mesh.points, wrong))
 
 

@@ -19,7 +19,7 @@ from ddgcli.choices import CONSERVED_QUANTITIES, MECHANICAL_EXAMPLES
 from ddgcli.errors import ParameterError
 from ddgcli.mechanics.integrators import INTEGRATORS, Step
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mechanics.terms import FixedCoordinates, Mode
+from ddgcli.mechanics.terms import FixedCoordinates, Mode, Potential
 from ddgcli.mesh.vectors import row_cross
 from ddgcli.scenes.scene import resolve
 from ddgcli.scenes.sections import Document
@@ -42,7 +42,7 @@ FORBIDDEN_EFFECTS = {  # effects that change the quantity
 
 
 @dataclass(frozen=True)
-class Spring:
+class Spring(Potential):
     """Spring between vertices 0 and 1."""
 
     stiffness: float
@@ -77,7 +77,7 @@ class Spring:
 
 
 @dataclass(frozen=True)
-class Weight:
+class Weight(Potential):
     """Weight of a pendulum of length and weight 1, whose angle is the first coordinate of vertex 1."""
 
     name: str = "gravity"
