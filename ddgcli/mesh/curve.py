@@ -78,7 +78,7 @@ class CurveSet(PointMesh):
         checked, segments = own_points(points), indices(lines, "the array of lines")
         if segments.ndim != 2 or segments.shape[1] != 2 or segments.dtype.kind not in "iu":
             raise MeshError(
-                f"lines must be integers of shape (k, 2), not {segments.dtype} of shape {segments.shape}"
+                f"lines must be whole numbers of shape (k, 2), not {segments.dtype} of shape {segments.shape}"
             )
         bad = np.flatnonzero(((segments < 0) | (segments >= len(checked))).any(axis=1))
         if len(bad):

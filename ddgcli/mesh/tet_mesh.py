@@ -80,7 +80,7 @@ class TetMesh(PointMesh):
         if tetrahedra.ndim != 2 or tetrahedra.shape[1] != 4:
             raise MeshError(f"tetrahedra must have shape (k, 4), not {tetrahedra.shape}")
         if tetrahedra.dtype.kind not in "iu":
-            raise MeshError(f"indices of tetrahedra must be integers, not {tetrahedra.dtype}")
+            raise MeshError(f"indices of tetrahedra must be whole numbers, not {tetrahedra.dtype}")
         bad = np.flatnonzero(((tetrahedra < 0) | (tetrahedra >= len(points))).any(axis=1))
         if len(bad):
             raise MeshError(f"tetrahedron {bad[0]} names a vertex outside 0..{len(points) - 1}")

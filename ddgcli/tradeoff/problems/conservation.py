@@ -7,7 +7,7 @@ value at the start, which the exact motion keeps.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -41,18 +41,14 @@ FORBIDDEN_EFFECTS = {  # effects that change the quantity
 }
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Spring(Potential):
     """Spring between vertices 0 and 1."""
 
     stiffness: float
     length: float
     name: str = "spring"
-
-    @property
-    def stencil(self) -> NDArray[np.int64]:
-        """Its two ends."""
-        return np.array([[0, 1]])
+    stencil: NDArray[np.int64] = field(default_factory=lambda: np.array([[0, 1]]))  # the ends
 
     def energy(self, x: NDArray) -> float:
         """Half the stiffness times the squared extension."""
@@ -76,16 +72,12 @@ class Spring(Potential):
         return np.block([[block, -block], [-block, block]])[None]
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Weight(Potential):
     """Weight of a pendulum of length and weight 1, whose angle is the first coordinate of vertex 1."""
 
     name: str = "gravity"
-
-    @property
-    def stencil(self) -> NDArray[np.int64]:
-        """Its vertex."""
-        return np.array([[1]])
+    stencil: NDArray[np.int64] = field(default_factory=lambda: np.array([[1]]))
 
     def energy(self, x: NDArray) -> float:
         """Height above the lowest point."""
