@@ -142,5 +142,5 @@ def test_arrays_of_the_caller_stay_writeable_and_are_not_those_of_the_mesh(cells
 
 
 def test_corners_of_tetrahedra_are_integers():
-    with pytest.raises(ddg.errors.MeshError, match="must be integers"):
+    with pytest.raises(ddg.errors.MeshError, match="must be whole numbers"):
         ddg.TetMesh.from_arrays(TETRAHEDRON, [[0.0, 1.0, 2.0, 3.5]])
