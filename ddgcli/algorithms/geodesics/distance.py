@@ -142,8 +142,10 @@ def prepare_solver(
     if method == "exact":
         return _exact(mesh, options, targets, progress, regions=regions)
     if len(targets):
-        raise ParameterError(f"of points inside faces need `method=exact`, not {method}", parameter="targets")
+        raise ParameterError(f"points inside faces need `method=exact`, not {method}", parameter="targets")
     solve = makers[method](mesh, options)
+    if method == "fast-marching":
+        return solve
     return _from_curve_vertices(mesh, solve, partial(solve, circular=False) if method == "heat" else solve)
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.geodesics.curve_fronts import CurveFronts, curve_fronts
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, component_scales, side_shapes, sides_across
 from ddgcli.algorithms.geodesics.near_points import near_distances
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, corner_distance
@@ -258,12 +259,17 @@ def fast_marching_distance(
     """
     sources = check_sources(mesh, sources)
     stencils = stencils or fast_marching_stencils(mesh)
-    solver = _FastMarching(stencils, mesh.n_vertices, store_sources=len(sources) > 1, planar=planar)
+    starts, number = sources.at_vertices(mesh)
+    fronts = curve_fronts(mesh, sources, number) if sources.n_curves else None
+    number = number if fronts is None else fronts.source
+    solver = _FastMarching(
+        stencils, mesh.n_vertices, store_sources=len(number) > 1, planar=planar, fronts=fronts
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
-        vertex, value, number = _first_values(mesh, sources, stencils.scale)
-        solver.lower(vertex, value, number if len(sources) > 1 else None)
+        vertex, value, start = _first_values(mesh, starts, stencils.scale)
+        solver.lower(vertex, value, start if solver.store_sources else None)
         solver.run()
-    nearest = np.where(np.isfinite(solver.distance), solver.source, -1)
+    nearest = np.where(np.isfinite(solver.distance), number[solver.source], -1)
     return FastMarchingDistance(
         solver.distance * stencils.scale, nearest, solver.rounds, solver.updates, stencils
     )
@@ -282,12 +288,18 @@ def _first_values(mesh: SurfaceMesh, sources: Sources, scale: NDArray) -> tuple[
 
 
 class _FastMarching:
-    """Upper bounds of the distances, and the vertices whose change has not been propagated."""
+    """Upper bounds of the distances, and the vertices whose change has not been propagated.
 
-    def __init__(self, stencils: Stencils, n: int, *, store_sources: bool, planar: bool) -> None:
+    `source` is the nearest start of each vertex (`CurveFronts`, where sources are curves).
+    """
+
+    def __init__(
+        self, stencils: Stencils, n: int, *, store_sources: bool, planar: bool, fronts: CurveFronts | None
+    ) -> None:
         self.stencils, self.local_update = stencils, _planar_update if planar else circular_update
         self.distance = np.full(n, np.inf)
         self.store_sources, self.source = store_sources, np.zeros(n, dtype=np.int64)
+        self.fronts = fronts
         self.queued = np.zeros(n, dtype=bool)
         self.bucket, self.square = BUCKET_WIDTH * stencils.mean_side, stencils.longest**2
         self.stop, self.count = stencils.start[1:], np.diff(stencils.start)
@@ -338,20 +350,34 @@ class _FastMarching:
         k = stencils.at.take(use.take(may))
         corner = stencils.corner.take(k, axis=0)
         da, db, dc = self.distance.take(corner).T
-        length, x, y, by_a = stencils.shape.take(k, axis=0).T
-        value_c, cross = self.local_update(da, db, length, x, y)
-        valid = cross >= 0  # the ray must cross between a and b
-        valid &= cross <= length
-        source = None
-        if self.store_sources:
-            source, source_b = self.source.take(corner[:, :2]).T
-            valid &= source == source_b  # wavefronts of two sources form no common circle
-        value_c = np.where(valid, value_c, by_a + da)
+        value_c, source = self._local_values(corner, da, db, stencils.shape.take(k, axis=0).T)
         dc *= 1 - 1e-14  # smaller improvements are rounding
         better = (value_c < dc).nonzero()[0]
         self.updates += len(may)
         source = None if source is None else source.take(better)
         self.lower(corner[:, 2].take(better), value_c.take(better), source)
+
+    def _local_values(
+        self, corner: NDArray, da: NDArray, db: NDArray, shape: NDArray
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
+        """Distances of the third corners by a wavefront that crosses ab, or along ac, and their starts."""
+        length, x, y, by_a = shape
+        along = by_a + da
+        value, cross = self.local_update(da, db, length, x, y)
+        if not self.store_sources:
+            return np.where((cross >= 0) & (cross <= length), value, along), None
+        start, start_b = self.source.take(corner[:, :2]).T
+        meets = start == start_b  # wavefronts of two sources form no common circle
+        if self.fronts is None:
+            return np.where(meets & (cross >= 0) & (cross <= length), value, along), start
+        piece = self.fronts.common_piece(start, start_b)
+        straight = (piece >= 0).nonzero()[0]
+        value[straight], cross[straight] = _planar_update(
+            *(array.take(straight) for array in (da, db, length, x, y))
+        )
+        meets[straight] = value[straight] <= along[straight]  # beside a vertex the front is round
+        meets &= (cross >= 0) & (cross <= length)
+        return np.where(meets, value, along), np.where(meets & (piece >= 0), piece, start)
 
 
 def circular_update(
