@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.curve_fronts import CurveFronts, curve_fronts
+from ddgcli.algorithms.geodesics.curve_wavefronts import CurveWavefronts, curve_wavefronts
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, component_scales, side_shapes, sides_across
 from ddgcli.algorithms.geodesics.near_points import near_distances
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, corner_distance
@@ -260,10 +260,10 @@ def fast_marching_distance(
     sources = check_sources(mesh, sources)
     stencils = stencils or fast_marching_stencils(mesh)
     starts, number = sources.at_vertices(mesh)
-    fronts = curve_fronts(mesh, sources, number) if sources.n_curves else None
-    number = number if fronts is None else fronts.source
+    wavefronts = curve_wavefronts(mesh, sources, number) if sources.n_curves else None
+    number = number if wavefronts is None else wavefronts.source
     solver = _FastMarching(
-        stencils, mesh.n_vertices, store_sources=len(number) > 1, planar=planar, fronts=fronts
+        stencils, mesh.n_vertices, store_sources=len(number) > 1, planar=planar, wavefronts=wavefronts
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         vertex, value, start = _first_values(mesh, starts, stencils.scale)
@@ -290,16 +290,22 @@ def _first_values(mesh: SurfaceMesh, sources: Sources, scale: NDArray) -> tuple[
 class _FastMarching:
     """Upper bounds of the distances, and the vertices whose change has not been propagated.
 
-    `source` is the nearest start of each vertex (`CurveFronts`, where sources are curves).
+    `source` is the nearest start of each vertex (`CurveWavefronts`, where sources are curves).
     """
 
     def __init__(
-        self, stencils: Stencils, n: int, *, store_sources: bool, planar: bool, fronts: CurveFronts | None
+        self,
+        stencils: Stencils,
+        n: int,
+        *,
+        store_sources: bool,
+        planar: bool,
+        wavefronts: CurveWavefronts | None,
     ) -> None:
         self.stencils, self.local_update = stencils, _planar_update if planar else circular_update
         self.distance = np.full(n, np.inf)
         self.store_sources, self.source = store_sources, np.zeros(n, dtype=np.int64)
-        self.fronts = fronts
+        self.wavefronts = wavefronts
         self.queued = np.zeros(n, dtype=bool)
         self.bucket, self.square = BUCKET_WIDTH * stencils.mean_side, stencils.longest**2
         self.stop, self.count = stencils.start[1:], np.diff(stencils.start)
@@ -368,14 +374,14 @@ class _FastMarching:
             return np.where((cross >= 0) & (cross <= length), value, along), None
         start, start_b = self.source.take(corner[:, :2]).T
         meets = start == start_b  # wavefronts of two sources form no common circle
-        if self.fronts is None:
+        if self.wavefronts is None:
             return np.where(meets & (cross >= 0) & (cross <= length), value, along), start
-        piece = self.fronts.common_piece(start, start_b)
+        piece = self.wavefronts.common_piece(start, start_b)
         straight = (piece >= 0).nonzero()[0]
         value[straight], cross[straight] = _planar_update(
             *(array.take(straight) for array in (da, db, length, x, y))
         )
-        meets[straight] = value[straight] <= along[straight]  # beside a vertex the front is round
+        meets[straight] = value[straight] <= along[straight]  # beside a vertex the wavefront is round
         meets &= (cross >= 0) & (cross <= length)
         return np.where(meets, value, along), np.where(meets & (piece >= 0), piece, start)
 

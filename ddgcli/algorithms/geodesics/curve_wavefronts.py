@@ -17,7 +17,7 @@ MAX_TURN = 0.6  # radians between two edges of one piece
 
 
 @dataclass(frozen=True, eq=False)
-class CurveFronts:
+class CurveWavefronts:
     """Starts of wavefronts: first the vertices and points, then the straight pieces of the curves.
 
     Parameters
@@ -32,7 +32,7 @@ class CurveFronts:
     pieces: NDArray[np.int64]
 
     def common_piece(self, a: NDArray, b: NDArray) -> NDArray[np.int64]:
-        """Piece that two starts (k,) have in common; -1 for none, and for one vertex: its front is round."""
+        """Piece that two starts (k,) have in common; -1 for none, and for one vertex, of a circle."""
         first, second = self.pieces.take(a, axis=0).T
         beside = self.pieces.take(b, axis=0)
         common = np.where((second[:, None] == beside).any(axis=1), second, -1)
@@ -40,7 +40,7 @@ class CurveFronts:
         return np.where((a == b) & (first != a), -1, common)
 
 
-def curve_fronts(mesh: SurfaceMesh, sources: Sources, number: NDArray) -> CurveFronts:
+def curve_wavefronts(mesh: SurfaceMesh, sources: Sources, number: NDArray) -> CurveWavefronts:
     """Wavefronts of sources with curves.
 
     Parameters
@@ -52,7 +52,7 @@ def curve_fronts(mesh: SurfaceMesh, sources: Sources, number: NDArray) -> CurveF
 
     Returns
     -------
-    CurveFronts
+    CurveWavefronts
     """
     vertex, _ = sources.curve_vertices(mesh)
     ends = np.searchsorted(vertex, mesh.topology.edges[sources.edge])
@@ -70,7 +70,7 @@ def curve_fronts(mesh: SurfaceMesh, sources: Sources, number: NDArray) -> CurveF
     pieces[own] = own[:, None]
     curve = np.zeros(n_pieces, dtype=np.int64)
     curve[piece] = sources.curve
-    return CurveFronts(np.concatenate([number, sources.first_curve + curve]), pieces)
+    return CurveWavefronts(np.concatenate([number, sources.first_curve + curve]), pieces)
 
 
 def _is_straight(mesh: SurfaceMesh, sources: Sources, vertex: NDArray, beside: NDArray) -> NDArray[np.bool_]:
