@@ -10,7 +10,7 @@ from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.cli.batch.tasks import Task
 from ddgcli.cli.forecast import batch_cost, check_cost, prediction
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
-from ddgcli.cli.forecast.simulator_kernels import CONTACT_STEPS, DAMPED_EXPLICIT_STEPS
+from ddgcli.cli.forecast.simulator_kernels import CONTACT_STEPS, DAMPED_EXPLICIT_STEPS, DAMPING_MEMORY
 from ddgcli.errors import ParameterError
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.linalg import backends
@@ -396,13 +396,14 @@ def test_a_dry_run_counts_the_divided_steps_of_explicit_schemes(call, inputs, su
 
 
 def test_a_dry_run_counts_the_damping_by_stiffness_of_explicit_steps(tmp_path, summary):
-    """Once free: on 9,800 faces 2.0 s were predicted, and the run took 4.7 s."""
+    """Once free: on 9,800 faces 2.0 s and 90 MiB were predicted, and the run took 4.7 s and 153 MiB."""
     text = HANGING_CLOTH.format(cells=4).replace("step = 4e-3", 'step = 4e-5\nintegrator = "verlet"')
 
     def times(effect):
         (tmp_path / "a.toml").write_text(text + effect)
-        row = summary("shell-sim", tmp_path / "a.toml", "--dry-run")["results"]["kernels"][-1]
+        *others, row = summary("shell-sim", tmp_path / "a.toml", "--dry-run")["results"]["kernels"]
         assert row["kernel"] == "shell-sim explicit step"
+        assert any(other["added"] == DAMPING_MEMORY for other in others) == ("stiffness" in effect)
         return row["times"]
 
     assert times("damping = { mass = 1 }") == times("")

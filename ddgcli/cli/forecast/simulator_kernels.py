@@ -28,6 +28,7 @@ PAIRS_RANGE: Range = (0.3, 8.0)  # of contact between shells: those that strike 
 # of contact where nothing resists stretching: triangles collapse, and steps are divided into hundreds
 LIMP_CONTACT_RANGE: Range = (0.15, 400.0)
 DAMPED_EXPLICIT_STEPS = 2.5  # steps without damping by stiffness that cost as much as one with it
+DAMPING_MEMORY = 0.55  # of the matrices of an implicit step: those of damping by stiffness
 STEPS_PER_ITERATION = 0.5  # one factorisation in place of a factorisation and the moves after it
 DESCENT_RANGE: Range = (0.1, 1.5)  # of --steps, where a flow ends at rest before
 # of `ddgcli.models.willmore.remesh_step`, which would load its imports; uneven triangles take more rounds
@@ -130,6 +131,8 @@ def shell_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         yield Use("shell-sim avi")
     if integrator in EXPLICIT_INTEGRATORS:
         factor = DAMPED_EXPLICIT_STEPS if options.get("stiffness_damping") else 1.0
+        if options.get("stiffness_damping"):
+            yield Use("shell-sim implicit step", times=0.0, added=DAMPING_MEMORY)
         yield _step_uses("shell-sim explicit step", size, factor)
     elif integrator == "static" and not iterative:
         yield from _equilibria(f"shell-sim {'midedge ' if options.get('midedge') else ''}iteration", size)
