@@ -260,6 +260,10 @@ def test_a_film_whose_faces_are_folded_over_is_not_at_rest(ending):
     assert "faces are folded over" in failure_reason(ending, ball, folded, options)
     assert "`remesh=mean`" in failure_reason(ending, ball, folded, options)
     assert failure_reason(ending, ball, folded, FlowOptions()) == ""
+    # after the most steps without `steps`, but not after those that the user chose
+    assert "faces are folded over" in failure_reason(None, ball, folded, options)
+    assert failure_reason(None, ball, folded, options, bounded=True) == ""
+    assert failure_reason(None, ball, ball, options) == ""
 
 
 def test_a_film_that_ends_as_a_tangle_has_not_converged():

@@ -63,10 +63,7 @@ NOT_CONFORMAL_REST = Ending(
 )
 PINCH = Ending(EndingKind.UNRESOLVED, "the surface pinches off: no film of this topology spans the boundary")
 THIN_STAR = Ending(EndingKind.UNRESOLVED, "the closed surface pinches off, or its triangles were too slender")
-FOLDED = Ending(
-    EndingKind.UNRESOLVED,
-    "the area falls no more, but faces are folded over: the triangles were too slender",
-)
+FOLDED = Ending(EndingKind.UNRESOLVED, "faces are folded over: the triangles were too slender")
 
 
 def small_gradient(limit: float) -> Ending:

@@ -55,7 +55,9 @@ class FlowRun:
 
     def failure_reason(self, outcome: Outcome) -> str:
         """Why a run that came to its end is unreliable, with a warning; or ""."""
-        return report.failure_reason(outcome.ending, self.mesh, self._last(outcome), self.options)
+        return report.failure_reason(
+            outcome.ending, self.mesh, self._last(outcome), self.options, bounded=self.bounded
+        )
 
     def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
         """Results and accuracy of a run, with warnings of what its frames show."""

@@ -215,7 +215,12 @@ def every_energy(series: Mapping[str, NDArray]) -> dict[str, dict[str, Any]]:
 
 
 def failure_reason(
-    ending: Ending | None, start: TriangleMesh, last: TriangleMesh, options: FlowOptions
+    ending: Ending | None,
+    start: TriangleMesh,
+    last: TriangleMesh,
+    options: FlowOptions,
+    *,
+    bounded: bool = False,
 ) -> str:
     """Why the end is neither at rest nor on the flow, with a cure; or "".
 
@@ -225,17 +230,17 @@ def failure_reason(
         Why the flow ended before its last step.
     start, last : TriangleMesh
     options : FlowOptions
+    bounded : bool
+        The caller chose the steps or the duration; else a film that folds has failed before rest too.
 
     Returns
     -------
     str
     """
-    if ending is None:
-        return ""
-    at_rest = ending.kind == EndingKind.AT_REST
-    if at_rest and is_film(options, start.topology) and folded_faces(last):
+    is_end = not bounded if ending is None else ending.kind == EndingKind.AT_REST
+    if is_end and is_film(options, start.topology) and folded_faces(last):
         ending = endings.FOLDED
-    if ending.kind != EndingKind.UNRESOLVED:
+    if ending is None or ending.kind != EndingKind.UNRESOLVED:
         return ""
     message = f"{ending.text}; {_cure(ending, start, options)}"
     logging.getLogger("ddgcli").error(message)
