@@ -165,7 +165,7 @@ def rim(mesh, on=lambda points: np.ones(len(points), dtype=bool)):
 
 
 def test_wavefronts_of_a_straight_side_are_exact():
-    """They were circles around vertices: 2 to 3 % off at any size of the mesh."""
+    """They were circles around vertices: 2.4 % off on the finest of such meshes, too."""
     mesh = jittered(shapes.grid(20, 20), 0.015)
     sources = rim(mesh, lambda points: points[:, 0] == 0)
     assert np.abs(fast_marching_distance(mesh, sources).distance - mesh.points[:, 0]).max() < 1e-12
@@ -183,7 +183,7 @@ def test_the_distance_to_the_rim_of_a_square_is_exact_but_near_its_diagonals():
 
 
 def test_the_distance_from_a_round_hole_converges():
-    """The error stayed at 0.7 % of the largest distance."""
+    """The largest error stayed at 2.4 % of the distance."""
     errors = []
     for cells in (12, 24, 48):
         u, v, faces = shapes.wrapped_grid(2 * cells, cells, wrap_u=True)

@@ -132,7 +132,6 @@ def prepare_solver(
     MeshError
         When the mesh has no faces, or the operator does not exist on it.
     """
-    makers: dict[str, Callable[[SurfaceMesh, DistanceOptions], Callable[..., DistanceResult]]]
     makers = {"heat": _heat, "fast-marching": _fast_marching, "dijkstra": _dijkstra}
     if method not in DISTANCE_METHODS:
         raise ParameterError(f"{method!r} is not one of {', '.join(DISTANCE_METHODS)}", parameter="method")
@@ -143,10 +142,7 @@ def prepare_solver(
         return _exact(mesh, options, targets, progress, regions=regions)
     if len(targets):
         raise ParameterError(f"points inside faces need `method=exact`, not {method}", parameter="targets")
-    solve = makers[method](mesh, options)
-    if method == "fast-marching":
-        return solve
-    return _from_curve_vertices(mesh, solve, partial(solve, circular=False) if method == "heat" else solve)
+    return makers[method](mesh, options)
 
 
 def _from_curve_vertices(mesh: SurfaceMesh, solve: Solver, solve_curves: Solver) -> Solver:
@@ -203,7 +199,7 @@ def describe_targets(mesh: SurfaceMesh, targets: SurfacePoints, exact: ExactDist
     return entries
 
 
-def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Callable[..., DistanceResult]:
+def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
     from ddgcli.algorithms.delaunay.triangulation import negative_cotan_edges
     from ddgcli.algorithms.geodesics.certificate import gradient_error
     from ddgcli.algorithms.geodesics.heat import HeatSolver
@@ -242,7 +238,7 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Callable[..., Distance
         nearest = downhill_source(mesh, heat.distance, sources)
         return DistanceResult(heat.distance, nearest, results, accuracy, estimate=estimate)
 
-    return solve
+    return _from_curve_vertices(mesh, solve, partial(solve, circular=False))
 
 
 def _heat_operator(mesh: SurfaceMesh, operator: str | None) -> str:
@@ -326,7 +322,7 @@ def _dijkstra(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
         edges = edge_distance(mesh, sources, graph=graph)
         return DistanceResult(edges.distance, edges.nearest_source)
 
-    return solve
+    return _from_curve_vertices(mesh, solve, solve)
 
 
 def measure_distance(

@@ -247,7 +247,8 @@ def fast_marching_distance(
         `fast_marching_stencils(mesh)`, shared by several calls.
     planar : bool
         Wavefronts are straight lines, as published (first order). Default: circles around an unfolded point
-        source, which are exact on flat pieces visible from the source.
+        source, and straight lines beside straight pieces of a curve, which are exact on flat pieces visible
+        from the source.
 
     Returns
     -------
