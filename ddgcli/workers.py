@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -14,7 +16,9 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
     Worker = tuple[Any, Connection]  # process, and the end of the pipe to it
+    Prepare = Callable[..., Any] | None
 
+_OTHER_ENDS = {getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)}
 TASKS_PER_JOB = 2  # that are drawn ahead of the result which is awaited: waiting tasks fill memory
 
 
@@ -43,7 +47,8 @@ def results_in_order(
         Called once in each process, with `arguments`; what it returns is the first argument of `function`.
     arguments : tuple
     modules : sequence of str
-        Modules that are imported once for all processes, where the system can copy a process.
+        That `function` uses. They are imported once for all processes, where the system can copy a process:
+        this one, if it has loaded them and runs no other thread, or else a process that has only these.
 
     Yields
     ------
@@ -102,10 +107,10 @@ def start_early(jobs: int, modules: Sequence[str]) -> None:
     modules : sequence of str
         As in `results_in_order`.
     """
-    if jobs > 1 and _context(modules).get_start_method() == "forkserver":
+    if jobs > 1 and not _runs_one_thread() and _context(modules).get_start_method() == "forkserver":
         from multiprocessing import forkserver
 
-        with _interrupts_held():
+        with _signals_held(with_tracker=True):
             forkserver.ensure_running()
 
 
@@ -113,6 +118,8 @@ def _context(modules: Sequence[str]) -> Any:
     """How processes start: as copies of one with these modules, where the system allows it."""
     from multiprocessing import get_all_start_methods, get_context
 
+    if _runs_one_thread() and all(name in sys.modules for name in modules):
+        return get_context("fork")
     copies = "forkserver" in get_all_start_methods()
     context: Any = get_context("forkserver" if copies else "spawn")
     if copies:
@@ -120,18 +127,31 @@ def _context(modules: Sequence[str]) -> Any:
     return context
 
 
+def _runs_one_thread() -> bool:
+    """Whether a copy of this process can hold no lock of another thread, of compiled libraries included."""
+    try:
+        return len(os.listdir("/proc/self/task")) == 1
+    except OSError:  # not Linux
+        return False
+
+
 @contextmanager
 def _workers(
-    jobs: int, prepare: Callable[..., Any] | None, arguments: tuple, modules: Sequence[str]
+    jobs: int, prepare: Prepare, arguments: tuple, modules: Sequence[str]
 ) -> Iterator[list[Connection]]:
     """Pipes to new processes, which are ended at the end."""
     context = _context(modules)
+    copied = context.get_start_method() == "fork"
+    if copied and prepare is not None:  # once, in memory that all processes share
+        prepare, arguments = _itself, (prepare(*arguments),)
     workers: list[Worker] = []
     try:
-        with _interrupts_held():
+        with _signals_held(with_tracker=not copied):
             for _ in range(jobs):
                 ours, theirs = context.Pipe()
-                process = context.Process(target=_serve, args=(theirs, prepare, arguments), daemon=True)
+                copies = [ours, *(pipe for _, pipe in workers)] if copied else []
+                arguments_there = theirs, copies, prepare, arguments
+                process = context.Process(target=_serve, args=arguments_there, daemon=True)
                 process.start()
                 theirs.close()
                 workers.append((process, ours))
@@ -145,24 +165,30 @@ def _workers(
 
 
 @contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Signals of a terminal wait meanwhile, and never reach processes that start here."""
+def _signals_held(with_tracker: bool) -> Iterator[None]:
+    """Signals that end a run wait meanwhile; those of a terminal never reach processes that start here.
+
+    A server of copies starts a tracker of its resources, whose start would let the signals through.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    from multiprocessing import resource_tracker
+    if with_tracker:
+        from multiprocessing import resource_tracker
 
-    resource_tracker.ensure_running()  # it would let them through
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *_OTHER_ENDS})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(pipe: Connection, prepare: Callable[..., Any] | None, arguments: tuple) -> None:
-    """Answer the tasks of a pipe until its other end is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where signals cannot be held
+def _serve(pipe: Connection, copies: Sequence[Connection], prepare: Prepare, arguments: tuple) -> None:
+    """Answer the tasks of a pipe until its other end is closed, of which this process may have copies."""
+    for other_end in copies:
+        other_end.close()
+    _restore_signals()
     _keep_freed_memory()
     shared: tuple = ()
     failure: Exception | None = None
@@ -178,6 +204,16 @@ def _serve(pipe: Connection, prepare: Callable[..., Any] | None, arguments: tupl
         return
 
 
+def _restore_signals() -> None:
+    """End at once at signals that the copied process turns into exceptions; ignore those of a terminal."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where signals cannot be held
+    for number in _OTHER_ENDS:
+        if signal.getsignal(number) != signal.SIG_IGN:  # as of nohup
+            signal.signal(number, signal.SIG_DFL)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _OTHER_ENDS)
+
+
 def _keep_freed_memory() -> None:
     """Let the C library keep memory that arrays free: a third of a worker's time would go into new pages.
 
@@ -187,7 +223,11 @@ def _keep_freed_memory() -> None:
     bytearray(31 << 20)
 
 
-def _shared(prepare: Callable[..., Any] | None, arguments: tuple) -> tuple:
+def _itself(prepared: Any) -> Any:
+    return prepared
+
+
+def _shared(prepare: Prepare, arguments: tuple) -> tuple:
     """The first arguments of all calls in a process."""
     return () if prepare is None else (prepare(*arguments),)
 

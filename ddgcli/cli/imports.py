@@ -1,7 +1,8 @@
-"""Start-up: parts of numpy are imported at their first use.
+"""Start-up: parts of numpy and scipy are imported at their first use.
 
 scipy evaluates `from numpy import *`, which imports numpy's test tools, its generator of Fortran wrappers and
-masked arrays: a third of the start-up time of a command on a small mesh.
+masked arrays: a third of the start-up time of a command on a small mesh. `scipy.spatial` imports linear
+algebra and special functions, which its k-d tree has no use for.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import functools
 import importlib.util
 import sys
 import types
+from contextlib import suppress
+from importlib.machinery import PathFinder
 from typing import Any
 
 import click
@@ -46,6 +49,48 @@ def defer_imports(names: tuple[str, ...] = DEFERRED_MODULES) -> None:
         if name == "numpy.ma":
             _answer_unloaded(module)
         setattr(sys.modules[parent_name], child, module)
+    if _SpatialFinder not in sys.meta_path:
+        sys.meta_path.insert(0, _SpatialFinder)
+
+
+class _SpatialFinder:
+    """Finds `scipy.spatial` for the import system, which imports scipy itself at its own first use."""
+
+    @staticmethod
+    def find_spec(name: str, path: Any = None, target: Any = None) -> Any:
+        if name != "scipy.spatial":
+            return None
+        spec = PathFinder.find_spec(name, path, target)
+        if spec is not None and spec.loader is not None:
+            spec.loader = _SpatialLoader(spec.loader)  # type: ignore[assignment]
+        return spec
+
+
+class _SpatialLoader:
+    """Leaves the package unloaded."""
+
+    def __init__(self, loader: Any) -> None:
+        self.loader = loader
+
+    @staticmethod
+    def create_module(_: Any) -> None:
+        """The import system makes the module."""
+
+    def exec_module(self, module: types.ModuleType) -> None:
+        module.__spec__.loader = self.loader  # type: ignore[union-attr]
+        module.__class__ = _SpatialPackage
+
+
+class _SpatialPackage(types.ModuleType):
+    """`scipy.spatial` before it is loaded: the k-d tree alone is imported from its own module."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "cKDTree":
+            with suppress(ImportError):  # of a scipy that has it elsewhere
+                return importlib.import_module("scipy.spatial._ckdtree").cKDTree
+        self.__class__ = types.ModuleType  # type: ignore[assignment]
+        self.__spec__.loader.exec_module(self)  # type: ignore[union-attr]
+        return getattr(self, name)
 
 
 def _answer_unloaded(masked_arrays: types.ModuleType) -> None:

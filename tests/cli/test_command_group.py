@@ -103,6 +103,22 @@ def test_seconds_cover_the_run(torus, tmp_path):
     assert seconds["start"] > 0.01  # numpy and scipy are imported
 
 
+def test_a_run_with_a_k_d_tree_imports_nothing_else_of_spatial_algorithms_which_work_later(torus):
+    code = (
+        "import sys\n"
+        "from ddgcli.cli.main import main\n"
+        f"try: main(['curvature', {str(torus)!r}, '--radius', '1', '-q'])\nexcept SystemExit: pass\n"
+        "print({'scipy.special', 'scipy.linalg', 'scipy.spatial._ckdtree'} & set(sys.modules))\n"
+        "import scipy.spatial as spatial\n"
+        "print(spatial.ConvexHull([[0, 0], [1, 0], [0, 1]]).volume)\n"
+        "from scipy.spatial import cKDTree\n"
+        "print(cKDTree is spatial.cKDTree, type(spatial).__name__)\n"
+    )
+    call = [sys.executable, "-c", code]
+    printed = subprocess.run(call, capture_output=True, text=True, check=True).stdout
+    assert printed.split("\n")[:3] == ["{'scipy.spatial._ckdtree'}", "0.5", "True module"]
+
+
 def test_a_run_imports_no_test_tools_and_no_wrapper_generator_of_numpy(torus):
     code = (
         "import sys\n"

@@ -69,9 +69,11 @@ def test_the_last_result_ends_the_iteration(monkeypatch):
 
 
 EARLY = """
+import threading, time
 from ddgcli.workers import results_in_order, start_early
 from tests.hard.test_workers import imported
 if __name__ == "__main__":
+    threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
     for early in (False, True):
         if early:
             start_early(1, ("wave",))
@@ -90,15 +92,46 @@ def test_modules_are_imported_before_the_first_task():
     assert printed.split() == ["False", "True"]
 
 
+PREPARED = """
+import os, sys, threading, time
+from ddgcli.workers import results_in_order
+from tests.hard.test_workers import own_and, own_number
+if __name__ == "__main__":
+    if "thread" in sys.argv:
+        threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
+    modules = ("wave",) if "module" in sys.argv else ()
+    for prepared, worker in results_in_order(own_and, [(0,), (1,)], 2, prepare=own_number, arguments=(0,),
+                                             modules=modules):
+        print(prepared == os.getpid(), worker == os.getpid())
+"""
+
+
+def own_and(prepared, k):
+    return prepared, own_number(k)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are not copied")
+@pytest.mark.parametrize(("words", "once"), [([], True), (["thread"], False), (["module"], False)])
+def test_a_process_of_one_thread_prepares_once_for_its_copies(words, once):
+    """Copies of a process with other threads may hold their locks for ever; others have modules to load."""
+    call = [sys.executable, "-c", PREPARED, *words]
+    printed = subprocess.run(call, capture_output=True, text=True, check=True).stdout
+    assert printed.split() == [str(once), "False"] * 2
+
+
 def test_a_process_that_ends_is_reported():
     with pytest.raises(SolveError, match="use one job"):
         list(results_in_order(vanish, [(0,), (1,)], 2))
 
 
 SCRIPT = """
-import sys, time
+import signal, sys, threading, time
 from ddgcli.workers import results_in_order
 if __name__ == "__main__":
+    if "thread" in sys.argv:
+        threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
+    if "terminate" in sys.argv:  # as the command line does
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     for pid in results_in_order(__import__("tests.hard.test_workers", fromlist=["own_number"]).own_number,
                                 ((k,) for k in range(1000)), 2):
         print(pid, flush=True)
@@ -119,15 +152,16 @@ def is_running(pid):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+@pytest.mark.parametrize("threads", ["one", "thread"])
 @pytest.mark.parametrize("end", ["interrupt", "terminate", "kill"])
-def test_no_process_outlives_the_one_that_started_it(end, tmp_path):
+def test_no_process_outlives_the_one_that_started_it(end, threads, tmp_path):
     """Nor writes a traceback: Ctrl-C reaches all processes of a terminal, other signals the first alone."""
     path = tmp_path / "script.py"
     path.write_text(SCRIPT)
     root = os.path.dirname(os.path.dirname(os.path.dirname(__file__)))
     environment = os.environ | {"PYTHONPATH": root}
     process = subprocess.Popen(
-        [sys.executable, str(path)], env=environment, start_new_session=True, text=True,
+        [sys.executable, str(path), end, threads], env=environment, start_new_session=True, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     workers = {int(process.stdout.readline()) for _ in range(6)}

@@ -27,14 +27,7 @@ from ddgcli.algorithms.curvature.fit_penalty import (
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, tangent_frame, unit_normals
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.polynomial_fits import fit_forms, principal_of_forms
-from ddgcli.algorithms.curvature.regions import (
-    Regions,
-    chunks,
-    joined,
-    larger,
-    listed,
-    regions_of_range,
-)
+from ddgcli.algorithms.curvature.regions import Regions, chunks, joined, larger, listed
 from ddgcli.algorithms.curvature.vertex_balls import VertexBalls
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import unit_vectors
@@ -86,7 +79,7 @@ def quadric(
     else:
         penalty = _sampled_penalty(faces.points, normal, rings, balls)
     logging.getLogger("ddgcli").info("quadric: penalty %g on the terms of degree three and four", penalty)
-    principal = _fits_of_all(_Surface(faces.points, normal, penalty, areas, balls), rings, jobs)
+    principal = _fits_of_all(_Surface(faces.points, normal, penalty, areas, rings, balls), jobs)
     return replace(principal, in_rings=balls is not None and principal.in_rings)
 
 
@@ -124,6 +117,7 @@ class _Surface(NamedTuple):
     normal: NDArray
     penalty: float
     areas: NDArray | None
+    rings: Regions
     balls: VertexBalls | None
 
 
@@ -137,11 +131,11 @@ class _Fits(NamedTuple):
     in_rings: bool
 
 
-def _fits_of_all(surface: _Surface, rings: Regions, jobs: int) -> PrincipalCurvatures:
+def _fits_of_all(surface: _Surface, jobs: int) -> PrincipalCurvatures:
     n = surface.columns.shape[1]
     normal, gradient, hessian = np.zeros((3, n)), np.zeros((2, n)), np.zeros((3, n))
     in_rings = True
-    tasks = _tasks(rings, surface.balls)
+    tasks = ((blocks,) for blocks in _blocks(surface.rings, surface.balls))
     for fits in results_in_order(_fits, tasks, jobs, prepare=_Surface, arguments=surface):
         own = fits.own
         normal[:, own], gradient[:, own], hessian[:, own] = fits.normal, fits.gradient, fits.hessian
@@ -149,20 +143,20 @@ def _fits_of_all(surface: _Surface, rings: Regions, jobs: int) -> PrincipalCurva
     return replace(principal_of_forms(gradient, hessian, normal), in_rings=in_rings)
 
 
-def _tasks(rings: Regions, balls: VertexBalls | None) -> Iterator[tuple[list[NDArray], Regions]]:
-    """Blocks of vertices near each other, with their rings; about `_PAIRS_PER_TASK` neighbours in all."""
+def _blocks(rings: Regions, balls: VertexBalls | None) -> Iterator[list[NDArray]]:
+    """Lists of blocks of vertices near each other, with about `_PAIRS_PER_TASK` neighbours in all."""
     if balls is None:
-        for begin, end in chunks(rings, _PAIRS_PER_TASK):
-            yield [np.arange(begin, end)], regions_of_range(rings, begin, end)
+        yield from ([np.arange(begin, end)] for begin, end in chunks(rings, _PAIRS_PER_TASK))
         return
     blocks = leaves(balls.tree)
     n_blocks = max(1, round(_PAIRS_PER_TASK / (BALLS_PER_BLOCK * balls.mean_size())))
     while several := list(islice(blocks, n_blocks)):
-        yield several, listed(rings, np.concatenate(several))
+        yield several
 
 
-def _fits(surface: _Surface, blocks: list[NDArray], rings: Regions) -> _Fits:
-    regions, own = rings, np.concatenate(blocks)
+def _fits(surface: _Surface, blocks: list[NDArray]) -> _Fits:
+    own = np.concatenate(blocks)
+    regions = rings = listed(surface.rings, own)
     if surface.balls is not None:
         regions = larger(rings, joined([surface.balls.around(block) for block in blocks]))
     centre_normal = surface.normal[:, own]
