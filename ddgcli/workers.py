@@ -107,32 +107,45 @@ def start_early(jobs: int, modules: Sequence[str]) -> None:
     modules : sequence of str
         As in `results_in_order`.
     """
-    if jobs > 1 and not _runs_one_thread() and _context(modules).get_start_method() == "forkserver":
+    if jobs > 1 and not are_copies() and _context(modules).get_start_method() == "forkserver":
         from multiprocessing import forkserver
 
         with _signals_held(with_tracker=True):
             forkserver.ensure_running()
 
 
+def are_copies(modules: Sequence[str] = ()) -> bool:
+    """Whether processes will be copies of this one, whose memory they share: arguments are not sent.
+
+    On Linux, where no other thread runs, compiled libraries included: a copy would wait for its locks.
+
+    Parameters
+    ----------
+    modules : sequence of str
+        As in `results_in_order`.
+
+    Returns
+    -------
+    bool
+    """
+    try:
+        threads = len(os.listdir("/proc/self/task"))
+    except OSError:  # not Linux
+        return False
+    return threads == 1 and all(name in sys.modules for name in modules)
+
+
 def _context(modules: Sequence[str]) -> Any:
     """How processes start: as copies of one with these modules, where the system allows it."""
     from multiprocessing import get_all_start_methods, get_context
 
-    if _runs_one_thread() and all(name in sys.modules for name in modules):
+    if are_copies(modules):
         return get_context("fork")
     copies = "forkserver" in get_all_start_methods()
     context: Any = get_context("forkserver" if copies else "spawn")
     if copies:
         context.set_forkserver_preload([__name__, *modules])
     return context
-
-
-def _runs_one_thread() -> bool:
-    """Whether a copy of this process can hold no lock of another thread, of compiled libraries included."""
-    try:
-        return len(os.listdir("/proc/self/task")) == 1
-    except OSError:  # not Linux
-        return False
 
 
 @contextmanager

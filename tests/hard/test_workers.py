@@ -113,7 +113,7 @@ def own_and(prepared, k):
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are not copied")
 @pytest.mark.parametrize(("words", "once"), [([], True), (["thread"], False), (["module"], False)])
 def test_a_process_of_one_thread_prepares_once_for_its_copies(words, once):
-    """Copies of a process with other threads may hold their locks for ever; others have modules to load."""
+    """A copy of a process with other threads may wait for a lock of them without end."""
     call = [sys.executable, "-c", PREPARED, *words]
     printed = subprocess.run(call, capture_output=True, text=True, check=True).stdout
     assert printed.split() == [str(once), "False"] * 2

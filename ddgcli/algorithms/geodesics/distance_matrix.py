@@ -13,7 +13,7 @@ from ddgcli.choices import SYMMETRIC_METHODS
 from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.progress import ProgressCallback
-from ddgcli.workers import results_in_order
+from ddgcli.workers import are_copies, results_in_order
 
 
 def distance_matrix(
@@ -84,9 +84,10 @@ def distance_rows(
     targets : (t,) ndarray of int, optional
         Vertices; default all.
     jobs : int
-        Number of processes. Each prepares its own solver.
+        Number of processes.
     solver : callable, optional
-        `prepare_solver(mesh, method, options)`, if there is one already; used with one job.
+        `prepare_solver(mesh, method, options)`, if there is one already; used by one job, and by processes
+        that share the memory of this one.
 
     Yields
     ------
@@ -95,10 +96,9 @@ def distance_rows(
     """
     jobs = min(jobs, len(starts))
     tasks = ((sources,) for sources in starts)
-    arguments = mesh, method, options, targets, solver if jobs <= 1 else None
-    yield from results_in_order(
-        _row, tasks, jobs, prepare=_prepared, arguments=arguments, modules=(__name__,)
-    )
+    modules = (__name__,)
+    arguments = mesh, method, options, targets, solver if jobs <= 1 or are_copies(modules) else None
+    yield from results_in_order(_row, tasks, jobs, prepare=_prepared, arguments=arguments, modules=modules)
 
 
 def _prepared(

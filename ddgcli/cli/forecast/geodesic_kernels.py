@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -66,7 +67,8 @@ def geodesic_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Us
         runs += min(sources, targets) if method in SYMMETRIC_METHODS else sources
     if (jobs := min(options.get("jobs", 1), runs)) > 1:
         yield Use("geodesic job", jobs)
-        if method in ("heat", "fast-marching"):  # each process factorises, or makes the stencils
+        # each process factorises, or makes the stencils, where it is no copy of the first
+        if method in ("heat", "fast-marching") and sys.platform != "linux":
             yield Use(f"geodesic {method}{solver}", jobs)
     if options.get("certify"):
         runs += CERTIFICATE_RUNS
