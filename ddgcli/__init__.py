@@ -21,7 +21,9 @@ _NAMES: dict[str, tuple[str, ...]] = {
         "hodge_star", "laplace_operator", "lumped_mass", "stiffness", "uniform_stiffness",
         "voronoi_mass",
     ),
-    "triangulations": ("circumcentric_dual", "conformal_map", "delaunay_refinement", "intrinsic_delaunay"),
+    "triangulations": (
+        "circumcentric_dual", "conformal_map", "delaunay_refinement", "intrinsic_delaunay", "subdivide",
+    ),
     "decomposition": ("betti_numbers", "harmonic_basis", "hodge_decomposition", "homology_generators"),
     "equations": (
         "eigenpairs", "harmonic_interpolation", "heat_kernel_signature", "mean_curvature_flow",

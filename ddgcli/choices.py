@@ -17,6 +17,7 @@ EVOLUTIONS = ("heat", "wave")  # equations in time
 PARAMETERIZATIONS = ("harmonic", "conformal", "discrete-conformal")
 CONFORMAL_BOUNDARIES = ("free", "lengths", "angles")  # of discrete conformal maps
 
+MAX_SUBDIVISIONS = 6  # how often every face is split in four
 MAX_REFINEMENT_DEGREES = 33.0  # bound of the angle to which Delaunay refinement goes
 
 HODGE_STARS = ("galerkin", "circumcentric", "barycentric")

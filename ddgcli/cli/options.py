@@ -13,7 +13,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from ddgcli.choices import LINEAR_SOLVERS, MAX_ELEVATION, MAX_PIXELS, MIN_PIXELS
+from ddgcli.choices import LINEAR_SOLVERS, MAX_ELEVATION, MAX_PIXELS, MAX_SUBDIVISIONS, MIN_PIXELS
 from ddgcli.errors import ParameterError
 
 
@@ -198,7 +198,7 @@ NONNEGATIVE_NUMBER = Real(least=0)
 mesh_arg = click.argument("mesh_path", metavar="MESH", type=click.Path())
 subdivide = click.option(
     "--subdivide",
-    type=click.IntRange(0, 6),
+    type=click.IntRange(0, MAX_SUBDIVISIONS),
     default=0,
     metavar="N",
     help="First split every face in four at its edge midpoints, N times: the same surface, more unknowns.",

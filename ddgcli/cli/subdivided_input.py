@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.io.appearance import NAMES as APPEARANCE
 from ddgcli.io.arrays import input_array
@@ -19,8 +19,6 @@ from ddgcli.io.mesh_file import MeshInput
 from ddgcli.mesh.midpoint_subdivision import MidpointSubdivision
 
 Query = TypeVar("Query", bound=DistanceQuery | CurveQuery)
-
-MAX_SUBDIVIDED_FACES = 20_000_000
 
 log = logging.getLogger("ddgcli")
 
@@ -51,16 +49,11 @@ def subdivided_input(source: MeshInput, times: int) -> SubdividedInput:
     if source.kind == "tetrahedra":
         raise ParameterError("splits the faces of a surface, and MESH holds tetrahedra; leave it out",
                              parameter="subdivide")  # fmt: skip
-    n_faces = source.surface.n_faces * 4**times
-    if n_faces > MAX_SUBDIVIDED_FACES:
-        raise ParameterError(
-            f"{times} would make {n_faces:,} faces, more than {MAX_SUBDIVIDED_FACES:,}; use a smaller number",
-            parameter="subdivide",
-        )
+    with renamed_parameters(times="subdivide"):
+        subdivision = MidpointSubdivision.of(source.surface, times)
     textures = sorted({*APPEARANCE} & {*source.vertex, *source.face})
     if textures:
         log.warning("`subdivide` drops the arrays %s", ", ".join(textures))
-    subdivision = MidpointSubdivision.of(source.surface, times)
     of_input = {field.name: getattr(source, field.name) for field in fields(MeshInput)}
     changed = {
         "mesh": subdivision.mesh,

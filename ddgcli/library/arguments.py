@@ -26,7 +26,7 @@ _is_in_library: ContextVar[bool] = ContextVar("_is_in_library", default=False)
 P = ParamSpec("P")
 R = TypeVar("R")
 
-QUOTED_SUBDIVISION = re.compile(r"`subdivide(=1)?`")  # an option of commands alone
+QUOTED_SUBDIVISION = re.compile(r"`subdivide(=1)?`")
 MAX_INTEGER = 2**63 - 1  # of numpy's indices
 
 
@@ -44,7 +44,7 @@ def with_repair_call(message: str) -> str:
         return f"`ddg.delaunay_refinement(mesh, {match.group(2)}).mesh`, its `points` and `faces`"
 
     message = QUOTED_MESH.sub(other_mesh, QUOTED_REPAIR.sub(call, message))
-    return QUOTED_SUBDIVISION.sub("a mesh whose triangles are divided into four", message)
+    return QUOTED_SUBDIVISION.sub("`ddg.subdivide(mesh)`", message)
 
 
 class _RepairCalls(logging.Filter):
@@ -150,6 +150,11 @@ def number_or_name(value: Any, name: str) -> float | str:
     return value if isinstance(value, str) else real_number(value, name)
 
 
+def whole_number_or_name(value: Any, name: str) -> int | str:
+    """A text as it is, else an int; ParameterError for anything else."""
+    return value if isinstance(value, str) else whole_number(value, name)
+
+
 def real_array(value: Any, name: str) -> NDArray:
     """An array of real numbers or booleans; ParameterError for ragged lists, text, complex numbers, ..."""
     if np.ma.is_masked(value):
@@ -234,6 +239,7 @@ CONVERSIONS: dict[str, Callable[[Any, str], Any]] = {
     "bool": truth,
     "str": text,
     "float | str": number_or_name,
+    "int | str": whole_number_or_name,
     "ArrayLike": real_array,
     "Sequence[float]": real_array,
     "int | Sequence[int] | NDArray": real_array,

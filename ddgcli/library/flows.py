@@ -11,13 +11,13 @@ from ddgcli.errors import MeshError, ParameterError, renamed_parameters
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.simulations import End, Simulation
 from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.midpoint_subdivision import MidpointSubdivision
 from ddgcli.mesh.requirements import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.curve.flow_run import CurveFlowRun, curve_flow_run
 from ddgcli.models.curve.setup import CurveFlowOptions
 from ddgcli.models.willmore.flow_options import FlowOptions, remesh_length
 from ddgcli.models.willmore.flow_run import FlowRun, flow_run
-from ddgcli.models.willmore.setup import region_mask
 from ddgcli.models.willmore.state import Stop
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.outcome import Outcome
@@ -37,6 +37,8 @@ def willmore_flow(
     fix_volume: bool = False,
     spontaneous_curvature: float = 0.0,
     region: ArrayLike | None = None,
+    fill: int | str | None = None,
+    subdivide: int = 0,
     remesh: float | str | None = None,
     remesh_adaptive: bool = False,
     steps: int | None = None,
@@ -47,6 +49,7 @@ def willmore_flow(
     integrator: str | None = None,
     stop_gradient: float | None = None,
     stop_energy: float | None = None,
+    report_energy: str | None = None,
 ) -> Simulation:
     """Flow of a surface down its bending energy int H^2 (or its area), frame by frame.
 
@@ -69,6 +72,11 @@ def willmore_flow(
         H0 of int (H - H0)^2, in 1/length, positive as on a sphere; needs `fix_area` or `fix_volume`.
     region : (n,) array_like of bool or number, or (k,) of vertex numbers, optional
         Vertices that move; all others stay.
+    fill : int or 'all', optional
+        Vertex on the boundary loop to close first; only the patch of new triangles moves.
+    subdivide : int
+        How often every face is split in four first; `region` and `fill` have the vertices of `mesh`, which
+        keep their numbers.
     remesh : 'mean' or float, optional
         Length of edges that a flow to rest keeps by splits, collapses and flips.
     remesh_adaptive : bool
@@ -83,6 +91,8 @@ def willmore_flow(
         Time scheme.
     stop_gradient, stop_energy : float, optional
         Rest: |gradient| area / energy, and the relative fall of the energy in a step, below these.
+    report_energy : 'all', optional
+        Every frame has all energies (`scalar["energy_cotan"]`, ...), and the results have `energies`.
 
     Returns
     -------
@@ -110,17 +120,16 @@ def willmore_flow(
     for name, limit in (("stop_gradient", stop_gradient), ("stop_energy", stop_energy)):
         if limit is not None and not limit > 0:
             raise ParameterError(f"must be a positive number, not {limit:g}", parameter=name)
-    with renamed_parameters(length="remesh"):
-        length = remesh_length(remesh)
     options = FlowOptions(
-        energy, flow, boundary, fix_area, fix_volume, spontaneous_curvature, integrator=integrator,
-        remesh=length, remesh_adaptive=remesh_adaptive, stop=Stop(stop_gradient, stop_energy),
+        energy, flow, boundary, fix_area, fix_volume, spontaneous_curvature, report_energy,
+        integrator=integrator, remesh=remesh_length(remesh), remesh_adaptive=remesh_adaptive,
+        stop=Stop(stop_gradient, stop_energy),
     )  # fmt: skip
-    mask = None
-    if region is not None:
-        mask = region_mask(np.asarray(region, np.float64), mesh.topology)
-    run = flow_run(mesh, options, times, mask)
-    return _simulation("surface", mesh, run, changing_vertices=remesh is not None)
+    with renamed_parameters(times="subdivide"):
+        subdivision = MidpointSubdivision.of(mesh, subdivide) if subdivide else None
+    values = None if region is None else np.asarray(region, np.float64)
+    run = flow_run(mesh, options, times, region=values, fill=fill, subdivision=subdivision)
+    return _simulation("surface", run.mesh, run, changing_vertices=remesh is not None)
 
 
 @accepts_arrays("curve")

@@ -1,4 +1,4 @@
-"""Intrinsic Delaunay triangulations."""
+"""Intrinsic Delaunay triangulations, maps between them and the plane, and subdivision."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.errors import ParameterError
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
+from ddgcli.mesh.midpoint_subdivision import MidpointSubdivision
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-__all__ = ["circumcentric_dual", "conformal_map", "delaunay_refinement", "intrinsic_delaunay"]
+__all__ = ["circumcentric_dual", "conformal_map", "delaunay_refinement", "intrinsic_delaunay", "subdivide"]
 
 
 @accepts_arrays("surface", "intrinsic")
@@ -182,3 +183,31 @@ def delaunay_refinement(
     if max_points is not None and max_points < 0:
         raise ParameterError(f"must be 0 or more, not {max_points}", parameter="max_points")
     return core_intrinsic_delaunay(mesh, degrees=degrees, max_points=max_points, seed=seed)
+
+
+@accepts_arrays("surface")
+def subdivide(mesh: TriangleMesh, times: int = 1) -> TriangleMesh:
+    """Same surface with every face split in four at its edge midpoints.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+    times : int
+        At most 6.
+
+    Returns
+    -------
+    TriangleMesh
+        Vertices of `mesh` keep their numbers.
+
+    Raises
+    ------
+    ParameterError
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> ddg.subdivide(ddg.torus(12, 6)).n_faces  # 4 * 144
+    576
+    """
+    return MidpointSubdivision.of(mesh, times).mesh

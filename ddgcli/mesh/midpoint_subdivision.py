@@ -7,9 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.choices import MAX_SUBDIVISIONS
+from ddgcli.errors import ParameterError
 from ddgcli.mesh.edge_lookup import edge_numbers
 from ddgcli.mesh.shapes import midpoint_subdivided
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+MAX_SUBDIVIDED_FACES = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +37,31 @@ class MidpointSubdivision:
 
     @classmethod
     def of(cls, mesh: TriangleMesh, times: int) -> MidpointSubdivision:
-        """Split every face in four `times` times, as `midpoint_subdivided` does."""
+        """Split every face in four `times` times, as `midpoint_subdivided` does.
+
+        Parameters
+        ----------
+        mesh : TriangleMesh
+        times : int
+
+        Returns
+        -------
+        MidpointSubdivision
+
+        Raises
+        ------
+        ParameterError
+            For less than 0 or more than MAX_SUBDIVISIONS times, or too many faces.
+        """
+        if not 0 <= times <= MAX_SUBDIVISIONS:
+            raise ParameterError(f"must be from 0 to {MAX_SUBDIVISIONS}, not {times}", parameter="times")
+        n_faces = mesh.n_faces * 4**times
+        if n_faces > MAX_SUBDIVIDED_FACES:
+            raise ParameterError(
+                f"{times} would make {n_faces:,} faces, more than {MAX_SUBDIVIDED_FACES:,}; use a smaller "
+                "number",
+                parameter="times",
+            )
         n_vertices, n_faces, edges = mesh.n_vertices, mesh.n_faces, []
         for _ in range(times):
             edges.append(mesh.topology.edges)

@@ -305,7 +305,7 @@ def test_a_mesh_passes_from_process_to_process(torus, suffix):
 
 
 def test_too_many_subdivided_faces_are_an_error(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("ddgcli.cli.subdivided_input.MAX_SUBDIVIDED_FACES", 1000)
+    monkeypatch.setattr("ddgcli.mesh.midpoint_subdivision.MAX_SUBDIVIDED_FACES", 1000)
     sphere = tmp_path / "sphere.ply"
     write_mesh(str(sphere), AnnotatedMesh(shapes.icosphere(1)))
     assert run("laplacian", sphere, "--subdivide", 1).exit_code == 0

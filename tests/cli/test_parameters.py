@@ -62,10 +62,7 @@ def test_quoted_meshes_become_the_commands_that_write_them_and_calls_in_the_libr
         "take their boundary, `mesh.boundary`, or begin with the mesh of "
         "`ddg.delaunay_refinement(mesh, 25).mesh`, its `points` and `faces`"
     )
-    assert (
-        with_repair_call("begin with `subdivide=1`")
-        == "begin with a mesh whose triangles are divided into four"
-    )
+    assert with_repair_call("begin with `subdivide=1`") == "begin with `ddg.subdivide(mesh)`"
 
 
 def test_the_core_holds_no_command_line():

@@ -24,6 +24,7 @@ WRONG |= dict.fromkeys(("Path", "str | os.PathLike[str]"), (None, 1, b"x", ["x"]
 WRONG["str | os.PathLike[str] | Mapping[str, Any]"] = (None, 1, b"x", ["x"], {1: 2}, SQUARE)
 WRONG["Mapping[str, ArrayLike]"] = (None, 1, "x", [1.0], {1: [2.0]}, SQUARE)
 WRONG["float | str"] = tuple(value for value in WRONG["float"] if not isinstance(value, str))
+WRONG["int | str"] = tuple(value for value in WRONG["int"] if not isinstance(value, str))
 named = tuple(value for value in WRONG["ArrayLike"] if not isinstance(value, str))
 WRONG |= {"str | ArrayLike": named, "str | tuple[float, float]": (*named, 1.0, [1.0, np.inf])}
 WRONG |= dict.fromkeys(set(CONVERSIONS) - set(WRONG), WRONG["ArrayLike"])

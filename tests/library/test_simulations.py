@@ -144,6 +144,49 @@ def test_willmore_flow_is_that_of_the_command_and_judges_its_end_alike(run, tmp_
     assert "too coarse or uneven" in reason and reason in command.stderr and reason in caplog.text
 
 
+@pytest.mark.parametrize(
+    ("words", "options"),
+    [
+        (("--fill", "all", "--report-energy", "all"), {"fill": "all", "report_energy": "all"}),
+        (("--fill", "RIM", "--subdivide", 1), {"fill": "RIM", "subdivide": 1}),
+        (("--region", "cap", "--subdivide", 1), {"region": "cap", "subdivide": 1}),
+    ],
+)
+def test_willmore_flow_fills_and_subdivides_as_the_command_does(run, tmp_path, words, options):
+    ball = ddg.icosphere(2)
+    low = ball.points[ball.faces][..., 2].max(axis=1) < 0.8
+    holed = ddg.repair_mesh((ball.points, ball.faces[low]), drop_unused=True).mesh
+    path, cap = tmp_path / "a.npz", holed.points[:, 2] < -0.5
+    rim = np.flatnonzero(holed.topology.boundary_vertex)[0]
+    ddg.write_mesh(path, holed, vertex={"cap": cap.astype(float)})
+    words = [rim if word == "RIM" else word for word in words]
+    options = {name: {"RIM": rim, "cap": cap}.get(value, value) for name, value in options.items()}
+    done = run("willmore-flow", path, *words, "--steps", 3, "-o", tmp_path / "end.npz", "--json")
+    end, summary = ddg.willmore_flow(holed, steps=3, **options).finish(), json.loads(done.stdout)
+    stored = np.load(tmp_path / "end.npz")
+    np.testing.assert_array_equal(end.mesh.points, stored["points"])
+    np.testing.assert_array_equal(end.mesh.faces, stored["faces"])
+    moved = (end.mesh.points[: len(cap)] != holed.points).any()
+    assert end.mesh.n_faces > holed.n_faces and moved == ("region" in options)
+    assert summary["results"] == json.loads(json.dumps(end.results))
+    assert ("energies" in end.results) == ("report_energy" in options)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"fill": "hole"}, "fill: 'hole' is not a vertex number"),
+        ({"fill": 4, "region": [0]}, "fill: moves the new patch only"),
+        ({"report_energy": "cotan"}, "report_energy: 'cotan': write all"),
+        ({"subdivide": -1}, "subdivide: must be from 0 to 6, not -1"),
+        ({"remesh": "x"}, "remesh: 'x' is not a length"),
+    ],
+)
+def test_wrong_options_of_willmore_flow_are_named(options, message):
+    with pytest.raises(ddg.errors.ParameterError, match=message):
+        ddg.willmore_flow(ddg.grid(4, 4), **options)
+
+
 @pytest.mark.parametrize("name", ["leaf", "taylor_vortices"])
 def test_a_simulation_has_the_results_of_the_command(name, run, tmp_path):
     scene = ROOT / "sample_scenes" / f"{name}.toml"

@@ -132,8 +132,10 @@ def test_one_loop_or_all_are_filled(run, holed_file):
     ],
 )
 def test_wrong_loops_are_refused(run, holed_file, words, message):
-    path, mesh, _ = holed_file
+    path, mesh, folder = holed_file
     assert not mesh.topology.boundary_vertex[60]
+    np.save(folder / "x.npy", [1, 2])
+    words = (folder / word if word == "x.npy" else word for word in words)
     result = run("willmore-flow", path, *words, "--json")
     assert result.exit_code == 2 and result.stdout == "" and message in result.stderr
     assert "--fill" in result.stderr and len(result.stderr.strip().splitlines()) == 1

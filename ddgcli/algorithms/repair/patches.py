@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
@@ -23,9 +21,7 @@ RIM_DISTANCE = 0.7  # of inner points of a patch from its rim, in units of their
 MAX_CHORD_ROUNDS = 4
 
 
-def fill_loops(
-    mesh: TriangleMesh, fill: int | Literal["all"] = "all"
-) -> tuple[TriangleMesh, NDArray[np.bool_]]:
+def fill_loops(mesh: TriangleMesh, fill: int | str = "all") -> tuple[TriangleMesh, NDArray[np.bool_]]:
     """Close boundary loops of an oriented manifold with patches of new triangles.
 
     The loop is laid on a circle by its lengths, a triangular lattice with the spacing of the loop's vertices
@@ -51,6 +47,10 @@ def fill_loops(
     MeshError, ParameterError
         When there is no such loop, or a loop encloses no area or bounds a flat piece.
     """
+    if isinstance(fill, str) and fill != "all":
+        raise ParameterError(
+            f"{fill!r} is not a vertex number; name one on the loop, or all", parameter="fill"
+        )
     require(mesh, "filling", manifold=True, oriented=True)
     loops = boundary_vertex_loops(mesh.topology)
     if not loops:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,7 +11,11 @@ from ddgcli.cli import options
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.options import flow_time_options
-from ddgcli.errors import ParameterError, renamed_parameters
+from ddgcli.errors import ParameterError
+
+if TYPE_CHECKING:
+    from ddgcli.io.mesh_file import MeshInput
+    from ddgcli.mesh.midpoint_subdivision import MidpointSubdivision
 
 
 def _names(names: tuple[str, ...]) -> str:
@@ -112,15 +116,13 @@ def command(
     from ddgcli.simulation.account import Account
 
     flow_options = _flow_options(parameters, overrides)
-    mesh, region = _filled(source.surface, parameters["fill"], parameters["region"])
-    if region is None:
-        region = _region(source, parameters["region"])
-    unfilled = None if parameters["fill"] is None else source.surface
-    built = flow_run(mesh, flow_options, overrides, region, unfilled)
+    base, subdivision = _with_subdivision(source)
+    region, fill = _region(base, parameters["region"]), _vertex_or_name(parameters["fill"])
+    built = flow_run(base.surface, flow_options, overrides, region=region, fill=fill, subdivision=subdivision)
     described = {**built.description, "time": overrides, "subdivide": subdivide, "fill": parameters["fill"]}
     time_unit = "L²" if parameters["flow"] == "mean-curvature" else "L⁴"  # L: the input's length unit
     job = Job(
-        {"surface": built.model}, [mesh], built.schedule, Account(), moving=True, resume=resume,
+        {"surface": built.model}, [built.mesh], built.schedule, Account(), moving=True, resume=resume,
         **_stored_texts(described, source.sha256, resume, time_unit),
         changing_faces=built.flow.keeps_triangles,
         changing_vertices=built.flow.remesh is not None,
@@ -148,51 +150,40 @@ def _stored_texts(
     }
 
 
-def _filled(mesh: Any, loop: str | None, region: str | None) -> Any:
-    """The mesh with the patches of `--fill`, and the mask of their vertices; None without it."""
-    if loop is None:
-        return mesh, None
-    if region is not None:
-        raise ParameterError("moves the new patch only; leave `region` out", parameter="fill")
-    from ddgcli.algorithms.repair.patches import fill_loops
+def _with_subdivision(source: MeshInput) -> tuple[MeshInput, MidpointSubdivision | None]:
+    """The input as it was read, and the subdivision of its surface; None without `--subdivide`."""
+    from ddgcli.cli.subdivided_input import SubdividedInput
 
-    if loop != "all" and not loop.isdecimal():
-        raise ParameterError(
-            f"{loop!r} is not a vertex number; name one on the loop, or all", parameter="fill"
-        )
-    return fill_loops(mesh, "all" if loop == "all" else int(loop))
+    return (source.base, source.subdivision) if isinstance(source, SubdividedInput) else (source, None)
 
 
-def _region(source: Any, name: str | None) -> Any:
-    """Mask of the vertices that `--region` names; None without it."""
+def _vertex_or_name(loop: str | None) -> int | str | None:
+    """The number in the text of `--fill`; `all` and None as they are."""
+    return int(loop) if loop is not None and loop.isdecimal() else loop
+
+
+def _region(base: MeshInput, name: str | None) -> Any:
+    """Array of the vertices that `--region` names; None without it."""
     if name is None:
         return None
-    from ddgcli.cli.subdivided_input import SubdividedInput
     from ddgcli.io.arrays import input_array
-    from ddgcli.models.willmore.setup import region_mask
 
-    base = source.base if isinstance(source, SubdividedInput) else source
     values, place = input_array(base, name)
     if place not in ("vertex", ""):
         raise ParameterError(f"{name!r} is a {place} array; name one of the vertices", parameter="region")
-    mask = region_mask(values, base.surface.topology)
-    return mask if base is source else source.subdivision.vertex_mask(mask)
+    return values
 
 
 def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
     from ddgcli.models.willmore.flow_options import FlowOptions, remesh_length
     from ddgcli.models.willmore.state import Stop
 
-    if parameters["report_energy"] not in (None, "all"):
-        raise ParameterError(f"--report-energy {parameters['report_energy']!r}: write all")
-    with renamed_parameters(length="remesh"):
-        remesh = remesh_length(parameters["remesh"])
     return FlowOptions(
         **{name: parameters[name] for name in ("energy", "flow", "boundary", "fix_area", "fix_volume")},
         spontaneous_curvature=parameters["spontaneous_curvature"] or 0.0,
-        remesh=remesh,
+        remesh=remesh_length(parameters["remesh"]),
         remesh_adaptive=parameters["remesh_adaptive"],
-        report_energies=parameters["report_energy"] is not None,
+        report_energy=parameters["report_energy"],
         integrator=overrides.get("integrator"),
         stop=Stop(parameters["stop_gradient"], parameters["stop_energy"]),
     )

@@ -41,7 +41,7 @@ class FlowOptions:
     fix_area, fix_volume : bool
     spontaneous_curvature : float
         H0 of int (H - H0)^2, one over the length unit of the input; positive as on a sphere.
-    report_energies : bool
+    report_energy : 'all', optional
         Every frame has the values of all energies.
     timed : bool
         Steps have the length that the schedule prescribes; else each is as long as the descent allows.
@@ -60,7 +60,7 @@ class FlowOptions:
     fix_area: bool = False
     fix_volume: bool = False
     spontaneous_curvature: float = 0.0
-    report_energies: bool = False
+    report_energy: str | None = None
     timed: bool = False
     integrator: str | None = None
     remesh: str | float | None = None
@@ -68,12 +68,12 @@ class FlowOptions:
     stop: Stop = Stop()
 
 
-def remesh_length(length: str | float | None) -> str | float | None:
+def remesh_length(remesh: str | float | None) -> str | float | None:
     """Convert the length of edges that remeshing keeps to a number.
 
     Parameters
     ----------
-    length : str, float or None
+    remesh : str, float or None
 
     Returns
     -------
@@ -85,13 +85,13 @@ def remesh_length(length: str | float | None) -> str | float | None:
     ParameterError
         For another text than a number.
     """
-    if length is None or length == "mean":
-        return length
+    if remesh is None or remesh == "mean":
+        return remesh
     try:
-        return float(length)
+        return float(remesh)
     except ValueError:
         raise ParameterError(
-            f"{length!r} is not a length; write a number, or mean", parameter="length"
+            f"{remesh!r} is not a length; write a number, or mean", parameter="remesh"
         ) from None
 
 

@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.repair.patches import fill_loops
+from ddgcli.errors import ParameterError
+from ddgcli.mesh.midpoint_subdivision import MidpointSubdivision
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import report, setup
 from ddgcli.models.willmore.flow import Flow
@@ -27,6 +30,7 @@ class FlowRun:
     Parameters
     ----------
     mesh : TriangleMesh
+        Subdivided, and with patches in its holes, where that is chosen.
     options : FlowOptions
         With every default.
     flow : Flow
@@ -36,6 +40,7 @@ class FlowRun:
         The user chose the steps or the duration.
     region : (n,) ndarray of bool or None
     unfilled : TriangleMesh or None
+        The surface without the patches that `mesh` adds to it; they are the region.
     """
 
     mesh: TriangleMesh
@@ -74,7 +79,7 @@ class FlowRun:
         if self.unfilled is not None and self.region is not None:
             n_faces = self.mesh.n_faces - self.unfilled.n_faces
             results["patch"] = {"vertices": int(self.region.sum()), "faces": n_faces}
-        if self.options.report_energies:
+        if self.options.report_energy:
             results["energies"] = report.every_energy(series)
         return results, accuracy
 
@@ -86,8 +91,10 @@ def flow_run(
     mesh: TriangleMesh,
     options: FlowOptions,
     times: Mapping[str, Any],
-    region: NDArray[np.bool_] | None = None,
-    unfilled: TriangleMesh | None = None,
+    *,
+    region: NDArray | None = None,
+    fill: int | str | None = None,
+    subdivision: MidpointSubdivision | None = None,
 ) -> FlowRun:
     """Build the run of a flow from the options that the user chose.
 
@@ -98,10 +105,12 @@ def flow_run(
         As chosen; what follows from `times` and from the mesh is filled in.
     times : mapping
         `steps`, `duration`, `step`, `frame_every`, `tolerance`; None or absent where not chosen.
-    region : (n,) ndarray of bool, optional
-        Vertices that may move.
-    unfilled : TriangleMesh, optional
-        The surface without the patches that `mesh` adds to it; they are the region.
+    region : (n,) or (k,) ndarray, optional
+        Vertices of `mesh` that may move, in a form of `region_mask`.
+    fill : int or 'all', optional
+        Vertex on the boundary loop to close; only its patch moves. See `fill_loops`.
+    subdivision : MidpointSubdivision, optional
+        Of `mesh`: the surface that flows.
 
     Returns
     -------
@@ -112,9 +121,17 @@ def flow_run(
     MeshError, ParameterError
         On a mesh or an option that the flow cannot take.
     """
+    if fill is not None and region is not None:
+        raise ParameterError("moves the new patch only; leave `region` out", parameter="fill")
+    mask, unfilled = None if region is None else setup.region_mask(region, mesh.topology), None
+    if subdivision is not None:
+        mesh, mask = subdivision.mesh, None if mask is None else subdivision.vertex_mask(mask)
+    if fill is not None:
+        unfilled = mesh
+        mesh, mask = fill_loops(mesh, fill)
     options = replace(options, timed=any(times.get(name) for name in ("step", "duration")))
     setup.chosen_scheme(options)
     bounded = any(times.get(name) for name in ("steps", "duration"))
     options = with_stop(options, mesh.topology, bounded)
-    flow, model = setup.build(mesh, options, region)
-    return FlowRun(mesh, options, flow, model, setup.schedule(flow, times), bounded, region, unfilled)
+    flow, model = setup.build(mesh, options, mask)
+    return FlowRun(mesh, options, flow, model, setup.schedule(flow, times), bounded, mask, unfilled)

@@ -328,7 +328,7 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     becomes_round = has_free_shape and is_spheres(topology)
     cannot_crumple = second is None and topology.is_closed and energy_name == DEFAULT_ENERGY
     n_vertices = 1 if options.remesh else mesh.n_vertices  # how many a remeshed surface has is open
-    reported = ENERGIES if options.report_energies else {}
+    reported = ENERGIES if options.report_energy else {}
     flow = Flow(
         topology=topology, energy_kind=energy_kind,
         convention=_convention(definition, options, film, curvature), free=free, constraints=constraints,
@@ -361,6 +361,8 @@ def _check(
     """Raise the errors of options that the flow of a kind cannot take."""
     _require_known(energy_name, WILLMORE_ENERGIES, "energy")
     _require_known(boundary, WILLMORE_BOUNDARIES, "boundary")
+    if options.report_energy not in (None, "all"):
+        raise ParameterError(f"{options.report_energy!r}: write all", parameter="report_energy")
     _require_rest(mesh.topology, energy_name, options)
     if options.boundary is not None and mesh.topology.is_closed:
         logging.getLogger("ddgcli").warning("`boundary` has no effect on a closed surface")
