@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
+import ddgcli as ddg
 from ddgcli.algorithms.laplacian import smooth as smooth_module
+from ddgcli.algorithms.laplacian.implicit_step import MIN_MASS
 from ddgcli.algorithms.laplacian.smooth import (
     BOX_TOLERANCE,
     MAX_WEIGHT,
-    MIN_MASS,
     bounded_stiffness,
     latest_end,
     smooth,
@@ -60,6 +61,15 @@ def test_a_sphere_shrinks_by_its_law_at_first_order_in_the_step(flow):
         radius = np.linalg.norm(smooth(mesh, 0.1, steps=steps, flow=flow).mesh.points, axis=1).mean()
         errors.append(abs(radius - np.sqrt(1 - 0.4)))
     assert (np.log2(np.array(errors[:-1]) / errors[1:]) > 0.85).all()
+
+
+@pytest.mark.parametrize("mesh", [shapes.random_sphere(200), shapes.catenoid(24, 12)], ids=["closed", "open"])
+def test_a_step_of_the_flow_in_time_is_that_of_smoothing_with_cotangents(mesh):
+    stretched = mesh.moved(mesh.points * [1.0, 1.0, 1.5])
+    smoothed = smooth(stretched, 0.02, steps=2, operator="cotan").mesh.points
+    flowed = ddg.willmore_flow(stretched, "mean-curvature", duration=0.02, step=0.01).finish().mesh.points
+    assert np.abs(smoothed - stretched.points).max() > 1e-3
+    assert np.abs(smoothed - flowed).max() < 1e-12
 
 
 @pytest.mark.parametrize("flow", SMOOTHING_FLOWS)

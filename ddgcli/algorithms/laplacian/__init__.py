@@ -2,13 +2,15 @@
 
 `laplace_operator` (of tetrahedra `solid_operator`) assembles the operator and its mass; `form_spectrum`,
 `poisson`, `spectrum`, `parameterize`, `smooth` and `evolution` (heat and wave equation in time) solve with
-them; `check_tasks` checks the `tasks` of one call against the mesh, `solve_tasks` solves them.
+them; `implicit_step` is the step of `smooth` and of mean curvature flow in time; `check_tasks` checks the
+`tasks` of one call against the mesh, `solve_tasks` solves them.
 """
 
 __all__ = [
     "check_tasks",
     "evolution",
     "form_spectrum",
+    "implicit_step",
     "laplace_operator",
     "parameterize",
     "poisson",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array, diags_array, eye_array
 
+from ddgcli.algorithms.laplacian.implicit_step import MIN_MASS, ImplicitStep
 from ddgcli.algorithms.laplacian.laplace_operator import MASS_FUNCTIONS, LaplaceOperator, laplace_operator
 from ddgcli.choices import SMOOTHING_FLOWS
 from ddgcli.errors import MeshError, ParameterError, SolveError
@@ -21,9 +22,9 @@ from ddgcli.operators.mollify import mollify_mesh
 from ddgcli.progress import ProgressCallback
 from ddgcli.representation import short_repr
 
-# Bounds of the system M/dt + L, whose weights have no unit and are about 1. Without them a limb that has
-# shrunk to a line has weights of 1e13 and masses of 1e-40, and the solution has no correct digit.
-MAX_WEIGHT, MIN_MASS = 1e5, 1e-8
+# Bound of the weights, which have no unit and are about 1. Without it and MIN_MASS a limb that has shrunk to
+# a line has weights of 1e13 and masses of 1e-40, and the solution has no correct digit.
+MAX_WEIGHT = 1e5
 # Batches of Delaunay flips in a step. Ordinary surfaces need some dozens; around a part that has collapsed to
 # a line rounding decides the flips, which take minutes. The negative weight of a remaining edge is set to 0.
 MAX_FLIP_ROUNDS = 200
@@ -193,7 +194,7 @@ def _check(time: float, steps: int, flow: str) -> None:
 
 
 class _Stepper:
-    """Backward Euler steps; the symbolic factorisation is reused while the sparsity pattern stays."""
+    """Backward Euler steps, and measures of what they leave over."""
 
     def __init__(self, mesh: TriangleMesh, dt: float, flow: str, operator: str | None, mass: str) -> None:
         self.dt, self.operator, self.mass = dt, operator, mass
@@ -205,7 +206,7 @@ class _Stepper:
         self.centre = low / 2 + high / 2
         conformalized = flow == "conformalized"
         self.stiffness = bounded_stiffness(laplace_operator(mesh, operator, mass)) if conformalized else None
-        self.problem: Dirichlet | None = None
+        self.implicit = ImplicitStep(self.fixed, self.centre)
         self.system: tuple[TriangleMesh, csr_array, csr_array] | None = None
 
     def step(self, mesh: TriangleMesh) -> tuple[TriangleMesh, float, int]:
@@ -214,19 +215,8 @@ class _Stepper:
             return mesh, 0.0, 0
         stiffness, mass = self._matrices(mesh)
         vertex_mass = mass @ np.ones(mesh.n_vertices)
-        lack = np.maximum(MIN_MASS - vertex_mass, 0.0)
-        lack[self.fixed] = 0.0
         collapsed = int(((vertex_mass < self.collapsed_mass) & ~self.fixed).sum())
-        mass = mass + diags_array(lack, format="csr")
-        if self.problem is None:
-            self.problem = Dirichlet(mass + stiffness, self.fixed, pivot=False)
-        else:
-            self.problem.refactor(mass + stiffness)
-        points = mesh.points - self.centre
-        rhs = mass @ points
-        moved = self.problem.solve(points[self.problem.fixed], rhs)
-        positions = np.where(self.fixed[:, None], mesh.points, moved + self.centre)
-        return mesh.moved_unchecked(positions), self.problem.residual(moved, rhs), collapsed
+        return *self.implicit.step(mesh, stiffness, mass), collapsed
 
     def excess(self, mesh: TriangleMesh, moved: TriangleMesh) -> float:
         """Energy that a step left over, at the rate at its end; at each vertex at most the area it had.
