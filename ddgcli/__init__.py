@@ -35,9 +35,9 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "distances": (
         "DistanceSolver", "HeatSolver", "distance_gradient", "geodesic_distance", "measure_distance",
     ),
-    "curves": ("isolines", "shortest_paths", "straighten_paths", "trace"),
+    "curves": ("edge_paths", "isolines", "shortest_paths", "straighten_paths", "trace"),
     "fields": ("integral_curves", "logarithmic_map", "parallel_transport"),
-    "wavefronts": ("distance_matrix", "geodesic_fan", "geodesic_voronoi", "signed_distance"),
+    "wavefronts": ("distance_matrix", "geodesic_fan", "geodesic_voronoi", "signed_distance", "vertex_types"),
     "repairs": ("inspect_mesh", "repair_mesh"),
     "simulations": ("Simulation", "simulate"),
     "costs": ("tradeoff_table",),

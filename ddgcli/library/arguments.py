@@ -279,7 +279,7 @@ def checked_arguments(function: Callable[P, R]) -> Callable[P, R]:
     """
     parameters = inspect.signature(function).parameters.values()
     checks = {
-        p.name: (conversion, p.default is None)
+        p.name: (conversion, p.default is None or str(p.annotation).endswith("| None"))
         for p in parameters
         if (conversion := _conversion(p)) is not None
     }

@@ -17,6 +17,7 @@ from ddgcli.choices import (
     LAPLACE_OPERATORS,
     MASSES,
     MAX_REFINEMENT_DEGREES,
+    MAX_SUBDIVISIONS,
     WILLMORE_BOUNDARIES,
     WILLMORE_ENERGIES,
     WILLMORE_FLOWS,
@@ -80,12 +81,17 @@ OPTIONS_OF_QUESTION: dict[str, dict[str, Callable[[Any, str], Any]]] = {
         "operator": _one_of(*LAPLACE_OPERATORS),
         "mass": _one_of(*MASSES),
     },
+    "maps": {
+        "operator": _one_of(*LAPLACE_OPERATORS),
+        "subdivide": _within(0, MAX_SUBDIVISIONS, whole_number),
+    },
     "geodesic": {
         "method": _one_of(*DISTANCE_METHODS),
         "tolerance": _within(0.0),
         "operator": _one_of(*HEAT_OPERATORS),
         "heat_time": POSITIVE,
         "heat_refine": _within(0, 100, whole_number),
+        "subdivide": _within(0, MAX_SUBDIVISIONS, whole_number),
     },
     "willmore-flow": {
         "flow": _one_of(*WILLMORE_FLOWS),
@@ -104,7 +110,7 @@ OPTIONS_OF_QUESTION: dict[str, dict[str, Callable[[Any, str], Any]]] = {
 
 @checked_arguments
 def tradeoff_table(
-    question: Literal["curvature", "delaunay", "laplacian", "geodesic", "willmore-flow"],
+    question: Literal["curvature", "delaunay", "laplacian", "maps", "geodesic", "willmore-flow"],
     mesh: MeshLike,
     *,
     sources: int | Sequence[int] | NDArray | None = None,
@@ -120,7 +126,8 @@ def tradeoff_table(
 
     Parameters
     ----------
-    question : {'curvature', 'delaunay', 'laplacian', 'geodesic', 'willmore-flow'}
+    question : {'curvature', 'delaunay', 'laplacian', 'maps', 'geodesic', 'willmore-flow'}
+        'maps': conformal distortion of the maps to the plane.
     mesh : TriangleMesh or (points, faces) pair
     sources : int or sequence of int, optional
         'geodesic': source vertices; default vertex 0.
@@ -169,8 +176,11 @@ def tradeoff_table(
     if sources is not None:
         more["sources"] = surface_sources(surface, sources)
     with renamed_parameters(text="truth"):
-        known_truth = None if truth is None else parse_truth(truth, surface.points)
-    problem = mesh_problem(question, surface, truth=known_truth, options=options, **more)
+        if truth is not None and question == "maps":
+            raise ParameterError("maps are compared with conformal ones; leave it out", parameter="truth")
+        if question != "maps":
+            more["truth"] = None if truth is None else parse_truth(truth, surface.points)
+    problem = mesh_problem(question, surface, options=options, **more)
     if not problem.candidates and not problem.left_out:
         raise ParameterError(f"no method of {question!r} has the options {options}")
     table = run_problem(problem, repeat=repeat, budget=budget)

@@ -11,8 +11,8 @@ from ddgcli.algorithms.curvature.offset_body import OffsetBody
 from ddgcli.algorithms.curvature.offset_body import offset_body as core_offset_body
 from ddgcli.algorithms.curvature.polyline import measure_curves
 from ddgcli.algorithms.curvature.region_measures import RegionMeasures, measures_in_ball
-from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME, measure_curvature
-from ddgcli.algorithms.curvature.surface_query import labelled_measures, require_regions
+from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME
+from ddgcli.algorithms.curvature.surface_query import labelled_measures, measure_surface, require_regions
 from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.library.arguments import real_array, real_number
 from ddgcli.library.mesh_arguments import accepts_arrays
@@ -115,6 +115,8 @@ def curvature(
     scheme: str | None = None,
     radius: float | str | None = None,
     *,
+    image: ArrayLike | None = None,
+    vertex_vectors: bool = False,
     with_frames: bool = False,
     resample: int | None = None,
 ) -> Measurement:
@@ -129,6 +131,12 @@ def curvature(
     radius : float or 'auto', optional
         Radius of the measuring ball, in length units; default the vertex star (two rings for 'quadric').
         'auto' takes the best radius on noisy surfaces, the default on others. 'cotan' has none.
+    image : (n, 2) or (n, 3) array_like, optional
+        Surfaces: places of the vertices under a map, of which `results` has `dirichlet_energy`, `map_area`
+        and their difference `nonconformality`.
+    vertex_vectors : bool
+        Surfaces: also `H_p` (n, 3), minus the gradient of the area, `volume_gradient` (n, 3), `h_p`, the
+        quotient of their lengths, and `gradient_angle` between them (radians).
     with_frames : bool
         Curves: also `arc_length`, `frenet_tangent`, `frenet_normal`, `frenet_binormal`, `bishop_1`,
         `bishop_2`, `osculating_radius`, `osculating_centre`.
@@ -170,11 +178,9 @@ def curvature(
     True
     """
     if isinstance(mesh, CurveSet):
-        if scheme is not None or radius is not None:
-            raise ParameterError(
-                "belongs to surfaces; leave it out for curves",
-                parameter="radius" if scheme is None else "scheme",
-            )
+        own = {"scheme": scheme, "radius": radius, "image": image, "vertex_vectors": vertex_vectors or None}
+        for name in (name for name, value in own.items() if value is not None):
+            raise ParameterError("belongs to surfaces; leave it out for curves", parameter=name)
         curves = measure_curves(mesh, with_frames=with_frames, resample=resample)
         return Measurement(
             curves.curves, vertex=curves.vertex, results=curves.results, accuracy=curves.accuracy
@@ -189,7 +195,13 @@ def curvature(
         ball = radius
     elif radius != "auto":
         raise ParameterError(f"must be a length or 'auto', not {radius!r}", parameter="radius")
-    measured = measure_curvature(mesh, DEFAULT_SCHEME if scheme is None else scheme, ball)
+    measured = measure_surface(
+        mesh,
+        DEFAULT_SCHEME if scheme is None else scheme,
+        ball,
+        image=None if image is None else np.asarray(image, dtype=np.float64),
+        vertex_vectors=vertex_vectors,
+    )
     return Measurement(
         mesh,
         vertex=measured.vertex,

@@ -9,13 +9,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ddgcli.algorithms.geodesics.darboux import add_darboux_frames
 from ddgcli.algorithms.geodesics.distance import measure_distance
+from ddgcli.algorithms.geodesics.edge_curves import edge_curves
 from ddgcli.algorithms.geodesics.flipout import straighten_curves
 from ddgcli.algorithms.geodesics.isolines import isoline_curves
 from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover
 from ddgcli.algorithms.geodesics.path_results import curve_set
 from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths as core_shortest_paths
-from ddgcli.algorithms.geodesics.surface_curves import Curves, trace_curves
+from ddgcli.algorithms.geodesics.surface_curves import Curves, add_geodesic_curvature, trace_curves
 from ddgcli.algorithms.tangent_fields.field_curves import add_transport
 from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.geometry.surface_points import SurfacePoints
@@ -24,7 +26,7 @@ from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.result import Measurement
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-__all__ = ["isolines", "shortest_paths", "straighten_paths", "trace"]
+__all__ = ["edge_paths", "isolines", "shortest_paths", "straighten_paths", "trace"]
 
 
 @accepts_arrays("surface")
@@ -79,6 +81,7 @@ def shortest_paths(
     *,
     source_points: ArrayLike | None = None,
     transport: bool = False,
+    darboux: bool = False,
 ) -> Measurement:
     """Shortest path from the nearest source to each target vertex, by the exact distance.
 
@@ -91,6 +94,9 @@ def shortest_paths(
         Further sources: the points of the surface nearest to these positions.
     transport : bool
         Also carry a tangent frame along each path: `transport_x`, `transport_y`.
+    darboux : bool
+        Also Darboux frames: `darboux_tangent`, `darboux_normal`, `darboux_conormal`, `normal_curvature`,
+        `geodesic_torsion`.
 
     Returns
     -------
@@ -126,13 +132,18 @@ def shortest_paths(
         vertex_numbers(targets, "targets"),
         join_lifts=cover.join_lifts,
     )
-    measured = _transported(cover, curves, transport)
+    measured = _with_frames(cover, curves, transport, darboux)
     return replace(measured, converged=measured.converged and distance.converged)
 
 
 @accepts_arrays("surface")
 def straighten_paths(
-    mesh: TriangleMesh, paths: Sequence[Sequence[int]], *, closed: bool = False, transport: bool = False
+    mesh: TriangleMesh,
+    paths: Sequence[Sequence[int]],
+    *,
+    closed: bool = False,
+    transport: bool = False,
+    darboux: bool = False,
 ) -> Measurement:
     """Geodesics in the isotopy classes of edge paths, by intrinsic edge flips.
 
@@ -146,6 +157,9 @@ def straighten_paths(
         The paths are loops.
     transport : bool
         Also carry a tangent frame along each path, and the `holonomy` of loops.
+    darboux : bool
+        Also Darboux frames: `darboux_tangent`, `darboux_normal`, `darboux_conormal`, `normal_curvature`,
+        `geodesic_torsion`.
 
     Returns
     -------
@@ -174,7 +188,51 @@ def straighten_paths(
     waypoints = [vertex_numbers(path, "paths") for path in paths]
     with renamed_parameters("paths"):
         curves = straighten_curves(cover.mesh, waypoints, [closed] * len(waypoints))
-    return _transported(cover, curves, transport)
+    return _with_frames(cover, curves, transport, darboux)
+
+
+@accepts_arrays("surface")
+def edge_paths(
+    mesh: TriangleMesh, paths: Sequence[Sequence[int]], *, transport: bool = False, darboux: bool = False
+) -> Measurement:
+    """Edge paths through vertices as they are, with their geodesic curvature.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+        Orientable.
+    paths : sequence of sequence of int
+        Vertices, joined by shortest edge paths where they are not neighbours; a path whose last vertex is
+        its first is closed.
+    transport : bool
+        Also carry a tangent frame along each path, and the `holonomy` of loops.
+    darboux : bool
+        Also Darboux frames, as of `shortest_paths`.
+
+    Returns
+    -------
+    Measurement
+        As of `shortest_paths`; `vertex` also holds `geodesic_curvature` (radians, integrated at points),
+        entries `total_geodesic_curvature`.
+
+    Raises
+    ------
+    MeshError, ParameterError
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> square = ddg.grid(4, 4)
+    >>> turn = ddg.edge_paths(square, [[0, 4, 24]]).results["paths"][0]["total_geodesic_curvature"]
+    >>> round(abs(turn) / 3.141593, 6)  # a right angle
+    0.5
+    """
+    cover = oriented_cover(mesh)
+    cover.require_two_sides("an edge path")
+    waypoints = [vertex_numbers(path, "paths") for path in paths]
+    with renamed_parameters("paths"):
+        curves = edge_curves(cover.mesh, waypoints)
+    return _with_frames(cover, add_geodesic_curvature(cover.mesh, curves), transport, darboux)
 
 
 @accepts_arrays("surface")
@@ -187,6 +245,7 @@ def trace(
     *,
     at_boundary: Literal["stop", "reflect"] = "stop",
     transport: bool = False,
+    darboux: bool = False,
 ) -> Measurement:
     """Straightest geodesics from points of faces: the exponential map.
 
@@ -203,6 +262,9 @@ def trace(
     at_boundary : {'stop', 'reflect'}
     transport : bool
         Also carry a tangent frame along each line.
+    darboux : bool
+        Also Darboux frames: `darboux_tangent`, `darboux_normal`, `darboux_conormal`, `normal_curvature`,
+        `geodesic_torsion`.
 
     Returns
     -------
@@ -242,7 +304,7 @@ def trace(
     curves = trace_curves(
         cover.mesh, start.face, start.barycentric, vectors, lengths, at_boundary=at_boundary
     )
-    return _transported(cover, curves, transport)
+    return _with_frames(cover, curves, transport, darboux)
 
 
 def _vectors(values: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -261,10 +323,14 @@ def _broadcast(face: ArrayLike, length: ArrayLike, *rows: NDArray) -> tuple[NDAr
     return *(np.broadcast_to(a, (k,)) for a in numbers), *(np.broadcast_to(a, (k, 3)) for a in rows)
 
 
-def _transported(cover: OrientedCover, curves: Curves, transport: bool) -> Measurement:
-    """Curves of the cover as a measurement of the base, with a transported frame where required."""
-    moved = add_transport(cover.mesh, curves) if transport else curves
-    return curve_measurement(cover.base, cover.project(moved))
+def _with_frames(cover: OrientedCover, curves: Curves, transport: bool, darboux: bool) -> Measurement:
+    """Curves of the cover as a measurement of the base, with frames where required."""
+    if darboux:
+        cover.require_two_sides("a Darboux frame")
+        curves = add_darboux_frames(cover.mesh, curves)
+    if transport:
+        curves = add_transport(cover.mesh, curves)
+    return curve_measurement(cover.base, cover.project(curves))
 
 
 def curve_measurement(mesh: TriangleMesh, curves: Curves) -> Measurement:

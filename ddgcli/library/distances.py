@@ -9,15 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.geodesics import distance as distances
-from ddgcli.algorithms.geodesics.edge_sets import edge_set
+from ddgcli.algorithms.geodesics.certificate import symmetry
+from ddgcli.algorithms.geodesics.edge_sets import boundary_set, edge_set, joined_curves
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.choices import DEFAULT_HEAT_TIME
 from ddgcli.errors import ParameterError, renamed_parameters
-from ddgcli.geometry.surface_points import nearest_points
+from ddgcli.geometry.surface_points import SurfacePoints, nearest_points
 from ddgcli.library.arguments import checked_arguments, real_array, real_number, text, whole_number
 from ddgcli.library.mesh_arguments import MeshLike, accepts_arrays, mesh_of_kind
 from ddgcli.library.result import Measurement
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.require import refuse_repeated_vertices
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 __all__ = [
@@ -88,9 +90,11 @@ class DistanceSolver:
         *,
         source_points: ArrayLike | None = None,
         source_edges: ArrayLike | None = None,
+        source_boundary: bool = False,
     ) -> NDArray[np.float64]:
         """(n,) distance from every vertex to the nearest source, in length units; inf where none reaches."""
-        return self._solve(surface_sources(self.mesh, sources, source_points, source_edges)).distance
+        checked = surface_sources(self.mesh, sources, source_points, source_edges, source_boundary)
+        return self._solve(checked).distance
 
     @checked_arguments
     def measure(
@@ -99,17 +103,11 @@ class DistanceSolver:
         *,
         source_points: ArrayLike | None = None,
         source_edges: ArrayLike | None = None,
+        source_boundary: bool = False,
     ) -> Measurement:
         """Distance with nearest sources, results and certificate; see `measure_distance`."""
-        checked = surface_sources(self.mesh, sources, source_points, source_edges)
-        measured = distances.measure_distance(self.mesh, checked, self.method, solver=self._solve)
-        return Measurement(
-            self.mesh,
-            vertex=measured.arrays,
-            results=measured.results,
-            accuracy=measured.accuracy,
-            converged=measured.converged,
-        )
+        checked = surface_sources(self.mesh, sources, source_points, source_edges, source_boundary)
+        return _measured(self.mesh, checked, self.method, self._solve)
 
 
 @checked_arguments
@@ -160,6 +158,7 @@ def geodesic_distance(
     *,
     source_points: ArrayLike | None = None,
     source_edges: ArrayLike | None = None,
+    source_boundary: bool = False,
     **options: Any,
 ) -> NDArray[np.float64]:
     """Distance along the surface from every vertex to the nearest source.
@@ -175,6 +174,8 @@ def geodesic_distance(
         Further sources: the points of the surface nearest to these positions.
     source_edges : (k, 2) array_like of int, or marks on edges, vertices or faces, optional
         Further sources: all points of these edges. Exactly with 'exact', from their ends with other methods.
+    source_boundary : bool
+        The boundary is a source too, likewise.
     **options
         Of the method; see `DistanceSolver`.
 
@@ -200,7 +201,9 @@ def geodesic_distance(
     1.414213562373
     """
     solver = DistanceSolver(mesh, method, **options)
-    return solver.distance(sources, source_points=source_points, source_edges=source_edges)
+    return solver.distance(
+        sources, source_points=source_points, source_edges=source_edges, source_boundary=source_boundary
+    )
 
 
 @checked_arguments
@@ -211,6 +214,10 @@ def measure_distance(
     *,
     source_points: ArrayLike | None = None,
     source_edges: ArrayLike | None = None,
+    source_boundary: bool = False,
+    target_points: ArrayLike | None = None,
+    certify: bool = False,
+    seed: int = 0,
     **options: Any,
 ) -> Measurement:
     """Geodesic distance with a certificate of its error.
@@ -226,6 +233,15 @@ def measure_distance(
         Further sources: the points of the surface nearest to these positions.
     source_edges : (k, 2) array_like of int, or marks on edges, vertices or faces, optional
         Further sources: all points of these edges. Exactly with 'exact', from their ends with other methods.
+    source_boundary : bool
+        The boundary is a source too, likewise.
+    target_points : (k, 3) array_like of float, optional
+        'exact': `results["targets"]` holds the distances of the points of the surface nearest to these.
+    certify : bool
+        `accuracy` also has the asymmetry, and the violated triangle inequalities, of distances between some
+        random vertices (some more runs).
+    seed : int
+        Of these vertices.
     **options
         Of the method; see `DistanceSolver`.
 
@@ -252,8 +268,27 @@ def measure_distance(
     >>> sorted(measured.vertex)
     ['geodesic_distance', 'nearest_source']
     """
-    solver = DistanceSolver(mesh, method, **options)
-    return solver.measure(sources, source_points=source_points, source_edges=source_edges)
+    surface = mesh_of_kind(mesh, ("surface", "intrinsic"), "a geodesic distance")
+    checked = surface_sources(surface, sources, source_points, source_edges, source_boundary)
+    targets = None if target_points is None else _nearest(surface, target_points, "target_points")
+    with renamed_parameters(targets="target_points"):
+        solve = distances.prepare_solver(surface, method, _distance_options(method, options), targets=targets)
+    measured = _measured(surface, checked, method, solve)
+    if certify:
+        measured.accuracy.update(symmetry(surface, lambda source: solve(source).distance, seed=seed))
+    return measured
+
+
+def _measured(mesh: SurfaceMesh, sources: Sources, method: str, solve: distances.Solver) -> Measurement:
+    """Distance with a certificate, by a solver of a method."""
+    measured = distances.measure_distance(mesh, sources, method, solver=solve)
+    return Measurement(
+        mesh,
+        vertex=measured.arrays,
+        results=measured.results,
+        accuracy=measured.accuracy,
+        converged=measured.converged,
+    )
 
 
 def _distance_options(method: str, options: dict[str, Any]) -> distances.DistanceOptions:
@@ -280,6 +315,7 @@ def surface_sources(
     sources: int | Sequence[int] | NDArray,
     source_points: ArrayLike | None = None,
     source_edges: ArrayLike | None = None,
+    source_boundary: bool = False,
     *,
     name: str = "sources",
 ) -> Sources:
@@ -292,20 +328,29 @@ def surface_sources(
     source_points : (k, 3) array_like of float, optional
     source_edges : array_like, optional
         See `edge_set`; connected edges are one source.
+    source_boundary : bool
+        Each loop of the boundary is one source.
     name : str
         Parameter that holds the vertices, for messages.
     """
-    points = edge = curve = None
+    sets = []
     if source_edges is not None:
-        edges = edge_set(mesh, np.asarray(source_edges), parameter="source_edges")
-        edge, curve = edges.edge, edges.curves(mesh)
-    if source_points is not None:
-        position = np.atleast_2d(np.asarray(source_points, dtype=np.float64))
-        if position.ndim != 2 or position.shape[1] != 3 or not np.isfinite(position).all():
-            raise ParameterError("must be finite positions of shape (k, 3)", parameter="source_points")
-        points, _ = nearest_points(mesh_of_kind(mesh, ("surface",), "source_points"), position)
+        sets.append(edge_set(mesh, np.asarray(source_edges), parameter="source_edges"))
+    if source_boundary:
+        refuse_repeated_vertices(mesh)  # which have a boundary of their own
+        sets.append(boundary_set(mesh))
+    points = None if source_points is None else _nearest(mesh, source_points, "source_points")
     with renamed_parameters(sources=name):
-        return check_sources(mesh, Sources.at(vertex_numbers(sources, name), points, edge, curve))
+        vertices = vertex_numbers(sources, name)
+        return check_sources(mesh, Sources.at(vertices, points, *joined_curves(mesh, sets)))
+
+
+def _nearest(mesh: SurfaceMesh, positions: ArrayLike, name: str) -> SurfacePoints:
+    """Points of the surface nearest to the positions of a parameter."""
+    array = np.atleast_2d(np.asarray(positions, dtype=np.float64))
+    if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
+        raise ParameterError("must be finite positions of shape (k, 3)", parameter=name)
+    return nearest_points(mesh_of_kind(mesh, ("surface",), name), array)[0]
 
 
 def vertex_numbers(vertices: int | Sequence[int] | NDArray, name: str) -> list[int]:

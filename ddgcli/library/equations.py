@@ -261,6 +261,7 @@ def mean_curvature_flow(
     time: float,
     *,
     steps: int = 10,
+    flow: str = "mean-curvature",
     operator: str | None = None,
     mass: str = "lumped",
 ) -> smoothing.SmoothingResult:
@@ -274,6 +275,9 @@ def mean_curvature_flow(
         In length^2.
     steps : int
         Backward Euler steps.
+    flow : {'mean-curvature', 'conformalized'}
+        'conformalized': with the stiffness of the first surface throughout, which keeps angles and does not
+        pinch thin parts off.
     operator, mass : str, optional
         See `laplace_operator`.
 
@@ -291,6 +295,7 @@ def mean_curvature_flow(
     References
     ----------
     M. Desbrun et al., "Implicit fairing of irregular meshes using diffusion and curvature flow", 1999.
+    M. Kazhdan, J. Solomon, M. Ben-Chen, "Can mean-curvature flow be modified to be non-singular?", 2012.
 
     Examples
     --------
@@ -299,4 +304,4 @@ def mean_curvature_flow(
     >>> round(float((flow.mesh.points[0] ** 2).sum()), 1)
     0.6
     """
-    return smoothing.smooth(mesh, time, steps=steps, operator=operator, mass=mass)
+    return smoothing.smooth(mesh, time, steps=steps, flow=flow, operator=operator, mass=mass)

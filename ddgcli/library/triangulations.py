@@ -14,7 +14,8 @@ from ddgcli.algorithms.delaunay.dual import circumcentric_dual as core_circumcen
 from ddgcli.algorithms.delaunay.intrinsic_delaunay import DelaunayResult
 from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay as core_intrinsic_delaunay
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, renamed_parameters
+from ddgcli.library.arguments import real_array
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.midpoint_subdivision import MidpointSubdivision
@@ -143,7 +144,14 @@ def intrinsic_delaunay(mesh: SurfaceMesh) -> IntrinsicMesh:
 
 @accepts_arrays("surface")
 def delaunay_refinement(
-    mesh: TriangleMesh, degrees: float = 25.0, *, max_points: int | None = None, seed: int = 0
+    mesh: TriangleMesh,
+    degrees: float | None = 25.0,
+    *,
+    max_points: int | None = None,
+    overlay: bool = False,
+    transfer: Mapping[str, ArrayLike] | None = None,
+    condition: bool = False,
+    seed: int = 0,
 ) -> DelaunayResult:
     """Intrinsic Delaunay refinement: insert Steiner points until no angle is smaller than `degrees`.
 
@@ -151,10 +159,17 @@ def delaunay_refinement(
     ----------
     mesh : TriangleMesh or (points, faces) pair
         Oriented, without edges of three faces.
-    degrees : float
-        Smallest angle, above 0 and at most 33 degrees.
+    degrees : float or None
+        Smallest angle, above 0 and at most 33 degrees; None for edge flips alone.
     max_points : int, optional
         Most Steiner points; default ten for each vertex, at least 100,000.
+    overlay : bool
+        Also compute the common subdivision of both triangulations; see `overlay()` of the result.
+    transfer : mapping of str to (n,) or (n, k) array_like, optional
+        Functions on the vertices of `mesh`: `vertex` has those of the triangulation that are nearest in L2,
+        `overlay()` their interpolants.
+    condition : bool
+        Also measure the condition number of the Laplacian before and after.
     seed : int
         Seed of the choice among faces, where more need a point than a batch may try.
 
@@ -182,7 +197,12 @@ def delaunay_refinement(
     """
     if max_points is not None and max_points < 0:
         raise ParameterError(f"must be 0 or more, not {max_points}", parameter="max_points")
-    return core_intrinsic_delaunay(mesh, degrees=degrees, max_points=max_points, seed=seed)
+    functions = {name: np.asarray(real_array(f, "transfer")) for name, f in (transfer or {}).items()}
+    with renamed_parameters(transferred="transfer"):
+        return core_intrinsic_delaunay(
+            mesh, degrees=degrees, max_points=max_points, subdivide=overlay, transferred=functions,
+            condition=condition, seed=seed,
+        )  # fmt: skip
 
 
 @accepts_arrays("surface")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ddgcli.algorithms.geodesics.distance_matrix import distance_matrix as core_distance_matrix
 from ddgcli.algorithms.geodesics.edge_sets import edge_set
 from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
+from ddgcli.algorithms.geodesics.voronoi import vertex_types as core_vertex_types
 from ddgcli.algorithms.geodesics.voronoi import voronoi_regions
 from ddgcli.algorithms.tangent_fields.fan import geodesic_fan as core_geodesic_fan
 from ddgcli.algorithms.tangent_fields.signed_distance import signed_distance as core_signed_distance
@@ -17,9 +18,10 @@ from ddgcli.library.curves import curve_measurement
 from ddgcli.library.distances import surface_sources, vertex_numbers
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.result import Measurement
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-__all__ = ["distance_matrix", "geodesic_fan", "geodesic_voronoi", "signed_distance"]
+__all__ = ["distance_matrix", "geodesic_fan", "geodesic_voronoi", "signed_distance", "vertex_types"]
 
 
 @accepts_arrays("surface")
@@ -190,3 +192,25 @@ def geodesic_fan(
     cover.require_two_sides("the fan")
     fan = core_geodesic_fan(cover.mesh, cover.lift_sources(start), rays, length, circles)
     return curve_measurement(mesh, cover.project(fan))
+
+
+@accepts_arrays("surface", "intrinsic")
+def vertex_types(mesh: SurfaceMesh) -> NDArray[np.int64]:
+    """Type of each vertex by its total angle: shortest paths pass none below 2 pi.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, IntrinsicMesh or (points, faces) pair
+
+    Returns
+    -------
+    (n,) ndarray of int64
+        1 spherical (below 2 pi), 0 Euclidean, -1 hyperbolic; 2 on the boundary and without faces.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> bool((ddg.vertex_types(ddg.icosphere(1)) == 1).all())
+    True
+    """
+    return core_vertex_types(mesh)

@@ -57,6 +57,7 @@ CALLS = {
     "lie_derivative": lambda m: ddg.lie_derivative(m, [[1, 2, 0]] * 18, X),
     "sharp": lambda m: ddg.sharp(m, ddg.d0(m) @ X),
     "wedge": lambda m: ddg.wedge(m, X, ddg.d0(m) @ X),
+    "edge_paths": lambda m: ddg.edge_paths(m, [[0, 1, 2]]).polylines[0],
     "eigenpairs": lambda m: ddg.eigenpairs(m, 3).values,
     "galerkin_mass": lambda m: ddg.galerkin_mass(m).toarray(),
     "geodesic_distance": lambda m: ddg.geodesic_distance(m, 0),
@@ -86,10 +87,12 @@ CALLS = {
     "stiffness": lambda m: ddg.stiffness(m).toarray(),
     "straighten_paths": lambda m: ddg.straighten_paths(m, [[0, 1, 2, 6]]).polylines[0],
     "trace": lambda m: ddg.trace(m, 0, [0.4, 0.3, 0.3], [1, 0.2, 0], 0.3).polylines[0],
+    "subdivide": lambda m: ddg.subdivide(m, 2).points,
     "tradeoff_table": lambda m: (
         ddg.tradeoff_table("geodesic", m, method="dijkstra", repeat=1).rows[0].max_error
     ),
     "uniform_stiffness": lambda m: ddg.uniform_stiffness(m).toarray(),
+    "vertex_types": lambda m: ddg.vertex_types(m),
     "voronoi_mass": lambda m: ddg.voronoi_mass(m).toarray(),
 }
 WRITERS = {"write_mesh", "write_picture", "write_trajectory"}

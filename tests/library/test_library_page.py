@@ -63,5 +63,5 @@ def test_example_of_the_readme_runs(folder_with_samples):
 
 
 def test_table_of_functions_names_all_that_is_exported():
-    table = PAGE[PAGE.index("## Functions") : PAGE.index("## Limits")]
+    table = PAGE[PAGE.index("## Functions") : PAGE.index("## Options of the commands")]
     assert set(re.findall(r"`(\w+)`", table)) == set(ddg.__all__) - {"__version__"}

@@ -24,7 +24,7 @@ from ddgcli.algorithms.delaunay.triangulation import (
     working_lengths,
 )
 from ddgcli.algorithms.delaunay.triangulation_statistics import metric_residuals, triangulation_statistics
-from ddgcli.errors import renamed_parameters
+from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.geometry.cures import cure_of_bad_shapes
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.residual_gate import within_residuals
@@ -89,6 +89,30 @@ class DelaunayResult:
     converged: bool = True
 
     __repr__ = short_repr
+
+    def overlay(self) -> AnnotatedMesh:
+        """The common subdivision as a mesh, with the interpolants of the transferred functions.
+
+        Returns
+        -------
+        AnnotatedMesh
+            Vertex array `vertex_kind` (0 input vertex, 1 Steiner point, 2 crossing), face arrays `input_face`
+            and `intrinsic_face`, and the functions by name.
+
+        Raises
+        ------
+        ParameterError
+            When it was not computed.
+        """
+        cut = self.subdivision
+        if cut is None:
+            raise ParameterError("the common subdivision was not computed; require it first")
+        arrays = {name: cut.from_input @ one.input_values for name, one in self.transferred.items()}
+        return AnnotatedMesh(
+            cut.mesh,
+            vertex={"vertex_kind": cut.vertex_kind, **arrays},
+            face={"input_face": cut.input_face, "intrinsic_face": cut.intrinsic_face},
+        )
 
     @property
     def dual_arrays(self) -> AnnotatedMesh:
@@ -296,24 +320,3 @@ def subdivision_residuals(cut: CommonSubdivision, mesh: TriangleMesh) -> dict[st
     area, cut_area = (face_area(m.side_length / scale).sum() for m in (mesh, cut.mesh))
     change = float(abs(cut_area - area) / area) if area > 0 else float("nan")
     return {"overlay_area_residual": change, "overlay_length_residual": cut.length_residual}
-
-
-def overlay_mesh(cut: CommonSubdivision, transferred: dict[str, TransferResult]) -> AnnotatedMesh:
-    """Common subdivision as a mesh with its labels and the interpolants of the input's functions.
-
-    Parameters
-    ----------
-    cut : CommonSubdivision
-    transferred : dict of str to TransferResult
-
-    Returns
-    -------
-    AnnotatedMesh
-        Vertex array `vertex_kind`, face arrays `input_face` and `intrinsic_face`, and the functions by name.
-    """
-    arrays = {name: cut.from_input @ one.input_values for name, one in transferred.items()}
-    return AnnotatedMesh(
-        cut.mesh,
-        vertex={"vertex_kind": cut.vertex_kind, **arrays},
-        face={"input_face": cut.input_face, "intrinsic_face": cut.intrinsic_face},
-    )

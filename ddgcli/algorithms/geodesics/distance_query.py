@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics import distance as solvers
 from ddgcli.algorithms.geodesics.compare_methods import compare
 from ddgcli.algorithms.geodesics.distance_matrix import distance_rows
-from ddgcli.algorithms.geodesics.edge_sets import EdgeSet, boundary_set
+from ddgcli.algorithms.geodesics.edge_sets import EdgeSet, boundary_set, joined_curves
 from ddgcli.algorithms.geodesics.query import DistanceQuery
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
@@ -71,16 +71,8 @@ def query_sources(mesh: TriangleMesh, query: DistanceQuery, source_edges: EdgeSe
     if query.source_boundary:
         refuse_repeated_vertices(mesh)  # which have a boundary of their own
         sets.append(boundary_set(mesh))
-    edges, curves, count = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], 0
-    for source_set in sets:
-        curve = source_set.curves(mesh)
-        edges.append(source_set.edge)
-        curves.append(curve + count)
-        count += int(curve.max(initial=-1)) + 1
     with renamed_parameters(sources="source"):
-        return check_sources(
-            mesh, Sources.at(query.vertices, points, np.concatenate(edges), np.concatenate(curves))
-        )
+        return check_sources(mesh, Sources.at(query.vertices, points, *joined_curves(mesh, sets)))
 
 
 def query_options(

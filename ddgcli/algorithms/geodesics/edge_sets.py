@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -166,6 +167,28 @@ def subdivided_edge_set(edges: EdgeSet, mesh: TriangleMesh, subdivision: Midpoin
     along = np.where(pairs[:, 0] < pairs[:, 1], 1, -1)
     order = np.argsort(pieces)
     return EdgeSet(pieces[order], (along * edges.sign[row])[order])
+
+
+def joined_curves(mesh: SurfaceMesh, sets: Sequence[EdgeSet]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Edges of several sets in turn, and the curve of each.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    sets : sequence of EdgeSet
+        Connected edges of a set are one curve.
+
+    Returns
+    -------
+    edge, curve : (k,) ndarray of int64
+    """
+    edges, curves, count = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], 0
+    for edge_set in sets:
+        curve = edge_set.curves(mesh)
+        edges.append(edge_set.edge)
+        curves.append(curve + count)
+        count += int(curve.max(initial=-1)) + 1
+    return np.concatenate(edges), np.concatenate(curves)
 
 
 def boundary_set(mesh: SurfaceMesh) -> EdgeSet:

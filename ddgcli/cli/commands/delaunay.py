@@ -108,7 +108,7 @@ def command(
     source = run.read(mesh_path, subdivide=subdivide)
     transferred = {name: named_array(source.vertex, name, "vertex array") for name in transfer}
 
-    from ddgcli.algorithms.delaunay.intrinsic_delaunay import check_query, intrinsic_delaunay, overlay_mesh
+    from ddgcli.algorithms.delaunay.intrinsic_delaunay import check_query, intrinsic_delaunay
     from ddgcli.mesh.fields import AnnotatedMesh
 
     with renamed_parameters(degrees="refine", transferred="transfer"):
@@ -125,9 +125,8 @@ def command(
         seed=common.seed,
     )
     run.write(AnnotatedMesh(result.mesh, vertex=result.vertex), converged=result.converged)
-    if overlay and result.subdivision:
-        subdivision = overlay_mesh(result.subdivision, result.transferred)
-        run.write_file(overlay, subdivision, converged=result.converged)
+    if overlay:
+        run.write_file(overlay, result.overlay(), converged=result.converged)
     if dual is not None:
         write_dual(run, dual, result, lines)
     run.plot(lambda path: draw(path, source.surface, result, run.picture_options))
