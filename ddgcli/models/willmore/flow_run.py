@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.repair.patches import fill_loops
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.midpoint_subdivision import MidpointSubdivision
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -127,6 +126,8 @@ def flow_run(
     if subdivision is not None:
         mesh, mask = subdivision.mesh, None if mask is None else subdivision.vertex_mask(mask)
     if fill is not None:
+        from ddgcli.algorithms.repair.patches import fill_loops  # with all of scipy.spatial
+
         unfilled = mesh
         mesh, mask = fill_loops(mesh, fill)
     options = replace(options, timed=any(times.get(name) for name in ("step", "duration")))
