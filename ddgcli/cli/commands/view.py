@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,8 @@ from ddgcli.errors import MeshFileError, ParameterError, named_array
 if TYPE_CHECKING:
     from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.plots.web_page import ViewedObject
+
+log = logging.getLogger("ddgcli")
 
 TRAJECTORY_SUFFIXES = (".vtkhdf", ".h5", ".part")
 COUNTS = ("vertices", "faces", "tetrahedra", "lines", "frames")  # of several inputs the summary has the sums
@@ -96,6 +99,8 @@ def _static(run: Run, path: str) -> ViewedObject:
     from ddgcli.plots.web_page import ViewedObject
 
     name = Path(path).name
+    if on_edges := sorted(set(source.edge) - {"edges"}):  # the pairs of vertices are no result
+        log.warning(f"{name}: the page has no place for arrays on edges ({', '.join(on_edges)})")
     if isinstance(source.mesh, CurveSet):
         arrays = [{k: [v] for k, v in own.items() if _drawable(v)} for own in (source.vertex, source.face)]
         return ViewedObject(name, [source.mesh.points], [source.mesh.lines], *arrays)
