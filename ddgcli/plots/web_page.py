@@ -67,11 +67,15 @@ def page_bytes(
     bytes
         HTML.
     """
-    centre, size = _bounds([points for viewed in objects for points in viewed.points])
+    clouds = [points for viewed in objects for points in viewed.points]
+    centre, half = _bounds(clouds)
+    size = float(half.max()) or 1.0
     data = {
         "objects": [_object(viewed, centre, size) for viewed in objects],
         "centre": centre.tolist(),
         "size": size,
+        "half": (half / size).tolist(),
+        "radius": max((_radius(points - centre) for points in clouds), default=0.0) / size or 1.0,
         "times": [float(time) for time in times],
         "show": show or first_quantity(n for o in objects for n in (*o.vertex, *o.face)) or "",
         "up": up or ("z" if times else up_axis_of(_first_frame(objects, centre, size))),
@@ -83,12 +87,17 @@ def page_bytes(
     )
 
 
-def _bounds(clouds: Sequence[NDArray]) -> tuple[NDArray, float]:
-    """Centre of the bounding box of all points, and half its longest side."""
+def _radius(points: NDArray) -> float:
+    """Largest distance from the origin."""
+    return float(np.sqrt(np.max(np.sum(points**2, axis=1), initial=0.0)))
+
+
+def _bounds(clouds: Sequence[NDArray]) -> tuple[NDArray, NDArray]:
+    """Centre of the bounding box of all points, and half its sides."""
     filled = [points for points in clouds if len(points)] or [np.zeros((1, 3))]
     low = np.min([points.min(axis=0) for points in filled], axis=0)
     high = np.max([points.max(axis=0) for points in filled], axis=0)
-    return (low + high) / 2, float(np.max(high - low)) / 2 or 1.0
+    return (low + high) / 2, (high - low) / 2
 
 
 def _first_frame(objects: Sequence[ViewedObject], centre: NDArray, size: float) -> TriangleMesh:
@@ -115,11 +124,18 @@ def _object(viewed: ViewedObject, centre: NDArray, size: float) -> dict[str, Any
 
 def _array(name: str, place: str, values_by_frame: Sequence[NDArray]) -> dict[str, Any]:
     values = [np.linalg.norm(v, axis=1) if v.ndim == 2 else v.astype(np.float64) for v in values_by_frame]
-    low, high, signed = robust_limits(
-        np.concatenate(values), is_signed(name, values_by_frame[0].ndim), value_scale(name)
-    )
-    packed = [_packed(v, "f8") for v in values]
-    return {"name": name, "place": place, "low": low, "high": high, "signed": signed, "frames": packed}
+    joined = np.concatenate(values)
+    low, high, signed = robust_limits(joined, is_signed(name, values_by_frame[0].ndim), value_scale(name))
+    finite = joined[np.isfinite(joined)]
+    return {
+        "name": name,
+        "place": place,
+        "low": low,
+        "high": high,
+        "signed": signed,
+        "ends": [float(finite.min()), float(finite.max())] if len(finite) else None,
+        "frames": [_packed(v, "f8") for v in values],
+    }
 
 
 def _packed(values: NDArray, kind: str) -> dict[str, str]:

@@ -1,16 +1,24 @@
-// A document for Node: elements that hold what the page sets, and a WebGL context that stores uploaded arrays.
+// A document for Node: elements that hold what the page sets, with what listens to them, and a WebGL
+// context that stores uploaded arrays and the numbers of each drawing.
 const elements = {};
 function makeElement(id) {
   return {
-    id, style: {}, dataset: {}, children: [], value: "", textContent: id === "data" ? pageData : "",
+    id, style: {}, offsetLeft: 0, offsetTop: 0, dataset: {}, children: [], value: "", textContent: id === "data" ? pageData : "",
     clientWidth: 800, clientHeight: 600, width: 800, height: 600,
-    append(...children) { this.children.push(...children); }, addEventListener() {}, setPointerCapture() {},
+    listeners: {}, append(...children) { this.children.push(...children); },
+    addEventListener(kind, call) { this.listeners[kind] = call; }, setPointerCapture() {},
+    send(kind, event) { this.listeners[kind]({ preventDefault() {}, target: this, ...event }); },
     getContext(kind) { return kind === "2d" ? { putImageData() {} } : context; },
     querySelectorAll() { return this.children.flatMap((label) => label.children).filter((c) => c.type === "checkbox"); },
   };
 }
 const uploads = [];
-const context = new Proxy({ uploads, bufferData(target, content) { uploads.push(content); } }, {
+const numbers = {}, drawn = [];
+const context = new Proxy({
+  uploads, drawn, bufferData(target, content) { uploads.push(content); },
+  getUniformLocation: (program, name) => name, uniform1i(name, value) { numbers[name] = value; },
+  drawArrays() { drawn.push({ ...numbers }); },
+}, {
   get(own, name) {
     if (name in own) { return own[name]; }
     return typeof name === "string" && /^[A-Z_0-9]+$/.test(name) ? 1 : () => ({});

@@ -139,6 +139,18 @@ def test_values_that_are_not_finite_and_the_up_axis_of_the_shape(summary, tmp_pa
     assert shown[2] == pytest.approx(0.5, abs=0.15)  # the half without values is grey
 
 
+def test_no_colour_beside_missing_values_is_that_of_a_value_which_does_not_occur(summary, tmp_path):
+    mesh = shapes.grid(8, 8)
+    x = mesh.points[:, 0]
+    values = {"mean_curvature": np.where(x > 0.5, np.nan, -1 - x)}
+    write_mesh(str(tmp_path / "part.vtu"), AnnotatedMesh(mesh, values))
+    summary("view", tmp_path / "part.vtu", "-o", tmp_path / "page.html")
+    red = PIXELS.replace("grey += p[i] === p[i + 1] && p[i] === p[i + 2]", "grey += p[i] > p[i + 2] + 20")
+    blue = red.replace("p[i] > p[i + 2] + 20", "p[i + 2] > p[i] + 20")
+    shares = evaluated(tmp_path / "page.html", tmp_path, f"[{red}[2], {blue}[2]]")
+    assert shares[0] == 0 and shares[1] > 0.3
+
+
 def test_a_signed_quantity_diverges_about_zero_also_where_one_sign_occurs(summary, sphere, tmp_path):
     mesh = sphere[1]
     values = {"mean_curvature": 1.0 + 0.1 * mesh.points[:, 2], "height": 1.0 + 0.1 * mesh.points[:, 2]}
@@ -204,10 +216,11 @@ def test_curves_and_trajectories_are_shown(run, summary, sphere, tmp_path):
     moving = tmp_path / "moving.html"
     result = summary("view", falling, "--every", "2", "-o", moving)
     assert result["results"]["frames"] == 5
+    rows = PIXELS.replace("grey += p[i] === p[i + 1] && p[i] === p[i + 2]", "grey += i / p.length")
     values = evaluated(
-        moving, tmp_path, f"[{PIXELS}, (viewer.setFrame(4), {PIXELS}), viewer.data.times, viewer.state.frame]"
+        moving, tmp_path, f"[{rows}, (viewer.setFrame(4), {rows}), viewer.data.times, viewer.state.frame]"
     )
-    assert values[0] != values[1] and values[3] == 4
+    assert values[0][2] > 0.6 and values[1][2] < 0.4 and values[3] == 4  # rows from the bottom
     assert values[2] == pytest.approx(np.arange(0, 0.41, 0.1))
     tubes = evaluated(
         page, tmp_path, f"[(viewer.data.objects[0].visible = false, viewer.choose(''), {PIXELS})]"
@@ -336,7 +349,9 @@ def test_tubes_have_the_values_of_their_vertices(summary, tmp_path):
     data = json.loads(page.read_text("utf-8").split('json">')[1].split("</script>")[0])
     centres = (curve.points - data["centre"]) / data["size"]
     nearest = np.linalg.norm(positions[:, None] - centres, axis=2).argmin(axis=1)
-    np.testing.assert_array_equal(values, 10 + nearest)
+    shown = next(a for a in data["objects"][0]["arrays"] if a["name"] == array)
+    low, high = shown["low"], shown["high"]
+    np.testing.assert_allclose(values, (10 + nearest - low) / (high - low), rtol=1e-5)
 
 
 @pytest.mark.parametrize("arrays", [{"input_vertex": 1, "area": 2}, {"area": 2}, {"input_vertex": 1}])
@@ -348,3 +363,127 @@ def test_numbers_of_elements_are_no_default(summary, tmp_path, arrays):
     data = json.loads(page.read_text("utf-8").split('json">')[1].split("</script>")[0])
     assert data["show"] == ("area" if "area" in arrays else "")
     assert without_browser(page, tmp_path, "viewer.state.array") == data["show"]
+
+
+def page_of(tmp_path, objects, times=(), **words):
+    page = tmp_path / "page.html"
+    page.write_bytes(page_bytes("x", objects, times, **words))
+    return page
+
+
+@pytest.mark.parametrize("factor", [1e-50, 1.0, 1e200])
+def test_finite_values_of_every_size_have_colours(tmp_path, factor):
+    mesh = shapes.icosphere(1)
+    values = factor * (2 + mesh.points[:, 2])
+    values[0] = np.nan
+    page = page_of(tmp_path, [ViewedObject("x", [mesh.points], [mesh.faces], {"z": [values]})])
+    array = json.loads(page.read_text("utf-8").split('json">')[1].split("</script>")[0])["objects"][0][
+        "arrays"
+    ][0]
+    uploaded = np.array(without_browser(page, tmp_path, "[...viewer.gl.uploads[1]]"))
+    shares = (values - array["low"]) / (array["high"] - array["low"])
+    missing = mesh.faces.ravel() == 0
+    np.testing.assert_allclose(uploaded[~missing], shares[mesh.faces.ravel()[~missing]], atol=1e-6)
+    assert (uploaded[missing] > 1e38).all() and array["ends"] == [np.nanmin(values), np.nanmax(values)]
+
+
+def test_a_range_is_typed_reversed_and_emptied(tmp_path):
+    mesh = shapes.icosphere(1)
+    page = page_of(tmp_path, [ViewedObject("x", [mesh.points], [mesh.faces], {"z": [mesh.points[:, 2]]})])
+    script = """(() => {
+      const type = (id, value) => { const field = document.getElementById(id); field.value = value;
+        field.send("change"); return [...viewer.gl.uploads.at(-1)]; };
+      const first = viewer.state.range.slice();
+      return [type("low", "1"), type("high", "-1"), (type("low", ""), type("high", "")), first,
+        viewer.state.range]; })()"""
+    _, reversed_range, emptied, first, last = without_browser(page, tmp_path, script)
+    z = mesh.points[mesh.faces.ravel(), 2]
+    np.testing.assert_allclose(reversed_range, (1 - z) / 2, atol=1e-6)
+    np.testing.assert_allclose(emptied, (z - first[0]) / (first[1] - first[0]), atol=1e-6)
+    assert first == last
+
+
+def test_the_wheel_keeps_the_place_under_the_pointer(tmp_path):
+    mesh = shapes.icosphere(2)
+    page = page_of(tmp_path, [ViewedObject("x", [mesh.points], [mesh.faces], {"z": [mesh.points[:, 2]]})])
+    place = "viewer.place(viewer.data.objects[0], viewer.state.probe.vertex)"
+    script = f"""(() => {{ viewer.jump(1); viewer.state.pan = [0.3, -0.2]; const before = {place};
+      const pointer = {{ deltaY: -900, offsetX: 400 * (1 + before[0]), offsetY: 300 * (1 - before[1]) }};
+      const canvas = document.getElementById("canvas"), zoom = viewer.state.zoom;
+      canvas.send("wheel", {{ ...pointer, clientX: pointer.offsetX + 280, clientY: pointer.offsetY }});
+      return [before, {place}, viewer.state.zoom / zoom]; }})()"""
+    before, after, factor = without_browser(page, tmp_path, script)
+    np.testing.assert_allclose(after, before, atol=1e-6)
+    assert factor == pytest.approx(np.exp(0.9))
+
+
+def test_keys_rotate_move_and_zoom_as_the_mouse_does(tmp_path):
+    mesh = shapes.icosphere(1)
+    page = page_of(tmp_path, [ViewedObject("x", [mesh.points], [mesh.faces])])
+    script = """(() => { const canvas = document.getElementById("canvas"), state = viewer.state;
+      const view = () => [...state.rotation, ...state.pan, state.zoom], out = [view()];
+      const key = (key, shiftKey = false) => { canvas.send("keydown", { key, shiftKey }); out.push(view()); };
+      const drag = (shiftKey, x, y) => {
+        canvas.send("pointerdown", { clientX: 0, clientY: 0, button: 0, shiftKey });
+        canvas.send("pointermove", { clientX: x, clientY: y }); canvas.send("pointerup", {});
+        out.push(view()); };
+      key("ArrowRight"); drag(false, -20, 0); key("ArrowUp"); drag(false, 0, 20);
+      key("ArrowLeft", true); drag(true, 20, 0); key("+"); key("-"); key("a"); return out; })()"""
+    views = np.array(without_browser(page, tmp_path, script))
+    for before, changed, back in (views[0:3], views[2:5], views[4:7], views[6:9]):
+        assert np.abs(changed - before).max() > 0.04
+        np.testing.assert_allclose(back, before, atol=1e-12)
+    np.testing.assert_array_equal(views[-1], views[-2])
+
+
+@pytest.mark.parametrize("size", [(800, 600), (400, 385), (300, 900)])
+@pytest.mark.parametrize("shape", [shapes.grid(4, 4), shapes.icosphere(2), shapes.cylinder(12, 4, 0.01, 2.0)])
+def test_all_of_a_shape_is_in_the_window_at_first(tmp_path, size, shape):
+    page = page_of(tmp_path, [ViewedObject("x", [shape.points], [shape.faces])])
+    script = f"""(() => {{ const canvas = document.getElementById("canvas");
+      [canvas.clientWidth, canvas.clientHeight] = [{size[0]}, {size[1]}]; viewer.draw();
+      const vertices = [...Array({shape.n_vertices}).keys()];
+      return vertices.map((v) => viewer.place(viewer.data.objects[0], v)); }})()"""
+    reach = np.abs(without_browser(page, tmp_path, script)).max()
+    assert 0.4 < reach < 0.95
+
+
+def test_an_input_with_the_array_is_drawn_before_others_at_the_same_place(tmp_path):
+    """Of equal depths the first is seen: a grey copy hid the colours."""
+    mesh = shapes.icosphere(1)
+    line = ViewedObject("line", [mesh.points], [mesh.faces[:, :2]], {"z": [mesh.points[:, 2]]})
+    objects = [
+        ViewedObject("grey", [mesh.points], [mesh.faces]),
+        line,
+        ViewedObject("b", [mesh.points], [mesh.faces]),
+    ]
+    objects[2].vertex["w"] = [mesh.points[:, 0]]
+    page = page_of(tmp_path, objects)
+    script = """["z", "w", ""].map((name) => { viewer.gl.drawn.length = 0; viewer.choose(name);
+      return viewer.gl.drawn.map(({ object, mode }) => [object, mode]); })"""
+    by_array = without_browser(page, tmp_path, script)
+    assert by_array == [[[1, 0], [0, 0], [2, 0]], [[2, 0], [0, 0], [1, 2]], [[0, 0], [1, 2], [2, 0]]]
+
+
+def test_times_are_short_and_the_values_of_all_frames_have_their_ends(tmp_path):
+    mesh = shapes.icosphere(2)
+    values = [mesh.points[:, 2], 3 * mesh.points[:, 2]]
+    viewed = ViewedObject("x", [mesh.points], [mesh.faces], {"z": values})
+    page = page_of(tmp_path, [viewed], [0.0, 0.1 + 0.2])
+    script = """(viewer.setFrame(1), ["clock", "ends", "low"].map((id) => {
+      const { textContent, value } = document.getElementById(id); return textContent || value; }))"""
+    clock, ends, low = without_browser(page, tmp_path, script)
+    assert clock == "1 of 1, t = 0.3" and ends == "values from -3 to 3" and low > -3
+
+
+def test_arrays_that_the_page_cannot_show_are_named(run, tmp_path):
+    mesh = shapes.icosphere(1)
+    arrays = AnnotatedMesh(
+        mesh, {"z": mesh.points[:, 2]}, edge={"dihedral": np.ones(len(mesh.topology.edges))}
+    )
+    write_mesh(str(tmp_path / "edges.npz"), arrays)
+    result = run("view", tmp_path / "edges.npz", "-o", tmp_path / "page.html")
+    assert (
+        result.exit_code == 0
+        and "edges.npz: the page has no place for arrays on edges (dihedral)" in result.stderr
+    )
