@@ -3,7 +3,7 @@
 const elements = {};
 function makeElement(id) {
   return {
-    id, style: {}, offsetLeft: 0, offsetTop: 0, dataset: {}, children: [], value: "", textContent: id === "data" ? pageData : "",
+    id, style: {}, offsetLeft: 0, offsetTop: 0, dataset: {}, children: [], value: "", textContent: "",
     clientWidth: 800, clientHeight: 600, width: 800, height: 600,
     listeners: {}, append(...children) { this.children.push(...children); },
     addEventListener(kind, call) { this.listeners[kind] = call; }, setPointerCapture() {},
@@ -26,7 +26,7 @@ const context = new Proxy({
 });
 const document = {
   getElementById(id) { return (elements[id] = elements[id] || makeElement(id)); },
-  createElement: (tag) => makeElement(tag), body: makeElement("body"),
+  querySelectorAll: () => pageData.map((textContent) => ({ textContent })), createElement: (tag) => makeElement(tag), body: makeElement("body"),
 };
 const window = { addEventListener() {}, devicePixelRatio: 1 };
 class Option { constructor(text, value) { this.text = text; this.value = value; } }

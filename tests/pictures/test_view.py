@@ -58,7 +58,7 @@ def without_browser(page, tmp_path, script):
     text = page.read_text("utf-8")
     program = tmp_path / "page.js"
     source = re.search(r"<script>(.*?)</script>", text, re.S)[1]
-    data = re.search(r'<script id="data" type="application/json">(.*?)</script>', text, re.S)[1]
+    data = re.findall(r'<script[^>]* type="application/json">(.*?)</script>', text, re.S)
     head = (Path(__file__).parent / "document.js").read_text("utf-8")
     tail = f"\nconst viewer = window.viewer; console.log(JSON.stringify({script}));"
     program.write_text(f"const pageData = {json.dumps(data)};\n{head}\n{source}{tail}", "utf-8")
@@ -369,6 +369,19 @@ def page_of(tmp_path, objects, times=(), **words):
     page = tmp_path / "page.html"
     page.write_bytes(page_bytes("x", objects, times, **words))
     return page
+
+
+def test_long_data_are_in_parts_that_a_browser_reads_in_linear_time(tmp_path):
+    mesh = shapes.icosphere(5)
+    z = mesh.points[:, 2]
+    heights = [k * z for k in range(1, 13)]
+    viewed = ViewedObject("\N{GREEK SMALL LETTER PI}<", [mesh.points], [mesh.faces], {"z": heights})
+    page = page_of(tmp_path, [viewed], list(range(12)))
+    lengths = [len(piece) for piece in page.read_text("utf-8").split("</script>")]
+    assert len(lengths) > 3 and max(lengths) < 1.1 * 2**20
+    script = "[viewer.jump(1), (viewer.setFrame(2), viewer.jump(-1))]"
+    first, last = without_browser(page, tmp_path, script)
+    assert first["object"] == viewed.name and (first["value"], last["value"]) == (z.max(), 3 * z.min())
 
 
 @pytest.mark.parametrize("factor", [1e-50, 1.0, 1e200])
