@@ -59,11 +59,16 @@ def scene_file(folder, integrator="newmark", text=FALLING_CLOTH):
 
 def shell_run(text, read=None, **overrides):
     """(snapshots, contexts, account) of a shell scene's text."""
+    scene, contexts, models, account = shell_models(text, read, **overrides)
+    return list(evolve(models, scene.schedule(), account)), contexts, account
+
+
+def shell_models(text, read=None, **overrides):
+    """(scene, contexts, models, account) of a shell scene's text."""
     scene = resolve(parse_scene(text), KIND, overrides)
     contexts = {name: context for name, (context, _) in model.contexts(scene, read).items()}
     account = Account()
-    models = model.build(scene, contexts, account)
-    return list(evolve(models, scene.schedule(), account)), contexts, account
+    return scene, contexts, model.build(scene, contexts, account), account
 
 
 def scalar(snapshots, name, name_in_scene="s"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-SIZES, SMALL_SIZES, SHELL_SIZES = (10_000, 80_000), (2_000, 14_000), (10_000, 100_000)
+SIZES, SMALL_SIZES, SHELL_SIZES = (10_000, 80_000), (2_000, 14_000), (1_000, 10_000, 60_000)
 SOLID_SIZES = (2_000, 14_000, 60_000)  # of tetrahedra, whose factors fill more
 CURVE_SIZES = (*SMALL_SIZES, 60_000)  # points
 LARGE_SIZES = (10_000, 80_000, 500_000)  # where caches and fill give an exponent above 1.05
@@ -272,11 +272,35 @@ SURFACE = [
         exponent=1.2,
     ),
     Task(
+        "shell-sim assembly",
+        f"shell-sim {{mesh}} {SHELL} --effect bending --effect 'damping stiffness=1e-9' --integrator verlet "
+        "--dt 1e-8 --steps 1",
+        SHELL_SIZES,
+        mesh="disk",
+    ),
+    Task(
+        "shell-sim solvers",
+        f"shell-sim {{mesh}} {SHELL} --effect bending --dt 1e-8 --pin 0 --steps 1",
+        (300,),  # their modules, for the rest is that of the step
+        mesh="disk",
+    ),
+    Task(
         "shell-sim implicit step",
-        f"shell-sim {{mesh}} {SHELL} --effect bending --dt 1e-3 --pin 0 --steps 5",
+        f"shell-sim {{mesh}} {SHELL} --effect bending --dt 5e-3 --pin 0 --steps 5",
         SHELL_SIZES,
         mesh="disk",
         exponent=1.15,
+    ),
+    *(
+        Task(
+            f"shell-sim {kind}rest check",
+            f"shell-sim {{mesh}} {STIFF.removesuffix(' --effect gravity')} "
+            f"--effect \"bending model='{model}'\" --pin 0 --pin 9 --pin 99 --integrator static",
+            sizes,
+            mesh="disk",
+            exponent=1.15,
+        )
+        for kind, model, sizes in (("", "hinge", SMALL_SIZES), ("midedge ", "midedge", (1_000, 4_000)))
     ),
     *(
         Task(
@@ -318,7 +342,7 @@ SURFACE = [
     ),
     Task(
         "shell-sim midedge step",
-        f"shell-sim {{mesh}} {SHELL} --effect \"bending model='midedge'\" --dt 1e-3 --pin 0 --steps 5",
+        f"shell-sim {{mesh}} {SHELL} --effect \"bending model='midedge'\" --dt 5e-3 --pin 0 --steps 5",
         SMALL_SIZES,
         mesh="disk",
         exponent=1.15,

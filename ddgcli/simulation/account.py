@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from time import perf_counter
 
 
@@ -9,7 +10,14 @@ class Account:
     """Exclusive time by name: an inner timer stops the outer one, so that the parts add up to the whole.
 
     `with account.within("bending"): ...` counts one call and its seconds.
+
+    Attributes
+    ----------
+    check : callable, optional
+        Called before each timer starts; a trial raises there where its time is over.
     """
+
+    check: Callable[[], None] | None = None
 
     def __init__(self) -> None:
         self.calls: dict[str, int] = {}
@@ -77,6 +85,8 @@ class _Timer:
 
     def __enter__(self) -> None:
         account = self.account
+        if account.check is not None:
+            account.check()
         account._switch()
         account.calls[self.name] = account.calls.get(self.name, 0) + self.calls
         account.seconds.setdefault(self.name, 0.0)

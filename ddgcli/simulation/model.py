@@ -177,6 +177,8 @@ class Model(Generic[State]):
     usual_step : float
         Default step: where a longer one fails, the message names it, since one that can be solved may still
         leap over all changes; inf where there is none.
+    iterations : callable state -> float, optional
+        Newton iterations until a state, where those of a step grow with the motion.
     """
 
     start: State
@@ -194,6 +196,7 @@ class Model(Generic[State]):
     advice: Callable[[], str] | None = None
     growth: float = STEP_GROWTH
     usual_step: float = math.inf
+    iterations: Callable[[State], float] | None = None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from ddgcli.choices import ITERATIVE_SOLVERS
 from ddgcli.cli.batch.tasks import Task
 from ddgcli.cli.forecast import batch_cost, check_cost, prediction
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS
-from ddgcli.cli.forecast.simulator_kernels import CONTACT_STEPS, DAMPED_EXPLICIT_STEPS, DAMPING_MEMORY
+from ddgcli.cli.forecast.simulator_kernels import CONTACT_STEPS, DAMPED_EXPLICIT_STEPS
 from ddgcli.errors import ParameterError
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.linalg import backends
@@ -356,17 +356,19 @@ def test_models_and_contact_of_a_shell_change_what_is_predicted(inputs, tmp_path
         (tmp_path / "a.toml").write_text("\n".join(
             line.strip() for line in scene.format(ball=ball, contact=contact, model=model).splitlines()
         ))  # fmt: skip
-        rows = summary("shell-sim", tmp_path / "a.toml", "--dry-run")["results"]["kernels"][1:]
-        return {row["kernel"].removeprefix("shell-sim "): row["times"] for row in rows if row["seconds"]}
+        rows = summary("shell-sim", tmp_path / "a.toml", "--dry-run")["results"]["kernels"]
+        rows = [row for row in rows if row["kernel"].endswith(" step") and row["seconds"]]
+        return {row["kernel"].removeprefix("shell-sim "): row["times"] for row in rows}
 
-    assert times(sphere, "") == {"implicit step": 10}
-    assert times(sphere, "", "midedge") == {"midedge step": 10}
+    (steps,) = times(sphere, "").values()  # in those of the first, whose iterations are fewer
+    assert 10 < steps < 20
+    assert times(sphere, "", "midedge") == {"midedge step": steps}
     assert times(sphere, f"contact = {{ {pair} }}") == {"implicit step": 10 * CONTACT_STEPS}
-    assert times(sphere, "contact = { self_contact = true }") == {"implicit step": 10, "pairs step": 10}
+    assert times(sphere, "contact = { self_contact = true }") == {"implicit step": steps, "pairs step": 10}
     ranges = []  # of limp shells, which collapse where they strike, the upper end is far
     for limp in (True, False):
         times(sphere, f"contact = {{ {pair} }}" + "\nstretching = {}" * (not limp))
-        row = summary("shell-sim", tmp_path / "a.toml", "--dry-run")["results"]["kernels"][1]
+        row = summary("shell-sim", tmp_path / "a.toml", "--dry-run")["results"]["kernels"][-1]
         assert ("resists collapse" in row["assumes"]) == limp
         ranges.append(row["times_range"][1] / row["times"])
     assert ranges[0] > 10 * ranges[1]
@@ -403,7 +405,8 @@ def test_a_dry_run_counts_the_damping_by_stiffness_of_explicit_steps(tmp_path, s
         (tmp_path / "a.toml").write_text(text + effect)
         *others, row = summary("shell-sim", tmp_path / "a.toml", "--dry-run")["results"]["kernels"]
         assert row["kernel"] == "shell-sim explicit step"
-        assert any(other["added"] == DAMPING_MEMORY for other in others) == ("stiffness" in effect)
+        kernels = {other["kernel"] for other in others}  # whose matrices are assembled
+        assert ("shell-sim assembly" in kernels) == ("stiffness" in effect)
         return row["times"]
 
     assert times("damping = { mass = 1 }") == times("")

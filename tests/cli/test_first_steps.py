@@ -6,11 +6,13 @@ from dataclasses import replace
 import pytest
 
 from ddgcli.cli.forecast.prediction import predict
+from ddgcli.cli.forecast.simulator_kernels import ITERATIONS_TO_REST
 from ddgcli.cli.forecast.use import InputSize, Use
 from ddgcli.cli.simulation import first_steps
 from ddgcli.cli.simulation.simulate import Job
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.model import Model, Observation, Schedule, StepRejected
+from tests.simulate import HANGING_CLOTH, shell_models
 
 
 class Clock:
@@ -93,3 +95,62 @@ def test_the_trial_ends_within_first_steps_that_take_long_and_counts_them(monkey
     assert trial.kernels[0]["seconds"] == pytest.approx(90 * seconds)
     assert trial.seconds_range[0] == by_table.seconds_range[0]
     assert trial.seconds_range[1] == pytest.approx(3.0 * 90 * seconds)
+
+
+def test_later_steps_count_their_further_iterations(monkeypatch):
+    """Once as many as the first, 4 of later 10: 2.5 s were predicted for 4.7."""
+
+    def growth(steps, count):
+        clock = Clock()
+        monkeypatch.setattr(first_steps.time, "process_time", clock.process_time)
+
+        def advance(state, time, dt):
+            clock.now += 0.01
+            return state + count
+
+        model = Model(
+            0, advance, lambda state: Observation(None), lambda state: {}, lambda arrays: 0,
+            iterations=(lambda state: float(state)) if count else None,
+        )  # fmt: skip
+        job = Job({"a": model}, [], Schedule(0.98 / steps, steps), Account(), moving=False)
+        by_table = predict(
+            [Use("shell-sim implicit step", steps)], InputSize("surface", 2000), calibrate=False
+        )
+        trial = first_steps.with_first_steps(by_table, job)
+        return trial.kernels[0]["seconds"] / (0.01 * steps)
+
+    assert growth(100, 0) == pytest.approx(1)
+    assert 1.2 < growth(10, 3) < growth(30, 3) < 2.5
+    assert growth(100, 6) == pytest.approx(first_steps.LATER_ITERATIONS / 6)
+    assert growth(100, 12) == pytest.approx(1)
+
+
+def test_only_implicit_steps_of_shells_that_something_holds_grow():
+    """What moves freely falls rigidly first."""
+    for pin, scheme, grows in ((True, "newmark", True), (False, "newmark", False), (True, "verlet", False)):
+        text = HANGING_CLOTH.format(cells=4)
+        text = text.replace("step = 4e-3", f'step = 4e-5\nintegrator = "{scheme}"')
+        _, _, models, _ = shell_models(text if pin else text[: text.index("pin =")])
+        assert (models["cloth"].iterations is not None) == grows
+
+
+def test_a_dry_run_of_equilibria_counts_the_iterations_of_a_trial(tmp_path, summary, monkeypatch):
+    """Once 120 for all: 7.7 s for a plate at rest after 3.3, 2.5 s for a cloth after 8.7."""
+    text, scene = HANGING_CLOTH.format(cells=6), tmp_path / "a.toml"
+    scene.write_text('[time]\nintegrator = "static"\n' + text[text.index("[[object]]") :])
+
+    def dry_run():
+        results = summary("shell-sim", scene, "--dry-run")["results"]
+        (row,) = (row for row in results["kernels"] if row["kernel"].endswith(" iteration"))
+        return row, results
+
+    monkeypatch.setattr(first_steps, "MAX_TRIAL_SECONDS", 60.0)
+    row, results = dry_run()
+    assert "assumes" not in row and results["seconds_range"] == pytest.approx(2 * [results["seconds"]])
+    monkeypatch.setattr(first_steps, "MAX_TRIAL_SECONDS", 1e-3)
+    monkeypatch.setattr(first_steps, "MIN_TRIED_SHARE", 0.0)
+    row, results = dry_run()
+    low, high = results["seconds_range"]
+    assert low < results["seconds"] < high and "iterations to rest" in row["assumes"]
+    monkeypatch.setattr(first_steps, "MIN_TRIED_SHARE", 1e3)
+    assert dry_run()[0]["times"] == ITERATIONS_TO_REST

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS, PROBE_SECONDS, Cost
-from ddgcli.cli.forecast.use import KNOWN, InputSize, Use
+from ddgcli.cli.forecast.use import KNOWN, InputSize, Range, Use
 from ddgcli.errors import ParameterError
 from ddgcli.memory import available_memory, resident_memory
 
@@ -21,8 +21,10 @@ __all__ = [
     "predict",
     "probe",
     "refuse_without_memory",
+    "seconds_of_equilibria",
     "seconds_of_steps",
     "with_divided_steps",
+    "with_measured_equilibria",
     "with_measured_steps",
 ]
 
@@ -34,6 +36,8 @@ FILLED, FILL_SHARE, FILL_ELEMENTS = (
         "shell-sim midedge step",
         "shell-sim iteration",
         "shell-sim midedge iteration",
+        "shell-sim rest check",
+        "shell-sim midedge rest check",
     ),
     0.53,
     1e5,
@@ -121,6 +125,35 @@ def with_measured_steps(prediction: Prediction, seconds: float) -> Prediction:
     """The prediction where all steps together take these seconds."""
     by_table = seconds_of_steps(prediction)
     return _with_scaled_steps(prediction, 1.0, seconds / by_table) if by_table else prediction
+
+
+def seconds_of_equilibria(prediction: Prediction) -> float:
+    """Seconds of all iterations to equilibria."""
+    return sum(row["seconds"] or 0.0 for row in prediction.kernels if row["kernel"].endswith(" iteration"))
+
+
+def with_measured_equilibria(prediction: Prediction, seconds: float, unknown: Range = KNOWN) -> Prediction:
+    """The prediction whose iterations to equilibria take these seconds in all, within a range."""
+    by_table = seconds_of_equilibria(prediction)
+    if not by_table:
+        return prediction
+    factor, (low, high), kernels = seconds / by_table, prediction.seconds_range, []
+    for row in prediction.kernels:
+        if row["kernel"].endswith(" iteration") and row["seconds"]:
+            ends = [end / row["times"] for end in row.get("times_range", 2 * (row["times"],))]
+            before, times, row = row["seconds"], factor * row["times"], dict(row)
+            row |= {"times": times, "seconds": factor * before}
+            row["times_range"] = [end * times for end in unknown]
+            if unknown == KNOWN:
+                del row["times_range"]
+                row.pop("assumes", None)
+            else:
+                row["assumes"] = f"{times:.0f} iterations to rest"
+            low += unknown[0] * row["seconds"] - ends[0] * before
+            high += unknown[1] * row["seconds"] - ends[1] * before
+        kernels.append(row)
+    total = prediction.seconds + seconds - by_table
+    return replace(prediction, seconds=total, seconds_range=(low, high), kernels=kernels)
 
 
 def _is_step(row: Mapping[str, Any]) -> bool:

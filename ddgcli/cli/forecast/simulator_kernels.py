@@ -22,13 +22,14 @@ FLOW_STEPS: dict[str, tuple[int, Range]] = {
 }
 TRIED_STEPS = 3  # of an adaptive step: one, and two of half its length
 ADAPTIVE_RANGE: Range = (1.0, 10.0)  # adaptive steps of a frame
-CONTACT_STEPS = 3.2  # steps without contact that cost as much as one with it, for its Newton iterations
+CONTACT_STEPS = 2.7  # steps without contact that cost as much as one with it, for its Newton iterations
 CONTACT_RANGE: Range = (0.15, 4.0)  # before contact none; a stiff sheet that has struck something needs many
 PAIRS_RANGE: Range = (0.3, 8.0)  # of contact between shells: those that strike each other iterate longest
 # of contact where nothing resists stretching: triangles collapse, and steps are divided into hundreds
 LIMP_CONTACT_RANGE: Range = (0.15, 400.0)
 DAMPED_EXPLICIT_STEPS = 2.5  # steps without damping by stiffness that cost as much as one with it
-DAMPING_MEMORY = 0.55  # of the matrices of an implicit step: those of damping by stiffness
+# Newton iterations of the steps of a motion from rest grow with the cube root of their number, up to that one
+MEASURED_STEPS, GROWING_STEPS = 5, 40
 STEPS_PER_ITERATION = 0.5  # one factorisation in place of a factorisation and the moves after it
 DESCENT_RANGE: Range = (0.1, 1.5)  # of --steps, where a flow ends at rest before
 # of `ddgcli.models.willmore.remesh_step`, which would load its imports; uneven triangles take more rounds
@@ -65,6 +66,17 @@ def _step_uses(
 def expected_steps(command: str) -> int:
     """Steps of a flow until it is at rest."""
     return FLOW_STEPS[command][0]
+
+
+def mean_iterations(last: float, first: float = 0.0) -> float:
+    """Newton iterations of a step of a motion from rest, over those of its first: the mean of some steps."""
+
+    def total(count: float) -> float:
+        """Integral of the cube root, constant from `GROWING_STEPS` on."""
+        growing = min(count, GROWING_STEPS)
+        return 0.75 * growing ** (4 / 3) + (count - growing) * GROWING_STEPS ** (1 / 3)
+
+    return (total(last) - total(first)) / (last - first)
 
 
 def _product(first: Range, second: Range) -> Range:
@@ -126,20 +138,27 @@ def shell_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
             unknown = LIMP_CONTACT_RANGE
             assumes += " and none divided, though no effect such as stretching resists collapse"
     iterative = "iterative " if options.get("solver") in ITERATIVE_SOLVERS else ""
+    explicit = integrator in EXPLICIT_INTEGRATORS
+    if not explicit or options.get("stiffness_damping") or options.get("modes") or options.get("buckling"):
+        yield Use("shell-sim assembly")  # once, and the modules of the solvers
+    if not explicit or options.get("modes") or options.get("buckling"):
+        yield Use("shell-sim solvers", added=1.0)
     bending = "midedge" if options.get("midedge") else "implicit"
     if integrator == "avi":
         yield Use("shell-sim avi")
-    if integrator in EXPLICIT_INTEGRATORS:
+    if explicit:
         factor = DAMPED_EXPLICIT_STEPS if options.get("stiffness_damping") else 1.0
-        if options.get("stiffness_damping"):
-            yield Use("shell-sim implicit step", times=0.0, added=DAMPING_MEMORY)
         yield _step_uses("shell-sim explicit step", size, factor)
     elif integrator == "static" and not iterative:
-        yield from _equilibria(f"shell-sim {'midedge ' if options.get('midedge') else ''}iteration", size)
+        kind = "shell-sim midedge" if options.get("midedge") else "shell-sim"
+        yield Use(f"{kind} rest check")
+        yield from _equilibria(f"{kind} iteration", size)
     elif size.steps != 0:
         if integrator == "static":
             contact, unknown = STEPS_PER_ITERATION * contact * ITERATIONS_TO_REST, REST_RANGE
             assumes = f"{ITERATIONS_TO_REST} iterations to rest"
+        elif size.steps is not None and not options.get("contact"):  # which begins with a free fall
+            contact *= mean_iterations(size.steps) / mean_iterations(MEASURED_STEPS)
         yield _step_uses(f"shell-sim {iterative}{bending} step", size, contact, unknown, assumes=assumes)
     if options.get("pair_elements"):
         share = options["pair_elements"] / max(size.elements, 1)

@@ -4,27 +4,39 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ddgcli.cli.forecast.check_cost import predict_run
-from ddgcli.cli.forecast.prediction import MIB, fits, seconds_of_steps, with_measured_steps
-from ddgcli.cli.forecast.simulator_kernels import expected_steps
+from ddgcli.cli.forecast.prediction import (
+    MIB,
+    fits,
+    seconds_of_equilibria,
+    seconds_of_steps,
+    with_measured_equilibria,
+    with_measured_steps,
+)
+from ddgcli.cli.forecast.simulator_kernels import expected_steps, mean_iterations
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.simulate import Job, check_job
 from ddgcli.errors import SolveError, without_warnings
 from ddgcli.memory import resident_memory
 from ddgcli.simulation.account import Account
+from ddgcli.simulation.model import Model
 from ddgcli.simulation.time_loop import evolve
 
 if TYPE_CHECKING:
     from ddgcli.cli.forecast.prediction import Prediction
     from ddgcli.cli.forecast.use import InputSize
 
-__all__ = ["begin_flow", "with_first_steps"]
+__all__ = ["begin_flow", "with_first_iterations", "with_first_steps"]
 
 TRIAL_SECONDS, TRIAL_SHARE, MIN_TRIAL_STEPS = 0.4, 0.1, 3.0  # of a run, whichever is less
 MAX_TRIAL_SECONDS = 2.0  # of first steps that take long
+LATER_ITERATIONS = 10.0  # of the steps of a shell that moves far, which the first ones do not reach
+# iterations to rest over those of a trial that does not reach it, and from which share of the table's on
+UNFINISHED_FACTOR, UNFINISHED_RANGE, MIN_TRIED_SHARE = 4.0, (0.25, 8.0), 0.05
 MAX_STEP_SECONDS = 0.15  # of a step by the table, for a trial
 
 
@@ -78,7 +90,8 @@ def with_first_steps(
     trial = _trial(job)
     if trial is None:
         return prediction
-    per_step, is_complete = trial
+    per_step, is_complete, growth_from = trial
+    per_step *= growth_from(steps)
     if not is_complete:
         logging.getLogger("ddgcli").warning(
             "the first steps take long: the run may take far longer than predicted"
@@ -92,13 +105,52 @@ def with_first_steps(
     return replace(measured, seconds_range=(prediction.seconds_range[0], measured.seconds_range[1]))
 
 
-def _trial(job: Job) -> tuple[float, bool] | None:
-    """CPU seconds of a step, and whether the trial ended after its first steps; None where a step fails.
+def with_first_iterations(prediction: Prediction, job: Job) -> Prediction:
+    """A prediction of equilibria after a trial: what it took, else a multiple if it did not reach them all.
+
+    A trial of few iterations by the table leaves the seconds as they are.
+    """
+    if not fits(prediction):
+        return prediction
+    began = time.process_time()
+
+    def check() -> None:
+        if time.process_time() - began > MAX_TRIAL_SECONDS:
+            raise _TrialEnd
+
+    is_complete = True
+    job.account.check = check
+    try:
+        with without_warnings():  # the run itself gives them
+            for _ in evolve(job.models, job.schedule, Account()):
+                pass
+    except _TrialEnd:
+        is_complete = False
+    except SolveError:
+        return prediction
+    finally:
+        job.account.check = None
+    seconds = time.process_time() - began
+    peak = max(prediction.peak_mib, resident_memory()[1] / MIB)
+    measured = replace(prediction, peak_mib=peak)
+    if is_complete:
+        return with_measured_equilibria(measured, seconds)
+    expected = UNFINISHED_FACTOR * seconds
+    # of several loads, the trial may have reached only the first
+    if job.schedule.steps > 1 or seconds < MIN_TRIED_SHARE * seconds_of_equilibria(prediction):
+        return measured
+    return with_measured_equilibria(measured, expected, UNFINISHED_RANGE)
+
+
+def _trial(job: Job) -> tuple[float, bool, Callable[[int], float]] | None:
+    """CPU seconds of a step, whether the trial ended after first steps, and its growth; None if one fails.
 
     A complete trial leaves out what the first step prepares. The seconds of one that ended within the first
-    steps are 0 if adaptive steps may grow from there.
+    steps are 0 if adaptive steps may grow from there. The growth is a function of the number of all steps:
+    the seconds of their mean over those of the trial.
     """
-    samples: list[tuple[float, float]] = []
+    samples: list[tuple[float, float, float]] = []
+    models, iterations = _counted(job.models)
     began = time.process_time()
     enough = max(MIN_TRIAL_STEPS, TRIAL_SHARE * job.schedule.steps)
     is_complete = True
@@ -106,21 +158,49 @@ def _trial(job: Job) -> tuple[float, bool] | None:
     def progress(done: float, total: float) -> None:
         nonlocal is_complete
         elapsed = time.process_time() - began
-        samples.append((done, elapsed))
+        samples.append((done, elapsed, sum(iterations.values())))
         is_complete = elapsed <= MAX_TRIAL_SECONDS or done >= MIN_TRIAL_STEPS - 1
         if not is_complete or done >= enough or (elapsed > TRIAL_SECONDS and done > MIN_TRIAL_STEPS - 1):
             raise _TrialEnd
 
     try:
         with without_warnings():  # the run itself gives them
-            for _ in evolve(job.models, job.schedule, Account(), progress=progress):
+            for _ in evolve(models, job.schedule, Account(), progress=progress):
                 pass
     except (_TrialEnd, SolveError):
         pass
     if not is_complete:
-        done, elapsed = samples[-1]
-        return (elapsed / done if done >= 1.0 or job.schedule.tolerance is None else 0.0), False
+        done, elapsed, _ = samples[-1]
+        per_step = elapsed / done if done >= 1.0 or job.schedule.tolerance is None else 0.0
+        return per_step, False, lambda steps: 1.0
     if len(samples) < 2 or not samples[-1][0] > samples[0][0]:
         return None
-    (first, start), (last, end) = samples[0], samples[-1]
-    return (end - start) / (last - first), True
+    (first, start, before), (last, end, after) = samples[0], samples[-1]
+    per_model = (after - before) / (last - first) / max(len(iterations), 1)
+
+    def growth_from(steps: int) -> float:
+        if per_model == 0.0 or steps <= last:
+            return 1.0
+        growth = mean_iterations(steps) / mean_iterations(last, first)
+        return min(growth, max(1.0, LATER_ITERATIONS / per_model))
+
+    return (end - start) / (last - first), True, growth_from
+
+
+def _counted(models: Mapping[str, Model[Any]]) -> tuple[dict[str, Model[Any]], dict[str, float]]:
+    """Models that count the iterations of those whose steps have a growing number, and these counts."""
+    counts: dict[str, float] = {}
+
+    def counted(name: str, model: Model[Any], count: Callable[[Any], float]) -> Model[Any]:
+        def advance(state: Any, at: float, dt: float) -> Any:
+            after = model.advance(state, at, dt)
+            counts[name] += count(after) - count(state)
+            return after
+
+        counts[name] = 0.0
+        return replace(model, advance=advance)
+
+    return {
+        name: model if model.iterations is None else counted(name, model, model.iterations)
+        for name, model in models.items()
+    }, counts

@@ -100,9 +100,11 @@ def run_scene(
             refuse_run(run, size, prediction)
         prediction = with_divided_steps(prediction, simulator.parts_of_step(schedule))
         assembled = simulator.assembled(schedule)
-        if scene.time.integrator != "static":  # whose steps are equilibria
-            from ddgcli.cli.simulation.first_steps import with_first_steps
+        from ddgcli.cli.simulation.first_steps import with_first_iterations, with_first_steps
 
+        if scene.time.integrator == "static":  # whose steps are equilibria
+            prediction = with_first_iterations(prediction, job)
+        else:
             prediction = with_first_steps(prediction, job, at_least_table=bool(facts.get("contact")))
         print_dry_run(run, scene, assembled, as_results(prediction, size))
         return

@@ -404,6 +404,8 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         stop=partial(_load_reached, parameters.duration) if integrator.own_time else None,
         clock=(lambda motion: motion.time) if integrator.own_time else None,
         advice=partial(load_advice, system, parameters, meshes) if integrator.order == 0 else None,
+        # what nothing holds moves rigidly first
+        iterations=None if system.free.all() or np.isfinite(reach) else lambda motion: float(motion.newton),
     )  # fmt: skip
 
 
