@@ -133,6 +133,12 @@ def test_every_citation_has_an_entry():
     assert cited and cited - entries.keys() == set()
 
 
+def test_no_page_cites_without_an_entry():
+    citation = re.compile(r"\[[A-Z][^\]@()]{2,60}(19|20)\d\d\](?!\()")
+    plain_ones = {path.name: citation.findall(path.read_text(encoding="utf-8")) for path in PAGES}
+    assert {name: texts for name, texts in plain_ones.items() if texts} == {}
+
+
 def test_citations_show_family_names_and_year():
     one = {"author": "Kimmel, Ron and Sethian, James A.", "year": "1998"}
     many = {"author": "A, B and C, D and E, F", "year": "2001"}
