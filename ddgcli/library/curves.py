@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.geodesics.darboux import add_darboux_frames
 from ddgcli.algorithms.geodesics.distance import measure_distance
+from ddgcli.algorithms.geodesics.distance_query import level_lines
 from ddgcli.algorithms.geodesics.edge_curves import edge_curves
 from ddgcli.algorithms.geodesics.flipout import straighten_curves
-from ddgcli.algorithms.geodesics.isolines import isoline_curves
-from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover
+from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover, two_sided_cover
 from ddgcli.algorithms.geodesics.path_results import curve_set
-from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths as core_shortest_paths
 from ddgcli.algorithms.geodesics.surface_curves import Curves, add_geodesic_curvature, trace_curves
 from ddgcli.algorithms.tangent_fields.field_curves import add_transport
+from ddgcli.algorithms.tangent_fields.geodesic_query import paths_to_vertices
 from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.library.distances import surface_sources, vertex_numbers
@@ -67,10 +67,7 @@ def isolines(mesh: TriangleMesh, values: ArrayLike, count: int = 10) -> Measurem
         )
     if count < 1:
         raise ParameterError(f"must be at least 1, not {count}", parameter="count")
-    cover = oriented_cover(mesh)
-    if cover.is_one_sided:
-        return curve_measurement(mesh, isoline_curves(mesh, function, count))
-    return curve_measurement(mesh, cover.project(isoline_curves(cover.mesh, function, count)))
+    return curve_measurement(mesh, level_lines(mesh, function, count))
 
 
 @accepts_arrays("surface")
@@ -125,13 +122,7 @@ def shortest_paths(
     if len(checked.points):
         cover.require_two_sides("a path from points inside faces")
     distance = measure_distance(mesh, checked)
-    curves = core_shortest_paths(
-        cover.mesh,
-        cover.lift_exact(distance.exact),  # type: ignore[arg-type]
-        cover.lift_sources(checked),
-        vertex_numbers(targets, "targets"),
-        join_lifts=cover.join_lifts,
-    )
+    curves = paths_to_vertices(cover, checked, distance, vertex_numbers(targets, "targets"))
     measured = _with_frames(cover, curves, transport, darboux)
     return replace(measured, converged=measured.converged and distance.converged)
 
@@ -183,8 +174,7 @@ def straighten_paths(
     >>> round(loop.results["paths"][0]["length"], 2)
     6.27
     """
-    cover = oriented_cover(mesh)
-    cover.require_two_sides("straightening")
+    cover = two_sided_cover(mesh, "straightening")
     waypoints = [vertex_numbers(path, "paths") for path in paths]
     with renamed_parameters("paths"):
         curves = straighten_curves(cover.mesh, waypoints, [closed] * len(waypoints))

@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ddgcli.algorithms.geodesics.distance import DistanceOptions, measure_distance
-from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
-from ddgcli.algorithms.geodesics.query import CurveQuery
+from ddgcli.algorithms.geodesics.distance import measure_distance
+from ddgcli.algorithms.geodesics.distance_query import query_options
+from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover, two_sided_cover
+from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery
 from ddgcli.algorithms.tangent_fields.curve_starts import random_starts, starts_at
 from ddgcli.algorithms.tangent_fields.field_curves import field_curves
 from ddgcli.algorithms.tangent_fields.geodesic_query import query_vectors
@@ -65,8 +66,7 @@ def parallel_transport(
     >>> bool(abs(moved.vertex["transported_vector"] - [2, 1, 0]).max() < 1e-9)
     True
     """
-    cover = oriented_cover(mesh)
-    cover.require_two_sides("parallel transport")
+    cover = two_sided_cover(mesh, "parallel transport")
     at = surface_sources(mesh, sources)
     moved = transport_vectors(cover.mesh, cover.lift_sources(at), np.atleast_2d(vectors))
     return _vertex_measurement(mesh, moved)
@@ -115,13 +115,12 @@ def logarithmic_map(
     """
     if method not in LOG_MAP_METHODS:
         raise ParameterError(f"must be {', '.join(LOG_MAP_METHODS)}, not {method!r}", parameter="method")
-    cover = oriented_cover(mesh)
-    cover.require_two_sides("the logarithmic map")
+    cover = two_sided_cover(mesh, "the logarithmic map")
     at = surface_sources(mesh, source, name="source")
-    options = DistanceOptions(directions=mesh.topology.is_oriented)
+    options = query_options(mesh, DistanceQuery(method=method), directions=True)
     distance = measure_distance(mesh, at, method, options)
     with renamed_parameters(sources="source"):
-        vectors = query_vectors(mesh, CurveQuery(log_map=True), at, distance)
+        vectors = query_vectors(cover, CurveQuery(log_map=True), at, distance)
     return _vertex_measurement(mesh, vectors, converged=distance.converged)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.geodesics.distance_matrix import distance_matrix as core_distance_matrix
 from ddgcli.algorithms.geodesics.edge_sets import edge_set
-from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
+from ddgcli.algorithms.geodesics.oriented_cover import two_sided_cover
 from ddgcli.algorithms.geodesics.voronoi import vertex_types as core_vertex_types
 from ddgcli.algorithms.geodesics.voronoi import voronoi_regions
 from ddgcli.algorithms.tangent_fields.fan import geodesic_fan as core_geodesic_fan
@@ -188,8 +188,7 @@ def geodesic_fan(
     vertices = [] if source_point is not None else [source]
     points = None if source_point is None else np.atleast_2d(np.asarray(source_point, dtype=np.float64))
     start = surface_sources(mesh, vertices, points, name="source")
-    cover = oriented_cover(mesh)
-    cover.require_two_sides("the fan")
+    cover = two_sided_cover(mesh, "the fan")
     fan = core_geodesic_fan(cover.mesh, cover.lift_sources(start), rays, length, circles)
     return curve_measurement(mesh, cover.project(fan))
 

@@ -180,6 +180,29 @@ def oriented_cover(mesh: TriangleMesh) -> OrientedCover:
     return OrientedCover(mesh, reverse_faces, turned)
 
 
+def two_sided_cover(mesh: TriangleMesh, what: str) -> OrientedCover:
+    """Oriented cover of a surface that must have two sides.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    what : str
+        What needs the two sides, for the message.
+
+    Returns
+    -------
+    OrientedCover
+
+    Raises
+    ------
+    MeshError
+        On a one-sided surface.
+    """
+    cover = oriented_cover(mesh)
+    cover.require_two_sides(what)
+    return cover
+
+
 def _double_cover(mesh: TriangleMesh) -> OrientedCover:
     cover = TriangleMesh(mesh.points, double_cover(mesh.topology))
     return OrientedCover(mesh, cover, np.arange(2 * mesh.n_faces) >= mesh.n_faces)

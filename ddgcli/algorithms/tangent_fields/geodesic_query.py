@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.distance import DistanceResult
 from ddgcli.algorithms.geodesics.distance_query import level_lines, query_distance, query_options
 from ddgcli.algorithms.geodesics.edge_sets import EdgeSet
-from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover
+from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover
 from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery, WaveQuery
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import (
@@ -141,7 +141,7 @@ def solve_geodesic_task(
     results, accuracy = results | waves.results, accuracy | waves.accuracy
     if curve_query.has_curves or isolines:
         curves = query_curves(
-            mesh, curve_query, sources, distance,
+            task.cover, curve_query, sources, distance,
             field=task.field, isolines=isolines, seed=task.seed, stage_progress=stage_progress,
         )  # fmt: skip
         results, accuracy = results | {"paths": curves.entries}, accuracy | curves.accuracy
@@ -150,14 +150,14 @@ def solve_geodesic_task(
         curves = waves.fan if curves is None else concatenate_curves([curves, waves.fan])
         converged &= waves.fan.converged
     if curve_query.has_vectors and sources is not None and distance is not None:
-        vectors = query_vectors(mesh, curve_query, sources, distance, stage_progress)
+        vectors = query_vectors(task.cover, curve_query, sources, distance, stage_progress)
         vertex, results = vertex | vectors.arrays, results | vectors.results
         accuracy = accuracy | vectors.accuracy
     return GeodesicResult(vertex, face, results, accuracy, converged, sources, curves, waves.matrix)
 
 
 def query_curves(
-    mesh: TriangleMesh,
+    cover: OrientedCover,
     query: CurveQuery,
     sources: Sources | None,
     distance: DistanceResult | None,
@@ -167,24 +167,22 @@ def query_curves(
     seed: int = 0,
     stage_progress: StageProgress = no_stage_progress,
 ) -> Curves:
-    """All curves of a query in the order of its parameters, followed by `isolines`."""
-    cover, isolines = oriented_cover(mesh), isolines or []
-    curve_sets = []
+    """All curves of a checked query in the order of its parameters, followed by `isolines`."""
+    isolines, curve_sets = isolines or [], []
     if query.path_to and sources is not None and distance is not None and distance.exact is not None:
-        curve_sets.append(_shortest_paths(cover, query, sources, distance, stage_progress))
+        stage_progress("shortest paths")
+        curve_sets.append(paths_to_vertices(cover, sources, distance, list(query.path_to)))
     if query.trace:
         curve_sets.append(_traces(cover, query, stage_progress))
     if query.straighten or query.loop:
         from ddgcli.algorithms.geodesics.flipout import straighten_curves
 
-        cover.require_two_sides("straightening")
         stage_progress("straightening")
         closed = [False] * len(query.straighten) + [True] * len(query.loop)
         curve_sets.append(straighten_curves(cover.mesh, [*query.straighten, *query.loop], closed))
     if query.curve:
         from ddgcli.algorithms.geodesics.edge_curves import edge_curves
 
-        cover.require_two_sides("an edge path")
         curve_sets.append(edge_curves(cover.mesh, list(query.curve)))
     if field is not None:
         curve_sets.append(_integral_curves(cover, query, sources, field, seed, stage_progress))
@@ -195,7 +193,6 @@ def query_curves(
     if query.darboux:
         from ddgcli.algorithms.geodesics.darboux import add_darboux_frames
 
-        cover.require_two_sides("a Darboux frame")
         curves = add_darboux_frames(cover.mesh, curves)
     if query.transport:
         from ddgcli.algorithms.tangent_fields.field_curves import add_transport
@@ -205,24 +202,33 @@ def query_curves(
     return concatenate_curves([curves, *isolines]) if cover.is_one_sided else curves
 
 
-def _shortest_paths(
-    cover: OrientedCover,
-    query: CurveQuery,
-    sources: Sources,
-    distance: DistanceResult,
-    stage_progress: StageProgress,
+def paths_to_vertices(
+    cover: OrientedCover, sources: Sources, distance: DistanceResult, targets: list[int]
 ) -> Curves:
-    """Shortest paths to the target vertices."""
+    """Shortest paths from sources to vertices, on the oriented cover.
+
+    Parameters
+    ----------
+    cover : OrientedCover
+        With two sides, if there are source points inside faces.
+    sources : Sources
+        On the base.
+    distance : DistanceResult
+        From the sources, by the exact method.
+    targets : list of int
+
+    Returns
+    -------
+    Curves
+        On the cover.
+    """
     from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
 
-    if len(sources.points):
-        cover.require_two_sides("a path from points inside faces")
-    stage_progress("shortest paths")
     return shortest_paths(
         cover.mesh,
         cover.lift_exact(distance.exact),  # type: ignore[arg-type]
         cover.lift_sources(sources),
-        list(query.path_to),
+        targets,
         join_lifts=cover.join_lifts,
     )
 
@@ -263,7 +269,7 @@ def _integral_curves(
 
 
 def query_vectors(
-    mesh: TriangleMesh,
+    cover: OrientedCover,
     query: CurveQuery,
     sources: Sources,
     distance: DistanceResult,
@@ -273,9 +279,11 @@ def query_vectors(
 
     Parameters
     ----------
-    mesh : TriangleMesh
+    cover : OrientedCover
+        With two sides.
     query : CurveQuery
     sources : Sources
+        On the base.
     distance : DistanceResult
         From the sources; the logarithmic map follows its method.
     stage_progress : callable
@@ -285,9 +293,7 @@ def query_vectors(
     -------
     VertexVectors
     """
-    cover, vector_sets = oriented_cover(mesh), []
-    cover.require_two_sides("a tangent frame")
-    sources = cover.lift_sources(sources)
+    sources, vector_sets = cover.lift_sources(sources), []
     if query.log_map:
         arrival = (
             (distance.fast_marching or distance)

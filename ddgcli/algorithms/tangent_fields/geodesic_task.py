@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,14 +65,17 @@ class GeodesicTask:
         with renamed_parameters(face="target_face", barycentric="target_face"):
             SurfacePoints.checked(faces, weights.reshape(-1, 3), mesh.n_faces)
         check_waves(mesh, wave_query, sources, distance_query.method, signed_curves)
+        task = cls(mesh, distance_query, curve_query, wave_query, sources, signed_curves, field, seed)
         if curve_query.has_curves or curve_query.has_vectors or curve_query.darboux:
-            cover = oriented_cover(mesh)
-            _check_curves(cover, curve_query, sources, field)
+            _check_curves(task.cover, curve_query, sources, field)
             if curve_query.has_vectors and sources is not None:
-                _check_vectors(cover, curve_query, sources, distance_query.method)
-        return cls(
-            mesh, distance_query, curve_query, wave_query, sources, signed_curves, field, seed
-        )  # fmt: skip
+                _check_vectors(task.cover, curve_query, sources, distance_query.method)
+        return task
+
+    @cached_property
+    def cover(self) -> OrientedCover:
+        """Oriented cover of the mesh, on which curves and tangent vectors are computed."""
+        return oriented_cover(self.mesh)
 
     @property
     def vertex_arrays(self) -> list[str]:
@@ -161,16 +165,14 @@ def _check_vectors(cover: OrientedCover, query: CurveQuery, sources: Sources, me
     """Raise the errors of the logarithmic map and of transported vectors."""
     cover.require_two_sides("a tangent frame")
     lifted = cover.lift_sources(sources)
-    if query.log_map and method == "heat":
-        from ddgcli.algorithms.tangent_fields.heat_log_map import require_source_vertex
-
-        with renamed_parameters(sources="source"):
-            require_source_vertex(lifted)
     if query.log_map:
+        from ddgcli.algorithms.tangent_fields.heat_log_map import require_source_vertex
         from ddgcli.algorithms.tangent_fields.log_map import SourceFrame
         from ddgcli.algorithms.tracing.trace import Tracer
 
         with renamed_parameters(sources="source"):
+            if method == "heat":
+                require_source_vertex(lifted)
             SourceFrame(Tracer(cover.mesh), lifted)
     if query.spread_vector or (query.log_map and method == "heat"):
         from ddgcli.algorithms.tangent_fields.vector_heat import check_vector_heat

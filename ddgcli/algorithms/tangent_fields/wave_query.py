@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.distance import DistanceOptions
 from ddgcli.algorithms.geodesics.edge_sets import EdgeSet
-from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
+from ddgcli.algorithms.geodesics.oriented_cover import two_sided_cover
 from ddgcli.algorithms.geodesics.query import WaveQuery
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
@@ -78,8 +78,7 @@ def check_waves(
     if query.fan is not None and sources is not None:
         from ddgcli.algorithms.tangent_fields.fan import check_fan
 
-        cover = oriented_cover(mesh)
-        cover.require_two_sides("the fan")
+        cover = two_sided_cover(mesh, "the fan")
         with _FAN_NAMES():
             check_fan(cover.mesh, cover.lift_sources(sources), query.fan, query.fan_length or 0.0)
 
@@ -148,8 +147,7 @@ def query_waves(
         return result
     from ddgcli.algorithms.tangent_fields.fan import describe_fan, geodesic_fan
 
-    cover = oriented_cover(mesh)
-    cover.require_two_sides("the fan")
+    cover = two_sided_cover(mesh, "the fan")
     with _FAN_NAMES():
         fan = geodesic_fan(
             cover.mesh, cover.lift_sources(sources), query.fan, query.fan_length or 0.0, query.fan_circles,
