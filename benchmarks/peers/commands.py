@@ -28,13 +28,13 @@ from benchmarks.common import measure
 from benchmarks.common.function_seconds import TOTAL, function_seconds
 from benchmarks.common.mesh_sequences import SHARED_MESHES, real
 from ddgcli.algorithms.curvature import measures
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import area_normals, unit_normals
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.star import cotan
 from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance, fast_marching_stencils
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.algorithms.laplacian.spectrum import spectrum
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 SCANS = ("koala_loop1.ply", "st_helens_terrain.ply")

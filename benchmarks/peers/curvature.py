@@ -17,11 +17,11 @@ import numpy as np
 from benchmarks.common import measure, mesh_sequences
 from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import star
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import area_normals, unit_normals
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature as measure_all
 from ddgcli.geometry.extrinsic import dihedral_angle
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh import shapes
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh

@@ -1,9 +1,9 @@
 """Formulas on arrays: lengths, angles, areas, normals, unfolding, points on surfaces.
 
-`intrinsic` reads side lengths alone, `extrinsic` positions in space; `normals` holds those of vertices,
-`circle_angles` angles between circumcircles; `unfolding` lays faces out in the plane; `intersections` lists
-faces that cross, `t_junctions` vertices inside boundary edges; `component_sides` has the mean sides of
-components, `solids` signed distances.
+`intrinsic` reads side lengths alone, `extrinsic` positions in space, `faces` positions with components
+first; `normals` holds those of vertices, `circle_angles` angles between circumcircles; `unfolding` lays faces
+out in the plane; `intersections` lists faces that cross, `t_junctions` vertices inside boundary edges;
+`component_sides` has the mean sides of components, `solids` signed distances.
 """
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "cures",
     "extrinsic",
     "face_frames",
+    "faces",
     "hinges",
     "intersections",
     "intrinsic",

@@ -8,7 +8,6 @@ import pytest
 
 from benchmarks.common import further_surfaces, known_surfaces, mesh_noise
 from benchmarks.common.known_surfaces import error_as_stated as mean_error
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals
 from ddgcli.algorithms.curvature.point_grid import PointGrid
 from ddgcli.algorithms.curvature.regions import size_groups
@@ -16,6 +15,7 @@ from ddgcli.algorithms.curvature.sampled_fits import fits_in_balls
 from ddgcli.algorithms.curvature.scale_errors import error_of_radii
 from ddgcli.algorithms.curvature.scales import NOISE_OF_FITS, measure_scales
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
+from ddgcli.geometry.faces import Faces
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes

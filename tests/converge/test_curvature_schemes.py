@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.curvature import rings
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import area_normals
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.rings import two_rings
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.choices import CURVATURE_SCHEMES
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from tests.curvature_truths import ellipsoid_truth, irregular_ellipsoid, irregular_torus, torus_truth

@@ -7,13 +7,13 @@ import pytest
 
 from benchmarks.common import further_surfaces, known_surfaces, level_sets, mesh_noise
 from benchmarks.common.known_surfaces import error_as_stated as mean_error
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals
 from ddgcli.algorithms.curvature.hidden_bias import hidden_bias
 from ddgcli.algorithms.curvature.point_grid import PointGrid
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.sampled_fits import fits_in_balls
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh import shapes
 from tests.curvature_noise import proposal
 

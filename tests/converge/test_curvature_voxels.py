@@ -8,9 +8,9 @@ import pytest
 from benchmarks.common import further_surfaces, known_surfaces, level_sets, mesh_noise, noisy_surfaces
 from benchmarks.common.known_surfaces import error_as_stated as mean_error
 from benchmarks.common.mesh_sequences import voxel_sphere
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.algorithms.curvature.voxel_lattice import repeats_with_voxels
+from ddgcli.geometry.faces import Faces
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh

@@ -7,7 +7,6 @@ import pytest
 
 from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature.ball import normal_cycle_in_balls
-from ddgcli.algorithms.curvature.faces import REMAINING, Faces
 from ddgcli.algorithms.curvature.frames import unit_normals
 from ddgcli.algorithms.curvature.offset_body import offset_body
 from ddgcli.algorithms.curvature.regions import MAX_BALL_PAIRS, check_radius, largest_radius
@@ -16,6 +15,7 @@ from ddgcli.algorithms.curvature.unit_surface import prepare_surface
 from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import enclosed_volume, face_area_vector
+from ddgcli.geometry.faces import REMAINING, Faces
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
@@ -48,7 +48,7 @@ def test_sums_at_vertices_do_not_depend_on_the_blocks_of_faces(monkeypatch):
     mesh = crumpled(OPEN_MESHES["catenoid"])
     whole = Faces.of(mesh)
     expected = [*exact.star_measures(whole, mesh.topology), whole.doubled_star]
-    monkeypatch.setattr("ddgcli.algorithms.curvature.faces.FACES_PER_BLOCK", 17)
+    monkeypatch.setattr("ddgcli.geometry.faces.FACES_PER_BLOCK", 17)
     faces = Faces.of(mesh)
     sums = [*exact.star_measures(faces, mesh.topology), faces.doubled_star]
     for one, other in zip(sums, expected):

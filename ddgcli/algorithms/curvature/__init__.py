@@ -12,7 +12,6 @@ __all__ = [
     "curve_frames",
     "deviation",
     "face_balls",
-    "faces",
     "frames",
     "grid_coordinates",
     "measures",

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.regions import Regions, chunks, cosines, regions_of_range
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.vectors import dot, ratio
 

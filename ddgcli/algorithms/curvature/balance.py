@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.measures import BALANCE_DIRECTION
 from ddgcli.geometry.extrinsic import EDGES_PER_BLOCK, EdgeBlock
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.vectors import cross, dot, ratio
 

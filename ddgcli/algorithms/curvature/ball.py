@@ -15,9 +15,9 @@ from scipy.sparse import csr_array
 
 from ddgcli.algorithms.curvature.ball_blocks import blocks_of_leaf, leaves, point_tree
 from ddgcli.algorithms.curvature.face_balls import Ball, FaceBalls
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
 from ddgcli.algorithms.curvature.star import corrected_principal, measures_and_sizes, swapped_principal
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh

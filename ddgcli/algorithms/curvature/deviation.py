@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.fit_penalty import polynomial_residuals, sampled_regions
 from ddgcli.algorithms.curvature.frames import area_normals
 from ddgcli.algorithms.curvature.grid_coordinates import rounding_deviation
@@ -19,6 +18,7 @@ from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.regions import Regions, listed
 from ddgcli.algorithms.curvature.spikes import spikes_among
 from ddgcli.algorithms.curvature.staircase import is_staircase, sampled_sides
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.ragged import sorted_keys
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 

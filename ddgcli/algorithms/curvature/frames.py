@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.mesh.topology import PREVIOUS
-from ddgcli.mesh.vectors import dot, ratio
-
-# of the largest sum of normals: only shorter ones may have cancelled; of a sum over the sizes of its terms
-MIN_TOTAL_SHARE, CANCELLATION_ROUNDING = 1e-9, 1e-12
+from ddgcli.geometry.faces import Faces
+from ddgcli.geometry.normals import area_normal_columns, sphere_normal_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,20 +52,8 @@ def unit_normals(faces: Faces) -> NDArray[np.float64]:
     -------
     (3, n) ndarray of float64
         Unit vectors; +z where undefined.
-
-    Notes
-    -----
-    N. Max, "Weights for Computing Vertex Normals from Facet Normals", 1999: each corner adds the cross
-    product of its two sides divided by the squares of both lengths.
     """
-    return _directions(faces.vertex_sums(_weighted_normals)[0], faces, _weighted_normals)
-
-
-def _weighted_normals(faces: Faces) -> NDArray[np.float64]:
-    """(3, 3, m) what each corner adds to the normal of its vertex, component first."""
-    squared = faces.squared_length
-    weight = np.stack([ratio(1.0, squared[k] * squared[PREVIOUS[k]]) for k in range(3)])
-    return weight * faces.doubled[:, None, :]
+    return _upward_where_zero(sphere_normal_columns(faces))
 
 
 def area_normals(faces: Faces) -> NDArray[np.float64]:
@@ -85,21 +68,11 @@ def area_normals(faces: Faces) -> NDArray[np.float64]:
     (3, n) ndarray of float64
         Unit vectors; +z where undefined.
     """
-    return _directions(faces.doubled_star, faces, lambda block: block.on_corners)
+    return _upward_where_zero(area_normal_columns(faces))
 
 
-def _directions(total: NDArray, faces: Faces, term: Callable[[Faces], NDArray]) -> NDArray[np.float64]:
-    """Sums of corner values at unit length; +z where they cancel, as where two cones meet in their tips."""
-    length = np.sqrt(dot(total, total))
-    few = np.flatnonzero((length > 0) & (length < MIN_TOTAL_SHARE * length.max(initial=0.0)))
-    if len(few):
-        is_short = np.zeros(faces.n_vertices, dtype=bool)
-        is_short[few] = True
-        around = Faces(faces.corner[:, is_short[faces.corner].any(axis=0)], faces.points)
-        (size,) = around.vertex_sums(lambda block: np.abs(term(block)))
-        length[few[length[few] <= CANCELLATION_ROUNDING * size[:, few].max(axis=0)]] = 0.0
-    unit = ratio(total, length)
-    unit[2, length == 0] = 1.0
+def _upward_where_zero(unit: NDArray[np.float64]) -> NDArray[np.float64]:
+    unit[2, ~unit.any(axis=0)] = 1.0
     return unit
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.deviation import MIN_SAMPLE, Deviation, vertex_deviation
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.fit_penalty import cross_validated_penalty
 from ddgcli.algorithms.curvature.hidden_bias import hidden_bias
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
@@ -41,6 +40,7 @@ from ddgcli.algorithms.curvature.scales import (
     scale_radii,
 )
 from ddgcli.algorithms.curvature.voxel_lattice import repeats_with_voxels
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 Effort = Literal["fits", "warn", "auto"]

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.deviation import MIN_CREASED_FLAT_SHARE, Deviation
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.grid_coordinates import on_grid_edges
 from ddgcli.algorithms.curvature.regions import listed
 from ddgcli.algorithms.curvature.scales import Scales
 from ddgcli.algorithms.curvature.staircase import cancellation, sampled_sides
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 # residual of cubic fits over that of quartic ones: stairs that were averaged or cut have 1.2 to 1.7, details

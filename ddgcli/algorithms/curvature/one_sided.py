@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, unit_normals
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.double_cover import cover_vertices
 from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.topology import NEXT

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.ball_blocks import BALLS_PER_BLOCK, leaves
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.fit_penalty import (
     QUADRATIC_PENALTY,
     cross_validated_penalty,
@@ -29,6 +28,7 @@ from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.polynomial_fits import fit_forms, principal_of_forms
 from ddgcli.algorithms.curvature.regions import Regions, chunks, joined, larger, listed
 from ddgcli.algorithms.curvature.vertex_balls import VertexBalls
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import unit_vectors
 from ddgcli.workers import results_in_order

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.clip import FacePlanes
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.measures import angle_defect, vertex_area
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import dihedral_angle, face_normal
+from ddgcli.geometry.faces import Faces
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh

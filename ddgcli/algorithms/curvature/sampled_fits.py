@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
 from ddgcli.algorithms.curvature.point_grid import PointGrid
 from ddgcli.algorithms.curvature.polynomial_fits import (
@@ -15,6 +14,7 @@ from ddgcli.algorithms.curvature.polynomial_fits import (
     principal_of_forms,
 )
 from ddgcli.algorithms.curvature.regions import Regions
+from ddgcli.geometry.faces import Faces
 
 
 def fits_in_balls(

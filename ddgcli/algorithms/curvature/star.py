@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import (
     PrincipalCurvatures,
     eigen_2x2,
@@ -14,6 +13,7 @@ from ddgcli.algorithms.curvature.frames import (
     turned,
 )
 from ddgcli.geometry.extrinsic import EDGES_PER_BLOCK
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS, Topology
 from ddgcli.mesh.vectors import cross, dot, ratio

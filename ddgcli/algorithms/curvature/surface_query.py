@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.measures import vector_of
 from ddgcli.algorithms.curvature.surface_curvature import (
     CURVATURE_ARRAYS,
@@ -20,6 +19,7 @@ from ddgcli.algorithms.curvature.surface_curvature import (
     measure_curvature,
 )
 from ddgcli.errors import ParameterError, renamed_parameters
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio, row_dot, vector_length

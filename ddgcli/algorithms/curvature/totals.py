@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.geometry.circle_angles import circle_angle, side_product
 from ddgcli.geometry.extrinsic import EDGES_PER_BLOCK, hinge_bending
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS, PREVIOUS_OFFSET, Topology
 from ddgcli.mesh.vectors import cross, dot, ratio

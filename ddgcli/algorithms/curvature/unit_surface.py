@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.balance import RegionBalance, upper_half
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.grid_coordinates import precision_steps
 from ddgcli.algorithms.curvature.one_sided import double_covered
 from ddgcli.errors import MeshError, counted
 from ddgcli.geometry.cures import warn_of_pieces
 from ddgcli.geometry.extrinsic import edge_blocks, folded_edges, single_edge_length
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.repair import faces_to_turn, reverse_faces
 from ddgcli.mesh.require import check_size

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.area_vectors import averaged_normals, region_sums, star_areas
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, tangent_frame
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.polynomial_fits import principal_of_forms
@@ -22,6 +21,7 @@ from ddgcli.algorithms.curvature.regions import (
     regions_of_range,
 )
 from ddgcli.algorithms.curvature.vertex_balls import vertex_balls
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot, ratio
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.geometry.faces import Faces
 
 MAX_SAMPLE_SIZE = 20_000  # vertices
 BINS_PER_EDGE = 8

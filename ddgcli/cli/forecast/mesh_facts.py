@@ -58,12 +58,12 @@ def noise_of_vertices(mesh: TriangleMesh, scheme: str) -> tuple[str, tuple[float
     """
 
     from ddgcli.algorithms.curvature.deviation import vertex_deviation
-    from ddgcli.algorithms.curvature.faces import Faces
     from ddgcli.algorithms.curvature.grid_coordinates import precision_steps
     from ddgcli.algorithms.curvature.noise_estimate import BENDING_SAMPLE_SIZE, radii_of_search
     from ddgcli.algorithms.curvature.noise_kind import noise_kind
     from ddgcli.algorithms.curvature.totals import filled_normals
     from ddgcli.geometry.extrinsic import dihedral_angle_and_length
+    from ddgcli.geometry.faces import Faces
 
     unit, extent = _unit_surface(mesh)
     if unit is None:
@@ -84,8 +84,8 @@ def noise_of_vertices(mesh: TriangleMesh, scheme: str) -> tuple[str, tuple[float
 
 def has_sheared_fits(mesh: TriangleMesh) -> bool:
     """Whether fits of two rings try the neighbours of the Delaunay triangulation too."""
-    from ddgcli.algorithms.curvature.faces import Faces
     from ddgcli.algorithms.curvature.neighbours import is_sheared
+    from ddgcli.geometry.faces import Faces
 
     unit, _ = _unit_surface(mesh)
     return unit is not None and is_sheared(unit, Faces.of(unit))

@@ -7,8 +7,8 @@ import logging
 import numpy as np
 
 from ddgcli.algorithms.curvature.deviation import vertex_deviation
-from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.geometry.extrinsic import dihedral_angle, face_normal
+from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 

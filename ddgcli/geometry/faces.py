@@ -39,8 +39,9 @@ class Faces:
     points: NDArray[np.float64]
 
     @classmethod
-    def of(cls, mesh: TriangleMesh) -> Faces:
-        return cls(np.ascontiguousarray(mesh.faces.T), np.ascontiguousarray(mesh.points.T))
+    def of(cls, mesh: TriangleMesh, unit: float = 1.0) -> Faces:
+        """Faces of a mesh, with positions in multiples of `unit`."""
+        return cls(np.ascontiguousarray(mesh.faces.T), np.ascontiguousarray(mesh.points.T / unit))
 
     @property
     def n_vertices(self) -> int:
