@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from ddgcli.geometry.hinges import hinge_cotans, hinges
+from ddgcli.geometry.hinges import hinge_cotans, hinge_frame, hinges
 from ddgcli.mesh.shapes import icosphere
-from ddgcli.models.shell import hinge
 from ddgcli.models.shell.bending import QuadraticBending, hinge_measure
 from ddgcli.models.shell.cubic import CubicBending
 
@@ -27,7 +26,7 @@ def test_energy_of_a_folding_hinge_is_the_sine_of_half_the_change(rest):
     bending = CubicBending(folded(rest), stencil, np.array([0.7]))
     for angle in np.linspace(-3, 3, 13):
         x = folded(angle)
-        change = hinge.hinge_frame(x, stencil).angle - hinge.hinge_frame(folded(rest), stencil).angle
+        change = hinge_frame(x, stencil).angle - hinge_frame(folded(rest), stencil).angle
         assert bending.energy(x) == pytest.approx(0.7 * 4 * np.sin(0.5 * change[0]) ** 2, abs=1e-13)
 
 

@@ -14,15 +14,15 @@ from pydantic import Field
 from scipy.sparse import coo_array, csr_array
 
 from ddgcli.errors import counted
-from ddgcli.geometry.hinges import hinge_cotans, hinges
+from ddgcli.geometry.hinges import HingeFrame, angle_slopes, hinge_cotans, hinge_frame, hinges
 from ddgcli.linalg.indices import matrix_indices
 from ddgcli.mechanics.pair_blocks import PairBlocks, vertex_pairs, whole_blocks
 from ddgcli.mechanics.terms import LinearOperator, Mode, Potential, at_last_point, row_blocks
 from ddgcli.mesh.scatter import columns_at, sum_columns_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot
-from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.hinge import angle_second_derivatives, wrapped
 from ddgcli.scenes.materials import usable_stiffness
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
@@ -67,22 +67,22 @@ class HingeBending(Potential):
         return HingeBending(stencil, self.weight[rows], self.rest[rows])
 
     @at_last_point
-    def _hinge_frame(self, x: NDArray) -> hinge.HingeFrame:
-        return hinge.hinge_frame(x, self.stencil)
+    def _hinge_frame(self, x: NDArray) -> HingeFrame:
+        return hinge_frame(x, self.stencil)
 
     def energy(self, x: NDArray) -> float:
-        bend = hinge.wrapped(self._hinge_frame(x).angle - self.rest)
+        bend = wrapped(self._hinge_frame(x).angle - self.rest)
         return float(np.sum(self.weight * bend**2))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        hinge_frame = self._hinge_frame(x)
-        moment = 2 * self.weight * hinge.wrapped(hinge_frame.angle - self.rest)
-        slopes = [moment * slope for slope in hinge.angle_slopes(hinge_frame)]
+        f = self._hinge_frame(x)
+        moment = 2 * self.weight * wrapped(f.angle - self.rest)
+        slopes = [moment * slope for slope in angle_slopes(f)]
         return sum_columns_by_index(self.stencil, slopes, len(x))
 
     def material_operator(self, x: NDArray) -> LinearOperator:
         """Product of the material Hessian at x with velocities (n, 3)."""
-        slopes = hinge.angle_slopes(self._hinge_frame(x))
+        slopes = angle_slopes(self._hinge_frame(x))
 
         def multiply(v: NDArray) -> NDArray[np.float64]:
             rate = sum(dot(slope, column) for slope, column in zip(slopes, columns_at(v, self.stencil)))
@@ -95,17 +95,17 @@ class HingeBending(Potential):
         return whole_blocks(self.stencil, self.pair_blocks(x, mode))
 
     def pair_blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
-        hinge_frame = self._hinge_frame(x)
-        moment = 2 * self.weight * hinge.wrapped(hinge_frame.angle - self.rest)
+        f = self._hinge_frame(x)
+        moment = 2 * self.weight * wrapped(f.angle - self.rest)
         for rows in row_blocks(len(self.stencil)):
-            piece = hinge_frame[rows]
-            slopes = hinge.angle_slopes(piece)
+            piece = f[rows]
+            slopes = angle_slopes(piece)
             scaled = [2 * self.weight[rows] * slope for slope in slopes[:3]]
             blocks = self._pairs.values[..., rows]
             for k, (a, b) in enumerate(vertex_pairs(4)):
                 np.multiply(scaled[a][:, None], slopes[b], out=blocks[:, :, k])
             if mode == "exact":
-                for pair, summand in hinge.angle_second_derivatives(piece, moment[rows]):
+                for pair, summand in angle_second_derivatives(piece, moment[rows]):
                     blocks[:, :, vertex_pairs(4).index(pair)] += summand
             self._pairs.transpose_descending(rows)
         return self._pairs.written()
@@ -192,7 +192,7 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
     scaled, plain = hinge_measure(mesh, stencil, context.face_area)
     if parameters.model == "hinge":
         flat = parameters.rest == "flat"
-        rest = np.zeros(len(stencil)) if flat else hinge.hinge_frame(np.asarray(mesh.points), stencil).angle
+        rest = np.zeros(len(stencil)) if flat else hinge_frame(np.asarray(mesh.points), stencil).angle
         return [HingeBending(stencil, rigidity / PLATE_RATIO * scaled, rest)]
     if parameters.model == "cubic":
         from ddgcli.models.shell.cubic import CubicBending
@@ -200,7 +200,7 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
         weight = rigidity / PLATE_RATIO * scaled
         return [CubicBending(np.asarray(mesh.points), stencil, weight, parameters.rest == "flat")]
     if parameters.rest == "input":
-        bent = np.abs(hinge.hinge_frame(np.asarray(mesh.points), stencil).angle).max(initial=0.0)
+        bent = np.abs(hinge_frame(np.asarray(mesh.points), stencil).angle).max(initial=0.0)
         if bent > FLAT_ANGLE_TOLERANCE:
             raise ValueError(
                 f"model quadratic is at rest when flat, and the input bends by {bent:.3g} rad; "

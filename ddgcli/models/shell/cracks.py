@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.geometry.hinges import hinge_sides
+from ddgcli.geometry.hinges import hinge_frame, hinge_sides
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.sides import next_side
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
-from ddgcli.models.shell import hinge
+from ddgcli.models.shell.hinge import wrapped
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ class Strength:
         self._corners = np.stack([side, next_side(side), apex, far], axis=1)
         self._length = mesh.side_length.ravel()[side]
         self._strain, self._angle = strain, angle
-        rest = hinge.hinge_frame(np.asarray(mesh.points), mesh.faces.ravel()[self._corners]).angle
+        rest = hinge_frame(np.asarray(mesh.points), mesh.faces.ravel()[self._corners]).angle
         self._rest = np.zeros_like(rest) if flat else rest
 
     def __len__(self) -> int:
@@ -116,5 +116,5 @@ class Strength:
             length = vector_length(x[stencil[:, 1]] - x[stencil[:, 0]])
             beyond |= length > (1 + self._strain) * self._length
         if self._angle is not None:
-            beyond |= np.abs(hinge.wrapped(hinge.hinge_frame(x, stencil).angle - self._rest)) > self._angle
+            beyond |= np.abs(wrapped(hinge_frame(x, stencil).angle - self._rest)) > self._angle
         return beyond

@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.geometry.hinges import hinge_frame
 from ddgcli.mechanics.terms import LinearOperator, Mode, Potential
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import row_cross, row_dot
-from ddgcli.models.shell import hinge
 
 SIDES = ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3))  # of a hinge
 ROTATIONS = ((1, 2, 3), (2, 3, 1), (3, 1, 2))  # of the vertices whose vectors span a hinge's volume
@@ -39,7 +39,7 @@ class CubicBending(Potential):
 
     def __init__(self, x: NDArray, stencil: NDArray, weight: NDArray, flat: bool = False) -> None:
         self.stencil = stencil
-        f = hinge.hinge_frame(x, stencil)
+        f = hinge_frame(x, stencil)
         rest = np.zeros(len(stencil)) if flat else f.angle
         a = np.stack(
             [-(1 - f.s) / f.h - (1 - f.st) / f.ht, -f.s / f.h - f.st / f.ht, 1 / f.h, 1 / f.ht], axis=1

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.geometry.hinges import HingeFrame, angle_gradient
 from ddgcli.mechanics.terms import (
     Arrays,
     Memory,
@@ -18,8 +19,8 @@ from ddgcli.mechanics.terms import (
     at_last_point,
 )
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.hinge import angle_hessian, wrapped
 from ddgcli.models.shell.midedge import MidedgeBending, inward_directions, one_sided_frame, side_corners
 from ddgcli.models.shell.tensor_potential import TensorPotential
 
@@ -85,12 +86,12 @@ class EdgeMoment(TensorPotential):
         return EdgeMoment(self.couple, self.side, self.corner, self.direction, self.bending, turn)
 
     @at_last_point
-    def _hinge_frame(self, x: NDArray) -> hinge.HingeFrame:
+    def _hinge_frame(self, x: NDArray) -> HingeFrame:
         return one_sided_frame(x, self.corner, self.direction)
 
     def turns(self, x: NDArray) -> NDArray[np.float64]:
         """(c,) turns of the faces, within half a turn of those at the last step."""
-        return self.turn + hinge.wrapped(self._hinge_frame(x).angle - self.turn)
+        return self.turn + wrapped(self._hinge_frame(x).angle - self.turn)
 
     def added_rotations(self) -> NDArray[np.float64] | float:
         """Rotations of edges that the couples add; 0 without directors."""
@@ -101,14 +102,14 @@ class EdgeMoment(TensorPotential):
         return inner + float(self.couple @ self.turns(x))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        slope = self.couple[:, None, None] * hinge.angle_gradient(self._hinge_frame(x))[:, :3]
+        slope = self.couple[:, None, None] * angle_gradient(self._hinge_frame(x))[:, :3]
         total = sum_by_index(self.corner, slope, len(x))
         return total if self.bending is None else total + self.bending.pulled_back(x, self.weight)
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         if mode != "exact":
             return np.zeros((len(self.stencil), 12, 12))
-        face = self.couple[:, None, None] * hinge.angle_hessian(self._hinge_frame(x))
+        face = self.couple[:, None, None] * angle_hessian(self._hinge_frame(x))
         if self.bending is None:
             return face
         return np.concatenate([self.weight[:, None, None] * self.bending.angle_hessians(x), face])

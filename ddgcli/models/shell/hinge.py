@@ -10,19 +10,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.geometry.hinges import HingeFrame, angle_gradient, angle_slopes, hinge_frame
+from ddgcli.geometry.hinges import HingeFrame
 from ddgcli.mechanics.pair_blocks import vertex_pairs, whole_elements
 from ddgcli.mesh.vectors import cross
-
-__all__ = [
-    "HingeFrame",
-    "angle_gradient",
-    "angle_hessian",
-    "angle_second_derivatives",
-    "angle_slopes",
-    "hinge_frame",
-    "wrapped",
-]
 
 
 def angle_hessian(f: HingeFrame) -> NDArray[np.float64]:

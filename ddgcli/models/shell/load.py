@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ddgcli.geometry.hinges import hinges
+from ddgcli.geometry.hinges import angle_gradient, hinge_frame, hinges
 from ddgcli.mechanics.terms import DeadLoad, Mode, Potential
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import vector_length
-from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.hinge import angle_hessian, wrapped
 from ddgcli.models.shell.ramp import RampSection
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
@@ -77,17 +77,17 @@ class HingeMoment(Potential):
         return HingeMoment(self.stencil, factor * self.moment, self.rest)
 
     def energy(self, x: NDArray) -> float:
-        angle = hinge.wrapped(hinge.hinge_frame(x, self.stencil).angle - self.rest)
+        angle = wrapped(hinge_frame(x, self.stencil).angle - self.rest)
         return -float(np.sum(self.moment * angle))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        slope = hinge.angle_gradient(hinge.hinge_frame(x, self.stencil))
+        slope = angle_gradient(hinge_frame(x, self.stencil))
         return sum_by_index(self.stencil, -self.moment[:, None, None] * slope, len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         if mode != "exact":
             return np.zeros((len(self.stencil), 12, 12))
-        return -self.moment[:, None, None] * hinge.angle_hessian(hinge.hinge_frame(x, self.stencil))
+        return -self.moment[:, None, None] * angle_hessian(hinge_frame(x, self.stencil))
 
 
 def build(parameters: Load, context: ShellContext) -> list[Any]:
@@ -147,8 +147,8 @@ def _moment(parameters: Load, context: ShellContext) -> HingeMoment:
             f"no interior edge joins the vertices {parameters.edge}; a moment acts between two faces"
         )
     x = np.asarray(context.mesh.points)
-    hinge_frame = hinge.hinge_frame(x, stencil[edge])
-    return HingeMoment(stencil[edge], float(parameters.moment or 0) * hinge_frame.length, hinge_frame.angle)
+    f = hinge_frame(x, stencil[edge])
+    return HingeMoment(stencil[edge], float(parameters.moment or 0) * f.length, f.angle)
 
 
 EFFECT = Effect("load", Load, build, "one addition per step", ("shell",), repeatable=True)

@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from ddgcli.geometry.extrinsic import face_area_vector
-from ddgcli.geometry.hinges import hinge_sides, hinges
+from ddgcli.geometry.hinges import HingeFrame, angle_gradient, hinge_frame, hinge_sides, hinges
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.terms import LinearOperator, Mode, at_last_point
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot, tangential, unit_vectors, vector_length
-from ddgcli.models.shell import hinge
+from ddgcli.models.shell.hinge import angle_hessian, wrapped
 from ddgcli.models.shell.tensor_potential import TensorPotential
 
 NODES = 9  # of an element: corners, apexes across the sides, rotations of the sides
@@ -103,7 +103,7 @@ class MidedgeBending(TensorPotential):
         self._conormals = conormal_products(mesh.side_length, area)
         self._matrices()
         self.stencil = self._stencil(faces)
-        self.rest = np.zeros(len(self.hinges)) if flat else hinge.hinge_frame(x, self.hinges).angle
+        self.rest = np.zeros(len(self.hinges)) if flat else hinge_frame(x, self.hinges).angle
         self._clamp_rest = self._clamp_frame(x).angle
 
     # ------------------------------------------------------------ constants of the rest shape
@@ -153,11 +153,11 @@ class MidedgeBending(TensorPotential):
     # ------------------------------------------------------------ geometry at positions x
 
     @at_last_point
-    def _hinge_frame(self, x: NDArray) -> hinge.HingeFrame:
-        return hinge.hinge_frame(x, self.hinges)
+    def _hinge_frame(self, x: NDArray) -> HingeFrame:
+        return hinge_frame(x, self.hinges)
 
     @at_last_point
-    def _clamp_frame(self, x: NDArray) -> hinge.HingeFrame:
+    def _clamp_frame(self, x: NDArray) -> HingeFrame:
         return one_sided_frame(x, self._clamp_corner, self.clamps.direction)
 
     @at_last_point
@@ -165,8 +165,8 @@ class MidedgeBending(TensorPotential):
         """Change of the angles: hinges, then clamped sides."""
         return np.concatenate(
             [
-                hinge.wrapped(self._hinge_frame(x).angle - self.rest),
-                hinge.wrapped(self._clamp_frame(x).angle - self._clamp_rest),
+                wrapped(self._hinge_frame(x).angle - self.rest),
+                wrapped(self._clamp_frame(x).angle - self._clamp_rest),
             ]
         )
 
@@ -204,8 +204,8 @@ class MidedgeBending(TensorPotential):
     def pulled_back(self, x: NDArray, moment: NDArray) -> NDArray[np.float64]:
         """(n, 3) forces that moments about the hinges and the clamped sides are on the vertices."""
         h = len(self.hinges)
-        slope = moment[:h, None, None] * hinge.angle_gradient(self._hinge_frame(x))
-        clamp_slope = moment[h:, None, None] * hinge.angle_gradient(self._clamp_frame(x))[:, :3]
+        slope = moment[:h, None, None] * angle_gradient(self._hinge_frame(x))
+        clamp_slope = moment[h:, None, None] * angle_gradient(self._clamp_frame(x))[:, :3]
         return sum_by_index(self.hinges, slope, len(x)) + sum_by_index(
             self._clamp_corner, clamp_slope, len(x)
         )
@@ -213,8 +213,8 @@ class MidedgeBending(TensorPotential):
     def turned(self, x: NDArray, move: NDArray) -> NDArray[np.float64]:
         """Change of the angles by a small move (n, 3) of the vertices at x."""
         slope, clamp_slope = (
-            hinge.angle_gradient(self._hinge_frame(x)),
-            hinge.angle_gradient(self._clamp_frame(x))[:, :3],
+            angle_gradient(self._hinge_frame(x)),
+            angle_gradient(self._clamp_frame(x))[:, :3],
         )
         return np.concatenate(
             [
@@ -227,16 +227,14 @@ class MidedgeBending(TensorPotential):
         """(m, 27, 27) Hessians in positions and rotations: the rotations are unknowns of their own here."""
         m = len(self.stencil)
         rate = np.zeros((3 * m, NODES, 3))
-        slope = 0.5 * hinge.angle_gradient(self._hinge_frame(x))
+        slope = 0.5 * angle_gradient(self._hinge_frame(x))
         corner, opposite = np.arange(3), 3
         for side, order in ((self._first, (0, 1, 2, 3)), (self._second, (1, 0, 3, 2))):
             j = side % 3
             local = np.stack([j, (j + 1) % 3, (j + 2) % 3, opposite + j], axis=1)
             rate[side[:, None], local] = slope[:, order]
         clamp_side, j = self.clamps.side, self.clamps.side % 3
-        rate[clamp_side[:, None], (j[:, None] + corner) % 3] = hinge.angle_gradient(self._clamp_frame(x))[
-            :, :3
-        ]
+        rate[clamp_side[:, None], (j[:, None] + corner) % 3] = angle_gradient(self._clamp_frame(x))[:, :3]
         rate[np.arange(3 * m), 6 + np.arange(3 * m) % 3, 0] = self._slope
         rate = rate.reshape(m, 3, 3 * NODES)
         block = np.matmul(rate.transpose(0, 2, 1), np.matmul(self.plate, rate))
@@ -248,8 +246,8 @@ class MidedgeBending(TensorPotential):
         """Add moment times Hessian of the angle, of a hinge to its first face."""
         h, moment = len(self.hinges), self._moment(x)
         terms = (
-            (self._first, hinge.angle_hessian(self._hinge_frame(x)), moment[:h], 4),
-            (self.clamps.side, hinge.angle_hessian(self._clamp_frame(x))[:, :9, :9], moment[h:], 3),
+            (self._first, angle_hessian(self._hinge_frame(x)), moment[:h], 4),
+            (self.clamps.side, angle_hessian(self._clamp_frame(x))[:, :9, :9], moment[h:], 3),
         )
         for side, hessian, weight, nodes in terms:
             weighted = weight[:, None, None] * hessian
@@ -277,7 +275,7 @@ class MidedgeBending(TensorPotential):
     def angle_hessians(self, x: NDArray) -> NDArray[np.float64]:
         """(h + c, 12, 12) Hessians of the angles."""
         hinge_frames = self._hinge_frame(x), self._clamp_frame(x)
-        return np.concatenate([hinge.angle_hessian(hinge_frame) for hinge_frame in hinge_frames])
+        return np.concatenate([angle_hessian(f) for f in hinge_frames])
 
     def couples(self, x: NDArray) -> tuple[NDArray, NDArray]:
         """((c, 2) ends of the clamped sides, (c, 3) moments in N m that the clamp exerts on them)."""
@@ -366,7 +364,7 @@ def inward_directions(x: NDArray, corner: NDArray) -> NDArray[np.float64]:
     return unit_vectors(tangential(apex - tail, u))
 
 
-def one_sided_frame(x: NDArray, corner: NDArray, direction: NDArray) -> hinge.HingeFrame:
+def one_sided_frame(x: NDArray, corner: NDArray, direction: NDArray) -> HingeFrame:
     """Hinges between faces and fixed half planes through their sides.
 
     Only the face moves: the terms of the second face of gradient and Hessian are zero.
@@ -387,5 +385,5 @@ def one_sided_frame(x: NDArray, corner: NDArray, direction: NDArray) -> hinge.Hi
     tail, head, apex = x[corner[:, 0]], x[corner[:, 1]], x[corner[:, 2]]
     length = np.sqrt(dot((head - tail).T, (head - tail).T))[:, None]
     points = np.concatenate([tail, head, apex, tail - length * direction])
-    f = hinge.hinge_frame(points, np.arange(4 * c).reshape(4, c).T)
+    f = hinge_frame(points, np.arange(4 * c).reshape(4, c).T)
     return replace(f, nt=np.zeros_like(f.nt), ht=np.full(c, np.inf), st=np.zeros(c))

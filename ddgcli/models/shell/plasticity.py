@@ -126,9 +126,10 @@ class HingeFlow(PlasticFlow):
     """The rest angle of a hinge yields."""
 
     def _change(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
-        from ddgcli.models.shell import hinge
+        from ddgcli.geometry.hinges import hinge_frame
+        from ddgcli.models.shell.hinge import wrapped
 
-        return hinge.wrapped(hinge.hinge_frame(x, self.potential.stencil).angle - rest)
+        return wrapped(hinge_frame(x, self.potential.stencil).angle - rest)
 
     def at(self, memory: Arrays) -> Potential:
         return type(self.potential)(self.potential.stencil, self.potential.weight, memory["rest"])
