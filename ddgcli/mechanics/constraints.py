@@ -18,6 +18,7 @@ from scipy.sparse import csc_array, csr_array, diags_array
 from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import Factor, negative_eigenvalues
 from ddgcli.mechanics.terms import Constraint
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.simulation.model import StepRejected
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ class RigidEdges(Constraint):
     def excess(self, x: NDArray) -> NDArray[np.float64]:
         """(e,) relative changes of length, (|span|^2 - 1) / 2."""
         span = self.span(x)
-        return 0.5 * (np.einsum("ei,ei->e", span, span) - 1.0)
+        return 0.5 * (row_dot(span, span) - 1.0)
 
     def jacobian(self, x: NDArray) -> csr_array:
         """(e, 3 n) derivatives of `excess` in the positions, times the lengths."""

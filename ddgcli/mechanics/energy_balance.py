@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.mechanics.objective import MOVE_TOLERANCE
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import Motion, System
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.simulation.model import StepRejected
 
 # of the available energy: how far the balance may exceed its minimum, and how far a step may drop it
@@ -60,7 +61,7 @@ def kinetic(system: System, v: NDArray) -> float:
         In J.
     """
     v = system.only_free(v)
-    return 0.5 * float(system.mass @ np.einsum("ni,ni->n", v, v))
+    return 0.5 * float(system.mass @ row_dot(v, v))
 
 
 def balanced(
@@ -210,7 +211,7 @@ def _drained(system: System, after: Motion, end: StoredEnergy, above: float, dt:
     """The motion with the impulses of the nonlinear potentials scaled so that `above` joules less remain."""
     impulse = system.only_free(-dt * end.gradient / system.mass[:, None])
     quadratic = kinetic(system, impulse)
-    slope = float(system.mass @ np.einsum("ni,ni->n", impulse, system.only_free(after.v)))
+    slope = float(system.mass @ row_dot(impulse, system.only_free(after.v)))
     root = np.sqrt(max(0.0, slope**2 - 4 * quadratic * above))
     # the smaller root of quadratic s^2 + slope s + above, or its minimum
     factor = -2 * above / (slope + np.copysign(root, slope)) if root else -0.5 * slope / (quadratic or np.inf)

@@ -16,6 +16,7 @@ from ddgcli.mechanics.increment import Increment, Point, shorter_fraction
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode
+from ddgcli.mesh.vectors import row_dot
 
 MOVE_TOLERANCE = 1e-9  # a move below this fraction of the object's size ends an iteration
 HESSIAN_SOLVER = "hessian solver"  # key of a cache
@@ -47,7 +48,7 @@ class Objective:
         energies = list(system.energies(y).values())
         if increment.a:
             away = y - increment.target
-            energies.append(0.5 * increment.a * float(system.mass @ np.einsum("ni,ni->n", away, away)))
+            energies.append(0.5 * increment.a * float(system.mass @ row_dot(away, away)))
         for potential in increment.frozen:
             with system.account.within(potential.name):
                 energies.append(potential.energy(increment.velocity(y)) / increment.c)

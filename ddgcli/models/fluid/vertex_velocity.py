@@ -51,7 +51,7 @@ class VertexVelocity:
         planar = self.recovery.matrix @ side_flux.ravel()
         if self.prescribed is not None:
             vertices, there = self.prescribed.at(time)
-            x, y = (np.einsum("ia,ia->i", there, axis[vertices]) for axis in self.axes)
+            x, y = (row_dot(there, axis[vertices]) for axis in self.axes)
             planar[vertices] = x + 1j * y
         return planar[self.recovery.faces] * np.conj(self.recovery.to_vertex)
 

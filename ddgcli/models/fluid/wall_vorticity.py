@@ -14,6 +14,7 @@ from scipy.sparse import csr_array
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 
@@ -78,7 +79,7 @@ def _linear_fits(space: SurfaceSpace, context: FluidContext, vertices: NDArray[n
     row, face = (touches[vertices] @ touches.T @ beside @ touches).nonzero()
     apart = context.unwrapped(context.face_points()[face] - context.points[vertices[row]])
     count = np.maximum(np.bincount(row, minlength=k), 1)
-    size = np.sqrt(sum_by_index(row, np.einsum("ij,ij->i", apart, apart), k) / count)
+    size = np.sqrt(sum_by_index(row, row_dot(apart, apart), k) / count)
     terms = np.column_stack([np.ones(len(row)), apart / size[row, None]])
     weighted = terms * space.area[face, None]
     moment = np.zeros((k, 4, 4))
@@ -86,4 +87,4 @@ def _linear_fits(space: SurfaceSpace, context: FluidContext, vertices: NDArray[n
         for j in range(4):
             moment[:, i, j] = sum_by_index(row, weighted[:, i] * terms[:, j], k)
     solved = np.linalg.pinv(moment, rcond=FIT_RANK_TOLERANCE, hermitian=True)[:, 0]
-    return csr_array((np.einsum("ij,ij->i", solved[row], weighted), (row, face)), shape=(k, m))
+    return csr_array((row_dot(solved[row], weighted), (row, face)), shape=(k, m))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mechanics.terms import LinearOperator, Mode, Potential
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.vectors import row_cross
+from ddgcli.mesh.vectors import row_cross, row_dot
 
 
 class AreaSprings(Potential):
@@ -30,7 +30,7 @@ class AreaSprings(Potential):
         corners = x[self.stencil]
         edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
         normal = row_cross(edges[:, 1], edges[:, 2])
-        double = np.sqrt(np.einsum("mi,mi->m", normal, normal))
+        double = np.sqrt(row_dot(normal, normal))
         return 0.5 * double, normal / np.where(double > 0, double, 1.0)[:, None], edges
 
     def energy(self, x: NDArray) -> float:

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from ddgcli.mechanics.terms import FixedCoordinates, Mode, Potential, PrescribedMotion
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle_motion import middle_of, motion_of
 from ddgcli.scenes.sections import Key, Section
@@ -54,7 +55,7 @@ class Ties(Potential):
     def _span(self, x: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         """Vectors between the vertices (t, 3), lengths (t,) and directions (t, 3), 0 where they meet."""
         span = x[self.stencil[:, 1]] - x[self.stencil[:, 0]]
-        size = np.sqrt(np.einsum("ti,ti->t", span, span))
+        size = np.sqrt(row_dot(span, span))
         return span, size, span / np.where(size > 0, size, 1.0)[:, None]
 
     def energy(self, x: NDArray) -> float:

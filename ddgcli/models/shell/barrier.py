@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.geometry.solids import Surface
 from ddgcli.mechanics.terms import BarrierPotential, Dissipation, Mode, Potential
-from ddgcli.mesh.vectors import tangential
+from ddgcli.mesh.vectors import row_dot, tangential
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.obstacle_motion import PlacedMotion
 from ddgcli.models.shell.surfaces import PosedSurface
@@ -140,7 +140,7 @@ def carry_weight(distance: NDArray, travel: NDArray, gap: float) -> NDArray[np.f
     (n,) ndarray of float64
         In [0, 1]; 1 near the surface.
     """
-    reach = gap + np.sqrt(np.einsum("ni,ni->n", travel, travel))
+    reach = gap + np.sqrt(row_dot(travel, travel))
     return np.clip(2.0 - distance / reach, 0.0, 1.0)
 
 
@@ -308,7 +308,7 @@ class Sliding(Potential):
     def _tangential(self, v: NDArray) -> tuple[NDArray, NDArray]:
         v = v[self.near] - self.wall
         t = tangential(v, self.normal)
-        return t, np.sqrt(np.einsum("ni,ni->n", t, t))
+        return t, np.sqrt(row_dot(t, t))
 
     def energy(self, x: NDArray) -> float:
         speed = self._tangential(x)[1]

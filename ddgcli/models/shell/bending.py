@@ -20,7 +20,7 @@ from ddgcli.mechanics.pair_blocks import PairBlocks, vertex_pairs, whole_blocks
 from ddgcli.mechanics.terms import LinearOperator, Mode, Potential, at_last_point, row_blocks
 from ddgcli.mesh.scatter import columns_at, sum_columns_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import dot
+from ddgcli.mesh.vectors import dot, row_dot
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.hinge import angle_second_derivatives, wrapped
 from ddgcli.scenes.materials import usable_stiffness
@@ -133,7 +133,7 @@ class QuadraticBending(Potential):
     def energy(self, x: NDArray) -> float:
         # x . Q x cancels: its rounding exceeds what the last moves to an equilibrium change
         bend = self._curvature @ (x - x[0])
-        return 0.5 * float(self.weight @ np.einsum("ki,ki->k", bend, bend))
+        return 0.5 * float(self.weight @ row_dot(bend, bend))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         return self.matrix @ (x - x[0])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import row_cross, unit_vectors
+from ddgcli.mesh.vectors import row_cross, row_dot, unit_vectors
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.midedge import NO_CLAMP, ClampedSides, inward_directions, side_corners
 
@@ -67,5 +67,5 @@ def _directions(mesh: TriangleMesh, side: NDArray, axes: NDArray) -> NDArray[np.
                 f"the edge {corner[bad, 0]} {corner[bad, 1]} is not across the axis that "
                 "its pin holds, so its direction cannot be clamped; hold all axes, or leave clamp out"
             )
-    sign = np.where(np.einsum("ci,ci->c", direction, inward) < 0, -1.0, 1.0)
+    sign = np.where(row_dot(direction, inward) < 0, -1.0, 1.0)
     return sign[:, None] * direction

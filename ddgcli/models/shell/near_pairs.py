@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.vectors import row_dot
+
 REACH = 1.0  # of the gap: how far vertices may move from where the pairs were searched
 SEARCH_MARGIN = 1.001  # of the distance up to which pairs are searched: rounding
 
@@ -68,7 +70,7 @@ def spread(move: NDArray) -> float:
     float
     """
     rest = move - 0.5 * (move.min(axis=0) + move.max(axis=0))
-    return float(np.sqrt(np.einsum("ni,ni->n", rest, rest).max(initial=0.0)))
+    return float(np.sqrt(row_dot(rest, rest).max(initial=0.0)))
 
 
 def _keep(candidates: Any, edge: NDArray, face: NDArray, vertex: NDArray) -> None:

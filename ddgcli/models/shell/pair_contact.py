@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 
 from ddgcli.mechanics.terms import NO_ELEMENTS, BarrierPotential, Dissipation, Mode, Potential, at_last_point
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.shell.barrier import carry_weight
 from ddgcli.models.shell.near_pairs import REACH, NearPairs, spread
 from ddgcli.models.shell.obstacle_motion import PlacedMotion
@@ -299,7 +300,7 @@ class MovingPairBarrier(PairBarrier):
         before = mesh.joined(x, since)
         motion: Any = mesh.motion
         travel = motion.pose(self.time).points(motion.pose(since).body(x[rows])) - x[rows]
-        radius = 2 * (self.range + float(np.sqrt((travel**2).sum(axis=1)).max()))
+        radius = 2 * (self.range + float(np.sqrt(row_dot(travel, travel).max())))
         candidates = ipctk().Candidates()
         candidates.build(mesh.mesh, before, radius, ipctk().LBVH())
         distance = candidates.compute_per_vertex_safe_distances(mesh.mesh, before, radius)[: len(rows)]

@@ -15,7 +15,7 @@ from ddgcli.geometry.extrinsic import component_volumes
 from ddgcli.mechanics.terms import Mode, Potential, at_last_point
 from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.vectors import row_cross
+from ddgcli.mesh.vectors import row_cross, row_dot
 from ddgcli.models.shell.area_springs import cross_matrix
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.ramp import RampSection
@@ -80,7 +80,7 @@ class ConstantPressure(Potential):
     def volume(self, x: NDArray) -> float:
         """Enclosed volume in m^3."""
         a, b, c = np.moveaxis(self._corners(x), 1, 0)
-        return self.sign * float(np.einsum("mi,mi->", row_cross(a, b), c)) / 6
+        return self.sign * float(row_dot(row_cross(a, b), c).sum()) / 6
 
     def volume_gradient(self, x: NDArray) -> NDArray[np.float64]:
         """(n, 3) gradient of the volume."""

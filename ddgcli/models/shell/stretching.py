@@ -15,7 +15,7 @@ from ddgcli.mechanics.pair_blocks import PairBlocks, vertex_pairs, whole_blocks
 from ddgcli.mechanics.terms import LinearOperator, Mode, Potential, at_last_point, row_blocks
 from ddgcli.mesh.scatter import columns_at, sum_by_index, sum_columns_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.vectors import dot, row_cross
+from ddgcli.mesh.vectors import dot, row_cross, row_dot
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.tensor_potential import TensorPotential
 from ddgcli.scenes.materials import usable_stiffness
@@ -289,7 +289,7 @@ def face_basis(mesh: TriangleMesh) -> NDArray[np.float64]:
     corners = np.asarray(mesh.points)[mesh.faces]
     e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     length = np.linalg.norm(e1, axis=1)
-    along = np.einsum("mi,mi->m", e1, e2) / length
+    along = row_dot(e1, e2) / length
     height = np.linalg.norm(row_cross(e1, e2), axis=1) / length
     b1 = np.stack([1 / length, -along / (length * height)], axis=1)
     b2 = np.stack([np.zeros_like(height), 1 / height], axis=1)

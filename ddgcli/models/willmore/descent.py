@@ -98,7 +98,7 @@ def is_folded(mesh: TriangleMesh) -> NDArray[np.bool_]:
     (m,) ndarray of bool
     """
     normal = sphere_normals(mesh)[mesh.faces]
-    return np.einsum("fki,fi->fk", normal, face_area_vector(mesh)).min(axis=1) < 0.0
+    return row_dot(normal, face_area_vector(mesh)[:, None]).min(axis=1) < 0.0
 
 
 def energy_gradient(

@@ -110,4 +110,4 @@ def _first_of_largest(key: NDArray, value: NDArray, n: int) -> tuple[NDArray, ND
 
 
 def _triple(a: NDArray, b: NDArray, c: NDArray) -> NDArray[np.float64]:
-    return np.einsum("...i,...i->...", a, row_cross(b, c))
+    return row_dot(a, row_cross(b, c))
