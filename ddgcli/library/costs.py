@@ -190,23 +190,28 @@ def tradeoff_table(
 
 def _check_measurement(question: str, norm: str, error: str | None, repeat: int, budget: float) -> None:
     if norm not in ERROR_NORMS:
-        raise ParameterError(f"norm must be 'max' or 'mean', not {norm!r}")
+        raise ParameterError(f"must be 'max' or 'mean', not {norm!r}", parameter="norm")
     if error is not None and (question != "willmore-flow" or error not in ERROR_PARTS):
-        raise ParameterError(f"error is one of {', '.join(ERROR_PARTS)}, for 'willmore-flow' only")
-    if repeat < 1 or not budget > 0:
-        raise ParameterError(f"repeat and budget must be positive, not {repeat} and {budget}")
+        raise ParameterError(
+            f"is one of {', '.join(ERROR_PARTS)}, for 'willmore-flow' only", parameter="error"
+        )
+    for name, value in (("repeat", repeat), ("budget", budget)):
+        if not value > 0:
+            raise ParameterError(f"must be positive, not {value}", parameter=name)
 
 
 def _checked_options(question: str, options: dict[str, Any], has_sources: bool) -> dict[str, Any]:
     """The options of a question, converted; raises an error for unknown ones and for wrong values."""
     if question not in OPTIONS_OF_QUESTION:
-        raise ParameterError(f"unknown question {question!r}; choose one of {', '.join(OPTIONS_OF_QUESTION)}")
+        raise ParameterError(
+            f"{question!r} is not one of {', '.join(OPTIONS_OF_QUESTION)}", parameter="question"
+        )
     own_options = OPTIONS_OF_QUESTION[question]
     unknown = [name for name in options if name not in own_options]
     if unknown:
         raise ParameterError(
-            f"{question!r} has no option {unknown[0]!r}; its options: {', '.join(own_options)}"
+            f"is no option of {question!r}; its options: {', '.join(own_options)}", parameter=unknown[0]
         )
     if has_sources and question != "geodesic":
-        raise ParameterError(f"sources belong to 'geodesic', not to {question!r}")
+        raise ParameterError(f"belongs to 'geodesic', not to {question!r}", parameter="sources")
     return {name: own_options[name](value, name) for name, value in options.items()}

@@ -70,7 +70,8 @@ def curvature_measures(
         if not isinstance(ball, (tuple, list)) or len(ball) != 2:
             raise ParameterError("give (centre, radius)", parameter="ball")
         centre = np.asarray(real_array(ball[0], "ball"), dtype=np.float64)
-        return measures_in_ball(mesh, centre, real_number(ball[1], "ball"))
+        with renamed_parameters(centre="ball", radius="ball"):
+            return measures_in_ball(mesh, centre, real_number(ball[1], "ball"))
     with renamed_parameters(array="regions"):
         return labelled_measures(mesh, np.asarray(regions, dtype=np.float64))[0]
 

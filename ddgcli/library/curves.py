@@ -176,7 +176,7 @@ def straighten_paths(
     """
     cover = two_sided_cover(mesh, "straightening")
     waypoints = [vertex_numbers(path, "paths") for path in paths]
-    with renamed_parameters("paths"):
+    with renamed_parameters(waypoints="paths"):
         curves = straighten_curves(cover.mesh, waypoints, [closed] * len(waypoints))
     return _with_frames(cover, curves, transport, darboux)
 

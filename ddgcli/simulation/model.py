@@ -227,9 +227,10 @@ class Schedule:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.dt) and self.dt > 0):
-            raise ParameterError(f"the time step must be a positive number, not {self.dt}")
-        if self.steps < 0 or self.every < 1:
-            raise ParameterError("steps must be 0 or more, and the steps between frames 1 or more")
+            raise ParameterError(f"must be a positive number, not {self.dt}", parameter="dt")
+        for name, least in (("steps", 0), ("every", 1)):
+            if (count := getattr(self, name)) < least:
+                raise ParameterError(f"must be {least} or more, not {count}", parameter=name)
 
     @property
     def n_frames(self) -> int:

@@ -82,9 +82,9 @@ def cures(message, words):
     if advice := re.search(r"\buse (--.*|.*--energy.*)", message):
         start = without(without(words, "--dt"), "--duration") if "leave --dt" in message else words
         commands += [(None, with_option(start, *option)) for option in OPTION.findall(advice[1])]
-    if needs := re.search(r"(--[a-z-]+) needs (--[^;:]*)", message):
+    if needs := re.search(r"(--[a-z-]+):? needs (--[^;:]*)", message):
         commands += [(None, with_option(words, *option)) for option in OPTION.findall(needs[2])]
-    if choice := re.search(r"(\w+) '\w+' is not available.*choose (?:one of )?(.*)$", message):
+    if choice := re.search(r"(\w+): '\w+' is not available.*choose (?:one of )?(.*)$", message):
         for value in re.split(r", | or ", choice[2]):
             commands.append((None, with_option(words, f"--{choice[1]}", value)))
     if span := re.search(r"(--[a-z-]+): must be from \S+ to (\S+) (?:on|here)", message):

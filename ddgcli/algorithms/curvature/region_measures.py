@@ -173,8 +173,10 @@ def measures_in_ball(mesh: TriangleMesh, centre: NDArray, radius: float) -> Regi
     RegionMeasures
         Of one region. Vertices on the sphere count; a ball without any part of the surface has a warning.
     """
-    if not (np.isfinite(radius) and radius > 0 and np.isfinite(centre).all()):
-        raise ParameterError(f"the ball needs a finite centre and a positive radius, not {radius}")
+    if not np.isfinite(centre).all():
+        raise ParameterError("must be finite", parameter="centre")
+    if not (np.isfinite(radius) and radius > 0):
+        raise ParameterError(f"must be a positive length, not {radius}", parameter="radius")
     topology, tensors = mesh.topology, _edge_tensors(mesh)
     offset = mesh.points - centre
     inside = (vector_length(offset) <= radius) & topology.referenced_vertex

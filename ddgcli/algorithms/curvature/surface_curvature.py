@@ -304,7 +304,7 @@ def _check_parameters(scheme: str, radius: float | str | None) -> None:
             parameter="radius",
         )
     if isinstance(radius, (int, float)) and not (math.isfinite(radius) and radius > 0):
-        raise ParameterError(f"the radius must be a positive length, not {radius}")
+        raise ParameterError(f"must be a positive length, not {radius}", parameter="radius")
 
 
 def _noise(surface: UnitSurface, scheme: str, radius: float | str | None, *, one_sided: bool) -> Noise:

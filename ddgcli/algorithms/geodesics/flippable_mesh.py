@@ -276,7 +276,8 @@ class EdgeGraph:
 def no_path_error(a: int, b: int) -> ParameterError:
     """Error of two way-points that no edge path joins."""
     return ParameterError(
-        f"no edge path leads from vertex {a} to vertex {b}; they lie on different components"
+        f"no edge path leads from vertex {a} to vertex {b}; they lie on different components",
+        parameter="waypoints",
     )
 
 
@@ -310,11 +311,13 @@ def stops_of(waypoints: list[int], closed: bool, n: int) -> list[int]:
     """
     bad = [v for v in waypoints if not 0 <= v < n]
     if bad:
-        raise ParameterError(f"way-point {bad[0]} does not exist; vertices are 0..{n - 1}")
+        raise ParameterError(
+            f"vertex {bad[0]} does not exist; vertices are 0..{n - 1}", parameter="waypoints"
+        )
     stops = [*waypoints, waypoints[0]] if closed and waypoints else list(waypoints)
     stops = [v for k, v in enumerate(stops) if k == 0 or v != stops[k - 1]]
     if len(stops) < 2:
-        raise ParameterError("a path needs two different way-points; give more vertices")
+        raise ParameterError("a path needs two different vertices; give more", parameter="waypoints")
     return stops
 
 

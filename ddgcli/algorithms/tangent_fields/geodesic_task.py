@@ -121,10 +121,10 @@ def _check_curves(
         from ddgcli.algorithms.geodesics.flippable_mesh import check_waypoints
 
         cover.require_two_sides("an edge path" if query.curve else "straightening")
-        for waypoints in (*query.straighten, *query.curve):
-            check_waypoints(cover.mesh, waypoints, closed=False)
-        for waypoints in query.loop:
-            check_waypoints(cover.mesh, waypoints, closed=True)
+        for name in ("straighten", "curve", "loop"):
+            with renamed_parameters(waypoints=name):
+                for waypoints in getattr(query, name):
+                    check_waypoints(cover.mesh, waypoints, closed=name == "loop")
     if field is not None:
         from ddgcli.algorithms.tangent_fields.integral_curves import check_field_step
         from ddgcli.algorithms.tangent_fields.tangent_field import checked_field, default_duration

@@ -126,7 +126,7 @@ def build(curves: CurveSet, options: CurveFlowOptions) -> tuple[CurveFlow, Model
     """
     if options.flow not in CURVE_FLOWS:
         raise ParameterError(
-            f"flow {options.flow!r} is not available; choose one of {', '.join(CURVE_FLOWS)}"
+            f"{options.flow!r} is not available; choose one of {', '.join(CURVE_FLOWS)}", parameter="flow"
         )
     if options.length_penalty is not None and options.flow != "elastic":
         raise ParameterError("belongs to `flow=elastic`; leave it out", parameter="length_penalty")

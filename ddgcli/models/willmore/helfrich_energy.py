@@ -95,10 +95,10 @@ def unit_curvature(unit: TriangleMesh, options: FlowOptions, scale: float) -> fl
         return 0.0
     if options.flow == "mean-curvature":
         raise ParameterError(
-            "`spontaneous_curvature` has no effect on the area; use `flow=quadratic`",
+            "has no effect on the area; use `flow=quadratic`", parameter="spontaneous_curvature"
         )
     if not (options.fix_area or options.fix_volume):
-        raise ParameterError("`spontaneous_curvature` needs `fix_area`, `fix_volume` or both")
+        raise ParameterError("needs `fix_area`, `fix_volume` or both", parameter="spontaneous_curvature")
     edge = float(unit.side_length.mean()) * scale
     largest = float(f"{MAX_CURVATURE_OF_EDGES / edge:.2g}")  # the number that is printed is taken
     if abs(options.spontaneous_curvature) > largest:

@@ -114,9 +114,11 @@ def region_mask(region: NDArray, topology: Topology) -> NDArray[np.bool_]:
     return mask
 
 
-def _require_known(value: str, names: tuple[str, ...], what: str) -> None:
+def _require_known(value: str, names: tuple[str, ...], parameter: str) -> None:
     if value not in names:
-        raise ParameterError(f"{what} {value!r} is not available; choose one of {', '.join(names)}")
+        raise ParameterError(
+            f"{value!r} is not available; choose one of {', '.join(names)}", parameter=parameter
+        )
 
 
 def schemes_of(flow: str) -> tuple[str, ...]:
@@ -160,11 +162,14 @@ def chosen_scheme(options: FlowOptions) -> str:
         return schemes[0]
     if options.integrator not in schemes:
         raise ParameterError(
-            f"integrator {options.integrator!r} is not available with `flow={options.flow}`; choose "
-            f"{' or '.join(schemes)}"
+            f"{options.integrator!r} is not available with `flow={options.flow}`; choose "
+            f"{' or '.join(schemes)}",
+            parameter="integrator",
         )
     if not options.timed:
-        raise ParameterError("`integrator` needs `step` or `duration`; steps to rest have no time scheme")
+        raise ParameterError(
+            "needs `step` or `duration`; steps to rest have no time scheme", parameter="integrator"
+        )
     return options.integrator
 
 
@@ -256,7 +261,7 @@ def _remesh_target(
     """
     if options.remesh is None:
         if options.remesh_adaptive:
-            raise ParameterError("`remesh_adaptive` needs `remesh`, a length or mean")
+            raise ParameterError("needs `remesh`, a length or mean", parameter="remesh_adaptive")
         return None
     if kind != "descent" or options.timed:
         raise ParameterError(
@@ -440,7 +445,7 @@ def schedule(flow: Flow, time_options: Mapping[str, Any]) -> Schedule:
         check_times(time_options)
         if time_options.get("frame_every") is not None:
             raise ParameterError(
-                "`frame_every` needs `step` or `duration`: without them every step is a frame"
+                "needs `step` or `duration`: without them every step is a frame", parameter="frame_every"
             )
         return Schedule(1.0, time_options.get("steps") or MAX_STEPS)
     return flow_schedule(time_options, default_step(flow), max_steps=MAX_STEPS, n_frames=DEFAULT_FRAME_COUNT)

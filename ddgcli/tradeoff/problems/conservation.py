@@ -139,7 +139,7 @@ def example_problem(name: str, quantity: str, *, options: CommandOptions = NO_OP
     """
     _check(quantity, options, ("step", "duration", "steps", "integrator"))
     if name not in MECHANICAL_EXAMPLES:
-        raise ParameterError(f"{name!r} is not one of {', '.join(MECHANICAL_EXAMPLES)}")
+        raise ParameterError(f"{name!r} is not one of {', '.join(MECHANICAL_EXAMPLES)}", parameter="name")
     if name == "pendulum" and quantity != "energy":
         raise ParameterError(
             "the pivot of a pendulum changes its momenta; use `quantity=energy`",
