@@ -14,7 +14,9 @@ from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.gauss_map_energy import GaussMapEnergy
 
-ELLIPSOID_112 = 15.4516066443
+# int H^2 of half axes 1, 1, 2: with w = 4 - 3 t^2, t the cosine of the parameter along the meridian, it is
+# 4 pi int_0^1 w^(-1/2) (1 + 1/w)^2 dt, and the three powers of w integrate to pi / sqrt(27), 1/4 and 1/8
+ELLIPSOID_112 = 4 * np.pi * (np.pi / np.sqrt(27) + 2 / 4 + 1 / 8)
 TORUS_2 = 4 * np.pi**2 / np.sqrt(3)
 VERTEX = ("sullivan", "cotan")
 SMOOTH = ("gauss-map", *VERTEX)
