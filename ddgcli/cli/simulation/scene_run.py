@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ddgcli.cli.forecast.check_cost import predict_run, refuse_run
-from ddgcli.cli.forecast.prediction import as_results, with_divided_steps
+from ddgcli.cli.forecast.prediction import Prediction, as_results, with_divided_steps
 from ddgcli.cli.forecast.use import InputSize
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.options import SceneCall
@@ -95,18 +95,7 @@ def run_scene(
     )  # fmt: skip
     check_job(run, job)
     if call.common.dry_run and prediction is not None:
-        if solver := simulator.linear_solver():
-            prediction = predict_run(run, size, facts | {"solver": solver}, prediction)
-            refuse_run(run, size, prediction)
-        prediction = with_divided_steps(prediction, simulator.parts_of_step(schedule))
-        assembled = simulator.assembled(schedule)
-        from ddgcli.cli.simulation.first_steps import with_first_iterations, with_first_steps
-
-        if scene.time.integrator == "static":  # whose steps are equilibria
-            prediction = with_first_iterations(prediction, job)
-        else:
-            prediction = with_first_steps(prediction, job, at_least_table=bool(facts.get("contact")))
-        print_dry_run(run, scene, assembled, as_results(prediction, size))
+        _dry_run(run, simulator, job, size, facts, prediction)
         return
     outcome = simulate(run, job)
     results, accuracy = simulator.summary(outcome)
@@ -119,6 +108,25 @@ def run_scene(
 
     run.plot(draw)
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
+
+
+def _dry_run(
+    run: Run, simulator: SceneModel, job: Job, size: InputSize, facts: dict[str, Any], prediction: Prediction
+) -> None:
+    """Print the cost of a run, by what is known once its models exist, and by its first steps."""
+    scene = simulator.scene
+    if solver := simulator.linear_solver():
+        prediction = predict_run(run, size, facts | {"solver": solver}, prediction)
+        refuse_run(run, size, prediction)
+    prediction = with_divided_steps(prediction, simulator.parts_of_step(job.schedule))
+    assembled = simulator.assembled(job.schedule)
+    from ddgcli.cli.simulation.first_steps import with_first_iterations, with_first_steps
+
+    if scene.time.integrator == "static":  # whose steps are equilibria
+        prediction = with_first_iterations(prediction, job)
+    else:
+        prediction = with_first_steps(prediction, job, at_least_table=bool(facts.get("contact")))
+    print_dry_run(run, scene, assembled, as_results(prediction, size))
 
 
 def time_label(scene: Scene) -> dict[str, Any]:
