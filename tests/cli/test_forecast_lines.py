@@ -10,7 +10,8 @@ from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery
 from ddgcli.algorithms.geodesics.sources import check_sources
 from ddgcli.algorithms.geodesics.surface_curves import trace_curves
 from ddgcli.algorithms.tangent_fields.fan import geodesic_fan
-from ddgcli.algorithms.tangent_fields.geodesic_query import geodesic_query
+from ddgcli.algorithms.tangent_fields.geodesic_query import solve_geodesic_task
+from ddgcli.algorithms.tangent_fields.geodesic_task import GeodesicTask
 from ddgcli.cli.forecast.check_cost import size_of
 from ddgcli.cli.forecast.coefficients import COEFFICIENTS
 from ddgcli.cli.forecast.curve_facts import field_facts
@@ -85,7 +86,7 @@ def test_points_of_paths_and_level_lines_are_counted(mesh):
     targets = tuple(range(1, mesh.n_vertices, 7))
     uses = predicted(mesh, source=[0], path_to=targets, isolines=50, paths_output=("a.vtp", "b.npz"))
     query = DistanceQuery(source=((0,),), isolines=50)
-    result = geodesic_query(mesh, query, CurveQuery(path_to=targets))
+    result = solve_geodesic_task(GeodesicTask.of(mesh, query, CurveQuery(path_to=targets)))
     n_points = np.diff(result.curves.paths.start)
     path, level = uses["geodesic path"], uses["geodesic level"]
     assert path.times == path.added == len(targets) and level.times == level.added == 50
@@ -111,7 +112,7 @@ def test_frames_on_curves_are_counted_by_their_points():
 def test_straightened_paths_are_counted_by_their_way_points():
     options = {"straighten": tuple([k, k + 200] for k in range(20))}
     uses = predicted(SPHERE, **options)
-    curves = geodesic_query(SPHERE, DistanceQuery(), CurveQuery(**options)).curves
+    curves = solve_geodesic_task(GeodesicTask.of(SPHERE, DistanceQuery(), CurveQuery(**options))).curves
     assert uses["geodesic leg"].times == 20
     assert predicted(SPHERE, loop=([0, 1, 2],), straighten=([0, 1, 2],))["geodesic leg"].times == 3 + 2
     assert uses["geodesic straighten"].elements == pytest.approx(len(curves.paths.face), rel=0.35)
@@ -124,7 +125,9 @@ def test_fixed_steps_of_integral_curves_are_counted():
     field = np.cross([0, 0, 1], SPHERE.points)
     options = {"field": "f", "field_seeds": 4, "field_time": 2.0, "field_step": 0.02}
     uses = predicted(SPHERE, field_facts(SPHERE, field, options), **options)
-    curves = geodesic_query(SPHERE, DistanceQuery(), CurveQuery(**options), field=(field, "vertex")).curves
+    curves = solve_geodesic_task(
+        GeodesicTask.of(SPHERE, DistanceQuery(), CurveQuery(**options), field=(field, "vertex"))
+    ).curves
     assert [entry["steps"] for entry in curves.entries] == [100] * 4
     round_, step = uses["geodesic field round"], uses["geodesic field step"]
     assert round_.times == round_.added == 150 and round_.range == (1.0, 1.0)  # and 50 of twice the length
@@ -140,7 +143,9 @@ def test_the_range_of_adaptive_steps_contains_those_of_the_run(mesh):
     field = np.cross([0, 0, 1], mesh.points)
     options = {"field": "f", "field_seeds": 4}
     use = predicted(mesh, field_facts(mesh, field, options), **options)["geodesic field round"]
-    curves = geodesic_query(mesh, DistanceQuery(), CurveQuery(**options), field=(field, "vertex")).curves
+    curves = solve_geodesic_task(
+        GeodesicTask.of(mesh, DistanceQuery(), CurveQuery(**options), field=(field, "vertex"))
+    ).curves
     rounds = 3.0 * max(entry["steps"] for entry in curves.entries)
     assert use.range[0] * use.times <= 1.1 * rounds and rounds <= use.range[1] * use.times
 

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.distance import DistanceResult
 from ddgcli.algorithms.geodesics.distance_query import level_lines, query_distance, query_options
-from ddgcli.algorithms.geodesics.edge_sets import EdgeSet
 from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover
-from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery, WaveQuery
+from ddgcli.algorithms.geodesics.query import CurveQuery
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import (
     Curves,
@@ -28,7 +27,6 @@ from ddgcli.algorithms.tangent_fields.vertex_vectors import (
 )
 from ddgcli.algorithms.tangent_fields.wave_query import query_waves
 from ddgcli.errors import renamed_parameters
-from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.progress import StageProgress, no_stage_progress
 
 
@@ -59,44 +57,6 @@ class GeodesicResult:
     matrix: dict[str, NDArray]
 
 
-def geodesic_query(
-    mesh: TriangleMesh,
-    distance_query: DistanceQuery,
-    curve_query: CurveQuery,
-    wave_query: WaveQuery | None = None,
-    *,
-    source_edges: EdgeSet | None = None,
-    signed_curves: EdgeSet | None = None,
-    field: tuple[NDArray, str] | None = None,
-    seed: int = 0,
-    stage_progress: StageProgress = no_stage_progress,
-) -> GeodesicResult:
-    """Compute all results of two queries on one mesh.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    distance_query : DistanceQuery
-        A distance is computed if it has sources, or if the other queries need none.
-    curve_query : CurveQuery
-    wave_query : WaveQuery
-    source_edges, signed_curves : EdgeSet, optional
-        Edge sets of `distance_query.source_edges` and of `wave_query.signed_distance`.
-    field : (ndarray, str), optional
-        The vectors of `curve_query.field` and their place: 'vertex', 'face', or '' to infer it from the
-        length.
-    seed : int
-        Of random starts and of sampled vertices.
-    stage_progress : callable, optional
-        Called with the name of each stage; returns its progress callback.
-    """
-    task = GeodesicTask.of(
-        mesh, distance_query, curve_query, wave_query,
-        source_edges=source_edges, signed_curves=signed_curves, field=field, seed=seed,
-    )  # fmt: skip
-    return solve_geodesic_task(task, stage_progress)
-
-
 def solve_geodesic_task(
     task: GeodesicTask, stage_progress: StageProgress = no_stage_progress
 ) -> GeodesicResult:
@@ -105,8 +65,8 @@ def solve_geodesic_task(
     Parameters
     ----------
     task : GeodesicTask
-    stage_progress : callable
-        As in `geodesic_query`.
+    stage_progress : callable, optional
+        Called with the name of each stage; returns its progress callback.
 
     Returns
     -------
@@ -287,7 +247,7 @@ def query_vectors(
     distance : DistanceResult
         From the sources; the logarithmic map follows its method.
     stage_progress : callable
-        As in `geodesic_query`.
+        As in `solve_geodesic_task`.
 
     Returns
     -------

@@ -26,8 +26,18 @@ class GeodesicTask:
 
     Parameters
     ----------
-    mesh, distance_query, curve_query, wave_query, signed_curves, field, seed
-        See `geodesic_query`.
+    mesh : TriangleMesh
+    distance_query : DistanceQuery
+        A distance is computed if it has sources, or if the other queries need none.
+    curve_query : CurveQuery
+    wave_query : WaveQuery
+    signed_curves : EdgeSet, optional
+        Edge set of `wave_query.signed_distance`.
+    field : (ndarray, str), optional
+        The vectors of `curve_query.field` and their place: 'vertex', 'face', or '' to infer it from the
+        length.
+    seed : int
+        Of random starts and of sampled vertices.
     sources : Sources, optional
         Of the distance; None where none is computed.
     """
@@ -54,7 +64,7 @@ class GeodesicTask:
         field: tuple[NDArray, str] | None = None,
         seed: int = 0,
     ) -> GeodesicTask:
-        """Check queries against a mesh; parameters and errors are those of `geodesic_query`."""
+        """Check queries against a mesh; `source_edges` is the edge set of `distance_query.source_edges`."""
         wave_query, sources = wave_query or WaveQuery(), None
         if distance_query.has_source or not (curve_query.has_curves or wave_query.needs_no_source):
             sources = query_sources(mesh, distance_query, source_edges)
