@@ -217,10 +217,9 @@ def edge_paths(
     >>> round(abs(turn) / 3.141593, 6)  # a right angle
     0.5
     """
-    cover = oriented_cover(mesh)
-    cover.require_two_sides("an edge path")
+    cover = two_sided_cover(mesh, "an edge path")
     waypoints = [vertex_numbers(path, "paths") for path in paths]
-    with renamed_parameters("paths"):
+    with renamed_parameters(waypoints="paths"):
         curves = edge_curves(cover.mesh, waypoints)
     return _with_frames(cover, add_geodesic_curvature(cover.mesh, curves), transport, darboux)
 

@@ -106,6 +106,7 @@ def traced(face=0, barycentric=CENTRE, direction=(1, 0, 0), length=1.0):
         (lambda: traced(length=True), "length"),
         (lambda: traced(length=[True]), "length"),
         (lambda: ddg.straighten_paths(BALL, [[3, 3]]), "paths"),
+        (lambda: ddg.edge_paths(BALL, [[3, 3]]), "paths"),
         (lambda: ddg.curvature(BALL, "corrected", -1.0), "radius"),
         (lambda: ddg.curvature_measures(BALL, ball=([0, 0, 0], -1.0)), "ball"),
         (lambda: ddg.curvature_measures(BALL, ball=([0, 0, np.nan], 1.0)), "ball"),
