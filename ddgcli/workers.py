@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from ddgcli.errors import SolveError
@@ -42,7 +43,8 @@ def results_in_order(
     tasks : iterable of tuple
         Arguments of `function`; drawn a few ahead of the results.
     jobs : int
-        Number of processes. With one, this process computes each result when it is drawn.
+        Number of processes. With one, this process computes each result when it is drawn; so it does where
+        it may start none, as a worker of a pool.
     prepare : callable, optional
         Called once in each process, with `arguments`; what it returns is the first argument of `function`.
     arguments : tuple
@@ -62,7 +64,7 @@ def results_in_order(
     Exception
         What `function` or `prepare` raises.
     """
-    if jobs <= 1:
+    if jobs <= 1 or _may_start_none():
         shared = _shared(prepare, arguments)
         yield from (function(*shared, *task) for task in tasks)
         return
@@ -135,6 +137,13 @@ def are_copies(modules: Sequence[str] = ()) -> bool:
     return threads == 1 and all(name in sys.modules for name in modules)
 
 
+def _may_start_none() -> bool:
+    """Whether this is a process of a pool, which ends with those that it started and may start none."""
+    from multiprocessing import current_process
+
+    return current_process().daemon
+
+
 def _context(modules: Sequence[str]) -> Any:
     """How processes start: as copies of one with these modules, where the system allows it."""
     from multiprocessing import get_all_start_methods, get_context
@@ -159,15 +168,9 @@ def _workers(
         prepare, arguments = _itself, (prepare(*arguments),)
     workers: list[Worker] = []
     try:
-        with _signals_held(with_tracker=not copied):
+        with _signals_held(with_tracker=not copied), _without_main_module():
             for _ in range(jobs):
-                ours, theirs = context.Pipe()
-                copies = [ours, *(pipe for _, pipe in workers)] if copied else []
-                arguments_there = theirs, copies, prepare, arguments
-                process = context.Process(target=_serve, args=arguments_there, daemon=True)
-                process.start()
-                theirs.close()
-                workers.append((process, ours))
+                workers.append(_started(context, [pipe for _, pipe in workers], prepare, arguments))
         yield [pipe for _, pipe in workers]
     finally:
         for process, pipe in workers:
@@ -175,6 +178,30 @@ def _workers(
             pipe.close()
         for process, _ in workers:
             process.join()
+
+
+def _started(context: Any, pipes: Sequence[Connection], prepare: Prepare, arguments: tuple) -> Worker:
+    """A new process; `pipes` lead to those before it: a copy of this process closes its copies of them."""
+    try:
+        ours, theirs = context.Pipe()
+        copies = [ours, *pipes] if context.get_start_method() == "fork" else []
+        process = context.Process(target=_serve, args=(theirs, copies, prepare, arguments), daemon=True)
+        process.start()
+        theirs.close()
+    except OSError:  # no memory for another process, or it ended as it started
+        raise _lost() from None
+    return process, ours
+
+
+@contextmanager
+def _without_main_module() -> Iterator[None]:
+    """New processes do not import the script that calls: they use nothing of it, and it may have no guard."""
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 @contextmanager

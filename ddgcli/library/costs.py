@@ -161,6 +161,8 @@ def tradeoff_table(
         On an unknown question, option or shape.
     SolveError
         When no reference fits into the budget.
+    KeyboardInterrupt
+        At an interrupt, without the rows so far.
 
     Examples
     --------
@@ -184,6 +186,8 @@ def tradeoff_table(
     if not problem.candidates and not problem.left_out:
         raise ParameterError(f"no method of {question!r} has the options {options}")
     table = run_problem(problem, repeat=repeat, budget=budget)
+    if table.interrupted:
+        raise KeyboardInterrupt
     assign_verdicts(table, within, norm)
     return table
 

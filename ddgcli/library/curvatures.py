@@ -120,6 +120,7 @@ def curvature(
     vertex_vectors: bool = False,
     with_frames: bool = False,
     resample: int | None = None,
+    jobs: int = 1,
 ) -> Measurement:
     """Curvature of a surface by one scheme, or of polylines.
 
@@ -143,6 +144,8 @@ def curvature(
         `bishop_2`, `osculating_radius`, `osculating_centre`.
     resample : int, optional
         Curves: first take this number of points at even arc lengths on each curve.
+    jobs : int
+        Number of processes for the fits of 'quadric' and for balls; the result does not depend on it.
 
     Returns
     -------
@@ -202,6 +205,7 @@ def curvature(
         ball,
         image=None if image is None else np.asarray(image, dtype=np.float64),
         vertex_vectors=vertex_vectors,
+        jobs=jobs,
     )
     return Measurement(
         mesh,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.library.arguments import checked_arguments
@@ -32,6 +32,7 @@ KIND_PHRASE = {
     "tetrahedra": "tetrahedra",
     "curve": "curves",
 }
+MIN_QUADRILATERALS = 3  # two tetrahedra may well touch along an edge alone
 
 
 class MeshHolder(Protocol):
@@ -53,7 +54,8 @@ def as_mesh(mesh: MeshLike) -> AnyMesh:
     ----------
     mesh : mesh, (points, cells) pair, or object with `mesh`, or with `vertices` and `faces`
         A pair holds points (n, 2) or (n, 3) and cells (m, 3), (m, 4) or (m, 2): triangles, tetrahedra or
-        segments. A mesh that is used several times is better converted once, since it keeps its topology.
+        segments; quadrilaterals are refused. A mesh that is used several times is better converted once,
+        since it keeps its topology.
 
     Returns
     -------
@@ -95,10 +97,27 @@ def _mesh_of_pair(points: ArrayLike, cells: ArrayLike) -> AnyMesh:
     """Mesh of the kind that follows from the number of corners of a cell."""
     corners = np.shape(cells)[1] if np.ndim(cells) == 2 else 0
     if corners == 4:
+        _refuse_quadrilaterals(np.asarray(cells))
         return TetMesh.from_arrays(points, cells)
     if corners == 2:
         return CurveSet.from_arrays(points, cells)
     return TriangleMesh.from_arrays(points, cells)
+
+
+def _refuse_quadrilaterals(cells: NDArray) -> None:
+    """Raise an error where many cells share vertices, but none a face of three vertices with another.
+
+    Neighbouring quadrilaterals have two vertices in common, as tetrahedra they would be nonsense.
+    """
+    corner = np.sort(cells, axis=1)
+    if len(cells) < MIN_QUADRILATERALS or len(np.unique(corner)) == corner.size:
+        return
+    faces = np.concatenate([np.delete(corner, k, axis=1) for k in range(4)])
+    if len(np.unique(faces, axis=0)) == len(faces):
+        raise MeshError(
+            f"of the {len(cells)} cells of four vertices, no two share a face of three, as tetrahedra do; "
+            "divide quadrilaterals Q into triangles: np.concatenate([Q[:, [0, 1, 2]], Q[:, [0, 2, 3]]])"
+        )
 
 
 def mesh_of_kind(mesh: MeshLike, kinds: tuple[str, ...], verb: str) -> Any:

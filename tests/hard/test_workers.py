@@ -119,6 +119,46 @@ def test_a_process_of_one_thread_prepares_once_for_its_copies(words, once):
     assert printed.split() == [str(once), "False"] * 2
 
 
+UNGUARDED = """
+import sys, threading, time
+import ddgcli as ddg
+if "thread" in sys.argv:
+    threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
+sphere = ddg.icosphere(1)
+two = ddg.distance_matrix(sphere, [0, 1, 2], range(9), jobs=2)
+print((two == ddg.distance_matrix(sphere, [0, 1, 2], range(9))).all())
+"""
+
+
+@pytest.mark.parametrize("words", [[], ["thread"]])
+@pytest.mark.parametrize("place", ["file", "input"])
+def test_a_script_without_a_guard_may_start_jobs(words, place, tmp_path):
+    """Workers imported it again, up to the same call: two tracebacks and a broken pipe."""
+    path = tmp_path / "script.py"
+    path.write_text(UNGUARDED)
+    call = [sys.executable, str(path) if place == "file" else "-", *words]
+    run = subprocess.run(call, input=UNGUARDED, capture_output=True, text=True)
+    assert (run.stdout, run.stderr) == ("True\n", "")
+
+
+def number_of_results(_):
+    return len(list(results_in_order(doubled, [(0,), (1,)], 2)))
+
+
+def test_a_process_of_a_pool_computes_alone():
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        assert pool.map(number_of_results, [0]) == [2]
+
+
+def test_a_process_that_cannot_start_is_an_error(monkeypatch):
+    def no_memory(*_):
+        raise OSError(12, "Cannot allocate memory")
+
+    monkeypatch.setattr("multiprocessing.process.BaseProcess.start", no_memory)
+    with pytest.raises(SolveError, match="use one job"):
+        list(results_in_order(doubled, [(0,), (1,)], 2))
+
+
 def test_a_process_that_ends_is_reported():
     with pytest.raises(SolveError, match="use one job"):
         list(results_in_order(vanish, [(0,), (1,)], 2))

@@ -24,8 +24,8 @@ FILES_AND_PICTURES = {field.name for field in dataclasses.fields(CommonOptions)}
     "help_all", "matrix", "mass_matrix", "mtx", "forms", "offset_output", "paths_output", "glyphs",
     "resume", "list_effects", "schema",
 }  # fmt: skip
-# processes and solvers, which change no result, and options that only `ddgcli tradeoff` has for scenes
-OTHERS = {"jobs", "solver", "conserved"}
+# solvers, which change no result, and an option that only `ddgcli tradeoff` has for scenes
+OTHERS = {"solver", "conserved"}
 
 
 def table():

@@ -462,3 +462,19 @@ def test_errors_of_a_fan_name_its_parameters(words, message):
 def test_a_vertex_with_the_same_vector_twice_has_it_once():
     once, twice = (ddg.parallel_transport(SQUARE, n * [5], n * [[1, 2, 0]]) for n in (1, 2))
     np.testing.assert_allclose(*(x.vertex["transported_vector"] for x in (once, twice)), atol=1e-12)
+
+
+def test_an_interrupt_ends_a_table_of_costs(monkeypatch):
+    """The command prints the rows so far; a loop of calls could not be stopped."""
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ddgcli.tradeoff.measure._run_candidates", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        ddg.tradeoff_table("geodesic", SPHERE, method="dijkstra", repeat=1)
+
+
+def test_jobs_of_curvature_change_no_bit():
+    one, two = (ddg.curvature(SPHERE, radius=0.5, jobs=jobs).vertex for jobs in (1, 2))
+    assert all((one[name] == two[name]).all() for name in one)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ddgcli as ddg
+from ddgcli.errors import MeshError
 from ddgcli.geometry.surface_points import face_centroids
 from ddgcli.mesh.shapes import box_tetrahedra
 
@@ -112,6 +113,25 @@ def test_numbers_of_vertices_may_be_whole_floats_or_objects(kind):
     for wrong in (corners + 0.5, np.where(corners == 0, np.nan, corners), np.where(corners == 0, 1e300, 0.0)):
         with pytest.raises(ddg.errors.MeshError, match="whole numbers"):
             ddg.as_mesh((mesh.points, wrong))
+
+
+def test_quadrilaterals_are_no_tetrahedra():
+    """The spectrum of a sphere of quadrilaterals was 1.41, 1.41, 1.41 without a word."""
+    x, y = np.meshgrid(np.arange(5.0), np.arange(5.0))
+    points = np.column_stack([x.ravel(), y.ravel(), (x * y).ravel()])
+    corner = (np.arange(4) + 5 * np.arange(4)[:, None]).ravel()
+    quads = np.column_stack([corner, corner + 1, corner + 6, corner + 5])
+    with pytest.raises(
+        MeshError, match="16 cells .* divide quadrilaterals Q into triangles: (np.*)$"
+    ) as caught:
+        ddg.eigenpairs((points, quads), 2)
+    triangles = eval(str(caught.value).rsplit("triangles: ", 1)[1], {"np": np, "Q": quads})
+    assert ddg.as_mesh((points, triangles)).n_faces == 32
+    # tetrahedra that share faces, touch along an edge, or are apart
+    assert len(ddg.as_mesh((np.eye(5, 3), [[0, 1, 2, 3], [1, 2, 3, 4]])).tetrahedra) == 2
+    apart = np.random.default_rng(0).random((16, 3))
+    assert len(ddg.as_mesh((apart, np.arange(16).reshape(4, 4))).tetrahedra) == 4
+    assert len(ddg.as_mesh((apart, [[0, 1, 2, 3], [0, 1, 4, 5]])).tetrahedra) == 2
 
 
 def test_objects_with_vertices_and_faces_are_meshes():
