@@ -8,7 +8,9 @@ import pytest
 
 from benchmarks.common import further_surfaces, known_surfaces, mesh_noise
 from benchmarks.common.known_surfaces import error_as_stated as mean_error
+from ddgcli.algorithms.curvature import surface_curvature
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals
+from ddgcli.algorithms.curvature.noise import Noise
 from ddgcli.algorithms.curvature.point_grid import PointGrid
 from ddgcli.algorithms.curvature.regions import size_groups
 from ddgcli.algorithms.curvature.sampled_fits import fits_in_balls
@@ -393,6 +395,22 @@ def test_the_radius_auto_follows_the_warning(caplog):
     warned = measure_curvature(known.mesh, full=False).results["expected_error"]
     automatic = measure_curvature(known.mesh, radius="auto", full=False).results
     assert (warned is None) == (automatic["radius"] is None) == (automatic["expected_error"] is None)
+
+
+@pytest.mark.parametrize("penalty_of_sample", [True, False])
+def test_the_radius_auto_is_decided_by_the_values_of_the_run(penalty_of_sample, monkeypatch):
+    """Fits of the sample with a penalty of their own took `auto` to balls that doubled the error."""
+    sphere = shapes.icosphere(3)
+    few = np.arange(0, sphere.n_vertices, 8)
+    in_balls = PrincipalCurvatures(np.ones(len(few)), np.ones(len(few)), np.ones(len(few)), None, None)
+    of_sample = 1 + 0.3 * np.random.default_rng(1).normal(size=len(few))
+    scales = measure_scales(lambda radius: in_balls, few, of_sample, 0.3, 1.0, 2.0)
+    noise = Noise(0.05, "noise", scales)
+    assert noise.dominates_curvature
+    monkeypatch.setattr(surface_curvature, "estimate_noise", lambda *args, **options: noise)
+    mesh = sphere if penalty_of_sample else noisy(sphere, 0.1)
+    warned, automatic = (measure_curvature(mesh, radius=r, full=False).results for r in (None, "auto"))
+    assert (warned["expected_error"] is None) == (automatic["radius"] is None) == penalty_of_sample
 
 
 def test_the_command_takes_auto(run, summary, tmp_path):

@@ -108,7 +108,8 @@ def measure_curvature(
     scheme : {'quadric', 'corrected', 'normal-cycle', 'normal-voting', 'cotan'}
     radius : float, optional
         Of the ball to measure in, in length units; default the vertex star (two rings for 'quadric'). 'auto'
-        takes the radius of `estimate_noise` where noise dominates at the default, and the default elsewhere.
+        takes the radius of `estimate_noise` where the run without a radius warns of noise, and the default
+        elsewhere.
     image : (n, 2) or (n, 3) ndarray, optional
         A map whose non-conformality is to be measured.
     jobs : int
@@ -216,14 +217,15 @@ def _measured(
         principal = pointwise(in_ball, noise.dominates_curvature)
         warn_of_short_radius(mesh, radius, scheme, principal.in_rings)
         return _Measured(principal, noise, None if principal.in_rings else in_ball)
-    if radius == "auto" and noise.dominates_curvature:
-        return _in_best_balls(mesh, surface, scheme, noise, pointwise)
+    if radius == "auto" and scheme != DEFAULT_SCHEME and noise.dominates_curvature:
+        return _in_best_balls(mesh, surface, scheme, noise, pointwise)  # as the warning of 'quadric' proposes
     principal = pointwise(None, False)
-    # by the sample noise does not dominate; the fits of all vertices may have another penalty
-    if radius == "auto" and noise.kind and noise.default_error(principal.mean) is not None:
-        return _in_best_balls(mesh, surface, scheme, noise, pointwise)
     if radius == "auto":
-        return _Measured(principal, noise)
+        # the values of all vertices decide, as where no radius is stated: their fits may have another penalty
+        # than those of the sample
+        if noise.default_error(principal.mean) is None:
+            return _Measured(principal, noise)
+        return _in_best_balls(mesh, surface, scheme, noise, pointwise)
     expected_error = warn_of_noise(noise, scheme, principal.mean, surface.scale)
     if expected_error is None:
         warn_of_spikes(surface.mesh, surface.faces, surface.dihedral)
