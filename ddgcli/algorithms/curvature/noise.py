@@ -81,7 +81,6 @@ class Noise:
         if not self.kind or not samples:
             return None
         size = sum(share * best.size for share, best in samples)
-        stated_size = sum(share * best.stated_size for share, best in samples)
         error = square = remaining = 0.0
         for share, best in samples:
             difference = np.abs(mean[best.vertices] - best.mean)
@@ -89,7 +88,7 @@ class Noise:
             square += share * float(np.mean(difference**2))
             remaining += share * best.own_error * best.stated_size / size
         unreliable = self._is_unreliable(square**0.5 / size, error, remaining)
-        return error * size / stated_size if unreliable else None
+        return error * size / self._stated_size if unreliable else None
 
     def _samples(self, scheme: str) -> list[tuple[float, Scales]]:
         """Curvature in balls of all components or of those of each size, with their share of the vertices."""
@@ -115,12 +114,18 @@ class Noise:
         """Scheme with the least error in balls."""
         if self.scales is None or self.voting is None:
             return "quadric"
+        least = MAX_VOTING_SHARE * self._error("quadric")
+        return "normal-voting" if self._error("normal-voting") < least else "quadric"
 
-        def error(scheme: str) -> float:
-            samples = self._samples(scheme)
-            return sum(share * scales.expected_error * scales.stated_size for share, scales in samples)
+    def _error(self, scheme: str) -> float:
+        """Mean error of the mean curvature in balls of the best radius, in 1/length."""
+        samples = self._samples(scheme)
+        return sum(share * scales.expected_error * scales.stated_size for share, scales in samples)
 
-        return "normal-voting" if error("normal-voting") < MAX_VOTING_SHARE * error("quadric") else "quadric"
+    @property
+    def _stated_size(self) -> float:
+        """Mean size of the mean curvature by the best scheme, which errors of all schemes are relative to."""
+        return sum(share * scales.stated_size for share, scales in self._samples(self.best_scheme))
 
     def scales_of(self, scheme: str) -> Scales | None:
         """Curvature in balls by a scheme, or by the one that is most like it."""
@@ -132,16 +137,13 @@ class Noise:
         Measures such as normal cycles have a bias at any radius, as stairs have more area than the body:
         their error is the distance of their mean curvature (n,) to that of the best scheme.
         """
-        fitted = mean is None or scheme in FITTED_SCHEMES
-        samples = self._samples(scheme if fitted else self.best_scheme)
+        samples = self._samples(self.best_scheme)
         if not samples:
             return None
-        size = sum(share * scales.stated_size for share, scales in samples)
-        error = sum(share * scales.expected_error * scales.stated_size for share, scales in samples) / size
-        if fitted or mean is None:
-            return error
+        if mean is None or scheme in FITTED_SCHEMES:
+            return self._error(scheme) / self._stated_size
         distances = [share * np.abs(mean[best.vertices] - best.mean).mean() for share, best in samples]
-        return float(np.hypot(sum(distances) / size, error))
+        return float(np.hypot(sum(distances), self._error(self.best_scheme))) / self._stated_size
 
     def radius_of(self, scheme: str) -> float:
         """Radius with the least error of a scheme, in length units: that of most vertices."""
@@ -200,7 +202,9 @@ def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> flo
     radius = f"`radius={noise.radius_of(best) * scale:.3g}` or `radius=auto`"
     if len(noise.groups) > 1:
         radii = [group.scales_of(best).best_radius * scale for group in noise.groups]
-        radius = f"`radius=auto` ({min(radii):.3g} to {max(radii):.3g} by the sizes of the components)"
+        least, most = f"{min(radii):.3g}", f"{max(radii):.3g}"
+        if least != most:
+            radius = f"`radius=auto` ({least} to {most} by the sizes of the components)"
     logging.getLogger("ddgcli").warning(
         "the surface %s: at the default region the error of the mean curvature is about %.0f %%; "
         "%s %s, where it is about %.0f %%%s",
