@@ -405,6 +405,21 @@ def settled_scales(vertices, deviation, radius=0.3):
     return measure_scales(lambda radius: in_balls, vertices, default, radius, 1.0, 2.0)
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_rows_of_a_scanner_are_reported_on_a_small_scan(seed, caplog):
+    """Balls of two radii hold a part of it, whose error is a quarter of that of the default at least."""
+    rng = np.random.default_rng(seed)
+    u, v, faces = shapes.wrapped_grid(25, 25, wrap_u=False, wrap_v=False)
+    x, y = 2 * u - 1, 2 * v - 1
+    deviation = 0.1 * rng.normal(size=26)[np.rint(25 * v).astype(int)] + 0.02 * rng.normal(size=len(x))
+    points = np.stack([x, y, np.sqrt(4 - x * x - y * y) + 0.08 * deviation], axis=1)
+    mesh = TriangleMesh.from_arrays(points, faces)
+    result = measure_curvature(mesh, full=False)
+    mean = result.vertex["mean_curvature"][~mesh.topology.boundary_vertex]
+    true = np.abs(mean * np.sign(mean.mean()) - 0.5).mean() / 0.5
+    assert "is uneven by" in caplog.text and true / 2 < result.results["expected_error"] < 2 * true
+
+
 @pytest.mark.parametrize("penalty_of_sample", [True, False])
 def test_the_radius_auto_is_decided_by_the_values_of_the_run(penalty_of_sample, monkeypatch):
     """Fits of the sample with a penalty of their own took `auto` to balls that doubled the error."""
@@ -425,6 +440,16 @@ def test_radii_of_components_are_one_number_where_they_agree(ratio, number, capl
     noise = Noise(0.05, "noise", scales[0], groups=tuple(SizeGroup(few, of_size) for of_size in scales))
     assert warn_of_noise(noise, "quadric", scales[0].default, 1.0)
     assert re.search(number, caplog.text)
+
+
+@pytest.mark.parametrize("kind, doubtful", [("uneven", True), ("rough", True), ("noise", False)])
+def test_the_radius_auto_warns_where_the_noise_may_be_details(kind, doubtful, monkeypatch, caplog):
+    """Its balls flattened waves by 98 % without a word."""
+    mesh = noisy(shapes.icosphere(3), 0.1)
+    noise = Noise(0.05, kind, settled_scales(np.arange(0, mesh.n_vertices, 8), 0.3))
+    monkeypatch.setattr(surface_curvature, "estimate_noise", lambda *args, **options: noise)
+    assert measure_curvature(mesh, "normal-voting", "auto", full=False).results["radius"] > 0
+    assert ("details" in caplog.text and "use no `radius`" in caplog.text) == doubtful
 
 
 def test_errors_of_both_schemes_are_relative_to_one_size(caplog):

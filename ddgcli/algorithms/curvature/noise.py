@@ -166,13 +166,14 @@ KINDS = {
     "grid": "comes from marching cubes of a coarse image (deviations of {:.2g} of an edge, slivers)",
     "spikes": "has spikes (noise of {:.2g} of an edge in a part of it)",
     "partial": "has noise of {:.2g} of an edge in a part of it",
-    "rough": "has noise of {:.2g} of an edge",
+    "rough": "has noise of {:.2g} of an edge (or details of a few edges)",
     "uneven": "is uneven by {:.2g} of an edge over several edges, as smoothed voxels are (or has details)",
     "lattice": "comes from a grid of voxels (it is uneven by {:.2g} of an edge over several edges)",
     "noise": "has noise of {:.2g} of an edge",
 }
 
 SMOOTHED_KINDS = ("uneven", "lattice")
+DOUBTFUL_KINDS = ("rough", "uneven")  # which details that two rings do not resolve may look like
 UNKNOWN_ERROR = " of what the mesh has (what smoothing steps took from the body cannot be known)"
 
 
@@ -216,6 +217,24 @@ def warn_of_noise(noise: Noise, scheme: str, mean: NDArray, scale: float) -> flo
         UNKNOWN_ERROR if noise.kind in SMOOTHED_KINDS else "",
     )
     return error
+
+
+def warn_of_details(noise: Noise, scheme: str, scale: float) -> None:
+    """Report that balls of the best radius flatten details, where the noise may be such.
+
+    Parameters
+    ----------
+    noise : Noise
+    scheme : str
+    scale : float
+        As in `warn_of_noise`.
+    """
+    if noise.kind in DOUBTFUL_KINDS:
+        logging.getLogger("ddgcli").warning(
+            "the surface %s: balls of radius %.3g average both; where these are details, use no `radius`",
+            KINDS[noise.kind].format(noise.relative),
+            noise.radius_of(scheme) * scale,
+        )
 
 
 def warn_of_better_scheme(noise: Noise, scheme: str, error: float) -> None:

@@ -18,7 +18,8 @@ from ddgcli.geometry.faces import Faces
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 # residual of cubic fits over that of quartic ones: stairs that were averaged or cut have 1.2 to 1.7, details
-# of six edges 1.8; smoothed segmentations have up to 2.2, and of details with less the default is 15 % off
+# of six edges 1.8; smoothed segmentations have up to 2.2, and of details with less the default is 6 % off and
+# more
 MAX_ROUGH_DETAIL_RATIO, MAX_UNEVEN_DETAIL_RATIO = 1.75, 2.2
 MAX_NOISE_DETAIL_RATIO = 1.1  # of residuals that are surely noise; scans have 1.2, in some samples 1.13
 # creases of both signs within two rings: their sum over that of their sizes. Noise of more than a twentieth
@@ -59,7 +60,7 @@ MIN_EVEN_MEDIAN_SHARE, MIN_KURTOSIS, MIN_EVEN_KURTOSIS, MAX_EVEN_KURTOSIS = 0.68
 # radius of noise leaves little
 MIN_EVEN_ERROR_RATIO, MAX_EVEN_ERROR_RATIO, MAX_EVEN_ERROR, MAX_FLAT_EVEN_ERROR = 3.5, 15, 0.3, 0.2
 # residual of cubic over that of quartic fits, of errors alike everywhere: below the first, details
-# of one size have default errors of 15 % and more, below the second, bumps have ratios of errors above 15
+# of one size have default errors of 6 % and more, below the second, bumps have ratios of errors above 15
 MAX_EVEN_DETAIL_RATIO, MAX_WIDE_DETAIL_RATIO = 2.3, 2.8
 # surfaces whose coordinates repeat with voxels: the error of the default region over that at the best radius,
 # the latter, and the median share. Mechanical parts on such a grid have errors of 0.31 and more in places
@@ -67,9 +68,14 @@ MIN_LATTICE_ERROR_RATIO, MAX_LATTICE_ERROR, MIN_LATTICE_MEDIAN_SHARE = 2.2, 0.3,
 # of a mean edge: marching cubes of 20 bodies have 1.4 to 9.8 % of shorter sides, regular grids with noise of
 # a fifth of an edge along their normals 0.01 %
 SHORT_SIDE, MIN_SHORT_SHARE = 0.3, 0.005
-# rows of a scanner, each at a height of its own: quartics follow five of them. Their errors fall by 12 to 21
+# rows of a scanner, each at a height of its own: quartics follow five of them. Their errors fall by 8 to 30
 # from the first change to the second, those of waves by up to 6
-MIN_ROWS_RESIDUAL, MIN_ROWS_FALL = 0.03, 8.0
+MIN_ROWS_RESIDUAL, MIN_SMALL_ROWS_RESIDUAL, MIN_ROWS_FALL = 0.03, 0.02, 8.0
+# radii from which the error at the best one may be less than a quarter of that of the default region
+MIN_RADII = 3
+# waves that fits over two rings do not follow exactly: the error of the default region, and the first change
+# of the curvature over the second one: 0.5 to 1.5; noise and stairs with such errors have 1.8 and more
+MIN_WAVE_ERROR, MAX_WAVE_FALL = 0.5, 1.7
 
 
 def noise_kind(
@@ -151,9 +157,13 @@ def settles(kind: str, deviation: Deviation, scales: Scales) -> bool:
     -------
     bool
     """
+    if kind in ("even", "uneven") and _is_rows_of_small_scan(deviation, scales):
+        return True
     if kind in ("rough", "uneven", "ruled", "even"):
         if scales.kurtosis < (MIN_KURTOSIS if kind in ("rough", "uneven") else MIN_EVEN_KURTOSIS):
             return False  # a wave
+        if _is_repeated_wave(scales):
+            return False
         if _errs_evenly(deviation, scales) or _is_not_repeated(scales):
             return True
     ratio = scales.default_error / scales.error
@@ -217,6 +227,30 @@ def _errs_evenly(deviation: Deviation, scales: Scales) -> bool:
         return True
     has_flats = deviation.flat_share > MIN_CREASED_FLAT_SHARE and deviation.relative > MIN_RULED_RESIDUAL
     return has_flats and error < MAX_FLAT_EVEN_ERROR
+
+
+def _is_repeated_wave(scales: Scales) -> bool:
+    """Whether the first balls repeat curvature from which wider balls differ: they flatten waves.
+
+    Noise of such an error leaves less correlation, and falls with the radius.
+    """
+    return (
+        scales.correlation > MIN_REPEATED_CORRELATION
+        and scales.default_error > MIN_WAVE_ERROR
+        and scales.fall < MAX_WAVE_FALL
+    )
+
+
+def _is_rows_of_small_scan(deviation: Deviation, scales: Scales) -> bool:
+    """Whether the surface errs as rows of a scanner do, where no more than two balls hold a part of it."""
+    return (
+        len(scales.radius) < MIN_RADII
+        and deviation.relative > MIN_SMALL_ROWS_RESIDUAL
+        and MIN_ROWS_FALL < scales.fall < np.inf  # no change of balls that hold all of a component
+        and scales.correlation < MAX_CORRELATION
+        and scales.median_share > MIN_EVEN_MEDIAN_SHARE
+        and MIN_KURTOSIS < scales.kurtosis < MAX_EVEN_KURTOSIS
+    )
 
 
 def _is_not_repeated(scales: Scales) -> bool:

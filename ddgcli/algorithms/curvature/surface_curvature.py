@@ -23,7 +23,7 @@ from ddgcli.algorithms.curvature.curvature_results import (
 )
 from ddgcli.algorithms.curvature.deviation import vertex_deviation
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals, unit_normals
-from ddgcli.algorithms.curvature.noise import Noise, warn_of_better_scheme, warn_of_noise
+from ddgcli.algorithms.curvature.noise import Noise, warn_of_better_scheme, warn_of_details, warn_of_noise
 from ddgcli.algorithms.curvature.noise_estimate import Effort, estimate_noise
 from ddgcli.algorithms.curvature.one_sided import of_copies, unsigned_normals
 from ddgcli.algorithms.curvature.quadric import quadric
@@ -241,10 +241,12 @@ def _in_best_balls(
     noise: Noise,
     pointwise: Callable[[float | NDArray, bool], PrincipalCurvatures],
 ) -> _Measured:
-    """Curvature in balls of the radii with the least error, where noise dominates; warns of better ones."""
+    """Curvature in balls of the radii with the least error, where noise dominates; warns of better
+    schemes, and of details."""
     _check_radius(mesh, noise.radius_of(scheme) * surface.scale, scheme)
     in_ball = noise.radii_of(scheme, (surface.cover or surface).mesh.n_vertices)
     principal = pointwise(in_ball, True)
+    warn_of_details(noise, scheme, surface.scale)
     expected_error = noise.expected_error(scheme, principal.mean)
     if expected_error is not None:
         warn_of_better_scheme(noise, scheme, expected_error)
