@@ -64,7 +64,8 @@ def draw_chart(
     ringed : mapping of name to indices, optional
         Points to mark with a ring, such as those of the Pareto front.
     bars : mapping of name to lengths, optional
-        Uncertainty of each value, drawn as a vertical bar up and down; on a logarithmic axis down to its end.
+        Uncertainty of each value, drawn as a vertical bar up and down; none where it is infinite. On a
+        logarithmic axis a bar of more than a decade below its point ends with the axis.
     pareto_front : (x, y), optional
         Pareto front, drawn as a broad grey line behind the series.
     threshold : (name, y), optional
@@ -95,8 +96,9 @@ def draw_chart(
         if threshold is not None:
             axes.axhline(threshold[1], label=threshold[0], color="0.3", linewidth=1.0, linestyle=(0, (1, 2)))
         _widen(axes, drawable, log)
-        for name, lengths in (bars or {}).items():
-            _draw_bars(axes, *drawable[name], np.asarray(lengths, dtype=np.float64))
+        x, y, length = _bars(drawable, bars or {})
+        if len(length):
+            _draw_bars(axes, x, y, length)
         wrapped_ylabel = textwrap.fill(ylabel, int(CHARACTERS_PER_INCH * height))
         axes.set(xlabel=xlabel, ylabel=wrapped_ylabel, title=title)
         _draw_grid_and_legend(axes, log, has_legend)
@@ -122,15 +124,30 @@ def _draw_rings(axes: Any, x: NDArray, y: NDArray, points: Sequence[int]) -> Non
         axes.plot(x[i], y[i], "o", ms=12, mfc="none", mec="0.3", mew=0.9)
 
 
-def _draw_bars(axes: Any, x: NDArray, y: NDArray, shown: NDArray, length: NDArray) -> None:
-    """Draw vertical bars; those that reach below the axis, such as to 0 of a logarithmic one, end there."""
-    shown = shown & (length > 0)
-    if not shown.any():
-        return
+def _draw_bars(axes: Any, x: NDArray, y: NDArray, length: NDArray) -> None:
+    """Draw vertical bars, and widen the axis for them.
+
+    On a logarithmic axis those of more than a decade below their point, such as to 0, end with the axis.
+    """
+    is_log = axes.get_yscale() == "log"
+    margin = 1.1 if is_log else 1.0
     low, high = axes.get_ylim()
-    below, above = np.maximum((y - length)[shown], low), (y + length)[shown]
-    axes.vlines(x[shown], below, above, color="0.55", linewidth=0.9, zorder=1)
-    axes.set_ylim(low, max(high, 1.1 * float(above.max())))
+    below, above = y - length, y + length
+    whole = below[below >= 0.1 * y] if is_log else below
+    low = min(low, whole.min(initial=np.inf) / margin)
+    high = max(high, above.max(initial=-np.inf) * margin)
+    axes.vlines(x, np.maximum(below, low), above, color="0.55", linewidth=0.9, zorder=1)
+    axes.set_ylim(low, high)
+
+
+def _bars(drawable: Mapping[str, Any], bars: Mapping[str, Sequence[float]]) -> tuple[NDArray, ...]:
+    """(k,) places, values and lengths of the bars of all series, without infinite ones."""
+    rows = []
+    for name, lengths in bars.items():
+        (x, y, shown), length = drawable[name], np.asarray(lengths, dtype=np.float64)
+        shown = shown & (length > 0) & np.isfinite(length)
+        rows.append(np.stack([x, y, length])[:, shown])
+    return tuple(np.concatenate(rows, axis=1)) if rows else (np.zeros(0),) * 3
 
 
 def _scale(axes: Any, log: str) -> None:

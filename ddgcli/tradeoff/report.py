@@ -240,7 +240,7 @@ def chart_of(rows: list[Row], norm: str, within: float | None) -> dict[str, Any]
 
     A line joins rows that differ in numbers alone.
 
-    Bars show the uncertainty of each error.
+    Bars show the uncertainty of each error, where it is known.
 
     Parameters
     ----------
@@ -270,7 +270,7 @@ def chart_of(rows: list[Row], norm: str, within: float | None) -> dict[str, Any]
     labels = {name: [_parameter_values(row) if row else "" for row in line] for name, line in lines.items()}
     ringed = {name: [k for k, row in enumerate(line) if row and row.on_front] for name, line in lines.items()}
     bars = {
-        name: [row.significant_uncertainty(norm) if row else 0.0 for row in line]
+        name: [(row and _finite(row.significant_uncertainty(norm))) or 0.0 for row in line]
         for name, line in lines.items()
     }
     best = sorted((r.total_seconds, _drawn_error(r, norm)) for r in rows if r.on_front)

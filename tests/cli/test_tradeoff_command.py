@@ -224,6 +224,16 @@ def test_a_table_without_a_verdict_names_the_option_and_draws_no_front(sphere, t
     assert "No Pareto front" in picture and "<!-- front -->" not in picture
 
 
+def test_a_picture_that_fails_leaves_the_table_and_its_file(sphere, tmp_path, run, monkeypatch):
+    """Minutes of measuring were lost with it."""
+    monkeypatch.setattr("ddgcli.plots.chart.draw_chart", lambda *_, **__: 1 / 0)
+    outs = ("-o", tmp_path / "rows.csv", "--plot", tmp_path / "a.png")
+    result = run("tradeoff", "curvature", sphere, "--scheme", "cotan", "--repeat", 1, *outs)
+    assert result.exit_code == 1 and "internal error: ZeroDivisionError" in result.stderr
+    assert "cotan radius=own" in result.stdout and "cotan" in (tmp_path / "rows.csv").read_text()
+    assert not (tmp_path / "a.png").exists()
+
+
 def test_rows_and_summary_are_written_to_files(tmp_path, summary, rows_run_twice):
     """With seconds of another run than the first, and memory."""
     sphere = tmp_path / "sphere.ply"

@@ -15,6 +15,7 @@ from ddgcli.errors import MeshError, ParameterError, SolveError
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.tradeoff.candidates import (
+    UNKNOWN,
     Candidate,
     ErrorNorms,
     Problem,
@@ -415,6 +416,8 @@ def test_the_plot_shows_the_errors_of_the_table_with_their_uncertainty():
     assert chart["pareto_front"] is None  # a line of one point has no length
     exact = replace(rows[0], max_error=0.0)
     assert list(chart_of([exact], "max", None)["series"]["a"][1]) == [2e-3]
+    unknown = replace(far, uncertainty=UNKNOWN)  # where no limit of fine meshes is known
+    assert list(chart_of([near, unknown], "max", None)["bars"]["a"]) == [0.0, 0.0]
 
 
 def test_what_compiled_code_makes_of_the_end_of_a_budget_counts_as_that_end():

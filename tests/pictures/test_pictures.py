@@ -185,6 +185,24 @@ def test_a_threshold_of_a_chart_crosses_it_and_is_in_the_legend(tmp_path):
     assert y == level and end - x > 150, "a level line of the width of the chart"
 
 
+@pytest.mark.parametrize("log", ["", "xy"])
+def test_a_bar_reaches_as_far_below_its_point_as_above(tmp_path, log):
+    """It ended at the axis of the bare series, which starts just below the lowest point."""
+    path, lengths = tmp_path / "a.svg", {"x": [0.15, np.inf, 0.1, 0.19]}
+    draw_chart(str(path), {"x": ([1, 2, 3, 4], [0.2, 0.21, 0.3, 0.2])}, bars=lengths, log=log)
+    upright = r'd="M ([\d.]+) ([\d.]+) \s*L \1 ([\d.]+) [^>]*stroke: #8c8c8c'
+    bars = {float(x): sorted((float(a), float(b))) for x, a, b in re.findall(upright, path.read_text())}
+    assert len(bars) == 3, "none of an infinite length"
+    first, second, long = (bars[x] for x in sorted(bars))
+    if log:  # the longest, of more than a decade, ends with the axis; the others at 0.05, 0.35, 0.2 and 0.4
+        decade = (second[1] - second[0]) / np.log10(2)
+        assert first[1] - first[0] == pytest.approx(decade * np.log10(7), rel=1e-3)
+        assert long[1] - first[1] == pytest.approx(decade * np.log10(1.1), rel=1e-2)
+    else:
+        assert first[1] - first[0] == pytest.approx(1.5 * (second[1] - second[0]), rel=1e-3)
+        assert long[1] > first[1]
+
+
 @pytest.mark.parametrize("view, up", [("iso", 2), ("x", 2), ("y", 2), ("z", 1)])
 def test_what_is_higher_in_space_is_higher_in_the_picture(view, up):
     mesh = shapes.icosphere(1)

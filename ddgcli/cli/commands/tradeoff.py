@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -173,16 +174,24 @@ def measure(
     table.undecided = with_option_names(table.undecided, names)
     table.left_out = [(row, with_option_names(why, names)) for row, why in table.left_out]
     results = results_of(table, problem, command_of, cheapest=cheapest, within=within, norm=norm)
-    write(run, results)
-    if table.rows:
-        run.plot(lambda path: draw(path, table, results, within, options.page_size(run.common.size)))
-    run.finish(
+    finish = partial(
+        run.finish,
         results,
         {"reference_uncertainty": results["reference_uncertainty"]},
         converged=not table.interrupted and (within is None or cheapest is not None),
         text=text_table(table, problem, results),
         exit_code=130 if table.interrupted else 1,
     )
+    write(run, results)
+    try:
+        if table.rows:
+            run.commit_outputs()  # a picture that fails does not undo them
+            run.plot(lambda path: draw(path, table, results, within, options.page_size(run.common.size)))
+    except BaseException:
+        with suppress(click.exceptions.Exit):
+            finish()
+        raise
+    finish()
 
 
 def _end_dry_run(run: Run, facts: dict[str, Any], budget: float) -> None:
