@@ -7,6 +7,7 @@ from benchmarks.common.scenes import FREE_SCENE
 from ddgcli.errors import ParameterError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mechanics.integrators import INTEGRATORS
+from ddgcli.models.shell.scene import EFFECTS
 from ddgcli.tradeoff.problems.conservation import Spring, Weight, example_problem, scene_problem
 
 DYNAMIC = [name for name in INTEGRATORS if name != "static"]
@@ -89,6 +90,74 @@ def test_conservation_that_a_system_does_not_have_is_refused():
     heavy = parse_scene(text.replace("[effects]", "[effects]\ngravity = {}"), "heavy.toml")
     with pytest.raises(ParameterError, match="effect gravity changes the momentum"):
         scene_problem(heavy, None, "momentum")
+
+
+TABLE = '[[object]]\nname = "t"\nrole = "obstacle"\nplane = { point = [0, 0, -0.1], normal = [0, 0, 1] }'
+SECOND = (
+    '[[object]]\nname = "u"\nrole = "shell"\ngrid = { size = [1, 1], cells = [2, 2] }\nposition = [0, 0, 1]'
+)
+
+
+def scene_with(effect, objects=TABLE):
+    text = FREE_SCENE.format(integrator="verlet", step=2e-3, duration=0.02)
+    text = text.replace("[effects]", f"{objects}\n[effects]\n{effect}")
+    return parse_scene(text, "scene.toml")
+
+
+DISSIPATIVE = {
+    "damping": ("{ mass = 1 }", "effect damping"),
+    "wind": ("{}", "effect wind"),
+    "plasticity": ("{ yield_strain = 0.1 }", "effect plasticity"),
+    "fracture": ('[{ object = "s", strain = 0.1 }]', "effect fracture"),
+    "handle": ("[{ vertices = [0], times = [0, 1], positions = [[0, 0, 0], [1, 0, 0]] }]", "the prescribed"),
+    "load": (
+        "[{ force = [0, 0, 1], vertices = [0], times = [0, 1], factors = [0, 1] }]",
+        "effect load, which depends on time,",
+    ),
+    "contact": ('{ pairs = [["s", "t"]], friction = 0.5 }', "the friction of contact"),
+}
+CONSERVATIVE = {"stretching", "bending", "gravity", "pressure", "rigid", "pin", "attach"}
+
+
+def test_every_effect_is_one_that_keeps_the_energy_or_one_that_is_refused():
+    assert set(EFFECTS.entries) == CONSERVATIVE | set(DISSIPATIVE)
+
+
+@pytest.mark.parametrize("effect", DISSIPATIVE)
+def test_an_effect_that_changes_the_energy_is_refused(effect):
+    """Contact with friction passed, and its work counted as the error of the integrators."""
+    line, cause = DISSIPATIVE[effect]
+    with pytest.raises(ParameterError, match=f"{cause}.* changes the energy; use a scene without it"):
+        scene_problem(scene_with(f"{effect} = {line}"), None, "energy")
+
+
+@pytest.mark.parametrize("contact, objects, cause", [
+    ('pairs = [["s", "u"]], friction = 0.5', SECOND, "the friction of contact"),
+    ("self_contact = true, friction = 0.5", "", "the friction of contact"),
+    ('pairs = [["s", "t"]]', f"{TABLE}\nvelocity = [0, 0, 0.1]", "effect contact, which depends on time,"),
+])  # fmt: skip
+def test_contact_that_changes_the_energy_is_refused(contact, objects, cause):
+    pytest.importorskip("ipctk")
+    with pytest.raises(ParameterError, match=cause):
+        scene_problem(scene_with(f"contact = {{ {contact} }}", objects), None, "energy")
+
+
+def test_the_momenta_are_those_of_whole_groups_of_shells():
+    """Contact between shells exchanges momentum, an obstacle takes it up."""
+    pytest.importorskip("ipctk")
+    pair = scene_with('contact = { pairs = [["s", "u"]], gap = "2 cm" }', SECOND.replace("1]", "0.015]"))
+    problem = scene_problem(pair, None, "momentum", options={"integrator": "newmark", "steps": 4})
+    longest = problem.candidates[0]
+    assert longest.solve(longest.setup())[0] < 1e-11
+    with pytest.raises(ParameterError, match="effect contact to obstacle 't' changes the momentum"):
+        scene_problem(scene_with('contact = { pairs = [["s", "t"]] }'), None, "momentum")
+    with pytest.raises(ParameterError, match="effect attach to obstacle 't' changes the angular momentum"):
+        attach = 'attach = [{ object = "s", to = "t", vertices = [0] }]'
+        scene_problem(scene_with(attach), None, "angular-momentum")
+    with pytest.raises(ParameterError, match="the friction of contact changes the angular momentum"):
+        scene_problem(
+            scene_with("contact = { self_contact = true, friction = 0.1 }"), None, "angular-momentum"
+        )
 
 
 def test_the_command_ranks_integrators_of_the_pendulum(summary, run, tmp_path):

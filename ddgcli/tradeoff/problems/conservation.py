@@ -6,7 +6,7 @@ value at the start, which the exact motion keeps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import SimpleNamespace
@@ -21,7 +21,7 @@ from ddgcli.mechanics.integrators import INTEGRATORS, Step
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import FixedCoordinates, Mode, Potential
 from ddgcli.mesh.vectors import row_cross
-from ddgcli.scenes.scene import resolve
+from ddgcli.scenes.scene import Scene, resolve
 from ddgcli.scenes.sections import Document
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.model import Model, Observation, Schedule
@@ -34,11 +34,7 @@ MAX_STEPS = 400  # of a scene's own length
 EXPLICIT_INTEGRATORS = ("symplectic-euler", "verlet", "avi")
 EXPLICIT_WORK, IMPLICIT_WORK = 2e-4, 3e-3  # estimated seconds of a step of a small system
 NEWMARK = SimpleNamespace(beta=0.25, gamma=0.5)
-FORBIDDEN_EFFECTS = {  # effects that change the quantity
-    "energy": ("damping", "wind", "plasticity", "handle", "fracture"),
-    "momentum": ("gravity", "pin", "load", "wind", "handle", "contact", "damping"),
-    "angular-momentum": ("gravity", "pin", "load", "wind", "handle", "contact", "damping"),
-}
+EXTERNAL_EFFECTS = ("gravity", "pin", "load", "wind", "handle", "damping")  # they change the momenta
 
 
 @dataclass(eq=False)
@@ -191,20 +187,50 @@ def scene_problem(
         every = max(dt, span / N_OBSERVATIONS)
         overrides = {"integrator": integrator, "step": dt, "duration": span, "frame_every": every}
         scene, account = resolve(document, KIND, overrides), Account()
-        for effect in (entry[0].name for entry in scene.effects):
-            if effect in FORBIDDEN_EFFECTS[quantity]:
-                raise ParameterError(
-                    f"effect {effect} changes the {quantity.replace('-', ' ')}; use a scene without it",
-                    parameter="quantity",
-                )
         shells = {n: context for n, (context, _) in model.contexts(scene, read).items()}
         mass = float(sum(context.mass.sum() for context in shells.values()))
         size = max(float(np.ptp(context.mesh.points, axis=0).max()) for context in shells.values())
-        return model.build(scene, shells, account), scene.schedule(), account, mass, size
+        systems = model.systems(scene, shells, account)
+        if cause := _cause_of_change(scene, systems.values(), quantity):
+            raise ParameterError(
+                f"{cause} changes the {quantity.replace('-', ' ')}; use a scene without it",
+                parameter="quantity",
+            )
+        return model.models(scene, shells, systems), scene.schedule(), account, mass, size
 
     span = _span(options, step, min(time.duration, MAX_STEPS * step))
     setup(INTEGRATORS["newmark"].name, step, span)  # refuses before the work begins
     return _problem(setup, quantity, options, step, span, {}, "")
+
+
+def _cause_of_change(scene: Scene, systems: Iterable[System], quantity: str) -> str:
+    """What in a scene changes a quantity, or ""."""
+    if quantity == "energy":
+        return next(filter(None, [_cause_of_work(scene, system) for system in systems]), "")
+    obstacles = {section.name for section in scene.objects if section.role == "obstacle"}
+    for effect, parameters, _ in scene.effects:
+        pairs = effect.pairs(parameters) if effect.pairs is not None else []
+        met = [name for pair in pairs for name in pair if name in obstacles]
+        if effect.name in EXTERNAL_EFFECTS:
+            return f"effect {effect.name}"
+        if met:
+            return f"effect {effect.name} to obstacle {met[0]!r}"
+        if effect.name == "contact" and parameters.friction and quantity == "angular-momentum":
+            return "the friction of contact"
+    return ""
+
+
+def _cause_of_work(scene: Scene, system: System) -> str:
+    """What takes energy from the motion of a system, or adds to it; "" if nothing does."""
+    for dissipation in system.dissipations:
+        return "the friction of contact" if dissipation.name == "contact" else f"effect {dissipation.name}"
+    for effect in ("plasticity", "fracture"):
+        if scene.has_effect(effect):
+            return f"effect {effect}"
+    if system.prescribed:
+        return f"the prescribed motion {system.prescribed[0].name!r}"
+    driving = next((term.at(0.0).name for term in system.terms if term.at is not None), "")
+    return f"effect {driving}, which depends on time," if driving else ""
 
 
 def _check(quantity: str, options: CommandOptions, accepted: Sequence[str] = ()) -> None:
@@ -298,9 +324,11 @@ SCALES = {
 
 
 def drift(observations: Sequence[Mapping[str, Any]], quantity: str, mass: float, size: float) -> float:
-    """Largest change of a quantity since the start, relative to its scale, over all objects."""
+    """Largest change of a quantity since the start, relative to its scale, over all groups of objects."""
     worst = 0.0
     for name in observations[0]:
+        if not observations[0][name].scalar:  # those of its group are at the first of the group
+            continue
         scalars = [observation[name].scalar for observation in observations]
         kinetic = max(float(scalar["energy_kinetic"]) for scalar in scalars)
         scale = kinetic if quantity == "energy" else np.sqrt(2.0 * mass * kinetic)
