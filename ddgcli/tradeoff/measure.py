@@ -39,6 +39,9 @@ from ddgcli.waiting import wait_in_steps
 log = logging.getLogger("ddgcli")
 
 ESTIMATE_RESERVE = 1.2  # factor of estimated seconds that must be left for a run to start
+# while other rows have not run, the first run of a row is stopped after this share of the seconds left or, if
+# that is longer and no run of its method was stopped so, after this factor of its estimate
+FIRST_RUN_SHARE, MAX_ESTIMATE_RATIO = 0.3, 2.0
 
 
 def run_problem(
@@ -139,13 +142,23 @@ def _run_candidates(
             why = f"estimated {with_reserve}, {max(seconds_left, 0):.3g} s are left"
             table.left_out.append((label_of(candidate), why))
             continue
+        share = math.inf
+        if number < len(problem.candidates):
+            share = FIRST_RUN_SHARE * seconds_left
+            if not time_budget.was_stopped(candidate.method):
+                share = max(share, MAX_ESTIMATE_RATIO * estimate)
+        if estimate > share:
+            table.left_out.append((label_of(candidate), time_budget.beyond(estimate, share)))
+            continue
         try:
             with time_budget.limit_time(seconds_left), _prefix_warnings(label_of(candidate)):
                 if candidate.model not in references and candidate.model_reference is not None:
                     references[candidate.model] = candidate.model_reference()
                 own = references[candidate.model]
                 table.rows.append(
-                    measure_candidate(candidate, problem, own, time_budget, repeat, clock, table.mesh_limit)
+                    measure_candidate(
+                        candidate, problem, own, time_budget, repeat, clock, table.mesh_limit, share
+                    )
                 )
         except DdgError as error:
             table.left_out.append((label_of(candidate), str(error)))
@@ -210,6 +223,7 @@ def measure_candidate(
     repeat: int,
     clock: Clock = time.perf_counter,
     mesh_limit: MeshLimit | None = None,
+    warm_up_seconds: float = math.inf,
 ) -> Row:
     """Measure one row: a warm-up for the answer, `repeat` timed queries, one run for the peak memory.
 
@@ -217,11 +231,18 @@ def measure_candidate(
     ------
     SolveError
         If the answer is not finite where the reference is.
+    BudgetExceeded
+        If the warm-up takes longer than `warm_up_seconds`.
     """
     began = time.perf_counter()
-    state, cold_setup = _timed(candidate.setup, clock)
-    ready = time.perf_counter()
-    answer, first = _timed(lambda: candidate.solve(state), clock)
+    try:
+        with time_budget.limit_time(warm_up_seconds):
+            state, cold_setup = _timed(candidate.setup, clock)
+            ready = time.perf_counter()
+            answer, first = _timed(lambda: candidate.solve(state), clock)
+    except BudgetExceeded:
+        time_budget.record_stop(candidate.method, candidate.work, time.perf_counter() - began)
+        raise
     time_budget.record(candidate.method, candidate.work, ready - began, time.perf_counter() - ready)
     errors = np.asarray(problem.error(np.asarray(answer), reference.values), dtype=np.float64)
     worst = int(errors.argmax()) if len(errors) else 0

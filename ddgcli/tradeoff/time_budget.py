@@ -32,6 +32,7 @@ class TimeBudget:
         self.seconds = seconds
         self._began = time.perf_counter() if began is None else began
         self._runs: dict[str, list[tuple[float, float, float]]] = {}  # method: work, set-up, solve
+        self._stopped_runs: dict[str, list[tuple[float, float]]] = {}  # method: work, seconds
 
     def seconds_left(self) -> float:
         """Remaining seconds; infinite without a budget."""
@@ -48,11 +49,26 @@ class TimeBudget:
         if work > 0:
             self._runs.setdefault(method, []).append((work, setup, solve))
 
+    def record_stop(self, method: str, work: float, seconds: float) -> None:
+        """Store the seconds after which a run was stopped, with its estimated work."""
+        if work > 0:
+            self._stopped_runs.setdefault(method, []).append((work, seconds))
+
+    def was_stopped(self, method: str) -> bool:
+        """Whether a run of a method was stopped."""
+        return method in self._stopped_runs
+
     def estimate(self, candidate: Candidate) -> float:
         """Predict the seconds of one run from the last runs of its method, else from all runs."""
-        own = self._runs.get(candidate.method, [])[-2:]
+        own = [
+            setup + candidate.work * solve / work
+            for work, setup, solve in self._runs.get(candidate.method, [])[-2:]
+        ]
+        own += [
+            candidate.work * seconds / work for work, seconds in self._stopped_runs.get(candidate.method, [])
+        ]
         if own:
-            return max(setup + candidate.work * solve / work for work, setup, solve in own)
+            return max(own)
         rates = [(setup + solve) / work for runs in self._runs.values() for work, setup, solve in runs]
         return candidate.work * (statistics.median(rates) if rates else 1.0)
 
@@ -65,7 +81,8 @@ class TimeBudget:
         """Raise `BudgetExceeded` in the body after some seconds (where the system has interval timers).
 
         A call into compiled code is not interrupted. What such code makes of the exception, as pydantic does
-        in the first use of a scene, counts as `BudgetExceeded` too.
+        in the first use of a scene, counts as `BudgetExceeded` too. A limit within another one ends where the
+        sooner of both does.
         """
         here = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
         if self.seconds is None or not here:
@@ -78,6 +95,11 @@ class TimeBudget:
             is_over = True
             raise BudgetExceeded
 
+        outer, _ = signal.getitimer(signal.ITIMER_REAL)
+        if outer and outer <= seconds:
+            yield
+            return
+        end = time.perf_counter() + outer
         before = signal.signal(signal.SIGALRM, stop)
         signal.setitimer(signal.ITIMER_REAL, min(max(seconds, 1e-3), MAX_TIMER_SECONDS), 0.1)
         try:
@@ -89,3 +111,5 @@ class TimeBudget:
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
             signal.signal(signal.SIGALRM, before)
+            if outer:
+                signal.setitimer(signal.ITIMER_REAL, max(end - time.perf_counter(), 1e-3), 0.1)

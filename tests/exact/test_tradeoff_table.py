@@ -1,5 +1,6 @@
 """The table ranks planted candidates where they belong, and keeps its budget."""
 
+import contextlib
 import logging
 import re
 import time
@@ -219,6 +220,33 @@ def test_a_run_that_exceeds_the_budget_is_stopped(solve):
     table = run_problem(problem(planted("a", 0.1, 0.0, work=1e-3), endless), budget=1.0, repeat=1)
     assert [row.method for row in table.rows] == ["a"]
     assert table.left_out[0][0] == "endless" and "stopped after" in table.left_out[0][1]
+
+
+def test_a_row_that_takes_too_long_leaves_time_to_the_others():
+    """The first one took the whole budget, and the table was empty."""
+    hogs = [Candidate("hog", {"dt": dt}, lambda: None, busy, {}, 1e-3) for dt in (0.2, 0.1)]
+    rows = [planted("a", 0.1, 0.0, work=1e-3), planted("b", 0.1, 0.0, work=1e-3)]
+    table = run_problem(problem(hogs[0], rows[0], hogs[1], rows[1]), budget=0.6, repeat=1)
+    assert [row.method for row in table.rows] == ["a", "b"]
+    first, second = (why for _, why in table.left_out)
+    assert 0.1 < float(re.match(r"stopped after ([\d.]+) s", first).group(1)) < 0.4
+    assert re.match(r"estimated 0\.[12]\d* s, and may take", second), "as long as the first one"
+
+
+def test_a_run_may_take_as_long_as_it_is_estimated():
+    rows = planted("a", 0.1, 0.15, work=0.15), planted("b", 0.1, 0.0, work=0.3)
+    table = run_problem(problem(*rows), budget=0.4, repeat=0)
+    assert table.rows[0].method == "a", "longer than a share of the budget"
+
+
+@pytest.mark.parametrize("inner", [0.01, 10.0])
+def test_a_limit_of_time_within_another_one_leaves_it_in_force(inner):
+    budget, began = TimeBudget(60.0), time.perf_counter()
+    with pytest.raises(BudgetExceeded), budget.limit_time(0.1):
+        with contextlib.suppress(BudgetExceeded), budget.limit_time(inner):
+            busy(None) if inner < 1 else None
+        busy(None)
+    assert 0.09 < time.perf_counter() - began < 5.0
 
 
 def run_with_references(*references, budget):

@@ -8,6 +8,7 @@ from ddgcli.errors import ParameterError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.models.shell.scene import EFFECTS
+from ddgcli.simulation.model import parts_of_step
 from ddgcli.tradeoff.problems.conservation import Spring, Weight, example_problem, scene_problem
 
 DYNAMIC = [name for name in INTEGRATORS if name != "static"]
@@ -158,6 +159,24 @@ def test_the_momenta_are_those_of_whole_groups_of_shells():
         scene_problem(
             scene_with("contact = { self_contact = true, friction = 0.1 }"), None, "angular-momentum"
         )
+
+
+def test_rows_are_estimated_with_the_steps_that_they_take(caplog):
+    """Explicit ones were with steps above their stability limit, came first and took the whole budget."""
+    problem = scene_problem(scene_with(""), None, "energy", options={"step": 2e-3, "steps": 100})
+    work = [candidate.work for candidate in problem.candidates]
+    assert work == sorted(work)
+    shortest = {}
+    for candidate in problem.candidates:
+        shortest.setdefault(candidate.method, []).append(candidate)
+    verlet = [candidate.work for candidate in shortest["verlet"]]
+    model = shortest["verlet"][0].setup()[0]["s"]
+    taken = [
+        c.parameters["dt"] / parts_of_step(c.parameters["dt"], model.largest_step) for c in shortest["verlet"]
+    ]
+    assert min(taken) < 0.2 * max(c.parameters["dt"] for c in shortest["verlet"])
+    assert np.array(verlet) * taken == pytest.approx(verlet[0] * taken[0])
+    assert caplog.messages == [], "the times between frames are whole numbers of steps"
 
 
 def test_the_command_ranks_integrators_of_the_pendulum(summary, run, tmp_path):

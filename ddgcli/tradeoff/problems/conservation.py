@@ -6,6 +6,8 @@ value at the start, which the exact motion keeps.
 
 from __future__ import annotations
 
+import contextlib
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -16,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.choices import CONSERVED_QUANTITIES, MECHANICAL_EXAMPLES
-from ddgcli.errors import ParameterError
+from ddgcli.errors import DdgError, ParameterError
 from ddgcli.mechanics.integrators import INTEGRATORS, Step
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import FixedCoordinates, Mode, Potential
@@ -24,7 +26,7 @@ from ddgcli.mesh.vectors import row_cross
 from ddgcli.scenes.scene import Scene, resolve
 from ddgcli.scenes.sections import Document
 from ddgcli.simulation.account import Account
-from ddgcli.simulation.model import Model, Observation, Schedule
+from ddgcli.simulation.model import Model, Observation, Schedule, parts_of_step
 from ddgcli.simulation.time_loop import evolve
 from ddgcli.tradeoff.candidates import NO_OPTIONS, Candidate, CommandOptions, Problem, Reference
 
@@ -32,7 +34,8 @@ STEP_FACTORS = (4.0, 2.0, 1.0, 0.5)  # of the candidates, in units of the system
 N_OBSERVATIONS = 32  # at which the drift is observed
 MAX_STEPS = 400  # of a scene's own length
 EXPLICIT_INTEGRATORS = ("symplectic-euler", "verlet", "avi")
-EXPLICIT_WORK, IMPLICIT_WORK = 2e-4, 3e-3  # estimated seconds of a step of a small system
+# estimated seconds of a step, and more for each vertex
+EXPLICIT_WORK, IMPLICIT_WORK = (2e-4, 7e-7), (3e-3, 1.5e-5)
 NEWMARK = SimpleNamespace(beta=0.25, gamma=0.5)
 EXTERNAL_EFFECTS = ("gravity", "pin", "load", "wind", "handle", "damping")  # they change the momenta
 
@@ -150,7 +153,8 @@ def example_problem(name: str, quantity: str, *, options: CommandOptions = NO_OP
 
     span = _span(options, example.step, example.duration)
     line = {"conserved": quantity}
-    return _problem(setup, quantity, options, example.step, span, line, "tradeoff shell-sim")
+    work = partial(_work, len(example.x), math.inf)
+    return _problem(setup, quantity, options, example.step, span, line, "tradeoff shell-sim", work)
 
 
 def scene_problem(
@@ -184,7 +188,7 @@ def scene_problem(
     step = options.get("step") or time.step or time.duration / 50
 
     def setup(integrator: str, dt: float, span: float) -> Any:
-        every = max(dt, span / N_OBSERVATIONS)
+        every = dt * max(1, round(span / dt) // N_OBSERVATIONS)
         overrides = {"integrator": integrator, "step": dt, "duration": span, "frame_every": every}
         scene, account = resolve(document, KIND, overrides), Account()
         shells = {n: context for n, (context, _) in model.contexts(scene, read).items()}
@@ -199,8 +203,12 @@ def scene_problem(
         return model.models(scene, shells, systems), scene.schedule(), account, mass, size
 
     span = _span(options, step, min(time.duration, MAX_STEPS * step))
-    setup(INTEGRATORS["newmark"].name, step, span)  # refuses before the work begins
-    return _problem(setup, quantity, options, step, span, {}, "")
+    models = setup("newmark", step, span)[0]  # refuses before the work begins
+    n_vertices = sum(len(one.start.x) for one in models.values())
+    limit = math.inf
+    with contextlib.suppress(DdgError):  # of scenes that explicit schemes do not take
+        limit = min(one.largest_step for one in setup("verlet", step, span)[0].values())
+    return _problem(setup, quantity, options, step, span, {}, "", partial(_work, n_vertices, limit))
 
 
 def _cause_of_change(scene: Scene, systems: Iterable[System], quantity: str) -> str:
@@ -278,6 +286,13 @@ def _model(example: _Example, name: str) -> Model[Motion]:
     )  # fmt: skip
 
 
+def _work(n_vertices: int, limit: float, integrator: str, dt: float, count: int) -> float:
+    """Estimated seconds of steps, those of explicit schemes divided down to their limit of stability."""
+    is_explicit = integrator in EXPLICIT_INTEGRATORS
+    each, per_vertex = EXPLICIT_WORK if is_explicit else IMPLICIT_WORK
+    return count * (parts_of_step(dt, limit) if is_explicit else 1.0) * (each + per_vertex * n_vertices)
+
+
 def _problem(
     setup: Callable[[str, float, float], Any],
     quantity: str,
@@ -286,8 +301,9 @@ def _problem(
     span: float,
     words: Mapping[str, str],
     program: str,
+    work: Callable[[str, float, int], float],
 ) -> Problem:
-    """Candidates: every integrator with several steps; the answer is the largest drift."""
+    """Candidates: every integrator with several steps, cheap ones first; the answer is the largest drift."""
     names = [options["integrator"]] if "integrator" in options else [n for n in INTEGRATORS if n != "static"]
     middle = options.get("step") or step
     counts = sorted({max(1, round(span / (middle * factor))) for factor in STEP_FACTORS})
@@ -303,11 +319,11 @@ def _problem(
             dt = span / count
             arguments = {**words, "integrator": name, "dt": repr(dt), "duration": repr(span)}
             prepare = partial(setup, name, dt, span)
-            work = count * (EXPLICIT_WORK if name in EXPLICIT_INTEGRATORS else IMPLICIT_WORK)
-            candidates.append(Candidate(name, {"dt": dt}, prepare, solve, arguments, work, program))
+            seconds = work(name, dt, count)
+            candidates.append(Candidate(name, {"dt": dt}, prepare, solve, arguments, seconds, program))
     truth = Reference.from_truth(f"the {quantity.replace('-', ' ')} at the start", np.zeros(1))
     return Problem(
-        candidates=candidates,
+        candidates=sorted(candidates, key=lambda candidate: candidate.work),
         references=[(0.0, lambda: truth)],
         error=lambda answer, truth: np.nan_to_num(np.abs(answer), nan=np.inf),
         error_scale=SCALES[quantity],
