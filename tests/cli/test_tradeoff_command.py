@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks.common.mesh_classes import ellipsoids
+from ddgcli.algorithms.curvature.surface_curvature import ProposedBalls
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.cli.commands.tradeoff import COMMANDS
 from ddgcli.geometry.surface_points import SurfacePoints
@@ -28,6 +29,7 @@ from ddgcli.tradeoff.candidates import relative_to_largest, relative_to_rms
 from ddgcli.tradeoff.problems import curvature, delaunay, geodesic, laplacian, simulate, willmore_flow
 from ddgcli.tradeoff.richardson import remaining_error
 from ddgcli.tradeoff.truths import parse_truth
+from tests.curvature_noise import SURFACES, noisy
 from tests.simulate import HANGING_CLOTH
 
 CLOTH = HANGING_CLOTH.format(cells=3)
@@ -132,6 +134,57 @@ def test_the_curvature_reference_of_a_fine_mesh_is_as_certain_as_wider_fits():
     error = relative_to_rms(reference.values, truth)
     assert error.max() <= reference.error_bound("max") <= 15 * error.max()
     assert error.mean() <= reference.error_bound("mean") <= 15 * error.mean()
+
+
+NOISY = [("sphere", 0.1), ("torus", 0.1), ("ellipsoid", 0.1), ("ellipsoid", 0.3)]
+
+
+@pytest.mark.parametrize("name, share", NOISY)
+def test_where_noise_dominates_the_reference_averages_it_and_covers_its_own_error(name, share):
+    """It was the fit in two rings, ten times as wrong as the balls that its warning proposed."""
+    make, truth = SURFACES[name]
+    mesh = make()
+    mean, mesh = truth(mesh.points).mean, noisy(mesh, share)
+    ((_, compute),) = curvature.problem(mesh).references
+    reference = compute()
+    error = relative_to_rms(reference.values, mean)
+    assert error.max() <= reference.error_bound("max") and error.mean() <= reference.error_bound("mean")
+    by_default = relative_to_rms(curvature.mean_curvature(mesh, "quadric", None), mean)
+    assert error.mean() < by_default.mean() and error.max() < 0.5 * by_default.max()
+
+
+def test_details_that_look_like_noise_are_within_the_uncertainty_of_the_reference(monkeypatch):
+    """Averages lose waves of five edges, which fits show: the uncertainty has to cover both."""
+    grid = shapes.grid(30, 30, pattern="alternating")
+    x, y = (2 * np.pi * 6 * grid.points[:, k] for k in (0, 1))
+    mesh = grid.moved(grid.points + np.outer(0.004 * np.sin(x) * np.sin(y), [0, 0, 1]))
+    balls = ProposedBalls("normal-voting", 0.15, "quadric", 0.15, 0.1, "rough")
+    monkeypatch.setattr(curvature, "proposed_balls", lambda mesh: balls)
+    fitted = curvature.mean_curvature(mesh, "quadric", None)
+    ((_, compute),) = curvature.problem(mesh).references
+    reference = compute()
+    error = relative_to_rms(fitted, reference.values)
+    assert 0.5 < error.mean() <= reference.error_bound("mean") and error.max() <= reference.error_bound("max")
+
+
+def test_the_balls_that_the_warning_of_noise_proposes_are_a_row(tmp_path, summary):
+    path = tmp_path / "noisy.ply"
+    write_mesh(str(path), AnnotatedMesh(noisy(shapes.icosphere(3), 0.05)))
+    report = summary("tradeoff", "curvature", path, "--truth", "sphere:1", "--repeat", 1, "--budget", 600)
+    call = re.compile(r"--scheme (\S+) (?:with )?--radius ([\d.]+)")
+    (scheme, radius), *_ = (call.search(text).groups() for text in report["warnings"] if "cotan" in text)
+    rows = report["results"]["rows"]
+    calls = [(row, call.search(row["command"])) for row in rows]
+    near = pytest.approx(float(radius), rel=5e-3)
+    (row,) = [row for row, match in calls if match and match[1] == scheme and float(match[2]) == near]
+    (by_default,) = [r for r in rows if r["method"] == "quadric" and r["parameters"]["radius"] == "own"]
+    assert row["mean_error"] < 0.2 * by_default["mean_error"]
+    auto = summary("tradeoff", "curvature", path, "--radius", "auto", "--repeat", 1, "--budget", 600)[
+        "results"
+    ]
+    assert {r["parameters"]["radius"] for r in auto["rows"]} == {"auto"}
+    (voting,) = [r for r in auto["rows"] if r["method"] == "normal-voting"]
+    assert "--scheme normal-voting --radius auto" in voting["command"]
 
 
 def test_geodesic_references_cover_their_own_error():
@@ -385,7 +438,8 @@ def test_warnings_of_rows_name_the_rows_and_options(tmp_path, summary):
     kinds = [re.sub(r"[\d.]+", "#", text.partition(": the surface")[2]) for text in noise]
     assert len(set(kinds)) == len(kinds)
     named = {label for text in noise for label in text.partition(": the surface")[0].split(", ")}
-    assert {"reference", "cotan radius=own", "normal-cycle radius=own"} <= named
+    assert {"quadric radius=own", "cotan radius=own", "normal-cycle radius=own"} <= named
+    assert "reference" not in named, "it measures in the balls that the warning proposes"
 
 
 def test_a_flow_whose_reference_fails_names_it_and_a_duration(tmp_path, run, monkeypatch):

@@ -23,7 +23,13 @@ from ddgcli.algorithms.curvature.curvature_results import (
 )
 from ddgcli.algorithms.curvature.deviation import vertex_deviation
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals, unit_normals
-from ddgcli.algorithms.curvature.noise import Noise, warn_of_better_scheme, warn_of_details, warn_of_noise
+from ddgcli.algorithms.curvature.noise import (
+    FITTED_SCHEMES,
+    Noise,
+    warn_of_better_scheme,
+    warn_of_details,
+    warn_of_noise,
+)
 from ddgcli.algorithms.curvature.noise_estimate import Effort, estimate_noise
 from ddgcli.algorithms.curvature.one_sided import of_copies, unsigned_normals
 from ddgcli.algorithms.curvature.quadric import quadric
@@ -251,6 +257,55 @@ def _in_best_balls(
     if expected_error is not None:
         warn_of_better_scheme(noise, scheme, expected_error)
     return _Measured(principal, noise, in_ball, expected_error)
+
+
+@dataclass(frozen=True)
+class ProposedBalls:
+    """Scheme and balls of the least error, where noise dominates the curvature at the default region.
+
+    Attributes
+    ----------
+    scheme, other_scheme : str
+        The best one, and another to compare with.
+    radius, other_radius : float or 'auto'
+        Theirs, in length units; 'auto' where the components of the mesh need several.
+    expected_error : float
+        Mean error of the mean curvature over its mean size.
+    kind : str
+        As of `Noise`.
+    """
+
+    scheme: str
+    radius: float | Literal["auto"]
+    other_scheme: str
+    other_radius: float | Literal["auto"]
+    expected_error: float
+    kind: str
+
+
+def proposed_balls(mesh: TriangleMesh) -> ProposedBalls | None:
+    """Scheme and radius that the warning of noise proposes; None where noise does not dominate.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    ProposedBalls or None
+    """
+    surface = prepare_surface(mesh, DEFAULT_SCHEME)
+    noise = _noise(surface.cover or surface, DEFAULT_SCHEME, None, one_sided=surface.cover is not None)
+    if not noise.dominates_curvature:
+        return None
+
+    def radius(scheme: str) -> float | Literal["auto"]:
+        return "auto" if len(noise.groups) > 1 else noise.radius_of(scheme) * surface.scale
+
+    best = noise.best_scheme
+    other = next(scheme for scheme in FITTED_SCHEMES if scheme != best)
+    error = noise.expected_error(best) or 0.0
+    return ProposedBalls(best, radius(best), other, radius(other), error, noise.kind)
 
 
 def check_curvature(

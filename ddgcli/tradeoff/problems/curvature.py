@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
+from ddgcli.algorithms.curvature.surface_curvature import ProposedBalls, measure_curvature, proposed_balls
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.component_sides import component_extents
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -29,6 +31,9 @@ RADII: dict[str, tuple[float | None, ...]] = {
     "corrected": (None, 2.0, 4.0),
     "quadric": (None, 3.0),
 }
+
+Radius = float | Literal["auto"] | None  # in length units; None is the scheme's own region
+DETAIL_KINDS = ("rough", "uneven", "partial")  # of noise, which bodies with details of a few edges have too
 
 # fits in balls of so many edges err 1 (details, noise) to 17 times (spheres of like edges) as much as those
 # in two rings; at the least half as much in the mean, and a quarter at the worst vertex (slivers, rounding)
@@ -52,21 +57,28 @@ def problem(
     # in mean edges: larger balls hold every component whole
     most = float(component_extents(mesh).max()) / 2 / edge
     radius_option = options.get("radius")
-    if isinstance(radius_option, str):
-        raise ParameterError(
-            f"{radius_option!r} is not a length to compare at; give one, or leave `radius` out"
-        )
-    rows = [
+    if isinstance(radius_option, str) and radius_option != "auto":
+        raise ParameterError(f"must be a length or 'auto', not {radius_option!r}", parameter="radius")
+    rows: list[tuple[str, Radius]] = [
         (scheme, radius)
         for scheme, radii in RADII.items()
         if options.get("scheme", scheme) == scheme
-        for radius in (radii if radius_option is None else (radius_option / edge,))
+        for radius in ([r and r * edge for r in radii] if radius_option is None else (radius_option,))
         if scheme != "cotan" or radius is None
     ]
+    proposal = proposed_balls(mesh)
+    proposed_row = proposal and (proposal.scheme, proposal.radius)
+    if proposed_row and radius_option is None and options.get("scheme") in (None, proposed_row[0]):
+        rows.insert(1, proposed_row)  # early, so that the time budget covers it
     if truth is not None and truth.mean_curvature is not None:
         values = np.where(inside, truth.mean_curvature(mesh.points), np.nan)
         truth_reference = Reference.from_truth(truth.name, values)
         references = [(0.0, lambda: truth_reference)]
+    elif proposal is not None:
+        work = (
+            _work(mesh, None) + _work(mesh, proposal.radius, edge) + _work(mesh, proposal.other_radius, edge)
+        )
+        references = [(work, partial(_compared_balls, mesh, inside, proposal))]
     elif most <= 2 and rows:
         raise ParameterError(
             "the mesh is too coarse to compare with: a ball of two mean edges holds it whole; state its "
@@ -81,9 +93,12 @@ def problem(
             ),
             (work + _work(mesh, 2.0), lambda: _compared(mesh, inside, edge, (2.0,))),
         ][most <= 4 :]
-    fits = [radius is None or radius < most or radius_option is not None for _, radius in rows]
+    fits = [
+        radius_option is not None or not isinstance(radius, float) or radius < most * edge
+        for _, radius in rows
+    ]
     left_out = [
-        (f"{s} radius={r:g} edges", "its balls hold the mesh whole")
+        (f"{s} radius={_label(r, edge)}", "its balls hold the mesh whole")
         for (s, r), fit in zip(rows, fits)
         if not fit
     ]
@@ -99,27 +114,61 @@ def problem(
     )
 
 
-def mean_curvature(mesh: TriangleMesh, scheme: str, radius: float | None) -> NDArray[np.float64]:
+def mean_curvature(mesh: TriangleMesh, scheme: str, radius: Radius) -> NDArray[np.float64]:
     """(n,) mean curvature by a scheme."""
     return measure_curvature(mesh, scheme, radius, full=False).vertex["mean_curvature"]
 
 
-def _candidate(mesh: TriangleMesh, scheme: str, in_edges: float | None, edge: float) -> Candidate:
-    radius = None if in_edges is None else in_edges * edge
-    arguments = {"scheme": scheme} | ({"radius": repr(radius)} if radius is not None else {})
+def _candidate(mesh: TriangleMesh, scheme: str, radius: Radius, edge: float) -> Candidate:
+    text = radius if isinstance(radius, str) else repr(radius)
     return Candidate(
         scheme,
-        {"radius": f"{in_edges:.3g} edges" if in_edges is not None else "own"},
+        {"radius": _label(radius, edge)},
         lambda: None,
         lambda _: mean_curvature(mesh, scheme, radius),
-        arguments,
-        _work(mesh, in_edges),
+        {"scheme": scheme} | ({"radius": text} if radius is not None else {}),
+        _work(mesh, radius, edge),
     )
 
 
-def _work(mesh: TriangleMesh, radius: float | None) -> float:
-    """Estimated seconds; the number of faces in a ball grows with the square of its radius."""
-    return 2e-2 + mesh.n_faces * (1.5e-5 if radius is None else 6e-5 * radius**2)
+def _label(radius: Radius, edge: float) -> str:
+    if isinstance(radius, str):
+        return radius
+    return "own" if radius is None else f"{radius / edge:.3g} edges"
+
+
+def _work(mesh: TriangleMesh, radius: Radius, unit: float = 1.0) -> float:
+    """Estimated seconds; the number of faces in a ball grows with the square of its radius in mean edges.
+
+    Without a radius the noise is estimated, with 'auto' that of wider balls too.
+    """
+    if radius is None or isinstance(radius, str):
+        return 2e-2 + mesh.n_faces * (3e-5 if radius is None else 1e-4)
+    return 2e-2 + mesh.n_faces * (1e-5 + 2e-6 * (radius / unit) ** 2)
+
+
+def _compared_balls(mesh: TriangleMesh, inside: NDArray, proposal: ProposedBalls) -> Reference:
+    """Reference where noise dominates: the proposed scheme in balls of the proposed radius.
+
+    Its uncertainty is the difference from another scheme in balls of that scheme's best radius, and the
+    expected error. Where the noise may be details, which balls average away, the difference from fits over
+    the default region counts too.
+    """
+    best, other = (
+        np.where(inside, mean_curvature(mesh, scheme, radius), np.nan)
+        for scheme, radius in (
+            (proposal.scheme, proposal.radius), (proposal.other_scheme, proposal.other_radius),
+        )
+    )  # fmt: skip
+    gap = relative_to_rms(other, best)
+    name = (
+        f"{proposal.scheme} in balls that average the noise (uncertainty from {proposal.other_scheme} in such"
+    )
+    if proposal.kind in DETAIL_KINDS:
+        gap += relative_to_rms(mean_curvature(mesh, "quadric", None), best)
+        name += ", from quadric fits without, as the noise may be details"
+    gap *= 1.0 + proposal.expected_error / (gap[inside].mean() or 1.0)
+    return Reference.from_agreement(f"{name}, and from noise)", best, gap)
 
 
 def _compared(mesh: TriangleMesh, inside: NDArray, edge: float, radii: tuple[float, ...]) -> Reference:
