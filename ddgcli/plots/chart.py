@@ -96,15 +96,18 @@ def draw_chart(
         if threshold is not None:
             axes.axhline(threshold[1], label=threshold[0], color="0.3", linewidth=1.0, linestyle=(0, (1, 2)))
         _widen(axes, drawable, log)
+        lines = []
         x, y, length = _bars(drawable, bars or {})
         if len(length):
-            _draw_bars(axes, x, y, length)
+            lines += _draw_bars(axes, x, y, length)
         wrapped_ylabel = textwrap.fill(ylabel, int(CHARACTERS_PER_INCH * height))
         axes.set(xlabel=xlabel, ylabel=wrapped_ylabel, title=title)
         _draw_grid_and_legend(axes, log, has_legend)
         if texts:
             shown_points = [(x[shown], y[shown]) for x, y, shown in drawable.values()]
-            place_labels(axes, texts, shown_points, shown_points)
+            if threshold is not None:
+                lines.append((np.array(axes.get_xlim()), np.full(2, threshold[1])))
+            place_labels(axes, texts, shown_points, shown_points + lines)
         figure.text(0.02, 0.01, "\n".join(below), ha="left", va="bottom", fontsize=7.5, color="0.35")
 
 
@@ -124,8 +127,8 @@ def _draw_rings(axes: Any, x: NDArray, y: NDArray, points: Sequence[int]) -> Non
         axes.plot(x[i], y[i], "o", ms=12, mfc="none", mec="0.3", mew=0.9)
 
 
-def _draw_bars(axes: Any, x: NDArray, y: NDArray, length: NDArray) -> None:
-    """Draw vertical bars, and widen the axis for them.
+def _draw_bars(axes: Any, x: NDArray, y: NDArray, length: NDArray) -> list[tuple[NDArray, NDArray]]:
+    """Draw vertical bars, and widen the axis for them; the ends (x, y) of each.
 
     On a logarithmic axis those of more than a decade below their point, such as to 0, end with the axis.
     """
@@ -136,8 +139,10 @@ def _draw_bars(axes: Any, x: NDArray, y: NDArray, length: NDArray) -> None:
     whole = below[below >= 0.1 * y] if is_log else below
     low = min(low, whole.min(initial=np.inf) / margin)
     high = max(high, above.max(initial=-np.inf) * margin)
-    axes.vlines(x, np.maximum(below, low), above, color="0.55", linewidth=0.9, zorder=1)
+    ends = np.stack([np.maximum(below, low), above], axis=1)
+    axes.vlines(x, *ends.T, color="0.55", linewidth=0.9, zorder=1)
     axes.set_ylim(low, high)
+    return list(zip(np.stack([x, x], axis=1), ends))
 
 
 def _bars(drawable: Mapping[str, Any], bars: Mapping[str, Sequence[float]]) -> tuple[NDArray, ...]:

@@ -63,7 +63,15 @@ def place_labels(
         far = distance > unit * NEAR
         if far:  # no later text may touch the line from this one to its point
             occupied = np.concatenate([occupied, _line_to_point(box, centre, unit)])
-        line = {"arrowstyle": "-", "color": "0.4", "linewidth": 0.6, "shrinkA": 0, "shrinkB": 2}
+        line: dict[str, Any] = {
+            "arrowstyle": "-",
+            "color": "0.4",
+            "linewidth": 0.6,
+            "shrinkA": 0,
+            "shrinkB": 2,
+        }
+        # from the nearest point of the text: that line was tested, not the one from the middle
+        line["relpos"] = tuple((np.clip(centre, box[:2], box[2:]) - box[:2]) / np.maximum(extent, 1.0))
         axes.annotate(
             text, (x, y), tuple((box[:2] - centre) / unit), textcoords="offset points", fontsize=FONT_SIZE,
             arrowprops=line if far else None, va="bottom", ha="left",

@@ -239,12 +239,26 @@ def test_labels_of_a_crowded_chart_overlap_neither_each_other_nor_points_and_lin
     points = axes.transData.transform(np.stack([x, y], axis=1))
     assert not any(box.contains(*point) for box in texts for point in [*points, *along])
     assert all(window.x0 <= box.x0 and box.x1 <= window.x1 for box in texts)
-    for k, (note, box) in enumerate(zip(notes, texts)):  # lines from texts to points cross no other text
-        centre = axes.transData.transform(note.xy)
-        start = np.clip(centre, box.min, box.max)
-        crossed = [start + t * (centre - start) for t in np.linspace(0, 1, 50)]
+    leaders = {k: note.arrow_patch for k, note in enumerate(notes) if note.arrow_patch is not None}
+    assert leaders
+    for k, leader in leaders.items():  # as drawn: they began in the middle of their text, and crossed others
+        start, end = leader.get_path().vertices[[0, -1]]
+        crossed = [start + t * (end - start) for t in np.linspace(0, 1, 50)]
         others = [*texts[:k], *texts[k + 1 :]]
-        assert note.arrow_patch is None or not any(o.contains(*p) for o in others for p in crossed)
+        assert not any(box.contains(*point) for box in others for point in crossed)
+
+
+def test_labels_of_a_chart_keep_clear_of_its_bars_and_its_threshold(tmp_path, monkeypatch):
+    import ddgcli.plots.chart as chart
+
+    passed = []
+    monkeypatch.setattr(chart, "place_labels", lambda axes, texts, points, lines: passed.extend(lines))
+    series = {"x": ([1.0, 2.0], [3.0, 5.0])}
+    options = {"bars": {"x": [0.0, 2.0]}, "threshold": ("within 4", 4.0), "labels": {"x": ["a", "b"]}}
+    draw_chart(str(tmp_path / "a.png"), series, **options, dpi=50)
+    bar, threshold = passed[-2:]
+    assert list(bar[0]) == [2.0, 2.0] and list(bar[1]) == [3.0, 7.0]
+    assert list(threshold[1]) == [4.0, 4.0] and threshold[0][0] < 1.0 < 2.0 < threshold[0][1]
 
 
 def test_lengths_of_vectors_have_no_sign_and_zeros_begin_at_zero():

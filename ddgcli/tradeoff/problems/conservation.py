@@ -335,7 +335,7 @@ def _problem(
 SCALES = {
     "energy": "the largest kinetic energy of the run",
     "momentum": "the largest momentum that the kinetic energy allows",
-    "angular-momentum": "that momentum times the size",
+    "angular-momentum": "the largest momentum that the kinetic energy allows, times the size of the object",
 }
 
 
