@@ -13,6 +13,7 @@ from ddgcli.mechanics.terms import Potential
 
 # relative rounding of a sum of n terms of about fifty operations each, divided by the root of n
 SUM_ROUNDING = 1e-14
+STEP_DOUBLING_SPACINGS = 2.0  # of numbers: a step and its two halves round positions three times by a half
 
 
 @dataclass(frozen=True)
@@ -87,3 +88,21 @@ def sum_rounding(scale: float, count: int) -> float:
         In the unit of `scale`.
     """
     return SUM_ROUNDING * scale * float(np.sqrt(count))
+
+
+def least_tolerance(x: NDArray, size: float) -> float:
+    """Smallest tolerance that adaptive steps can meet, whatever their length.
+
+    Parameters
+    ----------
+    x : (n, 3) ndarray of float64
+        Positions in m.
+    size : float
+        Of the object, in m.
+
+    Returns
+    -------
+    float
+        Rounding of the difference between a step and its two halves, over the size.
+    """
+    return STEP_DOUBLING_SPACINGS * float(np.finfo(float).eps * np.abs(x).max()) / size

@@ -179,6 +179,8 @@ class Model(Generic[State]):
         leap over all changes; inf where there is none.
     iterations : callable state -> float, optional
         Newton iterations until a state, where those of a step grow with the motion.
+    least_tolerance : callable state -> float, optional
+        Smallest tolerance that adaptive steps from a state can meet: rounding of their error measure.
     """
 
     start: State
@@ -197,6 +199,7 @@ class Model(Generic[State]):
     growth: float = STEP_GROWTH
     usual_step: float = math.inf
     iterations: Callable[[State], float] | None = None
+    least_tolerance: Callable[[State], float] | None = None
 
 
 @dataclass(frozen=True)

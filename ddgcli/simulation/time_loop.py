@@ -355,6 +355,18 @@ class _Doubling:
         return base
 
 
+def _check_tolerance(active: ActiveModel, tolerance: float, time: float) -> None:
+    """End a run whose tolerance rounding exceeds: steps would end where differences round to zero."""
+    if active.model.least_tolerance is None:
+        return
+    least = active.model.least_tolerance(active.state)
+    if tolerance < least:
+        raise SolveError(
+            f"t = {time:.6g} {active.model.time_unit}, {active.name}: rounding alone makes an error of "
+            f"{least:.2g} in any step; give a tolerance above that instead of {tolerance:g}, or a step"
+        )
+
+
 def _advance_adaptively(
     active: ActiveModel, schedule: Schedule, first: int, last: int, events: list[Event]
 ) -> None:
@@ -391,6 +403,7 @@ def _advance_adaptively(
                 f"{error:.2g} however short the step; give a step instead of the tolerance {tolerance:g}"
             )
         if error > tolerance:
+            _check_tolerance(active, tolerance, time)
             detail = f"step of {dt:.3g} {active.model.time_unit} too long"
             events.append(Event(first, time, "tolerance", active.name, error, detail))
             active.next_dt = doubling.failed() or dt * max(0.2, min(growth, 0.9))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.common.scenes import FREE_SCENE
-from ddgcli.errors import SolveError
+from ddgcli.errors import ParameterError, SceneError, SolveError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.models.shell import model
@@ -18,7 +18,7 @@ from ddgcli.models.shell.scene import KIND
 from ddgcli.scenes.scene import resolve
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
-from tests.simulate import scalar, shell_run
+from tests.simulate import HANGING_CLOTH, scalar, shell_run
 
 EXPLICIT_INTEGRATORS = ("verlet", "symplectic-euler", "avi")
 DYNAMIC = [name for name in INTEGRATORS if name != "static"]
@@ -362,6 +362,49 @@ def test_a_step_whose_error_does_not_fall_with_its_length_ends_the_run():
     with pytest.raises(SolveError, match="stays at 1 however short .* instead of the tolerance 0.01"):
         list(evolve({"m": model}, Schedule(1.0, 10, tolerance=0.01), Account()))
     assert len(list(evolve({"m": model}, Schedule(1.0, 10, tolerance=2.0), Account()))) == 11
+
+
+@pytest.mark.parametrize("overridden", [False, True])
+def test_a_tolerance_below_the_rounding_of_positions_is_refused(overridden):
+    """Once ever shorter steps, until one step and two halves agreed in every digit."""
+    text = HANGING_CLOTH.format(cells=2)
+    far = text.replace("material", "position = [1000, 0, 0]\nmaterial")
+    least = 2 * np.finfo(float).eps * 1001  # of a size of 1 m
+
+    def run(tolerance):
+        if overridden:
+            return shell_run(far, tolerance=tolerance, step=None)
+        return shell_run(far.replace("step = 4e-3", f"tolerance = {tolerance}"))
+
+    message = "is below 4.4e-13, .* give 9e-13 or more"
+    with pytest.raises((ParameterError, SceneError), match=message) as refusal:
+        run(0.99 * least)
+    assert isinstance(refusal.value, SceneError) != overridden
+    if overridden:
+        assert refusal.value.parameter == "tolerance"
+    assert run(1e-6)[0][-1].time == pytest.approx(0.04)
+
+
+def test_a_run_ends_where_rounding_comes_to_exceed_the_tolerance():
+    """A body that moves away from the origin loses digits on the way."""
+    from ddgcli.simulation.model import Model, Observation, Schedule
+
+    lengths, shown = [], Observation(None)
+
+    def advance(state, time, dt):
+        lengths.append(dt)
+        assert len(lengths) < 1000
+        return state + 1e3 * dt
+
+    def distance(one, other):  # steps as short as that agree in every digit
+        return float(np.spacing(other).max()) if lengths[-1] > 1e-6 else 0.0
+
+    model = Model(
+        np.ones(1), advance, lambda state: shown, lambda s: {"s": s}, lambda a: a["s"],
+        distance=distance, order=2, least_tolerance=lambda state: 2 * float(np.spacing(state).max()),
+    )  # fmt: skip
+    with pytest.raises(SolveError, match="rounding alone .* above that instead of 2e-14, or"):
+        list(evolve({"m": model}, Schedule(1.0, 1, tolerance=2e-14, first_dt=1e-3), Account()))
 
 
 def test_progress_reports_every_part_of_a_step():

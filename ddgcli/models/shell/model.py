@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import SolveError, counted
+from ddgcli.errors import ParameterError, SolveError, counted
 from ddgcli.mechanics.driving import driving_work
 from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Step
+from ddgcli.mechanics.rounding import least_tolerance
 from ddgcli.mechanics.stability import stable_step
 from ddgcli.mechanics.system import LINEAR_SOLVER, Motion, System
 from ddgcli.mechanics.terms import (
@@ -352,6 +353,7 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
     start = Motion(x, v, a, memory=tuple(term.initial() for term in system.memories), past=past)
     start = _constrained(scene, system, start)
     size, reach = system.size, integrator.reach(parameters)
+    _check_tolerance(scene, least_tolerance(x, size))
     in_balance = integrator.order == 0 and any(isinstance(term, PlasticMemory) for term in system.memories)
     stretch_limit = StretchLimit(group) if has_stretch_limit(system) else None
 
@@ -406,7 +408,22 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         advice=partial(load_advice, system, parameters, meshes) if integrator.order == 0 else None,
         # what nothing holds moves rigidly first
         iterations=None if system.free.all() or np.isfinite(reach) else lambda motion: float(motion.newton),
+        least_tolerance=lambda motion: least_tolerance(motion.x, size),
     )  # fmt: skip
+
+
+def _check_tolerance(scene: Scene, least: float) -> None:
+    """Refuse a tolerance that no step can meet, because positions are rounded."""
+    tolerance = scene.time.tolerance
+    if tolerance is None or scene.time.integrator == "static" or tolerance >= least:
+        return
+    reason = (
+        f"{tolerance:g} is below {least:.2g}, what rounding of the positions leaves of the size in any step; "
+        f"give {2 * least:.1g} or more, or `step` without it"
+    )
+    if scene.document.data.get("time", {}).get("tolerance") == tolerance:
+        scene.refuse(("time", "tolerance"), f"tolerance = {reason}")
+    raise ParameterError(reason, parameter="tolerance")  # no line of the scene holds it
 
 
 def _constrained(scene: Scene, system: System, motion: Motion) -> Motion:
