@@ -137,10 +137,11 @@ def _solved(
     """Minimum of the function of a step, its Newton iterations, and the function with the final friction.
 
     Friction takes its normal forces from the start of the step at first. Where those of the minimum differ,
-    as where a body lands, it is sought again with them. Smooth dissipation stays as it is at `ahead`; by
-    default it is taken at the minimum too.
+    as where a body lands, it is sought again with them, unless that moves it by less than the iteration
+    resolves, as of a body that falls straight or moves with its floor. Smooth dissipation stays as it is at
+    `ahead`; by default it is taken at the minimum too.
     """
-    from ddgcli.mechanics.newton import minimise
+    from ddgcli.mechanics.newton import is_resolved, minimise
     from ddgcli.mechanics.objective import Objective
 
     y, count = minimise(system, increment, guess)
@@ -152,6 +153,8 @@ def _solved(
         if np.abs(after - before).sum() <= FRICTION_TOLERANCE * np.abs(after).sum():
             break
         increment = replace(increment, frozen=frozen)
+        if not is_resolved(system, increment, y, after - before):
+            break
         y, more = minimise(system, increment, Objective(system).at(increment, y))
         count += more
     return y, count, increment

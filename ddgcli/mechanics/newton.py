@@ -97,6 +97,25 @@ def minimise(system: System, increment: Increment, guess: Point) -> tuple[NDArra
     return _Newton(objective, increment).minimiser(guess)
 
 
+def is_resolved(system: System, increment: Increment, y: NDArray, change: NDArray) -> bool:
+    """Whether a change of the forces moves a minimiser by more than the iteration leaves.
+
+    Parameters
+    ----------
+    system : System
+    increment : Increment
+    y : (n, 3) ndarray of float64
+        The minimiser.
+    change : (n, 3) ndarray of float64
+        Of the forces, in N.
+
+    Returns
+    -------
+    bool
+    """
+    return not _Newton(Objective(system), increment).is_settled(y, system.only_free(change))
+
+
 class _Newton:
     """Newton's iteration in one implicit step."""
 
@@ -164,11 +183,11 @@ class _Newton:
 
     def _is_end(self, y: NDArray, g: NDArray, n_further: int) -> bool:
         """Whether the iteration has converged, `n_further` moves after they are short enough."""
-        if self._is_settled(y, g) or n_further > MAX_BALANCE_MOVES:
+        if self.is_settled(y, g) or n_further > MAX_BALANCE_MOVES:
             return True
         return n_further > 0 and float(np.abs(self._imbalance(g)).max()) <= self._significant_move(y)
 
-    def _is_settled(self, y: NDArray, g: NDArray) -> bool:
+    def is_settled(self, y: NDArray, g: NDArray) -> bool:
         """Whether inertia alone already bounds the next move.
 
         What a step leaves undone is an error of the acceleration, so it is measured by what the acceleration

@@ -353,3 +353,24 @@ def test_friction_of_the_midpoint_rule_is_that_of_the_force_at_the_middle():
     place = np.array([snapshot.observations["s"].points[:, 0].mean() for snapshot in snapshots])
     late = time > 0.05
     assert 2 * np.polyfit(time[late], place[late], 2)[0] == pytest.approx(9.81 * 0.5**1.5, rel=0.01)
+
+
+def test_friction_of_a_straight_fall_solves_no_step_again(monkeypatch):
+    """Onto a floor that moves: once most steps were solved twice for the rounding of friction."""
+    from ddgcli.mechanics import newton
+
+    counts, minimise = [0, 0], newton.minimise
+    for k, friction in enumerate((0.0, 0.5)):
+
+        def counted(*arguments, k=k):
+            counts[k] += 1
+            return minimise(*arguments)
+
+        monkeypatch.setattr(newton, "minimise", counted)
+        floor = "plane = { point = [0, 0, 0], normal = [0, 0, 1] }\nvelocity = [0, 0, -0.1]"
+        run(
+            integrator="newmark", step=5e-3, frame=5e-3, position=[0, 0, 0.012], velocity=[0, 0, -0.1],
+            duration=0.15, friction=friction, obstacle=floor,
+        )  # fmt: skip
+    assert counts[0] > 30
+    assert counts[1] <= 1.3 * counts[0]  # 1.7 times
