@@ -326,15 +326,15 @@ SURFACE = [
     ),
     Task(
         "shell-sim iterative implicit step",
-        f"shell-sim {{mesh}} {SHELL} --effect bending --dt 1e-3 --pin 0 --steps 5",
-        (30_000, 150_000, 600_000),
+        f"shell-sim {{mesh}} {SHELL} --effect bending --dt 5e-3 --pin 0 --steps 5",
+        (10_000, 30_000, 100_000),
         mesh="disk",
         exponent=1.35,
         solver="multigrid",
     ),
     Task(
         "shell-sim iterative midedge step",
-        f"shell-sim {{mesh}} {SHELL} --effect \"bending model='midedge'\" --dt 1e-3 --pin 0 --steps 5",
+        f"shell-sim {{mesh}} {SHELL} --effect \"bending model='midedge'\" --dt 5e-3 --pin 0 --steps 5",
         SMALL_SIZES,
         mesh="disk",
         exponent=1.15,
@@ -360,7 +360,7 @@ SURFACE = [
     ),
     Task(
         "shell-sim pairs step",
-        f"shell-sim {{mesh}} {SHELL} --effect bending --effect 'contact self_contact=true' --dt 1e-3 --pin 0 "
+        f"shell-sim {{mesh}} {SHELL} --effect bending --effect 'contact self_contact=true' --dt 5e-3 --pin 0 "
         "--steps 5",
         SMALL_SIZES,
         mesh="disk",

@@ -260,6 +260,8 @@ def test_a_dry_run_of_shells_predicts_the_solver_that_the_run_chooses(tmp_path, 
     direct, iterative = kernel(360), kernel(320)
     assert direct["kernel"] == "shell-sim implicit step" and 250 < direct["mib"] < 320
     assert iterative["kernel"] == "shell-sim iterative implicit step" and iterative["mib"] < 200
+    low, high = (row["times_range"][0] for row in (iterative, direct))
+    assert low < 0.2 * high  # by the length of the step
     assert summary(*words)["accuracy"]["step_solver"] in ITERATIVE_SOLVERS
     kernel(360)
     assert "step_solver" not in summary(*words)["accuracy"]

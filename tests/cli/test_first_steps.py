@@ -154,3 +154,22 @@ def test_a_dry_run_of_equilibria_counts_the_iterations_of_a_trial(tmp_path, summ
     assert low < results["seconds"] < high and "iterations to rest" in row["assumes"]
     monkeypatch.setattr(first_steps, "MIN_TRIED_SHARE", 1e3)
     assert dry_run()[0]["times"] == ITERATIONS_TO_REST
+
+
+def test_divided_first_steps_leave_the_table_in_the_range(monkeypatch):
+    """Of a plate that a load makes yield at once: 45 s (27 to 130) were predicted for 6."""
+    clock = Clock()
+    monkeypatch.setattr(first_steps.time, "process_time", clock.process_time)
+
+    def advance(state, time, dt):
+        clock.now += 0.1
+        if state < 8 and dt > 0.3:
+            raise StepRejected("energy falls")
+        return state + 1
+
+    model = Model(0, advance, lambda state: Observation(None), lambda state: {}, lambda arrays: 0)
+    job = Job({"a": model}, [], Schedule(1.0, 100), Account(), moving=False)
+    by_table = predict([Use("shell-sim implicit step", 100)], InputSize("surface", 2000), calibrate=False)
+    trial = first_steps.with_first_steps(by_table, job)
+    assert trial.seconds > 2 * by_table.seconds
+    assert trial.seconds_range[0] <= by_table.seconds

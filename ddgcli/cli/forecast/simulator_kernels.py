@@ -41,6 +41,8 @@ CONFORMAL_RANGE: Range = (0.2, 5.0)
 MEASURED_MODES = 10
 STEPS_WITHOUT_SLIDING = 0.5  # one of two factorisations
 ELASTIC_STEPS = 1.7  # steps of the flow by curvature that cost as much as one of the elastic flow
+# steps of 5 ms to such of 1 ms, whose inertia makes conjugate gradients converge sooner
+MIN_ITERATIVE = 0.08
 CIRCULATION_RANGE: Range = (0.7, 2.5)  # fixed points of a flow that speeds up need more iterations
 NEWTON_RANGE: Range = (0.6, 3.0)  # of implicit steps: Newton iterations, and steps that are rejected
 
@@ -159,6 +161,8 @@ def shell_kernels(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
             assumes = f"{ITERATIONS_TO_REST} iterations to rest"
         elif size.steps is not None and not options.get("contact"):  # which begins with a free fall
             contact *= mean_iterations(size.steps) / mean_iterations(MEASURED_STEPS)
+        if iterative:
+            unknown, assumes = (MIN_ITERATIVE, unknown[1]), f"{assumes}, steps as stiff as of 5 ms"
         yield _step_uses(f"shell-sim {iterative}{bending} step", size, contact, unknown, assumes=assumes)
     if options.get("pair_elements"):
         share = options["pair_elements"] / max(size.elements, 1)

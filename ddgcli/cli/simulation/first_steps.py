@@ -90,7 +90,7 @@ def with_first_steps(
     trial = _trial(job)
     if trial is None:
         return prediction
-    per_step, is_complete, growth_from = trial
+    per_step, is_complete, is_divided, growth_from = trial
     per_step *= growth_from(steps)
     if not is_complete:
         logging.getLogger("ddgcli").warning(
@@ -100,9 +100,11 @@ def with_first_steps(
         return prediction
     peak = max(prediction.peak_mib, resident_memory()[1] / MIB)
     measured = replace(with_measured_steps(prediction, per_step * steps), peak_mib=peak)
-    if is_complete:
+    if is_complete and not is_divided:
         return measured
-    return replace(measured, seconds_range=(prediction.seconds_range[0], measured.seconds_range[1]))
+    # later steps may need no division: a load that begins at once yields and shakes only the first ones
+    low = min(prediction.seconds_range[0], measured.seconds_range[0])
+    return replace(measured, seconds_range=(low, measured.seconds_range[1]))
 
 
 def with_first_iterations(prediction: Prediction, job: Job) -> Prediction:
@@ -142,8 +144,10 @@ def with_first_iterations(prediction: Prediction, job: Job) -> Prediction:
     return with_measured_equilibria(measured, expected, UNFINISHED_RANGE)
 
 
-def _trial(job: Job) -> tuple[float, bool, Callable[[int], float]] | None:
-    """CPU seconds of a step, whether the trial ended after first steps, and its growth; None if one fails.
+def _trial(job: Job) -> tuple[float, bool, bool, Callable[[int], float]] | None:
+    """CPU seconds of a step, whether the trial ended after first steps or divided one, and its growth.
+
+    None if a step fails.
 
     A complete trial leaves out what the first step prepares. The seconds of one that ended within the first
     steps are 0 if adaptive steps may grow from there. The growth is a function of the number of all steps:
@@ -172,7 +176,7 @@ def _trial(job: Job) -> tuple[float, bool, Callable[[int], float]] | None:
     if not is_complete:
         done, elapsed, _ = samples[-1]
         per_step = elapsed / done if done >= 1.0 or job.schedule.tolerance is None else 0.0
-        return per_step, False, lambda steps: 1.0
+        return per_step, False, False, lambda steps: 1.0
     if len(samples) < 2 or not samples[-1][0] > samples[0][0]:
         return None
     (first, start, before), (last, end, after) = samples[0], samples[-1]
@@ -184,7 +188,8 @@ def _trial(job: Job) -> tuple[float, bool, Callable[[int], float]] | None:
         growth = mean_iterations(steps) / mean_iterations(last, first)
         return min(growth, max(1.0, LATER_ITERATIONS / per_model))
 
-    return (end - start) / (last - first), True, growth_from
+    is_divided = job.schedule.tolerance is None and any(done % 1.0 for done, _, _ in samples)
+    return (end - start) / (last - first), True, is_divided, growth_from
 
 
 def _counted(models: Mapping[str, Model[Any]]) -> tuple[dict[str, Model[Any]], dict[str, float]]:
