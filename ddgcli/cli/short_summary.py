@@ -37,7 +37,7 @@ SHORT_FIELDS: dict[str, dict[str, str]] = {
         "smooth_sensible_time smooth_collapsed_vertices hks_times form_eigenvalues harmonic_forms "
         "equation steps dt",
         "accuracy": "negative_weights eigen_complete form_eigen_complete total_drift energy_drift "
-        "energy_increases hks_truncation poisson_residual harmonic_residual "
+        "energy_increases heat_time_error wave_time_error hks_truncation poisson_residual harmonic_residual "
         "parameterize_residual angle_sum_residual smooth_residual",
     },
     "dec": {

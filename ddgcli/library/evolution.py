@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ddgcli.algorithms.laplacian.evolution import EvolutionResult, EvolutionTimes, solve_evolution
+from ddgcli.algorithms.laplacian.evolution import EvolutionResult, solve_evolution
+from ddgcli.algorithms.laplacian.evolution_times import EvolutionTimes
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -38,7 +39,7 @@ def heat_equation(
     duration : float
         In length^2.
     time_step : float, optional
-        Default a hundredth of the duration.
+        Frames come at multiples of it; heat has no error of steps. Default a hundredth of the duration.
     n_frames : int, optional
         Number of frames behind the first.
     operator, mass : str
@@ -47,7 +48,8 @@ def heat_equation(
     Returns
     -------
     EvolutionResult
-        `evolution_frames` (each with `time`, `values` (n,) and `scalar`), `results`, `accuracy`.
+        `evolution_frames` (each with `time`, `values` (n,), `scalar` and `time_error`), `results`,
+        `accuracy` (with the largest `time_error` of a frame as `heat_time_error`).
 
     Raises
     ------
@@ -95,7 +97,7 @@ def wave_equation(
     Returns
     -------
     EvolutionResult
-        As `heat_equation`; frames have `velocity` (n,) too.
+        As `heat_equation` (`wave_time_error`); frames have `velocity` (n,) too.
 
     Raises
     ------

@@ -1,8 +1,9 @@
 """Linear algebra without meshes: factorisation, ordering, eigenpairs, constrained solves.
 
 `factor` is the only place where matrices are factorised; `backends` holds the solvers behind it, `eigen`
-smallest eigenpairs, `constrain` Dirichlet problems, `conjugate` conjugate gradients, `displacements` those of
-mechanical systems whose factors do not fit, `secant` quasi-Newton equations.
+smallest eigenpairs, `exponential` diffusion in time, `constrain` Dirichlet problems, `conjugate` conjugate
+gradients, `displacements` those of mechanical systems whose factors do not fit, `secant` quasi-Newton
+equations.
 """
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "displacements",
     "dissection",
     "eigen",
+    "exponential",
     "factor",
     "indices",
     "iterative",

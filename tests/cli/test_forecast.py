@@ -430,12 +430,20 @@ def test_harmonic_fields_are_counted_by_eulers_formula():
 def test_the_constant_part_of_steps_counts_once():
     def seconds(steps):
         size = InputSize("surface", 1000, steps=steps)
-        return predict(kernels_of("laplacian", {"heat": "f"}, size), size, calibrate=False).kernels[-1][
+        return predict(kernels_of("laplacian", {"wave": "f"}, size), size, calibrate=False).kernels[-1][
             "seconds"
         ]
 
-    constant = COEFFICIENTS["laplacian evolution"].seconds
+    constant = COEFFICIENTS["laplacian wave"].seconds
     assert math.isclose(seconds(200) - constant, 20 * (seconds(10) - constant))
+
+
+def test_heat_costs_its_frames_and_not_its_steps():
+    def uses(steps, **options):
+        return kernels_of("laplacian", {"heat": "0", **options}, InputSize("surface", 1000, steps=steps))
+
+    assert uses(1000) == uses(100) and uses(100)[-1].times == 48
+    assert uses(1000, n_frames=500)[-1].times == 498 and len(uses(2)) == len(uses(100)) - 1
 
 
 def test_a_flow_to_rest_may_end_before_its_second_remesh():

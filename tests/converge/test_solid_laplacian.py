@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.laplacian.evolution import EvolutionTimes, solve_evolution
+from ddgcli.algorithms.laplacian.evolution import solve_evolution
+from ddgcli.algorithms.laplacian.evolution_times import EvolutionTimes
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.algorithms.laplacian.poisson import harmonic, poisson
 from ddgcli.algorithms.laplacian.spectrum import heat_kernel_signature, signature_pairs, spectrum

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import ddgcli as ddg
-from ddgcli.algorithms.laplacian.evolution import EvolutionTimes, evolve_function, solve_evolution
+from ddgcli.algorithms.laplacian.evolution import evolve_function, solve_evolution
+from ddgcli.algorithms.laplacian.evolution_times import EvolutionTimes
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.algorithms.laplacian.spectrum import spectrum
 from ddgcli.errors import ParameterError, SolveError
@@ -28,16 +29,91 @@ def last(equation, start, duration, steps):
     return evolution_frames[-1]
 
 
-@pytest.mark.parametrize("equation", ["heat", "wave"])
-def test_an_eigenfunction_follows_its_exact_solution_with_order_two_in_the_step(equation):
+def test_waves_of_an_eigenfunction_follow_the_exact_solution_with_order_two_in_the_step():
     value, mode = PAIRS.values[6], PAIRS.vectors[:, 6]
-    duration = 0.4 if equation == "heat" else 1.7
-    factor = np.exp(-value * duration) if equation == "heat" else np.cos(np.sqrt(value) * duration)
-    errors = [
-        np.abs(last(equation, mode, duration, steps).values - factor * mode).max() for steps in (20, 40, 80)
-    ]
+    expected = np.cos(np.sqrt(value) * 1.7) * mode
+    errors = [np.abs(last("wave", mode, 1.7, steps).values - expected).max() for steps in (20, 40, 80)]
     assert np.log2(np.array(errors[:-1]) / errors[1:]).min() > 1.9
     assert errors[-1] < 1e-3 * np.abs(mode).max()
+
+
+def exact(operator, equation, start, times):
+    """Solutions at times by all eigenfunctions."""
+    root = np.sqrt(operator.mass.diagonal())
+    values, vectors = np.linalg.eigh(operator.stiffness.toarray() / np.outer(root, root))
+    rates = np.maximum(values, 0.0)
+    decay = np.exp(-np.outer(times, rates)) if equation == "heat" else np.cos(np.outer(times, rates**0.5))
+    return (decay * (vectors.T @ (root * start))) @ vectors.T / root
+
+
+def relative_error(operator, equation, result):
+    start = result.evolution_frames[0].values
+    computed = np.array([evolution_frame.values for evolution_frame in result.evolution_frames])
+    expected = exact(operator, equation, start, result.results["times"])
+    return np.max(np.abs(computed - expected).max(axis=1) / np.abs(expected).max(axis=1))
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        EvolutionTimes(1.0, 100, 2),
+        EvolutionTimes(0.1, 1, 1),
+        EvolutionTimes(1e-5, 3, 1),
+        EvolutionTimes(2.0, 4000, 100),
+        EvolutionTimes(1e3, 2, 1),
+    ],
+)
+@pytest.mark.parametrize("start", ["vertex", "noise", "smooth"])
+def test_heat_is_exact_in_time_from_the_first_frame_and_states_its_error(start, times):
+    """From a vertex the first frame was wrong by a factor of 4, and one long step left -20."""
+    mesh = shapes.random_sphere(600, 3)
+    operator = laplace_operator(mesh)
+    noise = np.random.default_rng(0).normal(size=600)
+    solved = solve_evolution(
+        operator, "heat", {"vertex": 5, "noise": noise}.get(start, mesh.points[:, 2]), times
+    )
+    error, estimate = relative_error(operator, "heat", solved), solved.accuracy["heat_time_error"]
+    assert error < 1e-5 and error < 3 * estimate + 1e-9 and estimate < 1e-4
+    low, high = solved.results["min"], solved.results["max"]
+    assert min(low) > low[0] - 1e-6 * (high[0] - low[0]) and max(high) < high[0] + 1e-6 * (high[0] - low[0])
+    if start == "vertex":  # nothing is negative on a Delaunay mesh
+        assert (np.array(low) > -1e-6 * np.array(high)).all()
+
+
+def test_heat_of_a_bounded_space_of_vectors_states_its_error(monkeypatch, caplog):
+    monkeypatch.setattr("ddgcli.linalg.exponential.MAX_VECTORS", 6)
+    solved = solve_evolution(OPERATOR, "heat", 5, EvolutionTimes(1.0, 100, 2))
+    error, estimate = relative_error(OPERATOR, "heat", solved), solved.accuracy["heat_time_error"]
+    assert 0.3 * error < estimate < 10 * error and error > 0.01
+    assert any("errs by about" in message for message in caplog.messages)
+
+
+@pytest.mark.parametrize("ratio", [1e-3, 1e-7])
+def test_heat_of_a_small_component_beside_a_large_one_is_as_accurate_as_alone(ratio):
+    mesh = shapes.icosphere(2)
+    both, first, _ = beside_a_sphere(mesh, ratio)
+    start = np.random.default_rng(0).normal(size=both.n_vertices)
+    times = EvolutionTimes(0.3 * ratio**2, 50, 1)
+    alone = solve_evolution(OPERATOR, "heat", start[first:], EvolutionTimes(0.3, 50, 1)).evolution_frames
+    beside = solve_evolution(laplace_operator(both), "heat", start, times).evolution_frames
+    for one, other in zip(alone, beside, strict=True):
+        assert np.abs(one.values - other.values[first:]).max() < 1e-5 * np.abs(one.values).max()
+
+
+@pytest.mark.parametrize("steps, start", [(40, "smooth"), (160, "smooth"), (400, "vertex")])
+def test_waves_state_their_error_in_time(steps, start):
+    points = shapes.icosphere(2).points
+    solved = solve_evolution(
+        OPERATOR, "wave", 5 if start == "vertex" else np.exp(points[:, 2]), EvolutionTimes(4.0, steps, 10)
+    )
+    error, estimate = relative_error(OPERATOR, "wave", solved), solved.accuracy["wave_time_error"]
+    assert 0.5 * error < estimate < 2 * error
+
+
+def test_waves_of_steps_too_long_for_them_have_a_warning(caplog):
+    solved = solve_evolution(OPERATOR, "wave", 5, EvolutionTimes(6.0, 12, 1))
+    assert solved.accuracy["wave_time_error"] > 0.2 and relative_error(OPERATOR, "wave", solved) > 0.2
+    assert any("time_step" in message for message in caplog.messages)
 
 
 def test_the_heat_equation_keeps_its_integral_and_ends_at_the_mean_even_in_one_huge_step():

@@ -9,6 +9,7 @@ them; `implicit_step` is the step of `smooth` and of mean curvature flow in time
 __all__ = [
     "check_tasks",
     "evolution",
+    "evolution_times",
     "form_spectrum",
     "implicit_step",
     "laplace_operator",

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 
+from ddgcli.algorithms.laplacian.evolution_times import EvolutionTimes
 from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.choices import EVOLUTIONS
-from ddgcli.errors import ParameterError, SolveError, counted
+from ddgcli.errors import ParameterError, SolveError
+from ddgcli.linalg.exponential import MAX_STIFFNESS, HeatSemigroup
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.components import connected_labels
 from ddgcli.mesh.fields import checked_values
@@ -23,15 +25,13 @@ from ddgcli.representation import short_repr
 
 log = logging.getLogger("ddgcli")
 HEAT, WAVE = EVOLUTIONS
-GAMMA = 2.0 - math.sqrt(2.0)  # of the two stages of TR-BDF2: both have the same matrix
-MAX_STEPS = 1_000_000
 # of the mean vertex area of the component (of tetrahedra volume^(2/3)): heat time of each of two steps that
 # smooth the start of a wave
 BUMP_TIME = 4.0
-MAX_STIFFNESS = 1e13  # of a step: above it M + dt L is singular to rounding
 ROUNDING_RISE = 1e-12  # relative rise of the energy that rounding explains
-SOLVE_ROUNDING = 16 * np.finfo(np.float64).eps  # of the terms of a row, in the residual of a step
-DEFAULT_STEPS, DEFAULT_FRAMES = 100, 50
+VALUE_ROUNDING = 16 * np.finfo(np.float64).eps  # of the largest value, in each
+# errors in time of heat and waves above which a warning states them
+MAX_TIME_ERROR = {HEAT: 0.01, WAVE: 0.05}
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +48,9 @@ class EvolutionFrame:
     scalar : dict of str to float
         `total` (integral), `min`, `max`, `energy` (half the integral of the squared gradient; of waves with
         half the integral of the squared velocity).
+    time_error : float
+        Estimate of the largest error in time, relative to the largest value; of waves at an odd step that of
+        the frame before.
     """
 
     step: int
@@ -55,71 +58,9 @@ class EvolutionFrame:
     values: NDArray[np.float64]
     velocity: NDArray[np.float64] | None
     scalar: dict[str, float]
+    time_error: float = 0.0
 
     __repr__ = short_repr
-
-
-@dataclass(frozen=True)
-class EvolutionTimes:
-    """Time of an evolution.
-
-    Parameters
-    ----------
-    duration : float
-    steps : int
-    every : int
-        Steps between frames.
-    """
-
-    duration: float
-    steps: int
-    every: int
-
-    @classmethod
-    def of(cls, duration: float | None, time_step: float | None, n_frames: int | None) -> EvolutionTimes:
-        """Times from options: steps divide the duration evenly; 100 of them unless `time_step` is set.
-
-        Raises
-        ------
-        ParameterError
-            Without a duration, with a step longer than it, or with too many steps.
-        """
-        if duration is None:
-            raise ParameterError("give the time to evolve with `duration=TIME`", parameter="duration")
-        for name, number in (("duration", duration), ("time_step", time_step)):
-            if number is not None and not (0 < number < math.inf):
-                raise ParameterError(f"must be a positive number, not {number:g}", parameter=name)
-        if n_frames is not None and n_frames < 1:
-            raise ParameterError(f"must be 1 or more, not {n_frames}", parameter="n_frames")
-        if time_step is not None and time_step > duration * (1 + 1e-9):
-            raise ParameterError(
-                f"{time_step:g} is longer than the duration of {duration:g}; give {duration:g} or less",
-                parameter="time_step",
-            )
-        ratio = DEFAULT_STEPS if time_step is None else duration / time_step  # infinite where it overflows
-        count = max(1, math.ceil(min(ratio, 2.0 * MAX_STEPS) - 1e-9))
-        if count > MAX_STEPS:
-            raise ParameterError(
-                f"{ratio:,.10g} steps are more than {MAX_STEPS:,}; take longer ones", parameter="time_step"
-            )
-        times = cls(duration, count, max(1, math.ceil(count / (n_frames or min(count, DEFAULT_FRAMES)))))
-        times.warn_of_other(time_step, n_frames)
-        return times
-
-    def warn_of_other(self, time_step: float | None, n_frames: int | None) -> None:
-        """Report a step and a number of frames that are others than the options name."""
-        dt, count = self.duration / self.steps, math.ceil(self.steps / self.every)
-        if time_step is not None and abs(dt - time_step) > 1e-6 * time_step:
-            log.warning(
-                f"`time_step={time_step:g}` does not divide the duration of {self.duration:g}: "
-                f"steps take {dt:g}"
-            )
-        if n_frames is not None and count != n_frames:
-            every = "each step" if self.every == 1 else f"every {self.every} steps"
-            log.warning(
-                f"`n_frames={n_frames}` does not divide {counted(self.steps, 'step', 'steps')}: "
-                f"frames come {every}, {count} of them"
-            )
 
 
 def evolve_function(
@@ -142,27 +83,20 @@ def evolve_function(
 
     Notes
     -----
-    Heat: TR-BDF2, of second order and L-stable; it keeps the integral. Wave: implicit midpoint rule,
-    variational and of second order; it keeps the energy and the integral of a function at rest. Each needs
-    one factorisation. After each step the integral on every component is restored from the rounding of long
-    steps.
+    Heat: the exponential of the operator by `HeatSemigroup`, to 1e-7 at the time of each frame; steps only
+    place the frames, and the integral on every component is exact. Wave: implicit midpoint rule, variational
+    and of second order; it keeps the energy and the integral of a function at rest, which is restored on
+    every component from the rounding of long steps; a run of steps twice as long shows its error.
     """
     n = operator.stiffness.shape[0]
     start = checked_start(start, n)
     operator.integrated(start, "start")
     vertices = operator.referenced_vertices  # rows of others are empty: no equation holds there
     L, M = (csc_array(matrix)[:, vertices][vertices] for matrix in (operator.stiffness, operator.mass))
-    u = start[vertices]
-    dt = times.duration / times.steps
     _check_stiffness(L, M, equation, times)
-    advance = _heat_step(L, M, dt) if equation == HEAT else _wave_step(L, M, dt)
-    velocity = None if equation == HEAT else np.zeros_like(u)
-    for step in range(times.steps + 1):
-        if step % times.every == 0 or step == times.steps:
-            evolution_frame = _evolution_frame(L, M, step, step * dt, u, velocity)
-            yield evolution_frame if len(vertices) == n else _on_all_vertices(evolution_frame, vertices, n)
-        if step < times.steps:
-            u, velocity = advance(u, velocity)
+    solve = _heat_frames if equation == HEAT else _wave_frames
+    for evolution_frame in solve(L, M, start[vertices], times):
+        yield evolution_frame if len(vertices) == n else _on_all_vertices(evolution_frame, vertices, n)
 
 
 def checked_start(start: NDArray, n: int) -> NDArray[np.float64]:
@@ -198,15 +132,17 @@ def _check_stiffness(L: csc_array, M: csc_array, equation: str, times: Evolution
         )
 
 
-def _integral_correction(L: csc_array, M: csc_array) -> Callable[[NDArray, NDArray], NDArray[np.float64]]:
-    """Function of (before, after) that shifts `after` to the integral of `before` on every component."""
+def _component_means(
+    L: csc_array, M: csc_array
+) -> tuple[Callable[[NDArray], NDArray[np.float64]], NDArray[np.float64]]:
+    """Function of values that spreads their mean on every component over its vertices; its size at each."""
     count, component = _components(L)
-    size = np.bincount(component, M @ np.ones(len(component)), count)
+    size = np.bincount(component, M @ np.ones(len(component)), count).astype(np.float64, copy=False)
 
-    def correct(before: NDArray, after: NDArray) -> NDArray[np.float64]:
-        return after + (np.bincount(component, M @ (before - after), count) / size)[component]
+    def means(values: NDArray) -> NDArray[np.float64]:
+        return (np.bincount(component, M @ values, count) / size)[component]
 
-    return correct
+    return means, size[component]
 
 
 def _components(L: csc_array | csr_array) -> tuple[int, NDArray[np.int64]]:
@@ -215,28 +151,67 @@ def _components(L: csc_array | csr_array) -> tuple[int, NDArray[np.int64]]:
     return connected_labels(row, column, L.shape[0])
 
 
-def _heat_step(L: csc_array, M: csc_array, dt: float):
-    factor = Factor(csc_array(M + 0.5 * GAMMA * dt * L))
-    first, last = 1.0 / (GAMMA * (2.0 - GAMMA)), (1.0 - GAMMA) ** 2 / (GAMMA * (2.0 - GAMMA))
-    with_integral_of = _integral_correction(L, M)
+def _heat_frames(
+    L: csc_array, M: csc_array, start: NDArray, times: EvolutionTimes
+) -> Iterator[EvolutionFrame]:
+    """Frames of the heat equation: the mean of every component, which stays, and what decays towards it.
 
-    def step(u: NDArray, velocity: NDArray | None) -> tuple[NDArray, None]:
-        middle = factor.solve(M @ u - 0.5 * GAMMA * dt * (L @ u))
-        return with_integral_of(u, factor.solve(M @ (first * middle - last * u))), None
+    Each component starts with a function of one norm, so that a small one is as accurate as a large one.
+    """
+    yield _evolution_frame(L, M, 0, 0.0, start, None)
+    means, size = _component_means(L, M)
+    mean = means(start)
+    largest = float(np.abs(start).max(initial=0.0)) or 1.0
+    norm = largest * np.sqrt(means(((start - mean) / largest) ** 2) * size)
+    rounding = VALUE_ROUNDING * np.abs(mean) * np.sqrt(size)
+    unit = np.divide(start - mean, norm, out=np.zeros_like(start), where=norm > rounding)
+    dt = times.duration / times.steps
+    semigroup = HeatSemigroup(
+        L, M, unit, min(times.every, times.steps) * dt, times.duration, lambda v: v - means(v)
+    )
+    for step in times.frame_steps[1:]:
+        decaying, change = semigroup.at(step * dt)
+        values = mean + norm * decaying
+        evolution_frame = _evolution_frame(L, M, step, step * dt, values, None)
+        yield replace(evolution_frame, time_error=_relative_size(norm * change, values))
 
-    return step
+
+def _wave_frames(
+    L: csc_array, M: csc_array, start: NDArray, times: EvolutionTimes
+) -> Iterator[EvolutionFrame]:
+    """Frames of the wave equation; steps of twice the length show the error, which is of second order."""
+    dt = times.duration / times.steps
+    fine, coarse = _Midpoint(L, M, start, dt), None if times.steps == 1 else _Midpoint(L, M, start, 2.0 * dt)
+    time_error = 0.0
+    for step in times.frame_steps:
+        fine.advance(step)
+        if coarse is not None and step % 2 == 0:
+            coarse.advance(step // 2)
+            time_error = _relative_size((fine.u - coarse.u) / 3.0, fine.u)
+        evolution_frame = _evolution_frame(L, M, step, step * dt, fine.u, fine.velocity)
+        yield replace(evolution_frame, time_error=time_error)
 
 
-def _wave_step(L: csc_array, M: csc_array, dt: float):
-    factor = Factor(csc_array(M + 0.25 * dt**2 * L))
-    with_integral_of = _integral_correction(L, M)
+class _Midpoint:
+    """Implicit midpoint rule for the wave equation, from rest."""
 
-    def step(u: NDArray, velocity: NDArray) -> tuple[NDArray, NDArray]:
-        # the mean velocity w of the step: (M + dt^2 L / 4) w = M v - dt L u / 2
-        mean = with_integral_of(velocity, factor.solve(M @ velocity - 0.5 * dt * (L @ u)))
-        return u + dt * mean, 2.0 * mean - velocity
+    def __init__(self, L: csc_array, M: csc_array, start: NDArray, dt: float) -> None:
+        self.L, self.M, self.dt, self.step = L, M, dt, 0
+        self.factor, self.means = Factor(csc_array(M + 0.25 * dt**2 * L)), _component_means(L, M)[0]
+        self.u, self.velocity = start, np.zeros_like(start)
 
-    return step
+    def advance(self, step: int) -> None:
+        """Take steps up to a number of them."""
+        for _ in range(step - self.step):
+            # the mean velocity w of the step: (M + dt^2 L / 4) w = M v - dt L u / 2
+            mean = self.factor.solve(self.M @ self.velocity - 0.5 * self.dt * (self.L @ self.u))
+            mean = mean + self.means(self.velocity - mean)
+            self.u, self.velocity = self.u + self.dt * mean, 2.0 * mean - self.velocity
+        self.step = step
+
+
+def _relative_size(error: NDArray, values: NDArray) -> float:
+    return float(np.abs(error).max() / (np.abs(values).max() or 1.0))
 
 
 def _evolution_frame(
@@ -371,29 +346,32 @@ def solve_evolution(
     }
     energy = series["energy"]
     if equation == HEAT:
-        noise = times.every * np.sqrt(_energy_of_rounding(operator, evolution_frames[0].values, times))
+        noise = math.sqrt(_energy_of_rounding(operator, evolution_frames[0].values))
         rise = [b > (np.sqrt(a) + noise) ** 2 * (1 + ROUNDING_RISE) for a, b in zip(energy, energy[1:])]
         accuracy["energy_increases"] = int(sum(rise))
     else:
         accuracy["energy_drift"] = max(abs(e - energy[0]) for e in energy) / (energy[0] or 1.0)
+    accuracy[f"{equation}_time_error"] = _worst_time_error(evolution_frames, equation)
     results = {"equation": equation, "steps": times.steps, "dt": times.duration / times.steps}
     return EvolutionResult(
         evolution_frames, results | {"times": [f.time for f in evolution_frames], **series}, accuracy
     )
 
 
-def _energy_of_rounding(operator: LaplaceOperator, start: NDArray, times: EvolutionTimes) -> float:
-    """Bound of the energy that rounding adds to a uniform function in one step of the heat equation.
+def _worst_time_error(evolution_frames: list[EvolutionFrame], equation: str) -> float:
+    """Largest error in time of a frame; warn of a large one."""
+    worst = max(evolution_frames, key=lambda evolution_frame: evolution_frame.time_error)
+    if worst.time_error > MAX_TIME_ERROR[equation]:
+        cure = "give fewer frames (`n_frames`)" if equation == HEAT else "give a shorter `time_step`"
+        share = f"{100 * worst.time_error:.2g} % of its largest value"
+        log.warning(f"the {equation} at time {worst.time:g} errs by about {share}: {cure}")
+    return worst.time_error
 
-    A solve with A = M + c L leaves a residual r of some units of |A| |u|, so that u errs by e = A^-1 r, and
-    e' L e <= r' A^-1 r / c <= r' M^-1 r / c.
-    """
-    scale = 0.5 * GAMMA * times.duration / times.steps
-    size = operator.mass @ np.ones(len(start))
-    terms = (abs(operator.mass) + scale * abs(operator.stiffness)) @ np.full(len(start), np.abs(start).max())
-    inverse = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
-    error = SOLVE_ROUNDING * terms * np.sqrt(inverse / scale)  # terms^2 may overflow
-    return 0.5 * float(error @ error)
+
+def _energy_of_rounding(operator: LaplaceOperator, start: NDArray) -> float:
+    """Bound of the energy that rounding of its values adds to a uniform function."""
+    error = VALUE_ROUNDING * float(np.abs(start).max(initial=0.0))
+    return 0.5 * float(abs(operator.stiffness).sum()) * error**2
 
 
 def check_start_vertex(start: int, n: int, has_size: NDArray) -> None:

@@ -228,7 +228,8 @@ def _evolve(
 ) -> None:
     """Solve the heat or the wave equation, write its frames, and draw the last one."""
     from ddgcli.algorithms.laplacian.check_tasks import check_evolution
-    from ddgcli.algorithms.laplacian.evolution import EvolutionTimes, array_names, solve_evolution
+    from ddgcli.algorithms.laplacian.evolution import array_names, solve_evolution
+    from ddgcli.algorithms.laplacian.evolution_times import EvolutionTimes
     from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
     from ddgcli.plots.array import draw_array
 

@@ -35,7 +35,9 @@ MAX_FAST_COPIES, COPIES_FACTOR = 4, 4.0
 COPIES: dict[str, Any] = {"range": (0.4, 1.6), "assumes": "multiple eigenvalues of equal components"}
 HARMONIC_FIELD_MEMORY = 4.0  # edge values and vectors on faces, over the memory of an eigenpair
 MEASURED_SMOOTHING_STEPS = 10
-MEASURED_EVOLUTION_STEPS = 100
+MEASURED_WAVE_STEPS = 100
+SMOOTH_START_RANGE: Range = (0.4, 1.0)
+MEASURED_HEAT_FRAMES, DEFAULT_EVOLUTION_FRAMES = 2, 50
 PAGE_PIXELS = 1400 * 1050  # of a picture without --size
 # frames on the page of a run, which shows the first one too; those of the measured page, and the part of each
 MAX_PICTURE_FRAMES, MEASURED_PICTURE_FRAMES, PAGE_SHARE_OF_FRAME = 4, 2, 1 / 6
@@ -180,9 +182,20 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         elements = None if size.compactness == 1.0 else size.elements * size.compactness**COMPACTNESS_POWER
         per_pair = PAIRS_PER_SOLUTIONS if solver else PAIRS_PER_FACTOR
         yield Use(f"laplacian form-eigen{solver}", 1.0 + further / per_pair, elements=elements)
-    if options.get("heat") or options.get("wave"):
-        steps = (size.steps or MEASURED_EVOLUTION_STEPS) / MEASURED_EVOLUTION_STEPS
-        yield Use(f"laplacian evolution{solver}", steps, once=True)
+    if options.get("heat"):
+        # steps cost nothing, frames do; a smooth start takes a third of the solves of a vertex
+        known = str(options["heat"]).isdigit()
+        yield Use(
+            f"laplacian heat{solver}",
+            range=KNOWN if known else SMOOTH_START_RANGE,
+            assumes="" if known else "as many solves as for a rough start",
+        )
+        n_frames = min(options.get("n_frames") or DEFAULT_EVOLUTION_FRAMES, size.steps or MEASURED_WAVE_STEPS)
+        if (further := n_frames - MEASURED_HEAT_FRAMES) > 0:
+            yield Use("laplacian heat frame", further, added=further)
+    if options.get("wave"):
+        steps = (size.steps or MEASURED_WAVE_STEPS) / MEASURED_WAVE_STEPS
+        yield Use(f"laplacian wave{solver}", steps, once=True)
 
 
 def _hodge(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
