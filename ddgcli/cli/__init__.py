@@ -6,6 +6,7 @@ command is one thin file in `commands`; what simulators share is in `simulation`
 
 __all__ = [
     "commands",
+    "early_interrupt",
     "input_facts",
     "main",
     "messages",
@@ -14,6 +15,8 @@ __all__ = [
     "progress",
     "run",
     "simulation",
+    "start",
+    "streams",
     "summary",
     "threads",
 ]

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
+from ddgcli.cli.early_interrupt import end_at_once
+
 REPEAT_DELAY = 0.01  # seconds after which a signal whose exception was dropped is delivered again
 
 _received: BaseException | None = None
@@ -82,7 +84,7 @@ def signals_as_exceptions() -> Iterator[None]:
         return
     kinds = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     # nohup ignores SIGHUP: leave ignored signals alone
-    default = {signal.SIG_DFL, signal.default_int_handler}
+    default = {signal.SIG_DFL, signal.default_int_handler, end_at_once}
     before = {k: signal.signal(k, _raise) for k in kinds if signal.getsignal(k) in default}
     print_exception, print_dropped = sys.excepthook, sys.unraisablehook
 

@@ -20,6 +20,7 @@ from ddgcli.cli.imports import with_deferred_imports
 from ddgcli.cli.interrupts import Terminated, received_signal, signals_as_exceptions
 from ddgcli.cli.multi_value import repeat_options
 from ddgcli.cli.parameters import option_names
+from ddgcli.cli.streams import open_standard_streams
 from ddgcli.cli.threads import set_thread_variables
 from ddgcli.errors import DdgError, excerpt, with_short_words
 
@@ -80,6 +81,10 @@ class CommandGroup(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
 
+    def main(self, *args: Any, **extra: Any) -> Any:
+        open_standard_streams()
+        return super().main(*args, **extra)
+
     def make_context(self, info_name: str | None, args: list[str], *rest: Any, **extra: Any) -> click.Context:
         words = list(args)
         set_thread_variables(words)
@@ -90,6 +95,10 @@ class CommandGroup(click.Group):
             raise
         except click.UsageError as error:
             raise CommandError(_usage(error), 2) from error
+        except OSError as error:  # of the text of --help or --version
+            if error.errno not in OUTPUT_ERRNOS:
+                raise
+            raise _unwritten(error) from error
         context.meta["ddgcli.args"] = words
         context.meta["ddgcli.began"] = start_time()
         return context
@@ -134,10 +143,7 @@ class CommandGroup(click.Group):
             if error.errno not in OUTPUT_ERRNOS or ctx.params.get("debug"):
                 raise _internal(error, ctx) from error
             _commit_outputs(ctx)
-            _discard_output()
-            raise CommandError(
-                f"the output cannot be written ({os.strerror(error.errno)}); free some disk space", 1
-            ) from error
+            raise _unwritten(error) from error
         except Exception as error:
             if received_signal() is not None:  # a library made another error of its exception
                 _end_by_signal(ctx)
@@ -149,6 +155,13 @@ class CommandGroup(click.Group):
 def _unreachable(error: OSError) -> str:
     """Message for a path that the system does not let us look at."""
     return f"{with_short_words(str(error.filename))}: {os.strerror(error.errno or 0).lower()}; check the path"
+
+
+def _unwritten(error: OSError) -> CommandError:
+    """Error of a standard output that is full, which is left alone from now on."""
+    _discard_output()
+    reason = os.strerror(error.errno or 0)
+    return CommandError(f"the output cannot be written ({reason}); free some disk space", 1)
 
 
 def _out_of_memory(error: MemoryError, ctx: click.Context) -> CommandError:

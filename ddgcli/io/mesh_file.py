@@ -207,6 +207,8 @@ def _format_hint(data: bytes, suffix: str) -> str:
 
 def _bytes(path: str) -> bytes:
     if path == "-":
+        if sys.stdin is None:
+            raise MeshFileError("-: standard input is closed; name a file")
         return sys.stdin.buffer.read()
     try:
         mode = os.stat(path).st_mode

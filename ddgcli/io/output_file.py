@@ -72,6 +72,8 @@ def write_atomically(path: str, content: FileContent, *, staged: StagedOutputs |
         As of `atomic_output`.
     """
     if path == "-":
+        if sys.stdout is None:
+            raise OutputError("-: standard output is closed; name a file")
         buffer = io.BytesIO()  # an archive is written with seeks, which a pipe has not
         write_content(buffer, content)
         sys.stdout.buffer.write(buffer.getbuffer())

@@ -73,6 +73,8 @@ def read_scene(path: str) -> SceneDocument:
     if path != "-" and not source.is_file():
         raise SceneError(f"{path}: no such file; check the path")
     try:
+        if path == "-" and sys.stdin is None:
+            raise SceneError("-: standard input is closed; name a file")
         data = sys.stdin.buffer.read() if path == "-" else source.read_bytes()
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

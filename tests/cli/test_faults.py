@@ -329,3 +329,59 @@ def test_an_interrupt_that_python_or_a_library_changes_ends_with_130(tmp_path, b
     )
     child = info_with_reader(ball, body, tmp_path)
     assert (child.returncode, child.stderr) == (130, "Interrupted\n")
+
+
+def redirected(words: str, folder: Path, more: str) -> subprocess.CompletedProcess:
+    """The program in a shell, with its streams redirected."""
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    call = f"'{sys.executable}' -m ddgcli {words} {more}"
+    return subprocess.run(call, shell=True, cwd=folder, capture_output=True, text=True, env=env, timeout=120)
+
+
+@needs_posix
+@pytest.mark.parametrize("where", ["2>&-", "2>/dev/full"])
+def test_a_run_whose_messages_cannot_be_written_has_its_results(ball, tmp_path, where):
+    """It ended with exit 1 and no output, although the file was written."""
+    done = redirected("laplacian ball.ply --wave 0 --duration 6 --dt 0.5 -o out.npz --json", tmp_path, where)
+    assert done.returncode == 0 and '"wave_time_error"' in done.stdout and "errs by" in done.stdout
+    assert (tmp_path / "out.npz").read_bytes()[:2] == b"PK"
+
+
+@needs_posix
+@pytest.mark.parametrize(
+    "words, where, message",
+    [
+        ("info ball.ply -o - --output-format ply", ">&-", "standard output is closed; name a file"),
+        ("info - --input-format ply", "<&-", "standard input is closed; name a file"),
+        ("shell-sim - --input-format toml", "<&-", "standard input is closed; name a file"),
+    ],
+)
+def test_a_closed_stream_is_one_line(ball, tmp_path, words, where, message):
+    done = redirected(words, tmp_path, where)
+    assert done.returncode == 2 and message in done.stderr and done.stderr.count("\n") == 1
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+@pytest.mark.parametrize("words", ["--help", "--version"])
+def test_a_help_text_that_cannot_be_written_is_one_line(tmp_path, words):
+    done = redirected(words, tmp_path, ">/dev/full")
+    assert done.returncode == 1 and "No space left" in done.stderr and done.stderr.count("\n") == 1
+
+
+@needs_posix
+def test_an_interrupt_while_the_program_is_imported_is_one_line():
+    code = (
+        "import os, signal, sys\n"
+        "class Interrupt:\n"
+        "    def find_spec(name, *rest):\n"
+        "        if name == 'click':\n"
+        "            os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Interrupt)\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from ddgcli.__main__ import main\n"
+        "main()\n"
+    )
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    call = [sys.executable, "-c", code]
+    done = subprocess.run(call, capture_output=True, text=True, env=env, timeout=120)
+    assert (done.returncode, done.stderr) == (130, "Interrupted\n")
