@@ -27,6 +27,7 @@ DISTANCE_METHODS = ("exact", "heat", "fast-marching", "dijkstra")
 LOG_MAP_METHODS = ("exact", "fast-marching", "heat")
 HEAT_OPERATORS = ("intrinsic-delaunay", "plain", "tufted")  # triangulation of the heat method
 DEFAULT_OFFSET_ANGLE = 6.0  # degrees of a step of the arcs of an offset body
+MIN_MAX_POINTS, MAX_POINTS_PER_VERTEX = 100_000, 10  # Steiner points without `max_points`
 MAX_CROSSINGS = 100_000  # sides and vertices that a straightest geodesic crosses
 DEFAULT_HEAT_TIME = 1.0  # time step of the heat method, in squares of the mean side length
 SIGNED_DISTANCE_METHODS = ("auto", "exact", "heat")

@@ -199,3 +199,9 @@ def test_fractions_as_vertex_numbers_are_refused_and_whole_floats_taken():
     with pytest.raises(MeshError, match="face indices must be whole numbers"):
         ddg.curvature((V, F + 0.5))
     assert ddg.curvature((V, F.astype(float))).mesh.n_faces == len(F)
+
+
+@pytest.mark.parametrize("degrees", [0, -5])
+def test_an_angle_that_is_not_positive_has_its_bound_named(degrees):
+    with pytest.raises(ddg.errors.ParameterError, match="above 0"):
+        ddg.delaunay_refinement(BALL, degrees)

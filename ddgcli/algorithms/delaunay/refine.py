@@ -20,7 +20,7 @@ from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation
 from ddgcli.algorithms.delaunay.refine_batches import Refinement
 from ddgcli.algorithms.delaunay.steiner_base import SteinerPoints, with_steiner_points
 from ddgcli.algorithms.delaunay.triangulation import IntrinsicDelaunay, flip_to_delaunay, require_surface
-from ddgcli.choices import MAX_REFINEMENT_DEGREES
+from ddgcli.choices import MAX_POINTS_PER_VERTEX, MAX_REFINEMENT_DEGREES, MIN_MAX_POINTS
 from ddgcli.errors import ParameterError, counted
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.linalg.residual_gate import LARGEST_RESIDUAL
@@ -84,7 +84,9 @@ def check_refinement(mesh: TriangleMesh, degrees: float) -> None:
         When the refinement might not end at this angle.
     MeshError
     """
-    if not 0 < degrees <= MAX_REFINEMENT_DEGREES:
+    if degrees <= 0:
+        raise ParameterError(f"must be above 0 degrees, not {degrees:g}", parameter="degrees")
+    if not degrees <= MAX_REFINEMENT_DEGREES:
         raise ParameterError(
             f"refinement to {degrees:g} degrees does not end; use at most {MAX_REFINEMENT_DEGREES:g} "
             "(25 always succeeds)",
@@ -126,7 +128,7 @@ def refine(
         A surface that is not oriented, or has edges of three faces.
     """
     check_refinement(mesh, degrees)
-    limit = max(100_000, 10 * mesh.n_vertices) if max_points is None else max_points
+    limit = max(MIN_MAX_POINTS, MAX_POINTS_PER_VERTEX * mesh.n_vertices) if max_points is None else max_points
     insertions = _insert(mesh, np.radians(degrees), limit, seed)
     base = with_steiner_points(mesh, insertions.steiner)
     flipped = flip_to_delaunay(base.mesh, track=track)

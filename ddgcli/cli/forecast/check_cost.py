@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from ddgcli.choices import MAX_POINTS_PER_VERTEX, MIN_MAX_POINTS
 from ddgcli.cli.forecast.delaunay_kernels import MEASURED_REFINEMENT_DEGREES, needs_overlay
 from ddgcli.cli.forecast.kernels import kernels_of
 from ddgcli.cli.forecast.use import InputSize
@@ -52,6 +53,7 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         angle_deficit,
         compactness,
         component_counts,
+        corridor_aspect,
         crossings_per_root_face,
         delaunay_mesh,
         handles,
@@ -101,6 +103,8 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         "surface", len(mesh.faces), edge_length, steps, adaptive=adaptive,
         angle_deficit=angle_deficit(delaunay, float(refine)) if refine else None,
         angle_contrast=angle_contrast(delaunay, float(refine)) if refine else None,
+        corridor_aspect=corridor_aspect(delaunay, float(refine)) if refine else 0.0,
+        most_points=max(MIN_MAX_POINTS, MAX_POINTS_PER_VERTEX * mesh.n_vertices),
         crossings_per_root_face=crossings_per_root_face(mesh) if refine and overlaid else 0.0,
         further_overlay_faces=further_faces if overlaid else 0,
         signature_pairs=signature_pairs(mesh, options["hks"]) if options.get("hks") else 0,

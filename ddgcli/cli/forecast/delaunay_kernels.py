@@ -17,6 +17,7 @@ MEASURED_REFINEMENT_DEGREES = 25.0
 # one size to the other. They grow as exp(degrees / 12). A point takes three flips, and the input four for
 # its deficit
 POINTS_PER_DEFICIT, POINTS_PER_CONTRAST = 1.2, 1.55
+POINTS_PER_ASPECT = 0.43  # of the corridor aspect: strips have two faces a length
 STEINER_RANGE, STEINER_DEGREES = (0.4, 2.5), 12.0
 NEEDLE_SHARE, NEEDLE_RANGE = 0.6, (0.4, 12.0)  # most faces are needles, whose rows flip one by one
 STEINER_POINTS_OF_MEASURED_FACE = 0.78
@@ -61,8 +62,9 @@ def steiner_points(degrees: float, most: int | None, deficit: float, size: Input
     if contrast is None:
         contrast = deficit * CONTRAST_OF_MEASURED_FACE / DEFICIT_OF_MEASURED_FACE
     growth = math.exp((min(degrees, MAX_REFINEMENT_DEGREES) - MEASURED_REFINEMENT_DEGREES) / STEINER_DEGREES)
-    points = growth * (POINTS_PER_DEFICIT * deficit + POINTS_PER_CONTRAST * contrast)
-    return min(points, math.inf if most is None else most)
+    graded = POINTS_PER_DEFICIT * deficit + POINTS_PER_CONTRAST * contrast
+    points = growth * (graded + POINTS_PER_ASPECT * size.corridor_aspect)
+    return min(points, size.most_points if most is None else most)
 
 
 def further_overlay_faces(points: float, size: InputSize) -> float:

@@ -25,8 +25,10 @@ from ddgcli.cli.forecast.use import KNOWN, InputSize, Range, Use, iterative_suff
 __all__ = ["kernels_of"]
 
 MEASURED_EIGENFORMS = 4
-PAIRS_PER_FACTOR = 40  # eigenforms that take as long as the first four
-PAIRS_PER_SOLUTIONS = 17.0  # the same, where each solution is iterative
+PAIRS_PER_FACTOR = 80  # eigenforms whose solves take as long as the first four
+# eigenforms whose orthogonalisation takes as long; it grows as their square
+PAIRS_PER_ORTHOGONAL_BASIS = 155.0
+PAIRS_PER_SOLUTIONS = 17.0  # PAIRS_PER_FACTOR, where each solution is iterative
 MEASURED_EIGENPAIRS = 8  # of the kernel `laplacian eigen`
 # between the powers of the factors' memory (0.45: a mat of one layer has 0.54 of a cube's) and seconds (0.15)
 COMPACTNESS_POWER = 0.3
@@ -181,7 +183,10 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
         further = options["form_eigen"] - MEASURED_EIGENFORMS
         elements = None if size.compactness == 1.0 else size.elements * size.compactness**COMPACTNESS_POWER
         per_pair = PAIRS_PER_SOLUTIONS if solver else PAIRS_PER_FACTOR
-        yield Use(f"laplacian form-eigen{solver}", 1.0 + further / per_pair, elements=elements)
+        times = 1.0 + further / per_pair
+        if not solver:  # each vector is made orthogonal to all before it
+            times += (further / PAIRS_PER_ORTHOGONAL_BASIS) ** 2
+        yield Use(f"laplacian form-eigen{solver}", times, elements=elements)
     if options.get("heat"):
         # steps cost nothing, frames do; a smooth start takes a third of the solves of a vertex
         known = str(options["heat"]).isdigit()

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = [
     "angle_contrast",
     "angle_deficit",
+    "corridor_aspect",
     "ball_work",
     "clipping_work",
     "compactness",
@@ -121,6 +122,32 @@ def angle_contrast(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
     logarithm = np.log(np.maximum(_small_angles(mesh, degrees), LEAST_ANGLE))
     difference = np.abs(logarithm[:, None] - logarithm[np.maximum(twin, 0) // 3])
     return 0.5 * float(difference[twin >= 0].sum())
+
+
+def corridor_aspect(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> float:
+    """Sum of the aspects beyond that of an angle over the faces between two pieces of the boundary.
+
+    There points cannot grade: a strip of a length and a width needs as many as its length over its width. At
+    a sharp corner of the boundary they can.
+    """
+    import numpy as np
+
+    from ddgcli.geometry.intrinsic import corner_angle, face_area
+
+    topology, length = mesh.topology, mesh.side_length
+    faces = np.flatnonzero(topology.boundary_vertex[topology.faces].all(axis=1))
+    if len(faces) == 0:
+        return 0.0
+    at_boundary = topology.side_twin.reshape(-1, 3)[faces] < 0
+    smallest = corner_angle(length[faces]).argmin(axis=1)
+    index = np.arange(len(faces))
+    is_corner = at_boundary[index, smallest] & at_boundary[index, smallest - 1]
+    side = np.where(at_boundary, length[faces], 0.0).max(axis=1)
+    unit = float(length.max()) or 1.0  # no square over- or underflows
+    area = face_area(length[faces] / unit)
+    aspect = np.divide((side / unit) ** 2, 2.0 * area, out=np.zeros(len(faces)), where=area > 0)
+    beyond = np.maximum(aspect - 1.0 / math.tan(math.radians(degrees)), 0.0)
+    return float(beyond[~is_corner].sum())
 
 
 def _small_angles(mesh: TriangleMesh | IntrinsicMesh, degrees: float) -> NDArray:

@@ -62,6 +62,10 @@ class InputSize:
     angle_contrast : float, optional
         Sum over the edges of the differences of log(smallest angle) between their faces, where the angles are
         at most that of --refine.
+    corridor_aspect : float
+        Sum of the aspects beyond that of --refine over the faces between two pieces of the boundary.
+    most_points : float
+        Steiner points at which --refine stops without --max-points.
     crossings_per_root_face : float
         Crossings of the edges with those of another triangulation, over the root of the number of its faces.
     further_overlay_faces : int
@@ -123,6 +127,8 @@ class InputSize:
     component_elements: int | None = None
     angle_deficit: float | None = None
     angle_contrast: float | None = None
+    corridor_aspect: float = 0.0
+    most_points: float = math.inf
     crossings_per_root_face: float = 0.0
     further_overlay_faces: int = 0
     noise: str = ""
