@@ -97,6 +97,8 @@ class MessageHandler(logging.Handler):
             logger.handlers[:] = [self]
             logger.setLevel(self.level if name == "ddgcli" else logging.ERROR)
             logger.propagate = False
+        if not self.verbose:  # of folders that it cannot write, such as that of its fonts
+            logging.getLogger("matplotlib").setLevel(logging.ERROR)
         if self.verbose > 1:
             logging.getLogger("py.warnings").setLevel(logging.WARNING)
         logging.captureWarnings(True)

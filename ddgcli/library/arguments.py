@@ -99,6 +99,14 @@ def whole_number(value: Any, name: str) -> int:
     raise ParameterError(f"must be a whole number, not {_shown(value)}", parameter=name)
 
 
+def vertex_number(value: Any, name: str) -> int:
+    """An int, also of a float that is whole; ParameterError for anything else."""
+    number = _scalar(value)
+    if isinstance(number, (float, np.floating)) and float(number).is_integer():
+        number = int(number)
+    return whole_number(number, name)
+
+
 def seed_number(value: Any, name: str) -> int:
     """An int of 0 or more; ParameterError for anything else."""
     if (whole := whole_number(value, name)) < 0:
@@ -201,7 +209,9 @@ def table_of_vertices(value: Any, name: str) -> dict[int, float]:
             f"must be a dict such as {{0: 1.0}}, from vertex to number, not {_shown(value)}",
             parameter=name,
         )
-    return {whole_number(key, f"key of {name}"): real_number(v, f"{name}[{key}]") for key, v in value.items()}
+    return {
+        vertex_number(key, f"key of {name}"): real_number(v, f"{name}[{key}]") for key, v in value.items()
+    }
 
 
 def few_numbers(value: Any, name: str, count: int = 3, what: str = "three numbers") -> tuple[float, ...]:

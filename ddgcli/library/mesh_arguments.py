@@ -15,6 +15,7 @@ from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnyMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 P = ParamSpec("P")
@@ -74,6 +75,7 @@ def as_mesh(mesh: MeshLike) -> AnyMesh:
     1
     """
     if isinstance(mesh, AnyMesh):
+        _refuse_raw_arrays(mesh)
         return mesh
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
         try:
@@ -91,6 +93,21 @@ def as_mesh(mesh: MeshLike) -> AnyMesh:
         f"{type(mesh).__name__} is not a mesh; give a mesh, a pair (points, faces) of arrays, or what "
         "read_mesh returns"
     )
+
+
+def _refuse_raw_arrays(mesh: AnyMesh) -> None:
+    """Raise MeshError for a mesh whose constructor took faces for their topology, or lists for arrays."""
+    name = type(mesh).__name__
+    if isinstance(mesh, (TriangleMesh, IntrinsicMesh)):
+        is_raw = not isinstance(mesh.topology, Topology)
+    else:
+        is_raw = not isinstance(mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.lines, np.ndarray)
+    if is_raw or not isinstance(getattr(mesh, "points", None), (np.ndarray, type(None))):
+        raise MeshError(
+            f"this {name} holds raw arrays, which its constructor does not check; make it by "
+            f"`ddg.as_mesh((points, cells))`"
+            + ("" if name == "IntrinsicMesh" else f" or `ddg.{name}.from_arrays`")
+        )
 
 
 def _mesh_of_pair(points: ArrayLike, cells: ArrayLike) -> AnyMesh:

@@ -39,6 +39,11 @@ def test_the_same_run_has_not_moved(stored, summary):
     assert comparison["results"]["compared"] > 20
 
 
+def test_a_stored_file_may_begin_with_a_byte_order_mark(stored, summary):
+    stored.write_bytes(b"\xef\xbb\xbf" + stored.read_bytes())
+    assert summary("check", stored)["results"]["moved"] == []
+
+
 def test_a_moved_number_is_named_with_exit_1(stored, run):
     edited(
         stored,

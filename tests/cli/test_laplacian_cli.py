@@ -231,3 +231,21 @@ def test_mollification_causes_a_warning(shared_meshes, summary):
     out = summary("laplacian", shared_meshes / "hard" / "gen_zero_area.off", "--eigen", 4)
     assert out["results"]["mollified_faces"] > 0
     assert any("mollified" in warning for warning in out["warnings"])
+
+
+@pytest.mark.parametrize("second, count", [(5, 1), (-5, 0), (0.5, 0)])
+def test_lines_that_may_be_numbers_with_decimal_commas_have_a_warning(summary, tmp_path, second, count):
+    mesh, path = shapes.icosphere(1), tmp_path / "ball.ply"
+    write_mesh(str(path), AnnotatedMesh(mesh))
+    (tmp_path / "f.csv").write_text(f"1,{second}\n" * mesh.n_vertices)
+    report = summary("laplacian", path, "--poisson", tmp_path / "f.csv")
+    assert sum("decimal points" in message for message in report["warnings"]) == count
+
+
+def test_fixed_values_that_overflow_are_refused_with_the_option(run, tmp_path):
+    path = tmp_path / "ball.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(1)))
+    refused = run("laplacian", path, "--harmonic", "--fix", "0=1e308", "--fix", "1=-1e308")
+    assert refused.exit_code == 2 and "--fix" in refused.stderr and "below" in refused.stderr
+    least = refused.stderr.split("below ")[1].strip()
+    assert run("laplacian", path, "--harmonic", "--fix", f"0={least}", "--fix", f"1=-{least}").exit_code == 0

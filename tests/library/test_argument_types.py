@@ -145,3 +145,24 @@ def test_arrays_of_the_caller_stay_writeable_and_are_not_those_of_the_mesh(cells
 def test_corners_of_tetrahedra_are_integers():
     with pytest.raises(ddg.errors.MeshError, match="must be whole numbers"):
         ddg.TetMesh.from_arrays(TETRAHEDRON, [[0.0, 1.0, 2.0, 3.5]])
+
+
+def test_keys_of_fixed_values_may_be_floats_that_are_whole():
+    expected = ddg.harmonic_interpolation(SQUARE, {0: 1.0, 5: 0.0}).values
+    for cast in (float, np.float32, np.int16):
+        fixed = {cast(0): 1.0, cast(5): 0.0}
+        assert np.array_equal(ddg.harmonic_interpolation(SQUARE, fixed).values, expected)
+    for key in (0.5, float("nan"), float("inf"), "0", True):
+        with pytest.raises(ddg.errors.ParameterError, match="whole number"):
+            ddg.harmonic_interpolation(SQUARE, {key: 1.0})
+
+
+@pytest.mark.parametrize("call", [ddg.stiffness, ddg.betti_numbers, ddg.inspect_mesh])
+def test_a_mesh_that_its_constructor_made_of_arrays_is_refused_with_the_function_that_makes_one(call):
+    with pytest.raises(ddg.errors.MeshError, match="ddg.as_mesh.*ddg.TriangleMesh.from_arrays"):
+        call(ddg.TriangleMesh(SQUARE.points, SQUARE.faces))
+
+
+def test_an_array_without_columns_is_no_right_hand_side():
+    with pytest.raises(ddg.errors.ParameterError, match="holds no function"):
+        ddg.poisson(SQUARE, np.zeros((SQUARE.n_vertices, 0)))

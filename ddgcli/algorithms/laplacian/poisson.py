@@ -89,7 +89,10 @@ def checked_source(source: NDArray, n: int) -> NDArray[np.float64]:
     ParameterError
         For another shape or values that are not finite.
     """
-    return checked_values(source, n, "vertex", parameter="source")
+    checked = checked_values(source, n, "vertex", parameter="source")
+    if checked.ndim == 2 and checked.shape[1] == 0:
+        raise ParameterError(f"an array of shape {checked.shape} holds no function", parameter="source")
+    return checked
 
 
 def harmonic(operator: LaplaceOperator, fixed: Mapping[int, float]) -> Solution:
@@ -121,6 +124,7 @@ def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDAr
     refuse_floating(components(operator.stiffness)[1], vertices, fixed)
     vertex = np.array(sorted(fixed))
     values = np.array([fixed[v] for v in vertex], dtype=np.float64)
+    _refuse_overflow(operator, values)
     local = np.full(n, -1)
     local[vertices] = np.arange(len(vertices))
     inside = local[vertex] >= 0
@@ -134,6 +138,17 @@ def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDAr
     u[vertices] = component_values
     u[vertex[~inside]] = values[~inside] if u.ndim == 1 else values[~inside, None]
     return Solution(u, problem.residual(component_values, load), solver=problem.factor.solver)
+
+
+def _refuse_overflow(operator: LaplaceOperator, values: NDArray) -> None:
+    """Raise an error for fixed values whose products with the weights leave the range of numbers."""
+    largest = float(np.abs(values).max())
+    limit = np.finfo(np.float64).max / (8.0 * max(1.0, float(abs(operator.stiffness).sum(axis=1).max())))
+    if largest > limit:
+        raise ParameterError(
+            f"values up to {largest:.3g} overflow in the equations; give smaller ones, below {limit:.0e}",
+            parameter="fixed",
+        )
 
 
 def check_fixed_vertices(fixed: Mapping[int, float], n: int) -> None:

@@ -238,7 +238,7 @@ def warn_of_unmatched(limits: Tolerances, names: list[str]) -> None:
 def read_expected(path: str, *, may_miss: bool) -> dict[str, Any]:
     """The stored file as {summary, run, tolerances}; accepts a plain summary too."""
     try:
-        stored = json.loads(Path(path).read_text(encoding="utf-8"))
+        stored = json.loads(Path(path).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         if may_miss:
             return {}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 
     from ddgcli.algorithms.laplacian.tasks import LaplacianResult
     from ddgcli.io.mesh_file import MeshInput
+
+log = logging.getLogger("ddgcli")
 
 OPERATOR_OPTIONS = ("operator", "mass")  # the other options are tasks
 OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", ".obj", ".off", ".stl")
@@ -280,7 +284,18 @@ def vertex_values(
         raise ParameterError(
             f"needs values on vertices; {name!r} has values on {place}s", parameter=parameter
         )
+    if Path(name).suffix.lower() == ".csv" and _may_have_decimal_commas(array):
+        log.warning(
+            f"{name}: each line holds two whole numbers, which are two functions; "
+            "write decimal points if they are one number with a comma"
+        )
     return array
+
+
+def _may_have_decimal_commas(array: NDArray) -> bool:
+    """Whether each row could be one number such as 1,5."""
+    is_pair = array.ndim == 2 and array.shape[1] == 2
+    return is_pair and bool((array == array.round()).all() and (array[:, 1] >= 0).all())
 
 
 def write_matrices(run: Run, result: LaplacianResult, matrix: str | None, mass_matrix: str | None) -> None:
