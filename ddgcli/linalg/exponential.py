@@ -60,6 +60,7 @@ class HeatSemigroup:
         self._L, self._M, self._project = L, M, project
         self.basis, self.solves = np.empty((0, len(start))), 0
         self._projected = np.empty((0, 0))  # L in the basis
+        self._is_complete = False  # the space holds the solution
         self._moment, self._coordinates = M @ start, np.empty(0)
         self._size = math.sqrt(max(float(start @ self._moment), 0.0))
         if self._size > 0:
@@ -71,7 +72,8 @@ class HeatSemigroup:
         if len(self.basis) == 0:
             return np.zeros(self.basis.shape[1]), np.zeros(self.basis.shape[1])
         fine, coarse = _decayed(self._modes, time), _decayed(self._coarse, time)
-        values, change = np.stack((fine, fine - np.append(coarse, 0.0))) @ self.basis
+        before = fine if self._is_complete else np.append(coarse, 0.0)
+        values, change = np.stack((fine, fine - before)) @ self.basis
         return values, change
 
     def _build(self, start: NDArray, first: float, last: float) -> None:
@@ -97,6 +99,7 @@ class HeatSemigroup:
         while len(self.basis) < MAX_VECTORS:
             self.solves += 1
             if not self._add(factor.solve(self._M @ (self.basis[-1] if len(self.basis) else start))):
+                self._is_complete = True
                 return False
             after = _decayed(self._eigenpairs(len(self.basis)), times)
             if before is not None:

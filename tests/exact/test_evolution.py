@@ -88,6 +88,15 @@ def test_heat_of_a_bounded_space_of_vectors_states_its_error(monkeypatch, caplog
     assert any("errs by about" in message for message in caplog.messages)
 
 
+@pytest.mark.parametrize("mesh", [shapes.icosphere(0), shapes.cylinder(3, 1), shapes.grid(1, 1)])
+def test_heat_of_the_whole_space_is_exact_and_says_so(mesh):
+    """The last vector was taken for the error: 0.09 where there is none."""
+    operator = laplace_operator(mesh)
+    solved = solve_evolution(operator, "heat", 0, EvolutionTimes(1.0, 100, 2))
+    assert relative_error(operator, "heat", solved) < 1e-12
+    assert solved.accuracy["heat_time_error"] == 0.0
+
+
 @pytest.mark.parametrize("ratio", [1e-3, 1e-7])
 def test_heat_of_a_small_component_beside_a_large_one_is_as_accurate_as_alone(ratio):
     mesh = shapes.icosphere(2)
