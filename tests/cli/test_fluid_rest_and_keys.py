@@ -251,6 +251,36 @@ def test_a_flow_that_a_wall_drives_causes_no_warning_of_losses(summary, tmp_path
     assert abs(out["accuracy"]["energy_lost_by_scheme"]) < 0.01
 
 
+CAVITY = "grid = { size = [1, 1], cells = [8, 8] }"
+BOX = "box = { size = [1, 1, 1], cells = [4, 4, 4] }"
+
+
+@pytest.mark.parametrize(
+    "integrator, shape, axis, velocity",
+    [
+        ("circulation", CAVITY, "y", "sin(3*t)"),
+        ("covector", CAVITY, "y", "sin(3*t)"),
+        ("conservative", CAVITY, "y", "20*sin(3*t)"),
+        ("covector", BOX, "z", "sin(3*t)"),
+    ],
+)
+def test_losses_of_the_scheme_do_not_depend_on_the_frames(
+    summary, tmp_path, integrator, shape, axis, velocity
+):
+    """The wall almost rests at the end: the flow there is far below the largest of the run."""
+    effects = f'viscosity = {{ nu = 0.2 }}\nboundary = {{ kind = "wall", velocity = ["{velocity}", 0, 0], '
+    path = scene(
+        tmp_path / "s.toml", shape, effects + f'where = "{axis} > 0.999" }}', INTEGRATORS[integrator], 10, 0.1
+    )
+    many, one = (summary("fluid-sim", path, "--frame-every", every) for every in (0.1, 1))
+    assert (many["results"]["frames"], one["results"]["frames"]) == (11, 2)
+    names = [name for name in many["accuracy"] if name.endswith("lost_by_scheme")]
+    assert names and not any("lost" in warning for warning in [*many["warnings"], *one["warnings"]])
+    for name in names:
+        expected = pytest.approx(many["accuracy"][name], rel=1e-9, abs=1e-15)
+        assert one["accuracy"][name] == expected, name
+
+
 def test_adaptive_steps_of_a_uniform_flow_are_relative_to_its_speed(summary, tmp_path):
     """Its own vorticity is rounding; walls without slip then make some: both schemes end in a few steps."""
     for integrator in ("conservative", "energy"):

@@ -124,7 +124,9 @@ def test_an_effect_is_one_module_and_one_line(spin):
         "f/clock",
         "f/stopped",
         "f/vorticity",
-        "f/enstrophy_loss",
+        "f/losses",
+        "f/loss_sizes",
+        "f/supplies",
         "f/spun",
         "f/dye",
     }

@@ -31,6 +31,7 @@ from ddgcli.models.fluid.limits import (
     along_walls,
     keep_total,
 )
+from ddgcli.models.fluid.loss_account import LossAccount
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.state import CORRECTIONS, FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
@@ -166,12 +167,13 @@ class CirculationTransport(FlowPhase):
     def __init__(self, setting: FluidSetting) -> None:
         self.evolve_harmonic = setting.evolve_harmonic
         self.advection = CirculationAdvection(setting.space, setting.tracing)
+        self.account = LossAccount(setting, ("energy", "enstrophy"), corrects=True)
 
     def start(self) -> dict[str, NDArray]:
-        return {"loss": np.zeros(2), "corrections": np.zeros(1 + len(CORRECTIONS))}
+        return self.account.start()
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        space, before = self.advection.space, (state["vorticity"], state["coefficients"])
+        before = state["vorticity"], state["coefficients"]
         vorticity, coefficients, folded, rise, acted = self.advection.step(
             *before, step.dt, self.evolve_harmonic, MAX_DEFORMATION
         )
@@ -180,24 +182,10 @@ class CirculationTransport(FlowPhase):
         if folded > SMALL_DEFORMATION and not rise <= ENERGY_RISE_TOLERANCE:
             raise StepRejected("energy rises", value=rise)
         after = state.replaced(vorticity=vorticity, coefficients=coefficients)
-        loss = space.energy(state) - space.energy(after)
-        smoothed = space.enstrophy(before[0]) - space.enstrophy(vorticity)
-        return after.with_passive(
-            loss=state["loss"] + np.array([loss, smoothed]),
-            corrections=state["corrections"] + np.array([1, *acted]),
-        )
+        return self.account.booked(state, after, step.dt, acted)
 
     def observed(self, state: FluidState) -> Observation:
-        energy, enstrophy = state["loss"]
-        return Observation(
-            None,
-            {},
-            {
-                "lost_energy": float(energy),
-                "lost_enstrophy": float(enstrophy),
-                "corrections": state["corrections"],
-            },
-        )
+        return self.account.observed(state)
 
 
 def transport(setting: FluidSetting, parameters: Any) -> CirculationTransport:

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
+from ddgcli.models.fluid.loss_account import LossAccount
 from ddgcli.models.fluid.midpoint import PICARD_TOLERANCE, implicit_midpoint
 from ddgcli.models.fluid.phases import FlowPhase, FlowRate, FluidSetting, Step
 from ddgcli.models.fluid.state import FluidState
-from ddgcli.models.fluid.surface_space import SurfaceSpace
+from ddgcli.models.fluid.surface_space import SurfaceFlow, SurfaceSpace
 from ddgcli.simulation.model import Cause, Observation, StepRejected
 
 RK4_LIMIT = 2.8  # on the imaginary axis
@@ -39,6 +40,7 @@ def rate(
     evolve_harmonic: bool,
     coriolis: NDArray | float = 0.0,
     time: float = 0.0,
+    flow: SurfaceFlow | None = None,
 ) -> Rates:
     """Time derivatives of vorticity and harmonic coefficients by Euler's equation.
 
@@ -54,6 +56,8 @@ def rate(
         Vorticity of a frame that turns, in 1/s.
     time : float
         Of what the boundary prescribes.
+    flow : SurfaceFlow, optional
+        Of these arrays at this time, where it is known.
 
     Returns
     -------
@@ -63,8 +67,9 @@ def rate(
     flux : (m, 3) ndarray of float64
         Through the sides.
     """
-    phi = space.stream_function(vorticity, time)
-    flux = space.side_flux(phi, coefficients)
+    if flow is None:
+        flow = space.flow_of(vorticity, coefficients, time)
+    phi, flux = flow.phi, flow.side_flux
     d_vorticity, d_coefficients = rotational_rates(
         space, vorticity * space.inverse_mass + coriolis, flux, evolve_harmonic
     )
@@ -213,17 +218,20 @@ def runge_kutta(
     coriolis: NDArray | float = 0.0,
     balance: FlowRate | None = None,
     time: float = 0.0,
+    flow: SurfaceFlow | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """One classical fourth-order step without `balance`, from a `time` on.
+    """One classical fourth-order step without `balance`, from a `time` on; `flow` as in `rate`.
 
     The third value is dt times `largest_rate` at its start.
     """
 
-    def slope(vorticity: NDArray, coefficients: NDArray, after: float) -> Rates:
+    def slope(
+        vorticity: NDArray, coefficients: NDArray, after: float, flow: SurfaceFlow | None = None
+    ) -> Rates:
         now = _shifted(space, coefficients, time, time + after)
-        return _without(rate(space, vorticity, now, evolve_harmonic, coriolis, time + after), balance)
+        return _without(rate(space, vorticity, now, evolve_harmonic, coriolis, time + after, flow), balance)
 
-    first = slope(vorticity, coefficients, 0.0)
+    first = slope(vorticity, coefficients, 0.0, flow)
     courant = dt * largest_rate(space, first[2], coriolis)
     if courant > RK4_LIMIT:
         return vorticity, coefficients, courant
@@ -278,11 +286,12 @@ class ConservativeTransport(FlowPhase):
         self.setting, self.space = setting, setting.space
         self.implicit = scheme == "midpoint"
         self.order = 2 if self.implicit else 4
-        self.books_loss = not (self.implicit or setting.is_open)
+        books_loss = not (self.implicit or setting.is_open)
+        self.account = LossAccount(setting, ("enstrophy",), enstrophy=self._enstrophy) if books_loss else None
         setting.transport_takes_coriolis = True
 
     def start(self) -> dict[str, NDArray]:
-        return {"enstrophy_loss": np.zeros(1)} if self.books_loss else {}
+        return {} if self.account is None else self.account.start()
 
     def step_limit(self, state: FluidState) -> float:
         """Longest stable step of a state, up to which steps are halved; infinite with the midpoint rule."""
@@ -309,30 +318,28 @@ class ConservativeTransport(FlowPhase):
         return vorticity, coefficients
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        scheme = midpoint if self.implicit else runge_kutta
-        vorticity, coefficients, measure = scheme(
-            self.space, state["vorticity"], state["coefficients"], step.dt,
-            self.setting.evolve_harmonic, self.setting.coriolis, step.balance, step.time,
+        space, setting = self.space, self.setting
+        arguments = (
+            space, state["vorticity"], state["coefficients"], step.dt,
+            setting.evolve_harmonic, setting.coriolis, step.balance, step.time,
         )  # fmt: skip
+        vorticity, coefficients, measure = (
+            midpoint(*arguments) if self.implicit else runge_kutta(*arguments, space.flow(state))
+        )
         if not measure <= (PICARD_TOLERANCE if self.implicit else RK4_LIMIT):
             raise StepRejected(
                 "midpoint iteration" if self.implicit else Cause.STABILITY_LIMIT, value=measure
             )
         after = state.replaced(vorticity=vorticity, coefficients=coefficients)
-        if not self.books_loss:
-            return after
-        loss = self._enstrophy(state["vorticity"]) - self._enstrophy(vorticity)
-        return after.with_passive(enstrophy_loss=state["enstrophy_loss"] + loss)
+        return after if self.account is None else self.account.booked(state, after, step.dt)
 
-    def _enstrophy(self, vorticity: NDArray) -> float:
+    def _enstrophy(self, state: FluidState) -> float:
         """Half the integral of the squared vorticity, with that of the frame, up to a constant [m^2/s^2]."""
-        added = 2.0 * np.asarray(self.setting.coriolis)
+        vorticity, added = state["vorticity"], 2.0 * np.asarray(self.setting.coriolis)
         return 0.5 * float(np.sum(vorticity * (vorticity * self.space.inverse_mass + added)))
 
     def observed(self, state: FluidState) -> Observation:
-        if not self.books_loss:
-            return Observation(None)
-        return Observation(None, {}, {"lost_enstrophy": float(state["enstrophy_loss"][0])})
+        return Observation(None) if self.account is None else self.account.observed(state)
 
 
 def transport(setting: FluidSetting, parameters: Any) -> ConservativeTransport:

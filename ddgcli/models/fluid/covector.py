@@ -31,8 +31,9 @@ from ddgcli.models.fluid.limits import (
     along_walls,
     keep_total,
 )
+from ddgcli.models.fluid.loss_account import LossAccount
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
-from ddgcli.models.fluid.state import CORRECTIONS, FluidState
+from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.transport import BackwardPaths, Transport
 from ddgcli.simulation.model import Observation, StepRejected
@@ -156,14 +157,14 @@ class CovectorTransport(FlowPhase):
     def __init__(self, setting: FluidSetting) -> None:
         self.evolve = setting.evolve_harmonic
         self.advection = CovectorAdvection(setting.space, setting.tracing, keeps_own=setting.no_slip)
+        self.account = LossAccount(setting, ("energy", "enstrophy"), corrects=True)
 
     def start(self) -> dict[str, NDArray]:
         space = self.advection.space
         size = space.n + len(space.harmonic)
         return {
             "map_start": np.zeros(size), "map_end": np.zeros(size), "map_dt": np.zeros(MAX_MAP_STEPS),
-            "map_flow": np.zeros((MAX_MAP_STEPS, size)), "loss": np.zeros(2),
-            "corrections": np.zeros(1 + len(CORRECTIONS)),
+            "map_flow": np.zeros((MAX_MAP_STEPS, size)), **self.account.start(),
         }  # fmt: skip
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
@@ -193,11 +194,10 @@ class CovectorTransport(FlowPhase):
         if bends[-1] > SMALL_DEFORMATION and not rise <= ENERGY_RISE_TOLERANCE:
             raise StepRejected("energy rises", value=rise)
         changed = state.replaced(vorticity=after[0], coefficients=after[1])
-        return changed.with_passive(
-            **self._map(np.concatenate(start), np.concatenate(after), np.vstack([past, now[None]]), spans),
-            loss=state["loss"] + self._loss(flow, after),
-            corrections=state["corrections"] + np.array([1, *acted]),
+        changed = changed.with_passive(
+            **self._map(np.concatenate(start), np.concatenate(after), np.vstack([past, now[None]]), spans)
         )
+        return self.account.booked(state, changed, step.dt, acted)
 
     def _flow(self, packed: NDArray) -> Flow:
         n = self.advection.space.n
@@ -210,16 +210,8 @@ class CovectorTransport(FlowPhase):
             "map_flow": np.vstack([flows, np.zeros((rest, len(start)))]),
         }  # fmt: skip
 
-    def _loss(self, before: Flow, after: Flow) -> NDArray[np.float64]:
-        """Energy and enstrophy that the step lost."""
-        space, energy = self.advection.space, self.advection.limits.energy
-        smoothed = space.enstrophy(before[0]) - space.enstrophy(after[0])
-        return np.array([energy(before) - energy(after), smoothed])
-
     def observed(self, state: FluidState) -> Observation:
-        energy, enstrophy = state["loss"]
-        scalar = {"lost_energy": float(energy), "lost_enstrophy": float(enstrophy)}
-        return Observation(None, {}, {**scalar, "corrections": state["corrections"]})
+        return self.account.observed(state)
 
 
 def transport(setting: FluidSetting, parameters: Any) -> CovectorTransport:

@@ -171,10 +171,11 @@ class FluidSetting:
 
     @property
     def wall_friction(self) -> float:
-        """Viscosity of a surface that has walls without slip [m^2/s], else 0."""
+        """Viscosity of a fluid that has walls without slip [m^2/s], else 0."""
         if not self.no_slip:
             return 0.0
-        return max((getattr(getattr(phase, "scheme", None), "nu", 0.0) for phase in self.phases), default=0.0)
+        schemes = (getattr(phase, "scheme", phase) for phase in self.phases)
+        return max((getattr(scheme, "nu", 0.0) for scheme in schemes), default=0.0)
 
     @property
     def volume(self) -> VolumeSpace:

@@ -30,6 +30,7 @@ MAX_LOSS_SHARE = 0.05  # share of energy or enstrophy lost by the scheme, above 
 LOSS_ORDER = 5  # of what Runge-Kutta steps lose over a time, in the step
 # effects that do no work where no fluid crosses the boundary and nothing is viscous
 IDLE_EFFECTS = {"initial", "boundary", "harmonic", "rotation", "pressure", "dye", "particles"}
+TOTALS = ("kinetic_energy", "enstrophy", "absolute_vorticity")  # of frames, as the `SIZES` of losses
 CARRYING_INTEGRATORS = ("circulation", "covector")  # which share circulation among boundary loops by the mesh
 VORTICITY_ROUNDING = 1e-12  # vorticity over the circulations that cancel in it, below which it counts as none
 # of the energy: vorticity with less is what a mesh adds to a flow without, and its losses do not matter
@@ -53,15 +54,15 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     results, accuracy : dict
     """
     least_energy = sum(model.rounding_energy for model in models.values())
-    circulation, enstrophy = _scales(outcome.series, models, least_energy)
-    renewals = _renewals(outcome.series, models)
-    losses = _scheme_losses(outcome.series, least_energy, enstrophy, renewals)
+    totals = np.stack([outcome.series[name] for name in TOTALS], axis=1)
+    circulation, enstrophy = _scales(totals[0], totals.max(axis=0), models, least_energy)
+    losses, largest_energy = _scheme_losses(outcome.series, totals, models, least_energy)
     results = _results(outcome, models)
     accuracy = _drifts(outcome.series, least_energy, circulation, enstrophy) | losses
     integrator, cure = results["integrator"], _cure_of_losses(models)
     if "corrections" in outcome.series:
-        largest = renewals * float(outcome.series["kinetic_energy"].max())
-        results["corrections"] = _corrections(outcome.series["corrections"][-1], largest, integrator, cure)
+        counts = outcome.series["corrections"][-1]
+        results["corrections"] = _corrections(counts, largest_energy, integrator, cure)
     if integrator == "conservative":
         if _keeps_energy(models):
             losses = {"energy_lost_by_scheme": accuracy["energy_drift"], **losses}
@@ -154,31 +155,25 @@ def _linear_solver_accuracy(models: Mapping[str, FluidModel]) -> dict[str, Any]:
     }
 
 
-def _renewals(series: Mapping[str, NDArray], models: Mapping[str, FluidModel]) -> float:
-    """How many flows a run has in its course: 1, and those by which walls without slip renew it.
-
-    In a steady flow friction takes 2 nu Z of the energy E a second, Z the enstrophy, which the walls supply.
-    """
-    nu = max((model.setting.wall_friction for model in models.values()), default=0.0)
-    energy, enstrophy = series["kinetic_energy"], series["enstrophy"]
-    rate = np.divide(2.0 * nu * enstrophy, energy, out=np.zeros(len(energy)), where=energy > 0)
-    time = next(iter(models.values())).scene.time
-    return 1.0 + float(rate.mean()) * time.duration
-
-
 def _scheme_losses(
-    series: Mapping[str, NDArray], least_energy: float, least_enstrophy: float, renewals: float
-) -> dict[str, float]:
-    """Shares of energy and enstrophy that the transport lost, where it books them."""
-    losses = {}
-    for name, total, least in (
-        ("energy", "kinetic_energy", least_energy),
-        ("enstrophy", "enstrophy", least_enstrophy),
-    ):
-        if f"lost_{name}" in series:
-            size = renewals * max(float(series[total].max()), least) or 1.0
-            losses[f"{name}_lost_by_scheme"] = float(series[f"lost_{name}"][-1]) / size
-    return losses
+    series: Mapping[str, NDArray], totals: NDArray, models: Mapping[str, FluidModel], least_energy: float
+) -> tuple[dict[str, float], float]:
+    """Shares of energy and enstrophy that the transport lost, where it books them, and what the first is of.
+
+    They are shares of the largest value over the steps and of what walls without slip supplied. Of the
+    `TOTALS` of the frames only those that every run has count: at the start and at the end.
+    """
+    if "loss_sizes" not in series:
+        return {}, 0.0
+    largest = np.maximum(series["loss_sizes"][-1], np.maximum(totals[0], totals[-1]))
+    _, least_enstrophy = _scales(totals[0], largest, models, least_energy)
+    sizes = np.maximum(largest[:2], [least_energy, least_enstrophy]) + series["supplies"][-1]
+    losses = {
+        f"{name}_lost_by_scheme": float(series[f"lost_{name}"][-1]) / (size or 1.0)
+        for name, size in zip(("energy", "enstrophy"), sizes.tolist())
+        if f"lost_{name}" in series
+    }
+    return losses, float(sizes[0])
 
 
 def _keeps_energy(models: Mapping[str, FluidModel]) -> bool:
@@ -250,25 +245,25 @@ def _at_end(series: Mapping[str, NDArray], what: str, names: list[str]) -> list[
 
 
 def _scales(
-    series: Mapping[str, NDArray], models: Mapping[str, FluidModel], least_energy: float
+    start: NDArray, largest: NDArray, models: Mapping[str, FluidModel], least_energy: float
 ) -> tuple[float, float]:
-    """Sizes that drifts of circulations and of enstrophy are relative to.
+    """Sizes that changes of circulations and of enstrophy are relative to, from `TOTALS`.
 
     Their own sizes at the start, or the largest after a start whose vorticity is rounding; or, where that
     never exceeds the rounding of the flow, what the terms that cancel in it amount to. Vorticity at the start
     that has less than `MESH_VORTICITY_SHARE` of the energy counts as if it had this share.
     """
     terms = [model.flows.circulation_terms() for model in models.values()]
-    speed = math.sqrt(2.0 * max(float(series["kinetic_energy"].max()), least_energy))
-    circulation, enstrophy = speed * sum(t for t, _ in terms), speed**2 * sum(t for _, t in terms)
-    vorticity = series["absolute_vorticity"]
-    is_rounding = not float(series["kinetic_energy"].max()) > least_energy
-    if is_rounding or not float(vorticity.max()) > VORTICITY_ROUNDING * circulation:
-        return circulation, enstrophy
-    if not float(vorticity[0]) > VORTICITY_ROUNDING * circulation:
-        return float(vorticity.max()), float(series["enstrophy"].max())
-    growth = _growth_of_mesh_vorticity(models, float(series["enstrophy"][0]))
-    return math.sqrt(growth) * float(vorticity[0]), growth * float(series["enstrophy"][0])
+    energy, enstrophy, vorticity = largest.tolist()
+    speed = math.sqrt(2.0 * max(energy, least_energy))
+    circulation = speed * sum(t for t, _ in terms)
+    if not (energy > least_energy and vorticity > VORTICITY_ROUNDING * circulation):
+        return circulation, speed**2 * sum(t for _, t in terms)
+    _, enstrophy_start, vorticity_start = start.tolist()
+    if not vorticity_start > VORTICITY_ROUNDING * circulation:
+        return vorticity, enstrophy
+    growth = _growth_of_mesh_vorticity(models, enstrophy_start)
+    return math.sqrt(growth) * vorticity_start, growth * enstrophy_start
 
 
 def _growth_of_mesh_vorticity(models: Mapping[str, FluidModel], enstrophy: float) -> float:

@@ -42,6 +42,10 @@ class FlowSpace(Protocol):
         """Kinetic energy of unit density."""
         ...
 
+    def total_enstrophy(self, state: FluidState) -> float:
+        """Half the integral of the squared vorticity."""
+        ...
+
     @property
     def measure(self) -> float:
         """Area or volume."""

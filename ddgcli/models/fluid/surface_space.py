@@ -351,12 +351,19 @@ class SurfaceSpace:
     def flow(self, state: FluidState) -> SurfaceFlow:
         """Stream function and side fluxes of a state, computed once."""
         if "flow" not in state.memo:
-            phi = self.stream_function(state["vorticity"], state.time)
-            state.memo["flow"] = SurfaceFlow(phi, self.side_flux(phi, state["coefficients"]))
+            state.memo["flow"] = self.flow_of(state["vorticity"], state["coefficients"], state.time)
         return state.memo["flow"]
+
+    def flow_of(self, vorticity: NDArray, coefficients: NDArray, time: float = 0.0) -> SurfaceFlow:
+        """Stream function and side fluxes of a flow at a time."""
+        phi = self.stream_function(vorticity, time)
+        return SurfaceFlow(phi, self.side_flux(phi, coefficients))
 
     def energy(self, state: FluidState) -> float:
         return self.kinetic_energy(self.flow(state).phi, state["coefficients"], state.time)
+
+    def total_enstrophy(self, state: FluidState) -> float:
+        return self.enstrophy(state["vorticity"])
 
     @property
     def measure(self) -> float:

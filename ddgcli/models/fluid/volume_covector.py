@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.geometry.cells import TET_EDGES
+from ddgcli.models.fluid.loss_account import LossAccount
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.volume_transport import rate, without_rise
@@ -27,6 +28,7 @@ class VolumeCovectorTransport(FlowPhase):
 
     def __init__(self, setting: FluidSetting) -> None:
         self.space, self.paths = setting.volume, setting.volume_paths
+        self.account = LossAccount(setting, ("energy",))
         space = self.space
         self.vertices = np.arange(space.n)
         self.here = self.paths.cell_of_vertex, np.array(space.mesh.points)
@@ -34,7 +36,7 @@ class VolumeCovectorTransport(FlowPhase):
         self.of_edge = 0.25 * (space.slope[:, HEAD] - space.slope[:, TAIL])
 
     def start(self) -> dict[str, NDArray]:
-        return {"loss": np.zeros(2)}
+        return self.account.start()
 
     def _carried(self, velocity: NDArray, ends: tuple, smooth: bool = False) -> NDArray[np.float64]:
         """(F,) fluxes of the discrete flow nearest to the pull-back of cell velocities."""
@@ -66,12 +68,10 @@ class VolumeCovectorTransport(FlowPhase):
             raise StepRejected(Cause.NOT_FINITE)
         if energy_after > energy:
             flux = without_rise(space, flux, self._carried(velocity, back, smooth=True), energy)
-        after = state.replaced(flux=flux)
-        loss = np.array([energy - space.energy(after), 0.0])
-        return after.with_passive(loss=state["loss"] + loss)
+        return self.account.booked(state, state.replaced(flux=flux), dt)
 
     def observed(self, state: FluidState) -> Observation:
-        return Observation(None, {}, {"lost_energy": float(state["loss"][0])})
+        return self.account.observed(state)
 
 
 def transport(setting: FluidSetting, parameters: object) -> VolumeCovectorTransport:

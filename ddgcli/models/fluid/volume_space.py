@@ -271,6 +271,12 @@ class VolumeSpace:
     def energy(self, state: FluidState) -> float:
         return self.kinetic_energy(self.cell_velocity(state))
 
+    def _enstrophy(self, vorticity: NDArray) -> float:
+        return 0.5 * float(np.sum(self.mass * row_dot(vorticity, vorticity)))
+
+    def total_enstrophy(self, state: FluidState) -> float:
+        return self._enstrophy(self.vorticity(self.cell_velocity(state), state.time))
+
     @property
     def measure(self) -> float:
         return float(self.volume.sum())
@@ -295,7 +301,7 @@ class VolumeSpace:
         size = float(np.abs(state["flux"]).max(initial=0.0))
         scalar = {
             "kinetic_energy": self.energy(state),
-            "enstrophy": 0.5 * float(np.sum(self.mass * row_dot(omega, omega))),
+            "enstrophy": self._enstrophy(omega),
             "total_vorticity": float(np.abs(around).max(initial=0.0)),
             "absolute_vorticity": float(np.abs(circulation).sum()),
             "divergence": float(np.abs(net).max(initial=0.0)) / (size or 1.0),

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.vectors import row_cross, row_dot
+from ddgcli.models.fluid.loss_account import LossAccount
 from ddgcli.models.fluid.midpoint import PICARD_TOLERANCE, implicit_midpoint
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.smoothing import first_root
@@ -139,6 +140,7 @@ class VolumeCirculationTransport(FlowPhase):
 
     def __init__(self, setting: FluidSetting) -> None:
         self.space, self.paths = setting.volume, setting.volume_paths
+        self.account = LossAccount(setting, ("energy",))
         space = self.space
         self.cell_of_face = np.zeros(space.n_faces, dtype=np.int64)
         self.cell_of_face[space.cell_face.ravel()] = np.repeat(np.arange(len(space.cells)), 4)
@@ -146,7 +148,7 @@ class VolumeCirculationTransport(FlowPhase):
         self.face_centre[space.cell_face.ravel()] = space.face_centre.reshape(-1, 3)
 
     def start(self) -> dict[str, NDArray]:
-        return {"loss": np.zeros(2)}
+        return self.account.start()
 
     def _circulations(self, vertex_velocity: NDArray, ends: tuple) -> NDArray[np.float64]:
         """(k, 4) circulation along the carried pieces from cells to their faces."""
@@ -190,12 +192,10 @@ class VolumeCirculationTransport(FlowPhase):
             raise StepRejected(Cause.NOT_FINITE)
         if energy_after > energy:
             flux = without_rise(space, flux, self._carried(velocity, back, here, smooth=True), energy)
-        after = state.replaced(flux=flux)
-        loss = np.array([energy - space.energy(after), 0.0])
-        return after.with_passive(loss=state["loss"] + loss)
+        return self.account.booked(state, state.replaced(flux=flux), dt)
 
     def observed(self, state: FluidState) -> Observation:
-        return Observation(None, {}, {"lost_energy": float(state["loss"][0])})
+        return self.account.observed(state)
 
 
 def transport(setting: FluidSetting, parameters: Any) -> VolumeCirculationTransport | EnergyTransport:
