@@ -172,7 +172,7 @@ def tradeoff_table(
     [('dijkstra', True)]
     """
     options = _checked_options(question, options, sources is not None)
-    _check_measurement(question, norm, error, repeat, budget)
+    _check_measurement(question, norm, error, repeat, budget, within)
     surface = mesh_of_kind(mesh, ("surface",), "tradeoff_table")
     more: dict[str, Any] = {} if error is None else {"error_part": error}
     if sources is not None:
@@ -192,7 +192,9 @@ def tradeoff_table(
     return table
 
 
-def _check_measurement(question: str, norm: str, error: str | None, repeat: int, budget: float) -> None:
+def _check_measurement(
+    question: str, norm: str, error: str | None, repeat: int, budget: float, within: float | None
+) -> None:
     if norm not in ERROR_NORMS:
         raise ParameterError(f"must be 'max' or 'mean', not {norm!r}", parameter="norm")
     if error is not None and (question != "willmore-flow" or error not in ERROR_PARTS):
@@ -202,6 +204,8 @@ def _check_measurement(question: str, norm: str, error: str | None, repeat: int,
     for name, value in (("repeat", repeat), ("budget", budget)):
         if not value > 0:
             raise ParameterError(f"must be positive, not {value}", parameter=name)
+    if within is not None and not 0 < within < math.inf:
+        raise ParameterError(f"must be a positive number, not {within:g}", parameter="within")
 
 
 def _checked_options(question: str, options: dict[str, Any], has_sources: bool) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 
 import numpy as np
@@ -118,7 +119,7 @@ def willmore_flow(
         raise MeshError(message)
     times = _times(steps, duration, step, frame_every, tolerance)
     for name, limit in (("stop_gradient", stop_gradient), ("stop_energy", stop_energy)):
-        if limit is not None and not limit > 0:
+        if limit is not None and not 0 < limit < math.inf:
             raise ParameterError(f"must be a positive number, not {limit:g}", parameter=name)
     options = FlowOptions(
         energy, flow, boundary, fix_area, fix_volume, spontaneous_curvature, report_energy,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 from numpy.typing import NDArray
@@ -125,8 +126,8 @@ def repair_mesh(
         fill_holes, cut_to_disk, drop_unused,
     )  # fmt: skip
     for name, distance in (("weld", weld), ("split_edges", split_edges)):
-        if distance is not None and not distance >= 0:
-            raise ParameterError(f"must be 0 or more, not {distance:g}", parameter=name)
+        if distance is not None and not 0 <= distance < math.inf:
+            raise ParameterError(f"must be 0 or a positive number, not {distance:g}", parameter=name)
     if fill_holes is not None and fill_holes < 3:
         raise ParameterError(f"must be 3 or more, not {fill_holes}", parameter="fill_holes")
     commands = [for_command] if isinstance(for_command, str) else list(for_command or [])

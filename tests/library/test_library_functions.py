@@ -251,7 +251,7 @@ def test_the_cure_for_tetrahedra_works():
         (lambda: ddg.willmore_flow(SPHERE, region=[42]), "region: .* vertex numbers from 0 to 41"),
         (lambda: ddg.willmore_flow(SPHERE, energy="cotan", integrator="rosenbrock"), "needs `step` or"),
         (lambda: ddg.repair_mesh(SPHERE), "no repair is chosen"),
-        (lambda: ddg.repair_mesh(SPHERE, weld=-1.0), "weld: must be 0 or more, not -1"),
+        (lambda: ddg.repair_mesh(SPHERE, weld=-1.0), "weld: must be 0 or a positive number, not -1"),
         (lambda: ddg.repair_mesh(SPHERE, fill_holes=2), "fill_holes: must be 3 or more, not 2"),
         (lambda: ddg.repair_mesh(SPHERE, orient=True, for_command="hodge"), "selects the steps"),
         (lambda: ddg.repair_mesh(TET, fill_holes=9), "is a step of surfaces"),

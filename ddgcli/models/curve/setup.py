@@ -128,8 +128,13 @@ def build(curves: CurveSet, options: CurveFlowOptions) -> tuple[CurveFlow, Model
         raise ParameterError(
             f"{options.flow!r} is not available; choose one of {', '.join(CURVE_FLOWS)}", parameter="flow"
         )
-    if options.length_penalty is not None and options.flow != "elastic":
-        raise ParameterError("belongs to `flow=elastic`; leave it out", parameter="length_penalty")
+    if (penalty := options.length_penalty) is not None:
+        if options.flow != "elastic":
+            raise ParameterError("belongs to `flow=elastic`; leave it out", parameter="length_penalty")
+        if not 0 <= penalty < math.inf:
+            raise ParameterError(
+                f"must be 0 or a positive number, not {penalty:g}", parameter="length_penalty"
+            )
     points, centre, scale = _unit_size(curves)
     mesh = polygon.polygons(CurveSet(points, curves.lines))
     shape = polygon.geometry(mesh, points)
@@ -145,7 +150,7 @@ def build(curves: CurveSet, options: CurveFlowOptions) -> tuple[CurveFlow, Model
         _require_bends(mesh, shape.turning)
         if options.length_penalty is None:
             _require_slack(mesh, points, length)
-    penalty = None if options.length_penalty is None else options.length_penalty * scale**2
+    penalty = None if penalty is None else penalty * scale**2
     radius = length / (2 * np.pi)
     simple = mesh.bounds_area & (area != 0.0) & (self_crossings(mesh, points) == 0.0)
     if options.flow != "elastic":
