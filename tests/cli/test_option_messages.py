@@ -82,3 +82,12 @@ def test_an_error_begins_with_the_option(run, paths, words, message):
     for path in paths.values():
         line = line.removeprefix(f"{path}: ")
     assert line.startswith(message), result.stderr
+
+
+@pytest.mark.parametrize(("command", "name"), [("curve-flow", "CURVE"), ("willmore-flow", "MESH")])
+def test_a_flow_without_input_states_that_a_resumed_run_needs_it_again(run, command, name):
+    missing = f"Missing argument '{name}'"
+    assert f"{missing};" in run(command).stderr
+    result = run(command, "--resume", "run.vtkhdf.part")
+    assert result.exit_code == 2
+    assert f"{missing}. --resume needs it again, with the options of the run" in result.stderr

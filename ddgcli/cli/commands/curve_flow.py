@@ -10,7 +10,7 @@ from ddgcli.choices import CURVE_FLOWS
 from ddgcli.cli import options
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
-from ddgcli.cli.simulation.options import curve_time_options
+from ddgcli.cli.simulation.options import FlowInput, curve_time_options
 
 if TYPE_CHECKING:
     from ddgcli.mesh.curve import CurveSet
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     epilog="Choosing a flow: curvature shortens curves until they vanish; area-preserving rounds closed "
     "plane curves; elastic straightens bends at constant length. See docs/curve-flow.md.",
 )
-@click.argument("mesh_path", metavar="CURVE", type=click.Path())
+@click.argument("mesh_path", metavar="CURVE", type=click.Path(), cls=FlowInput)
 @options.common
 @curve_time_options
 @click.option(

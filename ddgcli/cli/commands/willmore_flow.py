@@ -10,7 +10,7 @@ from ddgcli.choices import WILLMORE_BOUNDARIES, WILLMORE_ENERGIES, WILLMORE_FLOW
 from ddgcli.cli import options
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
-from ddgcli.cli.simulation.options import flow_time_options
+from ddgcli.cli.simulation.options import FlowInput, flow_time_options
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def _names(names: tuple[str, ...]) -> str:
     "cotan for open ones; the other energies are for comparison. See "
     "docs/willmore-flow.md and docs/accuracy/willmore-flow.md.",
 )
-@options.mesh_arg
+@click.argument("mesh_path", metavar="MESH", type=click.Path(), cls=FlowInput)
 @options.common
 @flow_time_options
 @options.subdivide

@@ -76,6 +76,19 @@ class SceneCall:
     schema: bool = False
 
 
+class FlowInput(click.Argument):
+    """Input of a flow, which a resumed run needs again: its trajectory holds a hash of it alone."""
+
+    def process_value(self, ctx: click.Context, value: Any) -> Any:
+        try:
+            return super().process_value(ctx, value)
+        except click.MissingParameter as error:
+            if ctx.params.get("resume"):
+                message = "--resume needs it again, with the options of the run."
+                raise click.MissingParameter(message, ctx, self) from error
+            raise
+
+
 def flow_time_options(command: Callable) -> Callable:
     """Add the options of time for flows, whose time is a power of a length, and --resume."""
     return _with_time(command, _time(FLOW_TIME_UNIT, "Steps to take.", "the radius"))
