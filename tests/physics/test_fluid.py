@@ -123,7 +123,7 @@ def test_runge_kutta_is_fourth_order():
     def end(n):
         omega, c = start
         for _ in range(n):
-            omega, c, _ = runge_kutta(space, omega, c, 0.4 / n, True)
+            omega, c, *_ = runge_kutta(space, omega, c, 0.4 / n, True)
         return np.concatenate([omega, c])
 
     truth = end(64)
@@ -202,7 +202,7 @@ def test_harmonic_flow_stays(scheme, name):
             omega, c, *_ = carry.step(omega, c, 0.02, True)
     else:
         for _ in range(20):
-            omega, c, _ = runge_kutta(space, omega, c, 0.05, True)
+            omega, c, *_ = runge_kutta(space, omega, c, 0.05, True)
     assert np.abs(omega).max() == 0 and np.array_equal(c, start)
 
 

@@ -107,6 +107,21 @@ def test_a_wall_that_swings_drags_the_fluid_of_second_order_in_time_and_space(in
     assert change[0] / change[1] > 3.4
 
 
+@pytest.mark.parametrize("integrator", ["conservative", "energy"])
+def test_a_flow_that_a_wall_drives_against_little_friction_is_of_second_order_in_time(integrator):
+    """The vorticity at walls is that of the flow at every stage of the transport."""
+    square = "grid = { size = [1, 1], cells = [8, 8] }"
+    lid = side("wall", "y > 1 - 1e-9", along("1 - cos(2*t)")) + STILL
+    flows = []
+    for step in (0.1, 0.05, 0.025):
+        model, schedule = fluid(square, lid, f"duration = 1\nstep = {step}", integrator, nu=0.01)
+        *_, last = evolve({"f": model.model()}, schedule, Account())
+        assert last.steps == round(1 / step)
+        flows.append(last.observations["f"].vertex["stream_function"])
+    first, second = (np.linalg.norm(a - b) for a, b in zip(flows, flows[1:]))
+    assert first > 3.7 * second
+
+
 def test_a_pulsating_channel_carries_the_flux_of_its_inflow():
     """Womersley: u = Re(-i (1 - cosh(k (y - 1/2)) / cosh(k / 2)) exp(i w t)), of second order."""
     nu, rate = 0.05, 4.0
@@ -302,4 +317,5 @@ def test_a_stream_that_starts_between_two_steps_is_that_which_starts_in_the_seco
         sides = side("inflow", "x < 1e-9", jump) + side("outflow", "x > 2 - 1e-9", jump) + FREE
         time = "duration = 0.1\nstep = 0.01\nframe_every = 0.1"
         flows.append(run(shape, effects + sides, time, integrator)[1][-1].vertex["velocity"])
-    assert np.abs(flows[0] - flows[1]).max() < 1e-10  # once as large as the stream
+    # once as large as the stream; the last stage of `rk4`, at the end of a step, sees the stream that starts
+    assert np.abs(flows[0] - flows[1]).max() < (1e-5 if integrator == "conservative" else 1e-10)

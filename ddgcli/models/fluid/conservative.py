@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,8 @@ STREAM_SHARE = 1e-3  # of the fluxes of a stream, below which its circulations c
 BALANCE_LIMIT = 2.0  # the same of a step whose rate of change at the start is a source of the viscosity
 
 
+# vorticity at the `rim` vertices by stream function, coefficients and time, where the flow determines it
+BoundaryVorticity = Callable[[NDArray, NDArray, float], NDArray[np.float64]]
 Rates = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 
@@ -203,6 +206,26 @@ def largest_rate(space: SurfaceSpace, flux: NDArray, coriolis: NDArray | float) 
     return advection_rate(space, flux) + float(np.abs(coriolis).max(initial=0.0))
 
 
+def _with_boundary(
+    space: SurfaceSpace,
+    vorticity: NDArray,
+    flow: SurfaceFlow,
+    coefficients: NDArray,
+    time: float,
+    of_flow: BoundaryVorticity | None,
+) -> NDArray[np.float64]:
+    """The vorticity with that of walls with friction, which is theirs at every stage of a step.
+
+    Carried along from the start of a step instead, it would lack what the flow gains along the wall in the
+    step, and the flow would be of first order in time.
+    """
+    if of_flow is None:
+        return vorticity
+    after = vorticity.copy()
+    after[space.rim] = of_flow(flow.phi, coefficients, time)
+    return after
+
+
 def _without(rates: Rates, balance: FlowRate | None) -> Rates:
     if balance is None:
         return rates
@@ -219,24 +242,31 @@ def runge_kutta(
     balance: FlowRate | None = None,
     time: float = 0.0,
     flow: SurfaceFlow | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    at_walls: BoundaryVorticity | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
     """One classical fourth-order step without `balance`, from a `time` on; `flow` as in `rate`.
 
-    The third value is dt times `largest_rate` at its start.
+    The third value is dt times `largest_rate` at its start, the fourth the enstrophy that vorticity
+    `at_walls` adds in the step.
     """
+    b = len(coefficients)
 
-    def slope(
-        vorticity: NDArray, coefficients: NDArray, after: float, flow: SurfaceFlow | None = None
-    ) -> Rates:
-        now = _shifted(space, coefficients, time, time + after)
-        return _without(rate(space, vorticity, now, evolve_harmonic, coriolis, time + after, flow), balance)
+    def slope(vorticity: NDArray, packed: NDArray, after: float, flow: SurfaceFlow | None = None) -> Rates:
+        now, then = _shifted(space, packed[:b], time, time + after), time + after
+        flow = space.flow_of(vorticity, now, then) if flow is None else flow
+        stage_vorticity = _with_boundary(space, vorticity, flow, now, then, at_walls)
+        rates = _without(rate(space, stage_vorticity, now, evolve_harmonic, coriolis, then, flow), balance)
+        beyond = vorticity - stage_vorticity
+        added = float(beyond @ (space.inverse_mass * rates[0])) if at_walls is not None else 0.0
+        return rates[0], np.append(rates[1], added), rates[2]
 
-    first = slope(vorticity, coefficients, 0.0, flow)
+    packed = np.append(coefficients, 0.0)
+    first = slope(vorticity, packed, 0.0, flow)
     courant = dt * largest_rate(space, first[2], coriolis)
     if courant > RK4_LIMIT:
-        return vorticity, coefficients, courant
-    vorticity, coefficients = fourth_order_step(slope, vorticity, coefficients, dt, first)
-    return vorticity, _shifted(space, coefficients, time, time + dt), courant
+        return vorticity, coefficients, courant, 0.0
+    vorticity, packed = fourth_order_step(slope, vorticity, packed, dt, first)
+    return vorticity, _shifted(space, packed[:b], time, time + dt), courant, float(packed[b])
 
 
 def midpoint(
@@ -248,18 +278,22 @@ def midpoint(
     coriolis: NDArray | float = 0.0,
     balance: FlowRate | None = None,
     time: float = 0.0,
+    at_walls: BoundaryVorticity | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """One step of the implicit midpoint rule, which keeps energy and enstrophy to the solver's tolerance.
 
-    It begins at `time`; `balance` is left out of the rate of change. The third value is the last relative
-    change: the step is to be shortened where that is not small.
+    With vorticity `at_walls` it keeps the energy alone. It begins at `time`; `balance` is left out of the
+    rate of change. The third value is the last relative change: the step is to be shortened where that is
+    not small.
     """
     n, half = len(vorticity), time + 0.5 * dt
     start = np.concatenate([vorticity, coefficients])
 
     def slope(middle: NDArray) -> NDArray[np.float64]:
         now = _shifted(space, middle[n:], time, half)
-        rates = rate(space, middle[:n], now, evolve_harmonic, coriolis, half)
+        flow = space.flow_of(middle[:n], now, half)
+        stage_vorticity = _with_boundary(space, middle[:n], flow, now, half, at_walls)
+        rates = rate(space, stage_vorticity, now, evolve_harmonic, coriolis, half, flow)
         return np.concatenate(_without(rates, balance)[:2])
 
     after, change = implicit_midpoint(slope, start, dt, STREAM_SHARE * space.largest_stream_flux)
@@ -289,6 +323,14 @@ class ConservativeTransport(FlowPhase):
         books_loss = not (self.implicit or setting.is_open)
         self.account = LossAccount(setting, ("enstrophy",), enstrophy=self._enstrophy) if books_loss else None
         setting.transport_takes_coriolis = True
+
+    @cached_property
+    def at_walls(self) -> BoundaryVorticity | None:
+        """Vorticity that walls have by friction; None without viscosity or walls."""
+        if not len(self.space.rim):
+            return None
+        schemes = (getattr(phase, "scheme", None) for phase in self.setting.phases)
+        return next((at for s in schemes if (at := getattr(s, "boundary_vorticity", None))), None)
 
     def start(self) -> dict[str, NDArray]:
         return {} if self.account is None else self.account.start()
@@ -323,15 +365,19 @@ class ConservativeTransport(FlowPhase):
             space, state["vorticity"], state["coefficients"], step.dt,
             setting.evolve_harmonic, setting.coriolis, step.balance, step.time,
         )  # fmt: skip
-        vorticity, coefficients, measure = (
-            midpoint(*arguments) if self.implicit else runge_kutta(*arguments, space.flow(state))
-        )
+        added = 0.0
+        if self.implicit:
+            vorticity, coefficients, measure = midpoint(*arguments, self.at_walls)
+        else:
+            vorticity, coefficients, measure, added = runge_kutta(
+                *arguments, space.flow(state), self.at_walls
+            )
         if not measure <= (PICARD_TOLERANCE if self.implicit else RK4_LIMIT):
             raise StepRejected(
                 "midpoint iteration" if self.implicit else Cause.STABILITY_LIMIT, value=measure
             )
         after = state.replaced(vorticity=vorticity, coefficients=coefficients)
-        return after if self.account is None else self.account.booked(state, after, step.dt)
+        return after if self.account is None else self.account.booked(state, after, step.dt, added=added)
 
     def _enstrophy(self, state: FluidState) -> float:
         """Half the integral of the squared vorticity, with that of the frame, up to a constant [m^2/s^2]."""

@@ -13,6 +13,7 @@ free-slip wall the vorticity vanishes, which is the natural condition of the wea
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -98,6 +99,10 @@ class VorticityDiffusion:
             diags_array(space.mass[inside]).tocsr(), (nu * space.stiffness[inside][:, inside]).tocsr()
         )
 
+    def boundary_vorticity(self, phi: NDArray, coefficients: NDArray, time: float) -> NDArray[np.float64]:
+        """Vorticity of the cells of the space's `rim` vertices: none."""
+        return np.zeros(len(self.space.rim))
+
     def step(
         self,
         vorticity: NDArray,
@@ -171,6 +176,22 @@ class VelocityDiffusion:
     def free_stream_function(self, vorticity: NDArray) -> NDArray[np.float64]:
         """Stream function at the free vertices, without the part that the boundary values bring."""
         return self.space.factor.solve(vorticity[self.space.free], refine=False)
+
+    def boundary_vorticity(self, phi: NDArray, coefficients: NDArray, time: float) -> NDArray[np.float64]:
+        """Vorticity of the cells of the space's `rim` vertices, which the flow determines.
+
+        `phi` (n,) is the whole stream function.
+        """
+        rim, (of_phi, of_coefficients) = self.space.rim, self._circulation_at_rim
+        circulation = of_phi @ phi + of_coefficients @ coefficients
+        wall = self.wall.at(time) if isinstance(self.wall, InTime) else self.wall
+        return self.active[rim] * (circulation if wall is None else circulation + wall[rim])
+
+    @cached_property
+    def _circulation_at_rim(self) -> tuple[csr_array, csr_array]:
+        """Circulations around the cells of the `rim` vertices by stream functions and by coefficients."""
+        rim = self.space.rim
+        return csr_array(self.space.stiffness[rim]), self.curl[rim, len(self.space.free) :]
 
     def moving_at(self, time: float, coefficients_time: float | None = None) -> NDArray[np.float64]:
         """(n,) what the boundary adds to the circulation around the cells of its vertices at a time.

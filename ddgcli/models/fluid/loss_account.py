@@ -50,12 +50,20 @@ class LossAccount:
         return {**arrays, "corrections": np.zeros(1 + len(CORRECTIONS))} if self.corrects else arrays
 
     def booked(
-        self, before: FluidState, after: FluidState, dt: float, acted: NDArray | None = None
+        self,
+        before: FluidState,
+        after: FluidState,
+        dt: float,
+        acted: NDArray | None = None,
+        added: float = 0.0,
     ) -> FluidState:
-        """The state after a step of the transport with the step booked; `acted` are its `CORRECTIONS`."""
+        """The state after a step of the transport with the step booked.
+
+        `acted` are its `CORRECTIONS`, `added` is the enstrophy that walls added in it.
+        """
         largest = np.maximum(self._sizes(before), self._sizes(after, ends=True))
         arrays = {
-            "losses": before["losses"] + self._losses(before, after),
+            "losses": before["losses"] + self._losses(before, after) + [0.0, added],
             "loss_sizes": np.maximum(before["loss_sizes"], largest),
             "supplies": before["supplies"] + dt * self._supply(before),
         }

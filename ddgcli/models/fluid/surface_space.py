@@ -104,6 +104,7 @@ class SurfaceSpace:
             fixed &= ~self.open_vertices
         solver = Dirichlet(self.stiffness, np.flatnonzero(fixed))
         self.free, self.factor = solver.free, solver.factor
+        self.rim = np.flatnonzero(topology.boundary_vertex & fixed)  # where the stream function is given
         self.lift = self._lift(solver, self.boundary_values)
         self.lift_in_time: InTime | None = None
         if self.values_in_time is not None:
