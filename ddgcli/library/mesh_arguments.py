@@ -114,8 +114,9 @@ def _mesh_of_pair(points: ArrayLike, cells: ArrayLike) -> AnyMesh:
     """Mesh of the kind that follows from the number of corners of a cell."""
     corners = np.shape(cells)[1] if np.ndim(cells) == 2 else 0
     if corners == 4:
-        _refuse_quadrilaterals(np.asarray(cells))
-        return TetMesh.from_arrays(points, cells)
+        mesh = TetMesh.from_arrays(points, cells)
+        _refuse_quadrilaterals(mesh.tetrahedra)
+        return mesh
     if corners == 2:
         return CurveSet.from_arrays(points, cells)
     return TriangleMesh.from_arrays(points, cells)

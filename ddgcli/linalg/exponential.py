@@ -84,7 +84,7 @@ class HeatSemigroup:
         low, high = _useful_poles(self._L.diagonal(), self._M.diagonal())
         factor, previous = None, 0.0
         for begin, end in zip(ends[:-1], ends[1:]):
-            pole = min(max(POLE_TIME * math.sqrt(begin * end), low), high)
+            pole = min(max(POLE_TIME * math.sqrt(begin) * math.sqrt(end), low), high)
             if pole == previous:
                 continue
             matrix = csc_array(self._M + pole * self._L)

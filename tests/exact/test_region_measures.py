@@ -155,7 +155,7 @@ def test_offsets_and_regions_that_do_not_exist_are_refused():
         offset_body(CUBE, 1.0, 0.01)
     with pytest.raises(ParameterError, match="whole numbers"):
         labels_of(np.array([0.5, 1.0]))
-    with pytest.raises(ParameterError, match="positive radius"):
+    with pytest.raises(ParameterError, match="radius: must be a positive length"):
         measures_in_ball(CUBE, np.zeros(3), 0.0)
     with pytest.raises(ParameterError, match="array of length 5"):
         measure_surface(CUBE, "cotan", regions=[(np.zeros(5), "")])

@@ -113,11 +113,18 @@ def test_a_tolerance_below_the_smallest_error_ends_with_a_message(run, tmp_path)
     assert "however short the step" in result.stderr
 
 
-def test_a_comparison_of_curvatures_takes_a_radius_that_is_a_length(run, tmp_path):
-    ball = written(tmp_path / "a.npz", shapes.icosphere(1))
-    result = run("tradeoff", "--budget", 1, "curvature", ball, "--radius", "auto")
-    assert result.exit_code == 2
-    assert "not a length" in result.stderr
+def test_a_comparison_of_curvatures_takes_a_radius_or_auto(run, tmp_path):
+    call = (
+        "tradeoff",
+        "--budget",
+        20,
+        "--repeat",
+        1,
+        "curvature",
+        written(tmp_path / "a.npz", shapes.icosphere(3)),
+    )
+    assert "--radius': 'wide' is not" in run(*call, "--radius", "wide").stderr
+    assert run(*call, "--radius", "auto").exit_code == 0
 
 
 def test_options_of_time_are_left_out_together_where_a_flow_goes_to_rest(run, tmp_path):

@@ -353,7 +353,7 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
     start = Motion(x, v, a, memory=tuple(term.initial() for term in system.memories), past=past)
     start = _constrained(scene, system, start)
     size, reach = system.size, integrator.reach(parameters)
-    _check_tolerance(scene, least_tolerance(x, size))
+    _check_tolerance(scene, scene.time.tolerance, least_tolerance(x, size))
     in_balance = integrator.order == 0 and any(isinstance(term, PlasticMemory) for term in system.memories)
     stretch_limit = StretchLimit(group) if has_stretch_limit(system) else None
 
@@ -412,9 +412,8 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
     )  # fmt: skip
 
 
-def _check_tolerance(scene: Scene, least: float) -> None:
+def _check_tolerance(scene: Scene, tolerance: float | None, least: float) -> None:
     """Refuse a tolerance that no step can meet, because positions are rounded."""
-    tolerance = scene.time.tolerance
     if tolerance is None or scene.time.integrator == "static" or tolerance >= least:
         return
     reason = (
