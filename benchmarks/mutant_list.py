@@ -59,7 +59,7 @@ MUTANTS = (
     Mutant("ddgcli/models/willmore/gauss_map_energy.py", "S_SHAPE = np.sqrt(3.0) / 144.0", "S_SHAPE = np.sqrt(3.0) / 14.4", "tests/physics/test_willmore_energies.py::test_stripes_that_no_normal_sees_are_as_stiff_as_in_cotan"),
     Mutant("ddgcli/models/willmore/constraints.py", "volumes_inside(mesh, self.caps, self.component) / self.volume - 1.0", "volumes_inside(mesh, self.caps, self.component) / self.volume - 1.1", "tests/physics/test_willmore_rest.py::test_area_and_volume_are_kept"),
     Mutant("ddgcli/cli/batch/process.py", 'reason = "timeout"', 'reason = ""', "tests/cli/test_batch.py::test_one_hanging_greedy_or_failing_run_does_not_stop_the_rest"),
-    Mutant("ddgcli/library/mesh_arguments.py", "return TetMesh.from_arrays(points, cells)", "return TetMesh.from_arrays(points, cells[:-1])", "tests/library/test_library_functions.py::test_pair_of_arrays_gives_what_the_mesh_gives"),
+    Mutant("ddgcli/library/mesh_arguments.py", "mesh = TetMesh.from_arrays(points, cells)", "mesh = TetMesh.from_arrays(points, cells[:-1])", "tests/library/test_library_functions.py::test_pair_of_arrays_gives_what_the_mesh_gives"),
     Mutant("ddgcli/algorithms/repair/steps.py", "has_area[repaired.mesh.flat_faces] = False", "has_area[:0] = False", "tests/exact/test_repair.py::test_a_face_without_area_is_dropped_though_its_three_vertices_differ"),
     # tradeoff
     Mutant("ddgcli/tradeoff/pareto.py", "row.on_front = best is None or row.is_surely_better(best, norm)", "row.on_front = best is None or best.is_surely_better(row, norm)", "tests/exact/test_tradeoff_table.py::test_planted_candidates_are_ranked_where_they_belong"),
