@@ -1,5 +1,7 @@
 """Identities of the Laplacian and its masses, on good, bad and degenerate meshes."""
 
+import re
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -9,6 +11,7 @@ from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator, negat
 from ddgcli.algorithms.laplacian.spectrum import heat_kernel_signature, signature_pairs, spectrum
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area
+from ddgcli.linalg.eigen import Eigenpairs
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -174,3 +177,37 @@ def test_all_eigenpairs_of_the_used_vertices_leave_no_truncation():
     operator = laplace_operator(mesh)
     signature = heat_kernel_signature(operator, spectrum(operator, mesh.n_vertices - 1), np.array([1e-3]))
     assert signature.truncation[0] == 0.0
+
+
+@pytest.mark.parametrize("level", [1, 2])
+def test_times_that_the_mesh_does_not_resolve_have_a_warning_with_one_that_it_does(level, caplog):
+    """All pairs leave no truncation, and values end at 1 / mass: wrong by factors of up to 200 in silence."""
+    mesh, degree = shapes.icosphere(level), np.arange(400)
+    squared_edge = np.mean(mesh.side_length**2)
+    operator = laplace_operator(mesh)
+    values, vectors = scipy.linalg.eigh(operator.stiffness.toarray(), operator.mass.toarray())
+    pairs = Eigenpairs(np.where(values > 1e-9, values, 0.0), vectors, np.zeros_like(values), True, "dense")
+
+    def error(time):
+        caplog.clear()
+        truth = ((2 * degree + 1) * np.exp(-degree * (degree + 1) * time)).sum() / (4 * np.pi)
+        return np.abs(heat_kernel_signature(operator, pairs, np.array([time])).values / truth - 1).max()
+
+    for multiple in (1e-3, 0.3, 1.0):
+        assert error(multiple * squared_edge) > 0.15
+        (message,) = caplog.messages
+        assert "does not resolve the heat kernel" in message and "more eigenpairs change nothing" in message
+    shortest = float(re.findall(r"at least (\S+),", message)[0])
+    assert 4 < shortest / squared_edge < 10
+    assert error(shortest) < 0.1 and not caplog.messages
+
+
+def test_more_eigenpairs_are_the_advice_only_where_they_help(caplog):
+    mesh = shapes.icosphere(3)
+    operator = laplace_operator(mesh)
+    heat_kernel_signature(
+        operator, spectrum(operator, 20), np.array([1e-4, 10 * np.mean(mesh.side_length**2)])
+    )
+    short, truncated = caplog.messages
+    assert "at time 0.0001" in short and "more eigenpairs change nothing" in short
+    assert "or more eigenpairs" in truncated and "0.0001" not in truncated
