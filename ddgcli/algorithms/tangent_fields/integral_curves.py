@@ -243,6 +243,7 @@ class _CurveIntegrator:
             )
             whole, first = _rows(both, np.arange(k)), _rows(both, np.arange(k, 2 * k))
             second = runge_kutta_step(self.tracer, self.field, _end(first), h / 2, order)
+            # not over 2^order - 1: on curved meshes, where the order is one, that understates the error
             error = _gap(mesh, _end(whole), _end(second))  # type: ignore[arg-type]
             factor = 0.9 * (allowed[active] / np.maximum(error, 1e-300)) ** (1.0 / (order + 1))
             good = (error <= allowed[active]) | (h <= least)
