@@ -204,3 +204,26 @@ def test_mean_curvature_flow_keeps_the_boundary():
     assert np.array_equal(result.mesh.points[boundary], mesh.points[boundary])
     # a catenoid is minimal already
     assert np.abs(result.mesh.points - mesh.points).max() < 0.01
+
+
+@pytest.mark.parametrize("flatten", [parameterize_harmonic, parameterize_conformal])
+@pytest.mark.parametrize("shape", ["square", "long", "upright", "bump"])
+def test_flat_maps_do_not_depend_on_the_numbers_of_vertices_and_faces(flatten, shape):
+    """The first vertex of the boundary turned the disk, and the first far one chose the sign."""
+    mesh = shapes.grid(6, 6)
+    x, y, z = mesh.points.T
+    points = {
+        "square": [x, y, z],
+        "long": [2 * x, y, z],
+        "upright": [z, y, x + y**2],
+        "bump": [x, y, x * y * y],
+    }
+    mesh = mesh.moved(np.stack(points[shape], axis=1))
+    uv, rng = flatten(mesh, laplace_operator(mesh)).uv, np.random.default_rng(0)
+    if shape != "upright":
+        assert ((uv[:, 0] - uv[:, 0].mean()) * (x - 0.5)).sum() > 0
+    for _ in range(3):
+        vertices, faces = rng.permutation(mesh.n_vertices), rng.permutation(mesh.n_faces)
+        number = np.argsort(vertices)
+        other = TriangleMesh.from_arrays(mesh.points[vertices], number[mesh.faces[faces]])
+        assert np.abs(flatten(other, laplace_operator(other)).uv[number] - uv).max() < 1e-8

@@ -31,6 +31,7 @@ log = logging.getLogger("ddgcli")
 # only the speed of the iteration
 ENERGY_SHIFT = 1e-7
 MAX_ITERATIONS = 500
+MIN_MOMENT = 1e-6  # relative size of a moment of second order that is none of rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +74,7 @@ def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Para
 
     Weights of an intrinsic Delaunay operator are not negative inside, so that no triangle of it is flipped.
     The longest of several boundary loops maps to the circle; fans fill the others, so that the same holds.
+    The disk is turned so that u grows most along x (y, z where nothing depends on x).
 
     Parameters
     ----------
@@ -104,14 +106,17 @@ def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Para
     problem = Dirichlet(filled, local[loop])
     inside = problem.solve(circle[order])
     uv = np.zeros((mesh.n_vertices, 2))
-    uv[vertices] = inside[: len(vertices)]
+    z = inside[: len(vertices), 0] + 1j * inside[: len(vertices), 1]
+    z = z * _turn_to_axes(z, operator.mass.diagonal()[vertices], mesh.points[vertices])
+    uv[vertices] = _planar(z)
     return _with_quality(mesh, operator.surface, uv, problem.residual(inside), True)
 
 
 def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Parameterization:
     """Conformal map with free boundary: the smallest conformal energy for given boundary size.
 
-    The result has the area of the surface, its centre at the origin and its longer axis along u.
+    The result has the area of the surface, its centre at the origin and its longer axis along u, which grows
+    along x (y, z where nothing depends on x).
 
     Parameters
     ----------
@@ -141,7 +146,7 @@ def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Par
     if not converged:
         log.warning("the conformal map did not converge: residual %.2g", residual)
     uv = np.zeros((mesh.n_vertices, 2))
-    uv[vertices] = _principal_axes(z, operator.mass.diagonal()[vertices])
+    uv[vertices] = _principal_axes(z, operator.mass.diagonal()[vertices], mesh.points[vertices])
     total = 0.5 * planar_area(uv[mesh.faces]).sum()
     uv *= np.sqrt(face_area(mesh.side_length).sum() / total) if total > 0 else 1.0
     return _with_quality(mesh, operator.surface, uv, residual, converged)
@@ -276,13 +281,30 @@ def _smallest_complex(H: csr_array, B: csr_array, loop: NDArray) -> tuple[NDArra
     return z, residual, residual < 1e-8
 
 
-def _principal_axes(z: NDArray, weight: NDArray) -> NDArray[np.float64]:
-    """(n, 2) real coordinates, centred, the longer axis along u."""
+def _principal_axes(z: NDArray, weight: NDArray, points: NDArray) -> NDArray[np.float64]:
+    """(n, 2) real coordinates, centred, the longer axis along u; turned to x where no axis is longer."""
     z = z - (weight * z).sum() / weight.sum()
     moment = (weight * z * z).sum()
+    if abs(moment) <= MIN_MOMENT * (weight * np.abs(z) ** 2).sum():
+        return _planar(z * _turn_to_axes(z, weight, points))
     z = z * np.exp(-0.5j * np.angle(moment))
-    if z[np.argmax(np.abs(z) > 0.5 * np.abs(z).max())].real < 0:
-        z = -z
+    return _planar(z * _turn_to_axes(z.real, weight, points))
+
+
+def _turn_to_axes(values: NDArray, weight: NDArray, points: NDArray) -> complex:
+    """Unit factor (of real values a sign) by which they grow along x, y or z, the first that they depend on.
+
+    Positions alone decide, not the numbers of the vertices.
+    """
+    offset = points - weight @ points / weight.sum()
+    offset = offset / (np.abs(offset).max() or 1.0)
+    moment = (weight * values) @ offset
+    size = np.sqrt((weight * np.abs(values) ** 2).sum() * (weight @ offset**2).sum())
+    first = moment[np.argmax(np.abs(moment) > MIN_MOMENT * size)]
+    return complex(np.conj(first) / abs(first)) if first else 1.0
+
+
+def _planar(z: NDArray) -> NDArray[np.float64]:
     return np.stack([z.real, z.imag], axis=1)
 
 
