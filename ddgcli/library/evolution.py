@@ -88,7 +88,7 @@ def wave_equation(
     duration : float
         In lengths.
     time_step : float, optional
-        Default a hundredth of the duration.
+        Default a hundredth of the duration; less for waves that are short for it, down to a 4,000th.
     n_frames : int, optional
         Number of frames behind the first.
     operator, mass : str

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
+import ddgcli as ddg
 from ddgcli import memory
 from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation, common_subdivision
 from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay
@@ -430,12 +431,23 @@ def test_harmonic_fields_are_counted_by_eulers_formula():
 def test_the_constant_part_of_steps_counts_once():
     def seconds(steps):
         size = InputSize("surface", 1000, steps=steps)
-        return predict(kernels_of("laplacian", {"wave": "f"}, size), size, calibrate=False).kernels[-1][
-            "seconds"
-        ]
+        uses = kernels_of("laplacian", {"wave": "f", "time_step": 0.1}, size)
+        return predict(uses, size, calibrate=False).kernels[-1]["seconds"]
 
     constant = COEFFICIENTS["laplacian wave"].seconds
     assert math.isclose(seconds(200) - constant, 20 * (seconds(10) - constant))
+
+
+@pytest.mark.parametrize(
+    "mesh", [shapes.icosphere(2), shapes.random_sphere(600), shapes.box_tetrahedra(6, 6, 6)]
+)
+@pytest.mark.parametrize("duration", [1.0, 10.0])
+def test_default_steps_of_a_wave_from_a_vertex_are_those_of_the_run(mesh, duration):
+    steps = ddg.wave_equation(mesh, 0, duration, n_frames=2).results["steps"]
+    options = {"wave": "0", "duration": duration}
+    assert 0.6 < size_of(mesh, options).steps / steps < 1.6
+    (*_, use) = kernels_of("laplacian", {**options, "wave": "f"}, InputSize("surface", 1000, steps=1600))
+    assert use.times == 4 and use.range == (0.25, 4)  # 100 of a smooth start to 1,600
 
 
 def test_heat_costs_its_frames_and_not_its_steps():

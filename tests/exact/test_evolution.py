@@ -119,6 +119,52 @@ def test_waves_state_their_error_in_time(steps, start):
     assert 0.5 * error < estimate < 2 * error
 
 
+@pytest.mark.parametrize("duration", [5.0, 20.0, 40.0])
+def test_default_steps_keep_the_phase_of_a_wave_at_long_durations(duration, caplog):
+    """A hundredth of the duration, whatever the wave: the phase was off by 0.01 to 8 radians."""
+    frequency, mode = np.sqrt(PAIRS.values[6]), PAIRS.vectors[:, 6]
+    times = EvolutionTimes.of(duration, None, None)
+    solved = solve_evolution(OPERATOR, "wave", 1.0 + mode, times)
+    errors = [
+        np.abs(evolution_frame.values - 1.0 - np.cos(frequency * evolution_frame.time) * mode).max()
+        / np.abs(1.0 + mode).max()
+        for evolution_frame in solved.evolution_frames
+    ]
+    assert max(errors) < 0.03 and not caplog.messages
+    assert solved.results["steps"] <= 100 * (1 + np.sqrt((frequency * duration) ** 3 / 2400))
+    assert np.allclose(solved.results["times"], duration * np.array(times.frame_steps) / times.steps)
+
+
+def test_default_steps_of_a_wave_from_a_vertex_have_no_warning(caplog):
+    solved = solve_evolution(OPERATOR, "wave", 5, EvolutionTimes.of(6.0, None, None))
+    assert relative_error(OPERATOR, "wave", solved) < 0.05 and not caplog.messages
+
+
+@pytest.mark.parametrize("value", [0.0, 1 / 3, -1e100])
+def test_a_uniform_function_at_rest_takes_default_steps(value):
+    solved = solve_evolution(OPERATOR, "wave", np.full(162, value), EvolutionTimes.of(9.0, None, None))
+    assert solved.results["steps"] == 100 and solved.accuracy["wave_time_error"] < 1e-12
+
+
+def test_steps_of_an_option_of_heat_and_of_waves_beyond_resolution_stay():
+    mode = PAIRS.vectors[:, 6]
+    for equation, times in (
+        ("wave", EvolutionTimes.of(20.0, 0.2, None)),
+        ("heat", EvolutionTimes.of(20.0, None, None)),
+        ("wave", EvolutionTimes.of(1e5, None, None)),
+    ):
+        assert solve_evolution(OPERATOR, equation, mode, times).results["steps"] == 100
+
+
+def test_the_error_of_a_standing_wave_is_relative_to_its_amplitude():
+    """It was relative to the values of a frame, which are zero at a quarter of the period."""
+    frequency, mode = np.sqrt(PAIRS.values[6]), PAIRS.vectors[:, 6]
+    duration = 2.5 * np.pi / frequency
+    solved = solve_evolution(OPERATOR, "wave", mode, EvolutionTimes(duration, 60, 60))
+    error = np.abs(solved.evolution_frames[-1].values - np.cos(frequency * duration) * mode).max()
+    assert 0.8 < solved.accuracy["wave_time_error"] / (error / np.abs(mode).max()) < 1.3
+
+
 def test_waves_of_steps_too_long_for_them_have_a_warning(caplog):
     solved = solve_evolution(OPERATOR, "wave", 5, EvolutionTimes(6.0, 12, 1))
     assert solved.accuracy["wave_time_error"] > 0.2 and relative_error(OPERATOR, "wave", solved) > 0.2

@@ -49,8 +49,8 @@ class EvolutionFrame:
         `total` (integral), `min`, `max`, `energy` (half the integral of the squared gradient; of waves with
         half the integral of the squared velocity).
     time_error : float
-        Estimate of the largest error in time, relative to the largest value; of waves at an odd step that of
-        the frame before.
+        Estimate of the largest error in time, relative to the largest value; of waves relative to their
+        largest amplitude, and at an odd step that of the frame before.
     """
 
     step: int
@@ -182,14 +182,29 @@ def _wave_frames(
     """Frames of the wave equation; steps of twice the length show the error, which is of second order."""
     dt = times.duration / times.steps
     fine, coarse = _Midpoint(L, M, start, dt), None if times.steps == 1 else _Midpoint(L, M, start, 2.0 * dt)
-    time_error = 0.0
+    time_error, frequency = 0.0, _frequency(L, M, start)
     for step in times.frame_steps:
         fine.advance(step)
         if coarse is not None and step % 2 == 0:
             coarse.advance(step // 2)
-            time_error = _relative_size((fine.u - coarse.u) / 3.0, fine.u)
+            # standing waves pass through zero, where their velocity is largest
+            swing = fine.velocity / frequency if frequency > 0 else 0.0
+            time_error = _relative_size((fine.u - coarse.u) / 3.0, np.hypot(fine.u, swing))
         evolution_frame = _evolution_frame(L, M, step, step * dt, fine.u, fine.velocity)
         yield replace(evolution_frame, time_error=time_error)
+
+
+def _frequency(L: csc_array | csr_array, M: csc_array | csr_array, values: NDArray) -> float:
+    """Fourth root of the mean fourth power of the frequencies of a function, weighted by their energies."""
+    largest = float(np.abs(values).max(initial=0.0))
+    offset = values / largest - (values / largest).mean() if largest else values
+    if np.abs(offset).max(initial=0.0) <= VALUE_ROUNDING:
+        return 0.0
+    acceleration = (L @ offset) / (M @ np.ones(len(values)))
+    peak, energy = float(np.abs(acceleration).max()), _dirichlet_energy(L, offset)
+    if not (energy > 0 and 0 < peak < math.inf):
+        return 0.0
+    return math.sqrt(peak) * float(_dirichlet_energy(L, acceleration / peak) / energy) ** 0.25
 
 
 class _Midpoint:
@@ -331,6 +346,10 @@ def solve_evolution(
         raise ParameterError(f"{equation!r} is not one of {', '.join(EVOLUTIONS)}", parameter="equation")
     if isinstance(start, int):
         start = _unit_at(operator, start, equation)
+    if equation == WAVE:
+        vertices, values = operator.referenced_vertices, checked_start(start, len(operator.mass.diagonal()))
+        L, M = (matrix[vertices][:, vertices] for matrix in (operator.stiffness, operator.mass))
+        times = times.for_waves_of(_frequency(L, M, values[vertices]))
     evolution_frames = []
     for evolution_frame in evolve_function(operator, equation, start, times):
         evolution_frames.append(evolution_frame)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ddgcli.errors import ParameterError, counted
 
 log = logging.getLogger("ddgcli")
 MAX_STEPS = 1_000_000
 DEFAULT_STEPS, DEFAULT_FRAMES = 100, 50
+# of default steps of a wave: error of its phase in radians at the end, and their largest number; a wave that
+# even those shift by more than a radian is not worth them
+PHASE_ERROR, MAX_DEFAULT_STEPS = 0.02, 4000
 
 
 @dataclass(frozen=True)
@@ -23,11 +26,14 @@ class EvolutionTimes:
     steps : int
     every : int
         Steps between frames.
+    has_default_steps : bool
+        Whether a wave may take shorter ones.
     """
 
     duration: float
     steps: int
     every: int
+    has_default_steps: bool = False
 
     @classmethod
     def of(cls, duration: float | None, time_step: float | None, n_frames: int | None) -> EvolutionTimes:
@@ -56,9 +62,22 @@ class EvolutionTimes:
             raise ParameterError(
                 f"{ratio:,.10g} steps are more than {MAX_STEPS:,}; take longer ones", parameter="time_step"
             )
-        times = cls(duration, count, max(1, math.ceil(count / (n_frames or min(count, DEFAULT_FRAMES)))))
+        every = max(1, math.ceil(count / (n_frames or min(count, DEFAULT_FRAMES))))
+        times = cls(duration, count, every, has_default_steps=time_step is None)
         times.warn_of_other(time_step, n_frames)
         return times
+
+    def for_waves_of(self, frequency: float) -> EvolutionTimes:
+        """Times with the same frames whose default steps keep the phase of waves of a frequency (1/length).
+
+        The implicit midpoint rule of step h shifts the phase by w^3 h^2 T / 12 up to the time T.
+        """
+        if not self.has_default_steps:
+            return self
+        shift = min(frequency * self.duration, 1e9) ** 3 / (12 * self.steps**2)
+        most = MAX_DEFAULT_STEPS // self.steps
+        factor = 1 if shift > most**2 else min(max(1, math.ceil(math.sqrt(shift / PHASE_ERROR))), most)
+        return replace(self, steps=self.steps * factor, every=self.every * factor)
 
     @property
     def frame_steps(self) -> list[int]:

@@ -67,7 +67,8 @@ _OPTIONS = (
     click.option("--duration", type=POSITIVE_NUMBER, metavar="T",
                  help="Time of --heat (length squared) or --wave (length, at unit speed)."),
     click.option("--dt", "time_step", type=POSITIVE_NUMBER, metavar="T",
-                 help="Time step; heat is exact at any.  [default: a hundredth of the duration]"),
+                 help="Time step; heat is exact at any.  "
+                      "[default: a hundredth of the duration, of short waves less]"),
     click.option("--frames", "n_frames", type=click.IntRange(min=1), metavar="N",
                  help="Frames of the trajectory, besides the first.  [default: 50]"),
 )  # fmt: skip

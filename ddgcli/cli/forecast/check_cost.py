@@ -62,6 +62,7 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
         offset_faces,
         picture_share,
         signature_pairs,
+        wave_steps,
     )
     from ddgcli.mesh.curve import CurveSet
     from ddgcli.mesh.tet_mesh import TetMesh
@@ -75,6 +76,8 @@ def size_of(mesh: AnyMesh, options: Mapping[str, Any]) -> InputSize:
     if adaptive:
         every = options.get("frame_every")
         steps = _step_count(options["duration"], every) if every else DEFAULT_FRAME_COUNT
+    if steps is None and options.get("wave") and options.get("duration") and not isinstance(mesh, CurveSet):
+        steps = wave_steps(mesh, options["duration"])
     if isinstance(mesh, CurveSet):
         n_curves = _n_curves(mesh) if options.get("flow") else 1
         return InputSize("curve", mesh.n_vertices, steps=steps, adaptive=adaptive, n_curves=n_curves)

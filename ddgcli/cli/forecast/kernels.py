@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -200,7 +201,17 @@ def _laplacian(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:
             yield Use("laplacian heat frame", further, added=further)
     if options.get("wave"):
         steps = (size.steps or MEASURED_WAVE_STEPS) / MEASURED_WAVE_STEPS
-        yield Use(f"laplacian wave{solver}", steps, once=True)
+        known = options.get("time_step") or str(options["wave"]).isdigit() or steps <= 1
+        spread = 1.0 if known else math.sqrt(steps)
+        yield Use(
+            f"laplacian wave{solver}",
+            steps / spread,
+            once=True,
+            range=(1.0 / spread, spread),
+            assumes=""
+            if known
+            else f"{100 * spread:.0f} steps: fewer for a smooth start, more for a rough one",
+        )
 
 
 def _hodge(options: Mapping[str, Any], size: InputSize) -> Iterator[Use]:

@@ -330,6 +330,20 @@ def signature_pairs(mesh: TriangleMesh | IntrinsicMesh | TetMesh, times: Sequenc
     return pairs_for_times(float(face_area(mesh.side_length).sum()), 2, times, mesh.n_vertices)
 
 
+def wave_steps(mesh: TriangleMesh | IntrinsicMesh | TetMesh, duration: float) -> int:
+    """Number of default steps of a wave from one vertex, whose frequency is 1 / size^(1/d) of a vertex."""
+    import numpy as np
+
+    from ddgcli.algorithms.laplacian.evolution_times import EvolutionTimes
+    from ddgcli.geometry.intrinsic import face_area
+    from ddgcli.mesh.tet_mesh import TetMesh
+
+    sizes, d = (mesh.signed_volume, 3) if isinstance(mesh, TetMesh) else (face_area(mesh.side_length), 2)
+    spacing = float(np.abs(sizes).sum() / max(mesh.n_vertices, 1)) ** (1.0 / d)
+    times = EvolutionTimes.of(duration, None, None)
+    return times.for_waves_of(1.0 / spacing).steps if spacing > 0 else times.steps
+
+
 def harmonic_fields(mesh: TriangleMesh | IntrinsicMesh) -> int:
     """Dimension of the harmonic fields of a manifold surface, by Euler's formula."""
     topology = mesh.topology
