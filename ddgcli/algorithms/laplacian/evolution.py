@@ -382,7 +382,8 @@ def _worst_time_error(evolution_frames: list[EvolutionFrame], equation: str) -> 
     worst = max(evolution_frames, key=lambda evolution_frame: evolution_frame.time_error)
     if worst.time_error > MAX_TIME_ERROR[equation]:
         cure = "give fewer frames (`n_frames`)" if equation == HEAT else "give a shorter `time_step`"
-        share = f"{100 * worst.time_error:.2g} % of its largest value"
+        size = "largest value" if equation == HEAT else "amplitude"
+        share = f"{100 * worst.time_error:.2g} % of its {size}"
         log.warning(f"the {equation} at time {worst.time:g} errs by about {share}: {cure}")
     return worst.time_error
 
