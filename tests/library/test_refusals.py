@@ -157,7 +157,7 @@ def test_a_place_that_is_none_lists_the_places():
 
 
 def test_signatures_of_short_times_advise_what_the_function_has(caplog):
-    ddg.heat_kernel_signature(ddg.icosphere(3), [1e-4])
+    ddg.heat_kernel_signature(ddg.icosphere(4), [0.014])
     assert "use longer times" in caplog.text and "eigen`" not in caplog.text
 
 
