@@ -207,3 +207,15 @@ def test_single_precision_far_from_the_origin_warns(run, tmp_path, suffix):
         write_mesh(str(tmp_path / "far.npz"), AnnotatedMesh(ball.moved(ball.points + offset)))
         result = run("laplacian", tmp_path / "far.npz", "--smooth", 1e-3, "-o", tmp_path / f"o{suffix}")
         assert result.exit_code == 0 and ("32-bit coordinates" in result.stderr) == warns
+
+
+@pytest.mark.parametrize("words", ["--straighten 3,10,20", "--loop 8,9,15,14", "--field wind"])
+def test_a_dry_run_of_curves_refuses_faces_that_name_a_vertex_twice(run, tmp_path, words):
+    """The run did, after the prediction of what it takes."""
+    mesh = shapes.grid(6, 6)
+    mesh = TriangleMesh.from_arrays(mesh.points, np.vstack([mesh.faces, [0, 1, 1]]))
+    path = tmp_path / "a.npz"
+    write_mesh(path, AnnotatedMesh(mesh, vertex={"wind": np.ones((mesh.n_vertices, 3))}))
+    for more in ((), ("--dry-run",)):
+        result = run("geodesic", path, *words.split(), *more)
+        assert result.exit_code == 2 and "face 72 names a vertex twice" in result.stderr

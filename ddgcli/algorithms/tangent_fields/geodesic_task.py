@@ -17,6 +17,7 @@ from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tangent_fields.wave_query import check_waves
 from ddgcli.errors import renamed_parameters
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.require import refuse_repeated_vertices
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -135,6 +136,8 @@ def _check_curves(
             with renamed_parameters(waypoints=name):
                 for waypoints in getattr(query, name):
                     check_waypoints(cover.mesh, waypoints, closed=name == "loop")
+    if query.straighten or query.loop or field is not None:
+        refuse_repeated_vertices(cover.base)
     if field is not None:
         from ddgcli.algorithms.tangent_fields.integral_curves import check_field_step
         from ddgcli.algorithms.tangent_fields.tangent_field import checked_field, default_duration
