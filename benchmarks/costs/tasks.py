@@ -42,7 +42,7 @@ SURFACE = [
     Task("picture pixels", "info {mesh} --plot {out}.png", (10_000,), mesh="needle"),
     Task("picture covered pixels", "info {mesh} --plot {out}.png", (10_000,), mesh="disk"),
     Task("picture of triangulations", "delaunay {mesh} --plot {out}.png", (2_000, 20_000)),
-    Task("repair", "repair {mesh} --for curvature"),
+    Task("repair", "repair {mesh} --for curvature", LARGE_SIZES),
     Task(
         "repair holes",
         "repair {mesh} --fill-holes 100000",

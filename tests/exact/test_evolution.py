@@ -81,6 +81,15 @@ def test_heat_is_exact_in_time_from_the_first_frame_and_states_its_error(start, 
         assert (np.array(low) > -1e-6 * np.array(high)).all()
 
 
+@pytest.mark.parametrize("phase", [0.3, 1.0, 2.0])
+def test_a_wave_of_one_step_states_its_error(phase):
+    """It stated none: there are no steps of twice the length."""
+    frequency, mode = np.sqrt(PAIRS.values[6]), PAIRS.vectors[:, 6]
+    solved = solve_evolution(OPERATOR, "wave", mode, EvolutionTimes(phase / frequency, 1, 1))
+    error = np.abs(solved.evolution_frames[-1].values - np.cos(phase) * mode).max() / np.abs(mode).max()
+    assert 0.4 < solved.accuracy["wave_time_error"] / error < 1.5
+
+
 def test_heat_of_a_bounded_space_of_vectors_states_its_error(monkeypatch, caplog):
     monkeypatch.setattr("ddgcli.linalg.exponential.MAX_VECTORS", 6)
     solved = solve_evolution(OPERATOR, "heat", 5, EvolutionTimes(1.0, 100, 2))

@@ -247,8 +247,7 @@ def _in_best_balls(
     noise: Noise,
     pointwise: Callable[[float | NDArray, bool], PrincipalCurvatures],
 ) -> _Measured:
-    """Curvature in balls of the radii with the least error, where noise dominates; warns of better
-    schemes, and of details."""
+    """Curvature in balls of the radii with the least error; warns of better schemes, and of details."""
     _check_radius(mesh, noise.radius_of(scheme) * surface.scale, scheme)
     in_ball = noise.radii_of(scheme, (surface.cover or surface).mesh.n_vertices)
     principal = pointwise(in_ball, True)

@@ -179,18 +179,21 @@ def _heat_frames(
 def _wave_frames(
     L: csc_array, M: csc_array, start: NDArray, times: EvolutionTimes
 ) -> Iterator[EvolutionFrame]:
-    """Frames of the wave equation; steps of twice the length show the error, which is of second order."""
-    dt = times.duration / times.steps
-    fine, coarse = _Midpoint(L, M, start, dt), None if times.steps == 1 else _Midpoint(L, M, start, 2.0 * dt)
+    """Frames of the wave equation; steps of twice the length show the error, which is of second order.
+
+    Where one step is all, two of half its length do.
+    """
+    dt, ratio = times.duration / times.steps, 2.0 if times.steps > 1 else 0.5
+    wave, other = _Midpoint(L, M, start, dt), _Midpoint(L, M, start, ratio * dt)
     time_error, frequency = 0.0, _frequency(L, M, start)
     for step in times.frame_steps:
-        fine.advance(step)
-        if coarse is not None and step % 2 == 0:
-            coarse.advance(step // 2)
+        wave.advance(step)
+        if step % ratio == 0:
+            other.advance(round(step / ratio))
             # standing waves pass through zero, where their velocity is largest
-            swing = fine.velocity / frequency if frequency > 0 else 0.0
-            time_error = _relative_size((fine.u - coarse.u) / 3.0, np.hypot(fine.u, swing))
-        evolution_frame = _evolution_frame(L, M, step, step * dt, fine.u, fine.velocity)
+            swing = wave.velocity / frequency if frequency > 0 else 0.0
+            time_error = _relative_size((wave.u - other.u) / (ratio**2 - 1.0), np.hypot(wave.u, swing))
+        evolution_frame = _evolution_frame(L, M, step, step * dt, wave.u, wave.velocity)
         yield replace(evolution_frame, time_error=time_error)
 
 

@@ -100,7 +100,7 @@ class VorticityDiffusion:
         )
 
     def boundary_vorticity(self, phi: NDArray, coefficients: NDArray, time: float) -> NDArray[np.float64]:
-        """Vorticity of the cells of the space's `rim` vertices: none."""
+        """(k,) vorticity of the cells of the space's `rim` vertices: none."""
         return np.zeros(len(self.space.rim))
 
     def step(
@@ -178,9 +178,9 @@ class VelocityDiffusion:
         return self.space.factor.solve(vorticity[self.space.free], refine=False)
 
     def boundary_vorticity(self, phi: NDArray, coefficients: NDArray, time: float) -> NDArray[np.float64]:
-        """Vorticity of the cells of the space's `rim` vertices, which the flow determines.
+        """(k,) vorticity of the cells of the space's `rim` vertices, which the flow determines, in m^2/s.
 
-        `phi` (n,) is the whole stream function.
+        `phi` (n,) is the whole stream function, in m^2/s; `coefficients` (b,) are those of harmonic fields.
         """
         rim, (of_phi, of_coefficients) = self.space.rim, self._circulation_at_rim
         circulation = of_phi @ phi + of_coefficients @ coefficients
