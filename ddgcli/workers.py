@@ -73,7 +73,7 @@ def results_in_order(
     numbered = enumerate(tasks)
     done: dict[int, tuple[Any, Exception | None]] = {}
     running: dict[Connection, int] = {}
-    following = 0  # number of the next result
+    following = 0  # index of the next result
     with _workers(jobs, prepare, arguments, modules) as pipes:
         idle = pipes
         while True:

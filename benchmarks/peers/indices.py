@@ -38,7 +38,7 @@ def calls(faces: NDArray, n: int, values: NDArray, per_face: NDArray) -> dict[st
 
 
 def bench(subdivisions: int) -> None:
-    """Print CPU seconds of each operation with both types, for ordered and for random vertex numbers."""
+    """Print CPU seconds of each operation with both types, for ordered and for random vertex indices."""
     mesh = shapes.icosphere(subdivisions)
     generator, n = np.random.default_rng(0), mesh.n_vertices
     numbers = generator.permutation(n)
@@ -52,7 +52,7 @@ def bench(subdivisions: int) -> None:
                 [name, timing["8"].median, timing["4"].median, timing["4"].median / timing["8"].median]
             )
         header = ["operation", "8 bytes [s]", "4 bytes [s]", "4 / 8"]
-        measure.print_table(f"{mesh.n_faces} faces, {title} vertex numbers", header, rows)
+        measure.print_table(f"{mesh.n_faces} faces, {title} vertex indices", header, rows)
 
 
 # whole commands, timed as a user starts them

@@ -73,7 +73,7 @@ class Real(click.ParamType):
 
 
 def _number(text: str) -> int:
-    """A vertex or face number, no longer than arrays can hold; ValueError for anything else."""
+    """A vertex or face index, no longer than arrays can hold; ValueError for anything else."""
     number = int(text)
     if abs(number) >= 2**63:
         raise ValueError(text)
@@ -89,7 +89,7 @@ class Ids(click.ParamType):
         try:
             return [_number(x) for x in str(value).split(",")]
         except ValueError:
-            self.fail(f"{value!r} is not a vertex number, or vertex numbers such as 3,17,42", param, ctx)
+            self.fail(f"{value!r} is not a vertex index, or vertex indices such as 3,17,42", param, ctx)
 
 
 def joined_ids(ctx: click.Context, param: click.Parameter, value: tuple[list[int], ...]) -> tuple[int, ...]:
@@ -122,7 +122,7 @@ class FacePoint(click.ParamType):
         try:
             face = _number(head)
         except ValueError:
-            self.fail(f"{head!r} in {value!r} is not a face number", param, ctx)
+            self.fail(f"{head!r} in {value!r} is not a face index", param, ctx)
         return face, Numbers(3, "0.2,0.3,0.5").convert(tail, param, ctx)
 
 

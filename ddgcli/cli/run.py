@@ -160,7 +160,7 @@ class Run:
         Parameters
         ----------
         subdivide : int
-            How often every face is split in four; vertices of the input keep their numbers, and its arrays
+            How often every face is split in four; vertices of the input keep their indices, and its arrays
             are those of `subdivided_input`.
         accept : sequence of {'surface', 'tetrahedra', 'curve'}
             Kinds that the command takes; for others the error names a repair.

@@ -178,7 +178,7 @@ class EdgeBlock:
     Parameters
     ----------
     side, twin, edge : (k,) ndarray of int64
-        Flat numbers of the sides, and numbers of the edges.
+        Flat indices of the sides, and indices of the edges.
     tail, vector : (3, k) ndarray of float64
         Start and vector of the first side.
     length : (k,) ndarray of float64

@@ -49,7 +49,7 @@ def hinge_sides(topology: Topology) -> tuple[NDArray[np.int64], NDArray[np.int64
     Returns
     -------
     first, second : (h,) ndarray of int64
-        Flat side numbers 3*face + j in both faces; the edge x0 x1 of `hinges` runs along the first.
+        Flat side indices 3*face + j in both faces; the edge x0 x1 of `hinges` runs along the first.
     """
     side = topology.interior_sides
     other = topology.side_twin.ravel()[side]

@@ -39,7 +39,7 @@ def intersecting_faces(
     Returns
     -------
     (k, 2) ndarray of int64
-        Ascending; each pair once, the lower number first.
+        Ascending; each pair once, the lower index first.
 
     Raises
     ------

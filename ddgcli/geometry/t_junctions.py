@@ -32,7 +32,7 @@ def t_junctions(mesh: TriangleMesh, distance: float = 0.0) -> tuple[NDArray[np.i
     Returns
     -------
     side : (k,) ndarray of int64
-        Flat numbers, ascending.
+        Flat indices, ascending.
     vertex : (k,) ndarray of int64
     """
     size = float(np.abs(mesh.points).max(initial=0.0)) or 1.0

@@ -40,7 +40,7 @@ class Unfolding:
     side : (3m, 4) ndarray of complex128
         In the frame of the side, one cache line each: the apex (column APEX); -conj(unit direction) of the
         previous and of the next side (TURN, TURN + 1), by which a heading is multiplied to have it in the
-        frame of that side's twin; the flat numbers of those twins, -1 for none (two int64 in column TWIN).
+        frame of that side's twin; the flat indices of those twins, -1 for none (two int64 in column TWIN).
     length : (3m,) ndarray of float64
     has_flat : bool
         Some faces have no height, so that lengths cannot be computed from it.
@@ -165,7 +165,7 @@ def corner_position(unfolding: Unfolding, face: NDArray | None = None) -> NDArra
 class Fans:
     """Corners in counter-clockwise order around each vertex, with the angles from the first side on.
 
-    A corner is named by the flat number 3f+k of the side that leaves it. A vertex where the surface pinches
+    A corner is named by the flat index 3f+k of the side that leaves it. A vertex where the surface pinches
     has several fans.
 
     Parameters

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, ParameterError, excerpt
 from ddgcli.io.readers.numpy_file import npy_array, npz_arrays, text_array
-from ddgcli.mesh.edge_lookup import edge_numbers
+from ddgcli.mesh.edge_lookup import edge_indices
 from ddgcli.mesh.tet_mesh import parity
 
 ELEMENTS = ("vertex", "face", "edge")
@@ -101,7 +101,7 @@ READERS: dict[str, Any] = {
 def input_form(source: Any, name: str) -> NDArray:
     """Array of the input in the numbering and orientation of the mesh, or array of a file by its path.
 
-    Values on the faces of tetrahedra belong to the array `triangles` of the input, (f, 3) vertex numbers,
+    Values on the faces of tetrahedra belong to the array `triangles` of the input, (f, 3) vertex indices,
     each in the order of its orientation. The array of a file is in the numbering of `mesh.triangles`.
 
     Parameters
@@ -137,7 +137,7 @@ def aligned_triangle_values(
     Parameters
     ----------
     triangles : (f, 3) ndarray of int64
-        Faces of the mesh, vertex numbers ascending, in sorted order.
+        Faces of the mesh, vertex indices ascending, in sorted order.
     file_triangles : (f, 3) ndarray of int
         In any order; an odd permutation of the ascending order changes the sign.
     values : (f,) ndarray
@@ -171,7 +171,7 @@ def aligned_edge_values(edges: NDArray, file_edges: NDArray, values: NDArray) ->
     ParameterError
         The edges of the file are not those of the mesh.
     """
-    edge = edge_numbers(edges, file_edges)
+    edge = edge_indices(edges, file_edges)
     if len(file_edges) != len(edges) or not np.array_equal(np.sort(edge), np.arange(len(edges))):
         raise ParameterError(
             "the array `edges` of the input does not list the edges of its faces; leave it out"

@@ -99,7 +99,7 @@ def whole_number(value: Any, name: str) -> int:
     raise ParameterError(f"must be a whole number, not {_shown(value)}", parameter=name)
 
 
-def vertex_number(value: Any, name: str) -> int:
+def vertex_index(value: Any, name: str) -> int:
     """An int, also of a float that is whole; ParameterError for anything else."""
     number = _scalar(value)
     if isinstance(number, (float, np.floating)) and float(number).is_integer():
@@ -209,9 +209,7 @@ def table_of_vertices(value: Any, name: str) -> dict[int, float]:
             f"must be a dict such as {{0: 1.0}}, from vertex to number, not {_shown(value)}",
             parameter=name,
         )
-    return {
-        vertex_number(key, f"key of {name}"): real_number(v, f"{name}[{key}]") for key, v in value.items()
-    }
+    return {vertex_index(key, f"key of {name}"): real_number(v, f"{name}[{key}]") for key, v in value.items()}
 
 
 def few_numbers(value: Any, name: str, count: int = 3, what: str = "three numbers") -> tuple[float, ...]:

@@ -21,7 +21,7 @@ from ddgcli.algorithms.tangent_fields.field_curves import add_transport
 from ddgcli.algorithms.tangent_fields.geodesic_query import paths_to_vertices
 from ddgcli.errors import ParameterError, renamed_parameters
 from ddgcli.geometry.surface_points import SurfacePoints
-from ddgcli.library.distances import surface_sources, vertex_numbers
+from ddgcli.library.distances import surface_sources, vertex_indices
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.result import Measurement
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -122,7 +122,7 @@ def shortest_paths(
     if len(checked.points):
         cover.require_two_sides("a path from points inside faces")
     distance = measure_distance(mesh, checked)
-    curves = paths_to_vertices(cover, checked, distance, vertex_numbers(targets, "targets"))
+    curves = paths_to_vertices(cover, checked, distance, vertex_indices(targets, "targets"))
     measured = _with_frames(cover, curves, transport, darboux)
     return replace(measured, converged=measured.converged and distance.converged)
 
@@ -175,7 +175,7 @@ def straighten_paths(
     6.27
     """
     cover = two_sided_cover(mesh, "straightening")
-    waypoints = [vertex_numbers(path, "paths") for path in paths]
+    waypoints = [vertex_indices(path, "paths") for path in paths]
     with renamed_parameters(waypoints="paths"):
         curves = straighten_curves(cover.mesh, waypoints, [closed] * len(waypoints))
     return _with_frames(cover, curves, transport, darboux)
@@ -218,7 +218,7 @@ def edge_paths(
     0.5
     """
     cover = two_sided_cover(mesh, "an edge path")
-    waypoints = [vertex_numbers(path, "paths") for path in paths]
+    waypoints = [vertex_indices(path, "paths") for path in paths]
     with renamed_parameters(waypoints="paths"):
         curves = edge_curves(cover.mesh, waypoints)
     return _with_frames(cover, add_geodesic_curvature(cover.mesh, curves), transport, darboux)

@@ -249,7 +249,7 @@ def measure_distance(
     -------
     Measurement
         `vertex` holds `geodesic_distance` (length units, inf where no source reaches) and `nearest_source`
-        (number of the source: vertices, points, curves of edges; -1 where none reaches); `results` the
+        (index of the source: vertices, points, curves of edges; -1 where none reaches); `results` the
         largest and the mean distance and the work done; `accuracy` the violations of the bounds that every
         distance obeys, and the residuals of the method; `converged` is False where these are too large.
 
@@ -341,7 +341,7 @@ def surface_sources(
         sets.append(boundary_set(mesh))
     points = None if source_points is None else _nearest(mesh, source_points, "source_points")
     with renamed_parameters(sources=name):
-        vertices = vertex_numbers(sources, name)
+        vertices = vertex_indices(sources, name)
         return check_sources(mesh, Sources.at(vertices, points, *joined_curves(mesh, sets)))
 
 
@@ -353,8 +353,8 @@ def _nearest(mesh: SurfaceMesh, positions: ArrayLike, name: str) -> SurfacePoint
     return nearest_points(mesh_of_kind(mesh, ("surface",), name), array)[0]
 
 
-def vertex_numbers(vertices: int | Sequence[int] | NDArray, name: str) -> list[int]:
-    """Vertex numbers of a parameter as a list; ParameterError for anything but whole numbers."""
+def vertex_indices(vertices: int | Sequence[int] | NDArray, name: str) -> list[int]:
+    """Vertex indices of a parameter as a list; ParameterError for anything but integers."""
     numbers = np.atleast_1d(real_array(vertices, name))
     if numbers.ndim != 1 or (numbers.dtype.kind not in "iu" and len(numbers)):
         raise ParameterError("vertices must be whole numbers, such as [0, 5]", parameter=name)

@@ -71,13 +71,13 @@ def willmore_flow(
         Keep the area, the enclosed volume, of each component its own.
     spontaneous_curvature : float
         H0 of int (H - H0)^2, in 1/length, positive as on a sphere; needs `fix_area` or `fix_volume`.
-    region : (n,) array_like of bool or number, or (k,) of vertex numbers, optional
+    region : (n,) array_like of bool or number, or (k,) of vertex indices, optional
         Vertices that move; all others stay.
     fill : int or 'all', optional
         Vertex on the boundary loop to close first; only the patch of new triangles moves.
     subdivide : int
         How often every face is split in four first; `region` and `fill` have the vertices of `mesh`, which
-        keep their numbers.
+        keep their indices.
     remesh : 'mean' or float, optional
         Length of edges that a flow to rest keeps by splits, collapses and flips.
     remesh_adaptive : bool

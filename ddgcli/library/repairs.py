@@ -33,7 +33,7 @@ def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet, *, self_intersections:
     Returns
     -------
     Measurement
-        `results` as those of `ddgcli info`: defects with the numbers of the first few, `quality`, `size`,
+        `results` as those of `ddgcli info`: defects with the indices of the first few, `quality`, `size`,
         `accepts` (by command: yes, or the reason and a repair). `vertex` (`component`, `boundary`,
         `non_manifold`) and `face` (`min_angle_degrees`) locate the defects.
 

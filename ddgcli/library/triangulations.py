@@ -218,7 +218,7 @@ def subdivide(mesh: TriangleMesh, times: int = 1) -> TriangleMesh:
     Returns
     -------
     TriangleMesh
-        Vertices of `mesh` keep their numbers.
+        Vertices of `mesh` keep their indices.
 
     Raises
     ------

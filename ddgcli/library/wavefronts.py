@@ -15,7 +15,7 @@ from ddgcli.algorithms.geodesics.voronoi import voronoi_regions
 from ddgcli.algorithms.tangent_fields.fan import geodesic_fan as core_geodesic_fan
 from ddgcli.algorithms.tangent_fields.signed_distance import signed_distance as core_signed_distance
 from ddgcli.library.curves import curve_measurement
-from ddgcli.library.distances import surface_sources, vertex_numbers
+from ddgcli.library.distances import surface_sources, vertex_indices
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.result import Measurement
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -101,8 +101,8 @@ def distance_matrix(
     """
     return core_distance_matrix(
         mesh,
-        np.array(vertex_numbers(sources, "sources")),
-        np.array(vertex_numbers(targets, "targets")),
+        np.array(vertex_indices(sources, "sources")),
+        np.array(vertex_indices(targets, "targets")),
         method,
         jobs=jobs,
     )
@@ -121,7 +121,7 @@ def geodesic_voronoi(mesh: TriangleMesh, sources: int | Sequence[int] | NDArray)
     Returns
     -------
     (m,) ndarray of int64
-        Number of the source; -1 where none reaches.
+        Index of the source; -1 where none reaches.
 
     Raises
     ------

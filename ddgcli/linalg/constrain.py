@@ -52,7 +52,7 @@ def floating_components(matrix: sparray) -> NDArray[np.int64]:
     Returns
     -------
     (n,) ndarray of int64
-        Number of the floating component of each unknown; -1 elsewhere.
+        Index of the floating component of each unknown; -1 elsewhere.
     """
     count, label = components(matrix)
     ones = np.ones(matrix.shape[0])

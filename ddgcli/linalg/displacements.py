@@ -161,9 +161,9 @@ def _reordered(rows: Any, order: NDArray) -> sparray:
     if rows.format != "bsr":
         return csr_array(rows[order][:, order])
     nodes = order[::3] // 3
-    number = csr_array((np.arange(len(rows.indices)), rows.indices, rows.indptr), shape=_graph(rows).shape)
-    number = csr_array(number[nodes][:, nodes])
-    return bsr_array((rows.data[number.data], number.indices, number.indptr), shape=rows.shape)
+    entry = csr_array((np.arange(len(rows.indices)), rows.indices, rows.indptr), shape=_graph(rows).shape)
+    entry = csr_array(entry[nodes][:, nodes])
+    return bsr_array((rows.data[entry.data], entry.indices, entry.indptr), shape=rows.shape)
 
 
 def _block_jacobi(rows: Any, modes: NDArray) -> Callable[[NDArray], NDArray]:

@@ -37,7 +37,7 @@ class Dissection:
     Parameters
     ----------
     leaf : (n,) ndarray of int64
-        Number of the smallest part that contains each vertex. Its part of height h is `leaf >> h`, unless
+        Index of the smallest part that contains each vertex. Its part of height h is `leaf >> h`, unless
         its tree is lower than h.
     height : (n,) ndarray of int64
         Height of the part whose halves the vertex separates; 0 in leaves.
@@ -87,7 +87,7 @@ def nested_dissection(matrix: csc_array) -> Dissection | None:
 
 
 def _indistinguishable(graph: csr_array) -> NDArray[np.int64]:
-    """(n,) number of the set of unknowns with the same neighbours, themselves included, of each unknown."""
+    """(n,) index of the set of unknowns with the same neighbours, themselves included, of each unknown."""
     n = graph.shape[0]
     weight = np.random.default_rng(0).integers(0, 1 << 62, n)
     total = np.append(0, np.cumsum(weight[graph.indices]))  # wraps around
@@ -139,14 +139,14 @@ def _symmetric_graph(matrix: csc_array) -> csr_array:
 
 def _component_dissection(graph: csr_array, leaf_size: int) -> tuple[Dissection, int] | None:
     """Nested dissection of a connected graph, and the height of its tree."""
-    graph, number = _breadth_first(graph)
+    graph, index = _breadth_first(graph)
     levels = max(1, int(np.ceil(np.log2(graph.shape[0] / leaf_size))))
     path = _halving_paths(_landmark_distances(graph), levels)
     level = separator_level(path, levels, graph)
     if level is None:
         return None
     leaf, height = np.empty_like(path), np.empty_like(path)
-    leaf[number], height[number] = path, levels - level
+    leaf[index], height[index] = path, levels - level
     return Dissection(leaf, height), levels
 
 
@@ -160,7 +160,7 @@ def _connected(graph: csr_array) -> csr_array:
 
 
 def _breadth_first(graph: csr_array) -> tuple[csr_array, NDArray[np.int64]]:
-    """The graph renumbered breadth first, and the old number of each vertex."""
+    """The graph renumbered breadth first, and the old index of each vertex."""
     order = breadth_first_order(graph, 0, return_predecessors=False).astype(np.int64)
     return compact(graph[order][:, order]), order
 
@@ -213,7 +213,7 @@ def _halving_paths(place: NDArray[np.float32], levels: int) -> NDArray[np.int64]
 def _balanced_halves(upper: NDArray, along: NDArray, part_number: NDArray, n_parts: int) -> NDArray[np.bool_]:
     """(n,) whether in the upper half; uneven parts are halved in order along their direction.
 
-    Vertices with equal coordinates (the ends of a star, the rim of a fan) are ordered by number.
+    Vertices with equal coordinates (the ends of a star, the rim of a fan) are ordered by index.
     """
     size, above = (
         np.bincount(part_number, minlength=n_parts),

@@ -106,7 +106,7 @@ class EmbeddedPotential(EmbeddedTerm, Potential):
         return lambda v: self.rows.padded(multiply(v[self.rows.rows]))
 
     def subset(self, rows: NDArray, stencil: NDArray) -> Potential:
-        # `stencil` has numbers of its own, without the offset of the object
+        # `stencil` has indices of its own, without the offset of the object
         return self.own_term.subset(rows, stencil)
 
     def linearised(self, x: NDArray, move: NDArray) -> Any:

@@ -76,7 +76,7 @@ class Potential(Term, ABC):
     material_operator : method (x) -> LinearOperator
         Product of the material Hessian at x with vectors (n, 3), without its blocks.
     subset : method (rows, stencil) -> Potential
-        Some of the elements, with these numbers of their vertices.
+        Some of the elements, with these vertex indices.
     linearised : method (x, move) -> Potential
         The Hessian has the stress to which x + move leads to first order.
     scaled : method (factor) -> Potential

@@ -60,10 +60,10 @@ def bisected(mesh: TriangleMesh, marked: NDArray) -> Bisected:
         if not nonconforming.any():
             break
         split[longest_edge[nonconforming]] = True
-    number = np.full(topology.n_edges, -1, dtype=np.int64)
+    index = np.full(topology.n_edges, -1, dtype=np.int64)
     ends = topology.edges[split]
-    number[split] = mesh.n_vertices + np.arange(len(ends))
-    children, parents = _child_faces(faces, longest, number[side_edge])
+    index[split] = mesh.n_vertices + np.arange(len(ends))
+    children, parents = _child_faces(faces, longest, index[side_edge])
     points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1)])
     return Bisected(TriangleMesh.from_arrays(points, children), ends, parents)
 

@@ -250,7 +250,7 @@ def are_parallel(normals: Sequence[NDArray | None]) -> bool:
 
 
 def nearest_axis(normal: NDArray) -> int:
-    """Number of the axis nearest to a direction.
+    """Index of the axis nearest to a direction.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ def reversed_sides(side: NDArray, n_faces: int) -> NDArray[np.int64]:
     Parameters
     ----------
     side : (k,) ndarray of int64
-        Flat side numbers 3*face + j of the cover.
+        Flat side indices 3*face + j of the cover.
     n_faces : int
         Faces of the surface, m.
 

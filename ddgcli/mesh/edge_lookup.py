@@ -1,4 +1,4 @@
-"""Numbers of edges by their end vertices."""
+"""Indices of edges by their end vertices."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def edge_numbers(edges: NDArray, pairs: NDArray) -> NDArray[np.int64]:
-    """Number of the edge between two vertices.
+def edge_indices(edges: NDArray, pairs: NDArray) -> NDArray[np.int64]:
+    """Index of the edge between two vertices.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def edge_numbers(edges: NDArray, pairs: NDArray) -> NDArray[np.int64]:
 
     Examples
     --------
-    >>> edge_numbers(np.array([[0, 1], [1, 2], [0, 2]]), np.array([[2, 1], [0, 3]])).tolist()
+    >>> edge_indices(np.array([[0, 1], [1, 2], [0, 2]]), np.array([[2, 1], [0, 3]])).tolist()
     [1, -1]
     """
     pairs = np.asarray(pairs, dtype=np.int64)
@@ -33,6 +33,6 @@ def edge_numbers(edges: NDArray, pairs: NDArray) -> NDArray[np.int64]:
         ends.min(axis=-1) * n + ends.max(axis=-1) for ends in (np.asarray(edges, np.int64), pairs)
     )
     order = None if (key[1:] > key[:-1]).all() else np.argsort(key)  # edges of a simplicial mesh ascend
-    number = np.searchsorted(key, pair_key, sorter=order).clip(max=len(key) - 1)
-    number = number if order is None else order[number]
-    return np.where(key[number] == pair_key, number, -1)
+    index = np.searchsorted(key, pair_key, sorter=order).clip(max=len(key) - 1)
+    index = index if order is None else order[index]
+    return np.where(key[index] == pair_key, index, -1)

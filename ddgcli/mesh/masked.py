@@ -40,7 +40,7 @@ def unmasked(values: ArrayLike, what: str) -> NDArray:
 
 
 def indices(values: ArrayLike, what: str) -> NDArray:
-    """Array of vertex numbers, as `unmasked` returns it; floats that are whole numbers become integers.
+    """Array of vertex indices, as `unmasked` returns it; floats that are whole numbers become integers.
 
     Parameters
     ----------

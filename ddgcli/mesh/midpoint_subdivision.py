@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.choices import MAX_SUBDIVISIONS
 from ddgcli.errors import ParameterError
-from ddgcli.mesh.edge_lookup import edge_numbers
+from ddgcli.mesh.edge_lookup import edge_indices
 from ddgcli.mesh.shapes import midpoint_subdivided
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -111,7 +111,7 @@ class MidpointSubdivision:
         """
         n, row = self.n_vertices, np.arange(len(pairs))
         for edges in self.edges:
-            middle = n + edge_numbers(edges, pairs)
+            middle = n + edge_indices(edges, pairs)
             halves = np.stack([pairs[:, 0], middle, middle, pairs[:, 1]], axis=1)
             pairs, row, n = halves.reshape(-1, 2), np.repeat(row, 2), n + len(edges)
         return np.asarray(pairs, dtype=np.int64), row

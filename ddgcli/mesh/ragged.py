@@ -22,7 +22,7 @@ def list_starts(count: NDArray | list[int]) -> NDArray[np.int64]:
 
 
 def ranges(first: NDArray, count: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Numbers of the ranges [first, first + count), one range after the other.
+    """Integers of the ranges [first, first + count), one range after the other.
 
     Parameters
     ----------
@@ -30,9 +30,9 @@ def ranges(first: NDArray, count: NDArray) -> tuple[NDArray[np.int64], NDArray[n
 
     Returns
     -------
-    number : (sum(count),) ndarray of int64
+    integer : (sum(count),) ndarray of int64
     begin : (k,) ndarray of int64
-        Position in `number` where each range begins.
+        Position in `integer` where each range begins.
 
     Examples
     --------
@@ -152,14 +152,14 @@ def contains(ascending: NDArray, value: NDArray) -> NDArray[np.bool_]:
 
 
 def expand_lists(
-    owner: NDArray, number: NDArray, lists: tuple[NDArray, NDArray]
+    owner: NDArray, index: NDArray, lists: tuple[NDArray, NDArray]
 ) -> tuple[NDArray, NDArray[np.int64]]:
-    """Pair each owner with every member of the list of its number.
+    """Pair each owner with every member of its list.
 
     Parameters
     ----------
     owner : (k,) ndarray
-    number : (k,) ndarray of int64
+    index : (k,) ndarray of int64
         The list of each owner.
     lists : (start, member)
         Ragged lists.
@@ -169,12 +169,12 @@ def expand_lists(
     owner, member : (p,) ndarray
     """
     start, member = lists
-    count = start[number + 1] - start[number]
-    return np.repeat(owner, count), member[ranges(start[number], count)[0]]
+    count = start[index + 1] - start[index]
+    return np.repeat(owner, count), member[ranges(start[index], count)[0]]
 
 
 def repeated_rows(rows: NDArray) -> NDArray[np.int64]:
-    """Numbers of the rows that an earlier row equals.
+    """Indices of the rows that an earlier row equals.
 
     Parameters
     ----------

@@ -43,9 +43,9 @@ def merged_points(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.int6
 
 
 def _equal_positions(columns: NDArray) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """An order in which equal columns are neighbours, ascending by number; where a new position begins.
+    """An order in which equal columns are neighbours, ascending by index; where a new position begins.
 
-    Hashes with the number of the column in their low bits are sorted: one pass over one array instead of one
+    Hashes with the index of the column in their low bits are sorted: one pass over one array instead of one
     per coordinate. Different positions of one hash are sorted by their coordinates.
     """
     n_points = columns.shape[1]
@@ -119,7 +119,7 @@ def faces_to_turn(mesh: TriangleMesh) -> NDArray[np.bool_]:
     """Faces to reverse so that every orientable piece is oriented: in each piece the fewer.
 
     Where they are as many as the others, the sides are those of positive volume, or, of flat pieces, those
-    whose area vector has a positive component along z (else y, else x): they do not depend on numbers.
+    whose area vector has a positive component along z (else y, else x): they do not depend on indices.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def reverse_faces(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
 def one_vertex_a_fan(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.int64]]:
     """Duplicate vertices that join several fans of faces, so that each fan has its own.
 
-    The first fan of a vertex keeps its number; the others get new numbers after all vertices.
+    The first fan of a vertex keeps its index; the others get new indices after all vertices.
 
     Parameters
     ----------

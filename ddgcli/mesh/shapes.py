@@ -98,7 +98,7 @@ def midpoint_subdivided(mesh: TriangleMesh, times: int = 1) -> TriangleMesh:
     Returns
     -------
     TriangleMesh
-        4^times m faces; input vertices keep their numbers.
+        4^times m faces; input vertices keep their indices.
     """
     for _ in range(times):
         mesh = _split_in_four(mesh)

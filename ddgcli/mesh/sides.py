@@ -1,4 +1,4 @@
-"""Next and previous side of a face, by flat side numbers."""
+"""Next and previous side of a face, by flat side indices."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ def next_side(side: NDArray) -> NDArray[np.int64]:
     Parameters
     ----------
     side : (k,) ndarray of int64
-        Flat side numbers 3*face + j; side j runs from corner j to corner j+1.
+        Flat side indices 3*face + j; side j runs from corner j to corner j+1.
 
     Returns
     -------
     (k,) ndarray of int64
-        As corner numbers they name the heads of the sides.
+        As corner indices they name the heads of the sides.
 
     Examples
     --------
@@ -33,7 +33,7 @@ def previous_side(side: NDArray) -> NDArray[np.int64]:
     Parameters
     ----------
     side : (k,) ndarray of int64
-        Flat side numbers 3*face + j.
+        Flat side indices 3*face + j.
 
     Returns
     -------

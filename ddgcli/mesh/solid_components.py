@@ -13,7 +13,7 @@ from ddgcli.mesh.tet_mesh import TetMesh
 
 @dataclass(frozen=True, eq=False)
 class SolidComponent:
-    """A component as a mesh, and the numbers of its simplices in the whole mesh.
+    """A component as a mesh, and the indices of its simplices in the whole mesh.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ def solid_components(mesh: TetMesh) -> list[SolidComponent]:
 
 
 def _members(label: NDArray) -> list[NDArray[np.int64]]:
-    """Ascending numbers of the items of each label; those of -1 are left out."""
+    """Ascending indices of the items of each label; those of -1 are left out."""
     start = list_starts(np.bincount(label + 1))
     order = np.argsort(label, kind="stable")
     return [order[first:end] for first, end in zip(start[1:], start[2:])]

@@ -104,7 +104,7 @@ class TetMesh(PointMesh):
 
     @cached_property
     def flat_tetrahedra(self) -> NDArray[np.int64]:
-        """(k,) numbers of the tetrahedra without volume, to 2e-8 of their longest edge cubed."""
+        """(k,) indices of the tetrahedra without volume, to 2e-8 of their longest edge cubed."""
         p = self.points[self.tetrahedra]
         edge = p[:, TET_EDGES[:, 1]] - p[:, TET_EDGES[:, 0]]
         extent = np.abs(edge).max(axis=(1, 2), initial=0.0)
@@ -115,27 +115,27 @@ class TetMesh(PointMesh):
 
     @cached_property
     def duplicate_tetrahedra(self) -> NDArray[np.int64]:
-        """(k,) numbers of the tetrahedra whose four vertices an earlier one has."""
+        """(k,) indices of the tetrahedra whose four vertices an earlier one has."""
         return frozen(repeated_rows(np.sort(self.tetrahedra, axis=1)))
 
     @property
     def edges(self) -> NDArray[np.int64]:
-        """(e, 2) edges, lower vertex number first, in sorted order."""
+        """(e, 2) edges, lower vertex index first, in sorted order."""
         return self._edges[0]
 
     @property
     def cell_edge(self) -> NDArray[np.int64]:
-        """(k, 6) number of each edge of `TET_EDGES`."""
+        """(k, 6) index of each edge of `TET_EDGES`."""
         return self._edges[1]
 
     @property
     def triangles(self) -> NDArray[np.int64]:
-        """(f, 3) faces of the tetrahedra, vertex numbers ascending, in sorted order."""
+        """(f, 3) faces of the tetrahedra, vertex indices ascending, in sorted order."""
         return self._triangles[0]
 
     @property
     def cell_triangle(self) -> NDArray[np.int64]:
-        """(k, 4) number of the triangle opposite each corner."""
+        """(k, 4) index of the triangle opposite each corner."""
         return self._triangles[1]
 
     @cached_property
@@ -180,20 +180,20 @@ MAX_KEY = 2**63 - 1  # of the vertices of a simplex as one number
 
 
 def _numbered(corners: NDArray) -> tuple[NDArray, NDArray]:
-    """Distinct simplices, sorted, of the (k, s, c) simplices of the cells, and the (k, s) number of each."""
+    """Distinct simplices, sorted, of the (k, s, c) simplices of the cells, and the (k, s) index of each."""
     k, s, c = corners.shape
     rows = np.sort(corners.reshape(-1, c), axis=1)
     base = int(rows.max(initial=0)) + 1
     if base**c > MAX_KEY:
-        rows, number = np.unique(rows, axis=0, return_inverse=True)
-        return frozen(rows), frozen(number.reshape(k, s))
+        rows, index = np.unique(rows, axis=0, return_inverse=True)
+        return frozen(rows), frozen(index.reshape(k, s))
     place = base ** np.arange(c - 1, -1, -1, dtype=np.int64)
-    key, number = np.unique(rows @ place, return_inverse=True)  # sorting numbers is faster than sorting rows
-    return frozen(key[:, None] // place % base), frozen(number.reshape(k, s))
+    key, index = np.unique(rows @ place, return_inverse=True)  # sorting numbers is faster than sorting rows
+    return frozen(key[:, None] // place % base), frozen(index.reshape(k, s))
 
 
 def parity(corners: NDArray) -> NDArray[np.int64]:
-    """Sign of the permutation that sorts three vertex numbers.
+    """Sign of the permutation that sorts three vertex indices.
 
     Parameters
     ----------

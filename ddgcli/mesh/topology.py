@@ -1,7 +1,7 @@
 """Connectivity of a triangle mesh, without positions and lengths.
 
 Side conventions, the same everywhere from kernel to file: side `j` of face `f` runs from corner `j` to
-corner `j+1 (mod 3)` and is opposite corner `j+2 (mod 3)`. A side's flat number is `3*f + j` (a halfedge).
+corner `j+1 (mod 3)` and is opposite corner `j+2 (mod 3)`. A side's flat index is `3*f + j` (a halfedge).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ddgcli.mesh.ragged import sorted_keys, unique_keys
 
 NEXT = np.array([1, 2, 0])
 PREVIOUS = np.array([2, 0, 1])
-# from the flat number of a corner to those of the next and the previous corner of its face
+# from the flat index of a corner to those of the next and the previous corner of its face
 NEXT_OFFSET, PREVIOUS_OFFSET = NEXT - np.arange(3), PREVIOUS - np.arange(3)
 MAX_ROTATION_STEPS = 500  # corners of a vertex up to which rotation about all vertices at once is cheap
 
@@ -34,7 +34,7 @@ class Topology(FrozenArrays):
         Vertex at corner k.
     n_vertices : int
     gluing : (m, 3) ndarray of int64, optional
-        Flat number of the side glued to side j, -1 on the boundary. When it is absent, sides with the same
+        Flat index of the side glued to side j, -1 on the boundary. When it is absent, sides with the same
         two end vertices are one edge (a simplicial mesh, possibly non-manifold). When it is given, edges are
         the pairs of glued sides: self-edges and several edges between two vertices are legal.
     twisted : (m, 3) ndarray of bool, optional
@@ -77,7 +77,7 @@ class Topology(FrozenArrays):
 
     @cached_property
     def repeated_vertex_faces(self) -> NDArray[np.int64]:
-        """Numbers of the faces that name a vertex twice."""
+        """Indices of the faces that name a vertex twice."""
         return frozen(unique_keys(np.flatnonzero(self.side_tail == self.side_head) // 3))
 
     @cached_property
@@ -111,8 +111,8 @@ class Topology(FrozenArrays):
         twin = gluing.ravel()
         side = np.arange(len(twin))
         first = (twin < 0) | (side < twin)
-        number = np.cumsum(first) - 1
-        side_edge = np.where(first, number, number[np.maximum(twin, 0)])
+        index = np.cumsum(first) - 1
+        side_edge = np.where(first, index, index[np.maximum(twin, 0)])
         edges = np.stack([self.side_tail[first], self.side_head[first]], axis=1)
         along = first if self.twisted is None else first | self.twisted.ravel()
         sign = np.where(along, 1, -1).astype(np.int8)
@@ -122,7 +122,7 @@ class Topology(FrozenArrays):
 
     @property
     def edges(self) -> NDArray[np.int64]:
-        """(e, 2) end vertices; lower number first for a simplicial mesh, along the first side when glued."""
+        """(e, 2) end vertices; lower index first for a simplicial mesh, along the first side when glued."""
         return self._edge_numbering[0]
 
     @property
@@ -146,23 +146,23 @@ class Topology(FrozenArrays):
 
     @property
     def side_twin(self) -> NDArray[np.int64]:
-        """(m, 3) flat number of the side glued to side j; -1 on the boundary and on edges with 3+ faces."""
+        """(m, 3) flat index of the side glued to side j; -1 on the boundary and on edges with 3+ faces."""
         return self._edge_numbering[4] if self.gluing is None else self.gluing
 
     @cached_property
     def interior_sides(self) -> NDArray[np.int64]:
-        """(h,) flat number of the first side of each edge that has two sides."""
+        """(h,) flat index of the first side of each edge that has two sides."""
         twin = self.side_twin.ravel()
         return frozen(np.flatnonzero(np.arange(len(twin)) < twin))  # a side without twin has -1
 
     @cached_property
     def boundary_edges(self) -> NDArray[np.int64]:
-        """Numbers of the edges with one face."""
+        """Indices of the edges with one face."""
         return frozen(np.flatnonzero(self.edge_face_count == 1))
 
     @cached_property
     def nonmanifold_edges(self) -> NDArray[np.int64]:
-        """Numbers of the edges with three or more faces (or with one face twice)."""
+        """Indices of the edges with three or more faces (or with one face twice)."""
         return frozen(np.flatnonzero(self.edge_face_count > 2))
 
     @cached_property
@@ -192,7 +192,7 @@ class Topology(FrozenArrays):
 
     @cached_property
     def corner_fans(self) -> NDArray[np.int64]:
-        """(m, 3) number of the fan (corners joined across shared edges) that holds corner k."""
+        """(m, 3) index of the fan (corners joined across shared edges) that holds corner k."""
         if self.first_corner is not None:
             corner, lowest = np.arange(3 * self.n_faces), np.zeros(self.n_vertices, dtype=np.int64)
             lowest[self.side_tail[::-1]] = corner[::-1]
@@ -214,7 +214,7 @@ class Topology(FrozenArrays):
 
     @cached_property
     def first_corner(self) -> NDArray[np.int64] | None:
-        """(n,) corner (flat number) of each vertex from which rotation by `corner_after` visits all of them.
+        """(n,) corner (flat index) of each vertex from which rotation by `corner_after` visits all of them.
 
         None where rotation does not visit all corners of some vertex, and where it is not tried: on edges of
         three faces, surfaces without consistent orientation, gluings, and vertices of very many faces. The
@@ -247,7 +247,7 @@ class Topology(FrozenArrays):
         return frozen(first_corner)
 
     def corner_after(self, corner: NDArray) -> NDArray[np.int64]:
-        """Next corner (flat number) about the vertex of each corner; -1 behind the last one at a boundary."""
+        """Next corner (flat index) about the vertex of each corner; -1 behind the last one at a boundary."""
         return self.side_twin.ravel().take(corner + PREVIOUS_OFFSET.take(corner % 3))
 
     @cached_property
@@ -349,7 +349,7 @@ class Topology(FrozenArrays):
 
     @property
     def undecided_piece(self) -> NDArray[np.int64]:
-        """(m,) number of the piece of each face where half the faces would be turned, elsewhere -1."""
+        """(m,) index of the piece of each face where half the faces would be turned, elsewhere -1."""
         if self.is_oriented:
             return np.full(self.n_faces, -1)
         _, piece, share = self._turned_share
@@ -420,7 +420,7 @@ def check_faces(faces: NDArray, n_vertices: int, *, copy: bool = True) -> NDArra
     Raises
     ------
     MeshError
-        For another shape or type, or a vertex number out of range.
+        For another shape or type, or a vertex index out of range.
     """
     faces = np.asarray(faces)
     if faces.size == 0:

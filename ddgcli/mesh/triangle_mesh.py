@@ -215,7 +215,7 @@ class TriangleMesh(PointMesh):
 
     @cached_property
     def flat_faces(self) -> NDArray[np.int64]:
-        """(k,) numbers of the faces without area, to 1e-12 of their longest side squared.
+        """(k,) indices of the faces without area, to 1e-12 of their longest side squared.
 
         From positions: lengths determine the area of a needle only to 1e-8 of its longest side squared.
         """

@@ -24,7 +24,7 @@ from ddgcli.geometry.cells import (
     triangle_metric,
 )
 from ddgcli.linalg.indices import matrix_indices
-from ddgcli.mesh.edge_lookup import edge_numbers
+from ddgcli.mesh.edge_lookup import edge_indices
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.require import require_sized_solid
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh, parity
@@ -100,7 +100,7 @@ class Complex:
         Tetrahedra only: face opposite corner i, +1 where its orientation is outward.
     metric : CellMetric
     boundary_faces : ndarray of int64
-        Numbers of the (dimension-1)-simplices with one cell.
+        Indices of the (dimension-1)-simplices with one cell.
     """
 
     dimension: int
@@ -192,7 +192,7 @@ def _tet_complex(mesh: TetMesh) -> Complex:
     corners = tets[:, TET_FACES].reshape(-1, 3)
     orientation = np.where(mesh.signed_volume < 0, -1, 1)
     face_sign = parity(corners).reshape(-1, 4) * orientation[:, None]
-    face_edge = edge_numbers(edges, faces[:, [[0, 1], [1, 2], [0, 2]]])
+    face_edge = edge_indices(edges, faces[:, [[0, 1], [1, 2], [0, 2]]])
     face_edge_sign = np.array([1, 1, -1])
     length = vector_length(mesh.points[local[..., 1]] - mesh.points[local[..., 0]])
     return Complex(

@@ -52,7 +52,7 @@ def tufted_cover(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
 
 
 def _on_back(side: NDArray, m: int) -> NDArray[np.int64]:
-    """Flat number of the same side on the back of its face."""
+    """Flat index of the same side on the back of its face."""
     face, j = np.divmod(side, 3)
     return 3 * (m + face) + 2 - j
 

@@ -120,7 +120,7 @@ def _pixels(
 
 
 def _reduce_colours(path: str, across: int, down: int) -> None:
-    """Replace the pixels in a file by 256 colours and the number of that of each pixel."""
+    """Replace the pixels in a file by 256 colours and the colour index of each pixel."""
     pixels = np.fromfile(path, dtype=np.uint8).reshape(down, across, 4)
     palette, number = in_256_colours(pixels[..., :3])
     np.concatenate([palette.ravel(), number.ravel()]).tofile(path)

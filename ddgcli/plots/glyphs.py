@@ -100,7 +100,7 @@ def draw_arrows(axes: Any, camera: Camera, visible: PixelFaces, arrows: Sequence
 
 
 def thin_glyphs(camera: Camera, visible: PixelFaces, glyphs: Glyphs) -> NDArray[np.int64]:
-    """Numbers of the glyphs to draw: finite, not zero, visible, one in each square of the picture."""
+    """Indices of the glyphs to draw: finite, not zero, visible, one in each square of the picture."""
     size = max(camera.width, camera.height)
     place = camera.project(glyphs.places)
     column, row = (np.clip(place[:, i], 0, limit - 1).astype(np.int64) for i, limit in (

@@ -172,7 +172,7 @@ class PixelFaces:
 
     @cached_property
     def pixel(self) -> NDArray[np.int64]:
-        """(k,) flat numbers of the pixels that show a face."""
+        """(k,) flat indices of the pixels that show a face."""
         return np.flatnonzero(self.face_image >= 0)
 
     @cached_property

@@ -37,7 +37,7 @@ class ShadingSpots:
     whole : (h, w) ndarray of bool
         Pixels that show one face in all samples: one spot each, at their centre.
     sample : (k,) ndarray of int64
-        Flat numbers of the samples of other pixels that show a face: the further spots.
+        Flat indices of the samples of other pixels that show a face: the further spots.
     face : (s,) ndarray of int32
         Of each spot, those of whole pixels first.
     barycentric : (s, 3) ndarray of float64

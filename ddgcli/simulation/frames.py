@@ -29,7 +29,7 @@ def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh | TetMesh | CurveSet, n
     mesh : TriangleMesh, TetMesh or CurveSet
         Vertices and cells in order.
     number : (m,) ndarray of int64
-        Number of the object of each cell.
+        Index of the object of each cell.
     """
     if isinstance(meshes[0], CurveSet):
         return meshes[0], np.zeros(len(meshes[0].lines), dtype=np.int64)

@@ -162,7 +162,7 @@ def prolonged(values: NDArray, meshes: list[TriangleMesh]) -> NDArray:
 
 
 def _double_cells(table: dict[str, Any], section: Any, times: int) -> NDArray[np.int64]:
-    """Double the cells of a periodic grid or a box of tetrahedra; return the numbers of the old vertices."""
+    """Double the cells of a periodic grid or a box of tetrahedra; return the indices of the old vertices."""
     from scipy.spatial import cKDTree
 
     def points(shape: Any) -> NDArray:

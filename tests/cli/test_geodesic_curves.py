@@ -235,7 +235,7 @@ def test_bends_on_a_one_sided_surface_have_both_angles(summary, tmp_path):
         (["--trace", TRACE, "--tolerance", "0.1"], "needs a source"),
         (["--trace", TRACE, "--method", "heat"], "needs a source"),
         (["--straighten", "3"], "two different"),
-        (["--straighten", "3,x"], "vertex numbers"),
+        (["--straighten", "3,x"], "vertex indices"),
         (
             ["--source", "0", "--spread-vector", "1,0,0", "--spread-vector", "0,1,0"],
             "--spread-vector: 2 vectors for 1 source vertex; give one for each",

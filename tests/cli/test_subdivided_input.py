@@ -116,7 +116,7 @@ def test_angles_at_the_boundary_are_straight_at_midpoints(square, summary, tmp_p
 
 @pytest.mark.parametrize("kind", ["mask", "numbers"])
 def test_a_region_is_the_same_region(tmp_path, summary, kind):
-    """A mask of the input's length was read as the vertex numbers 0 and 1."""
+    """A mask of the input's length was read as the vertex indices 0 and 1."""
     ball = shapes.icosphere(2)
     mesh = ball.moved(ball.points * np.array([1, 1, 1.2]))
     path, out, name = tmp_path / "ball.ply", tmp_path / "out.npz", tmp_path / "region.npy"

@@ -1,10 +1,10 @@
-"""Numbers of edges by their ends; distinct integers."""
+"""Indices of edges by their ends; distinct integers."""
 
 import numpy as np
 import pytest
 
 from ddgcli.mesh import shapes
-from ddgcli.mesh.edge_lookup import edge_numbers
+from ddgcli.mesh.edge_lookup import edge_indices
 from ddgcli.mesh.ragged import contains, unique_keys
 
 
@@ -17,14 +17,14 @@ def test_pairs_of_either_order_name_their_edge_and_others_none(shuffled):
     number = {frozenset(pair): k for k, pair in enumerate(edges.tolist())}
     pairs = random.integers(0, mesh.n_vertices + 5, (4, 500, 2))
     expected = [[number.get(frozenset(pair), -1) for pair in row] for row in pairs.tolist()]
-    assert np.array_equal(edge_numbers(edges, pairs), expected)
-    assert np.array_equal(edge_numbers(edges, edges[:, ::-1]), np.arange(len(edges)))
+    assert np.array_equal(edge_indices(edges, pairs), expected)
+    assert np.array_equal(edge_indices(edges, edges[:, ::-1]), np.arange(len(edges)))
 
 
 def test_without_edges_or_pairs_there_is_none():
     none = np.zeros((0, 2), dtype=np.int64)
-    assert edge_numbers(none, np.array([[0, 1]])).tolist() == [-1]
-    assert edge_numbers(np.array([[0, 1]]), none).shape == (0,)
+    assert edge_indices(none, np.array([[0, 1]])).tolist() == [-1]
+    assert edge_indices(np.array([[0, 1]]), none).shape == (0,)
 
 
 def test_distinct_integers_ascend_and_a_list_knows_what_it_contains():

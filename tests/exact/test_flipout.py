@@ -174,14 +174,14 @@ def test_flips_keep_lengths_angles_and_signposts():
     assert [state(h) for h in flipping.halfedges([7, 5])] == [state(h) for h in fresh.halfedges([7, 5])]
     neighbours = [flipping.twin(h) for h in flipping.halfedges(list(range(0, 300, 3)))]
     assert [state(h) for h in neighbours] == [
-        state(h) for h in fresh.halfedges([h.number for h in neighbours])
+        state(h) for h in fresh.halfedges([h.index for h in neighbours])
     ]
 
 
 def state(h):
     """Everything about a halfedge and its face."""
     return [
-        (g.number, g.fan, g.length, g.angle, g.post, g.is_flipped, g.uses) for g in (h, h.next, h.next.next)
+        (g.index, g.fan, g.length, g.angle, g.post, g.is_flipped, g.uses) for g in (h, h.next, h.next.next)
     ]
 
 

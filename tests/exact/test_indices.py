@@ -1,4 +1,4 @@
-"""Indices of sparse matrices have 4 bytes where they fit, and products of vertex numbers do not overflow."""
+"""Indices of sparse matrices have 4 bytes where they fit, and products of vertex indices do not overflow."""
 
 import numpy as np
 import pytest

@@ -34,7 +34,7 @@ SURFACES = {
 
 
 def orientation_cover(mesh: TriangleMesh) -> IntrinsicMesh:
-    """Every face twice, in both orientations, glued to an oriented surface; vertices keep their numbers."""
+    """Every face twice, in both orientations, glued to an oriented surface; vertices keep their indices."""
     glued = glue(mesh)
     m, twin, twisted = mesh.n_faces, glued.topology.side_twin.ravel(), glued.topology.twisted.ravel()
     on_back = 3 * m + np.arange(3 * m) // 3 * 3 + 2 - np.arange(3 * m) % 3

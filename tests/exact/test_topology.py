@@ -77,7 +77,7 @@ def test_twins_are_the_sides_of_edges_with_two_faces(name):
 
 
 def test_numbers_of_a_mesh_whose_products_exceed_32_bits_are_those_of_its_small_copy():
-    """Edge keys are products of vertex numbers: 60,000 squared is above 2^31."""
+    """Edge keys are products of vertex indices: 60,000 squared is above 2^31."""
     small = shapes.random_sphere(60).topology
     spread = topology.Topology(small.faces * 1000 + 7, 60_008)
     assert np.array_equal(spread.edges, small.edges * 1000 + 7)

@@ -123,7 +123,7 @@ BAD = [
     ("contact = {", "pin = { vertices = [] } # contact = {", 22, ["no vertex"]),
     ("contact = {", "pin = { box = [[0, 0, 0]] } # contact = {", 22, ["at least 2 entries (two", "[[x, y"]),
     ("contact = {", "pin = { box = { corner = [0, 0, 0] } } # contact = {", 22, ["corners, [[x, y, z], [x"]),
-    ("contact = {", "pin = { vertices = 3 } # contact = {", 22, ["an array (vertex numbers), found 3"]),
+    ("contact = {", "pin = { vertices = 3 } # contact = {", 22, ["an array (vertex indices), found 3"]),
     ("contact = {", "load = { vertices = [0] } # contact = {", 22, ["force, traction, line_force, moment"]),
     ("contact = {", "load = { moment = 1, edge = [0, 8] } # contact = {", 22, ["interior edge", "[0, 8]"]),
     ("contact = {", HANDLE.format("vertices = [0], times = [0, 1, 1]"), 22, ["times", "entry 2"]),

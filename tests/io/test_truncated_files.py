@@ -101,7 +101,7 @@ def test_formats_of_meshio_are_read_in_order_and_cut_ones_hold_less(tmp_path, na
     assert isinstance(result, TetMesh) == solid
     indices = result.tetrahedra if solid else result.faces
     np.testing.assert_allclose(result.points[indices], points[corners], atol=1e-6)
-    if name != "wkt":  # which has no vertex numbers
+    if name != "wkt":  # which has no vertex indices
         np.testing.assert_array_equal(indices, corners)
     data = path.read_bytes()
     for at in cuts(len(data), 4):

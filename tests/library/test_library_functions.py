@@ -248,7 +248,7 @@ def test_the_cure_for_tetrahedra_works():
         (lambda: ddg.willmore_flow(SPHERE, tolerance=0.1), "needs `duration`"),
         (lambda: ddg.willmore_flow(SPHERE, steps=0), "steps: must be 1 or more, not 0"),
         (lambda: ddg.willmore_flow(SPHERE, remesh="short"), "remesh: 'short' is not a length"),
-        (lambda: ddg.willmore_flow(SPHERE, region=[42]), "region: .* vertex numbers from 0 to 41"),
+        (lambda: ddg.willmore_flow(SPHERE, region=[42]), "region: .* vertex indices from 0 to 41"),
         (lambda: ddg.willmore_flow(SPHERE, energy="cotan", integrator="rosenbrock"), "needs `step` or"),
         (lambda: ddg.repair_mesh(SPHERE), "no repair is chosen"),
         (lambda: ddg.repair_mesh(SPHERE, weld=-1.0), "weld: must be 0 or a positive number, not -1"),

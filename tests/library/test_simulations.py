@@ -175,7 +175,7 @@ def test_willmore_flow_fills_and_subdivides_as_the_command_does(run, tmp_path, w
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"fill": "hole"}, "fill: 'hole' is not a vertex number"),
+        ({"fill": "hole"}, "fill: 'hole' is not a vertex index"),
         ({"fill": 4, "region": [0]}, "fill: moves the new patch only"),
         ({"report_energy": "cotan"}, "report_energy: 'cotan': write all"),
         ({"subdivide": -1}, "subdivide: must be from 0 to 6, not -1"),

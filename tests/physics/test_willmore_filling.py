@@ -126,7 +126,7 @@ def test_one_loop_or_all_are_filled(run, holed_file):
 @pytest.mark.parametrize(
     "words, message",
     [
-        (("--fill", "hole"), "not a vertex number"),
+        (("--fill", "hole"), "not a vertex index"),
         (("--fill", "60"), "on no boundary loop"),
         (("--fill", "all", "--region", "x.npy"), "--region"),
     ],

@@ -31,7 +31,7 @@ ARGUMENTS = (
 
 @pytest.fixture
 def sphere(tmp_path):
-    """A sphere with its height on vertices, its face numbers on faces and a vector array."""
+    """A sphere with its height on vertices, its face indices on faces and a vector array."""
     mesh = shapes.icosphere(3)
     path = tmp_path / "sphere.vtu"
     vertex = {"height": mesh.points[:, 2], "position": mesh.points}

@@ -26,7 +26,7 @@ class Layout:
     Parameters
     ----------
     corner : (m, 3) ndarray of int64
-        Number of the plane vertex at each corner; a vertex on a seam has several.
+        Index of the plane vertex at each corner; a vertex on a seam has several.
     z : (v,) ndarray of complex128
         Positions of the plane vertices.
     seam : (3m,) ndarray of bool

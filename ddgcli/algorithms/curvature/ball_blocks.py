@@ -225,7 +225,7 @@ def unpacked(words: NDArray, count: int) -> NDArray[np.bool_]:
 
 
 def lists_of(flags: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Numbers of the flags that are set, row by row.
+    """Indices of the flags that are set, row by row.
 
     Parameters
     ----------

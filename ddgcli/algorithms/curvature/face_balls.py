@@ -62,7 +62,7 @@ class Ball:
 
 @dataclass(frozen=True, eq=False)
 class _Block:
-    """What the balls of a block may hold, by local numbers; fans elsewhere have the number -1.
+    """What the balls of a block may hold, by local indices; fans elsewhere have the index -1.
 
     `inside` holds the bits of the fans (`packed`), with a last row of zeros for those elsewhere.
     """

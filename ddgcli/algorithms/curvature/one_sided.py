@@ -40,11 +40,11 @@ def double_covered(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.int64]]
     _, first_face = np.unique(topology.face_component, return_index=True)
     # edges from a first corner of each component: every vertex takes the copy that is nearer to it
     steps = dijkstra(graph, indices=vertices.corner[first_face, 0], unweighted=True, min_only=True)
-    number = np.arange(size)
+    index = np.arange(size)
     near, far = steps, steps[vertices.mirror]
-    is_nearer = (near < far) | ((near == far) & (number < vertices.mirror))
+    is_nearer = (near < far) | ((near == far) & (index < vertices.mirror))
     copy = np.zeros(mesh.n_vertices, dtype=np.int64)
-    copy[vertices.below[is_nearer]] = number[is_nearer]
+    copy[vertices.below[is_nearer]] = index[is_nearer]
     return cover, copy
 
 

@@ -38,7 +38,7 @@ class PointGrid:
         Parameters
         ----------
         few : (k,) ndarray of int
-            Numbers of the centres.
+            Indices of the centres.
         radius : float
             Distances up to it count, as those of `regions.balls_around`.
         """

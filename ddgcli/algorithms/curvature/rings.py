@@ -66,17 +66,17 @@ def _faces_within(topology: Topology, vertices: NDArray, n_rings: int) -> NDArra
 def _rings_by_sorting(topology: Topology, centre: NDArray, at_least: int) -> Regions:
     """`two_rings` from lists of neighbours; pairs of a centre and a member are sorted."""
     n = topology.n_vertices
-    number = np.empty(n, dtype=np.int64)  # of a vertex among those whose neighbours are listed
+    index = np.empty(n, dtype=np.int64)  # of a vertex among those whose neighbours are listed
 
     def grown(owner: NDArray, member: NDArray, hubs_grow: bool = False) -> tuple[NDArray, NDArray]:
         is_member = np.zeros(n, dtype=bool)
         is_member[member] = True
         members = np.flatnonzero(is_member)
         near = _neighbours(topology, members)
-        number[members] = np.arange(len(members))
+        index[members] = np.arange(len(members))
         grows = hubs_grow | (np.diff(near[0]) <= HUB_VALENCE)
-        growing = np.flatnonzero(grows.take(number.take(member)))
-        further, reached = expand_lists(owner[growing], number.take(member[growing]), near)
+        growing = np.flatnonzero(grows.take(index.take(member)))
+        further, reached = expand_lists(owner[growing], index.take(member[growing]), near)
         return _distinct_pairs(np.concatenate([owner, further]), np.concatenate([member, reached]), n)
 
     owner, member = grown(*grown(np.arange(len(centre)), centre, hubs_grow=True))

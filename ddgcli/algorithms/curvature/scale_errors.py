@@ -169,7 +169,7 @@ def least_between(radius: NDArray, error: NDArray, best: int) -> float:
     radius, error : (r,) and (r - 1,) ndarray of float64
         Radii that grow by `RADIUS_RATIO`, and the errors at all but the last.
     best : int
-        Number of the radius with the least error.
+        Index of the radius with the least error.
 
     Returns
     -------
@@ -205,7 +205,7 @@ def whole_error(
     default, reference : (k,) ndarray of float64
         As in `error_of_radii`.
     best : int
-        Number of the radius.
+        Index of the radius.
     bias_growth : float
     max_change : float
         Largest change of a vertex over the median one.

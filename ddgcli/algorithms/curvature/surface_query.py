@@ -177,7 +177,7 @@ def labelled_measures(
     -------
     measures : RegionMeasures
     label, names : ndarray
-        Number of the region of each element, and the values that name the regions.
+        Index of the region of each element, and the values that name the regions.
     place : str
     """
     from ddgcli.algorithms.curvature.region_measures import measures_of_labels
@@ -188,7 +188,7 @@ def labelled_measures(
 
 
 def region_labels(mesh: TriangleMesh, array: NDArray, place: str = "") -> tuple[NDArray, NDArray, str]:
-    """Number of the region of each element, the values that name the regions, and the place of the labels."""
+    """Index of the region of each element, the values that name the regions, and the place of the labels."""
     from ddgcli.algorithms.curvature.region_measures import labels_of
 
     label, names = labels_of(array)

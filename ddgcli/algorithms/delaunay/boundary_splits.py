@@ -33,7 +33,7 @@ def cut_boundary(
     state : SideArrays
     side : (k,) ndarray of int64
     vertex : (k,) ndarray of int64
-        Numbers of the new vertices.
+        Indices of the new vertices.
     share : (k,) ndarray of float64
         Position on the side, as a share of its length from i.
     along : (k,) ndarray of float64 or float

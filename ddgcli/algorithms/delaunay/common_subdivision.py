@@ -120,7 +120,7 @@ class CommonSubdivision:
     def corner(self) -> NDArray[np.int64]:
         """(t, 3) positions of each triangle's corners in its intrinsic face.
 
-        The flat number 3f+k of a corner of the face, or 3m + h for half-crossing h.
+        The flat index 3f+k of a corner of the face, or 3m + h for half-crossing h.
         """
         n = len(self.crossings.halves.count)
         return cut_faces(self.crossings.halves, Names(np.arange(n), n, 0), self.crossings.labels).corner

@@ -38,7 +38,7 @@ class SideArrays(Gluing):
         With `twisted`: `tail` has the vertices of the orientation double cover, and these are their copies on
         the other sheet, which a reversed face has in their place.
     input_side : (3m,) ndarray of int64, optional
-        Number of the input side in this place; -1 for a new edge.
+        Index of the input side in this place; -1 for a new edge.
     direction : (3m,) ndarray of float64, optional
         Angle of the side at its tail, counter-clockwise from the vertex's reference.
     twisted : (3m,) ndarray of bool, optional

@@ -1,4 +1,4 @@
-"""Triangles glued along their sides, by number alone: flips and splits in batches of disjoint faces."""
+"""Triangles glued along their sides, by index alone: flips and splits in batches of disjoint faces."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def around(side: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     Parameters
     ----------
     side : (k,) ndarray of int64
-        Flat side numbers 3*face + j.
+        Flat side indices 3*face + j.
 
     Returns
     -------

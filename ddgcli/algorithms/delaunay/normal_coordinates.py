@@ -260,7 +260,7 @@ def _arcs(c: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[n
         End of the arc that continues from a half-crossing beyond its side; ~e for the e-th arc that ends at a
         corner.
     end, corner : (e,) ndarray of int64
-        The half-crossing of each arc that ends at a corner, and the flat number of that corner.
+        The half-crossing of each arc that ends at a corner, and the flat index of that corner.
     """
     onward = np.empty(c.total, dtype=np.int64)
     cut = np.flatnonzero(c.cut)

@@ -25,7 +25,7 @@ class Names:
     ----------
     corner : (3m,) ndarray of int64
     offset, shift : int
-        The number of a half-crossing is offset + half / 2^shift.
+        The index of a half-crossing is offset + half / 2^shift.
     """
 
     corner: NDArray[np.int64]
@@ -88,7 +88,7 @@ def cut_faces(c: Crossings, names: Names, labels: Labels) -> Pieces:
     ----------
     c : Crossings
     names : Names
-        Numbers of the vertices and crossings in the result.
+        Indices of the vertices and crossings in the result.
     labels : Labels
         Which input faces lie beside the arcs.
 

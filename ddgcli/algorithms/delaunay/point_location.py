@@ -89,7 +89,7 @@ def _chart(face: NDArray, n_faces: int, barycentric: NDArray) -> _Chart:
 
 
 def _in_intrinsic_faces(cut: CommonSubdivision) -> NDArray[np.float64]:
-    """(t, 3, 3) coordinates of the pieces' corners in their intrinsic faces, by number alone.
+    """(t, 3, 3) coordinates of the pieces' corners in their intrinsic faces, by index alone.
 
     The vertices around a corner do not determine them: a face may have a vertex twice.
     """

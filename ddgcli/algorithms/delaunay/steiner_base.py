@@ -106,7 +106,7 @@ class _Insertion:
         """Insert points on boundary edges, from the far end of every edge, and track the sides that move."""
         waiting = np.flatnonzero(self.steiner.edge >= 0)
         waiting = waiting[np.lexsort((-self.steiner.edge_share[waiting], self.steiner.edge[waiting]))]
-        where = np.arange(len(self.gluing.tail))  # current number of each input side
+        where = np.arange(len(self.gluing.tail))  # current index of each input side
         while len(waiting):
             edge = self.steiner.edge[waiting]
             first = np.append(True, edge[1:] != edge[:-1])

@@ -40,14 +40,14 @@ class CurveWavefronts:
         return np.where((a == b) & (first != a), -1, common)
 
 
-def curve_wavefronts(mesh: SurfaceMesh, sources: Sources, number: NDArray) -> CurveWavefronts:
+def curve_wavefronts(mesh: SurfaceMesh, sources: Sources, index: NDArray) -> CurveWavefronts:
     """Wavefronts of sources with curves.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
     sources : Sources
-    number : (k,) ndarray of int64
+    index : (k,) ndarray of int64
         Sources of the vertices and points that stand for them, of `Sources.at_vertices`.
 
     Returns
@@ -63,14 +63,14 @@ def curve_wavefronts(mesh: SurfaceMesh, sources: Sources, number: NDArray) -> Cu
     passes = np.flatnonzero(count == 2)
     passes = passes[_is_straight(mesh, sources, vertex[passes], beside[passes])]
     n_pieces, piece = connected_labels(beside[passes, 0], beside[passes, 1], len(sources.edge))
-    own = len(number) + np.arange(n_pieces)
-    pieces = np.full((len(number) + n_pieces, 2), -1)
+    own = len(index) + np.arange(n_pieces)
+    pieces = np.full((len(index) + n_pieces, 2), -1)
     k = len(sources.vertex)
     pieces[k : k + len(vertex)] = np.where(beside >= 0, own[piece[beside]], -1)
     pieces[own] = own[:, None]
     curve = np.zeros(n_pieces, dtype=np.int64)
     curve[piece] = sources.curve
-    return CurveWavefronts(np.concatenate([number, sources.first_curve + curve]), pieces)
+    return CurveWavefronts(np.concatenate([index, sources.first_curve + curve]), pieces)
 
 
 def _is_straight(mesh: SurfaceMesh, sources: Sources, vertex: NDArray, beside: NDArray) -> NDArray[np.bool_]:

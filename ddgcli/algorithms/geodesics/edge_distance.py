@@ -78,7 +78,7 @@ def edge_distance(
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
-    sources : Sources, vertex number or array of vertex numbers
+    sources : Sources, vertex index or array of vertex indices
     graph : csr_array, optional
         `edge_graph(mesh)`, shared by several calls.
 
@@ -110,12 +110,12 @@ def edge_distance(
     numbers = np.concatenate([np.arange(sources.first_curve), number_of_curve])
     unique, first = np.unique(start, return_index=True)
     distance, before, root = dijkstra(graph, indices=unique, return_predecessors=True, min_only=True)
-    number = np.full(graph.shape[0] + 1, -1)
-    number[unique] = numbers[first]
+    index = np.full(graph.shape[0] + 1, -1)
+    index[unique] = numbers[first]
     reached = np.isfinite(distance[:n])
     root = np.where(reached, root[:n], -1)
     before = np.where((before[:n] >= 0) & (before[:n] < n), before[:n], -1).astype(np.int64)
-    return EdgeDistance(distance[:n], number[root], before)
+    return EdgeDistance(distance[:n], index[root], before)
 
 
 def downhill_source(mesh: SurfaceMesh, distance: NDArray, sources: Sources) -> NDArray[np.int64]:
@@ -133,7 +133,7 @@ def downhill_source(mesh: SurfaceMesh, distance: NDArray, sources: Sources) -> N
     Returns
     -------
     (n,) ndarray of int64
-        Number of the source; -1 where the distance is inf.
+        Index of the source; -1 where the distance is inf.
     """
     n = mesh.n_vertices
     reached = np.isfinite(distance)
@@ -150,8 +150,8 @@ def downhill_source(mesh: SurfaceMesh, distance: NDArray, sources: Sources) -> N
     tree_root = np.arange(n)
     tree_root[vertex] = b[order[first]]
     label = np.full(n, -1, dtype=np.int64)
-    for number in range(len(sources) - 1, -1, -1):
-        label[sources.corners(mesh, number)] = number
+    for index in range(len(sources) - 1, -1, -1):
+        label[sources.corners(mesh, index)] = index
     tree_root[label >= 0] = np.flatnonzero(label >= 0)
     while not np.array_equal(tree_root[tree_root], tree_root):
         tree_root = tree_root[tree_root]

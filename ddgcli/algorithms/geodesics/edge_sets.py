@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.components import connected_labels
-from ddgcli.mesh.edge_lookup import edge_numbers
+from ddgcli.mesh.edge_lookup import edge_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.midpoint_subdivision import MidpointSubdivision
 from ddgcli.mesh.ragged import unique_keys
@@ -38,7 +38,7 @@ class EdgeSet:
         return len(self.edge)
 
     def curves(self, mesh: SurfaceMesh) -> NDArray[np.int64]:
-        """(k,) number of the connected curve of each edge, in the order of the lowest vertices."""
+        """(k,) index of the connected curve of each edge, in the order of the lowest vertices."""
         ends = mesh.topology.edges[self.edge]
         vertex, local = np.unique(ends, return_inverse=True)
         i, j = local.reshape(-1, 2).T
@@ -114,7 +114,7 @@ def _of_pairs(mesh: SurfaceMesh, pairs: NDArray, parameter: str | None) -> EdgeS
         )
     ends = pairs.astype(np.int64)
     edges, (i, j) = mesh.topology.edges, ends.T
-    edge = edge_numbers(edges, ends)
+    edge = edge_indices(edges, ends)
     missing = np.flatnonzero(edge < 0)
     if len(missing):
         row = missing[0]
@@ -163,7 +163,7 @@ def subdivided_edge_set(edges: EdgeSet, mesh: TriangleMesh, subdivision: Midpoin
         Of `subdivision.mesh`.
     """
     pairs, row = subdivision.edge_pieces(mesh.topology.edges[edges.edge])
-    pieces = edge_numbers(subdivision.mesh.topology.edges, pairs)
+    pieces = edge_indices(subdivision.mesh.topology.edges, pairs)
     along = np.where(pairs[:, 0] < pairs[:, 1], 1, -1)
     order = np.argsort(pieces)
     return EdgeSet(pieces[order], (along * edges.sign[row])[order])

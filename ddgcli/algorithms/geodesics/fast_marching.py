@@ -242,7 +242,7 @@ def fast_marching_distance(
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
-    sources : Sources, vertex number or array of vertex numbers
+    sources : Sources, vertex index or array of vertex indices
     stencils : Stencils, optional
         `fast_marching_stencils(mesh)`, shared by several calls.
     planar : bool

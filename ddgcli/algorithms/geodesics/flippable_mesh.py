@@ -23,8 +23,8 @@ class Halfedge:
 
     Attributes
     ----------
-    number : int
-        Flat number of the side on the input; beyond the sides for those outside the surface.
+    index : int
+        Flat index of the side on the input; beyond the sides for those outside the surface.
     next, twin : Halfedge
         `next` is None outside the surface, `twin` until `FlippableMesh.twin` crosses the edge.
     fan : int
@@ -38,9 +38,9 @@ class Halfedge:
         The edge is not one of the input.
     """
 
-    __slots__ = ("angle", "fan", "is_flipped", "length", "next", "number", "post", "twin", "uses")
+    __slots__ = ("angle", "fan", "is_flipped", "length", "next", "index", "post", "twin", "uses")
 
-    number: int
+    index: int
     next: Any
     twin: Any
     fan: int
@@ -74,9 +74,9 @@ class FlippableMesh:
         self._vertex_of_fan = fans.vertex.data
         self._halfedges: dict[int, Halfedge] = {}
 
-    def halfedges(self, numbers: list[int]) -> list[Halfedge]:
-        """Halfedges by their numbers, with the faces around their tails."""
-        fans, side = self.tracer.fans, np.array(numbers, dtype=np.int64)
+    def halfedges(self, indices: list[int]) -> list[Halfedge]:
+        """Halfedges by their indices, with the faces around their tails."""
+        fans, side = self.tracer.fans, np.array(indices, dtype=np.int64)
         outside = side >= self.sides
         side[outside] = self._rim[side[outside] - self.sides]
         fan = fans.fan[side]
@@ -87,26 +87,26 @@ class FlippableMesh:
             side = side[[k not in self._halfedges for k in side.tolist()]]
         side = (side[:, None] + np.arange(3)).ravel()
         self._create(side.tolist(), *(column.take(side).tolist() for column in self._columns))
-        return [self._halfedges[k] for k in numbers]
+        return [self._halfedges[k] for k in indices]
 
     def twin(self, h: Halfedge) -> Halfedge:
         """Opposite halfedge of the same edge."""
         if h.twin is None:
-            side = self._side_twin[h.number]
+            side = self._side_twin[h.index]
             first = side - side % 3
             end = first + 3
             self._create(range(first, end), *(view[first:end].tolist() for view in self._views))
         return h.twin
 
-    def _create(self, numbers: Sequence[int], twins: list[int], *columns: list) -> None:
+    def _create(self, indices: Sequence[int], twins: list[int], *columns: list) -> None:
         """Create the halfedges of faces of the input, and those outside the surface at their sides.
 
-        The numbers of the sides of a face follow each other; `columns` are fan, length, angle and post.
+        The indices of the sides of a face follow each other; `columns` are fan, length, angle and post.
         """
-        halfedges = [Halfedge() for _ in numbers]
-        self._halfedges.update(zip(numbers, halfedges))
-        for h, number, fan, length, angle, post in zip(halfedges, numbers, *columns):
-            h.number, h.fan, h.length, h.angle, h.post = number, fan, length, angle, post
+        halfedges = [Halfedge() for _ in indices]
+        self._halfedges.update(zip(indices, halfedges))
+        for h, index, fan, length, angle, post in zip(halfedges, indices, *columns):
+            h.index, h.fan, h.length, h.angle, h.post = index, fan, length, angle, post
             h.uses, h.is_flipped = 0, False
         for a, b, c in zip(halfedges[0::3], halfedges[1::3], halfedges[2::3]):
             a.next, b.next, c.next = b, c, a
@@ -114,17 +114,17 @@ class FlippableMesh:
             h.twin = t
             if t is not None:
                 t.twin = h
-        for h, number in zip(halfedges, twins):
-            if number < 0:
+        for h, index in zip(halfedges, twins):
+            if index < 0:
                 self._create_outside(h)
 
     def _create_outside(self, h: Halfedge) -> None:
         """Create the halfedge outside the surface at a boundary side."""
         t = h.twin = Halfedge()
-        t.number, t.fan = self.sides + int(np.searchsorted(self._rim, h.number)), h.next.fan
+        t.index, t.fan = self.sides + int(np.searchsorted(self._rim, h.index)), h.next.fan
         t.length, t.angle, t.post = h.length, inf, h.next.post + h.next.angle
         t.next, t.twin, t.uses, t.is_flipped = None, h, 0, False
-        self._halfedges[t.number] = t
+        self._halfedges[t.index] = t
 
     def rewind(self) -> None:
         """Undo all flips; halfedges of before are not those of the mesh."""
@@ -165,7 +165,7 @@ class FlippableMesh:
             around.append(h)
             if h is first:
                 raise MeshError(
-                    f"halfedges {first.number} and {last.number} do not leave the same fan of a vertex"
+                    f"halfedges {first.index} and {last.index} do not leave the same fan of a vertex"
                 )
         return around, total
 

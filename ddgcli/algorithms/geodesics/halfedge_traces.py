@@ -82,7 +82,7 @@ def _points_of(
     head = flipping.tail(h.twin)
     if not h.is_flipped:  # an edge of the input
         is_side = h.next is not None
-        side = h.number if is_side else h.twin.number
+        side = h.index if is_side else h.twin.index
         return np.array([side // 3]), np.eye(3)[[side % 3 if is_side else NEXT[side % 3]]]
     for trace in (_points_before_vertices, _points_through_vertices):
         face, barycentric, rest = trace(tracer, corner, angle, length)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.sources import Sources, no_numbers
+from ddgcli.algorithms.geodesics.sources import Sources, no_indices
 from ddgcli.errors import SolveError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
@@ -35,7 +35,7 @@ def near_distances(mesh: SurfaceMesh, points: SurfacePoints) -> tuple[NDArray, N
         Of paths on the surface: exact where the shortest one stays in these faces, otherwise longer; inf
         where rounding on faces without area hides all of them.
     point : (k,) ndarray of int64
-        Number of the point.
+        Index of the point.
 
     Notes
     -----
@@ -44,7 +44,7 @@ def near_distances(mesh: SurfaceMesh, points: SurfacePoints) -> tuple[NDArray, N
     """
     from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 
-    nothing = no_numbers(), np.zeros(0), no_numbers()
+    nothing = no_indices(), np.zeros(0), no_indices()
     if not 0 < len(points) <= MAX_POINTS or mesh.topology.gluing is not None:
         return nothing
     pairs = _faces_around(mesh, points.face)
@@ -52,7 +52,7 @@ def near_distances(mesh: SurfaceMesh, points: SurfacePoints) -> tuple[NDArray, N
         return nothing
     point, face = pairs
     copies, faces = np.unique(point[:, None] * mesh.n_vertices + mesh.faces[face], return_inverse=True)
-    number, vertex = np.divmod(copies, mesh.n_vertices)
+    index, vertex = np.divmod(copies, mesh.n_vertices)
     apart = _copies(mesh, vertex, face, faces.reshape(-1, 3))
     start = np.searchsorted(point * mesh.n_faces + face, np.arange(len(points)) * mesh.n_faces + points.face)
     sources = Sources.at([], SurfacePoints(start, points.barycentric))
@@ -61,7 +61,7 @@ def near_distances(mesh: SurfaceMesh, points: SurfacePoints) -> tuple[NDArray, N
         distance = exact_distance(apart, sources, limit=float(np.finfo(float).max)).distance
     except SolveError:  # windows without end on faces without area
         return nothing
-    return vertex, distance, number
+    return vertex, distance, index
 
 
 def _faces_around(mesh: SurfaceMesh, face: NDArray) -> tuple[NDArray, NDArray] | None:

@@ -68,7 +68,7 @@ class OrientedCover:
         return SurfacePoints(points.face, self.weights(points.face, points.barycentric))
 
     def lift_sources(self, sources: Sources) -> Sources:
-        """Lift sources of the base to the cover; edges keep the number of a side's edge on the first copy."""
+        """Lift sources of the base to the cover; edges keep the index of a side's edge on the first copy."""
         edge_of = np.zeros(self.base.topology.n_edges, dtype=np.int64)
         face, j = np.divmod(np.arange(3 * self.base.n_faces), 3)
         side = np.where(self.turned[face], 3 * face + (1 - j) % 3, 3 * face + j)

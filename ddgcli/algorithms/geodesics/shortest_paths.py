@@ -229,8 +229,8 @@ def _segment_in_face(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, 
             raise ParameterError(f"the path to vertex {v} runs outside the faces; {cure('folds')}")
         face = holding[:1]
     else:
-        number = int(exact.nearest_source[v]) - len(sources.vertex)
-        f, b = sources.points.face[[number]], sources.points.barycentric[[number]]
+        index = int(exact.nearest_source[v]) - len(sources.vertex)
+        f, b = sources.points.face[[index]], sources.points.barycentric[[index]]
         face = np.array(
             [g for g in around if not np.isnan(barycentric_in(mesh.topology, f, b, np.array([g]))[0, 0])][:1]
         )
@@ -254,9 +254,9 @@ def _cut(
     if origin >= 0:
         holds = (mesh.faces[face[:-1]] == origin).any(axis=1)
     else:
-        number = int(exact.nearest_source[v]) - len(sources.vertex)
-        f = np.repeat(sources.points.face[number], len(face) - 1)
-        b = np.repeat(sources.points.barycentric[[number]], len(face) - 1, axis=0)
+        index = int(exact.nearest_source[v]) - len(sources.vertex)
+        f = np.repeat(sources.points.face[index], len(face) - 1)
+        b = np.repeat(sources.points.barycentric[[index]], len(face) - 1, axis=0)
         holds = ~np.isnan(barycentric_in(mesh.topology, f, b, face[:-1])[:, 0])
     keep = np.flatnonzero(holds)
     if not len(keep) and lines.status[i] == BOUNDARY_STATUS:
@@ -295,10 +295,10 @@ def _chain(
     elif int(exact.nearest_source[target]) >= sources.first_curve:  # the last segment ends on a source edge
         return np.concatenate(faces), np.concatenate(weights)
     else:
-        number = int(exact.nearest_source[target]) - len(sources.vertex)
+        index = int(exact.nearest_source[target]) - len(sources.vertex)
         face = faces[-1][-1:]
         end = barycentric_in(
-            mesh.topology, sources.points.face[[number]], sources.points.barycentric[[number]], face
+            mesh.topology, sources.points.face[[index]], sources.points.barycentric[[index]], face
         )
         end = np.nan_to_num(end, nan=1 / 3)
     return np.concatenate([*faces, face]), np.concatenate([*weights, end])

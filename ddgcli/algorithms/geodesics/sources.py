@@ -17,7 +17,7 @@ from ddgcli.mesh.ragged import unique_keys
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
-def no_numbers() -> NDArray[np.int64]:
+def no_indices() -> NDArray[np.int64]:
     """Empty array of numbers of elements.
 
     Returns
@@ -54,13 +54,13 @@ class Sources(FrozenArrays):
     edge : (e,) ndarray of int64
         Edges of the mesh (rows of `topology.edges`) whose points are all sources.
     curve : (e,) ndarray of int64
-        Number of the curve of each edge, from 0.
+        Index of the curve of each edge, from 0.
     """
 
     vertex: NDArray[np.int64]
     points: SurfacePoints = field(default_factory=SurfacePoints.none)
-    edge: NDArray[np.int64] = field(default_factory=no_numbers)
-    curve: NDArray[np.int64] = field(default_factory=no_numbers)
+    edge: NDArray[np.int64] = field(default_factory=no_indices)
+    curve: NDArray[np.int64] = field(default_factory=no_indices)
 
     def __post_init__(self) -> None:
         for name in ("vertex", "edge", "curve"):
@@ -90,34 +90,34 @@ class Sources(FrozenArrays):
 
     @property
     def first_curve(self) -> int:
-        """Number of the first curve among the sources."""
+        """Index of the first curve among the sources."""
         return len(self.vertex) + len(self.points)
 
     def __len__(self) -> int:
         return self.first_curve + self.n_curves
 
-    def corners(self, mesh: SurfaceMesh, number: int) -> NDArray[np.int64]:
+    def corners(self, mesh: SurfaceMesh, index: int) -> NDArray[np.int64]:
         """Vertex of a source, the corners of its face, or the vertices of its curve."""
-        if number < len(self.vertex):
-            return self.vertex[number : number + 1]
-        if number < self.first_curve:
-            return mesh.faces[self.points.face[number - len(self.vertex)]]
-        return unique_keys(mesh.topology.edges[self.edge[self.curve == number - self.first_curve]])
+        if index < len(self.vertex):
+            return self.vertex[index : index + 1]
+        if index < self.first_curve:
+            return mesh.faces[self.points.face[index - len(self.vertex)]]
+        return unique_keys(mesh.topology.edges[self.edge[self.curve == index - self.first_curve]])
 
     def curve_vertices(self, mesh: SurfaceMesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Vertices of the curves, and the number of the source to which each belongs."""
+        """Vertices of the curves, and the index of the source to which each belongs."""
         ends = mesh.topology.edges[self.edge].reshape(-1)
         vertex, first = np.unique(ends, return_index=True)
         return vertex, self.first_curve + np.repeat(self.curve, 2)[first]
 
     def at_vertices(self, mesh: SurfaceMesh) -> tuple[Sources, NDArray[np.int64]]:
         """The sources with the vertices of each curve in place of the curve, and the number here of each."""
-        vertex, number = self.curve_vertices(mesh)
+        vertex, index = self.curve_vertices(mesh)
         own = np.arange(self.first_curve)
         k = len(self.vertex)
         return (
             Sources(np.concatenate([self.vertex, vertex]), self.points),
-            np.concatenate([own[:k], number, own[k:]]),
+            np.concatenate([own[:k], index, own[k:]]),
         )
 
     def positions(self, mesh: TriangleMesh) -> NDArray[np.float64]:
@@ -132,8 +132,8 @@ class Sources(FrozenArrays):
         if isinstance(mesh, TriangleMesh):
             for entry, position in zip(entries, self.positions(mesh)):
                 entry["position"] = position.tolist()
-        for number in range(self.n_curves):
-            edge = self.edge[self.curve == number]
+        for index in range(self.n_curves):
+            edge = self.edge[self.curve == index]
             ends = mesh.topology.edges[edge]
             closed = bool((np.unique(ends, return_counts=True)[1] == 2).all())
             length = float(edge_lengths(mesh)[edge].sum())
@@ -149,8 +149,8 @@ class Sources(FrozenArrays):
         for i in range(len(self.points)):
             point = SurfacePoints(self.points.face[i : i + 1], self.points.barycentric[i : i + 1])
             singles.append(Sources(none, point))
-        for number in range(self.n_curves):
-            edge = self.edge[self.curve == number]
+        for index in range(self.n_curves):
+            edge = self.edge[self.curve == index]
             singles.append(Sources(none, SurfacePoints.none(), edge, np.zeros(len(edge), dtype=np.int64)))
         return singles
 
@@ -164,7 +164,7 @@ class VertexDistances:
     distance : (n,) ndarray of float64
         inf at unreached vertices.
     nearest_source : (n,) ndarray of int64
-        Number of the nearest source (vertices, points, curves); -1 at unreached vertices.
+        Index of the nearest source (vertices, points, curves); -1 at unreached vertices.
     """
 
     distance: NDArray[np.float64]
@@ -179,7 +179,7 @@ def check_sources(
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
-    sources : Sources, vertex number or array of vertex numbers
+    sources : Sources, vertex index or array of vertex indices
     what : str
         Noun for one of them, in errors.
 

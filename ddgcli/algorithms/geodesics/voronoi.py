@@ -39,7 +39,7 @@ def voronoi_regions(
     Returns
     -------
     (m,) ndarray of int64
-        Number of the source; -1 where none reaches.
+        Index of the source; -1 where none reaches.
     """
     return exact_distance(mesh, sources, targets=face_centroids(mesh), progress=progress).target_source
 

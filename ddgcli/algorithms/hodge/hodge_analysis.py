@@ -20,7 +20,7 @@ from ddgcli.algorithms.hodge.decomposition import (
 )
 from ddgcli.algorithms.hodge.harmonic import HarmonicBasis, harmonic_basis
 from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, generator_loops
-from ddgcli.algorithms.hodge.solid_decomposition import component_numbers, joined_decomposition
+from ddgcli.algorithms.hodge.solid_decomposition import component_indices, joined_decomposition
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
 from ddgcli.errors import MeshError, ParameterError, counted
 from ddgcli.geometry.cures import cure_of_bad_shapes, warn_of_pieces
@@ -263,7 +263,7 @@ def _decomposed(mesh: SpaceMesh, array: NDArray, place: str, boundary: Boundary)
         return _decomposed_in_range(mesh, array, place, boundary)
     components = solid_components(mesh)
     splits = [
-        _decomposed_in_range(component.mesh, array[component_numbers(component, place)], place, boundary)
+        _decomposed_in_range(component.mesh, array[component_indices(component, place)], place, boundary)
         for component in components
     ]
     split = joined_decomposition(mesh, components, splits, place)

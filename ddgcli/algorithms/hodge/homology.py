@@ -137,7 +137,7 @@ def tree_cotree(mesh: SurfaceMesh, boundary: Boundary = "tangential") -> TreeCot
 
 
 def _boundary_merged(topology: Topology) -> NDArray[np.int64]:
-    """(n,) vertex numbers with the boundary of each component merged into one of its vertices."""
+    """(n,) vertex indices with the boundary of each component merged into one of its vertices."""
     node = np.arange(topology.n_vertices)
     rim = np.flatnonzero(topology.boundary_vertex)
     component = topology.vertex_component[rim]
@@ -168,14 +168,14 @@ def _dual_edges(topology: Topology, outer: bool) -> tuple[NDArray, NDArray]:
 
 
 def _lightest(ends: NDArray, weight: NDArray, usable: NDArray) -> NDArray[np.int64]:
-    """Numbers of the usable edges that are lightest between their two (different) nodes."""
-    number = np.flatnonzero(usable & (ends[:, 0] != ends[:, 1]) & (ends >= 0).all(axis=1))
-    low, high = ends[number].min(axis=1), ends[number].max(axis=1)
-    order = np.lexsort((number, weight[number], high, low))
+    """Indices of the usable edges that are lightest between their two (different) nodes."""
+    index = np.flatnonzero(usable & (ends[:, 0] != ends[:, 1]) & (ends >= 0).all(axis=1))
+    low, high = ends[index].min(axis=1), ends[index].max(axis=1)
+    order = np.lexsort((index, weight[index], high, low))
     low, high = low[order], high[order]
     first = np.ones(len(order), dtype=bool)
     first[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
-    return number[order[first]]
+    return index[order[first]]
 
 
 def _shortest_tree(
@@ -263,8 +263,8 @@ def closed_cochains(mesh: SurfaceMesh, boundary: Boundary = "tangential") -> csr
     if not columns:
         return csr_array(shape)
     rows, values = (np.concatenate([column[k] for column in columns]) for k in (0, 1))
-    number = np.repeat(np.arange(len(columns)), [len(crossed) for crossed, _ in columns])
-    matrix = csr_array(coo_array((values.astype(float), (rows, number)), shape=shape))
+    index = np.repeat(np.arange(len(columns)), [len(crossed) for crossed, _ in columns])
+    matrix = csr_array(coo_array((values.astype(float), (rows, index)), shape=shape))
     matrix.eliminate_zeros()
     return matrix
 

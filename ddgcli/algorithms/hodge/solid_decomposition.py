@@ -12,8 +12,8 @@ from ddgcli.mesh.solid_components import SolidComponent
 from ddgcli.mesh.tet_mesh import TetMesh
 
 
-def component_numbers(component: SolidComponent, place: str) -> NDArray[np.int64]:
-    """Numbers of the values of a component in a field of the whole mesh.
+def component_indices(component: SolidComponent, place: str) -> NDArray[np.int64]:
+    """Indices of the values of a component in a field of the whole mesh.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def joined_decomposition(
         of no tetrahedron.
     """
     counts = {"vertex": mesh.n_vertices, "cell": len(mesh.tetrahedra), "edge": len(mesh.edges)}
-    numbers = [component_numbers(component, place) for component in components]
+    numbers = [component_indices(component, place) for component in components]
 
     def joined(name: str) -> NDArray[np.float64]:
         return _scattered(counts[place], numbers, [getattr(split, name) for split in splits])

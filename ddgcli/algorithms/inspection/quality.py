@@ -1,4 +1,4 @@
-"""Quality of a mesh: shape of its cells, and defects with the numbers of the first ones."""
+"""Quality of a mesh: shape of its cells, and defects with the indices of the first ones."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ANGLE_BINS = np.arange(0.0, 181.0, 10.0)
 
 
 def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
-    """Counts of defects of a surface, and `..._first`, the numbers of the first ones.
+    """Counts of defects of a surface, and `..._first`, the indices of the first ones.
 
     `duplicate_faces` counts faces with the three vertices of an earlier face, in any order;
     `coincident_vertices` counts used vertices at exactly the position of an earlier one; `t_junctions` counts

@@ -186,7 +186,7 @@ def boundary_loops(mesh: TriangleMesh, verb: str) -> list[NDArray[np.int64]]:
 
 
 def _local_numbers(n_vertices: int, vertices: NDArray, loops: list[NDArray]) -> NDArray[np.int64]:
-    """(n,) number of each vertex among those of the operator; MeshError where a boundary vertex has none."""
+    """(n,) index of each vertex among those of the operator; MeshError where a boundary vertex has none."""
     local = np.full(n_vertices, -1)
     local[vertices] = np.arange(len(vertices))
     require_size_at_boundary(loops, local >= 0)
@@ -294,7 +294,7 @@ def _principal_axes(z: NDArray, weight: NDArray, points: NDArray) -> NDArray[np.
 def _turn_to_axes(values: NDArray, weight: NDArray, points: NDArray) -> complex:
     """Unit factor (of real values a sign) by which they grow along x, y or z, the first that they depend on.
 
-    Positions alone decide, not the numbers of the vertices.
+    Positions alone decide, not the indices of the vertices.
     """
     offset = points - weight @ points / weight.sum()
     offset = offset / (np.abs(offset).max() or 1.0)

@@ -57,7 +57,7 @@ def pairs_of_sides(mesh: TriangleMesh, of_bodies: bool) -> NDArray[np.int64]:
     Returns
     -------
     (k, 2) ndarray of int64
-        Flat numbers of sides.
+        Flat indices of sides.
     """
     topology = mesh.topology
     side_edge = topology.side_edge.ravel()

@@ -53,18 +53,18 @@ def fill_holes(repaired: RepairedMesh, most_edges: int) -> RepairedMesh:
     source = np.concatenate([repaired.input_face, np.full(len(faces) - mesh.n_faces, -1)])
     closed = TriangleMesh.from_arrays(mesh.points, faces)
     if filled and len(closed.flat_faces):
-        faces, number = _without_flat_faces(closed, mesh.n_faces)
-        closed, source = TriangleMesh.from_arrays(mesh.points, faces), source[number]
+        faces, index = _without_flat_faces(closed, mesh.n_faces)
+        closed, source = TriangleMesh.from_arrays(mesh.points, faces), source[index]
     return RepairedMesh(closed, repaired.input_vertex, source, filled)
 
 
 def _without_flat_faces(mesh: TriangleMesh, first: int) -> tuple[NDArray, NDArray[np.int64]]:
-    """Faces with the longest edge flipped of each face from `first` on without area; the old number of each.
+    """Faces with the longest edge flipped of each face from `first` on without area; the old index of each.
 
     Where the new edge exists as the third one of a vertex, the three faces of this vertex become one. A face
     stays where it has no neighbour there, or a new face would have no area either.
     """
-    faces, number = mesh.faces.copy(), np.arange(mesh.n_faces)
+    faces, index = mesh.faces.copy(), np.arange(mesh.n_faces)
     flat = mesh.flat_faces[mesh.flat_faces >= first]
     beside = np.flatnonzero(np.isin(faces, faces[flat]).sum(axis=1) > 1)
     face_of = {side: face for face in beside.tolist() for side in _sides(faces[face])}
@@ -77,10 +77,10 @@ def _without_flat_faces(mesh: TriangleMesh, first: int) -> tuple[NDArray, NDArra
         for side in [side for k in old for side in _sides(faces[k])]:
             del face_of[side]
         for k, corners in zip(old, new):
-            faces[k], number[k] = corners, old[0]
+            faces[k], index[k] = corners, old[0]
             face_of |= dict.fromkeys(_sides(faces[k]), k)
-        number[old[len(new) :]] = -1
-    return faces[number >= 0], number[number >= 0]
+        index[old[len(new) :]] = -1
+    return faces[index >= 0], index[index >= 0]
 
 
 def _replacement(

@@ -11,7 +11,7 @@ from ddgcli.geometry.extrinsic import dihedral_angle, folded_edges
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.boundary import boundary_vertex_loops
 from ddgcli.mesh.cures import cure
-from ddgcli.mesh.edge_lookup import edge_numbers
+from ddgcli.mesh.edge_lookup import edge_indices
 from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -33,7 +33,7 @@ def fill_loops(mesh: TriangleMesh, fill: int | str = "all") -> tuple[TriangleMes
     mesh : TriangleMesh
         Oriented manifold with boundary.
     fill : int or 'all'
-        Number of a vertex on the loop to close.
+        Index of a vertex on the loop to close.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def fill_loops(mesh: TriangleMesh, fill: int | str = "all") -> tuple[TriangleMes
     """
     if isinstance(fill, str) and fill != "all":
         raise ParameterError(
-            f"{fill!r} is not a vertex number; name one on the loop, or all", parameter="fill"
+            f"{fill!r} is not a vertex index; name one on the loop, or all", parameter="fill"
         )
     require(mesh, "filling", manifold=True, oriented=True)
     loops = boundary_vertex_loops(mesh.topology)
@@ -120,7 +120,7 @@ def _patch(mesh: TriangleMesh, loop: NDArray) -> tuple[NDArray[np.float64], NDAr
             raise _without_area(loop[::-1]) from None
         patch = _oriented(flat, simplices.astype(np.int64))
         chords = _chords(patch, len(loop))
-        double = edge_numbers(mesh.topology.edges, loop[chords]) >= 0
+        double = edge_indices(mesh.topology.edges, loop[chords]) >= 0
         if not double.any():
             break
         # an edge of the mesh already joins the ends of such a chord: a vertex goes between

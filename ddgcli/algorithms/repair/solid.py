@@ -148,8 +148,8 @@ def repair_solid(mesh: TetMesh, chosen_steps: RepairSteps) -> RepairedSolid:
         corners = np.where(inverted[:, None], corners[:, [1, 0, 2, 3]], corners)
         changes["orient"] = int(inverted.sum())
     if "drop_unused" in steps:
-        referenced, number = np.unique(corners, return_inverse=True)
-        corners = number.reshape(-1, 4)
+        referenced, index = np.unique(corners, return_inverse=True)
+        corners = index.reshape(-1, 4)
         changes["drop_unused"] = len(points) - len(referenced)
         points, vertex = points[referenced], vertex[referenced]
     return RepairedSolid(TetMesh.from_arrays(points, corners), vertex, cell, changes)
@@ -191,7 +191,7 @@ def _separated(mesh: TetMesh, ends: NDArray[np.int64]) -> tuple[TetMesh, NDArray
     """The mesh with a vertex for each set of corners that meet across faces, and the vertex of each copy.
 
     Cells do not meet at the vertices `ends`, nor across faces of more than two cells. The first set of a
-    vertex keeps its number.
+    vertex keeps its index.
     """
     corners = mesh.tetrahedra
     triangle = mesh.cell_triangle.ravel()
@@ -206,13 +206,13 @@ def _separated(mesh: TetMesh, ends: NDArray[np.int64]) -> tuple[TetMesh, NDArray
     vertex = corners.ravel()[start]
     by_vertex = np.lexsort((start, vertex))
     further = by_vertex[1:][vertex[by_vertex[1:]] == vertex[by_vertex[:-1]]]
-    number = vertex.copy()
-    number[further] = mesh.n_vertices + np.arange(len(further))
+    index = vertex.copy()
+    index[further] = mesh.n_vertices + np.arange(len(further))
     source = np.concatenate([np.arange(mesh.n_vertices), vertex[further]])
-    return TetMesh.from_arrays(mesh.points[source], number[fan].reshape(-1, 4)), source
+    return TetMesh.from_arrays(mesh.points[source], index[fan].reshape(-1, 4)), source
 
 
 def _face_corners(corners: NDArray, side: NDArray) -> NDArray[np.int64]:
-    """(s, 3) flat numbers of the corners of sides of cells, by ascending vertices."""
+    """(s, 3) flat indices of the corners of sides of cells, by ascending vertices."""
     local = 4 * (side // 4)[:, None] + TET_FACES[side % 4]
     return np.take_along_axis(local, np.argsort(corners.ravel()[local], axis=1), axis=1)

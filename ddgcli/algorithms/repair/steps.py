@@ -55,7 +55,7 @@ def _of_faces(repaired: RepairedMesh, face_mask: NDArray[np.bool_]) -> RepairedM
 def weld(repaired: RepairedMesh, distance: float = 0.0) -> RepairedMesh:
     """Merge vertices at the same place, or joined by gaps of at most a distance.
 
-    A merged vertex keeps the position of the one with the lowest number.
+    A merged vertex keeps the position of the one with the lowest index.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def near_vertices(points: NDArray, distance: float) -> tuple[NDArray[np.int64], 
     Returns
     -------
     first : (k,) ndarray of int64
-        Lowest number of each group, ascending.
+        Lowest index of each group, ascending.
     group : (n,) ndarray of int64
     """
     if distance == 0.0:
@@ -144,8 +144,8 @@ def drop_unused(repaired: RepairedMesh) -> RepairedMesh:
     RepairedMesh
     """
     referenced = repaired.mesh.topology.referenced_vertex
-    number = np.cumsum(referenced) - 1
-    mesh = TriangleMesh.from_arrays(repaired.mesh.points[referenced], number[repaired.mesh.faces])
+    index = np.cumsum(referenced) - 1
+    mesh = TriangleMesh.from_arrays(repaired.mesh.points[referenced], index[repaired.mesh.faces])
     return RepairedMesh(
         mesh, repaired.input_vertex[referenced], repaired.input_face, int((~referenced).sum())
     )
@@ -191,7 +191,7 @@ def separated(
 ) -> RepairedMesh:
     """The mesh with one vertex for each set of corners that meet across joined edges.
 
-    The first set of a vertex keeps its number; the others follow behind all vertices.
+    The first set of a vertex keeps its index; the others follow behind all vertices.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def separated(
     joined : (e,) ndarray of bool
         Edges of two faces to keep.
     pairs : (k, 2) ndarray of int64, optional
-        Flat numbers of two sides of an edge of more faces, which stay joined.
+        Flat indices of two sides of an edge of more faces, which stay joined.
 
     Returns
     -------
@@ -220,10 +220,10 @@ def separated(
     vertex = mesh.faces.ravel()[first]
     order = np.lexsort((first, vertex))
     further = order[1:][vertex[order[1:]] == vertex[order[:-1]]]
-    number = vertex.copy()
-    number[further] = mesh.n_vertices + np.arange(len(further))
+    index = vertex.copy()
+    index[further] = mesh.n_vertices + np.arange(len(further))
     source = np.concatenate([np.arange(mesh.n_vertices), vertex[further]])
-    split = TriangleMesh.from_arrays(mesh.points[source], number[fan].reshape(-1, 3))
+    split = TriangleMesh.from_arrays(mesh.points[source], index[fan].reshape(-1, 3))
     return RepairedMesh(split, repaired.input_vertex[source], repaired.input_face, len(further))
 
 

@@ -70,5 +70,5 @@ def _divide_sides(
 
 
 def _next_side(side: NDArray) -> NDArray[np.int64]:
-    """Flat number of the side after this one in its face."""
+    """Flat index of the side after this one in its face."""
     return 3 * (side // 3) + NEXT[side % 3]

@@ -94,7 +94,7 @@ def submesh_near_source(
 ) -> tuple[NDArray, SurfaceMesh, Sources]:
     """Submesh of the faces at some vertices, with the source on it.
 
-    Vertices keep their numbers, and complete fans of faces keep their first corners.
+    Vertices keep their indices, and complete fans of faces keep their first corners.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from scipy.sparse import csc_array
 
 from ddgcli.algorithms.geodesics.edge_sets import EdgeSet
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.sources import Sources, edge_lengths, no_numbers
+from ddgcli.algorithms.geodesics.sources import Sources, edge_lengths, no_indices
 from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
 from ddgcli.choices import SIGNED_DISTANCE_METHODS
 from ddgcli.errors import ParameterError
@@ -88,7 +88,7 @@ def signed_distance(mesh: TriangleMesh, curves: EdgeSet, method: str = "auto") -
         closed = method == "heat" and region_signs(mesh, curves) is not None
         return _heat(mesh, curves, warn=method == "auto", closed=closed)
     zero = np.zeros(len(curves), dtype=np.int64)
-    distance = exact_distance(mesh, Sources(no_numbers(), SurfacePoints.none(), curves.edge, zero)).distance
+    distance = exact_distance(mesh, Sources(no_indices(), SurfacePoints.none(), curves.edge, zero)).distance
     of_vertex = np.ones(mesh.n_vertices)
     of_vertex[mesh.faces.ravel()] = np.repeat(sign, 3)
     return SignedDistance(np.where(distance > 0, of_vertex * distance, 0.0), "exact", True, 0.0)

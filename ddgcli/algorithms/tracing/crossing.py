@@ -123,7 +123,7 @@ def on_side(side: NDArray, share: NDArray) -> NDArray[np.float64]:
     Parameters
     ----------
     side : (k,) ndarray of int64
-        Flat side numbers 3*face + j.
+        Flat side indices 3*face + j.
     share : (k,) ndarray of float64
         Position of the point as a fraction of the side, from its tail.
 

@@ -13,7 +13,7 @@ BLOCK_SIZE = 1 << 14  # points converted at once; they fit in the cache
 
 
 class PointRecorder:
-    """Points of lines after each step, as marks: the fraction along a side plus 1j times the side number.
+    """Points of lines after each step, as marks: the fraction along a side plus 1j times the side index.
 
     An entry holds one step of all active lines, or several steps of the same lines, one row each.
     """

@@ -28,7 +28,7 @@ class Task:
     Parameters
     ----------
     index : int
-        Number of the task in the whole batch, from 0.
+        Index of the task in the whole batch, from 0.
     input : str
     parameters : dict of str to str
         Swept option names (without dashes) and their values.

@@ -166,7 +166,7 @@ def _without_defaults(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def _frame_numbers(source: Trajectory, settings: dict[str, Any]) -> list[int]:
-    """Numbers of the selected frames."""
+    """Indices of the selected frames."""
     times = source.times
     slack = 1e-9 * max(abs(float(times[-1])), 1e-300)
     if settings["time"] is not None:

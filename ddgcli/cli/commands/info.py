@@ -28,7 +28,7 @@ def command(mesh_path: str, self_intersections: bool, common: CommonOptions) -> 
     """Report the contents and the quality of MESH, and which commands accept it.
 
     Counts, components, boundary loops, genus, orientation; angles and aspect of the cells; defects with
-    the numbers of the first few; size in the file's own unit; `accepts` for every command: yes, or the
+    the indices of the first few; size in the file's own unit; `accepts` for every command: yes, or the
     reason and a repair. Surfaces, tetrahedra and curves. Nothing is repaired.
 
     -o writes the mesh with arrays that locate the defects: component, boundary, non_manifold (vertices) and

@@ -77,7 +77,7 @@ evolution_options = grouped_options("evolution", EvolutionOptions, _OPTIONS)
 
 
 def start_of(source: MeshInput, options: EvolutionOptions) -> NDArray | int:
-    """The function at the start: a vertex array, or the number of a vertex."""
+    """The function at the start: a vertex array, or the index of a vertex."""
     from ddgcli.cli.subdivided_input import input_function
 
     equation = options.equation or ""

@@ -82,7 +82,7 @@ def _names(names: tuple[str, ...]) -> str:
     "--region",
     metavar="ARRAY|FILE",
     help="Move these vertices only: an array of the input or a file, one value per vertex (not 0: moves), or "
-    "vertex numbers.",
+    "vertex indices.",
 )
 def command(
     mesh_path: str,

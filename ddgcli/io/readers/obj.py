@@ -97,7 +97,7 @@ def _points(vertices: _Element) -> tuple[NDArray[np.float64], NDArray[np.float64
 
 
 def _fields(text: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """Number of the field, from 0, that holds each byte of words like 1/2/3; a slash begins a field."""
+    """Index of the field, from 0, that holds each byte of words like 1/2/3; a slash begins a field."""
     slashes = np.cumsum(text == ord("/"), dtype=np.int32)
     return slashes - np.maximum.accumulate(np.where(text <= ord(" "), slashes, np.int32(0)))
 
@@ -159,7 +159,7 @@ def _checked_indices(lines: TextLines, n_points: int, what: str) -> NDArray[np.i
             f"line {owner[bad[0]] + 1}: vertex {values[bad[0]]:.17g} of a {what} is outside "
             f"1..{n_points}; correct the index"
         )
-    return whole_numbers(values, "vertex number")
+    return whole_numbers(values, "vertex index")
 
 
 def _segments(along: NDArray, sizes: NDArray) -> NDArray:

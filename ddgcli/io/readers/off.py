@@ -108,7 +108,7 @@ def _faces(lines: TextLines, n_points: int) -> tuple[NDArray, NDArray]:
             f"line {lines.number[face] + 1}: face {face} names vertex {index[bad[0]]:.17g}, outside "
             f"0..{n_points - 1}; correct the index"
         )
-    return whole_numbers(index, "vertex number"), sizes
+    return whole_numbers(index, "vertex index"), sizes
 
 
 def _members(values: NDArray, first: NDArray, count: NDArray, sizes: NDArray) -> NDArray:

@@ -331,7 +331,7 @@ def _raw(columns: dict[str, Columns]) -> RawMesh:
     if corners is not None and not isinstance(corners, tuple):
         raise MeshFileError("'vertex_indices' of the PLY faces is not a list; correct the header")
     if corners is not None:
-        raw.corners, raw.sizes = whole_numbers(np.asarray(corners[0]), "vertex number").ravel(), corners[1]
+        raw.corners, raw.sizes = whole_numbers(np.asarray(corners[0]), "vertex index").ravel(), corners[1]
         raw.face = _with_appearance(_scalars(face))
         texture = face.get("texcoord")
         if isinstance(texture, tuple) and np.array_equal(texture[1], 2 * raw.sizes):
@@ -339,13 +339,13 @@ def _raw(columns: dict[str, Columns]) -> RawMesh:
         elif isinstance(texture, tuple) and texture[1].any():
             raw.notes.append("the list 'texcoord' has no two numbers for each corner: it is omitted")
     for members, _ in (v for v in columns.get("tristrips", {}).values() if isinstance(v, tuple)):
-        raw.add_faces(_strips(whole_numbers(np.asarray(members), "vertex number").ravel()))
+        raw.add_faces(_strips(whole_numbers(np.asarray(members), "vertex index").ravel()))
     edge = columns.get("edge", {})
     if {"vertex1", "vertex2"} <= edge.keys():
         ends = [edge[k] for k in ("vertex1", "vertex2")]
         if any(isinstance(end, tuple) for end in ends):
             raise MeshFileError("'vertex1' and 'vertex2' of the PLY edges are lists; correct the header")
-        raw.lines = np.stack([whole_numbers(np.asarray(end), "vertex number") for end in ends], axis=1)
+        raw.lines = np.stack([whole_numbers(np.asarray(end), "vertex index") for end in ends], axis=1)
         raw.line = _scalars({k: v for k, v in edge.items() if k not in ("vertex1", "vertex2")})
     return raw
 

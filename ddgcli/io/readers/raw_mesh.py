@@ -211,7 +211,7 @@ def _check_edges(raw: RawMesh) -> None:
     whole = edges.dtype.kind in "iu" and edges.ndim == 2 and edges.shape[1] == 2
     if not whole or ((edges < 0) | (edges >= n_points)).any():
         raw.notes.append(
-            f"'edges' is not an (e, 2) array of vertex numbers below {n_points}: arrays on edges are omitted"
+            f"'edges' is not an (e, 2) array of vertex indices below {n_points}: arrays on edges are omitted"
         )
         raw.edge = {}
 

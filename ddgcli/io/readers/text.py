@@ -51,7 +51,7 @@ class TextLines:
     begin : (k + 1,) ndarray of int64
         Place of each line in the text, and the length of the text.
     number : (k,) ndarray of int64
-        Number of each line in the file, from 0.
+        Index of each line in the file, from 0.
     """
 
     text: bytes
@@ -124,7 +124,7 @@ def rows(lines: Sequence[bytes], line_number: Sequence[int], what: str) -> tuple
     ----------
     lines : sequence of bytes
     line_number : sequence of int
-        Number of each line in the file, from 0, for the error.
+        Index of each line in the file, from 0, for the error.
     what : str
         Name of a line in the error, such as `row`.
 
@@ -239,7 +239,7 @@ def whole_numbers(values: NDArray, what: str) -> NDArray[np.int64]:
     ----------
     values : ndarray of int or float
     what : str
-        Name of a number in the error, such as `vertex number`.
+        Name of a number in the error, such as `vertex index`.
 
     Returns
     -------

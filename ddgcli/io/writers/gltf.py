@@ -51,7 +51,7 @@ def glb_bytes(data: CellData) -> bytes:
 def _split(data: CellData, seams: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """(faces, vertex of the mesh, uv) with one vertex for every pair of vertex and texture coordinate.
 
-    The vertices of the mesh keep their numbers; the further ones follow.
+    The vertices of the mesh keep their indices; the further ones follow.
     """
     n = len(data.points)
     corner = np.nan_to_num(seams.reshape(-1, 2))

@@ -85,7 +85,7 @@ def natural_sides(sections: Sequence[BoundaryPart], owner: NDArray) -> NDArray[n
     ----------
     sections : sequence of BoundaryPart
     owner : (s,) ndarray of int64
-        Number of the section of every boundary side, len(sections) for the rest.
+        Index of the section of every boundary side, len(sections) for the rest.
 
     Returns
     -------

@@ -33,7 +33,7 @@ class BoundaryVelocity:
     outward : (b, 3) ndarray of float64
         Out of the surface or the volume, as long as the sides or faces are large [m, m^2].
     owner : (b,) ndarray of int64
-        Number of the section of each, len(sections) for the rest.
+        Index of the section of each, len(sections) for the rest.
     along : (b, 3) ndarray of float64, optional
         The sides of a surface [m].
     """

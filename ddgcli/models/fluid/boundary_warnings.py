@@ -24,7 +24,7 @@ def warn_of_crossed_obstacles(
     context : FluidContext
     sections : sequence of BoundaryPart
     owner : (s,) ndarray of int64
-        Number of the section of every boundary side.
+        Index of the section of every boundary side.
     vertices : (s, 2 or 3) ndarray of int64
         Corners of these sides.
     """
@@ -47,7 +47,7 @@ def warn_of_still_walls(sections: Sequence[BoundaryPart], owner: NDArray, along:
     ----------
     sections : sequence of BoundaryPart
     owner : (s,) ndarray of int64
-        Number of the section of every boundary side.
+        Index of the section of every boundary side.
     along : (s,) ndarray of float64
         What is 0 where the prescribed velocity has no component along the side.
     """

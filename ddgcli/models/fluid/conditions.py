@@ -243,7 +243,7 @@ def _ends(n: int, tail: NDArray, head: NDArray, selection: NDArray) -> NDArray[n
 def _owners(
     context: FluidContext, sections: Sequence[BoundaryPart], tail: NDArray, head: NDArray, side: NDArray
 ) -> NDArray[np.int64]:
-    """(s,) number of the part of every boundary side, len(parts) for the rest."""
+    """(s,) index of the part of every boundary side, len(parts) for the rest."""
     place = dict(zip("xyz", (context.points[tail] + 0.5 * side).T))
     owner = np.full(len(tail), len(sections), dtype=np.int64)
     for i, section in reversed(list(enumerate(sections))):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.edge_lookup import edge_numbers
+from ddgcli.mesh.edge_lookup import edge_indices
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 
@@ -25,7 +25,7 @@ class NaturalOutflow:
     def __init__(self, mesh: SurfaceMesh, sides: NDArray[np.int64], vertices: NDArray[np.bool_]) -> None:
         topology, self.vertices = mesh.topology, vertices
         self.tail, self.head = sides.T
-        self.edge = edge_numbers(topology.edges, sides)
+        self.edge = edge_indices(topology.edges, sides)
         self.sign = np.where(topology.edges[self.edge, 0] == self.tail, 1.0, -1.0)
         length = np.zeros(topology.n_edges)
         length[topology.side_edge] = mesh.side_length

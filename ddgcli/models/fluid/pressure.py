@@ -99,7 +99,7 @@ class SurfacePressure(PressurePhase):
         return WallVorticity(self.space, setting.context, setting.slip) if setting.no_slip else None
 
     def _outflow_chains(self) -> list[NDArray[np.int64]]:
-        """Numbers of the boundary sides of every natural outflow, one after another."""
+        """Indices of the boundary sides of every natural outflow, one after another."""
         space = self.space
         if space.open_sides is None:
             return []

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.edge_lookup import edge_numbers
+from ddgcli.mesh.edge_lookup import edge_indices
 from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
@@ -328,7 +328,7 @@ def _loops(model: FluidModel, vorticity: NDArray, last: TrajectoryFrame) -> list
     circulations = []
     for loop in generator_loops(space.mesh):
         tail, head = loop, np.roll(loop, -1)
-        edge = edge_numbers(topology.edges, np.stack([tail, head], axis=1))
+        edge = edge_indices(topology.edges, np.stack([tail, head], axis=1))
         circulations.append(float(np.sum(np.where(topology.edges[edge, 0] == tail, 1, -1) * on_edge[edge])))
     return circulations
 

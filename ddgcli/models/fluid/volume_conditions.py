@@ -167,7 +167,7 @@ class _Rim:
         self.largest_flux = 0.0  # through the whole boundary in the run
 
     def _owners(self, context: Any) -> NDArray[np.int64]:
-        """(b,) number of the section of every boundary face, len(sections) for the rest."""
+        """(b,) index of the section of every boundary face, len(sections) for the rest."""
         owner = np.full(len(self.face), len(self.sections))
         for number, section in reversed(list(enumerate(self.sections))):
             covered = np.ones(len(self.face), dtype=bool)

@@ -109,7 +109,7 @@ class VolumeSpace:
 
     @cached_property
     def face_component(self) -> NDArray[np.int64]:
-        """(F,) number of the component of every face; cells that share a face are connected."""
+        """(F,) index of the component of every face; cells that share a face are connected."""
         rows = np.repeat(self.cell_face[:, 0], 3)
         links = coo_array(
             (np.ones(len(rows)), (rows, self.cell_face[:, 1:].ravel())), shape=(self.n_faces,) * 2
@@ -219,7 +219,7 @@ class VolumeSpace:
 
     @cached_property
     def boundary(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Cell and local number of every boundary face."""
+        """Cell and local index of every boundary face."""
         cell, i = np.nonzero(self.face_count[self.cell_face] == 1)
         return cell, i
 

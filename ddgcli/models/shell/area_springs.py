@@ -22,7 +22,7 @@ class AreaSprings(Potential):
         self.stencil, self.rest, self.stiffness = faces, rest, stiffness
 
     def subset(self, rows: NDArray, stencil: NDArray) -> AreaSprings:
-        """Some of the faces, with these numbers of their vertices."""
+        """Some of the faces, with these vertex indices."""
         return AreaSprings(stencil, self.rest[rows], self.stiffness)
 
     def _area(self, x: NDArray) -> tuple[NDArray, NDArray, NDArray]:

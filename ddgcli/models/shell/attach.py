@@ -30,7 +30,7 @@ class Attach(Section):
     object: str = Field(description="shell")
     to: str = Field(description="other shell, or obstacle")
     name: str | None = Field(None, description="of the reaction force on an obstacle; default attach")
-    vertices: list[int] | None = Field(None, description="vertex numbers of the shell")
+    vertices: list[int] | None = Field(None, description="vertex indices of the shell")
     box: list[vector("m")] | None = Field(
         None, min_length=2, max_length=2, description="two opposite corners, [[x, y, z], [x, y, z]]"
     )

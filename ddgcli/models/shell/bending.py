@@ -63,7 +63,7 @@ class HingeBending(Potential):
         self.stencil, self.weight, self.rest = stencil, weight, rest
 
     def subset(self, rows: NDArray, stencil: NDArray) -> HingeBending:
-        """Some of the hinges, with these numbers of their vertices."""
+        """Some of the hinges, with these vertex indices."""
         return HingeBending(stencil, self.weight[rows], self.rest[rows])
 
     @at_last_point

@@ -46,7 +46,7 @@ def split_surface(topology: Topology, opened: NDArray[np.bool_]) -> SplitSurface
 
     The faces around a vertex stay together as far as edges between them are closed; each such fan has a
     vertex of its own, so a vertex splits where two open edges meet in it, or one at the boundary. The fan of
-    the first corner keeps the number of the vertex, those that come new follow in the order of their corners.
+    the first corner keeps the index of the vertex, those that come new follow in the order of their corners.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ class EdgeMoment(TensorPotential):
     couple : (c,) ndarray
         N m.
     side : (c,) ndarray
-        Flat numbers of the boundary sides.
+        Flat indices of the boundary sides.
     corner : (c, 3) ndarray
         Tail, head and apex of the sides.
     direction : (c, 3) ndarray

@@ -43,7 +43,7 @@ class ClampedSides:
     Parameters
     ----------
     side : (c,) ndarray of int
-        Flat numbers; both ends stay in a plane across `direction`.
+        Flat indices; both ends stay in a plane across `direction`.
     direction : (c, 3) ndarray
         Unit vectors across the side, at acute angles with the direction into the face.
     """

@@ -27,7 +27,7 @@ class Pin(Section):
 
     object: str | None = Field(None, description="shell; needed where the scene has several")
     name: str | None = Field(None, description="key in results.reaction_forces; default pin")
-    vertices: list[int] | None = Field(None, description="vertex numbers")
+    vertices: list[int] | None = Field(None, description="vertex indices")
     box: list[vector("m")] | None = Field(
         None, min_length=2, max_length=2, description="two opposite corners, [[x, y, z], [x, y, z]]"
     )

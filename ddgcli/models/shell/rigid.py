@@ -19,7 +19,7 @@ class Rigid(Section):
     """Edges of constant length: given ones, those between some vertices, or all."""
 
     object: str | None = Field(None, description="shell; needed where the scene has several")
-    edges: list[list[int]] | None = Field(None, description="pairs of vertex numbers")
+    edges: list[list[int]] | None = Field(None, description="pairs of vertex indices")
     vertices: list[int] | None = Field(None, description="every edge between two of these vertices")
     box: list[vector("m")] | None = Field(
         None, min_length=2, max_length=2, description="every edge between two vertices in this box"

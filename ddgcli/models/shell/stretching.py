@@ -46,7 +46,7 @@ class EdgeSprings(Potential):
         self.rest, self.stiffness = rest, stiffness
 
     def subset(self, rows: NDArray, stencil: NDArray) -> EdgeSprings:
-        """Some of the edges, with these numbers of their vertices."""
+        """Some of the edges, with these vertex indices."""
         return EdgeSprings(stencil, self.rest[rows], self.stiffness[rows])
 
     @at_last_point
@@ -129,7 +129,7 @@ class StVK(TensorPotential):
         self.rest_metric = np.eye(2) if rest_metric is None else rest_metric
 
     def subset(self, rows: NDArray, stencil: NDArray) -> StVK:
-        """Some of the faces, with these numbers of their vertices."""
+        """Some of the faces, with these vertex indices."""
         rest = self.rest_metric if self.rest_metric.ndim == 2 else self.rest_metric[rows]
         membrane = StVK(stencil, self.basis[rows], self.area[rows], self.lam, self.mu, rest)
         if self.assumed_stress is not None:

@@ -165,7 +165,7 @@ class Constraints:
         Motions along the normals contain no translation. Less the translation such a motion slides vertices
         within the surface: the area hardly depends on it, and would take long to rest.
     component : (n,) ndarray of int, optional
-        Number of each vertex's component among the c that each keep their own, with all vertices that move;
+        Index of each vertex's component among the c that each keep their own, with all vertices that move;
         -1 elsewhere.
     """
 
@@ -185,7 +185,7 @@ class Constraints:
         return 1 if self.component is None else int(self.component.max()) + 1
 
     def label(self, free: NDArray) -> NDArray[np.int64]:
-        """Number of the component of each free vertex among those that keep their own (k,)."""
+        """Index of the component of each free vertex among those that keep their own (k,)."""
         return np.zeros(len(free), np.int64) if self.component is None else self.component[free]
 
     def residuals(self, mesh: TriangleMesh) -> dict[str, NDArray[np.float64]]:

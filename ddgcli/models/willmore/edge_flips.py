@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.geometry.intrinsic import corner_angle
-from ddgcli.mesh.edge_lookup import edge_numbers
+from ddgcli.mesh.edge_lookup import edge_indices
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import row_cross, row_dot, vector_length
@@ -38,7 +38,7 @@ def delaunay_flips(mesh: TriangleMesh, movable: NDArray) -> Topology | None:
     Returns
     -------
     Topology or None
-        None where no edge is flipped. Face numbers stay; an edge ij of faces ijk, jil becomes kl of ilk, jkl.
+        None where no edge is flipped. Face indices stay; an edge ij of faces ijk, jil becomes kl of ilk, jkl.
     """
     topology, changed = mesh.topology, False
     for _ in range(MAX_FLIP_ROUNDS):
@@ -67,7 +67,7 @@ def _flippable(points: NDArray, topology: Topology, movable: NDArray) -> tuple[N
     keep = keep[_keeps_surface(points[quad[edges[keep]]])]
     edges, excess = edges[keep], excess[keep]
     low, high = np.sort(quad[edges, 2:], axis=1).T
-    is_new = (low != high) & (edge_numbers(topology.edges, quad[edges, 2:]) < 0)
+    is_new = (low != high) & (edge_indices(topology.edges, quad[edges, 2:]) < 0)
     worst = np.flatnonzero(is_new)
     worst = worst[largest_first(excess[worst])]
     edges, key = edges[worst], (low * topology.n_vertices + high)[worst]
@@ -84,7 +84,7 @@ def largest_first(values: NDArray) -> NDArray[np.int64]:
     """Order of decreasing values, in which rounding decides nothing.
 
     Values with the same first digits are in an order that looks random: along a row of equal edges the choice
-    of an independent set by their numbers would be one end of it.
+    of an independent set by their indices would be one end of it.
 
     Parameters
     ----------

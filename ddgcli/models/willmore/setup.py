@@ -79,7 +79,7 @@ def region_mask(region: NDArray, topology: Topology) -> NDArray[np.bool_]:
     Parameters
     ----------
     region : (n,) or (k,) ndarray
-        One value a vertex, not zero inside the region; or any other count of vertex numbers from 0.
+        One value a vertex, not zero inside the region; or any other count of vertex indices from 0.
     topology : Topology
 
     Returns
@@ -100,7 +100,7 @@ def region_mask(region: NDArray, topology: Topology) -> NDArray[np.bool_]:
         wrong = (values != np.round(values)) | (values < 0) | (values >= n)
         if wrong.any():
             raise ParameterError(
-                f"has {len(values)} values, neither one for each of the {n} vertices nor vertex numbers from "
+                f"has {len(values)} values, neither one for each of the {n} vertices nor vertex indices from "
                 f"0 to {n - 1} (first wrong: {values[wrong][0]:g})",
                 parameter="region",
             )
@@ -202,7 +202,7 @@ def _require_rest(topology: Topology, name: str, options: FlowOptions) -> None:
 def _moving_components(
     topology: Topology, options: FlowOptions, free: NDArray, film: bool
 ) -> NDArray[np.int64] | None:
-    """Number of the component of each vertex of those that keep their own area and volume, -1 elsewhere.
+    """Index of the component of each vertex of those that keep their own area and volume, -1 elsewhere.
 
     None where at most one moves, or nothing is kept.
 

@@ -56,7 +56,7 @@ def dominate(
 def _by_side(side: NDArray, b0: NDArray, shape: NDArray) -> NDArray[np.int64]:
     """Order of windows by side, then by their begin.
 
-    One key for both is fastest, but beside the number of a side it keeps a begin to 1e-10 of the side only.
+    One key for both is fastest, but beside the index of a side it keeps a begin to 1e-10 of the side only.
     Trimming windows in a wrong order leaves gaps of that size, through which the line to a vertex may pass.
     """
     order = np.argsort(side + 0.9999999 * b0 / shape[side, 0])

@@ -35,7 +35,7 @@ class ExactDistance(VertexDistances):
     """Exact distances, and the last segment of the shortest path to each vertex.
 
     The last straight piece of the shortest path to vertex v unfolds from an origin: a source, or a vertex
-    that the path bends around. Where `side[v]` >= 0 it enters the face of that flat side number 3f + j,
+    that the path bends around. Where `side[v]` >= 0 it enters the face of that flat side index 3f + j,
     opposite v, at `crossing[v]` from the side's first corner, and is straight back to the origin; where it is
     -1 it runs inside a face of v, from the origin vertex along an edge or from a source point in that face.
 
@@ -100,7 +100,7 @@ def exact_distance(
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
-    sources : Sources, vertex number or array of vertex numbers
+    sources : Sources, vertex index or array of vertex indices
     tolerance : float
         In lengths of the side crossed; 0 is exact. Otherwise a path may be missed if one that bends at a
         vertex is at most that much longer. It bounds each such detour; they add up along a path, and
@@ -218,11 +218,11 @@ def _propagate(
             wavefront, window_targets = start(slack=tolerance)
     wavefront.run(limit, most_windows, progress)
     if len(sources.edge):
-        side, number = _source_sides(mesh, sources)
+        side, index = _source_sides(mesh, sources)
         # a shortest path in space crosses a face at most once
         bound = mesh.n_faces if isinstance(mesh, TriangleMesh) else 1000 + 16 * mesh.n_faces
         propagate_strips(
-            wavefront, side, number,
+            wavefront, side, index,
             max_crossings=bound, limit=limit, most_windows=most_windows, progress=progress,
         )  # fmt: skip
         wavefront.run(limit, most_windows, progress)
@@ -240,10 +240,10 @@ def _source_vertices(mesh: SurfaceMesh, sources: Sources) -> NDArray[np.int64]:
 
 
 def _source_sides(mesh: SurfaceMesh, sources: Sources) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sides on source edges, and the number of the source of each."""
-    number = np.full(mesh.topology.n_edges, -1, dtype=np.int64)
-    number[sources.edge] = sources.first_curve + sources.curve
-    of_side = number[mesh.topology.side_edge.ravel()]
+    """Sides on source edges, and the index of the source of each."""
+    index = np.full(mesh.topology.n_edges, -1, dtype=np.int64)
+    index[sources.edge] = sources.first_curve + sources.curve
+    of_side = index[mesh.topology.side_edge.ravel()]
     side = np.flatnonzero(of_side >= 0)
     return side, of_side[side]
 

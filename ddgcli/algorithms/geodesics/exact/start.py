@@ -64,26 +64,26 @@ def start_wavefront(
 
 def _start(wavefront: Wavefront, mesh: SurfaceMesh, sources: Sources) -> None:
     """Launch every source; a point at a corner of its face is that vertex."""
-    vertices, numbers = [sources.vertex], [np.arange(len(sources.vertex))]
-    for values_by_kind, of_curves in zip((vertices, numbers), sources.curve_vertices(mesh)):
+    vertices, indices = [sources.vertex], [np.arange(len(sources.vertex))]
+    for values_by_kind, of_curves in zip((vertices, indices), sources.curve_vertices(mesh)):
         values_by_kind.append(of_curves)
     inner = []
     for i, (face, weights) in enumerate(zip(sources.points.face, sources.points.barycentric)):
         source = len(sources.vertex) + i
         if weights.max() >= 1 - 1e-14:
             vertices.append(mesh.faces[face, [np.argmax(weights)]])
-            numbers.append(np.array([source]))
+            indices.append(np.array([source]))
         else:
             inner.append((source, int(face), weights))
-    vertex, number = np.concatenate(vertices), np.concatenate(numbers)
+    vertex, index = np.concatenate(vertices), np.concatenate(indices)
     vertex, first = np.unique(vertex, return_index=True)
     if len(vertex):
         begin = None
         if wavefront.side_turn is not None:
             begin = vertex_fans(mesh).angle_before.reshape(-1, 3)[:, PREVIOUS].ravel()
-        wavefront.start_vertex(vertex, number[first], begin)
-    for number_of, inside, at in inner:
-        _start_point(wavefront, number_of, inside, at)
+        wavefront.start_vertex(vertex, index[first], begin)
+    for index_of, inside, at in inner:
+        _start_point(wavefront, index_of, inside, at)
 
 
 def _start_point(wavefront: Wavefront, source: int, face: int, weights: NDArray) -> None:

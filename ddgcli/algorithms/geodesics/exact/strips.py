@@ -47,7 +47,7 @@ def propagate_strips(
     side : (k,) ndarray of int64
         Sides on the source edges, in every face of each edge.
     source : (k,) ndarray of int64
-        Number of the source of each.
+        Index of the source of each.
     max_crossings : int
         Strips that have crossed more faces are dropped: on triangles without width the filter keeps some
         without end.
